@@ -1,0 +1,36 @@
+"""Calibrate simulators of vibro-impacting structures against measured phase curves."""
+
+import hashlib
+import os
+from pathlib import Path
+
+
+def _kernel_cache() -> Path:
+    """Folder of compiled kernels, named by a hash of every source that may hold one.
+
+    numba's cache sees only the file of the function itself: a kernel that calls one of another file would keep old
+    machine code after an edit there. So the folder, not the file, carries the identity of the sources.
+    """
+    digest = hashlib.sha256()
+    here = Path(__file__).parent
+    for source in sorted([here / "laws.py", *here.glob("simulators/**/*.py"), *here.glob("effects/*.py")]):
+        digest.update(source.name.encode() + source.read_bytes())
+    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(root) / "calib" / "kernels" / digest.hexdigest()[:16]
+
+
+def _point_numba_to(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / ".writable").touch()
+    except OSError:
+        import tempfile  # only where the home folder cannot be written
+        import warnings
+
+        folder = Path(tempfile.mkdtemp(prefix="calib-kernels-"))
+        warnings.warn(f"the kernel cache cannot be written; compiling into {folder} for this process", stacklevel=3)
+    os.environ["NUMBA_CACHE_DIR"] = str(folder)
+
+
+if "NUMBA_CACHE_DIR" not in os.environ:
+    _point_numba_to(_kernel_cache())

@@ -1,0 +1,1 @@
+"""Effects that come with calib, one a file."""

@@ -1,0 +1,21 @@
+"""Quadratic air drag on a moving body."""
+
+from calib.effect import Effect
+from calib.laws import force
+from calib.parameter import Parameter
+
+
+@force
+def drag(t, x, v, p, z, dz):
+    """Return the drag per unit mass [m/s^2] at the velocity v [m/s]: -c2 v |v|."""
+    return -p[0] * v * abs(v)
+
+
+EFFECT = Effect(
+    name="air_drag_quadratic",
+    site="force",
+    law=drag,
+    parameters=(Parameter("c2", "1/m", 0.0, "quadratic drag, 1/2 rho C_d A / m", null=0.0, low=0.0),),
+    meaning="resistance of the air, growing with the velocity squared: loss per cycle ~ amplitude^3, odd harmonics",
+    cite="Worden & Tomlinson, Nonlinearity in Structural Dynamics (2001), section 2",
+)

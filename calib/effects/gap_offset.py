@@ -1,0 +1,20 @@
+"""A gap that is wider or narrower than stated."""
+
+from calib.effect import Effect
+from calib.laws import gap
+from calib.parameter import Parameter
+
+
+@gap
+def offset(place, p):
+    """Return the change of the gap [m], the same at every place of the contact line."""
+    return p[0]
+
+
+EFFECT = Effect(
+    name="gap_offset",
+    site="gap",
+    law=offset,
+    parameters=(Parameter("dg", "m", 0.0, "change of the gap, positive where it is wider", null=0.0),),
+    meaning="contact at another distance than stated: impact phase and the place of the impact on the phase curve move",
+)

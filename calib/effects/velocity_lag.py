@@ -1,0 +1,31 @@
+"""A velocity channel that comes later than the displacement channel."""
+
+import numpy as np
+
+from calib.effect import Effect
+from calib.laws import sensor
+from calib.parameter import Parameter
+
+
+@sensor
+def delayed(record, p):
+    """Return the record with its velocity delayed by the lag [s]: v(t - lag).
+
+    A stationary motion that fills whole periods goes on before its first sample as it ended; any other record holds
+    its first (or last) velocity there.
+    """
+    time, velocity = record.time.values, record["velocity"].values
+    span = time.size * (time[-1] - time[0]) / (time.size - 1)
+    frequency = record.attrs.get("frequency")
+    whole = frequency is not None and abs(span * frequency - round(span * frequency)) < 1e-6
+    seen = [np.interp(time - p["lag"], time, row, period=span if whole else None) for row in velocity]
+    return record.assign(velocity=record["velocity"].copy(data=np.array(seen)))
+
+
+EFFECT = Effect(
+    name="velocity_lag",
+    site="sensor",
+    law=delayed,
+    parameters=(Parameter("lag", "s", 0.0, "delay of the velocity channel against displacement", null=0.0),),
+    meaning="the two channels of an instrument are not simultaneous: the phase curve is sheared near its tips",
+)

@@ -1,0 +1,14 @@
+"""What the user can mend: everything else is a status in the data or a bug."""
+
+import difflib
+from collections.abc import Iterable
+
+
+class CalibError(Exception):
+    """A mistake in what the user gave; the message says what was expected, what came and what to do."""
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return ``" (did you mean 'alpha'?)"`` for the known name most like `name`, or an empty string."""
+    close = difflib.get_close_matches(str(name), list(known), n=1)
+    return f" (did you mean {close[0]!r}?)" if close else ""

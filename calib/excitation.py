@@ -1,0 +1,112 @@
+"""How a body is driven: harmonically, by a recorded input, or not at all."""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import xarray as xr
+
+from calib.errors import CalibError, nearest
+
+UNITS = {"displacement": "m", "base motion": "m", "force": "N", "free decay": "1", "servo reference": "m"}
+Quantity = Literal["displacement", "base motion", "force", "free decay", "servo reference"]
+
+
+@dataclass(frozen=True, eq=False)
+class Excitation:
+    """A harmonic x(t) = amplitude cos(2 pi frequency t + phase) or a recorded x(t), acting at a named place.
+
+    It belongs to a record, not to a model: a simulator's drive parameters are scales on it.
+
+    Attributes
+    ----------
+    place : where it acts, in the simulator's words ("end", "centre", "mass")
+    quantity : "displacement" (prescribed motion), "base motion", "force", "free decay" or "servo reference"
+    unit : SI unit of the quantity
+    frequency, amplitude, phase : of the harmonic  [Hz], [unit], [rad]; frequency alone states the period of a
+        recorded periodic input
+    time, value : (n,) arrays of the recorded input  [s], [unit]
+    cutoff : zero-phase low-pass that a simulator applies where it needs derivatives of a recorded motion  [Hz]
+    """
+
+    place: str
+    quantity: Quantity
+    unit: str = ""
+    frequency: float | None = None
+    amplitude: float | None = None
+    phase: float = 0.0
+    time: np.ndarray | None = None
+    value: np.ndarray | None = None
+    cutoff: float | None = None
+
+    def __post_init__(self):
+        if self.quantity not in UNITS:
+            raise CalibError(
+                f"an excitation's quantity is one of {sorted(UNITS)}, "
+                f"got {self.quantity!r}{nearest(self.quantity, UNITS)}"
+            )
+        if not self.unit:
+            object.__setattr__(self, "unit", UNITS[self.quantity])
+        if self.frequency is not None and not self.frequency > 0.0:
+            raise CalibError(f"the excitation's frequency must be positive [Hz], got {self.frequency}")
+        if (self.time is None) != (self.value is None):
+            raise CalibError("a recorded excitation needs both time [s] and value; one of them is missing")
+        if self.time is not None:
+            self._check_recorded()
+        elif self.quantity != "free decay" and (self.frequency is None or self.amplitude is None):
+            raise CalibError(
+                f"an excitation by {self.quantity} needs frequency [Hz] and amplitude [{self.unit}], "
+                "or a recorded input"
+            )
+
+    def _check_recorded(self):
+        if self.time.shape != self.value.shape or self.time.ndim != 1 or self.time.size < 2:
+            raise CalibError(
+                "a recorded excitation needs time and value of one length, at least two samples; "
+                f"got shapes {self.time.shape} and {self.value.shape}"
+            )
+        if not (np.isfinite(self.time).all() and np.isfinite(self.value).all()):
+            raise CalibError("the recorded excitation holds NaN or infinity; cut those samples")
+        if (np.diff(self.time) <= 0.0).any():
+            raise CalibError("the time of the recorded excitation must increase from sample to sample")
+
+    @property
+    def recorded(self) -> bool:
+        """Whether the input is given by samples."""
+        return self.time is not None
+
+    @property
+    def periodic(self) -> bool:
+        """Whether the excitation has a period."""
+        return self.frequency is not None
+
+    @property
+    def period(self) -> float | None:
+        """Period [s], or None without one."""
+        return None if self.frequency is None else 1.0 / self.frequency
+
+    def scaled(self, factor: float) -> "Excitation":
+        """Return the same excitation with `factor` times its amplitude."""
+        return replace(
+            self,
+            amplitude=None if self.amplitude is None else factor * self.amplitude,
+            value=None if self.value is None else factor * self.value,
+        )
+
+    @classmethod
+    def of(cls, record: xr.Dataset) -> "Excitation":
+        """Read the excitation that a record carries in its attributes and its `excitation` variable.
+
+        Raises
+        ------
+        CalibError : the record does not say place and quantity, or states neither a harmonic nor samples
+        """
+        attrs = record.attrs
+        for key in ("place", "quantity"):
+            if key not in attrs:
+                raise CalibError(f"the record does not say how the body was driven: attribute {key!r} is missing")
+        recorded = {}
+        if "excitation" in record:
+            recorded = {"time": record.time.values, "value": record["excitation"].values}
+        numbers = {k: float(attrs[k]) for k in ("frequency", "amplitude", "phase", "cutoff") if k in attrs}
+        return cls(place=attrs["place"], quantity=attrs["quantity"], **numbers, **recorded)

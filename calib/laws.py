@@ -1,0 +1,173 @@
+"""The sites where a law may act, and the one signature that every law of a site has.
+
+A law is a scalar function. The decorator of its site compiles it with the site's signature, so that all laws of a site
+are values of one type: a kernel takes a fixed number of them as arguments and is compiled once, whatever the laws are.
+
+=========== ============================= ============ ================================================================
+site        signature                     returns      arguments
+=========== ============================= ============ ================================================================
+force       (t, x, v, p, z, dz)           [m/s^2]      time [s], displacement [m] and velocity [m/s] of the body (both
+                                                       absolute), parameters, up to four internal states and, to be
+                                                       written, their rates
+gap         (place, p)                    [m]          place along the contact line in [-1, 1], 0 the middle;
+                                                       added to the gap
+restitution (e, speed, p)                 [1]          the coefficient so far, closing speed [m/s]; added to e, and the
+                                                       sum is clipped to [0, 1]
+excitation  (t, phase, amplitude, x, p)   [its unit]   time [s], phase of the drive [rad], its amplitude, its value
+                                                       undisturbed; added to the excitation
+sensor      (record, p)                   a record     the simulated record, parameters by name (plain Python)
+=========== ============================= ============ ================================================================
+
+Laws of one site add up; sensor laws act one after the other.
+"""
+
+import importlib
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numba.core import types
+from numba.core.errors import NumbaExperimentalFeatureWarning
+
+# Slots are filled with first-class functions, which numba announces as experimental at each compilation.
+warnings.filterwarnings("ignore", category=NumbaExperimentalFeatureWarning)
+
+SLOTS = 4  # laws per site that a kernel takes
+PARAMETERS = 8  # numbers per law
+STATES = 4  # internal states per force law
+
+_f = types.float64
+_array = types.Array(_f, 1, "C")
+SIGNATURES = {
+    "force": _f(_f, _f, _f, _array, _array, _array),
+    "gap": _f(_f, _array),
+    "restitution": _f(_f, _f, _array),
+    "excitation": _f(_f, _f, _f, _f, _array),
+}
+SITES = (*SIGNATURES, "sensor")
+
+
+@dataclass(frozen=True)
+class Law:
+    """A function that acts at a site; `states` counts the internal states of a force law."""
+
+    site: str
+    function: Callable
+    module: str
+    name: str
+    states: int = 0
+
+    def __reduce__(self):
+        """Pickle by reference: a worker imports the law, and finds its machine code in the cache."""
+        return _find, (self.module, self.name)
+
+
+def _find(module: str, name: str) -> Law:
+    return getattr(importlib.import_module(module), name)
+
+
+def _site(site: str, states: int = 0):
+    def decorate(function: Callable) -> Law:
+        compiled = function if site == "sensor" else njit(SIGNATURES[site], cache=True, nogil=True)(function)
+        return Law(site, compiled, function.__module__, function.__name__, states)
+
+    return decorate
+
+
+def force(function: Callable | None = None, *, states: int = 0):
+    """Make a law of a scalar function (t, x, v, p, z, dz) -> force per unit mass [m/s^2]."""
+    return _site("force", states)(function) if function else _site("force", states)
+
+
+def gap(function: Callable) -> Law:
+    """Make a law of a scalar function (place, p) -> change of the gap [m]."""
+    return _site("gap")(function)
+
+
+def restitution(function: Callable) -> Law:
+    """Make a law of a scalar function (e, speed, p) -> change of the coefficient of restitution [1]."""
+    return _site("restitution")(function)
+
+
+def excitation(function: Callable) -> Law:
+    """Make a law of a scalar function (t, phase, amplitude, x, p) -> change of the excitation [its unit]."""
+    return _site("excitation")(function)
+
+
+def sensor(function: Callable) -> Law:
+    """Make a law of a function (record, p: dict) -> record: what the instruments do to the motion."""
+    return _site("sensor")(function)
+
+
+@dataclass(frozen=True, eq=False)
+class BoundLaw:
+    """A law with its numbers, as a simulator is handed it.
+
+    Attributes
+    ----------
+    p : (PARAMETERS,) values in the order of the effect's parameters, padded with zeros
+    bodies : the bodies it acts on; None means all that the simulator has
+    """
+
+    site: str
+    function: Callable
+    p: np.ndarray
+    bodies: tuple[str, ...] | None = None
+    states: int = 0
+
+
+@force
+def no_force(t, x, v, p, z, dz):
+    """Fill an empty slot of the site `force`."""
+    return 0.0
+
+
+@gap
+def no_gap(place, p):
+    """Fill an empty slot of the site `gap`."""
+    return 0.0
+
+
+@restitution
+def no_restitution(e, speed, p):
+    """Fill an empty slot of the site `restitution`."""
+    return 0.0
+
+
+@excitation
+def no_excitation(t, phase, amplitude, x, p):
+    """Fill an empty slot of the site `excitation`."""
+    return 0.0
+
+
+_EMPTY = {"force": no_force, "gap": no_gap, "restitution": no_restitution, "excitation": no_excitation}
+
+
+def at_site(laws: Sequence[BoundLaw], site: str) -> list[BoundLaw]:
+    """Return the laws that act at `site`, in their order."""
+    return [law for law in laws if law.site == site]
+
+
+def slots(laws: Sequence[BoundLaw], site: str) -> tuple[tuple[Callable, ...], np.ndarray, int]:
+    """Fill a kernel's slots of one site.
+
+    Returns
+    -------
+    functions : tuple of SLOTS compiled laws, the empty ones giving zero
+    parameters : (SLOTS, PARAMETERS)
+    count : how many slots are taken
+
+    Raises
+    ------
+    ValueError : more laws than slots (the model refuses that before a run)
+    """
+    here = at_site(laws, site)
+    if len(here) > SLOTS:
+        raise ValueError(f"{len(here)} laws at site {site!r}, a kernel takes {SLOTS}")
+    parameters = np.zeros((SLOTS, PARAMETERS))
+    for row, law in zip(parameters, here, strict=False):
+        row[:] = law.p
+    empty = [_EMPTY[site].function] * (SLOTS - len(here))
+    return (*(law.function for law in here), *empty), parameters, len(here)

@@ -1,0 +1,146 @@
+"""Model = Simulator + Effects, and what a simulator has to be."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import xarray as xr
+
+from calib.effect import Effect
+from calib.errors import CalibError, nearest
+from calib.excitation import Excitation
+from calib.laws import SLOTS, BoundLaw
+from calib.parameter import Parameter
+from calib.record import OK
+
+
+@dataclass(frozen=True, eq=False)
+class Request:
+    """What to compute, and when to give up.
+
+    Attributes
+    ----------
+    periods : periods of the stationary motion to record (excitation with a period)
+    samples : samples per period
+    times : (n,) output times [s] instead, for an excitation without a period
+    settle : periods to drop first; None leaves it to the simulator, which goes by convergence of its section
+    initial_state : where to start, in the simulator's own state; None is rest
+    step_budget : steps after which the run ends with status "step budget"; steps, not seconds, so that the same values
+        always give the same record
+    """
+
+    periods: int = 6
+    samples: int = 400
+    times: np.ndarray | None = None
+    settle: int | None = None
+    initial_state: np.ndarray | None = None
+    step_budget: int = 50_000_000
+
+
+class Simulator(Protocol):
+    """What calibration needs of a simulator.
+
+    To write one:
+
+    1. `name`, the `bodies` whose motion it gives, its `parameters` (each with unit, nominal value and meaning) and the
+       `sites` at which it takes laws (see `calib.laws`; "sensor" is served by the model and need not be listed).
+    2. `run` returns a record (see `calib.record`): displacement and velocity over (body, time), time 0 at phase zero of
+       the excitation, whole periods of the stationary motion; with an excitation that has a period also the
+       stroboscopic section of the last 64 periods or more.
+    3. A motion that diverges, an unstable step, a spent budget: a record with that status and a reason
+       (`calib.record.failed`), not an exception. An excitation or option that it cannot take: CalibError.
+    4. The same values give the same bits. Nothing random, no clock.
+    5. Channels that the excitation prescribes stand in the attribute `prescribed` ("body.channel", comma between).
+    6. It pickles, and runs in a child process.
+
+    `calib.testing.SimulatorSuite` checks all this.
+    """
+
+    name: str
+    bodies: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
+    sites: frozenset[str]
+
+    def run(
+        self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw], request: Request
+    ) -> xr.Dataset:
+        """Simulate; `values` holds every parameter of the simulator in SI."""
+        ...
+
+
+class Model:
+    """A simulator with the effects it is extended by; immutable."""
+
+    def __init__(self, simulator: Simulator, effects: Sequence[Effect] = ()):
+        self.simulator = simulator
+        self.effects = tuple(effects)
+        self.parameters = {p.name: p for p in simulator.parameters}
+        for effect in self.effects:
+            self._check(effect)
+            self.parameters |= {p.name: p for p in effect.parameters}
+        for site in {effect.site for effect in self.effects} - {"sensor"}:
+            count = sum(effect.site == site for effect in self.effects)
+            if count > SLOTS:
+                raise CalibError(f"{count} effects act at {site!r}, at most {SLOTS} can; drop some of them")
+
+    def _check(self, effect: Effect) -> None:
+        simulator = self.simulator
+        if effect.site != "sensor" and effect.site not in simulator.sites:
+            raise CalibError(
+                f"effect {effect.name!r} acts at {effect.site!r}, but simulator {simulator.name!r} takes laws at "
+                f"{sorted(simulator.sites)}; choose another simulator or drop the effect from [model] effects"
+            )
+        for body in effect.bodies or ():
+            if body not in simulator.bodies:
+                raise CalibError(
+                    f"effect {effect.name!r} acts on body {body!r}{nearest(body, simulator.bodies)}; "
+                    f"simulator {simulator.name!r} has {list(simulator.bodies)}"
+                )
+        for parameter in effect.parameters:
+            if parameter.name in self.parameters:
+                raise CalibError(f"effect {effect.name!r} brings {parameter.name!r}, which the model has already")
+
+    @property
+    def name(self) -> str:
+        """Name of the simulator and, after plus signs, of the effects."""
+        return " + ".join([self.simulator.name, *(effect.name for effect in self.effects)])
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Bodies whose motion the simulator gives."""
+        return self.simulator.bodies
+
+    @property
+    def nominal(self) -> dict[str, float]:
+        """Nominal value of every parameter, in SI."""
+        return {name: parameter.nominal for name, parameter in self.parameters.items()}
+
+    def extended(self, *effects: Effect) -> "Model":
+        """Return the model with more effects."""
+        return Model(self.simulator, (*self.effects, *effects))
+
+    def run(self, values: Mapping[str, float], excitation: Excitation, request: Request | None = None) -> xr.Dataset:
+        """Simulate at `values` (SI; the nominal value stands in for what they lack).
+
+        Raises
+        ------
+        CalibError : an unknown parameter, or an excitation that the simulator cannot take
+        """
+        for name in values:
+            if name not in self.parameters:
+                raise CalibError(
+                    f"unknown parameter {name!r}; this model has {', '.join(self.parameters)}"
+                    f"{nearest(name, self.parameters)}"
+                )
+        values = {**self.nominal, **{name: float(value) for name, value in values.items()}}
+        acting = [effect for effect in self.effects if not effect.at_null(values)]
+        laws = tuple(effect.bound(values) for effect in acting if effect.site != "sensor")
+        own = {p.name: values[p.name] for p in self.simulator.parameters}
+        record = self.simulator.run(own, excitation, laws, request or Request())
+        if record.attrs["status"] == OK:
+            for effect in acting:
+                if effect.site == "sensor":
+                    record = effect.sense(record, values)
+        return record.assign_attrs(model=self.name, values=json.dumps(values))

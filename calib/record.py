@@ -1,0 +1,158 @@
+"""The record: channels of named bodies over time, measured or simulated, in one schema."""
+
+import os
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from calib.errors import CalibError, nearest
+
+CHANNELS = {"displacement": "m", "velocity": "m/s", "force": "N"}  # the usual ones; others state their own unit
+OK = "ok"
+
+
+def make(
+    time: np.ndarray,
+    bodies: Sequence[str],
+    channels: Mapping[str, np.ndarray],
+    units: Mapping[str, str] | None = None,
+    **attrs,
+) -> xr.Dataset:
+    """Build a record from arrays.
+
+    Parameters
+    ----------
+    time : (n,)  [s]
+    bodies : names of the bodies, in the order of the arrays' rows
+    channels : name -> (body, n) array in SI; ``"<channel>_sigma"`` -> (body,) or (body, n) standard uncertainty
+    units : unit of each channel that is not among `CHANNELS`
+    attrs : status (default "ok"), source, frequency [Hz], amplitude, place, quantity, ...
+    """
+    units = {**CHANNELS, **(units or {})}
+    variables = {}
+    for name, values in channels.items():
+        values = np.asarray(values, dtype=float)
+        unit = units.get(name.removesuffix("_sigma"))
+        if unit is None:
+            raise CalibError(f"channel {name!r} needs a unit; the channels with a known one are {sorted(CHANNELS)}")
+        variables[name] = (("body", "time") if values.ndim == 2 else ("body",), values, {"units": unit})
+    record = xr.Dataset(
+        variables,
+        coords={"body": list(bodies), "time": ("time", np.asarray(time, dtype=float), {"units": "s"})},
+        attrs={"status": OK, **attrs},
+    )
+    record.attrs.setdefault("Conventions", "CF-1.11")
+    return record
+
+
+def failed(bodies: Sequence[str], status: str, reason: str, **attrs) -> xr.Dataset:
+    """Build the record of a run that did not succeed: no samples, but a status and its reason."""
+    return make(np.empty(0), bodies, {}, status=status, reason=reason, **attrs)
+
+
+def channels(record: xr.Dataset) -> tuple[str, ...]:
+    """Names of the record's channels: the variables over (body, time) that are no uncertainty."""
+    both = [str(name) for name, variable in record.data_vars.items() if variable.dims == ("body", "time")]
+    return tuple(name for name in both if not name.endswith("_sigma"))
+
+
+def check(record: xr.Dataset, name: str = "record") -> xr.Dataset:
+    """Return the record where it keeps the schema.
+
+    Raises
+    ------
+    CalibError : what is wrong with which variable, and what to do
+    """
+    for dim, what in (("body", "names of the bodies"), ("time", "time [s]")):
+        if dim not in record.coords:
+            raise CalibError(f"{name}: the coordinate {dim!r} ({what}) is missing; it has {list(record.coords)}")
+    present = channels(record)
+    if not present:
+        turned = [str(v) for v in record.data_vars if record[v].dims == ("time", "body")]
+        if turned:
+            raise CalibError(
+                f"{name}: expected {turned[0]} with dims ('body', 'time'), got ('time', 'body'); transpose it"
+            )
+        raise CalibError(f"{name}: no channel over (body, time), such as displacement [m] or velocity [m/s]")
+    time = record.time.values
+    if time.size < 2:
+        raise CalibError(f"{name}: at least two samples are needed, got {time.size}")
+    if not np.isfinite(time).all():
+        raise CalibError(f"{name}: time holds NaN at sample {int(np.argmin(np.isfinite(time)))}; cut those samples")
+    steps = np.diff(time)
+    if (steps <= 0.0).any():
+        at = int(np.argmax(steps <= 0.0))
+        raise CalibError(
+            f"{name}: time must increase, but goes from {time[at]:.9g} s to {time[at + 1]:.9g} s at sample {at + 1}; "
+            "sort the samples and drop repeated ones"
+        )
+    for channel in present:
+        _check_channel(record, channel, name)
+    return record
+
+
+def _check_channel(record: xr.Dataset, channel: str, name: str) -> None:
+    unit = record[channel].attrs.get("units")
+    expected = CHANNELS.get(channel)
+    if unit is None:
+        raise CalibError(f"{name}: {channel} states no unit; set its attribute units to {expected or 'its SI unit'!r}")
+    if expected is not None and unit != expected:
+        raise CalibError(f"{name}: {channel} is expected in {expected!r}, got {unit!r}; convert it to SI")
+    finite = np.isfinite(record[channel].values)
+    if not finite.all():
+        body, sample = (int(i) for i in np.argwhere(~finite)[0])
+        raise CalibError(
+            f"{name}: {channel} of body {str(record.body.values[body])!r} is not a number at sample {sample} "
+            f"(t = {float(record.time.values[sample]):.6g} s; {int((~finite).sum())} such samples in all); "
+            "cut or repair them"
+        )
+    sigma = f"{channel}_sigma"
+    if sigma in record and not (record[sigma].values > 0.0).all():
+        raise CalibError(f"{name}: {sigma} must be positive everywhere; leave it out where it is not known")
+
+
+def rename_bodies(record: xr.Dataset, names: Mapping[str, str], name: str = "record") -> xr.Dataset:
+    """Keep the bodies that `names` lists (record body -> new name), under their new names."""
+    have = [str(b) for b in record.body.values]
+    for body in names:
+        if body not in have:
+            raise CalibError(f"{name}: there is no body {body!r}{nearest(body, have)}; the record has {have}")
+    return record.sel(body=list(names)).assign_coords(body=list(names.values()))
+
+
+def read(path: str | Path) -> xr.Dataset:
+    """Read and check a record from a netCDF file.
+
+    Raises
+    ------
+    CalibError : no such file, not a readable netCDF file, or not a record
+    """
+    path = Path(path)
+    if not path.exists():
+        raise CalibError(f"{path}: no such file")
+    try:
+        with xr.open_dataset(path, engine="netcdf4", decode_times=False) as stored:
+            record = stored.load()
+    except (OSError, ValueError, RuntimeError) as error:
+        raise CalibError(f"{path}: not a readable netCDF file ({error}); it may be truncated: make it again") from error
+    record.attrs.setdefault("status", OK)
+    return check(record, str(path))
+
+
+def write(record: xr.Dataset, path: str | Path, group: str | None = None) -> None:
+    """Write a record as netCDF-4 so that the file is either whole or absent: temporary name, fsync, rename."""
+    path = Path(path)
+    handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    os.close(handle)
+    try:
+        record.to_netcdf(temporary, engine="netcdf4", group=group)
+        with open(temporary, "rb") as written:
+            os.fsync(written.fileno())
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise

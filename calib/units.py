@@ -1,0 +1,70 @@
+"""Units at the faces: a number with its unit, as a person writes it, becomes the SI number that is used inside."""
+
+import functools
+import math
+import tokenize
+
+from calib.errors import CalibError, nearest
+
+
+@functools.cache
+def _registry():
+    import pint  # 0.5 s, and only needed where a unit string stands: the one import that does not stand at the top
+
+    return pint.UnitRegistry()
+
+
+def to_si(quantity: str | float, unit: str) -> float:
+    """Value of `quantity` in the SI unit `unit`.
+
+    Parameters
+    ----------
+    quantity : a number, taken as it is, or a text such as ``"1 mm"``, ``"35.15 N/V"``, ``"90 deg"``
+    unit : SI unit that is expected, as in ``"m"``, ``"N s/m"``, ``"1/s"``; ``"1"`` or ``""`` without dimension
+
+    Raises
+    ------
+    CalibError : no number, an unknown unit, another dimension, or hertz on one side only. Cycles and radians have no
+        dimension, so 26.24 Hz would silently become 26.24 rad/s; such a conversion is always refused.
+    """
+    if isinstance(quantity, bool) or not isinstance(quantity, str | int | float):
+        raise CalibError(f"expected a number or a text with a unit, as in '1 {unit}', got {quantity!r}")
+    if not isinstance(quantity, str):
+        return _number(float(quantity), quantity, unit)
+    given = _parse(quantity, unit)
+    expected = _parse(f"1 {unit if unit != '1' else ''}", unit).units
+    if given.unitless and str(expected) != "dimensionless":
+        raise CalibError(f"{quantity!r} has no unit: write '{quantity} {unit}', or the bare number for {unit}")
+    if _hertz(given.units) != _hertz(expected):
+        raise CalibError(
+            f"{quantity!r} is not converted to {unit or '1'}: hertz counts cycles, and 1 Hz may mean 1/s or 2 pi rad/s; "
+            f"work it out and write it in {unit or '1'}"
+        )
+    if not given.is_compatible_with(expected):
+        raise CalibError(f"expected a quantity that can be given in {unit or '1'}, got {quantity!r}; mend the unit")
+    return _number(float(given.m_as(expected)), quantity, unit)
+
+
+def _parse(text: str, unit: str):
+    import pint.errors  # see _registry
+
+    try:
+        return _registry().Quantity(text)
+    except pint.errors.UndefinedUnitError as error:
+        names = [error.unit_names] if isinstance(error.unit_names, str) else list(error.unit_names)
+        raise CalibError(
+            f"unknown unit {', '.join(names)!r} in {text!r}{nearest(names[0], _registry())}; expected a unit like {unit!r}"
+        ) from error
+    except (pint.errors.PintError, ValueError, TypeError, AttributeError, ArithmeticError, tokenize.TokenError) as error:
+        raise CalibError(f"cannot read {text!r} as a number with a unit; expected something like '1 {unit}'") from error
+
+
+def _hertz(units) -> float:
+    """Power of hertz (and its multiples) in the units [1]."""
+    return sum(power for name, power in units._units.items() if name.endswith("hertz"))
+
+
+def _number(value: float, quantity: str | float, unit: str) -> float:
+    if math.isnan(value):
+        raise CalibError(f"expected a number of {unit or '1'}, got {quantity!r}")
+    return value

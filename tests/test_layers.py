@@ -1,0 +1,85 @@
+"""Imports run down the storeys of the house."""
+
+import ast
+from pathlib import Path
+
+import calib
+
+ROOT = Path(calib.__file__).parent
+STOREYS = [
+    ["errors", "parameter", "units", "excitation", "record", "table", "cycles", "laws", "effect"],
+    ["simulators", "effects", "features", "optimisers"],
+    ["plugins", "model", "objective", "store", "pool"],
+    ["study", "confidence", "result"],
+    ["study_toml", "report", "dashboard", "cli", "testing"],
+]
+FAMILIES = set(STOREYS[1])
+ORDER = [room for storey in STOREYS for room in storey]
+
+
+def room(path: Path) -> str:
+    return path.relative_to(ROOT).with_suffix("").parts[0]
+
+
+def imported_rooms(path: Path):
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            names = [f"{node.module}.{a.name}" for a in node.names] if node.module == "calib" else [node.module]
+        else:
+            continue
+        for name in names:
+            parts = name.split(".")
+            if parts[0] == "calib":
+                yield parts[1] if len(parts) > 1 else "calib"
+
+
+def sources():
+    return [path for path in ROOT.rglob("*.py") if path != ROOT / "__init__.py"]
+
+
+def test_every_room_stands_in_the_plan():
+    assert {room(path) for path in sources()} <= set(ORDER)
+
+
+def test_imports_run_down_the_storeys():
+    upstairs = [
+        f"{path.relative_to(ROOT)} imports {name}"
+        for path in sources()
+        for name in imported_rooms(path)
+        if name != room(path) and (name == "calib" or ORDER.index(name) > ORDER.index(room(path)))
+    ]
+    assert not upstairs, upstairs
+
+
+def test_families_are_strangers():
+    friends = [
+        f"{path.relative_to(ROOT)} imports {name}"
+        for path in sources()
+        if room(path) in FAMILIES
+        for name in imported_rooms(path)
+        if name in FAMILIES and name != room(path)
+    ]
+    assert not friends, friends
+
+
+def test_only_the_study_file_knows_a_family_by_name():
+    knowing = [
+        f"{path.relative_to(ROOT)} imports {name}"
+        for path in sources()
+        if room(path) not in FAMILIES
+        for name in imported_rooms(path)
+        if name in FAMILIES
+    ]
+    assert not knowing, knowing
+
+
+def test_optimisers_import_nothing_of_calib():
+    borrowed = [
+        f"{path.name} imports {name}"
+        for path in (ROOT / "optimisers").rglob("*.py")
+        for name in imported_rooms(path)
+        if name != "optimisers"
+    ]
+    assert not borrowed, borrowed
