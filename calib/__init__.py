@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import sys
 from pathlib import Path
 
 
@@ -29,7 +30,9 @@ def _point_numba_to(folder: Path) -> None:
 
         folder = Path(tempfile.mkdtemp(prefix="calib-kernels-"))
         warnings.warn(f"the kernel cache cannot be written; compiling into {folder} for this process", stacklevel=3)
-    os.environ["NUMBA_CACHE_DIR"] = str(folder)
+    os.environ["NUMBA_CACHE_DIR"] = str(folder)  # read when numba is first imported, here or in a child process
+    if "numba" in sys.modules:
+        sys.modules["numba"].config.CACHE_DIR = str(folder)
 
 
 if "NUMBA_CACHE_DIR" not in os.environ:

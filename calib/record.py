@@ -120,7 +120,11 @@ def rename_bodies(record: xr.Dataset, names: Mapping[str, str], name: str = "rec
     for body in names:
         if body not in have:
             raise CalibError(f"{name}: there is no body {body!r}{nearest(body, have)}; the record has {have}")
-    return record.sel(body=list(names)).assign_coords(body=list(names.values()))
+    renamed = record.sel(body=list(names)).assign_coords(body=list(names.values()))
+    if renamed.attrs.get("prescribed"):
+        pairs = [channel.partition(".") for channel in renamed.attrs["prescribed"].split(",")]
+        renamed.attrs["prescribed"] = ",".join(f"{names[b]}.{channel}" for b, _, channel in pairs if b in names)
+    return renamed
 
 
 def read(path: str | Path) -> xr.Dataset:

@@ -2,9 +2,13 @@
 
 import functools
 import math
+import re
 import tokenize
 
 from calib.errors import CalibError, nearest
+
+# a number, then its unit; a comma is refused because pint drops it: '1,5 mm' would become 15 mm
+QUANTITY = re.compile(r"\s*\(?\s*[+-]?\s*(\d|\.\d|inf|nan)[\w\s.+\-*/^()%°µ]*")
 
 
 @functools.cache
@@ -37,26 +41,36 @@ def to_si(quantity: str | float, unit: str) -> float:
         raise CalibError(f"{quantity!r} has no unit: write '{quantity} {unit}', or the bare number for {unit}")
     if _hertz(given.units) != _hertz(expected):
         raise CalibError(
-            f"{quantity!r} is not converted to {unit or '1'}: hertz counts cycles, and 1 Hz may mean 1/s or 2 pi rad/s; "
-            f"work it out and write it in {unit or '1'}"
+            f"{quantity!r} is not converted to {unit or '1'}: hertz counts cycles, and 1 Hz may mean 1/s or "
+            f"2 pi rad/s; work it out and write it in {unit or '1'}"
         )
     if not given.is_compatible_with(expected):
         raise CalibError(f"expected a quantity that can be given in {unit or '1'}, got {quantity!r}; mend the unit")
     return _number(float(given.m_as(expected)), quantity, unit)
 
 
+def is_si(unit: str) -> bool:
+    """Whether `unit` is a coherent SI unit, such as ``"m/s"`` or ``"V"``: no factor stands between it and the base."""
+    return _parse(f"1 {unit}", unit).to_base_units().magnitude == 1.0
+
+
 def _parse(text: str, unit: str):
     import pint.errors  # see _registry
 
+    mistake = f"cannot read {text!r} as a number with a unit; expected something like '1 {unit}'"
+    if not QUANTITY.fullmatch(text):
+        raise CalibError(mistake)
     try:
         return _registry().Quantity(text)
     except pint.errors.UndefinedUnitError as error:
-        names = [error.unit_names] if isinstance(error.unit_names, str) else list(error.unit_names)
+        name = error.unit_names if isinstance(error.unit_names, str) else next(iter(error.unit_names))
         raise CalibError(
-            f"unknown unit {', '.join(names)!r} in {text!r}{nearest(names[0], _registry())}; expected a unit like {unit!r}"
+            f"unknown unit {name!r} in {text!r}{nearest(name, _registry())}; expected a unit like {unit!r}"
         ) from error
-    except (pint.errors.PintError, ValueError, TypeError, AttributeError, ArithmeticError, tokenize.TokenError) as error:
-        raise CalibError(f"cannot read {text!r} as a number with a unit; expected something like '1 {unit}'") from error
+    except (pint.errors.PintError, ValueError, TypeError, AttributeError, ArithmeticError) as error:
+        raise CalibError(mistake) from error
+    except (AssertionError, tokenize.TokenError) as error:  # what pint's parser raises on unfinished text
+        raise CalibError(mistake) from error
 
 
 def _hertz(units) -> float:

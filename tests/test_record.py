@@ -81,6 +81,11 @@ def test_bodies_take_the_simulator_s_names():
     assert (renamed.displacement.values[0] == swing().displacement.values[1]).all()
 
 
+def test_a_prescribed_channel_keeps_its_body_under_the_new_name():
+    renamed = record.rename_bodies(swing(prescribed="beam.displacement,layer.velocity"), {"layer": "q3"})
+    assert renamed.attrs["prescribed"] == "q3.velocity"
+
+
 def test_a_failed_run_is_a_record_without_samples():
     r = record.failed(["beam"], "diverged", "the gap is negative")
     assert (r.attrs["status"], r.attrs["reason"], r.sizes["time"]) == ("diverged", "the gap is negative", 0)

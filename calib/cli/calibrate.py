@@ -1,0 +1,206 @@
+"""The main job: search, judge what was found, try it on the records held out, and write it all down."""
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from calib import result
+from calib.cli.progress import Progress
+from calib.cli.standing import folder_of
+from calib.confidence import Confidence, local
+from calib.model import Model
+from calib.objective import Objective, Score
+from calib.pool import Failure, LocalPool
+from calib.record import failed
+from calib.report import figures
+from calib.report import write as write_report
+from calib.store import Store, Trial, read
+from calib.store.ledger import TRIALS
+from calib.store.trial import best
+from calib.study import INTERRUPTED, Evaluation, Outcome, Study, evaluate, reach
+from calib.study_toml import StudyFile, load
+
+CALIBRATED = ""  # beside the names of the records held out: all calibrated records together
+
+
+def calibrate(file: StudyFile, folder: Path, progress: Progress, fresh: bool = False) -> dict[str, Any]:
+    """Run a study to its end, or go on with it, and write result.json and report.html into `folder`.
+
+    Returns
+    -------
+    what result.json says
+
+    Raises
+    ------
+    KeyboardInterrupt : stopped by Ctrl-C; the trials are kept
+    CalibError : the folder belongs to another study or cannot be written
+    """
+    begin = time.monotonic()
+    study = file.study
+    if not fresh and (folder / TRIALS).exists():
+        progress.earlier(read(folder)[1])
+    store = Store(folder, file.view, file.keep, partial(figures.picture, objective=study.objective))
+    final, confidence = {}, None
+    with LocalPool(partial(evaluate, study.without_search()), study.jobs, study.timeout) as pool:
+        progress.stage("screen")
+        found = study.run(store, pool, on_trial=progress.trial, fresh=fresh)
+        if found.stopped == INTERRUPTED:
+            raise KeyboardInterrupt
+        if found.best is not None:
+            progress.stage("confidence")
+            [final[CALIBRATED]] = _mapped(pool, [found.best.values])
+            confidence = _confidence(study, pool, found.best, final[CALIBRATED])
+    if found.best is not None:
+        progress.stage("hold-out")
+        final |= _held_out(file, found.best.values)
+    said = result.summarised(
+        study,
+        found.trials,
+        best=found.best,
+        score=_scores(final).get(CALIBRATED),
+        confidence=confidence,
+        reach=found.reach,
+        agreement=found.agreement,
+        stopped=found.stopped,
+        holdout=_said_of_others(final),
+        simulations=_simulations(file, found.trials, confidence),
+        seconds=time.monotonic() - begin,
+    )
+    progress.stage("report")
+    result.write(said, folder)
+    _report(file, folder, found.trials, final, said)
+    return said
+
+
+def rebuild(study: Path, out: Path | None) -> Path:
+    """Write report.html anew from what lies in the folder of a study, and return its path."""
+    file = load(study)
+    folder = folder_of(study, out)
+    _, trials = read(folder)
+    trials.sort(key=lambda trial: trial.number)
+    top = best(trials)
+    final = {} if top is None else _held_out(file, top.values, with_calibrated=True)
+    said = result.read(folder)
+    if said is None or said["best_trial"] != (None if top is None else top.number):  # not finished yet
+        said = result.summarised(
+            file.study,
+            trials,
+            best=top,
+            score=_scores(final).get(CALIBRATED),
+            reach=reach(trials),
+            holdout=_said_of_others(final),
+            stopped="not finished",
+        )
+    return _report(file, folder, trials, final, said)
+
+
+def _mapped(pool: LocalPool, payloads: Sequence[Any]) -> list[Evaluation | Failure]:
+    """Return the results in the order of the payloads."""
+    found = dict(pool.map(payloads))
+    return [found[index] for index in range(len(payloads))]
+
+
+# --- how sure the values are -----------------------------------------------------------------------------------------
+
+
+def _confidence(study: Study, pool: LocalPool, top: Trial, evaluation: Evaluation | Failure) -> Confidence:
+    def outcomes(points: np.ndarray) -> list[Outcome]:
+        return [_outcome(answer) for answer in _mapped(pool, [study.space.values(u) for u in points])]
+
+    blocks = None
+    if isinstance(evaluation, Evaluation) and evaluation.score.residuals is not None:
+        residuals = study.objective.residuals(evaluation.records)
+        labels = zip(*(residuals[name].values for name in ("term", "record", "body", "channel")), strict=True)
+        blocks = np.unique([" ".join(map(str, label)) for label in labels], return_inverse=True)[1]
+    return local(outcomes, study.space, np.array(top.u), outcome=_outcome(evaluation), blocks=blocks)
+
+
+def _outcome(answer: Evaluation | Failure) -> Outcome:
+    if isinstance(answer, Failure):
+        return Outcome(math.inf, None, answer.status, None)
+    score = answer.score
+    return Outcome(score.total, score.residuals, score.status, score.kind)
+
+
+# --- the records held out --------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """What `calib.study.evaluate` needs of a study."""
+
+    model: Model
+    objective: Objective
+
+
+def _held_out(
+    file: StudyFile, values: Mapping[str, float], with_calibrated: bool = False
+) -> dict[str, Evaluation | Failure]:
+    """Evaluate the best values on each record held out, by its name; and, where asked for, on the calibrated ones."""
+    study = file.study
+    judged = {
+        name: _Judged(study.model, study.objective.on({name: reference}))
+        for name, reference in file.others.items()
+        if reference.use == "holdout"
+    }
+    if with_calibrated:
+        judged[CALIBRATED] = _Judged(study.model, study.objective)
+    if not judged:
+        return {}
+    with LocalPool(partial(_evaluate_one, judged), min(study.jobs, len(judged)), study.timeout) as pool:
+        return dict(zip(judged, _mapped(pool, [(name, values) for name in judged]), strict=True))
+
+
+def _evaluate_one(judged: Mapping[str, _Judged], payload: tuple[str, Mapping[str, float]]) -> Evaluation:
+    name, values = payload
+    return evaluate(judged[name], values)
+
+
+def _scores(final: Mapping[str, Evaluation | Failure]) -> dict[str, Score]:
+    return {name: answer.score for name, answer in final.items() if isinstance(answer, Evaluation)}
+
+
+def _said_of_others(final: Mapping[str, Evaluation | Failure]) -> dict[str, dict[str, Any]]:
+    return {
+        name: result.held_out(answer.score)
+        if isinstance(answer, Evaluation)
+        else result.failed(answer.status, answer.reason)
+        for name, answer in final.items()
+        if name != CALIBRATED
+    }
+
+
+def _simulations(file: StudyFile, trials: Sequence[Trial], confidence: Confidence | None) -> int:
+    each = len(file.study.objective.references)
+    neighbours = 0 if confidence is None else confidence.evaluations
+    held = sum(reference.use == "holdout" for reference in file.others.values())
+    return each * (len(trials) + neighbours) + (each + held if confidence is not None else 0)
+
+
+# --- the page --------------------------------------------------------------------------------------------------------
+
+
+def _report(
+    file: StudyFile,
+    folder: Path,
+    trials: Sequence[Trial],
+    final: Mapping[str, Evaluation | Failure],
+    said: Mapping[str, Any],
+) -> Path:
+    study = file.study
+    known = {**study.objective.references, **file.others}
+    records: dict[str, xr.Dataset] = {}
+    for name, answer in final.items():
+        if isinstance(answer, Evaluation):
+            records |= answer.records
+        elif name != CALIBRATED:
+            records[name] = failed(study.model.bodies, answer.status, answer.reason)
+    shown = replace(study, objective=Objective(known, study.objective.terms))
+    return write_report(folder / "report.html", shown, trials, records, said, command=f"calib run {file.path}")

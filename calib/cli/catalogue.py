@@ -1,0 +1,82 @@
+"""What a study file may name, with its parameters, sites and options."""
+
+import inspect
+import json
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from calib import plugins
+from calib.effect import Effect
+from calib.errors import CalibError, nearest
+from calib.study_toml import StudyToml
+
+CONTRACT = ("dim", "seed", "budget", "batch")  # of an optimiser: a study gives them, not a user
+
+
+def catalogue() -> dict[str, dict[str, str]]:
+    """Return group -> name -> one line on it."""
+    return {
+        group.rpartition(".")[2]: {name: _first_line(thing) for name, thing in plugins.load_all(group).items()}
+        for group in plugins.GROUPS
+    }
+
+
+def thing(name: str) -> Any:
+    """Return what `name` stands for.
+
+    Raises
+    ------
+    CalibError : nothing is called so
+    """
+    known = {n: group for group in plugins.GROUPS for n in plugins.names(group)}
+    if name not in known:
+        raise CalibError(f"nothing is called {name!r}{nearest(name, known)}; `calib list` shows what there is")
+    return plugins.load(known[name], name)
+
+
+def facts(item: Any) -> Iterator[tuple[str, str]]:
+    """Yield what there is to say of a simulator, effect, feature or optimiser besides its parameters."""
+    if isinstance(item, Effect):
+        yield "site", item.site
+        yield "meaning", item.meaning
+        yield "absent at", ", ".join(f"{name} = {value:g}" for name, value in item.null.items())
+        if item.cite:
+            yield "source", item.cite
+        return
+    yield "meaning", inspect.getdoc(item) or ""
+    for name in ("bodies", "channels", "unit", "sites"):
+        value = getattr(item, name, None)
+        if isinstance(value, str | tuple | frozenset):
+            yield name, value if isinstance(value, str) else ", ".join(sorted(value) if name == "sites" else value)
+    yield "options", ", ".join(_options(item)) or "none"
+
+
+def parameters(item: Any) -> tuple:
+    """Return the `calib.parameter.Parameter`s of a simulator (with its default options) or an effect."""
+    if isinstance(item, Effect):
+        return item.parameters
+    if isinstance(item, type) and not _required(item) and hasattr(item, "run"):
+        return tuple(item().parameters)
+    return ()
+
+
+def schema() -> str:
+    """Return the JSON schema of a study file."""
+    return json.dumps(StudyToml.model_json_schema(), indent=2)
+
+
+def _first_line(item: Any) -> str:
+    text = item.meaning if isinstance(item, Effect) else inspect.getdoc(item) or ""
+    return text.partition("\n")[0]
+
+
+def _signature(item: Any) -> Mapping[str, inspect.Parameter]:
+    return {n: p for n, p in inspect.signature(item).parameters.items() if n not in CONTRACT}
+
+
+def _required(item: Any) -> list[str]:
+    return [n for n, p in _signature(item).items() if p.default is p.empty and p.kind is not p.VAR_KEYWORD]
+
+
+def _options(item: Any) -> list[str]:
+    return [n if p.default is p.empty else f"{n} = {p.default!r}" for n, p in _signature(item).items()]

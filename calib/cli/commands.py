@@ -1,0 +1,189 @@
+"""The commands of `calib`; what they do lives behind them."""
+
+import functools
+import json
+import sys
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+
+from calib.errors import CalibError
+from calib.result import OK
+
+# ruff: noqa: D301 - click reads the "\b" of a docstring as "do not wrap"
+# Everything but click is imported inside the command that needs it: numba, xarray and optuna take seconds, and
+# `calib --help` has to answer at once.
+
+DONE, MISTAKE, STOPPED, NOTHING = 0, 1, 3, 4  # exit codes; 2 is click's: wrong usage
+
+STUDY = click.argument("study", type=click.Path(path_type=Path))
+OUT = click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Where the results are. [default: out/ beside the study]",
+)
+JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON to stdout, for scripts.")
+
+
+def _mendable(command: Callable) -> Callable:
+    """Turn what the user can mend into a message on stderr and exit code 1."""
+
+    @functools.wraps(command)
+    def safe(*args, **options):
+        with warnings.catch_warnings():
+            warnings.showwarning = lambda message, *_, **__: click.echo(f"calib: note: {message}", err=True)
+            try:
+                return command(*args, **options)
+            except CalibError as error:
+                click.echo(f"calib: {error}", err=True)
+            except OSError as error:
+                at = f" ({error.filename})" if error.filename else ""
+                click.echo(f"calib: {error.strerror or error}{at}; what was written before is kept", err=True)
+            sys.exit(MISTAKE)
+
+    return safe
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(package_name="calib")
+def main():
+    """Calibrate simulators of vibro-impacting structures against measured phase curves.
+
+    A study file (study.toml) says what was measured, which simulator imitates it, and which parameters are searched in
+    which windows. `calib run STUDY` does the rest, and leaves its results in out/ beside the study file.
+
+    STUDY is a study file, or a folder with a study.toml in it.
+    """
+
+
+@main.command(short_help="Calibrate: search, judge, report; or go on where it stopped.")
+@STUDY
+@OUT
+@click.option("--jobs", type=click.IntRange(min=1), help="Trials side by side. [default: the study's]")
+@click.option("--budget", type=click.IntRange(min=1), help="Trials of the whole study. [default: the study's]")
+@click.option("--fresh", is_flag=True, help="Forget the trials made so far (needed when the study was changed).")
+@click.option("--quiet", "-q", is_flag=True, help="No progress, no summary; errors only.")
+@JSON
+@_mendable
+def run(study: Path, out: Path | None, jobs: int | None, budget: int | None, fresh: bool, quiet: bool, as_json: bool):
+    """Search the parameters of STUDY that fit its records best; go on where an earlier run was stopped.
+
+    Every trial is kept as it ends: a run that was stopped or killed goes on with the same command, and finds what it
+    would have found uninterrupted.
+
+    \b
+    Leaves in out/:  result.json   values, intervals, score, kind of motion
+                     report.html   the same as a page with pictures
+                     best.nc       the best record
+                     trials.jsonl  every trial
+
+    Exit code: 0 done, 1 a mistake in the study, 3 stopped by you, 4 no trial ended well.
+    """
+    from calib.cli.calibrate import calibrate  # see above
+    from calib.cli.progress import Progress
+    from calib.cli.tables import show_result
+    from calib.study_toml import load
+
+    file = load(study, budget=budget, jobs=jobs)
+    folder = out or file.folder
+    with Progress(file.study.budget, quiet=quiet) as progress:
+        try:
+            found = calibrate(file, folder, progress, fresh=fresh)
+        except KeyboardInterrupt:
+            progress.stop()
+            click.echo(f"\nstopped; every finished trial is kept. Go on with:  calib run {study}", err=True)
+            sys.exit(STOPPED)
+    if as_json:
+        click.echo(json.dumps(found, indent=2, allow_nan=False))
+    elif not quiet:
+        show_result(found, folder)
+    sys.exit(DONE if found["status"] == OK else NOTHING)
+
+
+@main.command(short_help="How far a study is.")
+@STUDY
+@OUT
+@JSON
+@_mendable
+def status(study: Path, out: Path | None, as_json: bool):
+    """Say how far STUDY is: running, finished, stopped or killed."""
+    from calib.cli.standing import standing  # see above
+    from calib.cli.tables import show_standing
+
+    said = standing(study, out)
+    if as_json:
+        click.echo(json.dumps(said, indent=2, allow_nan=False))
+    else:
+        show_standing(said)
+
+
+@main.command(short_help="One run at values given by hand: record and picture.")
+@STUDY
+@click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A parameter, such as gap='1.2 mm'.")
+@click.option("--record", metavar="NAME", help="Whose excitation to simulate. [default: the first record]")
+@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="The record to write (.nc).")
+@_mendable
+def simulate(study: Path, settings: tuple[str, ...], record: str | None, output: Path):
+    """Run the simulator of STUDY once and write its record, with a picture (.png) beside it.
+
+    Parameters that are not set take the value that [model] fixed gives, else the model's nominal one.
+
+    \b
+    Example:  calib simulate studies/minimal --set restitution=0.2 --set gap='0.8 mm' -o loop.nc
+    """
+    from calib.cli.simulate import simulate_once  # see above
+
+    sys.exit(DONE if simulate_once(study, settings, record, output) else NOTHING)
+
+
+@main.command(short_help="Write report.html anew.")
+@STUDY
+@OUT
+@_mendable
+def report(study: Path, out: Path | None):
+    """Write report.html of STUDY anew from the trials made so far."""
+    from calib.cli.calibrate import rebuild  # see above
+
+    click.echo(str(rebuild(study, out)))
+
+
+@main.command(short_help="Watch the trials in a browser.")
+@STUDY
+@OUT
+@click.option("--port", type=click.IntRange(0, 65535), default=8080, show_default=True, help="Port on this machine.")
+@_mendable
+def dashboard(study: Path, out: Path | None, port: int):
+    """Show the trials of STUDY in a browser, running or not; read-only, on this machine only.
+
+    Stop it with Ctrl-C.
+    """
+    from calib.cli.standing import view_of  # see above
+    from calib.dashboard import plain_command, serve
+
+    view = view_of(study, out)
+    plain = f"the same without calib: {plain_command(*view)}"
+    serve(*view, port=port, on_ready=lambda url: click.echo(f"{url}  (Ctrl-C ends it)\n{plain}"))
+
+
+@main.command(name="list", short_help="Simulators, effects, features and optimisers there are.")
+@click.argument("name", required=False)
+@click.option("--schema", is_flag=True, help="Print the JSON schema of a study file, for editors.")
+@_mendable
+def list_(name: str | None, schema: bool):
+    """List the simulators, effects, features and optimisers there are; with NAME, say more about one.
+
+    \b
+    Example:  calib list four_dof
+    """
+    from calib.cli import catalogue, tables  # see above
+
+    if schema:
+        click.echo(catalogue.schema())
+    elif name is None:
+        tables.show_catalogue(catalogue.catalogue())
+    else:
+        thing = catalogue.thing(name)
+        tables.show_thing(catalogue.facts(thing), catalogue.parameters(thing))

@@ -1,0 +1,95 @@
+"""How far a study is, from what lies in its folder; the study may be running, stopped, killed or finished."""
+
+import fcntl
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from calib import result
+from calib.errors import CalibError
+from calib.store import Trial, read
+from calib.store.optuna_view import ARTIFACTS, JOURNAL
+from calib.study_toml import located
+from calib.study_toml.mistakes import shaped
+
+MEMORY = 50  # trials over which the rate is taken
+
+
+def folder_of(study: Path, out: Path | None) -> Path:
+    """Return the folder of a study's results: `out`, else out/ beside the study file.
+
+    Raises
+    ------
+    CalibError : neither the study nor the folder is there
+    """
+    if out is not None:
+        return out
+    path = located(study)
+    if not path.is_file():
+        raise CalibError(f"{path}: no such study file; expected a .toml file or a folder with a study.toml")
+    return path.parent / "out"
+
+
+def standing(study: Path, out: Path | None) -> dict[str, Any]:
+    """Return what `calib status --json` prints.
+
+    Returns
+    -------
+    dict: name, state ("running", "finished", "unfinished": stopped or killed), trials, budget, best (number, total,
+    kind, values in SI) or None, units, failed (status -> count), seconds (mean of the last trials [s]) or None, folder
+    """
+    folder = folder_of(study, out)
+    header, trials = read(folder)
+    found = result.read(folder)
+    finished = found is not None and found["trials"] == len(trials)
+    return {
+        "name": header["name"],
+        "state": "running" if _running(folder) else "finished" if finished else "unfinished",
+        "trials": len(trials),
+        "budget": header["budget"],
+        "best": _best(trials),
+        "units": {name: window["unit"] for name, window in header["definition"]["windows"].items()},
+        "failed": dict(Counter(trial.status for trial in trials if trial.status != "ok")),
+        "seconds": _mean(trials),
+        "folder": str(folder),
+    }
+
+
+def _best(trials: Sequence[Trial]) -> dict[str, Any] | None:
+    ok = [trial for trial in trials if trial.status == "ok"]
+    if not ok:
+        return None
+    best = min(ok, key=lambda trial: trial.rank)
+    return {"number": best.number, "total": best.total, "kind": best.kind, "values": best.values}
+
+
+def _mean(trials: Sequence[Trial]) -> float | None:
+    recent = [trial.seconds for trial in trials[-MEMORY:]]
+    return sum(recent) / len(recent) if recent else None
+
+
+def _running(folder: Path) -> bool:
+    """Whether a process holds the lock on the ledger."""
+    try:
+        with open(folder / "trials.lock", "rb") as lock:
+            fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)  # given back when the file closes
+    except FileNotFoundError:
+        return False
+    except BlockingIOError:
+        return True
+    return False
+
+
+def view_of(study: Path, out: Path | None) -> tuple[str, Path]:
+    """Return the Optuna view of a study (journal file or URL) and the folder of its pictures.
+
+    Raises
+    ------
+    CalibError : nothing was run there, or the study has no journal yet
+    """
+    folder = folder_of(study, out)
+    read(folder)  # says so where nothing was run
+    path = located(study)
+    view = shaped(path, path.read_text(encoding="utf-8"))[0].store.view
+    return str(folder / JOURNAL) if view == "journal" else view, folder / ARTIFACTS

@@ -1,0 +1,153 @@
+"""What the commands print: results, standings and the catalogue, as tables on stdout."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+ENGINEERING = {"m": (1e3, "mm"), "s": (1e3, "ms"), "1": (1.0, "")}  # SI unit -> factor and unit that people read
+
+MOST_DECIMALS = 6  # beyond, a number is written with a power of ten
+WIDTH = 120  # columns, where the output is no terminal
+
+
+def shown(value: float | None, unit: str, digits: int = 4) -> str:
+    """Write an SI value in the unit that people read: ``shown(0.00123, "m")`` is ``"1.23 mm"``."""
+    factor, name = ENGINEERING.get(unit, (1.0, unit))
+    return "-" if value is None else f"{factor * value:.{digits}g} {name}".rstrip()
+
+
+def show_result(found: Mapping[str, Any], folder: Path, console: Console | None = None) -> None:
+    """Print what a study found (the content of its `result.json`)."""
+    console = console or _console()
+    if found["status"] != "ok":
+        console.print(f"[bold]{escape(found['name'])}[/]: none of {found['trials']} trials ended ok")
+    else:
+        console.print(_parameters(found))
+        console.print(_scores(found))
+        for line in _remarks(found):
+            console.print(line, soft_wrap=True)
+    console.print(f"trials: {found['trials']}, of which {found['failed']} failed; {found['seconds']:.1f} s")
+    console.print(f"files:  {escape(str(folder))}/ (report.html, result.json, best.nc, trials.jsonl)", soft_wrap=True)
+
+
+def _console() -> Console:
+    console = Console(highlight=False)
+    return console if console.is_terminal else Console(highlight=False, width=WIDTH)
+
+
+def _parameters(found: Mapping[str, Any]) -> Table:
+    table = Table(title=escape(found["name"]), title_justify="left", title_style="bold")
+    table.add_column("parameter")
+    for heading in ("value", "± 2 s.e.", "window"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("")
+    errors = (found["confidence"] or {}).get("standard_error", {})
+    edges = (found["confidence"] or {}).get("at_edge", {})
+    for name, window in found["windows"].items():
+        unit = found["units"][name]
+        error = errors.get(name)
+        table.add_row(
+            escape(name),
+            *_measured(found["values"][name], None if error is None else 2.0 * error, unit),
+            f"{shown(window['low'], unit)} .. {shown(window['high'], unit)}",
+            f"[yellow]at the {edges[name]} edge of its window[/]" if name in edges else "",
+        )
+    return table
+
+
+def _measured(value: float, error: float | None, unit: str) -> tuple[str, str]:
+    """Write value and error with as many decimals as the error's second digit has."""
+    if not error:
+        return shown(value, unit, 6), "-"
+    factor, name = ENGINEERING.get(unit, (1.0, unit))
+    value, error = factor * value, factor * error
+    decimals = max(0, 1 - math.floor(math.log10(error)))
+    form = f".{decimals}f"
+    if decimals > MOST_DECIMALS and value:
+        form = f".{max(1, decimals + math.floor(math.log10(abs(value))))}e"
+    return f"{value:{form}} {name}".rstrip(), f"{error:{form if 'f' in form else '.1e'}} {name}".rstrip()
+
+
+def _scores(found: Mapping[str, Any]) -> Table:
+    table = Table(title=None)
+    table.add_column("distance")
+    table.add_column("", justify="right")
+    table.add_column("kind of motion")
+    for label, distance in found["score"]["terms"].items():
+        table.add_row(escape(label), shown(distance, "1"))
+    table.add_row("[bold]total[/]", f"[bold]{shown(found['score']['total'], '1')}[/]", found["motion"]["kind"] or "")
+    for record, held in found["holdout"].items():
+        said = held["kind"] or "" if held["status"] == "ok" else f"{held['status']}: {held['reason']}"
+        table.add_row(f"hold-out {escape(record)}", shown(held["distance"], "1"), escape(said))
+    return table
+
+
+def _remarks(found: Mapping[str, Any]) -> list[str]:
+    confidence = found["confidence"]
+    wrong = ", ".join(found["motion"]["wrong"])
+    lines = [f"[red]another kind of motion than measured[/] in {escape(wrong)}: {escape(found['motion']['evidence'])}"]
+    lines = lines if wrong else []
+    lines += [f"[yellow]not determined:[/] {escape(group['text'])}" for group in found["undetermined"]]
+    if confidence is None or confidence["status"] != "ok":
+        lines.append(f"[yellow]no intervals:[/] {escape((confidence or {}).get('reason', 'not worked out'))}")
+    for reach in found["unreachable"]:
+        percent = "" if reach["percent"] is None else f" ({reach['percent']:.3g} % off)"
+        lines.append(
+            f"[yellow]no point of the window reaches[/] {escape(reach['feature'])} of {escape(reach['body'] or '')} in "
+            f"{escape(reach['record'])}: measured {shown(reach['measured'], reach['unit'])}, "
+            f"nearest {shown(reach['nearest'], reach['unit'])}{percent}"
+        )
+    agreement = found["agreement"] or {}
+    if {"starts", "agree"} <= set(agreement):
+        lines.append(f"{agreement['agree']} of {agreement['starts']} starts of the search ended at this point")
+    return lines
+
+
+def show_standing(said: Mapping[str, Any]) -> None:
+    """Print how far a study is (what `calib.cli.standing.standing` returns)."""
+    console = _console()
+    console.print(f"[bold]{escape(said['name'])}[/]: {said['state']}, {said['trials']} of {said['budget']} trials")
+    best = said["best"]
+    if best is not None:
+        console.print(f"best score {shown(best['total'], '1')} ({best['kind']}) at trial {best['number']}")
+        for name, unit in said["units"].items():
+            console.print(f"  {escape(name)} = {shown(best['values'][name], unit, 6)}")
+    for status, count in said["failed"].items():
+        console.print(f"failed: {count} ({escape(status)})")
+    if said["seconds"] is not None:
+        console.print(f"{said['seconds']:.3g} s a trial")
+    console.print(f"files: {escape(said['folder'])}", soft_wrap=True)
+
+
+def show_catalogue(groups: Mapping[str, Mapping[str, str]]) -> None:
+    """Print name and meaning of everything that a study file may name, by group."""
+    console = _console()
+    for group, things in groups.items():
+        table = Table(title=group, title_justify="left", title_style="bold", show_header=False, box=None)
+        for name, meaning in things.items():
+            table.add_row(f"  {escape(name)}", escape(meaning))
+        console.print(table)
+
+
+def show_thing(facts: Iterable[tuple[str, str]], parameters: Sequence[Any]) -> None:
+    """Print what there is to say of one thing, and its `calib.parameter.Parameter`s."""
+    console = _console()
+    for what, said in facts:
+        console.print(f"[bold]{what}[/]: {escape(said)}", soft_wrap=True)
+    if parameters:
+        table = Table("parameter", "unit", "nominal", "allowed", "meaning")
+        for p in parameters:
+            table.add_row(escape(p.name), p.unit, f"{p.nominal:.6g}", _allowed(p), escape(p.meaning))
+        console.print(table)
+
+
+def _allowed(parameter: Any) -> str:
+    low, high = parameter.low, parameter.high
+    if math.isinf(low) and math.isinf(high):
+        return "any"
+    return f"from {low:g}" if math.isinf(high) else f"up to {high:g}" if math.isinf(low) else f"{low:g} .. {high:g}"

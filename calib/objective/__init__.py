@@ -1,0 +1,7 @@
+"""How far simulated records are from measured ones."""
+
+from calib.objective.objective import Objective
+from calib.objective.reach import FeatureValue
+from calib.objective.terms import Feature, Reference, Score, Term
+
+__all__ = ["Feature", "FeatureValue", "Objective", "Reference", "Score", "Term"]

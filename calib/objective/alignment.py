@@ -1,0 +1,282 @@
+"""A simulated record brought onto the time base of a measured one, its nuisances solved for."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from scipy.optimize import brentq
+
+from calib.cycles import cut, sampled
+from calib.errors import CalibError
+from calib.record import channels as channels_of
+
+STATE = ("displacement", "velocity")
+# Catmull-Rom interpolation: weights of samples j - 1 .. j + 2 as polynomials in the share f of the step after sample j
+CUBIC = 0.5 * np.array([[0, -1, 2, -1], [2, 0, -5, 3], [0, 1, 4, -3], [0, 0, -1, 1]], dtype=float)
+# sum_j h_j h_{j+d} for d = -3..3, as polynomials in f
+OVERLAP = np.array(
+    [sum(np.convolve(CUBIC[j], CUBIC[j + d]) for j in range(max(0, -d), min(4, 4 - d))) for d in range(-3, 4)]
+)
+QUARTERS = (0.0, 0.25, 0.5, 0.75, 1.0)
+
+
+class Alignment:
+    """Bring simulated records onto the time base of one reference.
+
+    A measured channel is y_i(t) = sum_k theta_k phi_ik(t + trigger): with phi the simulated displacement x, velocity v
+    and a constant, x_b -> scale x_b + offset_b + shear v_b and v_b -> scale v_b, whichever of these the reference names
+    as nuisance. Trigger and theta minimise the squared difference of the mean loops, each channel over the reference's
+    root mean square about its mean: theta by linear least squares at every whole sample of trigger (cyclic correlation
+    by FFT), then the trigger to machine precision between samples, where cubic interpolation makes the squared
+    difference a polynomial. Nothing jumps when the trigger passes a sample, so that residuals are smooth in the model's
+    parameters (variable projection).
+
+    The simulated loop is moved, never the measured one: its noise stays white. Where the excitation prescribes a
+    channel that the reference has, that channel alone fixes the trigger (displacement before velocity).
+
+    Parameters
+    ----------
+    record : the reference
+    period : of the excitation [s], None without one
+    periods : length of the loop, in periods
+    nuisance : names of the nuisances to solve for
+    bodies : that the nuisances are solved from
+    prescribed : (body, channel) pairs that the excitation prescribes
+    """
+
+    def __init__(
+        self,
+        record: xr.Dataset,
+        period: float | None,
+        periods: int,
+        nuisance: Sequence[str],
+        bodies: Sequence[str],
+        prescribed: frozenset[tuple[str, str]],
+    ):
+        self.time, self.period, self.periods = record.time.values, period, periods
+        self.bodies = [str(body) for body in record.body.values]
+        self.channels = channels_of(record)
+        kept = [c for c in STATE if c in self.channels]
+        driven = [(b, c) for c in kept for b in self.bodies if (b, c) in prescribed]
+        used = [(b, c) for b in self.bodies for c in kept if b in bodies or (b, c) in prescribed]
+        self.used = used
+        linear = tuple(name for name in nuisance if name in ("offset", "scale", "shear"))
+        self.solves = bool(used) and ("trigger" in nuisance or bool(linear))
+        if not self.solves:
+            return
+        values = np.array([record[c].sel(body=b).values for b, c in used])
+        self.offset = 0.0
+        if period is not None:
+            cycles, phase = cut(self.time, values, period, periods)
+            values, self.per_period = cycles.mean(axis=1), phase.size // periods
+            self.offset = phase[0] * self.per_period
+        self._all = _Fit(values, used, linear)
+        self._trigger = None
+        if "trigger" in nuisance:
+            first = [row for row in driven if row[1] == driven[0][1]]
+            index = [used.index(row) for row in first] or range(len(used))
+            self._trigger = _Fit(values[index], [used[i] for i in index], linear) if first else self._all
+
+    def __call__(self, simulated: xr.Dataset) -> tuple[dict[str, np.ndarray], dict[str, float]]:
+        """Channels (body, time) at the reference's instants with the nuisances applied, and the nuisances [SI].
+
+        "trigger" is the time of the simulation at the reference's time zero [s]; "offset.<body>" [m],
+        "scale.<channel>" [1] and "shear" [s] are what the instrument made of the simulated motion.
+        """
+        names = [str(body) for body in simulated.variables["body"].values]
+        missing = [body for body in self.bodies if body not in names]
+        if missing:
+            raise CalibError(f"the simulated record has no body {missing[0]!r}; it has {', '.join(names)}")
+        index = [names.index(body) for body in self.bodies]
+        present = [c for c in self.channels if c in simulated.variables]
+        values = {c: sampled(simulated, c)[index] for c in present}
+        time = simulated.variables["time"].values
+        shift, theta = 0.0, {}
+        if self.solves:
+            shift, theta = self._solved(time, values, present)
+        stacked = np.concatenate([values[c] for c in present])
+        moved = self._moved(time, stacked, shift).reshape(len(present), len(self.bodies), self.time.size)
+        found = dict(zip(present, moved, strict=True))
+        nuisances = dict(theta)
+        if self.solves and self._trigger is not None:
+            nuisances = {"trigger": float(shift * self.period), **theta}
+        return self._seen(found, theta), nuisances
+
+    def _solved(self, time, values, present) -> tuple[float, dict[str, float]]:
+        """Return the trigger in periods, and the linear nuisances by name."""
+        missing = [c for _, c in self.used if c not in present]
+        if missing:
+            raise CalibError(f"the simulated record has no {missing[0]}, which the reference's nuisances need")
+        loops = np.array([values[c][self.bodies.index(b)] for b, c in self.used])
+        if self.period is None:
+            loops = self._moved(time, loops, 0.0)
+            return 0.0, self._all.linear(self._all.correlated(loops), 0.0)
+        cycles, _ = cut(time, loops, self.period, self.periods, self.per_period)
+        loops = cycles.mean(axis=1)
+        place = self.offset
+        sums = None
+        if self._trigger is self._all:
+            sums = self._all.correlated(loops)
+            place = self._all.best(sums)
+        elif self._trigger is not None:
+            driven = [self.used.index(row) for row in self._trigger.rows]
+            place = self._trigger.best(self._trigger.correlated(loops[driven]))
+        shift = ((place - self.offset) / self.per_period) % self.periods
+        if not self._all.names:
+            return shift, {}
+        return shift, self._all.linear(self._all.correlated(loops) if sums is None else sums, place)
+
+    def _moved(self, time, values, shift):
+        """Rows of the simulation at the reference's instants plus `shift` periods."""
+        same = time.size == self.time.size and np.abs(time - self.time).max() < 1e-6 * (time[1] - time[0])
+        if same and shift == 0.0:
+            return values
+        if self.period is None:
+            margin = (time[-1] - time[0]) / (time.size - 1)
+            if time[0] - self.time[0] > margin or self.time[-1] - time[-1] > margin:
+                raise CalibError(
+                    f"the simulation lasts from {time[0]:.6g} s to {time[-1]:.6g} s, the reference from "
+                    f"{self.time[0]:.6g} s to {self.time[-1]:.6g} s; ask for the reference's times"
+                )
+            return np.array([np.interp(self.time, time, row) for row in values])
+        cycles, phase = cut(time, values, self.period)
+        steps = phase.size
+        flat = cycles.reshape(len(values), -1)
+        place = (self.time / self.period + shift - phase[0]) * steps
+        before = np.floor(place)
+        share = place - before
+        weights = CUBIC @ share ** np.arange(4)[:, None]
+        before = before.astype(int) - 1
+        return sum(weights[j] * np.take(flat, before + j, axis=1, mode="wrap") for j in range(4))
+
+    def _seen(self, found: Mapping[str, np.ndarray], theta: Mapping[str, float]) -> dict[str, np.ndarray]:
+        if not theta:
+            return dict(found)
+        seen = {c: theta.get(f"scale.{c}", 1.0) * values for c, values in found.items()}
+        if "displacement" in seen:
+            offsets = [theta.get(f"offset.{body}", 0.0) for body in self.bodies]
+            seen["displacement"] = seen["displacement"] + np.array(offsets)[:, None]
+            if "shear" in theta:
+                seen["displacement"] = seen["displacement"] + theta["shear"] * found["velocity"]
+        return seen
+
+
+@dataclass(frozen=True, eq=False)
+class _Sums:
+    """Weighted sums that the squared difference is made of.
+
+    reference : sum of squares of the reference
+    right : (unknown + 1, n) products of reference and basis at each whole shift; the last is the basis that is certain
+    gram : (unknown + 1, unknown + 1, 7) products of the bases, shifted by -3..3 samples against each other
+    """
+
+    reference: float
+    right: np.ndarray
+    gram: np.ndarray
+
+
+class _Fit:
+    """Rows of a reference, and the shift and linear unknowns with which simulated rows come nearest to them."""
+
+    def __init__(self, reference: np.ndarray, rows: Sequence[tuple[str, str]], linear: Sequence[str]):
+        self.rows = list(rows)
+        names = []
+        if "offset" in linear:
+            names += [f"offset.{body}" for body, channel in rows if channel == "displacement"]
+        if "scale" in linear:
+            names += [f"scale.{channel}" for channel in STATE if channel in {c for _, c in rows}]
+        if "shear" in linear and any((body, "velocity") in rows for body, channel in rows if channel == "displacement"):
+            names += ["shear"]
+        self.names = names
+        spread = reference.std(axis=1)
+        size = np.where(spread > 1e-9 * np.abs(reference).max(axis=1), spread, np.abs(reference).max(axis=1))
+        weight = 1.0 / np.where(size > 0.0, size, 1.0) ** 2
+        self.square = float(weight @ (reference**2).sum(axis=1))
+        self.size = reference.shape[1]
+        self._basis = [self._of(row) for row in self.rows]  # row -> [(unknown, simulated row or -1 for a constant)]
+        self._weighted = weight[:, None] * np.conj(np.fft.rfft(reference, axis=1))
+        self._weight = weight
+
+    def _of(self, row):
+        body, channel = row
+        certain = len(self.names)
+        index = {name: i for i, name in enumerate(self.names)}
+        basis = [(index.get(f"scale.{channel}", certain), self.rows.index(row))]
+        if channel == "displacement":
+            if f"offset.{body}" in index:
+                basis.append((index[f"offset.{body}"], -1))
+            if "shear" in index and (body, "velocity") in self.rows:
+                basis.append((index["shear"], self.rows.index((body, "velocity"))))
+        return basis
+
+    def correlated(self, loops: np.ndarray) -> _Sums:
+        """Sums for simulated rows (row, n)."""
+        spectrum = np.fft.rfft(np.vstack([loops, np.ones(self.size)]), axis=1)
+        number = len(self.names) + 1
+        right = np.zeros((number, spectrum.shape[1]), dtype=complex)
+        gram = np.zeros((number, number, spectrum.shape[1]), dtype=complex)
+        for row, basis in enumerate(self._basis):
+            for k, source in basis:
+                right[k] += self._weighted[row] * spectrum[source]
+                for m, other in basis:
+                    gram[k, m] += self._weight[row] * np.conj(spectrum[source]) * spectrum[other]
+        lags = np.fft.irfft(gram, self.size, axis=-1)[..., np.arange(-3, 4) % self.size]
+        return _Sums(self.square, np.fft.irfft(right, self.size, axis=-1), lags)
+
+    def best(self, sums: _Sums) -> float:
+        """Shift in samples at which the squared difference is least."""
+        gram = sums.gram[..., 3]
+        theta = self._theta(gram, sums.right)
+        squares = -2.0 * (theta * sums.right).sum(axis=0) + ((gram @ theta) * theta).sum(axis=0)
+        whole = int(np.argmin(squares))
+        slope = _slope(self, sums, whole)
+        cells = ((whole, slope), (whole - 1, None)) if slope(0.0) < 0.0 else ((whole - 1, None), (whole, slope))
+        for start, slope in cells:
+            slope = slope or _slope(self, sums, start)
+            for low, high in zip(QUARTERS[:-1], QUARTERS[1:], strict=True):
+                if slope(low) < 0.0 <= slope(high):
+                    return start + brentq(slope, low, high, xtol=1e-13, rtol=1e-13)
+        return float(whole)
+
+    def linear(self, sums: _Sums, place: float) -> dict[str, float]:
+        """Linear unknowns by name for a shift in samples."""
+        start = int(np.floor(place))
+        right, gram = _between(sums, start)
+        powers = (place - start) ** np.arange(7)
+        theta = self._theta(gram @ powers, (right @ powers[:4])[:, None])
+        return dict(zip(self.names, theta[:-1, 0].tolist(), strict=True))
+
+    def _theta(self, gram: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """Unknowns (unknown + 1, n) that minimise the squared difference for each column of `right`; the last is 1."""
+        one = np.ones((1, right.shape[1]))
+        if not self.names:
+            return one
+        free = gram[:-1, :-1]
+        # what cannot be told (the scale of a body at rest) must not stop the rest
+        ridge = 1e-14 * np.diag(np.maximum(np.diag(free), 1e-300 + 1e-14 * np.trace(free)))
+        return np.concatenate([np.linalg.solve(free + ridge, right[:-1] - gram[:-1, -1:]), one])
+
+
+def _between(sums: _Sums, start: int) -> tuple[np.ndarray, np.ndarray]:
+    """Sums between shifts `start` and `start` + 1 as polynomials there: (unknown, 4) and (unknown, unknown, 7)."""
+    near = np.take(sums.right, np.arange(start - 1, start + 3), axis=1, mode="wrap")
+    return near @ CUBIC, sums.gram @ OVERLAP
+
+
+def _slope(fit: _Fit, sums: _Sums, start: int):
+    """Slope of the squared difference over the share of a step after the shift `start`, its unknowns at their best."""
+    right, gram = _between(sums, start)
+    down, up = right[:, 1:] * np.arange(1, 4), gram[..., 1:] * np.arange(1, 7)
+    if not fit.names:
+        c = up[0, 0].copy()
+        c[:3] -= 2.0 * down[0]
+        c0, c1, c2, c3, c4, c5 = c.tolist()
+        return lambda f: c0 + f * (c1 + f * (c2 + f * (c3 + f * (c4 + f * c5))))
+
+    def slope(f):
+        powers = f ** np.arange(7)
+        theta = fit._theta(gram @ powers, (right @ powers[:4])[:, None])[:, 0]
+        return float(theta @ (up @ powers[:6]) @ theta - 2.0 * theta @ (down @ powers[:3]))
+
+    return slope

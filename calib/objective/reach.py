@@ -1,0 +1,130 @@
+"""Scalar features of a record by which one sees whether a model reaches what was measured."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.cycles import cut, harmonics, impact
+
+SHARE = 0.02  # tolerance, as a share of the measured value
+PHASE = 0.01  # tolerance of an impact's phase, in periods
+RATIO = 0.005  # least tolerance of a harmonic, as a share of the fundamental
+
+
+@dataclass(frozen=True)
+class FeatureValue:
+    """One number that was measured and simulated.
+
+    Attributes
+    ----------
+    label, record, body, unit : what, of which record and body, in which unit
+    measured, simulated : values; simulated None where the simulation shows no such thing (no impact)  [unit]
+    tolerance : 2 % of the measured value, or twice its standard uncertainty where that is more  [unit]
+    """
+
+    label: str
+    record: str
+    body: str
+    unit: str
+    measured: float
+    simulated: float | None
+    tolerance: float
+
+
+@dataclass(frozen=True)
+class Scalar:
+    """A number with its unit, the least difference that matters, and the turn if it is an angle."""
+
+    value: float
+    unit: str
+    floor: float = 0.0
+    turn: float | None = None
+
+    @property
+    def tolerance(self) -> float:
+        """2 % of the value or the floor; of an angle the floor, for its zero is arbitrary."""
+        return self.floor if self.turn else max(SHARE * abs(self.value), self.floor)
+
+    def near(self, other: float) -> float:
+        """Return `other`, or where this is an angle the equal of it that is nearest."""
+        if self.turn is None:
+            return other
+        return other - self.turn * round((other - self.value) / self.turn)
+
+
+def scalars(
+    time: np.ndarray,
+    values: Mapping[str, np.ndarray],
+    units: Mapping[str, str],
+    period: float | None,
+    sigmas: Mapping[str, float],
+) -> dict[str, Scalar]:
+    """Scalar features of one body, by label; those that a record does not show are left out.
+
+    With a period: amplitude of each channel (half peak to peak of the mean loop), second and third harmonic over the
+    fundamental, and phase, velocity change and contact time of the strongest impact. Without: amplitude (half peak to
+    peak) and root mean square of each channel.
+
+    Parameters
+    ----------
+    time : (n,)  [s]
+    values : channel -> (n,)
+    units : channel -> unit
+    period : of the excitation  [s], None without one
+    sigmas : channel -> standard uncertainty of a sample
+    """
+    found = {}
+    for channel, row in values.items():
+        sigma, unit = sigmas.get(channel, 0.0), units[channel]
+        if period is None:
+            found[f"{channel} amplitude"] = Scalar(0.5 * float(np.ptp(row)), unit, 2.0 * sigma)
+            found[f"{channel} rms"] = Scalar(float(np.sqrt(np.mean(row**2))), unit, 2.0 * sigma / np.sqrt(row.size))
+            continue
+        cycles, phase = cut(time, row[None], period)
+        loop, sigma = cycles[0].mean(axis=0), sigma / np.sqrt(cycles.shape[1])
+        found[f"{channel} amplitude"] = Scalar(0.5 * float(np.ptp(loop)), unit, 2.0 * sigma)
+        found |= _harmonics(channel, loop, sigma)
+        if channel == "velocity":
+            found |= _impact(phase, loop, sigma)
+    return found
+
+
+def _harmonics(channel, loop, sigma):
+    if loop.size < 8:
+        return {}
+    size = np.abs(harmonics(loop, 3))
+    if not size[0] > 0.0:
+        return {}
+    floor = max(RATIO, 2.0 * sigma * np.sqrt(2.0 / loop.size) / size[0])
+    names = {1: "second", 2: "third"}
+    return {f"{name} harmonic of {channel}": Scalar(float(size[i] / size[0]), "1", floor) for i, name in names.items()}
+
+
+def _impact(phase, loop, sigma):
+    at, change, contact = impact(phase, loop)
+    if np.isnan(at):
+        return {}
+    return {
+        "impact phase": Scalar(at, "1", PHASE, turn=1.0),
+        "velocity change at impact": Scalar(change, "m/s", 4.0 * sigma),
+        "contact time": Scalar(contact, "1", float(phase[1] - phase[0])),
+    }
+
+
+def compared(
+    record: str, body: str, measured: Mapping[str, Scalar], simulated: Mapping[str, Scalar]
+) -> Sequence[FeatureValue]:
+    """Put the simulated scalar beside each measured one."""
+    return [
+        FeatureValue(
+            label=label,
+            record=record,
+            body=body,
+            unit=scalar.unit,
+            measured=scalar.value,
+            simulated=scalar.near(simulated[label].value) if label in simulated else None,
+            tolerance=scalar.tolerance,
+        )
+        for label, scalar in measured.items()
+    ]

@@ -1,0 +1,155 @@
+"""What is compared with what, and how the answer is given."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+import numpy as np
+import xarray as xr
+
+from calib.errors import CalibError, nearest
+from calib.excitation import Excitation
+from calib.model import Request
+from calib.record import OK, check
+
+USES = ("calibrate", "name", "holdout")
+SOLVED = ("trigger", "offset", "scale", "shear")  # nuisances solved in closed form, here
+SEARCHED = ("initial_state",)  # nuisances that are parameters of the search
+
+
+class Feature(Protocol):
+    """What a comparison needs of a feature.
+
+    To write one:
+
+    1. `name`; `unit` of its numbers; `channels` that a record must have for it, empty where it takes what there is.
+    2. Called with a record and names of bodies (None: all) it returns a DataArray with dims ("body", "channel", ...),
+       or ("body", ...), of one shape for the reference and every simulation. A simulated record comes on the
+       reference's time base, its nuisances applied. NaN says that there is nothing to measure ("no impact").
+    3. `scale` says what difference scores 1: a number, or a DataArray that broadcasts against the values.
+    4. Optionally `uncertainty(record, bodies)`: standard uncertainty of the values, or None; `wraps`: the values are
+       angles of which one turn is this much; `aligned = False`: it wants the simulated record as it was simulated;
+       `values(record, bodies)`: the same numbers as a bare array (body, channel, ...), where labels cost more.
+    5. It pickles, and does not change its record.
+    """
+
+    name: str
+    unit: str
+    channels: Sequence[str]
+
+    def __call__(self, record: xr.Dataset, bodies: Sequence[str] | None = None) -> xr.DataArray:
+        """Return the numbers (body, channel, ...)."""
+        ...
+
+    def scale(self, reference: xr.DataArray) -> xr.DataArray | float:
+        """Return the difference that scores 1."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A measured record, and what belongs to it alone.
+
+    Attributes
+    ----------
+    name : of the record
+    record : its bodies named as the simulator's
+    use : "calibrate" (scored), "name" (used in diagnosis only) or "holdout" (used to measure gain only)
+    nuisance : of this measurement, not of the model: "trigger" (the instant of its start; one per record, common to all
+        bodies and channels), "offset" (of each body's displacement), "scale" (of each channel), "shear" (of the plotted
+        phase curve, x + k y) are solved in closed form; "initial_state" is a parameter of the search
+    excitation : None reads it from the record
+    request : what to compute for the comparison
+    """
+
+    name: str
+    record: xr.Dataset
+    use: Literal["calibrate", "name", "holdout"] = "calibrate"
+    nuisance: Sequence[str] = ()
+    excitation: Excitation | None = None
+    request: Request = field(default_factory=Request)
+
+    def __post_init__(self):
+        check(self.record, self.name)
+        if self.use not in USES:
+            raise CalibError(f"{self.name}: use is one of {', '.join(USES)}, got {self.use!r}{nearest(self.use, USES)}")
+        if self.excitation is None:
+            object.__setattr__(self, "excitation", Excitation.of(self.record))
+        object.__setattr__(self, "nuisance", tuple(self.nuisance))
+        for nuisance in self.nuisance:
+            self._check_nuisance(nuisance)
+
+    def _check_nuisance(self, nuisance):
+        known = (*SOLVED, *SEARCHED)
+        if nuisance not in known:
+            raise CalibError(f"{self.name}: unknown nuisance {nuisance!r}{nearest(nuisance, known)}; known are {known}")
+        if nuisance == "trigger" and not self.excitation.periodic:
+            raise CalibError(
+                f"{self.name}: the trigger can be solved for only where the excitation has a period; "
+                "state its frequency, or drop this nuisance"
+            )
+        needed = {"offset": ("displacement",), "shear": ("displacement", "velocity")}.get(nuisance, ())
+        for channel in needed:
+            if channel not in self.record:
+                raise CalibError(f"{self.name}: the nuisance {nuisance!r} needs {channel}, which the record lacks")
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """One feature to compare, of some bodies in some records.
+
+    Attributes
+    ----------
+    feature : see `Feature`
+    bodies : None compares all of the reference
+    records : None compares all
+    weight : of the squared distance, against that of the other terms
+    label : what the term is called in scores; made from the others where it is empty
+    """
+
+    feature: Feature
+    bodies: Sequence[str] | None = None
+    records: Sequence[str] | None = None
+    weight: float = 1.0
+    label: str = ""
+
+    def __post_init__(self):
+        for name in ("bodies", "records"):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, (value,) if isinstance(value, str) else tuple(value))
+        if not (np.isfinite(self.weight) and self.weight > 0.0):
+            raise CalibError(f"{self.feature.name}: expected a weight above 0, got {self.weight}; or drop the term")
+        if not self.label:
+            of = f" of {', '.join(self.bodies)}" if self.bodies else ""
+            at = f" in {', '.join(self.records)}" if self.records else ""
+            object.__setattr__(self, "label", f"{self.feature.name}{of}{at}")
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """What the simulated records are worth.
+
+    Attributes
+    ----------
+    total : what a search minimises. With D the root of the weighted mean of the squared distances of the terms: D
+        itself up to 5, beyond that a value that rises with it towards 9; of a wrong kind of motion 10 to 21, falling as
+        the motion comes nearer to the right kind; infinite where a run failed
+    terms : distance of each term by label
+    status, reason : "ok", or of the first failed record
+    kind : kind of the simulated motion, one for all records or "record: kind; ..."
+    evidence : how it was found
+    residuals : (n,) float64 with sum of squares D^2; None where a run failed
+    nuisances : record -> name -> value in SI
+    wrong : records whose motion is of another kind than the reference's
+    """
+
+    total: float
+    terms: dict[str, float]
+    status: str = OK
+    reason: str = ""
+    kind: str = ""
+    evidence: str = ""
+    residuals: np.ndarray | None = None
+    nuisances: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    wrong: tuple[str, ...] = ()

@@ -1,0 +1,153 @@
+"""What a study found, as one JSON document."""
+
+import json
+import math
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from calib.errors import CalibError
+
+NAME = "result.json"
+OK, FAILED = "ok", "failed"
+
+
+def summarised(
+    study,
+    trials,
+    *,
+    best=None,
+    score=None,
+    confidence=None,
+    reach=(),
+    agreement: Mapping[str, Any] | None = None,
+    stopped: str = "",
+    holdout: Mapping[str, Mapping[str, Any]] | None = None,
+    simulations: int | None = None,
+    seconds: float = 0.0,
+) -> dict[str, Any]:
+    """Put together what is known of a study; what is not known yet stays empty.
+
+    Parameters
+    ----------
+    study : the `calib.study.Study`
+    trials : every `calib.store.Trial`, in the order of the ledger
+    best : the best trial, None where none ended ok
+    score : `calib.objective.Score` of the best point, for kind of motion and nuisances
+    confidence : `calib.confidence.Confidence` at the best point
+    reach : `calib.study.Reach` of each measured feature
+    agreement : of the starts of a search by several starts
+    stopped : why the search ended
+    holdout : record -> what `held_out` returns
+    simulations : runs of the simulator, everything counted
+    seconds : wall-clock time  [s]; the only thing that differs between two runs of one study
+
+    Returns
+    -------
+    dict in SI that `json.dumps(..., allow_nan=False)` takes; not finite numbers are None
+    """
+    names = () if best is None else tuple(best.values)
+    found = {
+        "name": study.name,
+        "status": FAILED if best is None else OK,
+        "stopped": stopped,
+        "values": {} if best is None else dict(best.values),
+        "units": {name: study.model.parameters[name.partition("@")[0]].unit for name in names},
+        "windows": {n: {"low": w.low, "high": w.high, "scale": w.scale} for n, w in study.space.windows.items()},
+        "intervals": {} if confidence is None else {n: list(ends) for n, ends in confidence.interval.items()},
+        "undetermined": [] if confidence is None else confidence.as_dict()["undetermined"],
+        "at_edge": [] if confidence is None else sorted(confidence.at_edge),
+        "unreachable": [_reach(r) for r in reach if not r.reached],
+        "score": {"total": None if best is None else best.total, "terms": {} if best is None else dict(best.terms)},
+        "motion": {
+            "kind": None if best is None else best.kind,
+            "evidence": None if score is None else score.evidence,
+            "wrong": [] if score is None else list(score.wrong),
+        },
+        "nuisances": {} if score is None else dict(score.nuisances),
+        "agreement": _agreement(agreement),
+        "holdout": dict(holdout or {}),
+        "confidence": None if confidence is None else confidence.as_dict(),
+        "best_trial": None if best is None else best.number,
+        "trials": len(trials),
+        "failed": sum(trial.status != "ok" for trial in trials),
+        "simulations": simulations,
+        "seconds": seconds,
+    }
+    return _plain(found)
+
+
+def held_out(score) -> dict[str, Any]:
+    """What a hold-out record says of the best point: from its `calib.objective.Score` on that record alone."""
+    if score.status != OK:
+        return failed(score.status, score.reason)
+    return {"distance": score.total, "terms": dict(score.terms), "kind": score.kind, "status": OK, "reason": ""}
+
+
+def failed(status: str, reason: str) -> dict[str, Any]:
+    """What a hold-out record says where it could not be simulated."""
+    return {"distance": None, "terms": {}, "kind": None, "status": status, "reason": reason}
+
+
+def write(found: Mapping[str, Any], folder: Path) -> Path:
+    """Write `result.json` so that it is either whole or absent; return its path."""
+    path = folder / NAME
+    text = json.dumps(found, indent=2, allow_nan=False) + "\n"
+    handle, temporary = tempfile.mkstemp(prefix=f".{NAME}.", dir=folder)
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise
+    return path
+
+
+def read(folder: Path) -> dict[str, Any] | None:
+    """Return what `result.json` in `folder` says, None where there is none."""
+    path = folder / NAME
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None
+    except ValueError as error:
+        raise CalibError(f"{path}: not JSON ({error}); delete it and run the study again") from error
+
+
+def _agreement(summary: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    """Return the optimiser's summary; "starts" and "agree" say how many starts ended at the best point."""
+    if summary is None:
+        return None
+    return {"agree": summary["agree_in_point"], **summary} if "agree_in_point" in summary else dict(summary)
+
+
+def _reach(reach) -> dict[str, Any]:
+    return {
+        "feature": reach.label,
+        "record": reach.record,
+        "body": reach.body,
+        "unit": reach.unit,
+        "measured": reach.measured,
+        "nearest": reach.nearest,
+        "off": reach.off,
+        "percent": reach.percent,
+    }
+
+
+def _plain(value: Any) -> Any:
+    """Return `value` in dicts, lists, texts and finite numbers."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [_plain(inner) for inner in value]
+    if hasattr(value, "tolist"):  # numpy arrays and scalars
+        return _plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value

@@ -1,0 +1,246 @@
+"""The simulator `four_dof`."""
+
+from collections.abc import Mapping, Sequence
+from typing import Literal
+
+import numpy as np
+import xarray as xr
+from scipy.interpolate import CubicSpline
+from scipy.linalg import LinAlgError
+
+from calib.errors import CalibError, nearest
+from calib.excitation import Excitation
+from calib.laws import BoundLaw, at_site
+from calib.parameter import Parameter
+from calib.record import OK, failed, make
+from calib.simulators.four_dof.drives import BODIES, DRIVES, structure
+from calib.simulators.four_dof.lumped import lumped
+from calib.simulators.impact.modes import modal, regimes
+from calib.simulators.impact.problem import Problem
+from calib.simulators.impact.run import Drive, Motion, assemble, simulate, start
+
+PARAMETERS = (
+    Parameter("restitution", "1", 0.05, "Newton's coefficient of restitution between beam and layer", low=0.0, high=1.0),
+    Parameter("gap", "m", 1.0e-3, "clearance between beam and layer at rest"),
+    Parameter("amplitude", "1", 1.0, "scale on the excitation's amplitude", null=1.0),
+    Parameter("damping", "1", 0.004, "damping ratio of every mode, out of contact and in contact", low=0.0),
+    Parameter("layer_stiffness", "1", 1.0, "factor on the layer's bending stiffness", null=1.0, low=0.0),
+    Parameter("layer_mass", "1", 1.0, "factor on the layer's mass per length", null=1.0, low=0.0),
+    Parameter("length", "m", 1.053, "length of the beam", low=0.0),
+    Parameter("delamination", "m", 0.353, "length of the delamination", low=0.0),
+    Parameter("beam_thickness", "m", 5.0e-3, "thickness of the remaining beam", low=0.0),
+    Parameter("layer_thickness", "m", 1.1e-3, "thickness of the layer", low=0.0),
+    Parameter("width", "m", 0.040, "width of the beam", low=0.0),
+    Parameter("young_modulus", "Pa", 70.0e9, "Young's modulus of both", low=0.0),
+    Parameter("density", "kg/m^3", 2700.0, "density of both", low=0.0),
+    Parameter("stiffness_factor", "1", 1.001089, "common factor on both bending stiffnesses: f1 = 26.24 Hz", low=0.0),
+    Parameter("node_position", "1", 0.224, "suspension, from the beam's end, as a share of its length", low=0.0),
+    Parameter("drive_stiffness", "1", 10.0, "stiffness of the shaker's spring over K11 (drive 'spring')", low=0.0),
+    Parameter("reference_frequency", "Hz", 26.24, "where the linear amplitude of q1 is the excitation's ('spring')", low=0.0),
+)  # fmt: skip
+
+
+class FourDof:
+    """The paper's minimal model of a clapping beam with a delaminated layer (Fig. 3, eqs. (1), (2)).
+
+    Three states: free flight, impact (Newton, the beam infinitely heavy), permanent contact. The flow between events
+    is exact; events are located to 1e-11 over the highest angular frequency and none is passed over. Force laws, laws
+    of the excitation and recorded inputs go through collocation of order 8 (see `impact.collocation`).
+
+    Parameters
+    ----------
+    drive : "spring" (default), "rigid", "symmetric", "force" or "centre", see `drives.DRIVES`. With "spring" the
+        excitation's amplitude is that of q1 in the linear motion at `reference_frequency`; a law of the excitation
+        sees and changes the displacement behind the spring
+    mode : "exact", or "fixed_step": impacts are taken at the end of the step that shows penetration
+    steps_per_period : of the fixed step (default 250.37: where it divides the period, the error locks to the grid and
+        the band of the phase curve disappears), or of the collocation (default 128); it need not be whole
+    onto_surface : whether an impact at the end of a fixed step also puts the layer back on the surface
+
+    Notes
+    -----
+    The motion settles until its stroboscopic section repeats to 1e-10 after 1 to 16 periods, at most for 1000 periods;
+    `Request.settle` counts periods instead. `Request.initial_state` is (q1..q4, q1'..q4') in [m], [m/s].
+    """
+
+    name = "four_dof"
+    bodies = BODIES
+    parameters = PARAMETERS
+    sites = frozenset({"force", "gap", "restitution", "excitation", "sensor"})
+
+    def __init__(
+        self,
+        drive: Literal["spring", "rigid", "symmetric", "force", "centre"] = "spring",
+        mode: Literal["exact", "fixed_step"] = "exact",
+        steps_per_period: float | None = None,
+        onto_surface: bool = False,
+    ):
+        if drive not in DRIVES:
+            raise CalibError(f"unknown drive {drive!r}; four_dof has {', '.join(DRIVES)}{nearest(drive, DRIVES)}")
+        if mode not in ("exact", "fixed_step"):
+            raise CalibError(f"unknown mode {mode!r}; four_dof has exact, fixed_step")
+        if steps_per_period is None:
+            steps_per_period = 128.0 if mode == "exact" else 250.37
+        if not steps_per_period >= 2.0:
+            raise CalibError(f"steps_per_period must be at least 2, got {steps_per_period}")
+        self.drive = drive
+        self.mode = mode
+        self.steps_per_period = float(steps_per_period)
+        self.onto_surface = bool(onto_surface)
+
+    @property
+    def excitations(self) -> frozenset[tuple[str, str]]:
+        """Pairs of quantity and place that this drive takes."""
+        kind = DRIVES[self.drive]
+        return frozenset({(kind.quantity, kind.place), ("free decay", kind.place)})
+
+    def run(
+        self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw], request
+    ) -> xr.Dataset:
+        """Simulate; see `calib.model.Simulator` and `calib.model.Request`.
+
+        Raises
+        ------
+        CalibError : an excitation that this drive cannot take, an initial state of the wrong size
+        """
+        self._check(excitation, request)
+        attrs = self._attrs(excitation, values)
+        for name, value in values.items():
+            if not np.isfinite(value):
+                return failed(BODIES, "diverged", f"parameter {name} is {value}", **attrs)
+        times, duration = _times(excitation, request)
+        try:
+            problem = self.problem(values, excitation, laws, duration)
+        except (LinAlgError, ValueError, ZeroDivisionError) as error:
+            return failed(BODIES, "diverged", f"these values give no structure that moves: {error}", **attrs)
+        harmonic = duration is None
+        motion = simulate(
+            problem,
+            start(problem, *self._initial(request)),
+            times,
+            periods=request.periods if harmonic else 1,
+            settle=request.settle if harmonic else 0,
+            sections=64 if harmonic else 0,
+            budget=request.step_budget,
+        )
+        if motion.status != OK:
+            return failed(BODIES, motion.status, motion.reason, **attrs)
+        return self._record(times, problem, motion, attrs, harmonic)
+
+    def problem(
+        self,
+        values: Mapping[str, float],
+        excitation: Excitation,
+        laws: Sequence[BoundLaw] = (),
+        duration: float | None = None,
+    ) -> Problem:
+        """Put together what the kernel runs; `duration` [s] where the excitation is no harmonic."""
+        kind = DRIVES[self.drive]
+        gap = values["gap"] + sum(law.function(0.0, law.p) for law in at_site(laws, "gap"))
+        free = structure(kind, lumped(values), modal(values["damping"]), gap, values["restitution"])
+        scale = values["amplitude"]
+        if kind.spring:
+            unit = regimes(free, 1.0, 2.0 * np.pi * values["reference_frequency"])
+            scale /= np.hypot(unit.motion[0, 0, 0], unit.motion[0, 0, 1])
+        if duration is None:
+            drive = Drive(
+                period=excitation.period,
+                omega=2.0 * np.pi * excitation.frequency,
+                amplitude=scale * excitation.amplitude * np.exp(1j * excitation.phase),
+            )
+        elif excitation.recorded:
+            spline = CubicSpline(excitation.time - excitation.time[0], scale * excitation.value)
+            drive = Drive(period=duration, knots=spline.x, table=spline.c[::-1].T)
+        else:
+            drive = Drive(period=duration)
+        return assemble(
+            free,
+            drive,
+            laws,
+            coordinates=[BODIES[i] for i in kind.coordinates],
+            length=max(abs(gap), 1e-9),
+            step=drive.period / self.steps_per_period if duration is None else None,
+            fixed_step=self.mode == "fixed_step",
+            onto_surface=self.onto_surface,
+        )
+
+    def _check(self, excitation: Excitation, request) -> None:
+        if (excitation.quantity, excitation.place) not in self.excitations:
+            takes = " or ".join(f"{quantity} at {place!r}" for quantity, place in sorted(self.excitations))
+            raise CalibError(
+                f"four_dof with drive {self.drive!r} takes {takes}, got {excitation.quantity} at "
+                f"{excitation.place!r}; choose another drive: "
+                + "; ".join(f"{name!r} ({kind.quantity} at {kind.place!r})" for name, kind in DRIVES.items())
+            )
+        if excitation.quantity == "free decay" and request.times is None:
+            raise CalibError("a free decay has no period; say at which times [s] the record is wanted")
+        if not excitation.recorded and excitation.quantity != "free decay" and request.times is not None:
+            raise CalibError("output times are for excitations without a period; ask for periods and samples instead")
+        if self.mode == "fixed_step" and (excitation.recorded or excitation.quantity == "free decay"):
+            raise CalibError("mode 'fixed_step' has its step from the period of a harmonic excitation; take 'exact'")
+        if request.initial_state is not None and np.size(request.initial_state) != 2 * len(BODIES):
+            raise CalibError(
+                f"the initial state of four_dof is (q1..q4, q1'..q4'), 8 numbers; got {np.size(request.initial_state)}"
+            )
+
+    def _initial(self, request) -> tuple[np.ndarray, np.ndarray]:
+        free = list(DRIVES[self.drive].coordinates)
+        state = np.zeros(2 * len(BODIES)) if request.initial_state is None else request.initial_state
+        q, dq = np.asarray(state, dtype=float).reshape(2, len(BODIES))
+        return q[free], dq[free]
+
+    def _attrs(self, excitation: Excitation, values: Mapping[str, float]) -> dict:
+        prescribed = [BODIES[i] for i in DRIVES[self.drive].prescribed]
+        attrs = {
+            "source": f"four_dof, drive {self.drive}, {self.mode}",
+            "place": excitation.place,
+            "quantity": excitation.quantity,
+            "phase": excitation.phase,
+            "prescribed": ",".join(f"{body}.{channel}" for body in prescribed for channel in ("displacement", "velocity")),
+        }
+        if excitation.frequency is not None:
+            attrs["frequency"] = excitation.frequency
+        if excitation.amplitude is not None:
+            attrs["amplitude"] = excitation.amplitude * values["amplitude"]
+        return attrs
+
+    def _record(self, times, problem: Problem, motion: Motion, attrs: dict, harmonic: bool) -> xr.Dataset:
+        displacement, velocity = self._bodies(motion.samples, times, problem)
+        record = make(
+            times,
+            BODIES,
+            {"displacement": displacement, "velocity": velocity},
+            reason="",
+            settled_periods=motion.settled,
+            contact_fraction=motion.contact,
+            steps=motion.steps,
+            **attrs,
+        )
+        record["impact_time"] = ("impact", motion.impacts[:, 0], {"units": "s"})
+        record["impact_speed"] = ("impact", motion.impacts[:, 1], {"units": "m/s"})
+        if harmonic:
+            at_phase_zero = np.zeros(len(motion.sections))
+            displacement, velocity = self._bodies(motion.sections, at_phase_zero, problem)
+            record["section_displacement"] = (("body", "period"), displacement, {"units": "m"})
+            record["section_velocity"] = (("body", "period"), velocity, {"units": "m/s"})
+        return record
+
+    def _bodies(self, rows: np.ndarray, times: np.ndarray, problem: Problem) -> tuple[np.ndarray, np.ndarray]:
+        """Displacement and velocity (4, k) of all bodies: those free to move, and those that are the drive's."""
+        kind = DRIVES[self.drive]
+        free, n = list(kind.coordinates), len(kind.coordinates)
+        angle = problem.omega * times + problem.phase
+        displacement = np.tile(problem.amplitude * np.cos(angle) + rows[:, 2 * n], (len(BODIES), 1))
+        velocity = np.tile(-problem.omega * problem.amplitude * np.sin(angle) + rows[:, 2 * n + 1], (len(BODIES), 1))
+        displacement[free], velocity[free] = rows[:, :n].T, rows[:, n : 2 * n].T
+        return displacement, velocity
+
+
+def _times(excitation: Excitation, request) -> tuple[np.ndarray, float | None]:
+    """Output times since the start [s], and the duration of a run without a period."""
+    if excitation.recorded or excitation.quantity == "free decay":
+        times = excitation.time if request.times is None else np.asarray(request.times, dtype=float)
+        start = excitation.time[0] if excitation.recorded else 0.0
+        return times - start, float(times[-1] - start)
+    count = request.periods * request.samples
+    return np.arange(count) * (excitation.period / request.samples), None

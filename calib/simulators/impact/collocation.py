@@ -1,0 +1,283 @@
+"""Loads over a step as polynomials: tabulated input, laws of the excitation, force laws.
+
+The linear part of the motion stays exact. What depends on the motion is collocated at the five Gauss-Lobatto nodes of
+the step and iterated to its fixed point: order 8 at the ends of steps (a step that an impact ends is taken anew up to
+the impact), order 5 for velocities within them. A law that jumps reduces that to the order of its jump; the step is
+then halved down to a limit.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from calib.laws import SLOTS, STATES
+from calib.simulators.impact.coordinates import to_coordinates
+from calib.simulators.impact.flow import impulse_response, load_responses
+from calib.simulators.impact.problem import AT_PERIOD, PIECE
+from calib.simulators.impact.slots import excitation, force
+
+NODES = np.array([0.0, 0.5 - math.sqrt(3.0 / 28.0), 0.5, 0.5 + math.sqrt(3.0 / 28.0), 1.0])  # Lobatto, five
+FIT = np.ascontiguousarray(np.linalg.inv(np.vander(NODES, increasing=True)))  # values at the nodes -> coefficients in tau / step
+INTEGRAL = np.ascontiguousarray((NODES[:, None] ** np.arange(1, 6) / np.arange(1, 6)) @ FIT)  # integral up to each node, step 1
+SWEEPS = 15  # of the fixed point
+CLOSE = 1e-13  # relative change of the loads at which it has converged
+FAINT = 1e-15  # change of velocity over the step, as a share of the velocities, that is none
+
+
+class Scratch(NamedTuple):
+    """Arrays a step is worked out in; the last index counts coefficients in tau / step, or nodes."""
+
+    input: np.ndarray  # (5,) U
+    load: np.ndarray  # (n, 5) modal
+    base: np.ndarray  # (n, 5) modal load of what does not depend on the motion
+    added: np.ndarray  # (5,) to the witness
+    law: np.ndarray  # (n, 5) accelerations by the laws at the nodes
+    modal: np.ndarray  # (n, 5) at the nodes
+    free_y: np.ndarray  # (n, 5) unloaded motion at the nodes
+    free_v: np.ndarray
+    answer_y: np.ndarray  # (n, 5, 5) node, coefficient: modal motion per unit load
+    answer_v: np.ndarray
+    z: np.ndarray  # (SLOTS, n, STATES, 5) internal states at the nodes
+    dz: np.ndarray  # their rates
+    own: np.ndarray  # (2, STATES) internal states of one law on one body, and their rates
+    y: np.ndarray  # (n,) modal motion at an instant
+    v: np.ndarray
+    q: np.ndarray  # (n,) coordinates
+    dq: np.ndarray
+
+
+def scratch(n: int) -> Scratch:
+    """Allocate for n coordinates."""
+    return Scratch(
+        np.zeros(5), np.zeros((n, 5)), np.zeros((n, 5)), np.zeros(5), np.zeros((n, 5)), np.zeros((n, 5)),
+        np.zeros((n, 5)), np.zeros((n, 5)), np.zeros((n, 5, 5)), np.zeros((n, 5, 5)),
+        np.zeros((SLOTS, n, STATES, 5)), np.zeros((SLOTS, n, STATES, 5)),
+        np.zeros((2, STATES)), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def polynomial(coefficients, x):
+    """Value of c0 + c1 x + ... + c4 x^4."""
+    c = coefficients
+    return c[0] + x * (c[1] + x * (c[2] + x * (c[3] + x * c[4])))
+
+
+@njit(cache=True, error_model="numpy")
+def slope(coefficients, x):
+    """Derivative by x of `polynomial`."""
+    c = coefficients
+    return c[1] + x * (2.0 * c[2] + x * (3.0 * c[3] + x * 4.0 * c[4]))
+
+
+@njit(cache=True, error_model="numpy")
+def _set_input(problem, state, time, step, w):
+    """Write the input U over the step (5,): the table's piece, and what the laws of the excitation add at the nodes."""
+    out = w.input
+    for k in range(5):
+        out[k] = 0.0
+    if problem.knots.size > 1:
+        piece = state.count[PIECE]
+        s = time - problem.knots[piece]
+        row = problem.table[piece]
+        c0, c1, c2, c3 = row[0], row[1], row[2], row[3]
+        out[0] = c0 + s * (c1 + s * (c2 + s * c3))
+        out[1] = (c1 + s * (2.0 * c2 + s * 3.0 * c3)) * step
+        out[2] = (c2 + 3.0 * s * c3) * step * step
+        out[3] = c3 * step * step * step
+    if problem.counts[1] > 0:
+        start = state.count[AT_PERIOD] * problem.period + time
+        for j in range(5):
+            local = time + NODES[j] * step
+            x = problem.amplitude * math.cos(problem.omega * local + problem.phase) + polynomial(out, NODES[j])
+            t = start + NODES[j] * step
+            change = 0.0
+            for i in range(problem.counts[1]):
+                change += excitation(
+                    problem.excitation[i], t, problem.omega * t + problem.phase, problem.amplitude, x,
+                    problem.excitation_p[i],
+                )  # fmt: skip
+            w.base[0, j] = change
+        for k in range(5):
+            for j in range(5):
+                out[k] += FIT[k, j] * w.base[0, j]
+
+
+@njit(cache=True, error_model="numpy")
+def _set_base(regimes, r, step, w):
+    """Write the modal load of the input and of the constants."""
+    u, base = w.input, w.base
+    for i in range(w.y.size):
+        a, b, c = regimes.load_input[r, i, 0], regimes.load_input[r, i, 1], regimes.load_input[r, i, 2]
+        for k in range(5):
+            base[i, k] = a * u[k]
+            if k < 4:
+                base[i, k] += b * (k + 1) * u[k + 1] / step
+            if k < 3:
+                base[i, k] += c * (k + 2) * (k + 1) * u[k + 2] / (step * step)
+        base[i, 0] += regimes.load_constant[r, i]
+        for k in range(5):
+            w.load[i, k] = base[i, k]
+
+
+@njit(cache=True, error_model="numpy")
+def _set_answers(regimes, r, y, v, step, w):
+    """Write the unloaded motion at the nodes, and the motion there per unit of each coefficient of the load."""
+    for i in range(w.y.size):
+        stiffness, rate = regimes.stiffness[r, i], regimes.rate[r, i]
+        for j in range(5):
+            tau = NODES[j] * step
+            s, c = impulse_response(stiffness, rate, tau)
+            w.free_y[i, j] = (c + 2.0 * rate * s) * y[i] + s * v[i]
+            w.free_v[i, j] = c * v[i] - stiffness * s * y[i]
+            q4, q3, q2, q1, q0, impulse = load_responses(stiffness, rate, tau)
+            x = NODES[j]
+            scale = tau * tau
+            w.answer_y[i, j, 0] = scale * q0
+            w.answer_y[i, j, 1] = scale * x * q1
+            w.answer_y[i, j, 2] = scale * x**2 * 2.0 * q2
+            w.answer_y[i, j, 3] = scale * x**3 * 6.0 * q3
+            w.answer_y[i, j, 4] = scale * x**4 * 24.0 * q4
+            w.answer_v[i, j, 0] = tau * impulse
+            w.answer_v[i, j, 1] = tau * x * q0
+            w.answer_v[i, j, 2] = tau * x**2 * 2.0 * q1
+            w.answer_v[i, j, 3] = tau * x**3 * 6.0 * q2
+            w.answer_v[i, j, 4] = tau * x**4 * 24.0 * q3
+
+
+@njit(cache=True, error_model="numpy")
+def _laws_at(problem, r, time, start, step, j, w):
+    """Write the accelerations by the laws and the rates of their internal states at node `j`."""
+    for i in range(w.y.size):
+        w.y[i], w.v[i] = w.free_y[i, j], w.free_v[i, j]
+        for k in range(5):
+            w.y[i] += w.answer_y[i, j, k] * w.load[i, k]
+            w.v[i] += w.answer_v[i, j, k] * w.load[i, k]
+    x = NODES[j]
+    to_coordinates(
+        problem.regimes, r, w.y, w.v, problem.omega, time + x * step,
+        polynomial(w.input, x), slope(w.input, x) / step, w.q, w.dq,
+    )  # fmt: skip
+    t = start + x * step
+    z, dz = w.own[0], w.own[1]
+    for b in range(w.q.size):
+        w.law[b, j] = 0.0
+        for i in range(problem.counts[0]):
+            if problem.acts[i, b]:
+                for k in range(STATES):
+                    z[k] = w.z[i, b, k, j]
+                    dz[k] = 0.0
+                w.law[b, j] += force(problem.force[i], t, w.q[b], w.dq[b], problem.force_p[i], z, dz)
+                for k in range(STATES):
+                    w.dz[i, b, k, j] = dz[k]
+
+
+@njit(cache=True, error_model="numpy")
+def _integrate_states(z, step, w):
+    """Write the internal states at the nodes from their rates there."""
+    for i in range(z.shape[0]):
+        for b in range(z.shape[1]):
+            for k in range(z.shape[2]):
+                for j in range(5):
+                    total = 0.0
+                    for node in range(5):
+                        total += INTEGRAL[j, node] * w.dz[i, b, k, node]
+                    w.z[i, b, k, j] = z[i, b, k] + step * total
+
+
+@njit(cache=True, error_model="numpy")
+def _refit(regimes, r, w):
+    """Write the load's coefficients from the laws at the nodes; return its largest change and its size."""
+    change, size = 0.0, 0.0
+    for i in range(w.y.size):
+        for j in range(5):
+            f = 0.0
+            for b in range(w.q.size):
+                f += regimes.project[r, i, b] * w.law[b, j]
+            change = max(change, abs(f - w.modal[i, j]))
+            size = max(size, abs(f))
+            w.modal[i, j] = f
+        for k in range(5):
+            f = w.base[i, k]
+            for j in range(5):
+                f += FIT[k, j] * w.modal[i, j]
+            w.load[i, k] = f
+    return change, size
+
+
+@njit(cache=True, error_model="numpy")
+def _set_added(problem, r, step, w):
+    """Write what the input and the laws add to the witness over the step (5,)."""
+    u, added, regimes = w.input, w.added, problem.regimes
+    a, b, c = regimes.witness_input[r, 0], regimes.witness_input[r, 1], regimes.witness_input[r, 2]
+    for k in range(5):
+        added[k] = a * u[k]
+        if k < 4:
+            added[k] += b * (k + 1) * u[k + 1] / step
+        if k < 3:
+            added[k] += c * (k + 2) * (k + 1) * u[k + 2] / (step * step)
+        if problem.counts[0] > 0:
+            for j in range(5):
+                for body in range(w.q.size):
+                    added[k] += FIT[k, j] * regimes.witness_law[r, body] * w.law[body, j]
+
+
+@njit(cache=True, error_model="numpy")
+def _modal_speed(regimes, r, y, v):
+    """Largest modal velocity that the motion may have, from its energy  [kg^1/2 m/s]."""
+    speed = 0.0
+    for i in range(y.size):
+        speed = max(speed, v[i] * v[i] + abs(regimes.stiffness[r, i]) * y[i] * y[i])
+    return math.sqrt(speed)
+
+
+@njit(cache=True, error_model="numpy")
+def _hold_states(z, w):
+    """Let the internal states keep their value at all nodes."""
+    for i in range(z.shape[0]):
+        for b in range(z.shape[1]):
+            for k in range(z.shape[2]):
+                for j in range(5):
+                    w.z[i, b, k, j] = z[i, b, k]
+                    w.dz[i, b, k, j] = 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _repeat_first(w):
+    """Let the laws and the rates of their states keep their value at the first node: the first guess."""
+    for b in range(w.law.shape[0]):
+        for j in range(5):
+            w.law[b, j] = w.law[b, 0]
+            w.modal[b, j] = 0.0
+            for i in range(w.dz.shape[0]):
+                for k in range(w.dz.shape[2]):
+                    w.dz[i, b, k, j] = w.dz[i, b, k, 0]
+
+
+@njit(cache=True, error_model="numpy")
+def collocate(problem, r, state, time, step, w):
+    """Work out all loads over a step from `time` [s] since the whole period; return whether they converged."""
+    _set_input(problem, state, time, step, w)
+    _set_base(problem.regimes, r, step, w)
+    converged = True
+    if problem.counts[0] > 0:
+        start = state.count[AT_PERIOD] * problem.period + time
+        _set_answers(problem.regimes, r, state.y, state.v, step, w)
+        _hold_states(state.z, w)
+        speed = _modal_speed(problem.regimes, r, state.y, state.v)
+        for sweep in range(SWEEPS):
+            for j in range(5):
+                if (j == 0) == (sweep == 0):  # the first node does not change
+                    _laws_at(problem, r, time, start, step, j, w)
+            if sweep == 0:
+                _repeat_first(w)
+            change, size = _refit(problem.regimes, r, w)
+            if problem.counts[3] > 0:
+                _integrate_states(state.z, step, w)
+            converged = sweep > 0 and (change <= CLOSE * size or change * step <= FAINT * speed)
+            if converged:
+                break
+    _set_added(problem, r, step, w)
+    return converged

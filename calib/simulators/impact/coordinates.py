@@ -1,0 +1,34 @@
+"""From modal motion to the coordinates of the structure, and back."""
+
+import math
+
+from numba import njit
+
+
+@njit(cache=True, error_model="numpy")
+def to_coordinates(regimes, r, y, v, omega, time, u, du, q, dq):
+    """Write q, dq (n,) [m], [m/s] of the modal motion y, v in regime `r` at `time` since the whole period, input u, du."""
+    c, s = math.cos(omega * time), math.sin(omega * time)
+    for j in range(q.size):
+        qc, qs = regimes.motion[r, j, 0], regimes.motion[r, j, 1]
+        q[j] = qc * c + qs * s + regimes.motion[r, j, 2] + regimes.motion_input[r, j] * u
+        dq[j] = omega * (qs * c - qc * s) + regimes.motion_input[r, j] * du
+        for i in range(y.size):
+            q[j] += regimes.shape[r, j, i] * y[i]
+            dq[j] += regimes.shape[r, j, i] * v[i]
+
+
+@njit(cache=True, error_model="numpy")
+def to_modes(regimes, r, q, dq, omega, time, u, du, y, v):
+    """Write the modal motion y, v (n,) of the coordinates q, dq (n,): the inverse of `to_coordinates`."""
+    c, s = math.cos(omega * time), math.sin(omega * time)
+    for i in range(y.size):
+        y[i] = 0.0
+        v[i] = 0.0
+    for j in range(q.size):
+        qc, qs = regimes.motion[r, j, 0], regimes.motion[r, j, 1]
+        modal = q[j] - (qc * c + qs * s + regimes.motion[r, j, 2] + regimes.motion_input[r, j] * u)
+        rate = dq[j] - (omega * (qs * c - qc * s) + regimes.motion_input[r, j] * du)
+        for i in range(y.size):
+            y[i] += regimes.project[r, i, j] * modal
+            v[i] += regimes.project[r, i, j] * rate

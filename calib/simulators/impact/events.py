@@ -1,0 +1,84 @@
+"""What happens at the end of a regime: impact, sticking, release."""
+
+from numba import njit
+
+from calib.simulators.impact.collocation import polynomial, slope
+from calib.simulators.impact.coordinates import to_coordinates, to_modes
+from calib.simulators.impact.problem import AT_PERIOD, CONTACT, FREE, HIT, IMPACTS, REGIME, RELEASED, TOUCH
+from calib.simulators.impact.slots import restitution
+from calib.simulators.impact.witness import witness
+
+
+@njit(cache=True, error_model="numpy")
+def coefficient(problem, speed):
+    """Coefficient of restitution at a closing speed [m/s], laws included, within [0, 1]."""
+    e = problem.restitution
+    for i in range(problem.counts[2]):
+        e += restitution(problem.restitution_laws[i], problem.restitution, speed, problem.restitution_p[i])
+    return min(1.0, max(0.0, e))
+
+
+@njit(cache=True, error_model="numpy")
+def sticks(problem, rate, acceleration, e):
+    """Whether a rebound with this rate [m/s] ends in contact: it rises less than `height`, and so all that follow.
+
+    What is left of the flights is the geometric sum 2 rate / (|acceleration| (1 - e)); where e is so near 1 that this
+    is no short time, the body goes on bouncing.
+    """
+    if not acceleration < 0.0:
+        return False
+    if problem.exact:
+        low = rate * rate <= -2.0 * acceleration * problem.height
+        return low and 2.0 * rate <= -acceleration * (1.0 - e) * problem.lift
+    return 2.0 * rate < -acceleration * problem.step  # a flight shorter than a step
+
+
+@njit(cache=True, error_model="numpy")
+def meet_stop(problem, state, time, tau, step, located, impacts, w):
+    """Take the impact, stick or release at `tau` into the step that began at `time`; the state is the one there.
+
+    An impact turns the rate of the clearance by -e: the body that is hit jumps, the others keep their velocities
+    (paper, eq. (2): the beam is infinitely heavy at an impact). `located` says that an event is due here, and that
+    the clearance is zero but for rounding. Impacts are noted in `impacts` as `kernel.advance` says.
+    """
+    r, now, omega = state.count[REGIME], time + tau, problem.omega
+    loaded = problem.collocated
+    value, rate, _, _ = witness(
+        problem.regimes, r, state.y, state.v, omega, now, loaded, w.load, w.added, step, tau, 0.0
+    )
+    free = r == FREE
+    if not (located or (value < 0.0 and (rate < 0.0 or not free))):
+        return
+    u, du = polynomial(w.input, tau / step), slope(w.input, tau / step) / step
+    to_coordinates(problem.regimes, r, state.y, state.v, omega, now, u, du, w.q, w.dq)
+    state.count[TOUCH] = HIT if free else RELEASED
+    e = 0.0
+    if free:
+        row, n = state.count[IMPACTS], w.q.size
+        if row < impacts.shape[0]:
+            impacts[row, 0] = state.count[AT_PERIOD] * problem.period + now
+            impacts[row, 1] = -rate
+            for j in range(n):
+                impacts[row, 2 + j] = w.q[j]
+                impacts[row, 2 + n + j] = w.dq[j]
+        state.count[IMPACTS] += 1
+        e = coefficient(problem, -rate)
+        place = value if located or problem.onto_surface else 0.0
+        for j in range(n):
+            w.dq[j] -= (1.0 + e) * rate * problem.hit[j]
+            w.q[j] -= place * problem.hit[j]
+        rate = -e * rate
+    r = state.count[REGIME] = FREE
+    to_modes(problem.regimes, r, w.q, w.dq, omega, now, u, du, state.y, state.v)
+    if not free:
+        return
+    value, _, acceleration, _ = witness(
+        problem.regimes, r, state.y, state.v, omega, now, loaded, w.load, w.added, step, tau, 0.0
+    )
+    if sticks(problem, rate, acceleration, e):
+        for j in range(w.q.size):
+            w.dq[j] -= rate * problem.hit[j]
+            w.q[j] -= value * problem.hit[j]
+        r = state.count[REGIME] = CONTACT
+        to_modes(problem.regimes, r, w.q, w.dq, omega, now, u, du, state.y, state.v)
+        state.count[TOUCH] = 0

@@ -1,0 +1,126 @@
+"""What the kernel is told: the structure in each of its two regimes, the drive, the stop, the laws."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Regimes(NamedTuple):
+    """A linear structure in its two states, free (row 0) and in contact (row 1), in modal coordinates.
+
+    In each the coordinates move as q(t) = shape y(t) + motion [cos wt, sin wt, 1] + motion_input U(t), where the modal
+    part obeys y'' + 2 rate y' + stiffness y = f(t) with only those loads that `motion` does not carry. The witness
+
+        W = witness_y . y + witness_v . y' + witness [cos wt, sin wt, 1] + witness_input . (U, U', U'') + witness_law . a
+
+    is positive while the state lasts: the clearance out of contact [m], the pressing acceleration in contact [m/s^2].
+    The contact has a mode less; its place is taken by one without shape.
+
+    Attributes
+    ----------
+    stiffness : (2, n) eigenvalues, any sign  [1/s^2]
+    rate : (2, n) decay rates  [1/s]
+    shape : (2, n, n) mass-normalised modes, in columns  [kg^-1/2]
+    project : (2, n, n) shape^T M  [kg^1/2]
+    motion : (2, n, 3) harmonic and constant part of the coordinates  [m]
+    motion_input : (2, n) of the tabulated or law-made input U  [m per unit of U]
+    load_input : (2, n, 3) modal load of U, U', U''
+    load_constant : (2, n) modal load at rest that no static deflection carries (modes without stiffness)
+    witness_y, witness_v : (2, n)
+    witness : (2, 3)
+    witness_input : (2, 3)
+    witness_law : (2, n) of the laws' accelerations of the coordinates
+    """
+
+    stiffness: np.ndarray
+    rate: np.ndarray
+    shape: np.ndarray
+    project: np.ndarray
+    motion: np.ndarray
+    motion_input: np.ndarray
+    load_input: np.ndarray
+    load_constant: np.ndarray
+    witness_y: np.ndarray
+    witness_v: np.ndarray
+    witness: np.ndarray
+    witness_input: np.ndarray
+    witness_law: np.ndarray
+
+
+class Problem(NamedTuple):
+    """Everything that a run holds fixed.
+
+    Attributes
+    ----------
+    regimes : the structure, free and in contact
+    stop : whether there is a stop
+    hit : (n,) change of the velocities per unit change of the clearance's rate at an impact
+    restitution : Newton's coefficient before any law  [1]
+    height : an impact that rebounds less than this sticks  [m]
+    period, omega : of the drive  [s], [rad/s]; without a period, the duration of the run and 0
+    amplitude, phase : of the drive, for the laws of the excitation
+    exact : whether events are located; else an impact is taken at the end of the step that shows it
+    onto_surface : whether an impact that was not located also puts the body back on the surface
+    step : longest step  [s]; infinite where closed forms reach as far as they like
+    collocated : whether loads enter by polynomials over the step
+    resolution : to which event times are located  [s]
+    lift : flight after a release before the clearance is asked for again  [s]
+    limit : |q| beyond which the motion counts as diverged  [m]
+    knots : (k + 1,) ends of the table's pieces  [s]; (0,) without a table
+    table : (k, 4) coefficients of U = c0 + c1 s + c2 s^2 + c3 s^3, s the time since the piece's start  [s]
+    force, excitation, restitution_laws : laws of each site (see `slots`)
+    force_p, excitation_p, restitution_p : (SLOTS, PARAMETERS)
+    counts : (4,) laws at the sites force, excitation, restitution; internal states of all force laws
+    acts : (SLOTS, n) whether a force law acts on a coordinate
+    """
+
+    regimes: Regimes
+    stop: bool
+    hit: np.ndarray
+    restitution: float
+    height: float
+    period: float
+    omega: float
+    amplitude: float
+    phase: float
+    exact: bool
+    onto_surface: bool
+    step: float
+    collocated: bool
+    resolution: float
+    lift: float
+    limit: float
+    knots: np.ndarray
+    table: np.ndarray
+    force: np.ndarray
+    excitation: np.ndarray
+    restitution_laws: np.ndarray
+    force_p: np.ndarray
+    excitation_p: np.ndarray
+    restitution_p: np.ndarray
+    counts: np.ndarray
+    acts: np.ndarray
+
+
+class State(NamedTuple):
+    """Where a run stands; the kernel writes it.
+
+    Attributes
+    ----------
+    y, v : (n,) modal part of the motion in the present regime
+    z : (SLOTS, n, STATES) internal states of the force laws
+    clock : (2,) time since the last whole period [s]; time spent in contact [s]
+    count : (7,) whole periods done; regime (0 free, 1 contact); steps taken; piece of the table;
+        whether the stop is being touched (1 just hit, 2 just released); impacts seen; sections taken
+    """
+
+    y: np.ndarray
+    v: np.ndarray
+    z: np.ndarray
+    clock: np.ndarray
+    count: np.ndarray
+
+
+FREE, CONTACT = 0, 1
+AT_PERIOD, REGIME, STEPS, PIECE, TOUCH, IMPACTS, SECTIONS = range(7)  # entries of State.count
+HIT, RELEASED = 1, 2

@@ -1,0 +1,240 @@
+"""From a structure, its drive and laws to a problem for the kernel; from a problem to a motion."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from calib.laws import BoundLaw, at_site
+from calib.simulators.impact import kernel
+from calib.simulators.impact.collocation import scratch
+from calib.simulators.impact.flow import REACH
+from calib.simulators.impact.modes import Structure, regimes
+from calib.simulators.impact.problem import (
+    AT_PERIOD, CONTACT, HIT, IMPACTS, REGIME, RELEASED, SECTIONS, STEPS, TOUCH, Problem, State,
+)  # fmt: skip
+from calib.simulators.impact.slots import fill
+
+GRID = 128  # steps per period where loads are collocated
+SECTIONS_KEPT = 64  # periods whose stroboscopic section a motion gives, at least
+SETTLED = 1e-10  # relative change of the section
+CAP = 1000  # periods after which a motion that has not settled is taken as it is
+STUCK = 1e-12  # share of the gap below which a rebound sticks
+DIVERGED = 1e6  # times its scale
+STATUS = {kernel.DIVERGED: "diverged", kernel.SPENT: "step budget"}
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """What moves the structure: U(t) = Re(amplitude exp(i omega t)) + the table + the laws of the excitation.
+
+    Attributes
+    ----------
+    period : of the drive, or the duration of a run without a period  [s]
+    omega : [rad/s]; 0 without a harmonic
+    amplitude : complex, U = |amplitude| cos(omega t + phase)
+    knots, table : (k + 1,) [s] and (k, 4): U = c0 + c1 s + c2 s^2 + c3 s^3, s [s] since the piece's first knot
+    """
+
+    period: float
+    omega: float = 0.0
+    amplitude: complex = 0.0
+    knots: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    table: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
+
+
+class Motion(NamedTuple):
+    """What a run gives.
+
+    Attributes
+    ----------
+    status, reason : "ok", "diverged" or "step budget"
+    settled : periods dropped before the recorded ones
+    samples : (k, 2 n + 2) q [m], q' [m/s], U, U' at the asked times; U without its harmonic part
+    sections : (SECTIONS_KEPT or more, 2 n + 2) the same at the end of each of the last periods
+    impacts : (impacts, 2 + 2 n) of the recorded periods: time since their start [s], closing speed [m/s], (q, q') before
+    contact : share of the recorded time in permanent contact  [1]
+    steps : spent
+    state : where the run stands
+    """
+
+    status: str
+    reason: str
+    settled: int
+    samples: np.ndarray
+    sections: np.ndarray
+    impacts: np.ndarray
+    contact: float
+    steps: int
+    state: State
+
+
+def assemble(
+    structure: Structure,
+    drive: Drive,
+    laws: Sequence[BoundLaw] = (),
+    coordinates: Sequence[str] = (),
+    length: float = 1e-3,
+    step: float | None = None,
+    fixed_step: bool = False,
+    onto_surface: bool = False,
+) -> Problem:
+    """Put together what the kernel is told.
+
+    Parameters
+    ----------
+    coordinates : names of the coordinates, for the bodies of the force laws
+    length : scale of the motion  [m]
+    step : length of the steps [s]; None for a 128th of the period, or less where the structure asks for it. It matters
+        where loads are collocated or events are not located
+    fixed_step : whether impacts are taken at the ends of steps
+    """
+    force, force_p, forces = fill(laws, "force")
+    excitation, excitation_p, excitations = fill(laws, "excitation")
+    restitution, restitution_p, restitutions = fill(laws, "restitution")
+    acts = np.zeros((len(force), len(structure.mass)), dtype=bool)
+    for row, law in zip(acts, at_site(laws, "force"), strict=False):
+        row[:] = [law.bodies is None or name in law.bodies for name in coordinates]
+
+    both = regimes(structure, drive.amplitude, drive.omega)
+    collocated = bool(forces or excitations or drive.knots.size or both.load_constant.any())
+    fastest = max(drive.omega, np.sqrt(np.abs(both.stiffness).max()), 2.0 * np.abs(both.rate).max(), 1.0 / drive.period)
+    if step is None:
+        step = drive.period / GRID if drive.omega else np.inf
+    if collocated:
+        step = min(step, REACH / fastest)
+    elif not fixed_step:
+        step = np.inf
+    stop = structure.stop
+    return Problem(
+        regimes=both,
+        stop=stop is not None,
+        hit=np.array(stop.hit, dtype=float) if stop else np.zeros(len(structure.mass)),
+        restitution=float(stop.restitution) if stop else 0.0,
+        height=STUCK * length,
+        period=float(drive.period),
+        omega=float(drive.omega),
+        amplitude=float(abs(drive.amplitude)),
+        phase=float(np.angle(drive.amplitude)),
+        exact=not fixed_step,
+        onto_surface=onto_surface,
+        step=float(step),
+        collocated=collocated,
+        resolution=float(1e-11 / fastest),
+        lift=float(2.5e-4 / fastest),
+        limit=float(DIVERGED * length * max(1.0, fastest)),
+        knots=np.ascontiguousarray(drive.knots, dtype=float),
+        table=np.ascontiguousarray(drive.table, dtype=float),
+        force=force,
+        excitation=excitation,
+        restitution_laws=restitution,
+        force_p=force_p,
+        excitation_p=excitation_p,
+        restitution_p=restitution_p,
+        counts=np.array([forces, excitations, restitutions, sum(law.states for law in at_site(laws, "force"))]),
+        acts=acts,
+    )
+
+
+def start(problem: Problem, q: np.ndarray, dq: np.ndarray) -> State:
+    """Return the state at phase zero with coordinates q [m] and velocities dq [m/s] (n,).
+
+    Where the stop would be penetrated, or is touched and not being left, the run starts in contact.
+    """
+    both, omega = problem.regimes, problem.omega
+    u, du = problem.table[0, :2] if len(problem.table) else (0.0, 0.0)
+
+    def modal(r, q, dq):
+        y = both.project[r] @ (q - both.motion[r] @ [1.0, 0.0, 1.0] - both.motion_input[r] * u)
+        return y, both.project[r] @ (dq - both.motion[r] @ [0.0, omega, 0.0] - both.motion_input[r] * du)
+
+    y, v = modal(0, q, dq)
+    touch = regime = 0
+    if problem.stop:
+        acceleration = -2.0 * both.rate[0] * v - both.stiffness[0] * y
+        clearance = both.witness_y[0] @ y + both.witness[0] @ [1.0, 0.0, 1.0] + both.witness_input[0, 0] * u
+        rate = both.witness_y[0] @ v + both.witness[0] @ [0.0, omega, 0.0] + both.witness_input[0, 0] * du
+        opening = both.witness_y[0] @ acceleration - both.witness[0, 0] * omega**2
+        if clearance <= 0.0:
+            q = q - clearance * problem.hit
+            regime = CONTACT if rate < 0.0 or (rate == 0.0 and opening < 0.0) else 0
+            touch = 0 if regime == CONTACT else (HIT if rate > 0.0 else RELEASED)
+            y, v = modal(regime, q, dq - rate * problem.hit if regime == CONTACT else dq)
+    state = State(y, v, np.zeros((*problem.acts.shape, 4)), np.zeros(2), np.zeros(7, dtype=np.int64))
+    state.count[REGIME], state.count[TOUCH] = regime, touch
+    return state
+
+
+def simulate(
+    problem: Problem,
+    state: State,
+    times: np.ndarray,
+    periods: int = 1,
+    settle: int | None = None,
+    sections: int = SECTIONS_KEPT,
+    budget: int = 50_000_000,
+    capacity: int = 4096,
+) -> Motion:
+    """Settle, then record `periods` periods.
+
+    Parameters
+    ----------
+    state : from `start`; written
+    times : (k,) when to sample, since the recorded periods' start  [s]
+    settle : periods to drop; None: until the section changes by less than 1e-10 (of its largest displacement, velocity)
+        against one of the 16 sections before, at most 1000 periods, and on until with the recorded periods there are
+        `sections` of them
+    sections : that the motion gives at least; where `settle` is given, the run goes on after the recorded periods for
+        those that are missing
+    capacity : impacts that are kept
+    """
+    n = len(state.y)
+    none = np.zeros((0, 2 * n + 2))
+    no_impacts, no_times = np.zeros((0, 2 + 2 * n)), np.zeros(0)
+    samples = np.zeros((len(times), 2 * n + 2))
+    dropped, w = [none], scratch(n)
+
+    def advance(periods, tolerance=0.0, times=no_times, samples=none, impacts=no_impacts):
+        rows = np.zeros((periods, 2 * n + 2))
+        before = int(state.count[SECTIONS])
+        code = kernel.advance(problem, state, w, periods, tolerance, budget, rows, times, samples, impacts)
+        return code, rows[: int(state.count[SECTIONS]) - before]
+
+    code = kernel.DONE
+    if settle is None:
+        code, rows = advance(CAP, SETTLED)
+        dropped.append(rows)
+        more = max(0, sections - periods)
+        if code == kernel.SETTLED and more:
+            code, rows = advance(more)
+            dropped.append(rows)
+    elif settle > 0:
+        code, rows = advance(settle)
+        dropped.append(rows)
+    dropped = np.concatenate(dropped)
+    recorded, impacts, contact, origin = none, no_impacts, 0.0, 0.0
+    if code in (kernel.DONE, kernel.SETTLED):
+        impacts = np.zeros((capacity, 2 + 2 * n))
+        origin = int(state.count[SECTIONS]) * problem.period
+        before, state.count[IMPACTS] = state.clock[1], 0
+        times = np.ascontiguousarray(times, dtype=float)
+        code, recorded = advance(periods, times=times, samples=samples, impacts=impacts)
+        contact = (state.clock[1] - before) / (periods * problem.period)
+        impacts = impacts[: min(capacity, int(state.count[IMPACTS]))]
+        impacts[:, 0] -= origin
+    missing = sections - len(dropped) - len(recorded)
+    after = none
+    if code == kernel.DONE and missing > 0:
+        code, after = advance(missing)
+    status = STATUS.get(code, "ok")
+    reasons = {
+        "diverged": f"the motion grew beyond bounds in period {int(state.count[AT_PERIOD])}",
+        "step budget": f"{budget} steps were spent by period {int(state.count[AT_PERIOD])}",
+    }
+    return Motion(
+        status, reasons.get(status, ""), len(dropped), samples,
+        np.concatenate([dropped, recorded, after])[-max(sections, periods, 1) :],
+        impacts, contact, int(state.count[STEPS]), state,
+    )  # fmt: skip
+

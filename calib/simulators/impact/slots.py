@@ -1,0 +1,55 @@
+"""Laws in a kernel's slots, called by their machine address.
+
+Handing first-class functions to a kernel costs 50 us each and run, more than some runs take; an address costs nothing,
+and the kernel is still compiled once for any combination of laws. Where numba's compiler is switched off, the functions
+themselves are called.
+"""
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+from llvmlite import ir
+from numba import config, types
+from numba.experimental.function_type import _get_wrapper_address
+from numba.extending import intrinsic
+
+from calib.laws import SIGNATURES, BoundLaw, slots
+
+
+@lru_cache(maxsize=None)
+def _address(function, site: str) -> int:
+    return _get_wrapper_address(function, SIGNATURES[site])
+
+
+def fill(laws: Sequence[BoundLaw], site: str) -> tuple[np.ndarray, np.ndarray, int]:
+    """Return the laws of `site` for a kernel: addresses (SLOTS,), parameters (SLOTS, PARAMETERS) and their count."""
+    functions, parameters, count = slots(laws, site)
+    if config.DISABLE_JIT:
+        return np.array(functions, dtype=object), parameters, count
+    return np.array([_address(function, site) for function in functions]), parameters, count
+
+
+def _caller(site: str):
+    """Make the kernel function (address, *arguments of the law) -> value of the law at that address."""
+    law = SIGNATURES[site]
+    if config.DISABLE_JIT:
+        return lambda function, *arguments: function(*arguments)
+
+    def call(context, builder, signature, values):
+        kinds = [context.get_value_type(kind) for kind in (law.return_type, *law.args)]
+        pointer = builder.inttoptr(values[0], ir.FunctionType(kinds[0], kinds[1:]).as_pointer())
+        return builder.call(pointer, values[1:])
+
+    signature = law.return_type(types.int64, *law.args)
+    # an intrinsic's arguments are read off its source, so each arity is spelt out
+    if site == "force":
+        return intrinsic(lambda typing, address, t, x, v, p, z, dz: (signature, call))
+    if site == "excitation":
+        return intrinsic(lambda typing, address, t, phase, amplitude, x, p: (signature, call))
+    return intrinsic(lambda typing, address, e, speed, p: (signature, call))
+
+
+force = _caller("force")
+excitation = _caller("excitation")
+restitution = _caller("restitution")

@@ -1,0 +1,299 @@
+"""The simulator `oscillator`: m x'' + c x' + k x = excitation + load + laws, with a stop at x = gap."""
+
+import cmath
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import xarray as xr
+from scipy.interpolate import CubicSpline
+
+from calib import record as records
+from calib.errors import CalibError, nearest
+from calib.excitation import Excitation
+from calib.laws import BoundLaw, at_site
+from calib.parameter import Parameter
+from calib.simulators.impact.modes import Stop, Structure, viscous
+from calib.simulators.impact.run import SECTIONS_KEPT, Drive, Motion, assemble, simulate, start
+from calib.simulators.oscillator.prescribed import law_accelerations, prescribed_motion
+
+BODY = "mass"
+PLACES = {
+    "force": "mass",
+    "base motion": "base",
+    "servo reference": "mass",
+    "displacement": "mass",
+    "free decay": "mass",
+}
+HOLDS = ("cubic", "linear", "zero order")
+STEPS = 256  # least steps of a run without a period: where laws act, the loads are polynomials over each
+PARAMETERS = (
+    Parameter("mass", "kg", 1.0, "moving mass", low=0.0),
+    Parameter("damping", "N s/m", 1.0, "viscous damping", null=0.0, low=0.0),
+    Parameter("stiffness", "N/m", 1000.0, "stiffness of the spring; 0 for a free mass", null=0.0),
+    Parameter("load", "N", 0.0, "constant force", null=0.0),
+    Parameter("initial_displacement", "m", 0.0, "displacement at the start of the run", null=0.0),
+    Parameter("initial_velocity", "m/s", 0.0, "velocity at the start of the run", null=0.0),
+    Parameter("amplitude", "1", 1.0, "factor on the excitation", null=1.0),
+    Parameter("position_gain", "1/s", 0.0, "kp of the servo", null=0.0),
+    Parameter("velocity_gain", "V s/m", 0.0, "kv of the servo", null=0.0),
+    Parameter("drive_constant", "N/V", 0.0, "G of the servo's drive", null=0.0),
+)
+STOP_PARAMETERS = (
+    Parameter("gap", "m", 1e-3, "displacement at which the mass meets the stop"),
+    Parameter("restitution", "1", 0.5, "Newton's coefficient at the stop", low=0.0, high=1.0),
+)
+
+
+class Oscillator:
+    """One mass: m x'' + c x' + k x = excitation + load + laws and, with `stop`, x <= gap.
+
+    What moves it, by the quantity of the excitation:
+
+    =================  =====  ==========================================================================================
+    force              mass   F = U
+    base motion        base   F = k U + c U': spring and damper end at a base that moves by U; x is absolute, and the
+                              stop stands still
+    servo reference    mass   F = G kv (kp (U - x) - x'): a position controller with a velocity loop and a drive of G
+                              newtons per volt, as in the EMPS benchmark (Janot, Gautier, Brunot 2019)
+    free decay         mass   F = 0; the motion starts from the initial state
+    displacement       mass   x = U is prescribed, and the record holds the force that the model needs for it:
+                              m x'' + c x' + k x - load - laws (inverse dynamics; servo and stop have no say)
+    =================  =====  ==========================================================================================
+
+    U is `amplitude` times the excitation, harmonic or recorded, plus the laws of the excitation. Between the samples of
+    a recorded one, `hold` says what it does: "cubic" (a twice differentiable spline: the best for samples of a
+    band-limited signal), "linear", or "zero order" (constant until the next sample: a converter's output as it leaves
+    it). A run with a recorded input starts from the initial state at the first sample of the input, which may lie
+    before time 0. A recorded displacement passes the zero-phase low-pass of its cutoff before it is differentiated.
+
+    The linear part is solved exactly, impacts are located exactly; see `calib.simulators.impact`.
+    """
+
+    name = "oscillator"
+    bodies = (BODY,)
+    excitations = frozenset(PLACES.items())
+
+    def __init__(self, hold: str = "cubic", stop: bool = False):
+        if hold not in HOLDS:
+            raise CalibError(f"hold is one of {list(HOLDS)}, got {hold!r}{nearest(hold, HOLDS)}")
+        self.hold = hold
+        self.stop = stop
+        self.parameters = PARAMETERS + (STOP_PARAMETERS if stop else ())
+        self.sites = frozenset({"force", "excitation"} | ({"gap", "restitution"} if stop else set()))
+
+    def run(self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw], request) -> xr.Dataset:
+        """Simulate at `values` (SI); see the class for what a record holds.
+
+        Raises
+        ------
+        CalibError : an excitation that it cannot take, or output times that the recorded input does not cover
+        """
+        _check(excitation, self.hold)
+        times = _times(excitation, request)
+        attrs = _attrs(values, excitation)
+        for name, value in values.items():
+            if not math.isfinite(value):
+                return records.failed(self.bodies, "impossible value", f"{name} is {value}", **attrs)
+        if values["mass"] <= 0.0:
+            return records.failed(self.bodies, "impossible value", f"a mass of {values['mass']:g} kg", **attrs)
+        if excitation.quantity == "displacement":
+            return _needed_force(values, excitation, laws, request, times, attrs)
+        return self._motion(values, excitation, laws, request, times, attrs)
+
+    def _motion(
+        self,
+        values: Mapping[str, float],
+        excitation: Excitation,
+        laws: Sequence[BoundLaw],
+        request,
+        times: np.ndarray,
+        attrs: dict,
+    ) -> xr.Dataset:
+        harmonic = not excitation.recorded and excitation.quantity != "free decay"
+        structure = _structure(values, excitation.quantity, laws)
+        drive = _drive(excitation, values["amplitude"], self.hold, times)
+        begins = excitation.time[0] if excitation.recorded else 0.0
+        duration = drive.period - begins
+        problem = assemble(
+            structure,
+            drive,
+            laws,
+            self.bodies,
+            length=_length(values, structure, excitation, duration),
+            step=None if harmonic else duration / STEPS,
+        )
+        state = start(problem, np.array([values["initial_displacement"]]), np.array([values["initial_velocity"]]))
+        state.clock[0] = begins
+        if harmonic:
+            motion = simulate(problem, state, times, request.periods, settle=request.settle, budget=request.step_budget)
+        else:
+            motion = simulate(problem, state, times, settle=0, sections=0, budget=request.step_budget)
+        return _record(times, motion, harmonic, attrs)
+
+
+def _check(excitation: Excitation, hold: str) -> None:
+    quantity, place = excitation.quantity, excitation.place
+    if PLACES.get(quantity) != place:
+        takes = ", ".join(f"{q} at {p!r}" for q, p in PLACES.items())
+        raise CalibError(f"simulator 'oscillator' is not driven by {quantity} at {place!r}; it takes {takes}")
+    if excitation.recorded and quantity == "base motion" and hold == "zero order":
+        raise CalibError(
+            "a base that stands still between samples and jumps at them has no velocity, which the damper needs; "
+            'use hold = "linear" or "cubic"'
+        )
+
+
+def _times(excitation: Excitation, request) -> np.ndarray:
+    """Output times (n,) [s]."""
+    if not excitation.recorded and excitation.quantity != "free decay":
+        return np.arange(request.periods * request.samples) / (excitation.frequency * request.samples)
+    if request.times is None and not excitation.recorded:
+        raise CalibError("a free decay has no period: say at which times it is asked for (Request.times)")
+    times = excitation.time[excitation.time >= 0.0] if request.times is None else np.asarray(request.times, dtype=float)
+    if times.size < 2 or not (np.diff(times) > 0.0).all():
+        raise CalibError("output times [s] must be at least two, and increase")
+    begins, ends = (excitation.time[0], excitation.time[-1]) if excitation.recorded else (0.0, math.inf)
+    reach = 1e-6 * (times[-1] - times[0]) / times.size
+    if times[0] < begins - reach or times[-1] > ends + reach:
+        raise CalibError(
+            f"output is asked for from {times[0]:.6g} to {times[-1]:.6g} s, but the input lasts from {begins:.6g} "
+            f"to {ends:.6g} s; ask for less or record more"
+        )
+    return np.clip(times, begins, ends)
+
+
+def _attrs(values: Mapping[str, float], excitation: Excitation) -> dict:
+    attrs = {"source": "oscillator", "place": excitation.place, "quantity": excitation.quantity}
+    if not excitation.recorded and excitation.quantity != "free decay":
+        attrs |= {
+            "frequency": excitation.frequency,
+            "amplitude": values["amplitude"] * excitation.amplitude,
+            "phase": excitation.phase,
+        }
+    if excitation.quantity == "displacement":
+        attrs["prescribed"] = f"{BODY}.displacement,{BODY}.velocity"
+    return attrs
+
+
+def _structure(values: Mapping[str, float], quantity: str, laws: Sequence[BoundLaw]) -> Structure:
+    """Put together mass, spring, damper, servo, stop and what the drive does to them."""
+    stiffness, damping = values["stiffness"], values["damping"]
+    load = [0.0, 0.0, 0.0]  # per unit of U, U', U''
+    if quantity == "force":
+        load = [1.0, 0.0, 0.0]
+    elif quantity == "base motion":
+        load = [stiffness, damping, 0.0]
+    elif quantity == "servo reference":
+        rate_gain = values["drive_constant"] * values["velocity_gain"]  # G kv  [N s/m]
+        stiffness += rate_gain * values["position_gain"]
+        damping += rate_gain
+        load = [rate_gain * values["position_gain"], 0.0, 0.0]
+    stop = None
+    if "gap" in values:
+        gap = values["gap"] + sum(law.function(0.0, law.p) for law in at_site(laws, "gap"))
+        stop = Stop(np.array([-1.0]), np.array([-1.0]), gap, values["restitution"])
+    return Structure(
+        mass=np.array([[values["mass"]]]),
+        stiffness=np.array([[stiffness]]),
+        rate=viscous(damping / (2.0 * values["mass"])),
+        load=np.array([load]),
+        constant=np.array([values["load"]]),
+        stop=stop,
+    )
+
+
+def _drive(excitation: Excitation, scale: float, hold: str, times: np.ndarray) -> Drive:
+    """Return U as the kernel takes it; without a period, the run lasts to the last of `times` [s]."""
+    if excitation.quantity == "free decay":
+        return Drive(period=times[-1])
+    if excitation.recorded:
+        return Drive(period=times[-1], knots=excitation.time, table=scale * _pieces(excitation, hold))
+    amplitude = scale * excitation.amplitude * cmath.exp(1j * excitation.phase)
+    return Drive(period=excitation.period, omega=2.0 * math.pi * excitation.frequency, amplitude=amplitude)
+
+
+def _pieces(excitation: Excitation, hold: str) -> np.ndarray:
+    """Coefficients (n - 1, 4), of rising power, of the recorded input between its samples."""
+    time, value = excitation.time, excitation.value
+    if hold == "cubic":
+        return CubicSpline(time, value).c[::-1].T
+    table = np.zeros((time.size - 1, 4))
+    table[:, 0] = value[:-1]
+    if hold == "linear":
+        table[:, 1] = np.diff(value) / np.diff(time)
+    return table
+
+
+def _length(values: Mapping[str, float], structure: Structure, excitation: Excitation, duration: float) -> float:
+    """Scale of the motion [m]: what the initial state and the loads make of a mass in the time they have."""
+    mass = values["mass"]
+    slowest = max(math.sqrt(abs(structure.stiffness[0, 0]) / mass), 1.0 / duration)
+    omega = 2.0 * math.pi * (excitation.frequency or 0.0)
+    drive = abs(values["amplitude"]) * (
+        np.abs(excitation.value).max() if excitation.recorded else abs(excitation.amplitude or 0.0)
+    )
+    force = abs(values["load"]) + drive * (abs(structure.load[0, 0]) + abs(structure.load[0, 1]) * max(omega, slowest))
+    scales = (abs(values["initial_displacement"]), abs(values["initial_velocity"]) / slowest, force / mass / slowest**2)
+    return max(scales) or 1.0
+
+
+def _record(times: np.ndarray, motion: Motion, harmonic: bool, attrs: dict) -> xr.Dataset:
+    if motion.status != records.OK:
+        return records.failed((BODY,), motion.status, motion.reason, **attrs)
+    if not np.isfinite(motion.samples).all():
+        return records.failed((BODY,), "diverged", "the motion is not finite", **attrs)
+    channels = {"displacement": motion.samples[None, :, 0], "velocity": motion.samples[None, :, 1]}
+    if harmonic:
+        attrs = {**attrs, "settled_periods": motion.settled}
+    record = records.make(times, (BODY,), channels, **attrs)
+    inside = motion.impacts[(motion.impacts[:, 0] >= times[0])]
+    record["impact_time"] = ("impact", inside[:, 0], {"units": "s"})
+    record["impact_speed"] = ("impact", inside[:, 1], {"units": "m/s"})
+    return _with_section(record, motion.sections[:, :2]) if harmonic else record
+
+
+def _with_section(record: xr.Dataset, section: np.ndarray) -> xr.Dataset:
+    """Add the stroboscopic section (period, 2) of displacement [m] and velocity [m/s]."""
+    for column, (channel, unit) in enumerate((("displacement", "m"), ("velocity", "m/s"))):
+        record[f"section_{channel}"] = (("body", "period"), section[None, :, column], {"units": unit})
+    return record
+
+
+def _needed_force(
+    values: Mapping[str, float],
+    excitation: Excitation,
+    laws: Sequence[BoundLaw],
+    request,
+    times: np.ndarray,
+    attrs: dict,
+) -> xr.Dataset:
+    """Record of the force that the model needs for the prescribed motion, beside that motion."""
+    asked = times
+    if not excitation.recorded:  # internal states of laws settle, and the section fills, before time 0
+        before = max(SECTIONS_KEPT, request.settle or 0) * request.samples
+        asked = np.arange(-before, times.size + 1) / (excitation.frequency * request.samples)
+    motion = prescribed_motion(excitation, values["amplitude"], laws, asked)
+    accelerations = law_accelerations(motion, laws, request.step_budget)
+    if accelerations is None:
+        reason = f"the internal states of the laws took more than {request.step_budget} steps"
+        return records.failed((BODY,), "step budget", reason, **attrs)
+    force = (
+        values["mass"] * (motion.a - accelerations)
+        + values["damping"] * motion.v
+        + values["stiffness"] * motion.x
+        - values["load"]
+    )
+    if not np.isfinite(force).all():
+        return records.failed((BODY,), "diverged", "the force is not finite", **attrs)
+    at = np.searchsorted(motion.time, times - 1e-6 * (times[1] - times[0]))
+    channels = {"displacement": motion.x[None, at], "velocity": motion.v[None, at], "force": force[None, at]}
+    record = records.make(times, (BODY,), channels, **attrs)
+    if excitation.recorded:
+        return record
+    whole = np.searchsorted(
+        motion.time,
+        np.arange(request.periods - SECTIONS_KEPT + 1, request.periods + 1) / excitation.frequency
+        - 0.5 * (motion.time[1] - motion.time[0]),
+    )
+    return _with_section(record, np.stack([motion.x[whole], motion.v[whole]], axis=-1))

@@ -1,0 +1,175 @@
+"""Inverse dynamics of one mass: its motion is given, the force that it takes is asked for."""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from scipy.interpolate import make_interp_spline
+
+from calib.errors import CalibError
+from calib.excitation import Excitation
+from calib.laws import STATES, BoundLaw
+from calib.simulators.impact.slots import excitation as excitation_law
+from calib.simulators.impact.slots import fill
+from calib.simulators.impact.slots import force as force_law
+from calib.table import low_pass
+
+DEGREE = 5  # of the spline through the samples: the acceleration is then a cubic
+FINEST = 200  # least samples per period of a harmonic motion that laws of the excitation change
+TOLERANCE = 1e-6  # of the internal states of laws, relative to the largest value so far  [1]
+TINY = 1e-300  # no state is asked to be more exact than this
+
+
+class Motion(NamedTuple):
+    """A prescribed motion: time, displacement, velocity, acceleration, each (n,), in SI."""
+
+    time: np.ndarray
+    x: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+
+
+def prescribed_motion(excitation: Excitation, scale: float, laws: Sequence[BoundLaw], times: np.ndarray) -> Motion:
+    """Displacement, velocity and acceleration at all samples of the excitation and at `times` (n,) [s] within them.
+
+    A recorded motion passes the zero-phase low-pass of its cutoff and is then differentiated as a spline. A harmonic
+    one is differentiated in closed form, or as a spline where laws of the excitation change it.
+
+    Raises
+    ------
+    CalibError : a recorded motion without cutoff
+    """
+    if not excitation.recorded:
+        return _harmonic_motion(excitation, scale, laws, times)
+    if excitation.cutoff is None:
+        raise CalibError(
+            "a recorded displacement is differentiated twice, and never silently: state the low-pass that goes before, "
+            'as in cutoff = "100 Hz" in [record.excitation]'
+        )
+    start, end = excitation.time[0], excitation.time[-1]
+    value = low_pass(excitation.value, excitation.time, excitation.cutoff) * scale
+    grid = np.linspace(start, end, excitation.time.size)  # a clock's rounding would be differentiated too
+    value += law_changes(grid, value, excitation, scale, laws)
+    return _differentiated(grid, value, np.union1d(grid, np.clip(times, start, end)))
+
+
+def _harmonic_motion(excitation: Excitation, scale: float, laws: Sequence[BoundLaw], times: np.ndarray) -> Motion:
+    """Motion of a harmonic excitation at `times` (n,), evenly spaced, and in between where they are sparse."""
+    omega = 2.0 * math.pi * excitation.frequency
+    amplitude = scale * excitation.amplitude
+    finer = max(1, math.ceil(FINEST * excitation.frequency * (times[1] - times[0])))
+    before = 2 * DEGREE  # samples beyond both ends keep the spline's ends away
+    count = finer * (times.size - 1) + 1
+    step = (times[-1] - times[0]) / (count - 1)
+    grid = times[0] + step * np.arange(-before, count + before)
+    phase = omega * grid + excitation.phase
+    x = amplitude * np.cos(phase)
+    changes = law_changes(grid, x, excitation, scale, laws)
+    if not changes.any():
+        motion = Motion(grid, x, -omega * amplitude * np.sin(phase), -(omega**2) * x)
+    else:
+        motion = _differentiated(grid, x + changes, grid)
+    return Motion(*(part[before:-before] for part in motion))
+
+
+def _differentiated(time: np.ndarray, x: np.ndarray, at: np.ndarray) -> Motion:
+    spline = make_interp_spline(time, x, k=DEGREE)
+    return Motion(at, spline(at), spline.derivative(1)(at), spline.derivative(2)(at))
+
+
+def law_changes(
+    time: np.ndarray, x: np.ndarray, excitation: Excitation, scale: float, laws: Sequence[BoundLaw]
+) -> np.ndarray:
+    """Change (n,) of the excitation `x` (n,) by the laws that act on it."""
+    functions, p, count = fill(laws, "excitation")
+    omega = 2.0 * math.pi * (excitation.frequency or 0.0)
+    amplitude = scale * (excitation.amplitude or 0.0)
+    return _changes(time, x, omega, excitation.phase, amplitude, functions, p, count)
+
+
+@njit(cache=True)
+def _changes(time, x, omega, phase, amplitude, functions, p, count):
+    change = np.zeros(time.size)
+    for j in range(time.size):
+        for i in range(count):
+            change[j] += excitation_law(functions[i], time[j], omega * time[j] + phase, amplitude, x[j], p[i])
+    return change
+
+
+def law_accelerations(motion: Motion, laws: Sequence[BoundLaw], budget: int) -> np.ndarray | None:
+    """Sum (n,) [m/s^2] of the force laws along the motion; None where their states take more than `budget` steps.
+
+    Internal states start at zero and obey their own equation, driven by the motion.
+    """
+    functions, p, count = fill(laws, "force")
+    states = np.array([law.states for law in laws if law.site == "force"], dtype=np.int64)
+    total = np.zeros(motion.time.size)
+    spent = _along(motion.time, motion.x, motion.v, functions, p, count, states, budget, total)
+    return total if spent <= budget else None
+
+
+@njit(cache=True)
+def _hermite(x0, v0, x1, v1, h, s):
+    """Displacement and velocity a part `s` of the interval `h` [s] on, from those at its ends."""
+    d = x1 - x0
+    x = x0 + s * (h * v0 + s * (3.0 * d - h * (2.0 * v0 + v1) + s * (h * (v0 + v1) - 2.0 * d)))
+    v = v0 + s * (2.0 * (3.0 * d / h - 2.0 * v0 - v1) + s * 3.0 * (v0 + v1 - 2.0 * d / h))
+    return x, v
+
+
+@njit(cache=True)
+def _rates(function, p, start, end, s, z, dz):
+    """Write the rates of a law's internal states a part `s` of the way between (t, x, v) at `start` and at `end`."""
+    h = end[0] - start[0]
+    x, v = _hermite(start[1], start[2], end[1], end[2], h, s)
+    dz[:] = 0.0
+    force_law(function, start[0] + s * h, x, v, p, z, dz)
+
+
+@njit(cache=True)
+def _advance_states(function, p, start, end, z, size, part, allowed):
+    """Carry the internal states z (STATES,) of a law from `start` to `end`, (t, x, v) each.
+
+    The pair of orders 3 and 2 of Bogacki and Shampine (1989) chooses its steps, parts of the interval; `size` (STATES,)
+    holds the largest value of each state so far. Returns the steps spent (more than `allowed`: given up) and the part
+    that the next interval should begin with.
+    """
+    h = end[0] - start[0]
+    k1, k2, k3, k4 = np.zeros(STATES), np.zeros(STATES), np.zeros(STATES), np.zeros(STATES)
+    s, spent = 0.0, 0
+    while s < 1.0 and spent <= allowed:
+        spent += 1
+        step = min(part, 1.0 - s)
+        _rates(function, p, start, end, s, z, k1)
+        _rates(function, p, start, end, s + 0.5 * step, z + 0.5 * step * h * k1, k2)
+        _rates(function, p, start, end, s + 0.75 * step, z + 0.75 * step * h * k2, k3)
+        new = z + step * h * (2.0 * k1 + 3.0 * k2 + 4.0 * k3) / 9.0
+        _rates(function, p, start, end, s + step, new, k4)
+        off = step * h * np.abs(-5.0 * k1 / 72.0 + k2 / 12.0 + k3 / 9.0 - k4 / 8.0)
+        error = np.max(off / (TOLERANCE * np.maximum(size, np.abs(new)) + TINY))
+        if error <= 1.0:
+            z[:] = new
+            size[:] = np.maximum(size, np.abs(new))
+            s = 1.0 if step >= 1.0 - s else s + step
+        part = step * min(4.0, max(0.2, 0.9 * (error + 1e-3) ** (-1.0 / 3.0)))
+    return spent, part
+
+
+@njit(cache=True)
+def _along(time, x, v, functions, p, count, states, budget, total):
+    """Add the laws' accelerations to `total` (n,); return the steps that their states took."""
+    spent = 0
+    rates = np.zeros(STATES)
+    for i in range(count):
+        z, size, part = np.zeros(STATES), np.zeros(STATES), 1.0
+        for j in range(time.size):
+            if j > 0 and states[i] > 0:
+                start, end = (time[j - 1], x[j - 1], v[j - 1]), (time[j], x[j], v[j])
+                steps, part = _advance_states(functions[i], p[i], start, end, z, size, part, budget - spent)
+                spent += steps
+                if spent > budget:
+                    return spent
+            total[j] += force_law(functions[i], time[j], x[j], v[j], p[i], z, rates)
+    return spent

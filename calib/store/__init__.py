@@ -1,0 +1,7 @@
+"""What a study leaves in its folder: the ledger of its trials, the records kept, and a view for the dashboard."""
+
+from calib.store.ledger import read
+from calib.store.store import Store
+from calib.store.trial import Trial
+
+__all__ = ["Store", "Trial", "read"]

@@ -1,0 +1,81 @@
+"""The records of the trials worth keeping, and the best one."""
+
+import json
+import os
+import re
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal
+
+import xarray as xr
+
+from calib.errors import CalibError
+from calib.record import read, write
+from calib.store.ledger import mendable
+
+Keep = Literal["best", "improving", "all"]
+KEEP = ("best", "improving", "all")
+
+
+class Kept:
+    """`records/` and `best.nc` of a study's folder.
+
+    The first record of a trial lies in `records/<number>.nc`, further ones in `records/<number>-<record>.nc`; those of
+    the best trial also in `best.nc` and `best-<record>.nc`. Each file is a record by itself, whole or absent. Its
+    attribute `provenance` holds values, score, study, versions and processor as one JSON text.
+    """
+
+    def __init__(self, folder: Path, keep: Keep):
+        if keep not in KEEP:
+            raise CalibError(f"keep is one of {', '.join(map(repr, KEEP))}, got {keep!r}")
+        self._folder, self._records, self._keep = folder, folder / "records", keep
+
+    def open(self, best: int | None) -> None:
+        """Sweep up after a kill: unfinished files, and a `best.nc` that lags behind trial `best`."""
+        with mendable(self._records):
+            self._records.mkdir(exist_ok=True)
+            for unfinished in [*self._records.glob(".*"), *self._folder.glob(".best*.nc.*")]:
+                unfinished.unlink()
+        if best is not None:
+            self.promote(best)
+
+    def wants(self, improves: bool) -> bool:
+        """Whether the records of a trial are to be kept."""
+        return improves or self._keep == "all"
+
+    def write(self, number: int, records: Mapping[str, xr.Dataset], provenance: Mapping) -> None:
+        """Write the records of a trial."""
+        text = json.dumps(provenance)
+        with mendable(self._records):
+            for index, (name, record) in enumerate(records.items()):
+                stem = f"{number:06d}" if index == 0 else f"{number:06d}-" + re.sub(r"[^\w.+-]", "_", name)
+                stamped = record.assign_attrs(trial=number, record=name, provenance=text)
+                write(stamped, self._records / f"{stem}.nc")
+
+    def promote(self, number: int) -> None:
+        """Make the records of trial `number` the best ones; nothing happens where none were kept."""
+        paths = self._paths(number)
+        with mendable(self._folder / "best.nc"):
+            for path in paths:
+                _copy(path, self._folder / path.name.replace(f"{number:06d}", "best", 1))
+            if paths and self._keep == "best":
+                for other in set(self._records.glob("*.nc")) - set(paths):
+                    other.unlink()
+
+    def read(self, number: int) -> dict[str, xr.Dataset]:
+        """Read the records kept of a trial, by name; empty where none were."""
+        records = [read(path) for path in self._paths(number)]
+        return {record.attrs["record"]: record for record in records}
+
+    def _paths(self, number: int) -> list[Path]:
+        return [*self._records.glob(f"{number:06d}.nc"), *sorted(self._records.glob(f"{number:06d}-*.nc"))]
+
+
+def _copy(source: Path, target: Path) -> None:
+    """Copy so that the target is either the old or the new file, whole."""
+    temporary = target.with_name(f".{target.name}.{os.getpid()}")
+    shutil.copyfile(source, temporary)
+    with open(temporary, "rb") as written:
+        os.fsync(written.fileno())
+    os.replace(temporary, target)

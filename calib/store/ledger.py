@@ -1,0 +1,280 @@
+"""The ledger: every trial of a study in the order they ended, on disk before the next one counts."""
+
+import hashlib
+import json
+import os
+import uuid
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.errors import CalibError
+from calib.store.environment import environment
+from calib.store.trial import Trial, line, trial_of
+
+TRIALS, RESIDUALS = "trials.jsonl", "residuals.f64"
+FORMAT = 1
+FLOAT = 8  # bytes of a residual
+
+
+def read(folder: str | Path) -> tuple[dict, list[Trial]]:
+    """Header now in force and the trials of a study's folder, without a lock; a run may be going on there.
+
+    Raises
+    ------
+    CalibError : no ledger there, or an unreadable one
+    """
+    content = _parse(Path(folder) / TRIALS)
+    if not content.headers:
+        raise CalibError(f"{folder}: no study was run here (no {TRIALS} with a header)")
+    return content.headers[-1], content.trials
+
+
+class Ledger:
+    """`trials.jsonl` and `residuals.f64` of one folder, open for one writer.
+
+    `trials.jsonl` holds a header line, then one line a trial. A later header line begins a new segment (other libraries
+    or processor) or states a new budget. Keys of a header:
+
+    format, id (of this ledger), segment (from 0), name, definition, digest (of the definition), screen (points of the
+    screen), first (number of the segment's first search trial), hint (budget when the segment began), budget, versions,
+    processor, cpu, time.
+
+    A line counts when its line end is there. Residuals are synced before the line that points at them, and the line
+    before the call returns.
+    """
+
+    def __init__(self, folder: Path):
+        self._path, self._side_path = folder / TRIALS, folder / RESIDUALS
+        self._file = self._side = -1
+        self._end = self._side_end = 0
+        self._next = 0
+        self.header: dict = {}
+
+    def open(self, header: Mapping[str, Any]) -> list[Trial]:
+        """Repair what a kill left behind, compare the header, and return the trials logged so far.
+
+        Raises
+        ------
+        CalibError : another study's ledger; unreadable; not writable
+        """
+        here = environment()
+        definition = json.loads(json.dumps(header["definition"]))
+        content = _parse(self._path)
+        if content.headers:
+            self._compare(content.headers[0]["definition"], definition)
+        with mendable(self._path):
+            self._file = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o644)
+            self._side = os.open(self._side_path, os.O_RDWR | os.O_CREAT, 0o644)
+            os.ftruncate(self._file, content.end)
+            os.ftruncate(self._side, content.side_end)
+        self._end, self._side_end = content.end, content.side_end
+        if content.headers:
+            self._go_on(content, header, here)
+        else:
+            self._begin(header, definition, here)
+        return content.trials
+
+    def _begin(self, header: Mapping[str, Any], definition: dict, here: dict) -> None:
+        canonical = json.dumps(definition, separators=(",", ":"))
+        self._head(
+            {
+                "format": FORMAT,
+                "id": uuid.uuid4().hex,
+                "segment": 0,
+                "name": header["name"],
+                "definition": definition,
+                "digest": hashlib.sha256(canonical.encode()).hexdigest(),
+                "screen": header["screen"],
+                "first": header["screen"],
+                "hint": header["budget"],
+                "budget": header["budget"],
+                **here,
+            }
+        )
+        folder = os.open(self._path.parent, os.O_RDONLY)  # the names of the two files have to last, too
+        os.fsync(folder)
+        os.close(folder)
+
+    def _go_on(self, content: "_Content", header: Mapping[str, Any], here: dict) -> None:
+        """Take up the last segment, or begin a new one where libraries or processor are others now."""
+        last = content.headers[-1]
+        self.header = last
+        self._next = max((trial.number for trial in content.trials), default=-1) + 1
+        changes = differences({key: last[key] for key in here}, here)
+        if changes:
+            warnings.warn(
+                "this study was begun with other libraries or on another processor:\n  "
+                + "\n  ".join(changes)
+                + f"\nthe {len(content.trials)} trials logged stay valid; a new segment goes on from them",
+                stacklevel=4,
+            )
+            self.begin_segment(header["budget"])
+        elif header["budget"] != last["budget"]:
+            self._head({**last, "budget": header["budget"]})
+
+    def begin_segment(self, budget: int) -> None:
+        """Begin a new segment: the trials so far stay valid, but are not asked for again when the study is resumed."""
+        last = self.header
+        first = max(last["screen"], self._next)
+        segment = {"segment": last["segment"] + 1, "first": first, "hint": budget, "budget": budget}
+        self._head({**last, **segment, **environment()})
+
+    def _compare(self, old: dict, new: dict) -> None:
+        changes = differences(old, new)
+        if changes:
+            raise CalibError(
+                f"{self._path} was made by another study:\n  "
+                + "\n  ".join(changes)
+                + "\nundo the change, choose another folder, or begin afresh (--fresh moves what is there aside)"
+            )
+
+    def append(self, trial: Trial) -> None:
+        """Log a trial; when this returns, it outlives a power failure.
+
+        Raises
+        ------
+        CalibError : disk full or not writable; the ledger is left as it was before
+        """
+        place = None
+        if trial.residuals is not None:
+            data = np.ascontiguousarray(trial.residuals, dtype="<f8")
+            place = (self._side_end // FLOAT, data.size)
+            self._write(self._side, self._side_path, data.tobytes(), self._side_end)
+        text = (line(trial, place) + "\n").encode()
+        self._write(self._file, self._path, text, self._end)
+        self._end += len(text)
+        self._next = max(self._next, trial.number + 1)
+        if place is not None:
+            self._side_end += FLOAT * place[1]
+
+    def _head(self, header: dict) -> None:
+        self.header = {**header, "time": datetime.now(UTC).isoformat(timespec="seconds")}
+        text = (json.dumps(self.header, allow_nan=False, separators=(",", ":")) + "\n").encode()
+        self._write(self._file, self._path, text, self._end)
+        self._end += len(text)
+
+    def _write(self, file: int, path: Path, data: bytes, offset: int) -> None:
+        """Write at `offset` and sync; where that fails, cut the file back to `offset`."""
+        with mendable(path):
+            try:
+                written = 0
+                while written < len(data):
+                    written += os.pwrite(file, data[written:], offset + written)
+                os.fsync(file)
+            except BaseException:
+                os.ftruncate(file, offset)
+                raise
+
+    def close(self) -> None:
+        """Close the files."""
+        for file in (self._file, self._side):
+            if file >= 0:
+                os.close(file)
+        self._file = self._side = -1
+
+
+@contextmanager
+def mendable(path: Path) -> Iterator[None]:
+    """Turn a failure to write at `path` into what the user can mend."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:  # netCDF's library says RuntimeError
+        why = getattr(error, "strerror", None) or error
+        raise CalibError(
+            f"cannot write {path}: {why}; mend that and run again, the study goes on where it was"
+        ) from error
+
+
+@dataclass(frozen=True)
+class _Content:
+    """What is whole in a ledger: headers, trials, and where each file ends  [bytes]."""
+
+    headers: list[dict]
+    trials: list[Trial]
+    end: int
+    side_end: int
+
+
+def _parse(path: Path) -> _Content:
+    """Read what is whole in the ledger at `path`, whose side file lies beside it.
+
+    A last line that is torn is left out, and with a warning also lines whose residuals are not there.
+    """
+    try:
+        raw = path.read_bytes() if path.exists() else b""
+        side = path.with_name(RESIDUALS)
+        residuals = np.frombuffer(side.read_bytes() if side.exists() else b"", dtype=np.uint8)
+    except OSError as error:
+        raise CalibError(f"cannot read {path}: {error.strerror}") from error
+    residuals = residuals[: residuals.size // FLOAT * FLOAT].view("<f8")
+    headers, trials, end, side_end = [], [], 0, 0
+    lines = raw.splitlines(keepends=True)
+    for index, text in enumerate(lines):
+        try:
+            content = json.loads(text) if text.endswith(b"\n") else None
+        except ValueError:
+            content = None
+        if not isinstance(content, dict):
+            if index == len(lines) - 1:
+                break
+            raise CalibError(
+                f"{path}, line {index + 1}: not readable; the file was changed or the disk is damaged; "
+                "restore it, cut that line out, or begin afresh (--fresh moves what is there aside)"
+            )
+        if "format" in content:
+            headers.append(_known(content, path))
+        elif not headers:
+            raise CalibError(f"{path}: not a ledger of calib (no header in line 1); choose another folder")
+        else:
+            offset, length = content["residuals"] or (0, 0)
+            if offset + length > residuals.size:
+                warnings.warn(
+                    f"{path}: {len(lines) - index} trials from line {index + 1} on have lost their residuals and are "
+                    "evaluated again",
+                    stacklevel=4,
+                )
+                break
+            own = None if content["residuals"] is None else residuals[offset : offset + length]
+            trials.append(trial_of(content, own, headers[-1]["segment"]))
+            side_end = max(side_end, FLOAT * (offset + length))
+        end += len(text)
+    return _Content(headers, trials, end, side_end)
+
+
+def _known(header: dict, path: Path) -> dict:
+    if header["format"] != FORMAT:
+        raise CalibError(f"{path}: format {header['format']}, this calib reads {FORMAT}; use the calib that wrote it")
+    return header
+
+
+def differences(old: Any, new: Any, where: str = "") -> list[str]:
+    """Lines "key: old -> new" of two nested things of dicts, lists and plain values; keys joined by dots."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        found = []
+        for key in [*old, *(key for key in new if key not in old)]:
+            place = f"{where}.{key}" if where else str(key)
+            if key not in new:
+                found.append(f"{place}: {_short(old[key])} -> (absent)")
+            elif key not in old:
+                found.append(f"{place}: (absent) -> {_short(new[key])}")
+            else:
+                found += differences(old[key], new[key], place)
+        if not found and list(old) != list(new):
+            found.append(f"{where or 'keys'}: order {list(old)} -> {list(new)}")
+        return found
+    if isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        pairs = enumerate(zip(old, new, strict=True))
+        return [text for index, pair in pairs for text in differences(*pair, f"{where}[{index}]")]
+    return [] if old == new else [f"{where}: {_short(old)} -> {_short(new)}"]
+
+
+def _short(thing: Any) -> str:
+    text = json.dumps(thing)
+    return text if len(text) <= 80 else text[:77] + "..."

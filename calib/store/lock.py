@@ -1,0 +1,48 @@
+"""One writer at a time in a study's folder."""
+
+import errno
+import fcntl
+import os
+import socket
+import warnings
+from pathlib import Path
+
+from calib.errors import CalibError
+
+
+class Lock:
+    """A lock on a folder that the kernel lets go when the process ends, however it ends; children do not inherit it."""
+
+    def __init__(self, folder: Path):
+        self._path = folder / "trials.lock"
+        self._handle: int | None = None
+
+    def acquire(self) -> None:
+        """Take the lock.
+
+        Raises
+        ------
+        CalibError : another process holds it; the message names it
+        """
+        handle = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            holder = os.read(handle, 200).decode(errors="replace").strip()
+            os.close(handle)
+            if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
+                raise CalibError(
+                    f"{self._path.parent} is being written by {holder or 'another process'}; "
+                    "wait for it, stop it, or choose another folder"
+                ) from None
+            warnings.warn(f"{self._path} cannot be locked ({error.strerror}); start no second run here", stacklevel=3)
+            return
+        os.ftruncate(handle, 0)
+        os.pwrite(handle, f"process {os.getpid()} on {socket.gethostname()}\n".encode(), 0)
+        self._handle = handle
+
+    def release(self) -> None:
+        """Give the lock back."""
+        if self._handle is not None:
+            os.close(self._handle)
+            self._handle = None

@@ -1,0 +1,191 @@
+"""The study as Optuna sees it: a mirror of the ledger, for optuna-dashboard."""
+
+import io
+import json
+import os
+import time
+import uuid
+import warnings
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import optuna
+from optuna.artifacts import ArtifactMeta, FileSystemArtifactStore
+from optuna.artifacts._upload import ARTIFACTS_ATTR_PREFIX
+from optuna.distributions import FloatDistribution
+from optuna.storages import BaseStorage, JournalStorage, get_storage
+from optuna.storages.journal import JournalFileBackend, JournalFileSymlinkLock
+from optuna.study import StudyDirection
+from optuna.trial import FrozenTrial, TrialState
+
+from calib.store.trial import Trial
+
+JOURNAL, ARTIFACTS = "optuna.log", "artifacts"
+BATCH, PATIENCE = 16, 2.0  # trials, s: how far the view may lag behind the ledger
+STALE = 2.0  # s, age at which a journal's lock can only be that of a dead process
+
+
+def storage(folder: str | Path, view: str = "journal") -> BaseStorage:
+    """Optuna storage that holds the view of the study in `folder`: its journal file, or the URL `view`."""
+    if view == "journal":
+        return JournalStorage(_Journal(Path(folder).resolve() / JOURNAL))
+    return get_storage(view)
+
+
+class _Journal(JournalFileBackend):
+    """Optuna's journal file, not synced at every trial: what a power failure takes is made again from the ledger."""
+
+    def __init__(self, path: Path):
+        # absolute: Optuna's lock is a symbolic link, and spins for ever on a relative name
+        self._mirror, self._guard = str(path.absolute()), JournalFileSymlinkLock(str(path.absolute()))
+        super().__init__(self._mirror, self._guard)
+
+    def append_logs(self, logs: list[dict]) -> None:
+        """Add lines to the file."""
+        text = "".join(json.dumps(log, separators=(",", ":")) + "\n" for log in logs)
+        self._guard.acquire()
+        try:
+            with open(self._mirror, "ab") as file:
+                file.write(text.encode())
+        finally:
+            self._guard.release()
+
+
+class OptunaView:
+    """Finished trials of one ledger in an Optuna study, added in batches; the ledger needs nothing of it.
+
+    Failed trials are in state FAIL, without a value. User attributes: number (asking number), phase, status, reason,
+    kind, terms, seconds. A trial's picture is an artifact of it.
+
+    Parameters
+    ----------
+    folder, view : where the journal and the artifacts lie; "journal" or an Optuna URL
+    header : of the ledger; its definition's `windows` give the parameters, {name: {"low", "high", "scale"}}
+    """
+
+    def __init__(self, folder: Path, view: str, header: Mapping):
+        if view == "journal":
+            _mend_journal(folder / JOURNAL)
+        optuna.logging.set_verbosity(optuna.logging.WARNING)
+        self._ledger = header["id"]
+        self._windows = {
+            name: FloatDistribution(w["low"], w["high"], log=w["scale"] == "log")
+            for name, w in header["definition"]["windows"].items()
+        }
+        self._pictures = FileSystemArtifactStore(folder / ARTIFACTS)
+        (folder / ARTIFACTS).mkdir(exist_ok=True)
+        self._storage = storage(folder, view)
+        self._study = self._own_study(header["name"])
+        self._waiting: list[FrozenTrial] = []
+        self._flushed = time.monotonic()
+
+    @property
+    def name(self) -> str:
+        """Name of the Optuna study: the study's own, with the ledger's id where another ledger has taken that."""
+        return self._storage.get_study_name_from_id(self._study)
+
+    def _own_study(self, name: str) -> int:
+        """Number of this ledger's study in the storage, made where there is none."""
+        taken = {study.study_name: study for study in self._storage.get_all_studies()}
+        for study in taken.values():
+            if study.user_attrs.get("ledger") == self._ledger:
+                return study._study_id
+        if name in taken:
+            name = f"{name} {self._ledger[:8]}"
+        number = self._storage.create_new_study([StudyDirection.MINIMIZE], name)
+        self._storage.set_study_user_attr(number, "ledger", self._ledger)
+        return number
+
+    def catch_up(self, trials: Iterable[Trial], picture: Callable[[Trial], bytes | None]) -> None:
+        """Add the trials that the view lacks; fail what a killed process left running in it."""
+        present = set()
+        for trial in self._storage.get_all_trials(self._study, deepcopy=False):
+            if trial.state == TrialState.RUNNING:
+                self._storage.set_trial_state_values(trial._trial_id, TrialState.FAIL)
+            present.add(trial.user_attrs.get("number"))
+        for trial in trials:
+            if trial.number not in present:
+                self._waiting.append(self._frozen(trial, picture(trial)))
+        self.flush()
+
+    def add(self, trial: Trial, picture: bytes | None = None) -> None:
+        """Take a finished trial, with a picture of it (PNG)."""
+        self._waiting.append(self._frozen(trial, picture))
+        if len(self._waiting) >= BATCH or time.monotonic() - self._flushed > PATIENCE:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write the trials that wait."""
+        while self._waiting:
+            self._storage.create_new_trial(self._study, self._waiting[0])
+            self._waiting.pop(0)
+        self._flushed = time.monotonic()
+
+    def _frozen(self, trial: Trial, picture: bytes | None) -> FrozenTrial:
+        scored = trial.total < float("inf")
+        end = datetime.now(UTC).astimezone().replace(tzinfo=None)
+        return FrozenTrial(
+            number=-1,  # the storage numbers it
+            trial_id=-1,
+            state=TrialState.COMPLETE if scored else TrialState.FAIL,
+            value=trial.total if scored else None,
+            datetime_start=end - timedelta(seconds=trial.seconds),
+            datetime_complete=end,
+            params={n: min(d.high, max(d.low, trial.values[n])) for n, d in self._windows.items()},
+            distributions=self._windows,
+            user_attrs={
+                "number": trial.number,
+                "phase": trial.phase,
+                "status": trial.status,
+                "reason": trial.reason,
+                "kind": trial.kind,
+                "terms": {label: value if abs(value) < float("inf") else None for label, value in trial.terms.items()},
+                "seconds": trial.seconds,
+            },
+            system_attrs={} if picture is None else self._artifact(trial.number, picture),
+            intermediate_values={},
+        )
+
+    def _artifact(self, number: int, picture: bytes) -> dict[str, str]:
+        """Store a picture; return the attribute by which Optuna and its dashboard find it.
+
+        Optuna's own `upload_artifact` wants a trial that still runs; a mirrored one is never seen running.
+        """
+        key = str(uuid.uuid5(uuid.UUID(self._ledger), str(number)))
+        self._pictures.write(key, io.BytesIO(picture))
+        meta = ArtifactMeta(artifact_id=key, filename=f"{number:06d}.png", mimetype="image/png", encoding=None)
+        return {ARTIFACTS_ATTR_PREFIX + key: json.dumps(asdict(meta))}
+
+    def close(self) -> None:
+        """Write what waits and let go of the storage."""
+        self.flush()
+        self._storage.remove_session()
+
+
+def _mend_journal(path: Path) -> None:
+    """Cut a torn last line, which Optuna could not read past; drop a dead writer's lock; set a damaged file aside."""
+    lock = path.with_name(path.name + ".lock")
+    while lock.is_symlink():
+        try:
+            age = time.time() - lock.lstat().st_mtime
+        except FileNotFoundError:
+            break
+        if age > STALE:
+            lock.unlink(missing_ok=True)
+        else:
+            time.sleep(0.05)
+    if not path.exists():
+        return
+    content = path.read_bytes()
+    whole = content.rfind(b"\n") + 1
+    if whole < len(content):
+        os.truncate(path, whole)
+    try:
+        for line in content[:whole].splitlines():
+            json.loads(line)
+    except ValueError:
+        aside = path.with_name(path.name + ".damaged")
+        os.replace(path, aside)
+        warnings.warn(f"{path} was damaged; it is now {aside.name}, and a new one is made", stacklevel=2)

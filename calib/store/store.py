@@ -1,0 +1,160 @@
+"""The folder of one study."""
+
+import warnings
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+
+import xarray as xr
+
+from calib.store.kept import Keep, Kept
+from calib.store.ledger import RESIDUALS, TRIALS, Ledger, mendable
+from calib.store.lock import Lock
+from calib.store.optuna_view import ARTIFACTS, JOURNAL, OptunaView
+from calib.store.trial import Trial, best
+
+Picture = Callable[[Trial, Mapping[str, xr.Dataset]], bytes]
+
+
+class Store:
+    """Ledger, kept records and Optuna view of a study, with one writer at a time.
+
+    The ledger is the truth: on opening, everything else is brought in line with it.
+
+    Parameters
+    ----------
+    folder : made where it is missing
+    view : "journal" for the file `optuna.log`, a URL that Optuna takes, or None
+    keep : whose records are kept: "best" (the best trial's), "improving" (those better than all before) or "all"
+    picture : draws a trial with its records as PNG; called for the trials whose records are kept
+    """
+
+    def __init__(
+        self,
+        folder: str | Path,
+        view: str | None = "journal",
+        keep: Keep = "improving",
+        picture: Picture | None = None,
+    ):
+        self.folder = Path(folder).absolute()
+        self._view_name, self._picture = view, picture
+        self._lock, self._ledger, self._kept = Lock(self.folder), Ledger(self.folder), Kept(self.folder, keep)
+        self._view: OptunaView | None = None
+        self.best: Trial | None = None
+
+    @property
+    def header(self) -> dict:
+        """Header of the segment now in force; see `calib.store.ledger.Ledger`."""
+        return self._ledger.header
+
+    def open(self, header: Mapping, fresh: bool = False) -> list[Trial]:
+        """Take the folder for the study of `header` and return the trials it has, in the order they ended.
+
+        Parameters
+        ----------
+        header : name; definition (a JSON dict, with `windows`); screen (points of the screen); budget (trials)
+        fresh : begin anew; what is there is moved to a folder `before-<date>` inside
+
+        Raises
+        ------
+        CalibError : another study's folder (and what differs), in use by another process, unreadable, not writable
+        """
+        with mendable(self.folder):
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._lock.acquire()
+        try:
+            if fresh:
+                self._set_aside()
+            trials = self._ledger.open(header)
+            self.best = best(trials)
+            self._kept.open(None if self.best is None else self.best.number)
+        except BaseException:
+            self.close()
+            raise
+        self._look(lambda: self._open_view(trials))
+        return trials
+
+    def _set_aside(self) -> None:
+        names = [TRIALS, RESIDUALS, JOURNAL, ARTIFACTS, "records"]
+        present = [path for name in names if (path := self.folder / name).exists()]
+        present += self.folder.glob("best*.nc")
+        if not present:
+            return
+        aside = self.folder / f"before-{datetime.now(UTC):%Y%m%d-%H%M%S-%f}"
+        with mendable(aside):
+            aside.mkdir()
+            for path in present:
+                path.rename(aside / path.name)
+
+    def _open_view(self, trials: list[Trial]) -> None:
+        if self._view_name is not None:
+            self._view = OptunaView(self.folder, self._view_name, self.header)
+            self._view.catch_up(trials, self._picture_again)
+
+    def append(self, trial: Trial, records: Mapping[str, xr.Dataset] | None = None) -> None:
+        """Log a trial, keep its `records` where they are wanted, and show it in the view.
+
+        Raises
+        ------
+        CalibError : disk full or not writable; the trials logged before are safe
+        """
+        scored = trial.total < float("inf")
+        improves = scored and (self.best is None or trial.rank < self.best.rank)
+        keep = bool(records) and scored and self._kept.wants(improves)
+        if keep:  # before the line: a logged trial is never evaluated again
+            self._kept.write(trial.number, records, self._provenance(trial))
+        self._ledger.append(trial)
+        if improves:
+            self.best = trial
+            self._kept.promote(trial.number)
+        if self._view is not None:
+            png = self._drawn(trial, records) if keep else None
+            self._look(lambda: self._view.add(trial, png))
+
+    def begin_segment(self, budget: int) -> None:
+        """Begin a new segment of the ledger; see `calib.store.ledger.Ledger`."""
+        self._ledger.begin_segment(budget)
+
+    def _provenance(self, trial: Trial) -> dict:
+        header = {key: self.header[key] for key in ("name", "digest", "id", "versions", "processor", "cpu")}
+        score = {"total": trial.total, "terms": {k: v for k, v in trial.terms.items() if v < float("inf")}}
+        return {"trial": trial.number, "values": trial.values, "score": score, "kind": trial.kind, "study": header}
+
+    def _drawn(self, trial: Trial, records: Mapping[str, xr.Dataset]) -> bytes | None:
+        if self._picture is None:
+            return None
+        try:
+            return self._picture(trial, records)
+        except Exception as error:  # a picture is not worth a study
+            warnings.warn(f"no picture of trial {trial.number}: {type(error).__name__}: {error}", stacklevel=3)
+            return None
+
+    def _picture_again(self, trial: Trial) -> bytes | None:
+        records = {} if self._picture is None else self._kept.read(trial.number)
+        return self._drawn(trial, records) if records else None
+
+    def _look(self, deed: Callable[[], None]) -> None:
+        """Do something with the view; where that fails, the study goes on without it."""
+        try:
+            deed()
+        except Exception as error:  # databases fail in many ways, and none of them is the study's business
+            self._view = None
+            warnings.warn(
+                f"the Optuna view ({self._view_name}) failed: {type(error).__name__}: {error}; the study goes on "
+                "without it, the ledger has all trials, and the view is mended when the study is next opened",
+                stacklevel=3,
+            )
+
+    def close(self) -> None:
+        """Bring the view up to date, close the files and give the folder back."""
+        if self._view is not None:
+            self._look(self._view.close)
+            self._view = None
+        self._ledger.close()
+        self._lock.release()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        self.close()

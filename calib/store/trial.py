@@ -1,0 +1,112 @@
+"""One evaluated point of a study, and its line in the ledger."""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One point, evaluated on all calibration records.
+
+    Attributes
+    ----------
+    number : asking number, from 0; the screen's points come first
+    u : the point in the unit cube, in the order of the study's windows
+    values : every searched and fixed parameter by name, in SI
+    total : what the optimiser minimises; infinity where the evaluation failed
+    terms : distance of each term by its label
+    status : "ok" or why there is no score
+    reason : one line on the status
+    kind : kind of the simulated motion, as the objective calls it
+    seconds : wall-clock time of the evaluation  [s]
+    phase : "screen" or "search"
+    features : scalar features, each a dict with label, record, body, unit, measured, simulated, tolerance
+    residuals : (n,) float64, or None where the evaluation failed
+    segment : which stretch of the ledger, from 0; a new one begins where libraries or processor changed
+    """
+
+    number: int
+    u: list[float]
+    values: dict[str, float]
+    total: float
+    terms: dict[str, float] = field(default_factory=dict)
+    status: str = "ok"
+    reason: str = ""
+    kind: str | None = None
+    seconds: float = 0.0
+    phase: Literal["screen", "search"] = "search"
+    features: list[dict[str, Any]] = field(default_factory=list)
+    residuals: np.ndarray | None = field(default=None, compare=False, repr=False)
+    segment: int = 0
+
+    @property
+    def rank(self) -> tuple[float, int]:
+        """What trials are compared by: the lowest total, the earliest among equals."""
+        return (self.total, self.number)
+
+
+def best(trials) -> Trial | None:
+    """Trial with the lowest finite total, the earliest among equals; None where all failed."""
+    scored = [trial for trial in trials if math.isfinite(trial.total)]
+    return min(scored, key=lambda trial: trial.rank, default=None)
+
+
+def line(trial: Trial, place: tuple[int, int] | None) -> str:
+    """JSON of a trial without line end; `place` is (offset, length) of its residuals in the side file, in numbers.
+
+    Floats are written so that reading them gives the same bits; infinity and NaN as null.
+    """
+    content = {
+        "number": trial.number,
+        "phase": trial.phase,
+        "u": [float(x) for x in trial.u],
+        "values": trial.values,
+        "total": trial.total,
+        "terms": trial.terms,
+        "status": trial.status,
+        "reason": trial.reason,
+        "kind": trial.kind,
+        "seconds": round(trial.seconds, 6),
+        "residuals": place,
+        "features": trial.features,
+    }
+    return json.dumps(_finite(content), allow_nan=False, separators=(",", ":"))
+
+
+def _finite(thing: Any) -> Any:
+    """Return the same with plain floats, and None in the place of infinity and NaN."""
+    if isinstance(thing, float):
+        return float(thing) if math.isfinite(thing) else None
+    if isinstance(thing, Mapping):
+        return {key: _finite(value) for key, value in thing.items()}
+    if isinstance(thing, list | tuple):
+        return [_finite(value) for value in thing]
+    return thing
+
+
+def trial_of(content: Mapping[str, Any], residuals: np.ndarray | None, segment: int) -> Trial:
+    """Trial of a ledger line's JSON; a null score reads as infinity."""
+    return Trial(
+        number=content["number"],
+        u=content["u"],
+        values=content["values"],
+        total=_score(content["total"]),
+        terms={label: _score(value) for label, value in content["terms"].items()},
+        status=content["status"],
+        reason=content["reason"],
+        kind=content["kind"],
+        seconds=content["seconds"],
+        phase=content["phase"],
+        features=content["features"],
+        residuals=residuals,
+        segment=segment,
+    )
+
+
+def _score(value: float | None) -> float:
+    return math.inf if value is None else value

@@ -1,0 +1,6 @@
+"""study.toml -> Study: the only room where names become things; no logic."""
+
+from calib.study_toml.load import StudyFile, load, located
+from calib.study_toml.schema import StudyToml
+
+__all__ = ["StudyFile", "StudyToml", "load", "located"]

@@ -1,0 +1,54 @@
+"""Where a key of a TOML text stands."""
+
+import tomllib
+from collections.abc import Iterator, Sequence
+
+Key = tuple[str | int, ...]  # ("record", 0, "path"): the path of the first [[record]]
+
+
+def lines(text: str) -> dict[Key, int]:
+    """Line (counted from 1) on which each key of a valid TOML text begins.
+
+    tomllib keeps no positions, but a TOML text cut after a complete statement is a TOML text too: the keys that a
+    statement adds are the difference between two such beginnings. Keys inside a value (inline tables, arrays) are
+    said to stand where their statement begins.
+    """
+    rows = text.split("\n")
+    found: dict[Key, int] = {}
+    begin = 0
+    for end in range(1, len(rows) + 1):
+        try:
+            read = tomllib.loads("\n".join(rows[:end]))
+        except tomllib.TOMLDecodeError:
+            continue  # inside a value of several lines
+        for key in _keys(read):
+            found.setdefault(key, begin + 1)
+        begin = end
+    return found
+
+
+def line_of(found: dict[Key, int], key: Sequence[str | int]) -> int | None:
+    """Line of `key`, or of the nearest enclosing key that stands in the text."""
+    for length in range(len(key), 0, -1):
+        if tuple(key[:length]) in found:
+            return found[tuple(key[:length])]
+    return None
+
+
+def dotted(key: Sequence[str | int]) -> str:
+    """Write a key as a reader would: ``record[2].path``, with entries counted from 1."""
+    text = ""
+    for part in key:
+        text += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if text else part
+    return text
+
+
+def _keys(value: object, above: Key = ()) -> Iterator[Key]:
+    if isinstance(value, dict):
+        for name, inner in value.items():
+            yield (*above, name)
+            yield from _keys(inner, (*above, name))
+    elif isinstance(value, list):
+        for index, inner in enumerate(value):
+            yield (*above, index)
+            yield from _keys(inner, (*above, index))

@@ -1,0 +1,6 @@
+"""Conformance suites that third parties subclass; they need pytest."""
+
+from calib.testing.effect_suite import EffectSuite
+from calib.testing.simulator_suite import SimulatorSuite
+
+__all__ = ["EffectSuite", "SimulatorSuite"]

@@ -1,0 +1,73 @@
+"""What every effect has to fulfil, as tests that its author subclasses.
+
+::
+
+    class TestAirDrag(EffectSuite):
+        effect = EFFECT
+        present = {"c2": 0.5}
+
+The suite needs pytest.
+"""
+
+import math
+import pickle
+
+import numpy as np
+
+from calib.effect import Effect
+from calib.excitation import Excitation
+from calib.model import Model, Request
+from calib.plugins import load
+from calib.record import channels
+
+
+class EffectSuite:
+    """Subclass it, name the effect and values at which it is `present`, and pytest does the rest.
+
+    The effect is tried on the simulator `four_dof` in a motion with impacts, unless `make` gives another one (with its
+    own `excitation` and `values`).
+    """
+
+    effect: Effect
+    present: dict[str, float]
+    excitation = Excitation("end", "displacement", frequency=26.24, amplitude=1.5e-3)
+    values: dict[str, float] = {"restitution": 0.05}
+    request = Request(periods=1, samples=200)
+
+    def make(self):
+        """Return the simulator on which the effect is tried."""
+        return load("calib.simulators", "four_dof")()
+
+    def run(self, *effects, **values):
+        """Return the record with some effects."""
+        return Model(self.make(), effects).run({**self.values, **values}, self.excitation, self.request)
+
+    def largest_change(self, **values):
+        """Return the largest change of any channel against the model without the effect, in units of its range [1]."""
+        plain, with_it = self.run(), self.run(self.effect, **values)
+        return max(float(np.abs(with_it[c] - plain[c]).max() / np.ptp(plain[c].values)) for c in channels(plain))
+
+    def test_it_is_absent_at_its_null_value(self):
+        plain, null = self.run(), self.run(self.effect, **self.effect.null)
+        assert list(null.data_vars) == list(plain.data_vars)
+        for name in plain.data_vars:
+            np.testing.assert_array_equal(null[name].values, plain[name].values)
+
+    def test_it_shows_where_it_is_present(self):
+        assert self.largest_change(**self.present) > 1e-6
+
+    def test_it_fades_towards_its_null_value(self):
+        near = dict(self.present)
+        for name, null in self.effect.null.items():
+            near[name] = null + 1e-3 * (near[name] - null)
+        assert self.largest_change(**near) < 0.1 * self.largest_change(**self.present)
+
+    def test_it_says_what_it_is(self):
+        assert self.effect.meaning
+        for parameter in self.effect.parameters:
+            assert parameter.unit
+            assert parameter.meaning
+            assert math.isfinite(parameter.nominal)
+
+    def test_it_survives_a_pickle(self):
+        assert pickle.loads(pickle.dumps(self.effect)) == self.effect

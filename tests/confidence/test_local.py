@@ -1,0 +1,259 @@
+"""Claims about standard errors, intervals and what is not determined."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from calib.confidence.local import SHARE, combination, local, sandwich
+from calib.errors import CalibError
+from calib.parameter import Space, Window
+
+TIME = np.linspace(0.0, 12.0 * np.pi, 400)
+
+
+def outcome(residuals, status="ok", kind="period 1"):
+    return SimpleNamespace(cost=0.0, residuals=residuals, status=status, kind=kind)
+
+
+def linear(matrix, centre, noise):
+    """Evaluate residuals matrix @ (u - centre) + noise."""
+    return lambda points: [outcome(matrix @ (u - centre) + noise) for u in points]
+
+
+def cube(*names):
+    return Space({name: Window(0.0, 1.0) for name in names})
+
+
+def waves(rng, dim, scale=3.0):
+    return scale * np.column_stack([np.sin((k + 1) * TIME + rng.uniform(0.0, 6.0)) for k in range(dim)])
+
+
+def coverage(noise, seeds=100, dim=4, blocks=None, calculate=None):
+    """Share of 2-standard-error intervals that hold the truth, least squares on a linear problem."""
+    held = []
+    for seed in range(seeds):
+        rng = np.random.default_rng(seed)
+        matrix, n = waves(rng, dim), noise(rng)
+        truth = np.full(dim, 0.5)
+        u = truth - np.linalg.lstsq(matrix, n, rcond=None)[0]
+        if calculate is None:
+            c = local(linear(matrix, truth, n), cube(*"abcdef"[:dim]), u, blocks=blocks)
+            held += [low <= 0.5 <= high for low, high in c.interval.values()]
+        else:
+            held += list(np.abs(u - truth) <= 2.0 * calculate(matrix, matrix @ (u - truth) + n))
+    return np.mean(held)
+
+
+def white(rng):
+    return 0.3 * rng.standard_normal(TIME.size)
+
+
+def first_order(rng, memory=0.8):
+    kicks = 0.3 * rng.standard_normal(TIME.size + 100)
+    noise = np.zeros_like(kicks)
+    for i in range(1, kicks.size):
+        noise[i] = memory * noise[i - 1] + kicks[i]
+    return noise[100:]
+
+
+def ordinary(matrix, residuals):
+    variance = residuals @ residuals / (residuals.size - matrix.shape[1])
+    return np.sqrt(np.diag(np.linalg.inv(matrix.T @ matrix)) * variance)
+
+
+def test_white_noise_gives_the_textbook_covariance():
+    rng = np.random.default_rng(1)
+    matrix, noise = waves(rng, 3), white(rng)
+    step = np.linalg.lstsq(matrix, noise, rcond=None)[0]
+    c = local(linear(matrix, np.full(3, 0.5), noise), cube("a", "b", "c"), 0.5 - step)
+    expected = ordinary(matrix, noise - matrix @ step)
+    np.testing.assert_allclose(list(c.standard_error.values()), expected, rtol=0.15)
+    assert np.all(np.array(list(c.standard_error.values())) > 0.97 * expected)
+    assert c.status == "ok"
+    assert not c.reason
+    assert not c.undetermined
+    assert not c.at_edge
+
+
+def test_white_noise_is_covered():
+    assert 0.92 <= coverage(white) <= 0.99
+
+
+def test_noise_that_differs_between_blocks_is_covered():
+    blocks = np.repeat([0, 1], TIME.size // 2)
+    assert 0.91 <= coverage(lambda rng: white(rng) * np.where(blocks, 0.05, 2.0), blocks=blocks) <= 0.995
+
+
+def test_noise_with_a_memory_is_covered_where_the_naive_interval_fails():
+    assert coverage(first_order, calculate=ordinary) < 0.85
+    assert 0.90 <= coverage(first_order) <= 0.99
+
+
+def test_few_residuals_widen_the_interval_as_student_says():
+    rng = np.random.default_rng(3)
+    held = []
+    for _ in range(300):
+        matrix, noise = rng.standard_normal((8, 3)), 0.1 * rng.standard_normal(8)
+        u = 0.5 - np.linalg.lstsq(matrix, noise, rcond=None)[0]
+        if np.all((u > 0.0) & (u < 1.0)):
+            c = local(linear(matrix, np.full(3, 0.5), noise), cube("a", "b", "c"), u)
+            held += [low <= 0.5 <= high for low, high in c.interval.values()]
+    assert 0.90 <= np.mean(held) <= 0.99
+
+
+def test_sandwich_of_a_known_heteroscedastic_problem():
+    """One parameter, two blocks of unit sensitivity: var = (n1 s1^2 + n2 s2^2) / (n1 + n2)^2."""
+    rng = np.random.default_rng(4)
+    blocks = np.repeat([0, 1], [3000, 1000])
+    noise = rng.standard_normal(4000) * np.where(blocks, 3.0, 0.1)
+    residuals = noise - noise.mean()
+    covariance, freedom = sandwich(np.ones((4000, 1)), residuals, blocks)
+    assert covariance[0, 0] == pytest.approx((3000 * 0.01 + 1000 * 9.0) / 4000**2, rel=0.15)
+    assert 700 < freedom[0] < 1300  # the noisy block alone decides
+
+
+def test_two_parameters_that_act_through_their_ratio_are_named_with_it():
+    space = Space({"stiffness": Window(50.0, 200.0, "log"), "mass": Window(0.5, 2.0, "log"), "gap": Window(0.0, 1e-3)})
+    rng = np.random.default_rng(5)
+    noise = 0.02 * rng.standard_normal(TIME.size)
+
+    def motion(v):
+        return np.sin(np.sqrt(v["stiffness"] / v["mass"] / 100.0) * TIME) + 1e3 * v["gap"] * np.cos(TIME)
+
+    def evaluate(points):
+        return [outcome(motion(space.values(u)) - np.sin(TIME) - 0.4 * np.cos(TIME) + noise) for u in points]
+
+    c = local(evaluate, space, space.point({"stiffness": 100.0, "mass": 1.0, "gap": 0.4e-3}))
+    (group,) = c.undetermined
+    assert set(group.members) == {"stiffness", "mass"}
+    assert "stiffness / mass" in group.text
+    assert group.direction["stiffness"] * group.direction["mass"] > 0.0
+    assert c.interval["stiffness"] == (50.0, 200.0)
+    assert c.interval["gap"][1] - c.interval["gap"][0] < 0.05e-3
+
+
+def test_nearly_collinear_parameters_are_named_though_their_errors_are_small():
+    rng = np.random.default_rng(6)
+    matrix = waves(rng, 3, scale=300.0)
+    matrix[:, 1] = matrix[:, 0] + 6.0 * np.cos(5.0 * TIME)
+    noise = 0.1 * white(rng)
+    u = 0.5 - np.linalg.lstsq(matrix, noise, rcond=None)[0]
+    c = local(linear(matrix, np.full(3, 0.5), noise), cube("a", "b", "c"), u)
+    (group,) = c.undetermined
+    assert set(group.members) == {"a", "b"}
+    assert group.reason == "nearly collinear"
+    assert max(c.standard_error.values()) < SHARE
+
+
+def test_a_parameter_without_influence_is_not_determined():
+    rng = np.random.default_rng(7)
+    matrix, noise = waves(rng, 2), white(rng)
+    matrix[:, 1] = 0.0
+    c = local(linear(matrix, np.full(2, 0.5), noise), cube("a", "idle"), np.full(2, 0.5))
+    assert [g.members for g in c.undetermined] == [("idle",)]
+    assert c.standard_error["idle"] == np.inf
+    assert c.as_dict()["standard_error"]["idle"] is None
+    assert c.interval["idle"] == (0.0, 1.0)
+
+
+def test_a_log_window_gives_an_interval_symmetric_in_the_logarithm():
+    space = Space({"damping": Window(1e-3, 1e-1, "log")})
+    rng = np.random.default_rng(8)
+    noise = white(rng)
+    c = local(linear(3.0 * np.sin(TIME)[:, None], np.array([0.5]), noise), space, np.array([0.5]))
+    low, high = c.interval["damping"]
+    assert low * high == pytest.approx(1e-2**2)
+    assert c.standard_error["damping"] == pytest.approx(np.log(high / low) / 4.0 * 1e-2, rel=0.02)
+
+
+def test_a_parameter_at_its_edge_is_said_and_judged_from_inside():
+    rng = np.random.default_rng(9)
+    matrix, noise = waves(rng, 2), 0.1 * white(rng)
+    asked = []
+
+    def evaluate(points):
+        asked.extend(points)
+        return [outcome(matrix @ (u - [-0.05, 0.5]) + noise) for u in points]
+
+    c = local(evaluate, cube("a", "b"), np.array([0.0, 0.5]))
+    assert c.at_edge == {"a": "low"}
+    assert c.interval["a"][0] == 0.0
+    assert np.min(asked) >= 0.0
+
+
+def test_a_search_that_stopped_early_widens_its_interval_and_says_so():
+    rng = np.random.default_rng(10)
+    matrix, noise = waves(rng, 2), 0.1 * white(rng)
+    c = local(linear(matrix, np.full(2, 0.5), noise), cube("a", "b"), np.array([0.45, 0.5]))
+    assert "ended before" in c.reason
+    assert c.interval["a"][1] > 0.5
+
+
+@pytest.mark.parametrize("bad", [{"status": "timeout"}, {"kind": "period 2"}])
+def test_one_failing_side_is_replaced_by_the_other(bad):
+    rng = np.random.default_rng(11)
+    matrix, noise = waves(rng, 2), white(rng)
+
+    def evaluate(points):
+        return [outcome(matrix @ (u - 0.5) + noise, **(bad if u[0] > 0.5 else {})) for u in points]
+
+    assert local(evaluate, cube("a", "b"), np.full(2, 0.5)).status == "ok"
+
+
+def test_failing_neighbours_give_a_reason_and_no_numbers():
+    rng = np.random.default_rng(12)
+    matrix, noise = waves(rng, 2), white(rng)
+
+    def evaluate(points):
+        return [outcome(matrix @ (u - 0.5) + noise, kind="period 1" if u[1] == 0.5 else "irregular") for u in points]
+
+    c = local(evaluate, cube("a", "b"), np.full(2, 0.5))
+    assert c.status == "not available"
+    assert "b" in c.reason
+    assert "irregular, not period 1" in c.reason
+    assert c.standard_error == {}
+    assert c.as_dict()["interval"] == {}
+
+
+def test_a_failed_best_point_gives_a_reason():
+    c = local(lambda points: [outcome(None, status="diverged")], cube("a"), np.array([0.5]))
+    assert c.status == "not available"
+    assert "diverged" in c.reason
+
+
+def test_residuals_too_rough_to_differentiate_are_not_differentiated():
+    def evaluate(points):
+        return [outcome(np.random.default_rng(abs(hash(u.tobytes()))).standard_normal(50)) for u in points]
+
+    c = local(evaluate, cube("a"), np.array([0.3]))
+    assert c.status == "not available"
+    assert "rough" in c.reason
+
+
+def test_a_smooth_curvature_does_not_disturb():
+    rng = np.random.default_rng(13)
+    slope = 0.1 * TIME * np.cos(TIME)
+    noise = 0.02 * rng.standard_normal(TIME.size)
+    noise -= slope * (slope @ noise) / (slope @ slope)  # the point is the minimum
+
+    def evaluate(points):
+        return [outcome(np.sin((1.0 + 0.1 * (u[0] - 0.5)) * TIME) - np.sin(TIME) + noise) for u in points]
+
+    c = local(evaluate, cube("frequency"), np.array([0.5]), outcome=evaluate([[0.5]])[0])
+    assert c.standard_error["frequency"] == pytest.approx(0.02 / np.linalg.norm(slope), rel=0.3)
+    assert c.evaluations <= 6
+
+
+@pytest.mark.parametrize(
+    ("shifts", "text"),
+    [((0.7, 0.7), "a / b"), ((0.7, -0.7), "a * b"), ((0.9, 0.45), "a / b^2"), ((0.3, 0.6), "b / a^2")],
+)
+def test_a_combination_of_log_parameters_is_a_product_of_powers(shifts, text):
+    windows = (Window(0.1, 10.0, "log"), Window(1.0, 100.0, "log"))
+    assert combination(("a", "b"), windows, (0.5, 0.5), shifts) == text
+
+
+def test_a_wrong_number_of_blocks_is_refused():
+    with pytest.raises(CalibError, match="one block number per residual"):
+        local(linear(np.ones((20, 1)), 0.5, np.ones(20)), cube("a"), np.array([0.5]), blocks=np.zeros(3))

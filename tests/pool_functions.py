@@ -1,0 +1,67 @@
+"""Functions that the pool's tests send to child processes."""
+
+import os
+import signal
+import time
+
+from calib.errors import CalibError
+
+
+def square(x):
+    return x * x
+
+
+def slow_square(x):
+    time.sleep(x)
+    return x * x
+
+
+def process(_):
+    return os.getpid()
+
+
+def misbehave(how):
+    if how == "raise":
+        raise ValueError("the beam is too long")
+    if how == "refuse":
+        raise CalibError("unknown parameter 'alhpa'")
+    if how == "exit":
+        os._exit(7)
+    if how == "segfault":
+        os.kill(os.getpid(), signal.SIGSEGV)
+    if how == "killed":
+        os.kill(os.getpid(), signal.SIGKILL)
+    if how == "hang":
+        time.sleep(1000)
+    if how == "hang with a deaf interpreter":
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        time.sleep(1000)
+    if how == "unpicklable":
+        return lambda: None
+    return how
+
+
+def threads(_):
+    return {name: os.environ.get(name) for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")}
+
+
+def open_files(_):
+    return [os.readlink(f"/proc/self/fd/{fd}") for fd in os.listdir("/proc/self/fd") if _exists(fd)]
+
+
+def _exists(fd):
+    return os.path.lexists(f"/proc/self/fd/{fd}")
+
+
+class NotUnpicklable:
+    """Pickles well, but fails when it is unpickled in the child."""
+
+    def __reduce__(self):
+        return (_fail, ())
+
+    def __call__(self, x):
+        return x
+
+
+def _fail():
+    raise ImportError("no module named 'somewhere_else'")

@@ -1,0 +1,176 @@
+"""Claims about the page: it stands alone, says what was found, and can be shown to a customer."""
+
+import os
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from html.parser import HTMLParser
+from types import SimpleNamespace
+
+import pytest
+
+from calib.report import render, write
+from calib.report.page import measured_number, number, verdict
+
+LARGEST = 3_000_000  # bytes
+
+
+class Structure(HTMLParser):
+    """Addresses that a page wants, and whether its elements are closed."""
+
+    VOID = frozenset({"meta", "br", "img", "link", "input", "hr"})
+
+    def __init__(self, text):
+        super().__init__()
+        self.wanted, self.open = [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.wanted += [value for name, value in attrs if name in ("href", "src", "xlink:href") and value]
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+@pytest.fixture(scope="session", params=["periodic", "recorded", "hopeless"])
+def page(request):
+    return render(*request.getfixturevalue(request.param).arguments)
+
+
+@pytest.fixture(scope="session")
+def found(periodic):
+    return render(*periodic.arguments, command="calib run studies/minimal/study.toml")
+
+
+def words(text):
+    return re.sub(
+        r"\s+", " ", re.sub(r"<[^>]+>", " ", re.sub(r"<svg.*?</svg>|<style.*?</style>", " ", text, flags=re.S))
+    )
+
+
+def test_the_page_wants_nothing_from_elsewhere(page):
+    structure = Structure(page)
+    assert structure.open == []
+    assert all(address.startswith(("#", "data:")) for address in structure.wanted)
+    assert "<script" not in page
+    assert "@import" not in page
+    assert not re.search(r"url\((?!#)", page)
+
+
+def test_the_page_is_small(page):
+    assert len(page.encode()) < LARGEST
+
+
+def test_the_same_id_never_means_two_things(found):
+    ids = {}
+    for number_, drawing in enumerate(re.findall(r"<svg.*?</svg>", found, flags=re.S)):
+        for name in re.findall(r'\bid="(p[0-9a-f]{10}|m[0-9a-f]{10}|[A-Z]\w+[0-9a-f]{10})"', drawing):
+            assert ids.setdefault(name, number_) == number_
+
+
+def test_it_says_kind_distance_agreement_and_what_was_not_reached(found):
+    text = words(found)
+    assert "period 1, as measured" in text
+    assert "6 of 8 starts" in text
+    assert "amplitude of q3 in clapping (measured 2.41 mm, nearest 3.02 mm, +25.3 %)" in text
+    assert "louder at 0.028" in text
+    assert "slower failed (diverged)" in text
+
+
+def test_it_says_what_is_at_an_edge_and_what_is_not_determined(found):
+    text = words(found)
+    assert "at the lower edge of its window" in text
+    assert "restitution (low end)" in text
+    assert "damping: not determined inside its window" in text
+    assert "not determined on its own" in text
+
+
+def test_records_that_are_not_measured_are_said_to_be_so(found):
+    text = words(found)
+    assert "clapping, louder, slower: not measured: &lt;computed&gt; outside this project" in text
+    assert text.count("not a measurement") == 3
+
+
+def test_failed_trials_are_grouped_with_their_reason(found, periodic):
+    failed = [t for t in periodic.trials if t.status != "ok"]
+    assert re.search(rf"step budget {len(failed)} {failed[0].reason}", words(found))
+
+
+def test_it_says_how_to_make_it_again(found):
+    text = words(found)
+    assert "calib run studies/minimal/study.toml" in text
+    assert "numpy" in text
+    assert "Seed 1" in text
+
+
+def test_lengths_are_shown_in_millimetres(found):
+    assert re.search(r"gap distance of the surfaces at rest 0\.\d+ 0\.06 mm", words(found))
+
+
+def test_another_kind_of_motion_comes_before_any_distance(periodic):
+    result = periodic.result | {"motion": {"kind": "period 2", "wrong": ["clapping"]}}
+    said = verdict(periodic.study, result)
+    assert said["tone"] == "bad"
+    assert "another kind of motion" in said["headline"]
+    assert "period 2, which is not the measured kind in clapping" in said["points"][0]
+
+
+def test_a_study_without_a_score_says_so(hopeless):
+    text = words(render(*hopeless.arguments))
+    assert "No trial ended with a score" in text
+    assert "step budget" in text
+
+
+def test_a_study_without_trials_still_has_a_page(hopeless):
+    assert "No trial yet." in render(hopeless.study, [], {}, hopeless.result)
+
+
+def test_text_of_others_is_escaped(periodic):
+    trials = [replace(periodic.trials[3], reason="<script>alert(1)</script>")]
+    study = SimpleNamespace(**{**vars(periodic.study), "name": "<b>bold</b>"})
+    page = render(study, trials, {}, {"values": {}, "score": {"total": None}})
+    assert "<script>alert" not in page
+    assert "<b>bold" not in page
+
+
+def test_a_page_is_whole_or_absent(periodic, tmp_path, monkeypatch):
+    monkeypatch.setattr("calib.report.page.render", lambda *_: "<html></html>")
+    path = write(tmp_path / "report.html", *periodic.arguments)
+    before = path.read_text()
+    monkeypatch.setattr("calib.report.page.os.fsync", lambda _: (_ for _ in ()).throw(OSError("disk full")))
+    with pytest.raises(OSError, match="disk full"):
+        write(path, *periodic.arguments)
+    assert path.read_text() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.0, "0"), (0.02, "0.02"), (1234.5678, "1235"), (6e-5, "6·10⁻⁵"), (1.5e7, "1.5·10⁷"), (None, "-"), (7, "7")],
+)
+def test_numbers_are_written_for_a_reader(value, text):
+    assert number(value) == text
+
+
+def test_a_value_keeps_the_digits_that_its_error_leaves_it():
+    assert measured_number(1.234567, 1e-4) == "1.23457"
+    assert measured_number(1.234567, None) == "1.235"
+
+
+def test_it_opens_in_a_browser_without_a_complaint_and_prints(page, tmp_path):
+    browser = shutil.which("chromium") or shutil.which("chromium-browser")
+    if browser is None:
+        if os.environ.get("CALIB_BROWSER_REQUIRED"):
+            pytest.fail("chromium is not installed")
+        pytest.skip("chromium is not installed")
+    (tmp_path / "report.html").write_text(page, encoding="utf-8")
+    options = "--headless --no-sandbox --disable-gpu --no-first-run --disable-background-networking --disable-sync"
+    quiet = f"--disable-component-update --enable-logging=stderr --user-data-dir={tmp_path / 'profile'}"
+    command = [browser, *options.split(), *quiet.split(), f"--print-to-pdf={tmp_path / 'report.pdf'}"]
+    run = subprocess.run([*command, f"file://{tmp_path / 'report.html'}"], capture_output=True, text=True, timeout=120)
+    assert run.returncode == 0
+    assert "CONSOLE" not in run.stderr
+    assert (tmp_path / "report.pdf").read_bytes().startswith(b"%PDF")

@@ -1,0 +1,119 @@
+"""The minimal model once more, with scipy's DOP853 and its events, sharing only the matrices with the simulator."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.integrate import DOP853
+from scipy.linalg import eigh
+from scipy.optimize import brentq
+
+from calib.simulators.four_dof.lumped import lumped
+
+NORMAL = np.array([0.0, -1.0, 1.0, 0.0])  # r = g + q3 - q2
+HOLD = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 1.0, 0], [0, 0, 1.0]])  # q = HOLD p - (0, 0, g, 0)
+
+
+class Peer(NamedTuple):
+    """Impacts and where the integration ended; `contacts` counts the phases of permanent contact."""
+
+    times: np.ndarray  # (n,) s
+    speeds: np.ndarray  # (n,) m/s
+    state: np.ndarray  # (8,)
+    contacts: int
+    steps: int
+
+
+def damping_matrix(mass, stiffness, ratio):
+    """Return the matrix C (n, n) [kg/s] of one damping ratio for all modes."""
+    eigenvalues, modes = eigh(stiffness, mass)
+    return mass @ modes @ np.diag(2.0 * ratio * np.sqrt(np.maximum(eigenvalues, 0.0))) @ modes.T @ mass
+
+
+def spring_drive(values, frequency, amplitude):
+    """Mass, stiffness, damping (4, 4) and load amplitude [N] of drive `spring`."""
+    body = lumped(values)
+    stiffness = body.stiffness.copy()
+    stiffness[0, 0] += body.spring
+    damping = damping_matrix(body.mass, stiffness, values["damping"])
+    w = 2.0 * np.pi * values["reference_frequency"]
+    answer = np.linalg.solve(stiffness - w**2 * body.mass + 1j * w * damping, [body.spring, 0, 0, 0])
+    return body.mass, stiffness, damping, body.spring * amplitude * values["amplitude"] / abs(answer[0])
+
+
+def dop853(values, frequency, amplitude, stop_after, faster=1e-3, end=np.inf, law=None, rtol=1e-12, atol=1e-13, steps=64,
+           push=1e-17):
+    """Integrate from rest until `stop_after` impacts faster than `faster` [m/s], or until `end` [s].
+
+    law(t, q, dq) -> (4,) accelerations [m/s^2]; atol is relative to 1 mm and 0.1 m/s; `steps` per period at least.
+    """
+    mass, stiffness, damping, load = spring_drive(values, frequency, amplitude)
+    gap, e = values["gap"], values["restitution"]
+    w = 2.0 * np.pi * frequency
+    inverse = np.linalg.inv(mass)
+    mass_c, stiffness_c = HOLD.T @ mass @ HOLD, HOLD.T @ stiffness @ HOLD
+    damping_c, inverse_c = damping_matrix(mass_c, stiffness_c, values["damping"]), np.linalg.inv(mass_c)
+    hung = np.array([0.0, 0.0, -gap, 0.0])
+    pull = np.array([load, 0.0, 0.0, 0.0])
+
+    def given(t, q, dq):
+        return mass @ law(t, q, dq) if law else 0.0
+
+    def acceleration(t, q, dq):
+        return inverse @ (pull * np.cos(w * t) + given(t, q, dq) - stiffness @ q - damping @ dq)
+
+    def free(t, x):
+        return np.concatenate([x[4:], acceleration(t, x[:4], x[4:])])
+
+    def held(t, x):
+        p, dp = x[:3], x[3:]
+        q, dq = HOLD @ p + hung, HOLD @ dp
+        force = HOLD.T @ (pull * np.cos(w * t) + given(t, q, dq) - stiffness @ hung)
+        return np.concatenate([dp, inverse_c @ (force - stiffness_c @ p - damping_c @ dp)])
+
+    def clearance(t, x):
+        return gap + NORMAL @ x[:4]
+
+    def pressing(t, x):
+        return -NORMAL @ acceleration(t, HOLD @ x[:3] + hung, HOLD @ x[3:])
+
+    t, x, contact = 0.0, np.zeros(8), False
+    times, speeds, contacts, count = [], [], 0, 0
+    scale = atol * np.repeat([1e-3, 0.1], 4)
+    while sum(s > faster for s in speeds) < stop_after and t < end:
+        fun, event = (held, pressing) if contact else (free, clearance)
+        tolerance = scale[[0, 1, 3, 4, 5, 7]] if contact else scale
+        solver = DOP853(fun, t, x, end, rtol=rtol, atol=tolerance, max_step=1.0 / (frequency * steps))
+        before = event(t, x)
+        while True:
+            solver.step()
+            count += 1
+            after = event(solver.t, solver.y)
+            if after <= 0.0 or solver.status != "running":
+                break
+            before = after
+        t, x = solver.t, solver.y
+        if after > 0.0:
+            break
+        dense = solver.dense_output()
+        if before > 0.0:
+            t = brentq(lambda s: event(s, dense(s)), solver.t_old, solver.t, xtol=1e-16, rtol=1e-15)
+        else:
+            t = solver.t_old
+        x = dense(t)
+        if contact:
+            contact = False
+            x = np.concatenate([HOLD @ x[:3] + hung, HOLD @ x[3:]])
+            x[2] += push
+            continue
+        rate = NORMAL @ x[4:]
+        times.append(t)
+        speeds.append(-rate)
+        x[6] -= (1.0 + e) * rate
+        rate = -e * rate
+        pressing_now = -NORMAL @ acceleration(t, x[:4], x[4:])
+        if pressing_now > 0.0 and rate**2 / (2.0 * pressing_now) < 1e-12 * gap:
+            contact, contacts = True, contacts + 1
+            x = np.concatenate([x[[0, 1, 3]], x[[4, 5, 7]]])
+        else:
+            x[2] = x[1] - gap + push
+    return Peer(np.array(times), np.array(speeds), x, contacts, count)
