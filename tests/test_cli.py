@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -183,6 +184,35 @@ def test_a_full_disk_ends_with_a_message_and_the_ledger_intact(tmp_path):
     assert str(tmp_path / "out") in ended.stderr
     assert read(tmp_path / "out")[1][: len(before)] == before
     calib("run", path)
+
+
+def test_a_read_only_folder_ends_with_a_message_and_the_ledger_intact(tmp_path):
+    as_user = [] if os.geteuid() else ["setpriv", "--inh-caps=-all", "--bounding-set=-all"]  # root may write anywhere
+    if as_user and not shutil.which("setpriv"):
+        pytest.skip("needs setpriv to give up the rights of root")
+    path = write_study(tmp_path)
+    calib("run", path, "--budget", 12, "--quiet")
+    out = tmp_path / "out"
+    before = (out / "trials.jsonl").read_bytes()
+    for file in (*out.rglob("*"), out):
+        file.chmod(0o555 if file.is_dir() else 0o444)
+    code = "from calib.cli import main; main()"
+    environment = {**os.environ, "PYTHONPATH": TESTS}
+    try:
+        ended = subprocess.run(
+            [*as_user, sys.executable, "-c", code, "run", str(path)],
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    finally:
+        for file in (out, *out.rglob("*")):
+            file.chmod(0o755 if file.is_dir() else 0o644)
+    assert ended.returncode == 1, ended.stderr
+    assert f"cannot write {out}" in ended.stderr
+    assert "Traceback" not in ended.stderr
+    assert (out / "trials.jsonl").read_bytes() == before
 
 
 # --- status

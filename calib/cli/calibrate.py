@@ -14,7 +14,7 @@ import xarray as xr
 from calib import result
 from calib.cli.progress import Progress
 from calib.cli.standing import folder_of
-from calib.confidence import Confidence, local
+from calib.confidence import Confidence, echoes, local
 from calib.model import Model
 from calib.objective import Objective, Score
 from calib.pool import Failure, LocalPool
@@ -114,12 +114,14 @@ def _confidence(study: Study, pool: LocalPool, top: Trial, evaluation: Evaluatio
     def outcomes(points: np.ndarray) -> list[Outcome]:
         return [_outcome(answer) for answer in _mapped(pool, [study.space.values(u) for u in points])]
 
-    blocks = None
+    blocks = noise = None
     if isinstance(evaluation, Evaluation) and evaluation.score.residuals is not None:
         residuals = study.objective.residuals(evaluation.records)
         labels = zip(*(residuals[name].values for name in ("term", "record", "body", "channel")), strict=True)
         blocks = np.unique([" ".join(map(str, label)) for label in labels], return_inverse=True)[1]
-    return local(outcomes, study.space, np.array(top.u), outcome=_outcome(evaluation), blocks=blocks)
+        if len(study.objective.terms) > 1:  # terms that look at one channel share its noise
+            noise = echoes(study.objective, evaluation.records, study.seed)
+    return local(outcomes, study.space, np.array(top.u), outcome=_outcome(evaluation), blocks=blocks, echoes=noise)
 
 
 def _outcome(answer: Evaluation | Failure) -> Outcome:

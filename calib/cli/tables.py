@@ -92,7 +92,7 @@ def _remarks(found: Mapping[str, Any]) -> list[str]:
     wrong = ", ".join(found["motion"]["wrong"])
     lines = [f"[red]another kind of motion than measured[/] in {escape(wrong)}: {escape(found['motion']['evidence'])}"]
     lines = lines if wrong else []
-    lines += [f"[yellow]not determined:[/] {escape(group['text'])}" for group in found["undetermined"]]
+    lines += [f"[yellow]mind:[/] {escape(group['text'])}" for group in found["undetermined"]]
     if confidence is None or confidence["status"] != "ok":
         lines.append(f"[yellow]no intervals:[/] {escape((confidence or {}).get('reason', 'not worked out'))}")
     for reach in found["unreachable"]:

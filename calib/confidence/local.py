@@ -10,7 +10,9 @@ J^+ Sigma J^+^T. Sigma is not assumed to be a multiple of the unit matrix:
    gives a larger standard error, the larger one is taken: misfit that sits where the sensitivity sits counts.
 3. Residuals of a fit are smaller than the noise; each block is scaled so that its expected sum of squares is the
    observed one. Few degrees of freedom widen the interval through Student's t (Satterthwaite 1946 over the blocks).
-4. The distance from the point to the minimum of the linearised problem is added in quadrature: a search that stopped
+4. Blocks are taken as independent, unless `echoes` show how the noise of one channel sounds in several of them: then
+   each variance is corrected by the ratio that they give.
+5. The distance from the point to the minimum of the linearised problem is added in quadrature: a search that stopped
    early is not surer than one that ended.
 """
 
@@ -111,6 +113,7 @@ def local(
     *,
     outcome: Outcome | None = None,
     blocks: np.ndarray | None = None,
+    echoes: np.ndarray | None = None,
     share: float = SHARE,
 ) -> Confidence:
     """Confidence in the values at `u`, from differences of the residuals about it.
@@ -124,12 +127,14 @@ def local(
     outcome : what `evaluate` gave there, where it is known
     blocks : (m,) integers, equal for residuals of one term, record, body and channel; in time or phase order inside
         a block. None: one block
+    echoes : (number, m) changes of the residuals by noise in the measurement (`calib.confidence.echoes`); of use where
+        several terms look at one channel
     share : a direction whose standard error exceeds this share of the window is called undetermined [1]
 
     Raises
     ------
     CalibError
-        When `u` or `blocks` has the wrong shape.
+        When `u`, `blocks` or `echoes` has the wrong shape.
     """
     u = np.asarray(u, dtype=float)
     values = space.values(u)
@@ -145,6 +150,8 @@ def local(
     residuals = np.asarray(outcome.residuals, dtype=float)
     if blocks is not None and np.shape(blocks) != residuals.shape:
         raise CalibError(f"expected one block number per residual, shape {residuals.shape}, got {np.shape(blocks)}")
+    if echoes is not None and echoes.shape[1:] != residuals.shape:
+        raise CalibError(f"expected echoes of shape (number, {residuals.size}), got {echoes.shape}")
     if residuals.size <= space.dim:
         reason = f"{residuals.size} residuals cannot judge {space.dim} parameters; score more features or records"
         return Confidence("not available", reason, space.names, value, at_edge=edges, evaluations=counted.number)
@@ -153,7 +160,7 @@ def local(
     if trouble:
         return Confidence("not available", trouble, space.names, value, at_edge=edges, evaluations=counted.number)
     labels = np.zeros(residuals.size, dtype=int) if blocks is None else np.asarray(blocks)
-    covariance, freedom = sandwich(jacobian, residuals, labels)
+    covariance, freedom = sandwich(jacobian, residuals, labels, echoes)
     free = np.array([name not in edges for name in space.names])
     step = distance_to_minimum(jacobian, residuals, free)
     reason = _unconverged(space.names, step, np.sqrt(np.diag(covariance)))
@@ -263,10 +270,13 @@ def _smoothest(slopes: list[np.ndarray]) -> np.ndarray:
 # --- covariance ----------------------------------------------------------------------------------------------------
 
 
-def sandwich(jacobian: np.ndarray, residuals: np.ndarray, blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def sandwich(
+    jacobian: np.ndarray, residuals: np.ndarray, blocks: np.ndarray, echoes: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Robust covariance (dim, dim) of a least-squares estimate and the degrees of freedom (dim,) of its variances.
 
-    jacobian (m, dim) and residuals (m,) at the minimum, blocks (m,): numbers of the blocks. Sources: module docstring.
+    jacobian (m, dim) and residuals (m,) at the minimum, blocks (m,): numbers of the blocks, echoes (number, m) or None.
+    Sources: module docstring.
     """
     scale = np.linalg.norm(jacobian, axis=0)
     scale[scale == 0.0] = FLOOR * max(scale.max(), 1e-300)
@@ -297,6 +307,11 @@ def sandwich(jacobian: np.ndarray, residuals: np.ndarray, blocks: np.ndarray) ->
     )
     variance = np.maximum(np.diag(covariance), 1e-300)
     widen = np.sqrt(np.maximum(1.0, np.diag(turn @ local_form @ turn.T) / variance))
+    if echoes is not None and len(parts) > 1:
+        moves = [echoes[:, i] @ left[i] @ turn.T for i in parts]
+        apart = sum(np.var(move, axis=0) for move in moves)
+        ratio = np.var(sum(moves), axis=0) / np.maximum(apart, 1e-300)
+        widen *= np.sqrt(np.clip(ratio, 0.25, len(parts)))
     own_freedom = np.array(
         [
             max(1.0, i.size * gamma[0] ** 2 / max(2.0 * gamma @ gamma - gamma[0] ** 2, 1e-300) - leverage[i].sum())

@@ -4,6 +4,7 @@ import cma
 import numpy as np
 
 PATIENCE = 3                        # generations that failed altogether before the run is begun elsewhere
+SMALLEST = 1e-4                     # of the window: a population no wider than this ends the run
 
 
 class CmaEs:
@@ -60,7 +61,7 @@ class CmaEs:
         """A run of the package on a stream of its own; it knows no single dimension, so that gets an idle second."""
         start = np.append(start, 0.5) if self._dim == 1 else start
         options = {"bounds": [0, 1], "popsize": self._size, "verbose": -9, "verb_log": 0, "signals_filename": "",
-                   "seed": np.nan, "randn": lambda *shape: self._rng.standard_normal(shape)}
+                   "tolx": SMALLEST, "seed": np.nan, "randn": lambda *shape: self._rng.standard_normal(shape)}
         return cma.CMAEvolutionStrategy(start, self._sigma, options)
 
     def _learn(self, costs):

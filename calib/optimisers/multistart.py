@@ -13,7 +13,7 @@ from calib.optimisers.trend import lowest_of_trend
 
 SAME_POINT = 0.01                   # of the window: ends of searches closer than this agree in point
 SAME_COST = 0.01                    # relative: ends whose costs differ less agree in cost
-WIDE, NARROW = 0.1, 0.02            # of the window: first trust region of a search from a screened point, and from where
+WIDE, NARROW = 0.1, 0.02            # of the window: first trust region of a search from a screened point; from where
                                     # the trend or the population has already followed the wide slopes
 SPACING = 0.35                      # of the mean spacing of the screen: a start this near to another is not tried
 SCREEN_SHARE = 3                    # at most one part in three of the budget is screened
@@ -230,7 +230,7 @@ class Multistart:
             if deed == "population":
                 yield point, None, NARROW
             trend = lowest_of_trend(*self._screen_costs())
-            if trend is not None:
+            if trend is not None and not any(np.allclose(trend, start) for start in self._starts):
                 yield trend, None, NARROW
             if self._evolution and self._evolution.generation > self._dim:
                 yield self._evolution.centre.copy(), None, NARROW

@@ -43,7 +43,7 @@ class Conversation:
             self._requests.put(("ended", self._method(self._evaluate)))
         except Closed:
             pass
-        except Exception as error:          # noqa: BLE001 - it belongs to the other thread, which raises it
+        except Exception as error:          # not mended here: the other thread raises it
             self._requests.put(("raised", error))
 
     def _evaluate(self, points):

@@ -49,8 +49,10 @@ STYLE = {
 
 
 def shown_unit(unit: str, largest: float) -> tuple[float, str]:
-    """Factor and unit for a reader: millimetres and milliseconds where nothing exceeds a half metre or second."""
-    small = {"m": "mm", "s": "ms"}
+    """Factor and unit for a reader: mm, ms and g where nothing exceeds half an m, s or kg; mg where half a g."""
+    small = {"m": "mm", "s": "ms", "kg": "g"}
+    if unit == "kg" and abs(largest) <= 5e-4:
+        return 1e6, "mg"
     return (1e3, small[unit]) if unit in small and abs(largest) <= 0.5 else (1.0, unit or "1")
 
 

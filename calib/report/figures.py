@@ -163,7 +163,7 @@ def picture(trial: TrialLike, records: Mapping[str, xr.Dataset], objective) -> b
     scored = [n for n, r in objective.references.items() if r.use == "calibrate" and n in records]
     name = (scored or list(records))[0]
     measured, simulated = objective.references[name].record, records[name]
-    aligned = objective.aligned(name, simulated) if usable(simulated) else None
+    aligned = beside(objective, name, simulated) if usable(simulated) else None
     pairs = judged(measured, aligned) if aligned is not None else _pairs(measured)
     body, channel = (pairs or _pairs(measured))[-1]
     with mpl.rc_context({**STYLE, "axes.grid": False}):
@@ -238,8 +238,14 @@ def impact_times(record: xr.Dataset) -> np.ndarray:
     return np.asarray(record["impact_time"].values, dtype=float) if "impact_time" in record else np.empty(0)
 
 
-def with_impacts(aligned: xr.Dataset, simulated: xr.Dataset) -> xr.Dataset:
-    """Put the impacts of a simulated record to what was aligned with a reference, on the reference's time.
+def beside(objective, name: str, simulated: xr.Dataset) -> xr.Dataset:
+    """Return a simulated record on the time base of the reference `name`, with its impacts and what was prescribed."""
+    aligned = _with_impacts(objective.aligned(name, simulated), simulated)
+    return aligned.assign_attrs(prescribed=simulated.attrs.get("prescribed", ""))
+
+
+def _with_impacts(aligned, simulated):
+    """Put the impacts of a simulated record on the time of the reference it was aligned with.
 
     The trigger, attribute `nuisance_trigger` of `aligned`, is the simulation's time at the reference's time zero [s];
     the simulation repeats itself after its own length.

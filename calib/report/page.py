@@ -31,7 +31,8 @@ OVER_PHASE = (
 STRUCTURE = (
     "Measured minus simulated: over time, against the motion (blue: mean in bins), its correlation with functions "
     "of displacement x and velocity v (blue bars: with what is linear in x and v taken out of both), its spectrum. "
-    "A pattern or a long blue bar points to what the model lacks."
+    "A pattern or a long blue bar points to what the model lacks; near a resonance a missing force is seen a quarter "
+    "of a period late: a spring's against the velocity."
 )
 COURSE = "Score of every trial in the order of asking, coloured by the kind of motion."
 KINDS = "Where in the windows which kind of motion occurs: the score of every trial over each searched parameter."
@@ -143,8 +144,11 @@ def verdict(study, result: Mapping[str, Any]) -> dict[str, Any]:
         points.append(f"Mind: {confidence['reason']}.")
     lost = [name for name, found in (result.get("holdout") or {}).items() if found.get("distance") is None]
     tone = "bad" if wrong else "mind" if unreachable or edges or lost else "good"
-    headline = f"Best simulation at a distance of {number(total, 3)} from the measurement"
-    headline = f"{headline}, but of another kind of motion." if wrong else f"{headline}."
+    headline = f"Best simulation at a distance of {number(total, 3)} from the measurement."
+    if wrong:
+        headline = f"{headline[:-1]}, but of another kind of motion."
+    elif unreachable:
+        headline = f"Nothing in the windows matches the measurement; the best is at a distance of {number(total, 3)}."
     return {"tone": tone, "headline": headline, "points": [p for p in points if p]}
 
 
@@ -181,8 +185,9 @@ def _hold_out_sentence(result, total):
         if found.get("distance") is None:
             parts.append(f"{name} failed ({found.get('status', 'no score')})")
         else:
-            ratio = f", {found['distance'] / total:.2g} times the calibrated one" if total > 0.0 else ""
-            kind = f" ({found['kind']}{ratio})" if found.get("kind") else f" ({ratio[2:]})" if ratio else ""
+            ratio = [f"{found['distance'] / total:.2g} times the calibrated one"] if total > 0.0 else []
+            said = [found["kind"]] if found.get("kind") not in (None, "", "not periodic") else []
+            kind = f" ({', '.join(said + ratio)})" if said + ratio else ""
             parts.append(f"{name} at {number(found['distance'], 3)}{kind}")
     return [f"Records held out are predicted: {'; '.join(parts)}."] if parts else []
 
@@ -207,7 +212,7 @@ def _section(study, name, simulated, result):
     reference = study.objective.references[name]
     measured = reference.record
     usable = simulated is not None and figures.usable(simulated)
-    aligned = figures.with_impacts(study.objective.aligned(name, simulated), simulated) if usable else None
+    aligned = figures.beside(study.objective, name, simulated) if usable else None
     failed = ""
     if simulated is not None and not usable:
         failed = f"{simulated.attrs.get('status')}: {simulated.attrs.get('reason', 'no reason stated')}"

@@ -73,6 +73,7 @@ def test_the_same_id_never_means_two_things(found):
 
 def test_it_says_kind_distance_agreement_and_what_was_not_reached(found):
     text = words(found)
+    assert "Nothing in the windows matches the measurement" in text
     assert "period 1, as measured" in text
     assert "6 of 8 starts" in text
     assert "amplitude of q3 in clapping (measured 2.41 mm, nearest 3.02 mm, +25.3 %)" in text

@@ -40,8 +40,19 @@ def spring_drive(values, frequency, amplitude):
     return body.mass, stiffness, damping, body.spring * amplitude * values["amplitude"] / abs(answer[0])
 
 
-def dop853(values, frequency, amplitude, stop_after, faster=1e-3, end=np.inf, law=None, rtol=1e-12, atol=1e-13, steps=64,
-           push=1e-17):
+def dop853(
+    values,
+    frequency,
+    amplitude,
+    stop_after,
+    faster=1e-3,
+    end=np.inf,
+    law=None,
+    rtol=1e-12,
+    atol=1e-13,
+    steps=64,
+    push=1e-18,
+):
     """Integrate from rest until `stop_after` impacts faster than `faster` [m/s], or until `end` [s].
 
     law(t, q, dq) -> (4,) accelerations [m/s^2]; atol is relative to 1 mm and 0.1 m/s; `steps` per period at least.
@@ -96,7 +107,7 @@ def dop853(values, frequency, amplitude, stop_after, faster=1e-3, end=np.inf, la
             break
         dense = solver.dense_output()
         if before > 0.0:
-            t = brentq(lambda s: event(s, dense(s)), solver.t_old, solver.t, xtol=1e-16, rtol=1e-15)
+            t = brentq(lambda s, event=event, dense=dense: event(s, dense(s)), solver.t_old, solver.t, xtol=1e-16, rtol=1e-15)
         else:
             t = solver.t_old
         x = dense(t)

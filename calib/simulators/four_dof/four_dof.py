@@ -141,7 +141,10 @@ class FourDof:
         scale = values["amplitude"]
         if kind.spring:
             unit = regimes(free, 1.0, 2.0 * np.pi * values["reference_frequency"])
-            scale /= np.hypot(unit.motion[0, 0, 0], unit.motion[0, 0, 1])
+            answer = np.hypot(unit.motion[0, 0, 0], unit.motion[0, 0, 1])
+            if not answer > 0.0:
+                raise ValueError("the shaker does not move q1")
+            scale /= answer
         if duration is None:
             drive = Drive(
                 period=excitation.period,

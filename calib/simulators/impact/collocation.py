@@ -267,6 +267,7 @@ def collocate(problem, r, state, time, step, w):
         _set_answers(problem.regimes, r, state.y, state.v, step, w)
         _hold_states(state.z, w)
         speed = _modal_speed(problem.regimes, r, state.y, state.v)
+        held = False
         for sweep in range(SWEEPS):
             for j in range(5):
                 if (j == 0) == (sweep == 0):  # the first node does not change
@@ -276,7 +277,10 @@ def collocate(problem, r, state, time, step, w):
             change, size = _refit(problem.regimes, r, w)
             if problem.counts[3] > 0:
                 _integrate_states(state.z, step, w)
-            converged = sweep > 0 and (change <= CLOSE * size or change * step <= FAINT * speed)
+            close = sweep > 0 and (change <= CLOSE * size or change * step <= FAINT * speed)
+            # the loads follow internal states one sweep late, so with those they have to hold twice
+            converged = close and (problem.counts[3] == 0 or held)
+            held = close
             if converged:
                 break
     _set_added(problem, r, step, w)

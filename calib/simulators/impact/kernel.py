@@ -184,7 +184,7 @@ def advance(problem, state, w, periods, tolerance, budget, sections, times, samp
             return DIVERGED
         for i in range(n):
             state.y[i], state.v[i] = ye[i], ve[i]
-        if problem.counts[3] > 0:
+        if problem.counts[3] > 0 and tau > 0.0:
             for i in range(state.z.shape[0]):
                 for b in range(n):
                     for k in range(state.z.shape[2]):

@@ -1,0 +1,399 @@
+"""The minimal model: the figures of its default set, the laws of physics, the contract of a simulator."""
+
+import os
+import pickle
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import eigh
+
+from calib import record as records
+from calib.errors import CalibError
+from calib.excitation import Excitation
+from calib.model import Model, Request
+from calib.simulators.four_dof import FourDof
+from calib.simulators.four_dof.drives import DRIVES, structure
+from calib.simulators.four_dof.lumped import lumped
+from calib.simulators.impact import kernel
+from calib.simulators.impact.collocation import scratch
+from calib.simulators.impact.modes import modal
+from calib.simulators.impact.problem import IMPACTS, STEPS
+from calib.simulators.impact.run import start
+
+PERIOD = 1.0 / 26.24  # s
+MODEL = Model(FourDof())
+NOMINAL = MODEL.nominal
+
+
+def shaker(amplitude=1.5e-3, frequency=26.24, phase=0.0):
+    return Excitation("end", "displacement", frequency=frequency, amplitude=amplitude, phase=phase)
+
+
+def advance(problem, state, periods=1, capacity=10_000, budget=10**9):
+    """Sections (periods, 10) and impacts (n, 10) of some periods more."""
+    rows, impacts = np.zeros((periods, 10)), np.zeros((capacity, 10))
+    before = int(state.count[IMPACTS])
+    code = kernel.advance(
+        problem, state, scratch(4), periods, 0.0, budget, rows, np.zeros(0), np.zeros((0, 10)), impacts
+    )
+    assert code == kernel.DONE
+    return rows, impacts[before : int(state.count[IMPACTS])]
+
+
+def frequencies(stiffness, mass):
+    return np.sqrt(np.maximum(eigh(stiffness, mass)[0], 0.0)) / (2.0 * np.pi)
+
+
+def of_period(record, n):
+    """Largest change of the section over n periods, as a share of its size."""
+    q = record.section_displacement.values
+    return np.abs(q[:, n:] - q[:, :-n]).max() / np.abs(q).max()
+
+
+# the default set
+
+
+def test_masses_and_stiffnesses_of_the_default_set():
+    body = lumped(NOMINAL)
+    assert np.diag(body.mass) == pytest.approx([0.317937, 0.0731981, 0.0161036, 0.317937], rel=2e-6)
+    k = body.stiffness
+    assert [k[0, 0], k[0, 1], k[0, 2], k[0, 3], k[1, 1], k[2, 2]] == pytest.approx(
+        [159877.904, -112999.794, -1203.222, 55469.134, 127449.036, 1357.077], rel=5e-7
+    )
+    assert body.spring == pytest.approx(1.598779e6, rel=1e-6)
+    assert (k == k.T).all()
+
+
+def test_frequencies_of_the_default_set():
+    body = lumped(NOMINAL)
+    hold = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 1.0, 0], [0, 0, 1.0]])
+    held = body.stiffness + np.diag([body.spring, 0.0, 0.0, 0.0])
+    assert frequencies(body.stiffness, body.mass) == pytest.approx([26.24, 48.12, 91.20, 245.75], abs=6e-3)
+    assert frequencies(held, body.mass) == pytest.approx([45.23, 62.72, 221.32, 379.64], abs=6e-3)
+    in_contact = [hold.T @ a @ hold for a in (held, body.mass)]
+    assert frequencies(*in_contact) == pytest.approx([60.18, 206.12, 378.52], abs=6e-3)
+    assert frequencies(hold.T @ body.stiffness @ hold, in_contact[1]) == pytest.approx([26.55, 91.20, 230.19], abs=6e-3)
+
+
+def test_linear_amplitudes_of_the_default_set():
+    record = MODEL.run({"gap": 1.0}, shaker())
+    amplitudes = 0.5e3 * np.ptp(record.displacement.values[:, -400:], axis=1)
+    assert amplitudes == pytest.approx([1.500, 2.702, 3.926, 1.500], abs=2e-3)
+    assert record.impact_time.size == 0
+
+
+def test_the_period_one_branch():
+    for e, phase, speed in ((0.0, 0.326, 0.348), (0.05, 0.3175, 0.3741), (0.168, 0.295, 0.444)):
+        record = MODEL.run({"restitution": e}, shaker(), Request(periods=4))
+        assert of_period(record, 1) < 1e-8
+        assert record.impact_time.values / PERIOD == pytest.approx(phase + np.arange(4), abs=1.5e-3)
+        assert record.impact_speed.values == pytest.approx(speed, abs=1.5e-3)
+
+
+def test_period_two_at_a_fifth_and_irregular_motion_at_a_half():
+    two = MODEL.run({"restitution": 0.20}, shaker())
+    assert of_period(two, 1) > 1e-3
+    assert of_period(two, 2) < 1e-8
+    irregular = MODEL.run({"restitution": 0.50}, shaker())
+    assert min(of_period(irregular, n) for n in range(1, 17)) > 1e-3
+
+
+def test_the_fork_is_a_graze():
+    """Below it the second minimum of the clearance comes down to nothing, above it there is a second impact."""
+    depth = []
+    for e in (0.0, 0.05, 0.10, 0.14, 0.168):
+        record = MODEL.run({"restitution": e}, shaker(), Request(periods=1, samples=20_000))
+        r = 1e-3 + record.displacement.values[2] - record.displacement.values[1]
+        inner = (r[1:-1] < r[:-2]) & (r[1:-1] <= r[2:]) & (r[1:-1] > 1e-7)
+        depth.append(r[1:-1][inner].min() * 1e6)
+    assert depth == pytest.approx([421, 328, 208, 94, 5], abs=2)
+    assert MODEL.run({"restitution": 0.170}, shaker()).impact_time.size > 6
+
+
+@pytest.mark.slow
+def test_the_band_of_the_fixed_step_is_of_first_order():
+    """Paper, Fig. 6: spread of q3 over 100 periods, median over the phase."""
+
+    def spread(**options):
+        record = Model(FourDof(mode="fixed_step", **options)).run(
+            {"restitution": 0.05}, shaker(), Request(periods=100, samples=400, settle=400)
+        )
+        q3 = record.displacement.values[2].reshape(100, 400)
+        return np.median(q3.std(axis=0)) * 1e3
+
+    coarse, fine = spread(steps_per_period=250.37), spread(steps_per_period=750.37)
+    assert 0.5 < coarse / 0.057 < 2.0
+    assert 0.5 < fine / 0.020 < 2.0
+    assert spread(steps_per_period=250.37, onto_surface=True) < 0.6 * coarse
+    assert spread(steps_per_period=250.0) < 0.01 * coarse  # the error locks to the grid
+
+
+# laws of physics
+
+
+@given(e=st.floats(0.0, 1.0), gap=st.floats(2e-4, 1.2e-3))
+@settings(max_examples=15, deadline=None)
+def test_an_impact_turns_the_relative_velocity_by_e(e, gap):
+    problem = FourDof().problem({**NOMINAL, "restitution": e, "gap": gap}, shaker())
+    state = start(problem, np.zeros(4), np.zeros(4))
+    _, impacts = advance(problem, state, 1)
+    before = impacts[0]
+    # a run that starts at the impact, out of contact, with the velocities that the law gives, goes the same way
+    assert before[1] == pytest.approx(before[7] - before[8], rel=1e-12)
+    assert before[4] - before[3] == pytest.approx(-gap, rel=1e-9)
+    after = before[6:].copy()
+    after[2] += (1.0 + e) * (before[7] - before[8])
+    assert after[2] - after[1] == pytest.approx(e * before[1], abs=1e-12)
+
+
+@given(e=st.floats(0.0, 1.0), seed=st.integers(0, 1000))
+@settings(max_examples=25, deadline=None)
+def test_energy_never_grows_without_excitation(e, seed):
+    """Without damping it even stays, but for what impacts take; the heavy beam loses nothing of its own."""
+    rng = np.random.default_rng(seed)
+    initial = np.concatenate([rng.uniform(-1e-3, 1e-3, 4), rng.uniform(-0.3, 0.3, 4)])
+    initial[2] = initial[1] + abs(initial[2])
+    values = {"restitution": e, "damping": 0.0, "gap": 5e-4}
+    times = np.linspace(0.0, 0.5, 5000)
+    record = MODEL.run(values, Excitation("end", "free decay"), Request(times=times, initial_state=initial))
+    assert record.attrs["status"] == "ok"
+    body = lumped(NOMINAL)
+    stiffness = body.stiffness + np.diag([body.spring, 0.0, 0.0, 0.0])
+    # the layer against a beam that is infinitely heavy: its energy in the frame of the beam falls at an impact, so
+    # between impacts the energy of the whole has to stay
+    q, v = record.displacement.values, record.velocity.values
+    energy = 0.5 * np.einsum("it,ij,jt->t", v, body.mass, v) + 0.5 * np.einsum("it,ij,jt->t", q, stiffness, q)
+    hits = np.searchsorted(times, record.impact_time.values)
+    free = np.ones(len(times) - 1, dtype=bool)
+    free[np.clip(hits - 1, 0, len(free) - 1)] = False
+    if float(record.attrs["contact_fraction"]) == 0.0:
+        assert np.abs(np.diff(energy))[free].max() < 1e-10 * energy.max()
+
+
+@pytest.mark.parametrize(("e", "gap"), [(0.05, 1e-3), (0.5, 1e-3), (0.3, 2e-4)])
+def test_the_motion_depends_on_the_ratio_of_amplitude_and_gap_only(e, gap):
+    one = MODEL.run({"restitution": e, "gap": gap}, shaker(), Request(settle=10, periods=2))
+    two = MODEL.run({"restitution": e, "gap": 2 * gap, "amplitude": 2.0}, shaker(), Request(settle=10, periods=2))
+    assert two.displacement.values == pytest.approx(2.0 * one.displacement.values, abs=1e-9)
+
+
+def test_the_map_of_a_period_does_not_know_which_period_it_is():
+    problem = FourDof().problem({**NOMINAL, "restitution": 0.5}, shaker())
+    state = start(problem, np.zeros(4), np.zeros(4))
+    rows, _ = advance(problem, state, 7)
+    a, _ = advance(problem, state, 1)
+    later = start(problem, rows[-1, :4], rows[-1, 4:8])
+    b, _ = advance(problem, later, 1)
+    assert a == pytest.approx(b, rel=1e-12)
+
+
+@pytest.mark.parametrize("e", [0.05, 0.2, 0.5, 0.9])
+def test_phase_space_shrinks_by_the_damping_and_grows_by_the_impacts(e):
+    """The determinant of the period map is e^(2 N) exp(-2 sum(zeta w) T), whatever the masses."""
+    values = {**NOMINAL, "restitution": e}
+    problem = FourDof().problem(values, shaker())
+    state = start(problem, np.zeros(4), np.zeros(4))
+    advance(problem, state, 300)
+    rows, _ = advance(problem, state, 1)
+    x = rows[-1, :8]
+    scale = np.repeat([1e-3, 0.1], 4)
+
+    def period_map(x):
+        rows, impacts = advance(problem, start(problem, x[:4], x[4:]), 1)
+        return rows[-1, :8], len(impacts)
+
+    _, count = period_map(x)
+    jacobian = np.zeros((8, 8))
+    for j in range(8):
+        h = np.zeros(8)
+        h[j] = 1e-5 * scale[j]
+        terms = [(1, 0.75), (2, -0.15), (3, 1.0 / 60.0)]  # central differences of order six
+        images = [(period_map(x + k * h), period_map(x - k * h), c) for k, c in terms]
+        assert {n for a, b, _ in images for n in (a[1], b[1])} == {count}
+        jacobian[:, j] = sum(c * (a[0] - b[0]) for a, b, c in images) / 1e-5 / scale
+    assert count > 0
+    w = 2.0 * np.pi * frequencies(*_stiffness_and_mass())
+    expected = e ** (2 * count) * np.exp(-2.0 * NOMINAL["damping"] * w.sum() * PERIOD)
+    assert np.linalg.det(jacobian) == pytest.approx(expected, rel=1e-6)
+
+
+def _stiffness_and_mass():
+    free = structure(DRIVES["spring"], lumped(NOMINAL), modal(0.004), 1e-3, 0.05)
+    return free.stiffness, free.mass
+
+
+def test_contact_is_kept_until_its_force_comes_down_to_zero():
+    record = MODEL.run({"restitution": 0.2, "gap": 2e-4}, shaker(), Request(periods=1, samples=4000))
+    r = 2e-4 + record.displacement.values[2] - record.displacement.values[1]
+    assert r.min() > -1e-15
+    assert 0.05 < record.attrs["contact_fraction"] < 0.5
+    assert np.mean(r < 1e-14) == pytest.approx(record.attrs["contact_fraction"], abs=2e-3)
+
+
+# fixed step
+
+
+def test_the_fixed_step_converges_with_order_one():
+    exact = MODEL.run({"restitution": 0.05}, shaker())
+    errors = []
+    steps = np.array([500.37, 1000.37, 2000.37, 4000.37, 8000.37])
+    for n in steps:
+        record = Model(FourDof(mode="fixed_step", steps_per_period=n)).run(
+            {"restitution": 0.05}, shaker(), Request(settle=300, periods=8)
+        )
+        q = record.displacement.values[:, :2400]
+        errors.append(np.sqrt(np.mean((q - exact.displacement.values) ** 2)))
+    slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
+    assert slope == pytest.approx(-1.0, abs=0.3)
+
+
+# every drive, every kind of excitation
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_every_drive_gives_a_record(drive):
+    kind = DRIVES[drive]
+    amplitude = {"force": 0.5, "centre": 0.92e-3}.get(drive, 1.5e-3)
+    model = Model(FourDof(drive=drive))
+    record = model.run({}, Excitation(kind.place, kind.quantity, frequency=26.51, amplitude=amplitude, phase=0.3))
+    records.check(record)
+    assert record.attrs["status"] == "ok"
+    assert record.section_displacement.shape[1] >= 64
+    t = record.time.values
+    for body in kind.prescribed:
+        assert record.displacement.values[body] == pytest.approx(
+            amplitude * np.cos(2 * np.pi * 26.51 * t + 0.3), abs=1e-12
+        )
+    r = 1e-3 + record.displacement.sel(body="q3") - record.displacement.sel(body="q2")
+    assert float(r.min()) > -1e-12
+
+
+def test_velocity_is_the_rate_of_displacement():
+    for drive in ("spring", "centre"):
+        kind = DRIVES[drive]
+        record = Model(FourDof(drive=drive)).run(
+            {"gap": 1.0},
+            Excitation(kind.place, kind.quantity, frequency=26.24, amplitude=1e-3),
+            Request(periods=1, samples=4000),
+        )
+        q, v = record.displacement.values, record.velocity.values
+        rate = np.gradient(q, record.time.values, axis=1)
+        assert rate[:, 1:-1] == pytest.approx(v[:, 1:-1], abs=1e-5 * np.abs(v).max())
+
+
+def test_time_zero_is_phase_zero_of_the_drive():
+    record = MODEL.run({}, shaker(phase=1.0))
+    same = MODEL.run({}, shaker())
+    n = 400
+    shift = 1.0 / (2.0 * np.pi) * n
+    moved = np.interp(np.arange(n) + shift, np.arange(2 * n), same.displacement.values[2, : 2 * n])
+    assert record.displacement.values[2, :n] == pytest.approx(moved, abs=2e-6)
+
+
+def test_a_recorded_drive_gives_the_same_as_the_harmonic_it_samples():
+    t = np.linspace(0.0, 8 * PERIOD, 8 * 400 + 1)
+    x = 1.5e-3 * np.cos(2.0 * np.pi * t / PERIOD)
+    recorded = MODEL.run({"restitution": 0.3}, Excitation("end", "displacement", time=t, value=x))
+    harmonic = MODEL.run({"restitution": 0.3}, shaker(), Request(settle=0, periods=8))
+    assert recorded.displacement.values[:, :-1] == pytest.approx(harmonic.displacement.values, abs=2e-8)
+    assert recorded.impact_time.values == pytest.approx(harmonic.impact_time.values, abs=1e-6)
+
+
+# contract
+
+
+def test_the_same_values_give_the_same_bits_also_after_pickling():
+    a = MODEL.run({"restitution": 0.5}, shaker())
+    b = Model(pickle.loads(pickle.dumps(FourDof()))).run({"restitution": 0.5}, shaker())
+    assert a.identical(b)
+
+
+def test_a_fixed_count_of_settling_periods_is_obeyed():
+    record = MODEL.run({}, shaker(), Request(settle=17, periods=3))
+    assert record.attrs["settled_periods"] == 17
+    assert record.section_displacement.shape[1] >= 64
+
+
+ABSURD = [
+    {"gap": float("nan")},
+    {"gap": 0.0},
+    {"gap": -1e-3},
+    {"gap": float("inf")},
+    {"restitution": 1.0},
+    {"restitution": 0.0},
+    {"damping": 0.0},
+    {"damping": -0.5},
+    {"damping": 5.0},
+    {"layer_stiffness": -100.0},
+    {"layer_mass": 0.0},
+    {"layer_mass": -1.0},
+    {"delamination": 2.0},
+    {"width": 1e-300},
+    {"density": 1e300},
+    {"amplitude": 1e12},
+    {"amplitude": 0.0},
+    {"drive_stiffness": 1e9},
+    {"reference_frequency": 0.0},
+    {"stiffness_factor": 0.0},
+    {"stiffness_factor": -1.0},
+]
+
+
+@pytest.mark.parametrize("values", ABSURD, ids=str)
+@pytest.mark.parametrize("mode", ["exact", "fixed_step"])
+def test_absurd_values_end_with_a_status(values, mode):
+    record = Model(FourDof(mode=mode)).run(values, shaker(), Request(step_budget=2_000_000))
+    status = record.attrs["status"]
+    assert status in ("ok", "diverged", "step budget")
+    if status == "ok":
+        assert np.isfinite(record.displacement.values).all()
+    else:
+        assert record.attrs["reason"]
+
+
+def test_a_spent_budget_is_a_status():
+    record = MODEL.run({"restitution": 0.5}, shaker(), Request(step_budget=1000))
+    assert record.attrs["status"] == "step budget"
+
+
+def test_what_it_cannot_take_is_refused():
+    with pytest.raises(CalibError, match="did you mean 'centre'"):
+        FourDof(drive="center")
+    with pytest.raises(CalibError, match="choose another drive"):
+        MODEL.run({}, Excitation("centre", "displacement", frequency=26.24, amplitude=1e-3))
+    with pytest.raises(CalibError, match="8 numbers"):
+        MODEL.run({}, shaker(), Request(initial_state=np.zeros(4)))
+    with pytest.raises(CalibError, match="which times"):
+        MODEL.run({}, Excitation("end", "free decay"))
+
+
+def test_it_runs_without_the_compiler():
+    code = (
+        "from calib.simulators.four_dof import FourDof; from calib.model import Model, Request;"
+        "from calib.excitation import Excitation; from calib.effects.air_drag_quadratic import EFFECT;"
+        "x = Excitation('end', 'displacement', frequency=26.24, amplitude=1.5e-3);"
+        "values = {'c2': VALUE, 'restitution': 0.3};"
+        "r = Model(FourDof(), [EFFECT]).run(values, x, Request(settle=1, periods=1, samples=20));"
+        "print(r.impact_time.values.tolist())"
+    )
+    times = []
+    for value, jit in (("0.0", "1"), ("0.0", "0"), ("0.5", "1"), ("0.5", "0")):
+        out = subprocess.run(
+            [sys.executable, "-c", code.replace("VALUE", value)],
+            env={**os.environ, "NUMBA_DISABLE_JIT": jit}, capture_output=True, text=True, check=True, timeout=300,
+        )  # fmt: skip
+        times.append(eval(out.stdout))
+    assert times[0] == pytest.approx(times[1], abs=1e-12)
+    assert times[2] == pytest.approx(times[3], abs=1e-12)
+    assert times[0] != times[2]
+
+
+def test_an_undriven_body_costs_no_more_than_a_look_at_the_stop():
+    problem = FourDof().problem({**NOMINAL, "amplitude": 0.0}, shaker())
+    state = start(problem, np.zeros(4), np.zeros(4))
+    advance(problem, state, 10)
+    assert state.count[STEPS] <= 30
