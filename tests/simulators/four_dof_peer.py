@@ -48,8 +48,8 @@ def dop853(
     faster=1e-3,
     end=np.inf,
     law=None,
-    rtol=1e-12,
-    atol=1e-13,
+    rtol=3e-14,
+    atol=1e-15,
     steps=64,
     push=1e-18,
 ):
