@@ -54,7 +54,7 @@ class Simulator(Protocol):
     4. The same values give the same bits. Nothing random, no clock.
     5. Channels that the excitation prescribes stand in the attribute `prescribed` ("body.channel", comma between).
     6. It pickles, and runs in a child process.
-    7. Optionally `excitations`, the pairs (quantity, place) it takes: a study file is then refused before the first run.
+    7. Optionally `excitations`, the pairs (quantity, place) it takes: a study file is then refused before any run.
 
     `calib.testing.SimulatorSuite` checks all this.
     """

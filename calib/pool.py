@@ -8,7 +8,7 @@ import signal
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -27,6 +27,12 @@ from calib.errors import CalibError
 STARTUP = 120.0  # s, allowance of a worker's first call: imports and compiling of kernels
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 REFUSED, RAISED, TIMEOUT, CRASHED = "refused", "raised", "timeout", "crashed"
+
+
+def in_order(pool, payloads: Sequence[Any]) -> list[Any]:
+    """Return the results of `pool.map` in the order of the payloads."""
+    found = dict(pool.map(payloads))
+    return [found[index] for index in range(len(payloads))]
 
 
 @dataclass(frozen=True)

@@ -362,8 +362,7 @@ class _Run:
         self._screen()
         while True:
             stopped = self._segment()
-            hint = self._store.header["hint"]
-            if stopped == BUDGET or len(self.trials) < hint or hint >= self._study.budget:
+            if not self._store.header["hint"] <= len(self.trials) < self._study.budget:
                 return stopped
             self._store.begin_segment(self._study.budget)  # it ended for want of the budget that there is now
 
@@ -383,7 +382,7 @@ class _Run:
             return BUDGET
         with self._searching() as optimiser:
             if told:
-                optimiser.tell(np.array([trial.u for trial in told]), [_outcome(trial) for trial in told])
+                optimiser.tell(np.array([trial.u for trial in told]), [outcome(trial) for trial in told])
             return self._search(optimiser, first, end)
 
     @contextmanager
@@ -414,7 +413,7 @@ class _Run:
             if count < len(points):
                 return BUDGET
             trials = [self.trials[n] for n in range(number - count, number)]
-            optimiser.tell(points, [_outcome(trial) for trial in trials])
+            optimiser.tell(points, [outcome(trial) for trial in trials])
 
     def _replayed(self, number: int, points: np.ndarray) -> None:
         """Compare the points asked for with those logged under the same numbers."""
@@ -483,8 +482,11 @@ def _trial(number: int, u: np.ndarray, values: dict, result: Evaluation | Failur
     )
 
 
-def _outcome(trial: Trial) -> Outcome:
-    return Outcome(trial.total, trial.residuals, trial.status, trial.kind)
+def outcome(result: Trial | Score | Failure) -> Outcome:
+    """What an optimiser, or whoever differentiates, learns of a trial, a score or a call that failed."""
+    if isinstance(result, Failure):
+        return Outcome(math.inf, None, result.status, None)
+    return Outcome(result.total, result.residuals, result.status, result.kind)
 
 
 def _summary(optimiser: Optimiser) -> dict | None:

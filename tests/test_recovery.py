@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 
+from calib.confidence import around_best
 from calib.excitation import Excitation
 from calib.features import PhaseCurve, TimeHistory
 from calib.model import Model, Request
@@ -13,7 +14,6 @@ from calib.objective import Objective, Reference, Term
 from calib.optimisers.multistart import Multistart
 from calib.parameter import Space, Window
 from calib.pool import InProcess
-from calib.confidence import around_best
 from calib.record import channels
 from calib.simulators.four_dof import FourDof
 from calib.simulators.oscillator import Oscillator

@@ -1,6 +1,5 @@
 """The main job: search, judge what was found, try it on the records held out, and write it all down."""
 
-import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -8,23 +7,22 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
 from calib import result
 from calib.cli.progress import Progress
 from calib.cli.standing import folder_of
-from calib.confidence import Confidence, echoes, local
+from calib.confidence import Confidence, around_best
 from calib.model import Model
 from calib.objective import Objective, Score
-from calib.pool import Failure, LocalPool
+from calib.pool import Failure, LocalPool, in_order
 from calib.record import failed
 from calib.report import figures
 from calib.report import write as write_report
 from calib.store import Store, Trial, read
 from calib.store.ledger import TRIALS
 from calib.store.trial import best
-from calib.study import INTERRUPTED, Evaluation, Outcome, Study, evaluate, reach
+from calib.study import INTERRUPTED, Evaluation, evaluate, reach
 from calib.study_toml import StudyFile, load
 
 CALIBRATED = ""  # beside the names of the records held out: all calibrated records together
@@ -55,8 +53,8 @@ def calibrate(file: StudyFile, folder: Path, progress: Progress, fresh: bool = F
             raise KeyboardInterrupt
         if found.best is not None:
             progress.stage("confidence")
-            [final[CALIBRATED]] = _mapped(pool, [found.best.values])
-            confidence = _confidence(study, pool, found.best, final[CALIBRATED])
+            [final[CALIBRATED]] = in_order(pool, [found.best.values])
+            confidence = around_best(study, pool, found.best, final[CALIBRATED])
     if found.best is not None:
         progress.stage("hold-out")
         final |= _held_out(file, found.best.values)
@@ -101,36 +99,6 @@ def rebuild(study: Path, out: Path | None) -> Path:
     return _report(file, folder, trials, final, said)
 
 
-def _mapped(pool: LocalPool, payloads: Sequence[Any]) -> list[Evaluation | Failure]:
-    """Return the results in the order of the payloads."""
-    found = dict(pool.map(payloads))
-    return [found[index] for index in range(len(payloads))]
-
-
-# --- how sure the values are -----------------------------------------------------------------------------------------
-
-
-def _confidence(study: Study, pool: LocalPool, top: Trial, evaluation: Evaluation | Failure) -> Confidence:
-    def outcomes(points: np.ndarray) -> list[Outcome]:
-        return [_outcome(answer) for answer in _mapped(pool, [study.space.values(u) for u in points])]
-
-    blocks = noise = None
-    if isinstance(evaluation, Evaluation) and evaluation.score.residuals is not None:
-        residuals = study.objective.residuals(evaluation.records)
-        labels = zip(*(residuals[name].values for name in ("term", "record", "body", "channel")), strict=True)
-        blocks = np.unique([" ".join(map(str, label)) for label in labels], return_inverse=True)[1]
-        if len(study.objective.terms) > 1:  # terms that look at one channel share its noise
-            noise = echoes(study.objective, evaluation.records, study.seed)
-    return local(outcomes, study.space, np.array(top.u), outcome=_outcome(evaluation), blocks=blocks, echoes=noise)
-
-
-def _outcome(answer: Evaluation | Failure) -> Outcome:
-    if isinstance(answer, Failure):
-        return Outcome(math.inf, None, answer.status, None)
-    score = answer.score
-    return Outcome(score.total, score.residuals, score.status, score.kind)
-
-
 # --- the records held out --------------------------------------------------------------------------------------------
 
 
@@ -157,7 +125,7 @@ def _held_out(
     if not judged:
         return {}
     with LocalPool(partial(_evaluate_one, judged), min(study.jobs, len(judged)), study.timeout) as pool:
-        return dict(zip(judged, _mapped(pool, [(name, values) for name in judged]), strict=True))
+        return dict(zip(judged, in_order(pool, [(name, values) for name in judged]), strict=True))
 
 
 def _evaluate_one(judged: Mapping[str, _Judged], payload: tuple[str, Mapping[str, float]]) -> Evaluation:

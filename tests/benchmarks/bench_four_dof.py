@@ -14,9 +14,9 @@ from simulators.four_dof_peer import dop853, spring_drive
 from calib.excitation import Excitation
 from calib.simulators.four_dof import FourDof
 from calib.simulators.impact import kernel
-from calib.simulators.impact.collocation import scratch
 from calib.simulators.impact.problem import IMPACTS
 from calib.simulators.impact.run import start
+from calib.simulators.impact.scratch import scratch
 
 FREQUENCY = 26.24  # Hz
 NOMINAL = {p.name: p.nominal for p in FourDof.parameters}

@@ -1,5 +1,6 @@
 """The minimal model once more, with scipy's DOP853 and its events, sharing only the matrices with the simulator."""
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -38,6 +39,10 @@ def spring_drive(values, frequency, amplitude):
     w = 2.0 * np.pi * values["reference_frequency"]
     answer = np.linalg.solve(stiffness - w**2 * body.mass + 1j * w * damping, [body.spring, 0, 0, 0])
     return body.mass, stiffness, damping, body.spring * amplitude * values["amplitude"] / abs(answer[0])
+
+
+def _along(event, dense, t):
+    return event(t, dense(t))
 
 
 def dop853(
@@ -107,7 +112,7 @@ def dop853(
             break
         dense = solver.dense_output()
         if before > 0.0:
-            t = brentq(lambda s, event=event, dense=dense: event(s, dense(s)), solver.t_old, solver.t, xtol=1e-16, rtol=1e-15)
+            t = brentq(partial(_along, event, dense), solver.t_old, solver.t, xtol=1e-16, rtol=1e-15)
         else:
             t = solver.t_old
         x = dense(t)

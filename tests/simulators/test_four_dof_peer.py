@@ -8,9 +8,9 @@ from calib.excitation import Excitation
 from calib.laws import BoundLaw, force
 from calib.simulators.four_dof import FourDof
 from calib.simulators.impact import kernel
-from calib.simulators.impact.collocation import scratch
 from calib.simulators.impact.problem import IMPACTS
 from calib.simulators.impact.run import start
+from calib.simulators.impact.scratch import scratch
 
 NOMINAL = {p.name: p.nominal for p in FourDof.parameters}
 FASTER = 1e-3  # m/s

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from calib.simulators.impact.collocation import FIT, INTEGRAL, NODES
 from calib.simulators.impact.flow import REACH, impulse_response, load_motion
+from calib.simulators.impact.polynomial import FIT, INTEGRAL, NODES
 
 MODES = [(4.0, 0.1), (4.0, 2.0), (4.0, 2.0 + 1e-9), (4.0, 50.0), (0.0, 0.0), (0.0, 3.0), (-2.0, 0.3), (1e-12, 1e-3)]
 

@@ -20,7 +20,7 @@ from calib.simulators.impact.problem import Problem
 from calib.simulators.impact.run import Drive, Motion, assemble, simulate, start
 
 PARAMETERS = (
-    Parameter("restitution", "1", 0.05, "Newton's coefficient of restitution between beam and layer", low=0.0, high=1.0),
+    Parameter("restitution", "1", 0.05, "Newton's coefficient of restitution, beam and layer", low=0.0, high=1.0),
     Parameter("gap", "m", 1.0e-3, "clearance between beam and layer at rest"),
     Parameter("amplitude", "1", 1.0, "scale on the excitation's amplitude", null=1.0),
     Parameter("damping", "1", 0.004, "damping ratio of every mode, out of contact and in contact", low=0.0),
@@ -33,10 +33,10 @@ PARAMETERS = (
     Parameter("width", "m", 0.040, "width of the beam", low=0.0),
     Parameter("young_modulus", "Pa", 70.0e9, "Young's modulus of both", low=0.0),
     Parameter("density", "kg/m^3", 2700.0, "density of both", low=0.0),
-    Parameter("stiffness_factor", "1", 1.001089, "common factor on both bending stiffnesses: f1 = 26.24 Hz", low=0.0),
+    Parameter("stiffness_factor", "1", 1.001089, "factor on both bending stiffnesses: f1 = 26.24 Hz", low=0.0),
     Parameter("node_position", "1", 0.224, "suspension, from the beam's end, as a share of its length", low=0.0),
     Parameter("drive_stiffness", "1", 10.0, "stiffness of the shaker's spring over K11 (drive 'spring')", low=0.0),
-    Parameter("reference_frequency", "Hz", 26.24, "where the linear amplitude of q1 is the excitation's ('spring')", low=0.0),
+    Parameter("reference_frequency", "Hz", 26.24, "where q1 has the excitation's amplitude (linear)", low=0.0),
 )  # fmt: skip
 
 
@@ -94,9 +94,7 @@ class FourDof:
         kind = DRIVES[self.drive]
         return frozenset({(kind.quantity, kind.place), ("free decay", kind.place)})
 
-    def run(
-        self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw], request
-    ) -> xr.Dataset:
+    def run(self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw], request) -> xr.Dataset:
         """Simulate; see `calib.model.Simulator` and `calib.model.Request`.
 
         Raises
@@ -199,7 +197,9 @@ class FourDof:
             "place": excitation.place,
             "quantity": excitation.quantity,
             "phase": excitation.phase,
-            "prescribed": ",".join(f"{body}.{channel}" for body in prescribed for channel in ("displacement", "velocity")),
+            "prescribed": ",".join(
+                f"{body}.{channel}" for body in prescribed for channel in ("displacement", "velocity")
+            ),
         }
         if excitation.frequency is not None:
             attrs["frequency"] = excitation.frequency

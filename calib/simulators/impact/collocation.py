@@ -7,69 +7,19 @@ then halved down to a limit.
 """
 
 import math
-from typing import NamedTuple
 
-import numpy as np
 from numba import njit
 
-from calib.laws import SLOTS, STATES
+from calib.laws import STATES
 from calib.simulators.impact.coordinates import to_coordinates
 from calib.simulators.impact.flow import impulse_response, load_responses
+from calib.simulators.impact.polynomial import FIT, INTEGRAL, NODES, polynomial, slope
 from calib.simulators.impact.problem import AT_PERIOD, PIECE
 from calib.simulators.impact.slots import excitation, force
 
-NODES = np.array([0.0, 0.5 - math.sqrt(3.0 / 28.0), 0.5, 0.5 + math.sqrt(3.0 / 28.0), 1.0])  # Lobatto, five
-FIT = np.ascontiguousarray(np.linalg.inv(np.vander(NODES, increasing=True)))  # values at the nodes -> coefficients in tau / step
-INTEGRAL = np.ascontiguousarray((NODES[:, None] ** np.arange(1, 6) / np.arange(1, 6)) @ FIT)  # integral up to each node, step 1
 SWEEPS = 15  # of the fixed point
 CLOSE = 1e-13  # relative change of the loads at which it has converged
 FAINT = 1e-15  # change of velocity over the step, as a share of the velocities, that is none
-
-
-class Scratch(NamedTuple):
-    """Arrays a step is worked out in; the last index counts coefficients in tau / step, or nodes."""
-
-    input: np.ndarray  # (5,) U
-    load: np.ndarray  # (n, 5) modal
-    base: np.ndarray  # (n, 5) modal load of what does not depend on the motion
-    added: np.ndarray  # (5,) to the witness
-    law: np.ndarray  # (n, 5) accelerations by the laws at the nodes
-    modal: np.ndarray  # (n, 5) at the nodes
-    free_y: np.ndarray  # (n, 5) unloaded motion at the nodes
-    free_v: np.ndarray
-    answer_y: np.ndarray  # (n, 5, 5) node, coefficient: modal motion per unit load
-    answer_v: np.ndarray
-    z: np.ndarray  # (SLOTS, n, STATES, 5) internal states at the nodes
-    dz: np.ndarray  # their rates
-    own: np.ndarray  # (2, STATES) internal states of one law on one body, and their rates
-    y: np.ndarray  # (n,) modal motion at an instant
-    v: np.ndarray
-    q: np.ndarray  # (n,) coordinates
-    dq: np.ndarray
-
-
-def scratch(n: int) -> Scratch:
-    """Allocate for n coordinates."""
-    return Scratch(
-        np.zeros(5), np.zeros((n, 5)), np.zeros((n, 5)), np.zeros(5), np.zeros((n, 5)), np.zeros((n, 5)),
-        np.zeros((n, 5)), np.zeros((n, 5)), np.zeros((n, 5, 5)), np.zeros((n, 5, 5)),
-        np.zeros((SLOTS, n, STATES, 5)), np.zeros((SLOTS, n, STATES, 5)),
-        np.zeros((2, STATES)), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
-    )  # fmt: skip
-
-
-@njit(cache=True, error_model="numpy")
-def polynomial(coefficients, x):
-    """Value of c0 + c1 x + ... + c4 x^4."""
-    c = coefficients
-    return c[0] + x * (c[1] + x * (c[2] + x * (c[3] + x * c[4])))
-
-
-@njit(cache=True, error_model="numpy")
-def slope(coefficients, x):
-    """Derivative by x of `polynomial`."""
-    c = coefficients
-    return c[1] + x * (2.0 * c[2] + x * (3.0 * c[3] + x * 4.0 * c[4]))
 
 
 @njit(cache=True, error_model="numpy")

@@ -7,7 +7,7 @@ from numba import njit
 
 @njit(cache=True, error_model="numpy")
 def to_coordinates(regimes, r, y, v, omega, time, u, du, q, dq):
-    """Write q, dq (n,) [m], [m/s] of the modal motion y, v in regime `r` at `time` since the whole period, input u, du."""
+    """Write q, dq (n,) [m], [m/s] of the modal motion y, v in regime `r` at `time`, under the input u, du."""
     c, s = math.cos(omega * time), math.sin(omega * time)
     for j in range(q.size):
         qc, qs = regimes.motion[r, j, 0], regimes.motion[r, j, 1]

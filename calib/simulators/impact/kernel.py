@@ -4,14 +4,16 @@ import math
 
 from numba import njit
 
-from calib.simulators.impact.collocation import collocate, polynomial, slope
+from calib.simulators.impact.collocation import collocate
 from calib.simulators.impact.coordinates import to_coordinates
 from calib.simulators.impact.events import meet_stop
 from calib.simulators.impact.flow import flow
+from calib.simulators.impact.polynomial import polynomial, slope
 from calib.simulators.impact.problem import AT_PERIOD, CONTACT, PIECE, REGIME, SECTIONS, STEPS, TOUCH
 from calib.simulators.impact.witness import BROKEN, FOUND, first_zero, witness
 
 DONE, SETTLED, DIVERGED, SPENT = 0, 1, 2, 3  # how a run ends
+UNLIMITED = 2**62  # steps
 LONGEST = 16  # periods of a motion that counts as settled
 HALVINGS = 6  # of a step whose loads do not converge
 AGAIN = 6  # times a step is taken anew up to the event in it
@@ -34,10 +36,10 @@ def _write_row(problem, r, y, v, time, tau, step, w, row):
 @njit(cache=True, error_model="numpy")
 def _within(row, n, limit):
     """Whether all displacements and velocities of a row are below the limit (and are numbers)."""
+    size = 0.0
     for j in range(2 * n):
-        if not abs(row[j]) < limit:
-            return False
-    return True
+        size = max(size, abs(row[j])) if math.isfinite(row[j]) else math.inf
+    return size < limit
 
 
 @njit(cache=True, error_model="numpy")
@@ -58,7 +60,7 @@ def _has_settled(sections, last, n, tolerance):
 
 @njit(cache=True, error_model="numpy")
 def _step_length(problem, state):
-    """Length of the next step [s]: where events are located, to the end of the period, the grid or the table's piece."""
+    """Length of the next step [s]; where events are located it ends with the period, the grid, the table's piece."""
     if not problem.exact:
         return problem.step
     time, period = state.clock[0], problem.period

@@ -72,7 +72,9 @@ def _real(amplitude: complex | np.ndarray, constant: float | np.ndarray) -> np.n
     return np.stack([amplitude.real, -amplitude.imag, np.broadcast_to(constant, amplitude.shape)], axis=-1)
 
 
-def _modes(structure: Structure, basis: np.ndarray, load: np.ndarray, constant: np.ndarray, drive: complex, omega: float):
+def _modes(
+    structure: Structure, basis: np.ndarray, load: np.ndarray, constant: np.ndarray, drive: complex, omega: float
+) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
     """Modes within the span of `basis` (n, m), and their motion under the drive.
 
     Returns the modal arrays of a regime by name, the complex harmonic (n,) and the static part (n,) of the coordinates.

@@ -11,7 +11,8 @@ class Regimes(NamedTuple):
     In each the coordinates move as q(t) = shape y(t) + motion [cos wt, sin wt, 1] + motion_input U(t), where the modal
     part obeys y'' + 2 rate y' + stiffness y = f(t) with only those loads that `motion` does not carry. The witness
 
-        W = witness_y . y + witness_v . y' + witness [cos wt, sin wt, 1] + witness_input . (U, U', U'') + witness_law . a
+        W = witness_y . y + witness_v . y' + witness [cos wt, sin wt, 1] + witness_input . (U, U', U'')
+            + witness_law . (accelerations by the laws)
 
     is positive while the state lasts: the clearance out of contact [m], the pressing acceleration in contact [m/s^2].
     The contact has a mode less; its place is taken by one without shape.

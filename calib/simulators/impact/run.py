@@ -8,12 +8,22 @@ import numpy as np
 
 from calib.laws import BoundLaw, at_site
 from calib.simulators.impact import kernel
-from calib.simulators.impact.collocation import scratch
 from calib.simulators.impact.flow import REACH
 from calib.simulators.impact.modes import Structure, regimes
 from calib.simulators.impact.problem import (
-    AT_PERIOD, CONTACT, HIT, IMPACTS, REGIME, RELEASED, SECTIONS, STEPS, TOUCH, Problem, State,
+    AT_PERIOD,
+    CONTACT,
+    HIT,
+    IMPACTS,
+    REGIME,
+    RELEASED,
+    SECTIONS,
+    STEPS,
+    TOUCH,
+    Problem,
+    State,
 )  # fmt: skip
+from calib.simulators.impact.scratch import scratch
 from calib.simulators.impact.slots import fill
 
 GRID = 128  # steps per period where loads are collocated
@@ -53,7 +63,7 @@ class Motion(NamedTuple):
     settled : periods dropped before the recorded ones
     samples : (k, 2 n + 2) q [m], q' [m/s], U, U' at the asked times; U without its harmonic part
     sections : (SECTIONS_KEPT or more, 2 n + 2) the same at the end of each of the last periods
-    impacts : (impacts, 2 + 2 n) of the recorded periods: time since their start [s], closing speed [m/s], (q, q') before
+    impacts : (k, 2 + 2 n) of the recorded periods: time since their start [s], closing speed [m/s], (q, q') before
     contact : share of the recorded time in permanent contact  [1]
     steps : spent
     state : where the run stands
@@ -237,4 +247,3 @@ def simulate(
         np.concatenate([dropped, recorded, after])[-max(sections, periods, 1) :],
         impacts, contact, int(state.count[STEPS]), state,
     )  # fmt: skip
-

@@ -6,7 +6,7 @@ themselves are called.
 """
 
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 from llvmlite import ir
@@ -17,7 +17,7 @@ from numba.extending import intrinsic
 from calib.laws import SIGNATURES, BoundLaw, slots
 
 
-@lru_cache(maxsize=None)
+@cache
 def _address(function, site: str) -> int:
     return _get_wrapper_address(function, SIGNATURES[site])
 

@@ -30,7 +30,8 @@ class Pendulum:
         """Return the record of the stationary motion, in closed form."""
         if (excitation.place, excitation.quantity) != ("pivot", "base motion") or excitation.recorded:
             raise CalibError(
-                f"the pendulum takes a harmonic base motion at the pivot, got {excitation.quantity} at {excitation.place}"
+                "the pendulum takes a harmonic base motion at the pivot, "
+                f"got {excitation.quantity} at {excitation.place}"
             )
         if request.step_budget < request.periods * request.samples:
             return failed(self.bodies, "step budget", f"{request.periods * request.samples} samples were asked for")
