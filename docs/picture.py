@@ -1,0 +1,15 @@
+"""Draw docs/minimal.png from the results of studies/minimal: python docs/picture.py."""
+
+from pathlib import Path
+
+from calib.record import read
+from calib.report.figures import beside, phase_curves
+from calib.study_toml import load
+
+ROOT = Path(__file__).parents[1]
+
+file = load(ROOT / "studies" / "minimal")
+objective = file.study.objective
+measured = objective.references["clapping"].record
+simulated = beside(objective, "clapping", read(file.folder / "best.nc"))
+phase_curves(measured, simulated).savefig(ROOT / "docs" / "minimal.png", dpi=110)
