@@ -8,7 +8,6 @@ import json
 import os
 import shlex
 import threading
-import webbrowser
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from socketserver import ThreadingMixIn
@@ -34,7 +33,6 @@ def serve(
     view: str | Path,
     artifacts: str | Path | None = None,
     port: int = PORT,
-    open_browser: bool = False,
     on_ready: Callable[[str], None] | None = None,
 ) -> None:
     """Serve the dashboard on loopback until Ctrl-C.
@@ -59,8 +57,6 @@ def serve(
         address = f"http://{HOST}:{server.server_port}/dashboard"
         if on_ready is not None:
             on_ready(address)
-        if open_browser:
-            webbrowser.open(address)
         try:
             server.serve_forever()
         except KeyboardInterrupt:

@@ -12,6 +12,19 @@ UNITS = {"displacement": "m", "base motion": "m", "force": "N", "free decay": "1
 Quantity = Literal["displacement", "base motion", "force", "free decay", "servo reference"]
 
 
+def unit_of(quantity: str) -> str:
+    """SI unit of an excitation's quantity.
+
+    Raises
+    ------
+    CalibError : there is no such quantity
+    """
+    if quantity not in UNITS:
+        known = ", ".join(UNITS)
+        raise CalibError(f"an excitation's quantity is one of {known}, got {quantity!r}{nearest(quantity, UNITS)}")
+    return UNITS[quantity]
+
+
 @dataclass(frozen=True, eq=False)
 class Excitation:
     """A harmonic x(t) = amplitude cos(2 pi frequency t + phase) or a recorded x(t), acting at a named place.
@@ -40,13 +53,9 @@ class Excitation:
     cutoff: float | None = None
 
     def __post_init__(self):
-        if self.quantity not in UNITS:
-            raise CalibError(
-                f"an excitation's quantity is one of {sorted(UNITS)}, "
-                f"got {self.quantity!r}{nearest(self.quantity, UNITS)}"
-            )
+        unit = unit_of(self.quantity)
         if not self.unit:
-            object.__setattr__(self, "unit", UNITS[self.quantity])
+            object.__setattr__(self, "unit", unit)
         if self.frequency is not None and not self.frequency > 0.0:
             raise CalibError(f"the excitation's frequency must be positive [Hz], got {self.frequency}")
         if (self.time is None) != (self.value is None):
@@ -74,6 +83,11 @@ class Excitation:
     def recorded(self) -> bool:
         """Whether the input is given by samples."""
         return self.time is not None
+
+    @property
+    def harmonic(self) -> bool:
+        """Whether the input is a harmonic for ever: neither samples, nor none."""
+        return not self.recorded and self.quantity != "free decay"
 
     @property
     def periodic(self) -> bool:
@@ -104,7 +118,10 @@ class Excitation:
         attrs = record.attrs
         for key in ("place", "quantity"):
             if key not in attrs:
-                raise CalibError(f"the record does not say how the body was driven: attribute {key!r} is missing")
+                raise CalibError(
+                    f"the record does not say how the body was driven: attribute {key!r} is missing; "
+                    "say it in [record.excitation] of the study file, or in the record"
+                )
         recorded = {}
         if "excitation" in record:
             recorded = {"time": record.time.values, "value": record["excitation"].values}

@@ -5,13 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from scipy.signal import butter, sosfiltfilt
 
 from calib.cycles import cut, harmonics, impact, loop_sigma, period_of, poincare, rows
 from calib.errors import CalibError
-from calib.record import CHANNELS
+from calib.filter import low_pass
+from calib.record import CHANNELS, STATE
 
-STATE = ("displacement", "velocity")
 RADIAN = 1.0 / (2.0 * np.pi)  # of a period: a phase shift by delta costs a loop about 2 pi delta of its size
 
 
@@ -42,6 +41,11 @@ def _size(reference: xr.DataArray) -> xr.DataArray:
     last = reference.dims[-1]
     spread = reference.std(last)
     return spread.where(spread > 1e-9 * np.abs(reference).max(last), np.abs(reference).max(last))
+
+
+def _of_velocity(trust: np.ndarray, channels: Sequence[str]) -> np.ndarray:
+    """Trust (channel, n) of sampled channels: only a velocity jumps at an impact."""
+    return np.array([trust.ravel() if channel == "velocity" else np.ones(trust.size) for channel in channels])
 
 
 def _as_names(names: Sequence[str] | str) -> tuple[str, ...]:
@@ -77,6 +81,12 @@ class PhaseCurve:
     def values(self, record: xr.Dataset, bodies: Sequence[str] | None = None) -> np.ndarray:
         """Return the same as a bare array."""
         return _loops(record, bodies, self.channels, self.periods)[0]
+
+    def trust(self, record: xr.Dataset) -> np.ndarray:
+        """Trust (channel, phase) in the values of a simulated record."""
+        time, trust = record.variables["time"].values, record.variables["trust"].values[None]
+        cycles, _ = cut(time, trust, period_of(record), self.periods)
+        return _of_velocity(cycles.mean(axis=1), self.channels)
 
     def scale(self, reference: xr.DataArray) -> xr.DataArray:
         """Root mean square (body, channel) of the reference's loop about its mean."""
@@ -124,6 +134,10 @@ class TimeHistory:
         channels = _channels(record, self.channels)
         values = rows(record, bodies, channels)
         return values.reshape(-1, len(channels), values.shape[-1])
+
+    def trust(self, record: xr.Dataset) -> np.ndarray:
+        """Trust (channel, time) in the values of a simulated record."""
+        return _of_velocity(record.variables["trust"].values, _channels(record, self.channels))
 
     def scale(self, reference: xr.DataArray) -> xr.DataArray:
         """Root mean square (body, channel) of the reference about its mean."""
@@ -304,8 +318,7 @@ class ForceBalance:
 
     Attributes
     ----------
-    cutoff : zero-phase low-pass (Butterworth of order 4, forwards and backwards) on both forces [Hz]; None filters
-        nothing
+    cutoff : of the zero-phase low-pass (`calib.filter`) on both forces [Hz]; None filters nothing
     decimate : every so many-th sample is compared, after the filter
     """
 
@@ -323,17 +336,8 @@ class ForceBalance:
         """Forces (body, channel, time)."""
         force = rows(record, bodies, self.channels)
         if self.cutoff is not None:
-            force = self._filtered(force, record.variables["time"].values)
+            force = low_pass(force, record.variables["time"].values, self.cutoff)
         return _labelled(force[:, None, :: self.decimate], record, bodies, self.channels, "time")
-
-    def _filtered(self, force, time):
-        steps = np.diff(time)
-        if np.ptp(steps) > 0.01 * steps.mean():
-            raise CalibError("a filter needs uniform samples, but the time steps of the record differ; resample it")
-        rate = 1.0 / steps.mean()
-        if not 0.0 < self.cutoff < 0.5 * rate:
-            raise CalibError(f"cutoff is a frequency below half the sampling rate of {rate:.6g} Hz, got {self.cutoff}")
-        return sosfiltfilt(butter(4, self.cutoff, fs=rate, output="sos"), force, axis=-1)
 
     def scale(self, reference: xr.DataArray) -> xr.DataArray:
         """Root mean square (body, channel) of the measured force."""

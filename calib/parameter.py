@@ -3,11 +3,13 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from calib.errors import CalibError
+
+Scale = Literal["linear", "log"]
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,7 @@ class Window:
 
     low: float
     high: float
-    scale: Literal["linear", "log"] = "linear"
+    scale: Scale = "linear"
 
     def __post_init__(self):
         if not (math.isfinite(self.low) and math.isfinite(self.high)):
@@ -43,7 +45,7 @@ class Window:
             raise CalibError(f"the window has no width (low = high = {self.low:g}); fix the parameter in [model] fixed")
         if self.low > self.high:
             raise CalibError(f"the window is the wrong way round: low = {self.low:g} lies above high = {self.high:g}")
-        if self.scale not in ("linear", "log"):
+        if self.scale not in get_args(Scale):
             raise CalibError(f"a window's scale is 'linear' or 'log', got {self.scale!r}")
         if self.scale == "log" and self.low <= 0.0:
             raise CalibError(f"a log window needs low > 0, got {self.low:g}; give a small positive low end")
@@ -63,6 +65,10 @@ class Window:
         if self.scale == "log":
             return math.log(value / self.low) / math.log(self.high / self.low)
         return (value - self.low) / (self.high - self.low)
+
+    def slope(self, value: float) -> float:
+        """Slope of the value over its position in the window, at `value`  [the window's unit]."""
+        return value * math.log(self.high / self.low) if self.scale == "log" else self.high - self.low
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,5 @@
 """The record: channels of named bodies over time, measured or simulated, in one schema."""
 
-import os
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -9,8 +7,10 @@ import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError, nearest
+from calib.files import whole
 
 CHANNELS = {"displacement": "m", "velocity": "m/s", "force": "N"}  # the usual ones; others state their own unit
+STATE = ("displacement", "velocity")  # what a phase curve and a section are made of
 OK = "ok"
 
 
@@ -57,6 +57,37 @@ def channels(record: xr.Dataset) -> tuple[str, ...]:
     """Names of the record's channels: the variables over (body, time) that are no uncertainty."""
     both = [str(name) for name, variable in record.data_vars.items() if variable.dims == ("body", "time")]
     return tuple(name for name in both if not name.endswith("_sigma"))
+
+
+def stated_period(record: xr.Dataset) -> float | None:
+    """Period of the excitation that the record states [s], None without one."""
+    frequency = record.attrs.get("frequency")
+    return 1.0 / float(frequency) if frequency else None
+
+
+def prescription(bodies: Sequence[str]) -> str:
+    """Text of the attribute `prescribed` where the excitation prescribes the motion of `bodies`."""
+    return ",".join(f"{body}.{channel}" for body in bodies for channel in STATE)
+
+
+def prescribed(record: xr.Dataset) -> tuple[tuple[str, str], ...]:
+    """Return the (body, channel) pairs that the excitation prescribes: the attribute `prescribed`, taken apart."""
+    entries = (entry.strip() for entry in str(record.attrs.get("prescribed", "")).split(","))
+    parts = (entry.rpartition(".") for entry in entries if entry)
+    return tuple((body, channel) for body, _, channel in parts)
+
+
+def with_impacts(record: xr.Dataset, time: np.ndarray, speed: np.ndarray) -> xr.Dataset:
+    """Return a simulated record with its impacts: instants (m,) [s] and closing speeds (m,) [m/s]."""
+    return record.assign(
+        impact_time=("impact", time, {"units": "s"}), impact_speed=("impact", speed, {"units": "m/s"})
+    )
+
+
+def with_section(record: xr.Dataset, section: Mapping[str, np.ndarray]) -> xr.Dataset:
+    """Return a simulated record with the stroboscopic section (body, period) at phase 0 of each channel, in SI."""
+    rows = {f"section_{c}": (("body", "period"), values, {"units": CHANNELS[c]}) for c, values in section.items()}
+    return record.assign(rows)
 
 
 def check(record: xr.Dataset, name: str = "record") -> xr.Dataset:
@@ -122,8 +153,7 @@ def rename_bodies(record: xr.Dataset, names: Mapping[str, str], name: str = "rec
             raise CalibError(f"{name}: there is no body {body!r}{nearest(body, have)}; the record has {have}")
     renamed = record.sel(body=list(names)).assign_coords(body=list(names.values()))
     if renamed.attrs.get("prescribed"):
-        pairs = [channel.partition(".") for channel in renamed.attrs["prescribed"].split(",")]
-        renamed.attrs["prescribed"] = ",".join(f"{names[b]}.{channel}" for b, _, channel in pairs if b in names)
+        renamed.attrs["prescribed"] = ",".join(f"{names[b]}.{c}" for b, c in prescribed(record) if b in names)
     return renamed
 
 
@@ -146,17 +176,7 @@ def read(path: str | Path) -> xr.Dataset:
     return check(record, str(path))
 
 
-def write(record: xr.Dataset, path: str | Path, group: str | None = None) -> None:
-    """Write a record as netCDF-4 so that the file is either whole or absent: temporary name, fsync, rename."""
-    path = Path(path)
-    handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    os.close(handle)
-    try:
-        record.to_netcdf(temporary, engine="netcdf4", group=group)
-        with open(temporary, "rb") as written:
-            os.fsync(written.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
+def write(record: xr.Dataset, path: str | Path) -> None:
+    """Write a record as netCDF-4 so that the file is either whole or absent."""
+    with whole(Path(path)) as temporary:
+        record.to_netcdf(temporary, engine="netcdf4")

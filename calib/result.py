@@ -1,17 +1,18 @@
 """What a study found, as one JSON document."""
 
 import json
-import math
-import os
-import tempfile
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from calib.errors import CalibError
+from calib.files import whole
+from calib.record import OK
+from calib.store.plain import plain
 
 NAME = "result.json"
-OK, FAILED = "ok", "failed"
+FAILED = "failed"
 
 
 def summarised(
@@ -72,11 +73,20 @@ def summarised(
         "confidence": None if confidence is None else confidence.as_dict(),
         "best_trial": None if best is None else best.number,
         "trials": len(trials),
-        "failed": sum(trial.status != "ok" for trial in trials),
+        "failed": sum(trial.status != OK for trial in trials),
+        "failures": _failures(trials),
         "simulations": simulations,
         "seconds": seconds,
     }
-    return _plain(found)
+    return plain(found)
+
+
+def _failures(trials) -> list[dict[str, Any]]:
+    """Say how many trials ended in which way other than ok, the most frequent first, each with its first reason."""
+    failed = [trial for trial in trials if trial.status != OK]
+    counted = Counter(trial.status for trial in failed).most_common()
+    first = {trial.status: trial.reason for trial in reversed(failed)}
+    return [{"status": status, "trials": number, "reason": first[status]} for status, number in counted]
 
 
 def held_out(score) -> dict[str, Any]:
@@ -95,17 +105,8 @@ def write(found: Mapping[str, Any], folder: Path) -> Path:
     """Write `result.json` so that it is either whole or absent; return its path."""
     path = folder / NAME
     text = json.dumps(found, indent=2, allow_nan=False) + "\n"
-    handle, temporary = tempfile.mkstemp(prefix=f".{NAME}.", dir=folder)
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
+    with whole(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
     return path
 
 
@@ -138,16 +139,3 @@ def _reach(reach) -> dict[str, Any]:
         "off": reach.off,
         "percent": reach.percent,
     }
-
-
-def _plain(value: Any) -> Any:
-    """Return `value` in dicts, lists, texts and finite numbers."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(inner) for key, inner in value.items()}
-    if isinstance(value, list | tuple | set | frozenset):
-        return [_plain(inner) for inner in value]
-    if hasattr(value, "tolist"):  # numpy arrays and scalars
-        return _plain(value.tolist())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value

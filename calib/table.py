@@ -1,7 +1,6 @@
 """A measured table (delimited text or MATLAB v5) as a record."""
 
 import csv
-import hashlib
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,16 +10,14 @@ import numpy as np
 import xarray as xr
 from scipy.io import loadmat
 from scipy.io.matlab import MatReadError
-from scipy.signal import butter, sosfiltfilt
 
 from calib import record as records
 from calib.errors import CalibError, nearest
 from calib.excitation import UNITS as EXCITATION_UNITS
 from calib.excitation import Excitation
+from calib.files import verified
+from calib.filter import low_pass
 from calib.units import is_si, to_si
-
-ORDER = 4  # of the Butterworth low-pass, run forwards and backwards
-UNIFORM = 1e-3  # largest departure of a sample from the uniform grid, in steps, that a filter accepts  [1]
 
 
 @dataclass(frozen=True)
@@ -127,9 +124,8 @@ def read(table: Table) -> tuple[xr.Dataset, Excitation | None]:
     CalibError : missing file or wrong checksum, unknown column, a cell that is no number (with its line), ragged rows,
         a unit that does not fit, samples that the file does not have
     """
-    content = _content(table)
-    checksum = hashlib.sha256(content).hexdigest()
-    sheet = _sheet(table, content)
+    checksum = verified(table.path, table.sha256, table.origin)
+    sheet = _sheet(table, table.path.read_bytes())
     time = _time(table, sheet)
     kept = np.arange(table.first, sheet.last, table.decimate) - sheet.begin
     bodies = list(dict.fromkeys(c.body for c in table.channels))
@@ -151,35 +147,8 @@ def read(table: Table) -> tuple[xr.Dataset, Excitation | None]:
     if excitation.cutoff is not None:
         record.attrs["cutoff"] = excitation.cutoff
     if excitation.quantity == "displacement" and excitation.place in bodies:
-        record.attrs["prescribed"] = f"{excitation.place}.displacement,{excitation.place}.velocity"
+        record.attrs["prescribed"] = records.prescription([excitation.place])
     return records.check(record, str(table.path)), excitation
-
-
-def low_pass(values: np.ndarray, time: np.ndarray, cutoff: float) -> np.ndarray:
-    """Zero-phase low-pass of uniformly sampled values: a Butterworth filter of order `ORDER`, forwards and backwards.
-
-    Parameters
-    ----------
-    values : (..., n)
-    time : (n,)  [s]
-    cutoff : where the two passes together halve the amplitude  [Hz]
-    """
-    steps = np.diff(time)
-    if steps.size == 0 or (steps <= 0.0).any():
-        raise CalibError("a low-pass needs at least two samples, and a time that increases from one to the next")
-    rate = steps.size / (time[-1] - time[0])
-    if np.abs((time - time[0]) * rate - np.arange(time.size)).max() > UNIFORM:
-        raise CalibError(
-            f"a low-pass needs uniform samples, but the steps vary from {steps.min():.6g} s to {steps.max():.6g} s; "
-            "resample the file or drop the cutoff"
-        )
-    if not 0.0 < cutoff < 0.5 * rate:
-        raise CalibError(
-            f"a cutoff must lie between 0 and half the sampling rate ({0.5 * rate:.6g} Hz), got {cutoff:.6g} Hz"
-        )
-    filter_ = butter(ORDER, cutoff, fs=rate, output="sos")
-    padding = min(values.shape[-1] - 1, int(3.0 * rate / cutoff))  # three periods of the cutoff
-    return sosfiltfilt(filter_, values, axis=-1, padlen=padding)
 
 
 @dataclass(frozen=True)
@@ -213,19 +182,6 @@ class _Sheet:
             where = f"line {self.lines[self.begin + at]}" if self.lines else f"sample {self.begin + at}"
             raise CalibError(f"{self.path}, {where}: expected a number in column {column!r}, got {cells[at]!r}")
         return values
-
-
-def _content(table: Table) -> bytes:
-    """Bytes of the file, once it is known to be the right one."""
-    where = f"; get it from {table.origin}" if table.origin else ""
-    checksum = f" (sha256 {table.sha256})" if table.sha256 else ""
-    if not table.path.is_file():
-        raise CalibError(f"{table.path}: no such file{where}{checksum}")
-    content = table.path.read_bytes()
-    found = hashlib.sha256(content).hexdigest()
-    if table.sha256 is not None and found != table.sha256.lower():
-        raise CalibError(f"{table.path}: expected sha256 {table.sha256}, got {found}: another or a damaged file{where}")
-    return content
 
 
 def _sheet(table: Table, content: bytes) -> _Sheet:

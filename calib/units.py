@@ -1,4 +1,4 @@
-"""Units at the faces: a number with its unit, as a person writes it, becomes the SI number that is used inside."""
+"""Units at the faces: between the SI number that is used inside and the number with a unit that a person knows."""
 
 import functools
 import math
@@ -7,6 +7,7 @@ import tokenize
 
 from calib.errors import CalibError, nearest
 
+MILLI = {"m": (1e3, "mm"), "s": (1e3, "ms")}  # SI unit -> factor and unit in which people read small values
 # a number, then its unit; a comma is refused because pint drops it: '1,5 mm' would become 15 mm
 QUANTITY = re.compile(r"\s*\(?\s*[+-]?\s*(\d|\.\d|inf|nan)[\w\s.+\-*/^()%°µ]*")
 
@@ -36,17 +37,17 @@ def to_si(quantity: str | float, unit: str) -> float:
     if not isinstance(quantity, str):
         return _number(float(quantity), quantity, unit)
     given = _parse(quantity, unit)
-    expected = _parse(f"1 {unit if unit != '1' else ''}", unit).units
-    if given.unitless and str(expected) != "dimensionless":
+    expected = _parse(f"1 {unit if unit != '1' else ''}", unit)
+    if given.unitless and str(expected.units) != "dimensionless":
         raise CalibError(f"{quantity!r} has no unit: write '{quantity} {unit}', or the bare number for {unit}")
-    if _hertz(given.units) != _hertz(expected):
+    if _hertz(given) != _hertz(expected):
         raise CalibError(
             f"{quantity!r} is not converted to {unit or '1'}: hertz counts cycles, and 1 Hz may mean 1/s or "
             f"2 pi rad/s; work it out and write it in {unit or '1'}"
         )
     if not given.is_compatible_with(expected):
         raise CalibError(f"expected a quantity that can be given in {unit or '1'}, got {quantity!r}; mend the unit")
-    return _number(float(given.m_as(expected)), quantity, unit)
+    return _number(float(given.m_as(expected.units)), quantity, unit)
 
 
 def is_si(unit: str) -> bool:
@@ -73,9 +74,9 @@ def _parse(text: str, unit: str):
         raise CalibError(mistake) from error
 
 
-def _hertz(units) -> float:
-    """Power of hertz (and its multiples) in the units [1]."""
-    return sum(power for name, power in units._units.items() if name.endswith("hertz"))
+def _hertz(quantity) -> float:
+    """Power of hertz (and its multiples) in a quantity's unit [1]."""
+    return sum(power for name, power in quantity.unit_items() if name.endswith("hertz"))
 
 
 def _number(value: float, quantity: str | float, unit: str) -> float:

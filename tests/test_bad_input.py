@@ -92,6 +92,13 @@ def test_a_bad_cell_of_a_table_is_refused_with_its_line(tmp_path):
         load(path)
 
 
+def test_an_unknown_quantity_of_the_excitation_is_answered_with_the_known_ones(tmp_path):
+    drive = '[record.excitation]\nplace = "base"\nquantity = "base motoin"\namplitude = "1 mm"\nfrequency = "10 Hz"\n'
+    path = write_study(tmp_path, ('nuisance = ["trigger"]\n', 'nuisance = ["trigger"]\n' + drive))
+    with pytest.raises(CalibError, match=r"record\[1\].excitation: .* got 'base motoin' \(did you mean 'base motion'"):
+        load(path)
+
+
 def test_the_command_line_says_it_without_a_traceback(tmp_path):
     path = write_study(tmp_path, ("low = 0.5, high = 2.0", "low = 2.0, high = 0.5"))
     ended = CliRunner().invoke(main, ["run", str(path)])
@@ -134,6 +141,7 @@ def test_a_study_of_which_every_trial_fails_ends_with_exit_code_4(tmp_path):
     ended = CliRunner().invoke(main, ["run", str(path)])
     assert ended.exit_code == 4
     assert "none of 12 trials ended ok" in ended.stdout
+    assert "failed: 12 (raised), such as: RuntimeError: the echo broke" in ended.stdout
     found = read_result(tmp_path / "out")
     assert (found["status"], found["score"]["total"], found["failed"]) == ("failed", None, 12)
     assert "the echo broke" in (tmp_path / "out" / "report.html").read_text()

@@ -248,6 +248,7 @@ def test_simulate_writes_a_record_and_a_picture(tmp_path):
         ("gain", "expected NAME=VALUE"),
         ("harmonic=1 s", "--set harmonic"),
         ("gain=much", "--set gain"),
+        ("gain=-1", "--set gain: expected a value in [0, inf] 1, got -1"),
     ],
 )
 def test_a_bad_setting_is_named(tmp_path, setting, said):

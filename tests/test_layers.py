@@ -7,7 +7,7 @@ import calib
 
 ROOT = Path(calib.__file__).parent
 STOREYS = [
-    ["errors", "parameter", "units", "excitation", "record", "table", "cycles", "laws", "effect"],
+    ["errors", "files", "parameter", "units", "excitation", "record", "filter", "table", "cycles", "laws", "effect"],
     ["simulators", "effects", "features", "optimisers"],
     ["plugins", "model", "objective", "store", "pool"],
     ["study", "confidence", "result"],

@@ -533,3 +533,16 @@ def test_a_reference_record_is_at_its_noise_from_its_own_mean_loop(folder):
     assert score.total < 1e-3
     score = objective(record, Term(TimeHistory()))({"run": run})
     assert 0.002 < score.total < 0.05
+
+
+@pytest.mark.parametrize("trigger", [0.0, 0.2, 0.5, 0.8])
+def test_a_sampled_jump_between_two_samples_costs_nothing(trigger):
+    late = trigger * PERIOD / 400  # the same motion, sampled a share of a sample later
+    score = objective(clapping(trigger=0.3 * PERIOD + late))({"run": simulated()})
+    assert score.total < 5e-4  # half a jump in one of 400 samples would be 6e-3
+    assert score.nuisances["run"]["trigger"] == pytest.approx(0.3 * PERIOD + late, abs=0.01 * PERIOD / 400)
+
+
+def test_a_jump_at_another_phase_is_still_seen():
+    apart = [total(clapping(), simulated(impact=0.3012 + moved)) for moved in (0.0, 0.02, 0.05)]
+    assert apart[0] < 1e-3 < 0.02 < apart[1] < apart[2]

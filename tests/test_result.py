@@ -57,6 +57,7 @@ def test_values_have_units_and_intervals():
 def test_trials_and_failures_are_counted():
     said = summarised()
     assert (said["trials"], said["failed"], said["best_trial"]) == (3, 1, 2)
+    assert said["failures"] == [{"status": "diverged", "trials": 1, "reason": "too fast"}]
 
 
 def test_a_failed_study_has_no_score():

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 import pickle
 
 import pytest
@@ -256,3 +257,35 @@ def test_a_study_that_is_not_there_is_named(tmp_path):
 def test_an_option_of_the_wrong_kind_is_told_by_the_thing_itself(tmp_path):
     path = write_study(tmp_path, ("[windows]", "options = { above = 'much' }\n[windows]"))
     assert load(path).study.model.simulator.above == "much"  # the echo does not check; nothing is raised for it
+
+
+TABLE = """path = "bench.csv"
+[record.table]
+time = { column = "t", unit = "s" }
+channels = [{ column = "x", body = "mass", channel = "displacement", unit = "mm" }]
+[record.excitation]
+place = "base"
+quantity = "base motion"
+column = "u"
+unit = "mm"
+"""
+
+
+def recorded(tmp_path, more):
+    rows = [f"{0.01 * i},{math.sin(i)},{math.cos(i)}" for i in range(40)]
+    (tmp_path / "bench.csv").write_text("\n".join(["t,x,u", *rows]))
+    term = ('feature = "phase_curve"', 'feature = "time_history"')
+    return write_study(tmp_path, ('path = "bench.nc"\nnuisance = ["trigger"]\n', TABLE + more), term)
+
+
+def test_a_recorded_excitation_may_have_a_period(tmp_path):
+    reference = load(recorded(tmp_path, 'frequency = "10 Hz"\n')).study.objective.references["bench"]
+    assert reference.excitation.recorded
+    assert reference.excitation.period == 0.1
+    assert reference.request.times == pytest.approx(reference.record.time.values)
+
+
+@pytest.mark.parametrize("more", ['amplitude = "1 mm"\n', "phase = 1.0\n"])
+def test_what_a_column_says_is_not_said_twice(tmp_path, more):
+    with pytest.raises(CalibError, match="has its own amplitude and phase"):
+        load(recorded(tmp_path, more))

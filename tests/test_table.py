@@ -8,7 +8,8 @@ import pytest
 from scipy.io import savemat
 
 from calib.errors import CalibError
-from calib.table import Channel, Clock, Drive, Table, low_pass, read
+from calib.filter import low_pass
+from calib.table import Channel, Clock, Drive, Table, read
 
 HEADED = "t,x,u,note,\n0.0,1.0,10,a,\n0.1,2.0,20,,\n0.2,3.0,30,b,\n0.3,4.0,40,c,\n0.4,5.0,50,d,\n"
 X = Channel("x", "mass", "displacement", "mm")

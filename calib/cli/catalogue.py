@@ -9,8 +9,7 @@ from calib import plugins
 from calib.effect import Effect
 from calib.errors import CalibError, nearest
 from calib.study_toml import StudyToml
-
-CONTRACT = ("dim", "seed", "budget", "batch")  # of an optimiser: a study gives them, not a user
+from calib.study_toml.load import CONTRACT
 
 
 def catalogue() -> dict[str, dict[str, str]]:

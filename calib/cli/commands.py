@@ -2,6 +2,7 @@
 
 import functools
 import json
+import shlex
 import sys
 import warnings
 from collections.abc import Callable
@@ -10,7 +11,6 @@ from pathlib import Path
 import click
 
 from calib.errors import CalibError
-from calib.result import OK
 
 # ruff: noqa: D301 - click reads the "\b" of a docstring as "do not wrap"
 # Everything but click is imported inside the command that needs it: numba, xarray and optuna take seconds, and
@@ -85,6 +85,7 @@ def run(study: Path, out: Path | None, jobs: int | None, budget: int | None, fre
     from calib.cli.calibrate import calibrate  # see above
     from calib.cli.progress import Progress
     from calib.cli.tables import show_result
+    from calib.record import OK
     from calib.study_toml import load
 
     file = load(study, budget=budget, jobs=jobs)
@@ -94,7 +95,9 @@ def run(study: Path, out: Path | None, jobs: int | None, budget: int | None, fre
             found = calibrate(file, folder, progress, fresh=fresh)
         except KeyboardInterrupt:
             progress.stop()
-            click.echo(f"\nstopped; every finished trial is kept. Go on with:  calib run {study}", err=True)
+            given = [("--out", out), ("--budget", budget), ("--jobs", jobs)]
+            again = shlex.join(["calib", "run", str(study), *(str(x) for pair in given if pair[1] for x in pair)])
+            click.echo(f"\nstopped; every finished trial is kept. Go on with:  {again}", err=True)
             sys.exit(STOPPED)
     if as_json:
         click.echo(json.dumps(found, indent=2, allow_nan=False))
@@ -124,7 +127,13 @@ def status(study: Path, out: Path | None, as_json: bool):
 @STUDY
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A parameter, such as gap='1.2 mm'.")
 @click.option("--record", metavar="NAME", help="Whose excitation to simulate. [default: the first record]")
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="The record to write (.nc).")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    required=True,
+    help="The record to write (.nc).",
+)
 @_mendable
 def simulate(study: Path, settings: tuple[str, ...], record: str | None, output: Path):
     """Run the simulator of STUDY once and write its record, with a picture (.png) beside it.

@@ -7,6 +7,7 @@ from rich.console import Console
 from rich.progress import BarColumn, SpinnerColumn, TextColumn
 from rich.progress import Progress as Bars
 
+from calib.record import OK
 from calib.store import Trial
 from calib.store.trial import best
 
@@ -64,7 +65,7 @@ class Progress:
     def earlier(self, trials: Sequence[Trial]) -> None:
         """Take in the trials of earlier runs, which are not made again."""
         self._done = len(trials)
-        self._failed = sum(trial.status != "ok" for trial in trials)
+        self._failed = sum(trial.status != OK for trial in trials)
         self._best = best(trials)
         if trials and not self._quiet:
             self._console.print(f"going on from {len(trials)} trials")
@@ -72,7 +73,7 @@ class Progress:
     def trial(self, trial: Trial, top: Trial | None, count: int) -> None:
         """Take in a trial that has ended, the best one so far, and the number of trials there are."""
         self._done, self._best = count, top
-        self._failed += trial.status != "ok"
+        self._failed += trial.status != OK
         self._ends.append((self._clock(), count))
         self._stage = trial.phase
         self._show()

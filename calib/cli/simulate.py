@@ -78,6 +78,9 @@ def _settings(settings: Sequence[str], parameters: Mapping) -> dict[str, float]:
             values[name] = to_si(_number(text), parameters[name].unit)
         except CalibError as error:
             raise CalibError(f"--set {name}: {error}") from error
+        low, high, unit = (getattr(parameters[name], key) for key in ("low", "high", "unit"))
+        if not low <= values[name] <= high:
+            raise CalibError(f"--set {name}: expected a value in [{low:g}, {high:g}] {unit}, got {text}")
     return values
 
 

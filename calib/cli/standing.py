@@ -1,6 +1,5 @@
 """How far a study is, from what lies in its folder; the study may be running, stopped, killed or finished."""
 
-import fcntl
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,8 +7,11 @@ from typing import Any
 
 from calib import result
 from calib.errors import CalibError
+from calib.record import OK
 from calib.store import Trial, read
+from calib.store.lock import held
 from calib.store.optuna_view import ARTIFACTS, JOURNAL
+from calib.store.trial import best
 from calib.study_toml import located
 from calib.study_toml.mistakes import shaped
 
@@ -45,40 +47,25 @@ def standing(study: Path, out: Path | None) -> dict[str, Any]:
     finished = found is not None and found["trials"] == len(trials)
     return {
         "name": header["name"],
-        "state": "running" if _running(folder) else "finished" if finished else "unfinished",
+        "state": "running" if held(folder) else "finished" if finished else "unfinished",
         "trials": len(trials),
         "budget": header["budget"],
         "best": _best(trials),
         "units": {name: window["unit"] for name, window in header["definition"]["windows"].items()},
-        "failed": dict(Counter(trial.status for trial in trials if trial.status != "ok")),
+        "failed": dict(Counter(trial.status for trial in trials if trial.status != OK)),
         "seconds": _mean(trials),
         "folder": str(folder),
     }
 
 
 def _best(trials: Sequence[Trial]) -> dict[str, Any] | None:
-    ok = [trial for trial in trials if trial.status == "ok"]
-    if not ok:
-        return None
-    best = min(ok, key=lambda trial: trial.rank)
-    return {"number": best.number, "total": best.total, "kind": best.kind, "values": best.values}
+    top = best(trials)
+    return None if top is None else {"number": top.number, "total": top.total, "kind": top.kind, "values": top.values}
 
 
 def _mean(trials: Sequence[Trial]) -> float | None:
     recent = [trial.seconds for trial in trials[-MEMORY:]]
     return sum(recent) / len(recent) if recent else None
-
-
-def _running(folder: Path) -> bool:
-    """Whether a process holds the lock on the ledger."""
-    try:
-        with open(folder / "trials.lock", "rb") as lock:
-            fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)  # given back when the file closes
-    except FileNotFoundError:
-        return False
-    except BlockingIOError:
-        return True
-    return False
 
 
 def view_of(study: Path, out: Path | None) -> tuple[str, Path]:

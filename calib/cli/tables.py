@@ -9,8 +9,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-ENGINEERING = {"m": (1e3, "mm"), "s": (1e3, "ms"), "1": (1.0, "")}  # SI unit -> factor and unit that people read
+from calib.record import OK
+from calib.units import MILLI
 
+ENGINEERING = {**MILLI, "1": (1.0, "")}  # SI unit -> factor and unit that people read
 MOST_DECIMALS = 6  # beyond, a number is written with a power of ten
 WIDTH = 120  # columns, where the output is no terminal
 
@@ -24,7 +26,7 @@ def shown(value: float | None, unit: str, digits: int = 4) -> str:
 def show_result(found: Mapping[str, Any], folder: Path, console: Console | None = None) -> None:
     """Print what a study found (the content of its `result.json`)."""
     console = console or _console()
-    if found["status"] != "ok":
+    if found["status"] != OK:
         console.print(f"[bold]{escape(found['name'])}[/]: none of {found['trials']} trials ended ok")
     else:
         console.print(_parameters(found))
@@ -32,6 +34,9 @@ def show_result(found: Mapping[str, Any], folder: Path, console: Console | None 
         for line in _remarks(found):
             console.print(line, soft_wrap=True)
     console.print(f"trials: {found['trials']}, of which {found['failed']} failed; {found['seconds']:.1f} s")
+    for failure in found["failures"]:
+        reason = escape(failure["reason"].partition("\n")[0])
+        console.print(f"failed: {failure['trials']} ({escape(failure['status'])}), such as: {reason}", soft_wrap=True)
     console.print(f"files:  {escape(str(folder))}/ (report.html, result.json, best.nc, trials.jsonl)", soft_wrap=True)
 
 
@@ -82,7 +87,7 @@ def _scores(found: Mapping[str, Any]) -> Table:
         table.add_row(escape(label), shown(distance, "1"))
     table.add_row("[bold]total[/]", f"[bold]{shown(found['score']['total'], '1')}[/]", found["motion"]["kind"] or "")
     for record, held in found["holdout"].items():
-        said = held["kind"] or "" if held["status"] == "ok" else f"{held['status']}: {held['reason']}"
+        said = held["kind"] or "" if held["status"] == OK else f"{held['status']}: {held['reason']}"
         table.add_row(f"hold-out {escape(record)}", shown(held["distance"], "1"), escape(said))
     return table
 
@@ -93,7 +98,7 @@ def _remarks(found: Mapping[str, Any]) -> list[str]:
     lines = [f"[red]another kind of motion than measured[/] in {escape(wrong)}: {escape(found['motion']['evidence'])}"]
     lines = lines if wrong else []
     lines += [f"[yellow]mind:[/] {escape(group['text'])}" for group in found["undetermined"]]
-    if confidence is None or confidence["status"] != "ok":
+    if confidence is None or confidence["status"] != OK:
         lines.append(f"[yellow]no intervals:[/] {escape((confidence or {}).get('reason', 'not worked out'))}")
     for reach in found["unreachable"]:
         percent = "" if reach["percent"] is None else f" ({reach['percent']:.3g} % off)"

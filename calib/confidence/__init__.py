@@ -2,6 +2,7 @@
 
 from calib.confidence.calibrated import around_best
 from calib.confidence.echo import echoes
-from calib.confidence.local import Confidence, Group, local
+from calib.confidence.local import Confidence, local
+from calib.confidence.undetermined import Group
 
 __all__ = ["Confidence", "Group", "around_best", "echoes", "local"]

@@ -9,16 +9,19 @@ from scipy.optimize import brentq
 
 from calib.cycles import cut, sampled
 from calib.errors import CalibError
+from calib.record import STATE
 from calib.record import channels as channels_of
 
-STATE = ("displacement", "velocity")
 # Catmull-Rom interpolation: weights of samples j - 1 .. j + 2 as polynomials in the share f of the step after sample j
 CUBIC = 0.5 * np.array([[0, -1, 2, -1], [2, 0, -5, 3], [0, 1, 4, -3], [0, 0, -1, 1]], dtype=float)
 # sum_j h_j h_{j+d} for d = -3..3, as polynomials in f
 OVERLAP = np.array(
     [sum(np.convolve(CUBIC[j], CUBIC[j + d]) for j in range(max(0, -d), min(4, 4 - d))) for d in range(-3, 4)]
 )
+SLOPE = CUBIC[:, 1:] * np.arange(1, 4)  # of the weights over f
 QUARTERS = (0.0, 0.25, 0.5, 0.75, 1.0)
+BLIND, SEEING = 2.0, 3.0  # samples from a simulated impact: nearer, velocity is not compared; farther, fully
+POLISH = 25  # steps at most
 
 
 class Alignment:
@@ -34,6 +37,10 @@ class Alignment:
 
     The simulated loop is moved, never the measured one: its noise stays white. Where the excitation prescribes a
     channel that the reference has, that channel alone fixes the trigger (displacement before velocity).
+
+    Samples do not say where between two of them a velocity has jumped. Next to a simulated impact its velocity is
+    therefore not compared (`trust`), and where there are impacts the trigger and theta are solved for once more
+    without these samples: otherwise half a jump in one sample would outweigh the rest of the loop and shift them.
 
     Parameters
     ----------
@@ -78,8 +85,10 @@ class Alignment:
             index = [used.index(row) for row in first] or range(len(used))
             self._trigger = _Fit(values[index], [used[i] for i in index], linear) if first else self._all
 
-    def __call__(self, simulated: xr.Dataset) -> tuple[dict[str, np.ndarray], dict[str, float]]:
-        """Channels (body, time) at the reference's instants with the nuisances applied, and the nuisances [SI].
+    def __call__(self, simulated: xr.Dataset) -> tuple[dict[str, np.ndarray], dict[str, float], np.ndarray]:
+        """Channels (body, time) at the reference's instants with the nuisances applied, the nuisances [SI], the trust.
+
+        The trust (time,) in a velocity is 0 next to an impact of the simulation and 1 away from all of them.
 
         "trigger" is the time of the simulation at the reference's time zero [s]; "offset.<body>" [m],
         "scale.<channel>" [1] and "shear" [s] are what the instrument made of the simulated motion.
@@ -92,18 +101,28 @@ class Alignment:
         present = [c for c in self.channels if c in simulated.variables]
         values = {c: sampled(simulated, c)[index] for c in present}
         time = simulated.variables["time"].values
+        impacts = simulated.variables["impact_time"].values if "impact_time" in simulated.variables else np.empty(0)
         shift, theta = 0.0, {}
         if self.solves:
-            shift, theta = self._solved(time, values, present)
+            shift, theta = self._solved(time, values, present, impacts)
         stacked = np.concatenate([values[c] for c in present])
-        moved = self._moved(time, stacked, shift).reshape(len(present), len(self.bodies), self.time.size)
+        trust = self._trust(time, impacts, shift)
+        moved = self._moved(time, stacked, shift, trust).reshape(len(present), len(self.bodies), self.time.size)
         found = dict(zip(present, moved, strict=True))
         nuisances = dict(theta)
         if self.solves and self._trigger is not None:
             nuisances = {"trigger": float(shift * self.period), **theta}
-        return self._seen(found, theta), nuisances
+        return self._seen(found, theta), nuisances, trust
 
-    def _solved(self, time, values, present) -> tuple[float, dict[str, float]]:
+    def _trust(self, time, impacts, shift) -> np.ndarray:
+        """Trust (time,) in the velocity at each instant of the reference, the simulation `shift` periods ahead."""
+        step = (self.time[-1] - self.time[0]) / (self.time.size - 1)
+        if self.period is None:
+            return _trusted((self.time - impacts[:, None]) / step)
+        length = round((time[-1] - time[0]) / self.period) * self.period  # the simulation goes round after it
+        return _trusted(_around(self.time + shift * self.period - impacts[:, None], length) / step)
+
+    def _solved(self, time, values, present, impacts) -> tuple[float, dict[str, float]]:
         """Return the trigger in periods, and the linear nuisances by name."""
         missing = [c for _, c in self.used if c not in present]
         if missing:
@@ -122,12 +141,15 @@ class Alignment:
         elif self._trigger is not None:
             driven = [self.used.index(row) for row in self._trigger.rows]
             place = self._trigger.best(self._trigger.correlated(loops[driven]))
-        shift = ((place - self.offset) / self.per_period) % self.periods
-        if not self._all.names:
-            return shift, {}
-        return shift, self._all.linear(self._all.correlated(loops) if sums is None else sums, place)
+        theta = {}
+        if self._all.names:
+            theta = self._all.linear(self._all.correlated(loops) if sums is None else sums, place)
+        if self._trigger is self._all and impacts.size:
+            at = np.unique((impacts / self.period * self.per_period) % self._all.size)
+            place, theta = self._all.polished(loops, at, place, theta)
+        return ((place - self.offset) / self.per_period) % self.periods, theta
 
-    def _moved(self, time, values, shift):
+    def _moved(self, time, values, shift, trust=1.0):
         """Rows of the simulation at the reference's instants plus `shift` periods."""
         same = time.size == self.time.size and np.abs(time - self.time).max() < 1e-6 * (time[1] - time[0])
         if same and shift == 0.0:
@@ -147,6 +169,8 @@ class Alignment:
         before = np.floor(place)
         share = place - before
         weights = CUBIC @ share ** np.arange(4)[:, None]
+        straight = np.array([0.0 * share, 1.0 - share, share, 0.0 * share])
+        weights = straight + trust * (weights - straight)  # a cubic would overshoot on both sides of a jump
         before = before.astype(int) - 1
         return sum(weights[j] * np.take(flat, before + j, axis=1, mode="wrap") for j in range(4))
 
@@ -160,6 +184,18 @@ class Alignment:
             if "shear" in theta:
                 seen["displacement"] = seen["displacement"] + theta["shear"] * found["velocity"]
         return seen
+
+
+def _around(distance: np.ndarray, length: float) -> np.ndarray:
+    """Signed distance on a circle of that length."""
+    return (distance + 0.5 * length) % length - 0.5 * length
+
+
+def _trusted(distance: np.ndarray) -> np.ndarray:
+    """Trust (n,) in samples whose distances (impact, n) from each impact are given in samples; smooth in them."""
+    nearest = np.abs(distance).min(axis=0, initial=np.inf)
+    share = np.clip((nearest - BLIND) / (SEEING - BLIND), 0.0, 1.0)
+    return share**2 * (3.0 - 2.0 * share)
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,6 +228,7 @@ class _Fit:
         spread = reference.std(axis=1)
         size = np.where(spread > 1e-9 * np.abs(reference).max(axis=1), spread, np.abs(reference).max(axis=1))
         weight = 1.0 / np.where(size > 0.0, size, 1.0) ** 2
+        self.reference = reference
         self.square = float(weight @ (reference**2).sum(axis=1))
         self.size = reference.shape[1]
         self._basis = [self._of(row) for row in self.rows]  # row -> [(unknown, simulated row or -1 for a constant)]
@@ -246,6 +283,45 @@ class _Fit:
         powers = (place - start) ** np.arange(7)
         theta = self._theta(gram @ powers, (right @ powers[:4])[:, None])
         return dict(zip(self.names, theta[:-1, 0].tolist(), strict=True))
+
+    def polished(
+        self, loops: np.ndarray, impacts: np.ndarray, place: float, theta: Mapping[str, float]
+    ) -> tuple[float, dict[str, float]]:
+        """Shift in samples and linear unknowns without the velocities next to impacts, by Gauss and Newton.
+
+        Parameters
+        ----------
+        loops : (row, n) simulated
+        impacts : (m,) where they are in the simulated loop, in samples
+        place, theta : where to begin
+        """
+        samples = np.arange(self.size)
+        unknowns = np.array([*theta.values(), 1.0])
+        velocity = np.array([channel == "velocity" for _, channel in self.rows])
+        for _ in range(POLISH):
+            trust = _trusted(_around(samples + place - impacts[:, None], self.size))
+            weight = np.sqrt(self._weight)[:, None] * np.where(velocity[:, None], trust, 1.0)
+            before = int(np.floor(place))
+            powers = (place - before) ** np.arange(4)
+            near = [np.roll(loops, 1 - before - j, axis=1) for j in range(4)]
+            x = sum(h * row for h, row in zip(CUBIC @ powers, near, strict=True))
+            rate = sum(h * row for h, row in zip(SLOPE @ powers[:3], near, strict=True))
+            columns = np.zeros((unknowns.size, *x.shape))
+            slope = np.zeros_like(x)
+            for row, basis in enumerate(self._basis):
+                for k, source in basis:
+                    columns[k, row] += x[source] if source >= 0 else 1.0
+                    if source >= 0:
+                        slope[row] += unknowns[k] * rate[source]
+            residual = (weight * (self.reference - np.tensordot(unknowns, columns, 1))).ravel()
+            jacobian = (weight * np.concatenate([slope[None], columns[:-1]])).reshape(unknowns.size, -1)
+            move = np.linalg.lstsq(jacobian.T, residual, rcond=1e-12)[0]
+            move[0] = np.clip(move[0], -0.5, 0.5)
+            place += move[0]
+            unknowns[:-1] += move[1:]
+            if abs(move[0]) < 1e-11:
+                break
+        return place, dict(zip(self.names, unknowns[:-1].tolist(), strict=True))
 
     def _theta(self, gram: np.ndarray, right: np.ndarray) -> np.ndarray:
         """Unknowns (unknown + 1, n) that minimise the squared difference for each column of `right`; the last is 1."""

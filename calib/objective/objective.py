@@ -1,19 +1,17 @@
 """How far simulated records are from measured ones, over all records and terms."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
 
-from calib import plugins
-from calib.cycles import Motion, kind_of_motion, sampled
+from calib.cycles import Motion
 from calib.errors import CalibError, nearest
-from calib.objective.alignment import Alignment
-from calib.objective.reach import FeatureValue, Scalar, compared, scalars
-from calib.objective.terms import Feature, Reference, Score, Term
-from calib.record import OK
-from calib.record import channels as channels_of
+from calib.objective.blocks import Blocks
+from calib.objective.compared import Compared
+from calib.objective.reach import FeatureValue
+from calib.objective.terms import Reference, Score, Term
 
 BEND = 5.0  # distance from which the total rises more slowly than the distance
 WRONG = 10.0  # least total of a motion of the wrong kind; more than any right one
@@ -52,7 +50,7 @@ class Objective:
         self.terms = _distinct(terms)
         if not self.terms:
             raise CalibError("an objective needs at least one term; name a feature to compare")
-        self._compared = {name: _Compared(reference, self.terms) for name, reference in self.references.items()}
+        self._compared = {name: Compared(reference, self.terms) for name, reference in self.references.items()}
         self.scored = [name for name, reference in self.references.items() if reference.use == "calibrate"]
         if not self.scored:
             raise CalibError('no reference is used to calibrate; set use = "calibrate" for one of them at least')
@@ -60,14 +58,14 @@ class Objective:
         whole = sum(term.weight for term in self.terms)
         self._weights = [term.weight / whole for term in self.terms]
 
-    def _blocks_of(self, term: Term) -> list["_Blocks"]:
+    def _blocks_of(self, term: Term) -> list[Blocks]:
         for name in term.records or ():
             if name not in self.scored:
                 raise CalibError(
                     f"term {term.label!r}: no record {name!r} to calibrate on{nearest(name, self.scored)}; "
                     f"there are {', '.join(self.scored)}"
                 )
-        blocks = [_Blocks(term, name, self._compared[name]) for name in term.records or self.scored]
+        blocks = [Blocks(term, name, self._compared[name]) for name in term.records or self.scored]
         if not any(block.number for block in blocks):
             raise CalibError(
                 f"term {term.label!r}: the excitation prescribes all that it compares, which is no evidence of fit; "
@@ -206,261 +204,3 @@ def _joined(said: Mapping[str, str]) -> str:
     if len(set(said.values())) == 1:
         return next(iter(said.values()))
     return "; ".join(f"{name}: {text}" for name, text in said.items())
-
-
-def _pairs(prescribed: str) -> frozenset[tuple[str, str]]:
-    """Split an attribute `prescribed`, "body.channel, ...", into (body, channel) pairs."""
-    parts = (entry.strip().rpartition(".") for entry in prescribed.split(",") if entry.strip())
-    return frozenset((body, channel) for body, _, channel in parts)
-
-
-@dataclass(frozen=True, eq=False)
-class _Seen:
-    """A simulated record as the instrument would have seen it."""
-
-    record: xr.Dataset
-    raw: xr.Dataset
-    nuisances: Mapping[str, float]
-    motion: Motion
-    prescribed: frozenset[tuple[str, str]]
-
-
-class _Compared:
-    """A reference with all that can be computed of it beforehand."""
-
-    def __init__(self, reference: Reference, terms: Sequence[Term]):
-        self.name = reference.name
-        self.reference = reference
-        self.period = reference.excitation.period
-        self.record = _prepared(reference.record, self.period)
-        self.bodies = [str(body) for body in self.record.body.values]
-        self.motion = kind_of_motion(self.record)
-        self.prescribed = _pairs(str(self.record.attrs.get("prescribed", "")))
-        wanted = [t for t in terms if t.records is None or reference.name in t.records] or terms
-        self._bodies = {body for term in wanted for body in term.bodies or self.bodies}
-        self._alignments: dict[frozenset, Alignment] = {}
-        self._alignment(self.prescribed)
-        channels = channels_of(self.record)
-        self._template = xr.Dataset(
-            {c: self.record[c] for c in channels},
-            attrs={k: v for k, v in self.record.attrs.items() if k in ("frequency", "place", "quantity", "status")},
-        )
-        self._scalars: dict[tuple[str, frozenset], Mapping[str, Scalar]] = {}
-
-    def _alignment(self, prescribed) -> Alignment:
-        if prescribed not in self._alignments:
-            self._alignments[prescribed] = Alignment(
-                self.record,
-                self.period,
-                self.motion.period or 1,
-                self.reference.nuisance,
-                self._bodies,
-                prescribed,
-            )
-        return self._alignments[prescribed]
-
-    def failure(self, simulated: xr.Dataset) -> tuple[str, str] | None:
-        """Status and reason of a record that cannot be compared, None where it can."""
-        status = simulated.attrs.get("status", OK)
-        if status != OK:
-            return status, str(simulated.attrs.get("reason", ""))
-        for channel in self._template.data_vars:
-            if channel in simulated.variables and not np.isfinite(simulated.variables[channel].values).all():
-                return "not finite", f"{channel} of the simulated record {self.name!r} holds NaN or infinity"
-        return None
-
-    def seen(self, simulated: xr.Dataset) -> _Seen:
-        """Align a simulated record, and tell its kind of motion."""
-        prescribed = self.prescribed | _pairs(str(simulated.attrs.get("prescribed", "")))
-        raw = simulated
-        if not _same(simulated.attrs.get("frequency"), self._template.attrs.get("frequency")):
-            raw = _with_period(simulated, self.period)
-        values, nuisances = self._alignment(prescribed)(simulated)
-        template = self._template
-        if len(values) < len(template.data_vars):
-            template = template[list(values)]
-        return _Seen(template.copy(data=values), raw, nuisances, kind_of_motion(raw), prescribed)
-
-    def penalty(self, motion: Motion) -> float | None:
-        """How far a motion of another kind is from the reference's, in [0, 1]; None where the kind is right."""
-        period = self.motion.period
-        if period is None or motion.period == period:
-            return None
-        if motion.kind in ("undecided", "no contact") and motion.period is None and motion.likely in (None, period):
-            return None
-        apart = motion.recurrence[period - 1] if period <= len(motion.recurrence) else 1.0
-        return apart / (1.0 + apart)
-
-    def features(self, pairs: set[tuple[str, str]], simulated: xr.Dataset) -> list[FeatureValue]:
-        """Scalar features of (body, channel) pairs."""
-        view = self.seen(simulated)
-        found = []
-        for body in self.bodies:
-            channels = tuple(
-                c for c in self._template.data_vars if (body, c) in pairs and (body, c) not in view.prescribed
-            )
-            if not channels:
-                continue
-            key = (body, frozenset(channels))
-            if key not in self._scalars:
-                self._scalars[key] = self._measured(self.record, body, channels, sigmas=True)
-            found += compared(self.name, body, self._scalars[key], self._measured(view.record, body, channels))
-        return found
-
-    def _measured(self, record, body, channels, sigmas=False) -> dict[str, Scalar]:
-        row = self.bodies.index(body)
-        values = {c: record.variables[c].values[row] for c in channels if c in record.variables}
-        units = {c: self.record[c].attrs["units"] for c in channels}
-        known = {}
-        for channel in channels:
-            if sigmas and f"{channel}_sigma" in record:
-                known[channel] = float(np.sqrt(np.mean(record[f"{channel}_sigma"].values[row] ** 2)))
-        return scalars(record.variables["time"].values, values, units, self.period, known)
-
-
-def _same(frequency: float | None, other: float | None) -> bool:
-    if frequency is None or other is None:
-        return frequency is other
-    return abs(frequency - other) <= 1e-12 * other
-
-
-def _prepared(record: xr.Dataset, period: float | None) -> xr.Dataset:
-    """Return the reference with the period of its excitation, its velocity averaged where it tells its impacts."""
-    if "impact_time" in record and "velocity" in record:
-        record = record.assign(velocity=record["velocity"].copy(data=sampled(record, "velocity")))
-        record = record.drop_vars([v for v in ("impact_time", "impact_speed") if v in record])
-    return _with_period(record, period)
-
-
-def _with_period(record: xr.Dataset, period: float | None) -> xr.Dataset:
-    attrs = {key: value for key, value in record.attrs.items() if key != "frequency"}
-    if period is not None:
-        attrs["frequency"] = 1.0 / period
-    changed = record.copy(deep=False)
-    changed.attrs = attrs
-    return changed
-
-
-class _Blocks:
-    """One term on one record: what was measured, and the factors that make residuals of differences."""
-
-    def __init__(self, term: Term, record: str, compared: _Compared):
-        self.term, self.record = term, record
-        feature = term.feature
-        label = f"term {term.label!r}, record {record!r}"
-        for body in term.bodies or ():
-            if body not in compared.bodies:
-                raise CalibError(
-                    f"{label}: no body {body!r}{nearest(body, compared.bodies)}; the reference has {compared.bodies}"
-                )
-        _check_channels(feature, compared.record, label)
-        try:
-            reference = feature(compared.record, term.bodies)
-        except CalibError as error:
-            raise CalibError(f"{label}: {error}") from error
-        self.measured = _cubed(reference)
-        self.shape = self.measured.shape
-        names = [str(body) for body in reference.body.values]
-        channels = [str(c) for c in reference.channel.values] if "channel" in reference.dims else [feature.name]
-        finite = np.isfinite(self.measured)
-        if term.bodies is not None and not finite.all():
-            lacking = names[int(np.argwhere(~finite)[0][0])]
-            raise CalibError(f"{label}: the reference shows no {feature.name} of {lacking!r}; leave this body out")
-        free = np.array([[(b, c) not in compared.prescribed for c in channels] for b in names])
-        self.mask = finite & free[:, :, None]
-        if free.any() and not self.mask.any():
-            raise CalibError(f"{label}: the reference shows no {feature.name} of any body; drop the term")
-        self._names = [(b, c) for b in names for c in channels]
-        sizes = self.mask.sum(axis=2)
-        self.layout = [(b, c, int(n)) for (b, c), n in zip(self._names, sizes.ravel(), strict=True) if n]
-        self.number = len(self.layout)
-        self._factor = self._factors(feature, reference, compared.record, sizes)
-        self._wraps = getattr(feature, "wraps", None)
-        self._bare = getattr(feature, "values", None)
-        self._raw = not getattr(feature, "aligned", True)
-
-    @property
-    def pairs(self) -> set[tuple[str, str]]:
-        """(body, channel) pairs that are compared."""
-        return {(body, channel) for body, channel, _ in self.layout}
-
-    def _factors(self, feature, reference, record, sizes):
-        """1 / scale, times 1 / sigma of unit mean square, over the root of the number of samples (body, channel, n)."""
-        scale = feature.scale(reference)
-        if isinstance(scale, xr.DataArray):
-            scale = _cubed(scale.broadcast_like(reference).transpose(*reference.dims))
-        scale = np.broadcast_to(np.asarray(scale, dtype=float), self.shape)
-        if not (scale[self.mask] > 0.0).all():
-            body = self._names[int(np.argmax(((scale <= 0.0) & self.mask).any(axis=2).ravel()))][0]
-            raise CalibError(
-                f"term {self.term.label!r}, record {self.record!r}: {body!r} does not move in the reference, "
-                "so that no difference can be related to it; leave this body out"
-            )
-        weight = np.ones(self.shape)
-        sigma = feature.uncertainty(record, self.term.bodies) if hasattr(feature, "uncertainty") else None
-        if sigma is not None:
-            weight = 1.0 / _cubed(sigma)
-            weight = weight / np.sqrt((weight**2).mean(axis=2, keepdims=True))
-        sizes = np.maximum(sizes, 1)[:, :, None]
-        return np.divide(weight, scale * np.sqrt(sizes), out=np.zeros(self.shape), where=self.mask)
-
-    def active(self, prescribed: frozenset) -> np.ndarray:
-        """Whether each block (body, channel) of the layout counts: what the simulator prescribes does not."""
-        return np.array([(body, channel) not in prescribed for body, channel, _ in self.layout], dtype=bool)
-
-    def residual(self, seen: _Seen, active: np.ndarray) -> np.ndarray:
-        """Differences over scale and root of their number, in the order of the layout; what does not count is 0."""
-        record = seen.raw if self._raw else seen.record
-        feature, bodies = self.term.feature, self.term.bodies
-        try:
-            simulated = _cubed(feature(record, bodies)) if self._bare is None else self._bare(record, bodies)
-        except CalibError as error:
-            raise CalibError(f"term {self.term.label!r}, simulated record {self.record!r}: {error}") from error
-        simulated = simulated.reshape(*simulated.shape[:2], -1)
-        if simulated.shape != self.shape:
-            raise CalibError(
-                f"term {self.term.label!r}, record {self.record!r}: expected values of shape {self.shape} (body, "
-                f"channel, rest), got {simulated.shape} from the simulated record; name the channels to compare"
-            )
-        difference = simulated - self.measured
-        if self._wraps:
-            difference = (difference + 0.5 * self._wraps) % self._wraps - 0.5 * self._wraps
-        residual = (difference * self._factor)[self.mask]
-        sizes = [size for _, _, size in self.layout]
-        if np.isnan(residual).any():  # nothing to measure in the simulation: off by the whole scale
-            flat = np.repeat([1.0 / np.sqrt(size) for size in sizes], sizes)
-            residual = np.where(np.isnan(residual), flat, residual)
-        return residual if active.all() else residual * np.repeat(active, sizes)
-
-
-def _check_channels(feature: Feature, record: xr.Dataset, label: str) -> None:
-    have = channels_of(record)
-    missing = [channel for channel in feature.channels if channel not in have]
-    if not missing:
-        return
-    possible = _possible(have)
-    hint = f"possible are {', '.join(possible)}" if possible else "choose a feature of what it has"
-    raise CalibError(
-        f"{label}: {feature.name} needs {missing[0]}, which the reference lacks (it has {', '.join(have)}); {hint}"
-    )
-
-
-def _possible(have: Sequence[str]) -> list[str]:
-    """Names of the registered features that records with these channels can be compared by."""
-    found = []
-    for name, maker in plugins.load_all("calib.features").items():
-        needs = maker().channels
-        if set(needs) <= set(have) and (needs or {"displacement", "velocity"} & set(have)):
-            found.append(name)
-    if "phase_curve" not in found and {"displacement", "velocity"} & set(have):
-        one = next(c for c in ("displacement", "velocity") if c in have)
-        found.append(f'phase_curve with channels = ["{one}"]')
-    return found
-
-
-def _cubed(values: xr.DataArray) -> np.ndarray:
-    """Values (body, channel, rest)."""
-    array = values.values
-    if "channel" not in values.dims:
-        array = array[:, None]
-    return array.reshape(*array.shape[:2], -1)

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 import xarray as xr
@@ -10,9 +10,10 @@ import xarray as xr
 from calib.errors import CalibError, nearest
 from calib.excitation import Excitation
 from calib.model import Request
-from calib.record import OK, check
+from calib.record import OK, STATE, check
 
-USES = ("calibrate", "name", "holdout")
+Use = Literal["calibrate", "name", "holdout"]
+USES = get_args(Use)
 SOLVED = ("trigger", "offset", "scale", "shear")  # nuisances solved in closed form, here
 SEARCHED = ("initial_state",)  # nuisances that are parameters of the search
 
@@ -29,7 +30,9 @@ class Feature(Protocol):
     3. `scale` says what difference scores 1: a number, or a DataArray that broadcasts against the values.
     4. Optionally `uncertainty(record, bodies)`: standard uncertainty of the values, or None; `wraps`: the values are
        angles of which one turn is this much; `aligned = False`: it wants the simulated record as it was simulated;
-       `values(record, bodies)`: the same numbers as a bare array (body, channel, ...), where labels cost more.
+       `values(record, bodies)`: the same numbers as a bare array (body, channel, ...), where labels cost more;
+       `trust(record)`: factors (channel, ...) in [0, 1] on the differences of sampled values, made of the simulated
+       record's variable `trust` (time), which is 0 where velocity jumps between two samples.
     5. It pickles, and does not change its record.
     """
 
@@ -64,7 +67,7 @@ class Reference:
 
     name: str
     record: xr.Dataset
-    use: Literal["calibrate", "name", "holdout"] = "calibrate"
+    use: Use = "calibrate"
     nuisance: Sequence[str] = ()
     excitation: Excitation | None = None
     request: Request = field(default_factory=Request)
@@ -88,7 +91,7 @@ class Reference:
                 f"{self.name}: the trigger can be solved for only where the excitation has a period; "
                 "state its frequency, or drop this nuisance"
             )
-        needed = {"offset": ("displacement",), "shear": ("displacement", "velocity")}.get(nuisance, ())
+        needed = {"offset": ("displacement",), "shear": STATE}.get(nuisance, ())
         for channel in needed:
             if channel not in self.record:
                 raise CalibError(f"{self.name}: the nuisance {nuisance!r} needs {channel}, which the record lacks")

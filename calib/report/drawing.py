@@ -13,6 +13,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from calib.units import MILLI
+
 MEASURED, SIMULATED, MARK, LINE = "#8a8a8a", "#0072B2", "#D55E00", "#333333"
 KINDS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#F0E442")
 FAILED, OTHER = "#000000", "#999999"
@@ -50,10 +52,10 @@ STYLE = {
 
 def shown_unit(unit: str, largest: float) -> tuple[float, str]:
     """Factor and unit for a reader: mm, ms and g where nothing exceeds half an m, s or kg; mg where half a g."""
-    small = {"m": "mm", "s": "ms", "kg": "g"}
     if unit == "kg" and abs(largest) <= 5e-4:
         return 1e6, "mg"
-    return (1e3, small[unit]) if unit in small and abs(largest) <= 0.5 else (1.0, unit or "1")
+    small = {**MILLI, "kg": (1e3, "g")}
+    return small[unit] if unit in small and abs(largest) <= 0.5 else (1.0, unit or "1")
 
 
 def dots(axes, x: np.ndarray, y: np.ndarray) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from calib.record import OK, channels
+from calib.record import OK, STATE, channels, prescribed, stated_period
 from calib.report.drawing import (
     LINE,
     MARK,
@@ -26,8 +26,6 @@ from calib.report.drawing import (
     png,
     shown_unit,
 )
-
-LOOP = ("displacement", "velocity")
 
 
 class TrialLike(Protocol):
@@ -46,10 +44,10 @@ def phase_curves(measured: xr.Dataset, simulated: xr.Dataset | None) -> Figure |
 
     Both records hold displacement (body, time) [m] and velocity (body, time) [m/s] on one time base.
     """
-    if not set(LOOP) <= set(channels(measured)):
+    if not set(STATE) <= set(channels(measured)):
         return None
     bodies = [str(b) for b in measured.body.values]
-    if simulated is not None and not any(channel in LOOP for _, channel in judged(measured, simulated)):
+    if simulated is not None and not any(channel in STATE for _, channel in judged(measured, simulated)):
         return None
     with mpl.rc_context(STYLE):
         columns = min(len(bodies), 2)
@@ -58,7 +56,7 @@ def phase_curves(measured: xr.Dataset, simulated: xr.Dataset | None) -> Figure |
         grid = figure.subplots(rows, columns, squeeze=False)
         for body, axes in zip(bodies, grid.flat, strict=False):
             _loop(axes, measured, simulated, body)
-            axes.set_title(_title(body, simulated, LOOP))
+            axes.set_title(_title(body, simulated, STATE))
         for axes in grid.flat[len(bodies) :]:
             axes.set_visible(False)
         legend(figure, simulated is not None)
@@ -69,7 +67,7 @@ def _loop(axes, measured, simulated, body, impacts=True):
     label, scale, unit = quantity(measured, body, "displacement")
     one = measured.sel(body=body)
     dots(axes, scale * one.displacement.values, one.velocity.values)
-    if simulated is not None and has(simulated, body, *LOOP):
+    if simulated is not None and has(simulated, body, *STATE):
         one = simulated.sel(body=body)
         line(axes, scale * one.displacement.values[: 4 * SAMPLES], one.velocity.values[: 4 * SAMPLES])
         if impacts:
@@ -85,14 +83,14 @@ def _impacts_on_loop(axes, one, scale):
     times = impact_times(one)
     times = times[(times >= float(one.time[0])) & (times <= float(one.time[-1]))]
     if times.size:
-        x, v = (np.interp(times, one.time.values, one[c].values) for c in LOOP)
+        x, v = (np.interp(times, one.time.values, one[c].values) for c in STATE)
         axes.plot(scale * x, v, "v", color=MARK, markersize=4, zorder=4)
 
 
 def _uncertainty_cross(axes, measured, body, scale):
     """Two standard uncertainties of both channels as a cross in the lower left corner."""
-    if {f"{c}_sigma" for c in LOOP} <= set(measured.data_vars):
-        dx, dv = (2.0 * float(measured[f"{c}_sigma"].sel(body=body).mean()) for c in LOOP)
+    if {f"{c}_sigma" for c in STATE} <= set(measured.data_vars):
+        dx, dv = (2.0 * float(measured[f"{c}_sigma"].sel(body=body).mean()) for c in STATE)
         (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
         x, y = left + 0.04 * (right - left), low + 0.04 * (high - low)
         axes.errorbar(x, y, yerr=dv, xerr=dx * scale, color=LINE, linewidth=0.9, zorder=5)
@@ -105,7 +103,7 @@ def histories(measured: xr.Dataset, simulated: xr.Dataset | None) -> Figure:
     Both records hold their channels over (body, time) on one time base [s]. A periodic record has a row a body and a
     column a channel; of another one only what is judged is shown, a row each.
     """
-    period = period_of(measured)
+    period = stated_period(measured)
     pairs = judged(measured, simulated) if simulated is not None and not period else _pairs(measured)
     bodies = [str(b) for b in measured.body.values]
     rows, columns = (len(bodies), len(channels(measured))) if period else (max(1, len(pairs)), 2)
@@ -169,7 +167,7 @@ def picture(trial: TrialLike, records: Mapping[str, xr.Dataset], objective) -> b
     with mpl.rc_context({**STYLE, "axes.grid": False}):
         figure = Figure(figsize=(4.8, 3.6), dpi=100)
         axes = figure.add_axes((0.15, 0.14, 0.82, 0.75))
-        if set(LOOP) <= set(channels(measured)) and channel in LOOP:
+        if set(STATE) <= set(channels(measured)) and channel in STATE:
             _loop(axes, measured, aligned, body, impacts=False)
         else:
             _history(axes, measured, aligned, body, channel, _worst(measured, aligned, body, channel))
@@ -185,7 +183,7 @@ def simulation_picture(record: xr.Dataset, path: str | Path) -> None:
     record : channels (body, time) in SI, status ok
     """
     bodies, shown = [str(b) for b in record.body.values], channels(record)
-    loops = set(LOOP) <= set(shown)
+    loops = set(STATE) <= set(shown)
     stretch, clock = _clock(record)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH * 1.2, 2.3 * len(bodies)), dpi=150, layout="constrained")
@@ -213,8 +211,8 @@ def simulation_picture(record: xr.Dataset, path: str | Path) -> None:
 
 def judged(measured: xr.Dataset, simulated: xr.Dataset) -> list[tuple[str, str]]:
     """(body, channel) pairs that both records have and the excitation does not prescribe."""
-    given = _prescribed(simulated)
-    return [(b, c) for b, c in _pairs(measured) if has(simulated, b, c) and f"{b}.{c}" not in given]
+    given = prescribed(simulated)
+    return [(b, c) for b, c in _pairs(measured) if has(simulated, b, c) and (b, c) not in given]
 
 
 def usable(record: xr.Dataset) -> bool:
@@ -225,12 +223,6 @@ def usable(record: xr.Dataset) -> bool:
 def has(record: xr.Dataset, body: str, *names: str) -> bool:
     """Whether the record has this body and these channels."""
     return all(name in record and body in record.body.values for name in names)
-
-
-def period_of(record: xr.Dataset) -> float | None:
-    """Period of the excitation that the record states [s], or None."""
-    frequency = record.attrs.get("frequency")
-    return 1.0 / float(frequency) if frequency else None
 
 
 def impact_times(record: xr.Dataset) -> np.ndarray:
@@ -251,7 +243,7 @@ def _with_impacts(aligned, simulated):
     the simulation repeats itself after its own length.
     """
     times = impact_times(simulated)
-    period = period_of(simulated) or period_of(aligned)
+    period = stated_period(simulated) or stated_period(aligned)
     if not times.size or not period:
         return aligned
     steps = (float(simulated.time[-1]) - float(simulated.time[0])) / (simulated.sizes["time"] - 1)
@@ -273,17 +265,13 @@ def _pairs(record):
     return [(str(b), c) for b in record.body.values for c in channels(record)]
 
 
-def _prescribed(record):
-    return {part.strip() for part in str(record.attrs.get("prescribed", "")).split(",") if part.strip()}
-
-
 def _title(body, simulated, shown):
-    given = simulated is not None and all(f"{body}.{c}" in _prescribed(simulated) for c in shown)
+    given = simulated is not None and all((body, c) in prescribed(simulated) for c in shown)
     return f"{body} (prescribed by the excitation)" if given else body
 
 
 def _clock(record):
-    period = period_of(record)
+    period = stated_period(record)
     span = 2.0 * period if period else float(record.time[-1] - record.time[0])
     return (1e3, "ms") if span < 2.0 else (1.0, "s")
 

@@ -8,8 +8,9 @@ import xarray as xr
 from matplotlib.figure import Figure
 from scipy import signal
 
+from calib.record import stated_period
 from calib.report.drawing import LINE, MEASURED, OTHER, SIMULATED, STYLE, WIDTH, line, marks, shown_unit, thin
-from calib.report.figures import has, impact_times, judged, period_of, quantity
+from calib.report.figures import has, impact_times, judged, quantity
 
 CLOUD = 6000  # samples drawn as a (rasterised) cloud
 
@@ -19,7 +20,7 @@ def residual_over_phase(measured: xr.Dataset, simulated: xr.Dataset) -> Figure |
 
     None where the record has no period or nothing of it is judged.
     """
-    period = period_of(measured)
+    period = stated_period(measured)
     pairs = judged(measured, simulated)
     if not period or not pairs:
         return None
@@ -130,9 +131,9 @@ def _against(axes, values, origin, x_unit, residual, channel, unit):
     axes.plot(x[keep], residual[keep], ".", **cloud)
     edges = np.linspace(*np.quantile(x, [0.002, 0.998]), 26)
     which = np.digitize(x, edges) - 1
-    bins = [i for i in range(25) if np.sum(which == i) > 4]
+    bins = np.array([i for i in range(25) if np.sum(which == i) > 4], dtype=int)  # none where nothing moves
     means = [np.mean(residual[which == i]) for i in bins]
-    axes.plot(0.5 * (edges[bins] + edges[np.add(bins, 1)]), means, "o-", color=SIMULATED, markersize=2.8, linewidth=1.2)
+    axes.plot(0.5 * (edges[bins] + edges[bins + 1]), means, "o-", color=SIMULATED, markersize=2.8, linewidth=1.2)
     axes.axhline(0.0, color=LINE, linewidth=0.7)
     axes.set_xlabel(f"{channel.capitalize()}{'' if origin == 'measured' else ', simulated'} [{x_unit}]")
     axes.set_ylabel(f"Residual [{unit}]")

@@ -1,21 +1,21 @@
 """The records of the trials worth keeping, and the best one."""
 
 import json
-import os
 import re
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import xarray as xr
 
 from calib.errors import CalibError
+from calib.files import whole
 from calib.record import read, write
 from calib.store.ledger import mendable
 
 Keep = Literal["best", "improving", "all"]
-KEEP = ("best", "improving", "all")
+KEEP = get_args(Keep)
 
 
 class Kept:
@@ -58,7 +58,8 @@ class Kept:
         paths = self._paths(number)
         with mendable(self._folder / "best.nc"):
             for path in paths:
-                _copy(path, self._folder / path.name.replace(f"{number:06d}", "best", 1))
+                with whole(self._folder / path.name.replace(f"{number:06d}", "best", 1)) as temporary:
+                    shutil.copyfile(path, temporary)
             if paths and self._keep == "best":
                 for other in set(self._records.glob("*.nc")) - set(paths):
                     other.unlink()
@@ -70,12 +71,3 @@ class Kept:
 
     def _paths(self, number: int) -> list[Path]:
         return [*self._records.glob(f"{number:06d}.nc"), *sorted(self._records.glob(f"{number:06d}-*.nc"))]
-
-
-def _copy(source: Path, target: Path) -> None:
-    """Copy so that the target is either the old or the new file, whole."""
-    temporary = target.with_name(f".{target.name}.{os.getpid()}")
-    shutil.copyfile(source, temporary)
-    with open(temporary, "rb") as written:
-        os.fsync(written.fileno())
-    os.replace(temporary, target)

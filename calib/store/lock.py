@@ -9,12 +9,14 @@ from pathlib import Path
 
 from calib.errors import CalibError
 
+NAME = "trials.lock"
+
 
 class Lock:
     """A lock on a folder that the kernel lets go when the process ends, however it ends; children do not inherit it."""
 
     def __init__(self, folder: Path):
-        self._path = folder / "trials.lock"
+        self._path = folder / NAME
         self._handle: int | None = None
 
     def acquire(self) -> None:
@@ -46,3 +48,15 @@ class Lock:
         if self._handle is not None:
             os.close(self._handle)
             self._handle = None
+
+
+def held(folder: Path) -> bool:
+    """Whether a process is writing in the folder."""
+    try:
+        with open(folder / NAME, "rb") as lock:
+            fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)  # given back when the file closes
+    except FileNotFoundError:
+        return False
+    except BlockingIOError:
+        return True
+    return False

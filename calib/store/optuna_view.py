@@ -13,13 +13,14 @@ from pathlib import Path
 
 import optuna
 from optuna.artifacts import ArtifactMeta, FileSystemArtifactStore
-from optuna.artifacts._upload import ARTIFACTS_ATTR_PREFIX
+from optuna.artifacts._upload import ARTIFACTS_ATTR_PREFIX  # private, see `_artifact`
 from optuna.distributions import FloatDistribution
 from optuna.storages import BaseStorage, JournalStorage, get_storage
 from optuna.storages.journal import JournalFileBackend, JournalFileSymlinkLock
 from optuna.study import StudyDirection
 from optuna.trial import FrozenTrial, TrialState
 
+from calib.store.plain import plain
 from calib.store.trial import Trial
 
 JOURNAL, ARTIFACTS = "optuna.log", "artifacts"
@@ -91,7 +92,7 @@ class OptunaView:
         taken = {study.study_name: study for study in self._storage.get_all_studies()}
         for study in taken.values():
             if study.user_attrs.get("ledger") == self._ledger:
-                return study._study_id
+                return study._study_id  # private, but the only number that a storage answers to
         if name in taken:
             name = f"{name} {self._ledger[:8]}"
         number = self._storage.create_new_study([StudyDirection.MINIMIZE], name)
@@ -141,7 +142,7 @@ class OptunaView:
                 "status": trial.status,
                 "reason": trial.reason,
                 "kind": trial.kind,
-                "terms": {label: value if abs(value) < float("inf") else None for label, value in trial.terms.items()},
+                "terms": plain(trial.terms),
                 "seconds": trial.seconds,
             },
             system_attrs={} if picture is None else self._artifact(trial.number, picture),

@@ -8,6 +8,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from calib.record import OK
+from calib.store.plain import plain
+
 
 @dataclass(frozen=True)
 class Trial:
@@ -35,7 +38,7 @@ class Trial:
     values: dict[str, float]
     total: float
     terms: dict[str, float] = field(default_factory=dict)
-    status: str = "ok"
+    status: str = OK
     reason: str = ""
     kind: str | None = None
     seconds: float = 0.0
@@ -75,18 +78,7 @@ def line(trial: Trial, place: tuple[int, int] | None) -> str:
         "residuals": place,
         "features": trial.features,
     }
-    return json.dumps(_finite(content), allow_nan=False, separators=(",", ":"))
-
-
-def _finite(thing: Any) -> Any:
-    """Return the same with plain floats, and None in the place of infinity and NaN."""
-    if isinstance(thing, float):
-        return float(thing) if math.isfinite(thing) else None
-    if isinstance(thing, Mapping):
-        return {key: _finite(value) for key, value in thing.items()}
-    if isinstance(thing, list | tuple):
-        return [_finite(value) for value in thing]
-    return thing
+    return json.dumps(plain(content), allow_nan=False, separators=(",", ":"))
 
 
 def trial_of(content: Mapping[str, Any], residuals: np.ndarray | None, segment: int) -> Trial:

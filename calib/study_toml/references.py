@@ -1,14 +1,15 @@
 """The records of a study file, each with its excitation and with what is computed of it."""
 
-import hashlib
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import xarray as xr
 
 from calib import table
 from calib.errors import CalibError, nearest
-from calib.excitation import UNITS, Excitation
+from calib.excitation import Excitation, unit_of
+from calib.files import checksum, verified
 from calib.model import Model, Request, Simulator
 from calib.objective import Reference
 from calib.record import read, rename_bodies
@@ -44,7 +45,10 @@ def _reference(
     if record is None:
         return None
     with mistakes.at(*key, "excitation"):
-        excitation = excitation or _excitation(entry.excitation, record)
+        if excitation is None:
+            excitation = _excitation(entry.excitation, record)
+        elif entry.excitation.frequency is not None:  # a recorded input with a period
+            excitation = replace(excitation, frequency=to_si(entry.excitation.frequency, "Hz"))
     if entry.bodies is not None:
         with mistakes.at(*key, "bodies"):
             record = rename_bodies(record, entry.bodies, entry.name)
@@ -69,12 +73,8 @@ def _reference(
 
 def _file(entry: RecordTable, folder: Path) -> Path:
     path = folder / _expanded(entry.path, folder)
-    source = f"; get it from {entry.origin}" if entry.origin else ""
-    if not path.is_file():
-        place = ", or set CALIB_DATA to the folder that has it" if "${CALIB_DATA}" in entry.path else ""
-        raise CalibError(f"{path}: no such file{source}{place}")
-    if entry.sha256 is not None and (found := _digest(path)) != entry.sha256:
-        raise CalibError(f"{path}: expected sha256 {entry.sha256}, got {found}: another or a damaged file{source}")
+    place = ", or set CALIB_DATA to the folder that has it" if "${CALIB_DATA}" in entry.path else ""
+    verified(path, entry.sha256, entry.origin, hint=place)
     return path
 
 
@@ -94,12 +94,7 @@ def _beside(folder: Path) -> Path:
 
 def digest(entry: RecordTable, folder: Path) -> str:
     """SHA-256 of the file of a record, whose path is relative to `folder`."""
-    return _digest(folder / _expanded(entry.path, folder))
-
-
-def _digest(path: Path) -> str:
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    return checksum(folder / _expanded(entry.path, folder))
 
 
 def _table(entry: RecordTable, file: Path) -> table.Table:
@@ -122,6 +117,8 @@ def _table(entry: RecordTable, file: Path) -> table.Table:
 def _drive(how: ExcitationTable) -> table.Drive:
     if how.place is None or how.unit is None:
         raise CalibError("an excitation read from a column needs place and unit in [record.excitation]")
+    if how.amplitude is not None or how.phase != 0.0:
+        raise CalibError("an excitation read from a column has its own amplitude and phase; drop these two keys")
     return table.Drive(
         column=how.column,
         place=how.place,
@@ -138,7 +135,7 @@ def _excitation(how: ExcitationTable | None, record: xr.Dataset) -> Excitation:
         return Excitation.of(record)
     if how.column is not None:
         raise CalibError("a column of a table was named, but the record has no [record.table]; drop the key column")
-    unit = how.unit or UNITS.get(how.quantity, "")
+    unit = how.unit or unit_of(how.quantity)
     numbers = {
         name: to_si(value, in_unit)
         for name, value, in_unit in (
@@ -178,5 +175,5 @@ def _check_excitation(excitation: Excitation | None, simulator: Simulator) -> No
 def _request(shape: StudyToml, entry: RecordTable, excitation: Excitation, record: xr.Dataset) -> Request:
     own = {key: getattr(entry, key) for key in OWN if getattr(entry, key) is not None}
     general = {key: getattr(shape.study, key) for key in OWN}
-    times = None if excitation.periodic else record.time.values
+    times = record.time.values if excitation.recorded or not excitation.periodic else None
     return Request(times=times, **(general | own))

@@ -4,6 +4,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PlainValidator
 
+from calib.objective.terms import Use
+from calib.parameter import Scale
+from calib.store.kept import Keep
+
 
 def _number_or_text(value: object) -> float | str:
     if isinstance(value, bool) or not isinstance(value, int | float | str):
@@ -129,7 +133,7 @@ class RecordTable(_Table):
     path: str
     origin: str = ""  # where a user gets the file
     sha256: Annotated[str, AfterValidator(_digest)] | None = None
-    use: Literal["calibrate", "name", "holdout"] = "calibrate"
+    use: Use = "calibrate"
     bodies: dict[str, str] | None = None  # record body = simulator body
     nuisance: list[str] = []
     table: TableTable | None = None
@@ -163,7 +167,7 @@ class WindowTable(_Table):
 
     low: Quantity
     high: Quantity
-    scale: Literal["linear", "log"] = "linear"
+    scale: Scale = "linear"
 
 
 class TermTable(_Open):
@@ -186,7 +190,7 @@ class StoreTable(_Table):
     """[store]."""
 
     view: str = "journal"
-    keep: Literal["best", "improving", "all"] = "improving"
+    keep: Keep = "improving"
 
 
 class DiagnosisTable(_Table):

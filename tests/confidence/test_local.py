@@ -5,7 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calib.confidence.local import SHARE, combination, local, sandwich
+from calib.confidence.covariance import sandwich
+from calib.confidence.local import local
+from calib.confidence.undetermined import SHARE, combination
 from calib.errors import CalibError
 from calib.parameter import Space, Window
 
@@ -173,6 +175,12 @@ def test_a_parameter_without_influence_is_not_determined():
     assert c.standard_error["idle"] == np.inf
     assert c.as_dict()["standard_error"]["idle"] is None
     assert c.interval["idle"] == (0.0, 1.0)
+
+
+def test_where_no_parameter_has_influence_none_is_determined():
+    c = local(linear(np.zeros((TIME.size, 2)), np.zeros(2), white(np.random.default_rng(4))), cube("a", "b"), np.ones(2))
+    assert {group.members for group in c.undetermined} == {("a",), ("b",)}
+    assert c.interval == {"a": (0.0, 1.0), "b": (0.0, 1.0)}
 
 
 def test_a_log_window_gives_an_interval_symmetric_in_the_logarithm():

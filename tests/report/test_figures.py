@@ -77,6 +77,12 @@ def test_what_the_excitation_prescribes_is_not_judged(recorded):
     assert phase_curves(*measured(recorded)) is None
 
 
+def test_a_simulation_that_stands_still_has_a_residual_too(recorded):
+    record, simulated = measured(recorded)
+    still = simulated.map(np.zeros_like, keep_attrs=True)
+    assert len(residual_structure(record[["force"]], still, "mass", "force", still).subfigs[1].axes) == 3
+
+
 def test_the_thumb_is_a_png_made_quickly(periodic):
     """At most four times the drawing of empty axes of its size (2.0 times was measured: 50 ms against 25 ms)."""
     trial, objective = periodic.trials[0], periodic.study.objective

@@ -11,7 +11,8 @@ from types import SimpleNamespace
 import pytest
 
 from calib.report import render, write
-from calib.report.page import measured_number, number, verdict
+from calib.report.verdict import verdict
+from calib.report.words import measured_number, number
 
 LARGEST = 3_000_000  # bytes
 
@@ -113,7 +114,7 @@ def test_lengths_are_shown_in_millimetres(found):
 
 def test_another_kind_of_motion_comes_before_any_distance(periodic):
     result = periodic.result | {"motion": {"kind": "period 2", "wrong": ["clapping"]}}
-    said = verdict(periodic.study, result)
+    said = verdict(result)
     assert said["tone"] == "bad"
     assert "another kind of motion" in said["headline"]
     assert "period 2, which is not the measured kind in clapping" in said["points"][0]
@@ -141,7 +142,7 @@ def test_a_page_is_whole_or_absent(periodic, tmp_path, monkeypatch):
     monkeypatch.setattr("calib.report.page.render", lambda *_: "<html></html>")
     path = write(tmp_path / "report.html", *periodic.arguments)
     before = path.read_text()
-    monkeypatch.setattr("calib.report.page.os.fsync", lambda _: (_ for _ in ()).throw(OSError("disk full")))
+    monkeypatch.setattr("os.fsync", lambda _: (_ for _ in ()).throw(OSError("disk full")))
     with pytest.raises(OSError, match="disk full"):
         write(path, *periodic.arguments)
     assert path.read_text() == before

@@ -12,12 +12,12 @@ from calib.errors import CalibError, nearest
 from calib.excitation import Excitation
 from calib.laws import BoundLaw, at_site
 from calib.parameter import Parameter
-from calib.record import OK, failed, make
+from calib.record import OK, failed, make, prescription, with_impacts, with_section
 from calib.simulators.four_dof.drives import BODIES, DRIVES, structure
 from calib.simulators.four_dof.lumped import lumped
 from calib.simulators.impact.modes import modal, regimes
 from calib.simulators.impact.problem import Problem
-from calib.simulators.impact.run import Drive, Motion, assemble, simulate, start
+from calib.simulators.impact.run import SECTIONS_KEPT, Drive, Motion, assemble, simulate, start
 
 PARAMETERS = (
     Parameter("restitution", "1", 0.05, "Newton's coefficient of restitution, beam and layer", low=0.0, high=1.0),
@@ -66,7 +66,7 @@ class FourDof:
     name = "four_dof"
     bodies = BODIES
     parameters = PARAMETERS
-    sites = frozenset({"force", "gap", "restitution", "excitation", "sensor"})
+    sites = frozenset({"force", "gap", "restitution", "excitation"})
 
     def __init__(
         self,
@@ -118,7 +118,7 @@ class FourDof:
             times,
             periods=request.periods if harmonic else 1,
             settle=request.settle if harmonic else 0,
-            sections=64 if harmonic else 0,
+            sections=SECTIONS_KEPT if harmonic else 0,
             budget=request.step_budget,
         )
         if motion.status != OK:
@@ -175,9 +175,9 @@ class FourDof:
             )
         if excitation.quantity == "free decay" and request.times is None:
             raise CalibError("a free decay has no period; say at which times [s] the record is wanted")
-        if not excitation.recorded and excitation.quantity != "free decay" and request.times is not None:
+        if excitation.harmonic and request.times is not None:
             raise CalibError("output times are for excitations without a period; ask for periods and samples instead")
-        if self.mode == "fixed_step" and (excitation.recorded or excitation.quantity == "free decay"):
+        if self.mode == "fixed_step" and not excitation.harmonic:
             raise CalibError("mode 'fixed_step' has its step from the period of a harmonic excitation; take 'exact'")
         if request.initial_state is not None and np.size(request.initial_state) != 2 * len(BODIES):
             raise CalibError(
@@ -191,15 +191,12 @@ class FourDof:
         return q[free], dq[free]
 
     def _attrs(self, excitation: Excitation, values: Mapping[str, float]) -> dict:
-        prescribed = [BODIES[i] for i in DRIVES[self.drive].prescribed]
         attrs = {
             "source": f"four_dof, drive {self.drive}, {self.mode}",
             "place": excitation.place,
             "quantity": excitation.quantity,
             "phase": excitation.phase,
-            "prescribed": ",".join(
-                f"{body}.{channel}" for body in prescribed for channel in ("displacement", "velocity")
-            ),
+            "prescribed": prescription([BODIES[i] for i in DRIVES[self.drive].prescribed]),
         }
         if excitation.frequency is not None:
             attrs["frequency"] = excitation.frequency
@@ -219,14 +216,12 @@ class FourDof:
             steps=motion.steps,
             **attrs,
         )
-        record["impact_time"] = ("impact", motion.impacts[:, 0], {"units": "s"})
-        record["impact_speed"] = ("impact", motion.impacts[:, 1], {"units": "m/s"})
-        if harmonic:
-            at_phase_zero = np.zeros(len(motion.sections))
-            displacement, velocity = self._bodies(motion.sections, at_phase_zero, problem)
-            record["section_displacement"] = (("body", "period"), displacement, {"units": "m"})
-            record["section_velocity"] = (("body", "period"), velocity, {"units": "m/s"})
-        return record
+        record = with_impacts(record, motion.impacts[:, 0], motion.impacts[:, 1])
+        if not harmonic:
+            return record
+        at_phase_zero = np.zeros(len(motion.sections))
+        displacement, velocity = self._bodies(motion.sections, at_phase_zero, problem)
+        return with_section(record, {"displacement": displacement, "velocity": velocity})
 
     def _bodies(self, rows: np.ndarray, times: np.ndarray, problem: Problem) -> tuple[np.ndarray, np.ndarray]:
         """Displacement and velocity (4, k) of all bodies: those free to move, and those that are the drive's."""
@@ -241,7 +236,7 @@ class FourDof:
 
 def _times(excitation: Excitation, request) -> tuple[np.ndarray, float | None]:
     """Output times since the start [s], and the duration of a run without a period."""
-    if excitation.recorded or excitation.quantity == "free decay":
+    if not excitation.harmonic:
         times = excitation.time if request.times is None else np.asarray(request.times, dtype=float)
         start = excitation.time[0] if excitation.recorded else 0.0
         return times - start, float(times[-1] - start)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.laws import BoundLaw, at_site
+from calib.record import OK
 from calib.simulators.impact import kernel
 from calib.simulators.impact.flow import REACH
 from calib.simulators.impact.modes import Structure, regimes
@@ -237,7 +238,7 @@ def simulate(
     after = none
     if code == kernel.DONE and missing > 0:
         code, after = advance(missing)
-    status = STATUS.get(code, "ok")
+    status = STATUS.get(code, OK)
     reasons = {
         "diverged": f"the motion grew beyond bounds in period {int(state.count[AT_PERIOD])}",
         "step budget": f"{budget} steps were spent by period {int(state.count[AT_PERIOD])}",

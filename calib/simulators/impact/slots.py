@@ -19,6 +19,7 @@ from calib.laws import SIGNATURES, BoundLaw, slots
 
 @cache
 def _address(function, site: str) -> int:
+    # private: the public way to an address is a wrapper in the caller, which costs what is avoided here
     return _get_wrapper_address(function, SIGNATURES[site])
 
 

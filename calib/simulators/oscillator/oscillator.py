@@ -110,7 +110,7 @@ class Oscillator:
         times: np.ndarray,
         attrs: dict,
     ) -> xr.Dataset:
-        harmonic = not excitation.recorded and excitation.quantity != "free decay"
+        harmonic = excitation.harmonic
         structure = _structure(values, excitation.quantity, laws)
         drive = _drive(excitation, values["amplitude"], self.hold, times)
         begins = excitation.time[0] if excitation.recorded else 0.0
@@ -146,7 +146,7 @@ def _check(excitation: Excitation, hold: str) -> None:
 
 def _times(excitation: Excitation, request) -> np.ndarray:
     """Output times (n,) [s]."""
-    if not excitation.recorded and excitation.quantity != "free decay":
+    if excitation.harmonic:
         return np.arange(request.periods * request.samples) / (excitation.frequency * request.samples)
     if request.times is None and not excitation.recorded:
         raise CalibError("a free decay has no period: say at which times it is asked for (Request.times)")
@@ -165,14 +165,14 @@ def _times(excitation: Excitation, request) -> np.ndarray:
 
 def _attrs(values: Mapping[str, float], excitation: Excitation) -> dict:
     attrs = {"source": "oscillator", "place": excitation.place, "quantity": excitation.quantity}
-    if not excitation.recorded and excitation.quantity != "free decay":
+    if excitation.harmonic:
         attrs |= {
             "frequency": excitation.frequency,
             "amplitude": values["amplitude"] * excitation.amplitude,
             "phase": excitation.phase,
         }
     if excitation.quantity == "displacement":
-        attrs["prescribed"] = f"{BODY}.displacement,{BODY}.velocity"
+        attrs["prescribed"] = records.prescription([BODY])
     return attrs
 
 
@@ -248,16 +248,11 @@ def _record(times: np.ndarray, motion: Motion, harmonic: bool, attrs: dict) -> x
         attrs = {**attrs, "settled_periods": motion.settled}
     record = records.make(times, (BODY,), channels, **attrs)
     inside = motion.impacts[(motion.impacts[:, 0] >= times[0])]
-    record["impact_time"] = ("impact", inside[:, 0], {"units": "s"})
-    record["impact_speed"] = ("impact", inside[:, 1], {"units": "m/s"})
-    return _with_section(record, motion.sections[:, :2]) if harmonic else record
-
-
-def _with_section(record: xr.Dataset, section: np.ndarray) -> xr.Dataset:
-    """Add the stroboscopic section (period, 2) of displacement [m] and velocity [m/s]."""
-    for column, (channel, unit) in enumerate((("displacement", "m"), ("velocity", "m/s"))):
-        record[f"section_{channel}"] = (("body", "period"), section[None, :, column], {"units": unit})
-    return record
+    record = records.with_impacts(record, inside[:, 0], inside[:, 1])
+    if not harmonic:
+        return record
+    x, v = motion.sections[:, 0], motion.sections[:, 1]
+    return records.with_section(record, {"displacement": x[None], "velocity": v[None]})
 
 
 def _needed_force(
@@ -296,4 +291,4 @@ def _needed_force(
         np.arange(request.periods - SECTIONS_KEPT + 1, request.periods + 1) / excitation.frequency
         - 0.5 * (motion.time[1] - motion.time[0]),
     )
-    return _with_section(record, np.stack([motion.x[whole], motion.v[whole]], axis=-1))
+    return records.with_section(record, {"displacement": motion.x[None, whole], "velocity": motion.v[None, whole]})

@@ -1,0 +1,35 @@
+"""A record cut by the period of its excitation."""
+
+from calib.cycles.impacts import impact, impacts_per_period
+from calib.cycles.loop import (
+    averaged_at_impacts,
+    cut,
+    harmonics,
+    loop_sigma,
+    period_of,
+    phase_curve,
+    rows,
+    sampled,
+)
+from calib.cycles.motion import NO_CONTACT, NOT_PERIODIC, UNDECIDED, Motion, kind_of_motion
+from calib.cycles.strobe import poincare, section
+
+__all__ = [
+    "NOT_PERIODIC",
+    "NO_CONTACT",
+    "UNDECIDED",
+    "Motion",
+    "averaged_at_impacts",
+    "cut",
+    "harmonics",
+    "impact",
+    "impacts_per_period",
+    "kind_of_motion",
+    "loop_sigma",
+    "period_of",
+    "phase_curve",
+    "poincare",
+    "rows",
+    "sampled",
+    "section",
+]

@@ -1,0 +1,162 @@
+"""The kind of a motion: after how many periods of the excitation it returns."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from calib.cycles.impacts import impacts_per_period
+from calib.cycles.loop import cut, period_of, sampled
+from calib.cycles.strobe import section
+from calib.errors import CalibError
+from calib.record import STATE
+
+LAGS = 16  # the longest motion that is told from an irregular one, in periods
+SECTION = 64  # periods of a section from which "irregular" may be said
+TOLERANCE = 1e-3  # how well a periodic motion returns, as a share of its amplitude
+NOISE = 1.5  # a measured cycle returns where it differs by less than this many standard deviations of its noise
+IRREGULAR, UNDECIDED, NO_CONTACT, NOT_PERIODIC = "irregular", "undecided", "no contact", "not periodic"
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Kind of a motion, and why it is called so.
+
+    Attributes
+    ----------
+    kind : "period-1" (2, ...), "irregular", "undecided", "no contact" (only of a record that tells its contacts) or
+        "not periodic" (the excitation has no period)
+    period : periods of the excitation after which the motion returns, None where that is not known
+    evidence : how it was found, one sentence
+    recurrence : difference of the states n = 1, 2, ... periods apart, as a share of the amplitude; up to the period
+    likely : of an undecided motion, the period that it is settling to, where that can be seen
+    impacts : impacts per period, NaN where the record does not tell; reported, no part of the kind
+    """
+
+    kind: str
+    period: int | None
+    evidence: str
+    recurrence: tuple[float, ...] = ()
+    likely: int | None = None
+    impacts: float = float("nan")
+
+
+def kind_of_motion(record: xr.Dataset) -> Motion:
+    """Say after how many periods of the excitation a motion returns.
+
+    From the section (64 periods or more, every body and channel): the largest difference of states n = 1..16 periods
+    apart, over the later half of the section, as a share of the channel's amplitude, against `TOLERANCE`. A difference
+    that shrinks steadily, or falls to half from the first to the last third, belongs to a motion that still settles:
+    undecided. Without a section the cycles of the record are compared with its noise (its sigma, otherwise estimated
+    from the second differences of its samples): that tells a returning motion from one that does not, but a short
+    record is never called irregular.
+
+    Parameters
+    ----------
+    record : Dataset with displacement or velocity over (body, time), with or without section
+    """
+    if "frequency" not in record.attrs:
+        return Motion(NOT_PERIODIC, None, "the excitation has no period")
+    sections = section(record)
+    impacts = impacts_per_period(record)
+    if sections and next(iter(sections.values())).shape[1] >= SECTION:
+        motion = _from_section(record, sections)
+    else:
+        motion = _from_cycles(record)
+    kind, evidence = motion.kind, motion.evidence
+    if impacts == 0.0:
+        kind, evidence = NO_CONTACT, f"no impact in the record; {evidence}"
+    elif np.isfinite(impacts):
+        evidence = f"{evidence}; {impacts:.3g} impact(s) a period"
+    return Motion(kind, motion.period, evidence, motion.recurrence, motion.likely, impacts)
+
+
+def _amplitude(values: np.ndarray) -> float:
+    """Half the peak-to-peak value of the body (body, time) that moves most."""
+    return float(0.5 * np.ptp(values, axis=-1).max()) or 1.0
+
+
+def _from_section(record, sections):
+    states = np.concatenate([values / _amplitude(record.variables[c].values) for c, values in sections.items()])
+    size = states.shape[1]
+    differences, recurrence = [], []
+    for lag in range(1, LAGS + 1):
+        difference = np.abs(states[:, lag:] - states[:, :-lag]).max(axis=0)
+        differences.append(difference)
+        recurrence.append(float(difference[difference.size // 2 :].max()))
+        if recurrence[-1] <= TOLERANCE:
+            break
+    settled = recurrence[-1] <= TOLERANCE
+    shrinking = [n for n, d in enumerate(differences, 1) if recurrence[n - 1] > TOLERANCE and _shrinks(d)]
+    shrinking = [n for n in shrinking if not settled or (n < lag and lag % n == 0)]
+    said = f"over {size} periods the state {{}} of the amplitude (tolerance {TOLERANCE:.0e})"
+    if shrinking:
+        n = shrinking[0]
+        text = f"still settles towards period-{n}: {n} period(s) apart it differs by {recurrence[n - 1]:.1e}, falling,"
+        return Motion(UNDECIDED, None, said.format(text), tuple(recurrence), n)
+    if settled:
+        text = said.format(f"returns after {lag} period(s) within {recurrence[-1]:.1e}")
+        return Motion(f"period-{lag}", lag, text, tuple(recurrence))
+    text = said.format(f"does not return within {LAGS} periods, best after {_best(recurrence)}: {min(recurrence):.1e}")
+    return Motion(IRREGULAR, None, text, tuple(recurrence))
+
+
+def _best(recurrence):
+    return int(np.argmin(recurrence)) + 1
+
+
+def _shrinks(difference: np.ndarray) -> bool:
+    """Whether differences of states fall steadily: geometrically, or to less than half over the section."""
+    third = difference.size // 3
+    early, middle, late = difference[:third], difference[third : 2 * third], difference[-third:]
+    if late.max() < 0.5 * early.max() and np.median(late) < 0.5 * np.median(early):
+        return bool(early.max() >= middle.max() >= late.max())
+    logarithm = np.log(np.maximum(difference, 1e-300))
+    index = np.arange(logarithm.size) - 0.5 * (logarithm.size - 1)
+    slope = (index @ logarithm) / (index @ index)
+    rest = logarithm - logarithm.mean() - slope * index
+    explained = 1.0 - rest.var() / max(logarithm.var(), 1e-300)
+    return bool(slope * logarithm.size < -0.1 and explained > 0.9)
+
+
+def _from_cycles(record):
+    cycles, noise = _normalised_cycles(record)
+    count = cycles.shape[1]
+    if count < 2:
+        return Motion(UNDECIDED, None, "one cycle of the record cannot show whether it returns")
+    recurrence = []
+    for lag in range(1, min(LAGS, count // 2) + 1):
+        difference = cycles[:, lag:] - cycles[:, :-lag]
+        spread = np.sqrt((difference**2).mean(axis=(1, 2)))
+        recurrence.append(float(spread.max()))
+        if (spread <= np.sqrt(2.0) * NOISE * noise).all():
+            text = f"{count} cycles of the record return after {lag} period(s) within {NOISE} of their noise"
+            return Motion(f"period-{lag}", lag, text, tuple(recurrence))
+    text = f"{count} cycles of the record do not return within {len(recurrence)} period(s)"
+    if count >= SECTION:
+        return Motion(IRREGULAR, None, text, tuple(recurrence))
+    return Motion(UNDECIDED, None, f"{text}, and are too few to call it irregular", tuple(recurrence))
+
+
+def _normalised_cycles(record):
+    """Cycles (row, cycle, phase) over the amplitude of their channel, and the deviation of their noise (row,)."""
+    period, time = period_of(record), record.variables["time"].values
+    cycles, noise = [], []
+    for channel in STATE:
+        if channel in record.variables:
+            values = sampled(record, channel)
+            amplitude = _amplitude(values)
+            cycles.append(cut(time, values, period)[0] / amplitude)
+            noise.append(_noise(record, channel, values) / amplitude)
+    if not cycles:
+        raise CalibError("the kind of a motion is told by displacement or velocity; the record has neither")
+    return np.concatenate(cycles), np.maximum(np.concatenate(noise), TOLERANCE / (np.sqrt(2.0) * NOISE))
+
+
+def _noise(record, channel, values):
+    name = f"{channel}_sigma"
+    if name in record.variables:
+        sigma = record.variables[name].values
+        return sigma if sigma.ndim == 1 else np.sqrt((sigma**2).mean(axis=1))
+    bend = np.abs(np.diff(values, 2, axis=1))
+    return np.median(bend, axis=1) / (0.6745 * np.sqrt(6.0))  # white noise: var of a second difference is 6 sigma^2

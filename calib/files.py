@@ -1,0 +1,59 @@
+"""Files to rely on: the right one where one is read, a whole one where one is written."""
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from calib.errors import CalibError
+
+
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """Give a temporary file beside `path` to write; where the block ends well, it is synced and takes that name.
+
+    So the file is either whole or absent, whenever the program or the machine stops.
+    """
+    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        with open(temporary, "rb") as written:
+            os.fsync(written.fileno())
+        temporary.chmod(0o644)  # mkstemp's files are for their owner alone
+        temporary.replace(path)
+    except BaseException:
+        temporary.unlink()
+        raise
+
+
+def checksum(path: Path) -> str:
+    """SHA-256 of a file, in hexadecimal digits."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def verified(path: Path, expected: str | None = None, origin: str = "", hint: str = "") -> str:
+    """Return the checksum of a file that a user was to provide.
+
+    Parameters
+    ----------
+    expected : SHA-256 that it must have, None for any
+    origin : where a user gets the file
+    hint : what else to do where it is missing
+
+    Raises
+    ------
+    CalibError : it is missing, or another file
+    """
+    source = f"; get it from {origin}" if origin else ""
+    if not path.is_file():
+        known = f" (sha256 {expected})" if expected else ""
+        raise CalibError(f"{path}: no such file{source}{known}{hint}")
+    found = checksum(path)
+    if expected is not None and found != expected.lower():
+        raise CalibError(f"{path}: expected sha256 {expected}, got {found}: another or a damaged file{source}")
+    return found

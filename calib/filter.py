@@ -1,0 +1,36 @@
+"""The zero-phase low-pass of sampled values."""
+
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+from calib.errors import CalibError
+
+ORDER = 4  # of the Butterworth low-pass, run forwards and backwards
+UNIFORM = 1e-3  # largest departure of a sample from the uniform grid, in steps, that a filter accepts  [1]
+
+
+def low_pass(values: np.ndarray, time: np.ndarray, cutoff: float) -> np.ndarray:
+    """Zero-phase low-pass of uniformly sampled values: a Butterworth filter of order `ORDER`, forwards and backwards.
+
+    Parameters
+    ----------
+    values : (..., n)
+    time : (n,)  [s]
+    cutoff : where the two passes together halve the amplitude  [Hz]
+    """
+    steps = np.diff(time)
+    if steps.size == 0 or (steps <= 0.0).any():
+        raise CalibError("a low-pass needs at least two samples, and a time that increases from one to the next")
+    rate = steps.size / (time[-1] - time[0])
+    if np.abs((time - time[0]) * rate - np.arange(time.size)).max() > UNIFORM:
+        raise CalibError(
+            f"a low-pass needs uniform samples, but the steps vary from {steps.min():.6g} s to {steps.max():.6g} s; "
+            "resample them or drop the cutoff"
+        )
+    if not 0.0 < cutoff < 0.5 * rate:
+        raise CalibError(
+            f"a cutoff must lie between 0 and half the sampling rate ({0.5 * rate:.6g} Hz), got {cutoff:.6g} Hz"
+        )
+    filter_ = butter(ORDER, cutoff, fs=rate, output="sos")
+    padding = min(values.shape[-1] - 1, int(3.0 * rate / cutoff))  # three periods of the cutoff
+    return sosfiltfilt(filter_, values, axis=-1, padlen=padding)

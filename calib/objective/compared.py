@@ -1,0 +1,142 @@
+"""A reference, prepared to have simulated records seen beside it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from calib.cycles import NO_CONTACT, UNDECIDED, Motion, kind_of_motion, sampled
+from calib.objective.alignment import Alignment
+from calib.objective.reach import FeatureValue, Scalar, compared, scalars
+from calib.objective.terms import Reference, Term
+from calib.record import OK, prescribed
+from calib.record import channels as channels_of
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A simulated record as the instrument would have seen it."""
+
+    record: xr.Dataset
+    raw: xr.Dataset
+    nuisances: Mapping[str, float]
+    motion: Motion
+    prescribed: frozenset[tuple[str, str]]
+
+
+class Compared:
+    """A reference with all that can be computed of it beforehand."""
+
+    def __init__(self, reference: Reference, terms: Sequence[Term]):
+        self.name = reference.name
+        self.reference = reference
+        self.period = reference.excitation.period
+        self.record = _prepared(reference.record, self.period)
+        self.bodies = [str(body) for body in self.record.body.values]
+        self.motion = kind_of_motion(self.record)
+        self.prescribed = frozenset(prescribed(self.record))
+        wanted = [t for t in terms if t.records is None or reference.name in t.records] or terms
+        self._bodies = {body for term in wanted for body in term.bodies or self.bodies}
+        self._alignments: dict[frozenset, Alignment] = {}
+        self._alignment(self.prescribed)
+        channels = channels_of(self.record)
+        self._template = xr.Dataset(
+            {c: self.record[c] for c in channels},
+            attrs={k: v for k, v in self.record.attrs.items() if k in ("frequency", "place", "quantity", "status")},
+        )
+        self._scalars: dict[tuple[str, frozenset], Mapping[str, Scalar]] = {}
+
+    def _alignment(self, prescribed) -> Alignment:
+        if prescribed not in self._alignments:
+            self._alignments[prescribed] = Alignment(
+                self.record,
+                self.period,
+                self.motion.period or 1,
+                self.reference.nuisance,
+                self._bodies,
+                prescribed,
+            )
+        return self._alignments[prescribed]
+
+    def failure(self, simulated: xr.Dataset) -> tuple[str, str] | None:
+        """Status and reason of a record that cannot be compared, None where it can."""
+        status = simulated.attrs.get("status", OK)
+        if status != OK:
+            return status, str(simulated.attrs.get("reason", ""))
+        for channel in self._template.data_vars:
+            if channel in simulated.variables and not np.isfinite(simulated.variables[channel].values).all():
+                return "not finite", f"{channel} of the simulated record {self.name!r} holds NaN or infinity"
+        return None
+
+    def seen(self, simulated: xr.Dataset) -> Seen:
+        """Align a simulated record, and tell its kind of motion."""
+        given = self.prescribed.union(prescribed(simulated))
+        raw = simulated
+        if not _same(simulated.attrs.get("frequency"), self._template.attrs.get("frequency")):
+            raw = _with_period(simulated, self.period)
+        values, nuisances, trust = self._alignment(given)(simulated)
+        template = self._template
+        if len(values) < len(template.data_vars):
+            template = template[list(values)]
+        record = template.copy(data=values).assign(trust=("time", trust))
+        return Seen(record, raw, nuisances, kind_of_motion(raw), given)
+
+    def penalty(self, motion: Motion) -> float | None:
+        """How far a motion of another kind is from the reference's, in [0, 1]; None where the kind is right."""
+        period = self.motion.period
+        if period is None or motion.period == period:
+            return None
+        if motion.kind in (UNDECIDED, NO_CONTACT) and motion.period is None and motion.likely in (None, period):
+            return None
+        apart = motion.recurrence[period - 1] if period <= len(motion.recurrence) else 1.0
+        return apart / (1.0 + apart)
+
+    def features(self, pairs: set[tuple[str, str]], simulated: xr.Dataset) -> list[FeatureValue]:
+        """Scalar features of (body, channel) pairs."""
+        view = self.seen(simulated)
+        found = []
+        for body in self.bodies:
+            channels = tuple(
+                c for c in self._template.data_vars if (body, c) in pairs and (body, c) not in view.prescribed
+            )
+            if not channels:
+                continue
+            key = (body, frozenset(channels))
+            if key not in self._scalars:
+                self._scalars[key] = self._measured(self.record, body, channels, sigmas=True)
+            found += compared(self.name, body, self._scalars[key], self._measured(view.record, body, channels))
+        return found
+
+    def _measured(self, record, body, channels, sigmas=False) -> dict[str, Scalar]:
+        row = self.bodies.index(body)
+        values = {c: record.variables[c].values[row] for c in channels if c in record.variables}
+        units = {c: self.record[c].attrs["units"] for c in channels}
+        known = {}
+        for channel in channels:
+            if sigmas and f"{channel}_sigma" in record:
+                known[channel] = float(np.sqrt(np.mean(record[f"{channel}_sigma"].values[row] ** 2)))
+        return scalars(record.variables["time"].values, values, units, self.period, known)
+
+
+def _same(frequency: float | None, other: float | None) -> bool:
+    if frequency is None or other is None:
+        return frequency is other
+    return abs(frequency - other) <= 1e-12 * other
+
+
+def _prepared(record: xr.Dataset, period: float | None) -> xr.Dataset:
+    """Return the reference with the period of its excitation, its velocity averaged where it tells its impacts."""
+    if "impact_time" in record and "velocity" in record:
+        record = record.assign(velocity=record["velocity"].copy(data=sampled(record, "velocity")))
+        record = record.drop_vars([v for v in ("impact_time", "impact_speed") if v in record])
+    return _with_period(record, period)
+
+
+def _with_period(record: xr.Dataset, period: float | None) -> xr.Dataset:
+    attrs = {key: value for key, value in record.attrs.items() if key != "frequency"}
+    if period is not None:
+        attrs["frequency"] = 1.0 / period
+    changed = record.copy(deep=False)
+    changed.attrs = attrs
+    return changed

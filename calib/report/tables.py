@@ -1,0 +1,184 @@
+"""The rows of the page's tables."""
+
+import platform
+import re
+from datetime import UTC, datetime
+from typing import Any
+
+from markupsafe import Markup
+
+from calib.confidence.local import EDGE
+from calib.parameter import Window
+from calib.record import OK
+from calib.report import drawing
+from calib.report.words import measured_number, number
+from calib.store.environment import environment
+from calib.units import MILLI
+
+
+def terms(study, result) -> list[dict[str, Any]]:
+    """Distance of each term, its weight, and its share of the largest [%]."""
+    distances = (result.get("score") or {}).get("terms") or {}
+    weights = {t.label: t.weight for t in study.objective.terms}
+    largest = max((d for d in distances.values() if d is not None), default=0.0)
+    return [
+        {
+            "label": label,
+            "weight": weights.get(label),
+            "distance": d,
+            "share": 100.0 * d / largest if d is not None and largest > 0.0 else 0.0,
+        }
+        for label, d in distances.items()
+    ]
+
+
+def parameters(study, result) -> list[dict[str, Any]]:
+    """Value, error, interval and place in the window of each searched parameter, in the unit of a reader."""
+    values = result.get("values") or {}
+    return [
+        _parameter(study, result, name, window, values[name])
+        for name, window in study.space.windows.items()
+        if name in values
+    ]
+
+
+def _parameter(study, result, name, window: Window, value):
+    parameter = study.model.parameters.get(name.partition("@")[0])
+    confidence = result.get("confidence") or {}
+    interval = (result.get("intervals") or {}).get(name)
+    error = (confidence.get("standard_error") or {}).get(name)
+    position = window.position(value)
+    remarks = []
+    if name in (result.get("at_edge") or ()) or min(position, 1.0 - position) <= EDGE:
+        remarks.append(f"at the {'lower' if position < 0.5 else 'upper'} edge of its window")
+    if any(name in g["members"] for g in result.get("undetermined", ())):
+        remarks.append("not determined on its own")
+    scale, unit = drawing.shown_unit(parameter.unit if parameter else "1", max(abs(window.low), abs(window.high)))
+    scaled = None if error is None else scale * error
+    return {
+        "name": name,
+        "meaning": parameter.meaning if parameter else "",
+        "numerical": bool(parameter) and parameter.kind == "numerical",
+        "unit": unit,
+        "value": measured_number(scale * value, scaled),
+        "error": number(2.0 * scaled, 2) if scaled is not None else None,
+        "interval": [measured_number(scale * x, scaled) for x in interval] if interval else None,
+        "window": [number(scale * window.low), number(scale * window.high)],
+        "scale": window.scale,
+        "bar": _bar(window, value, interval),
+        "remarks": remarks,
+    }
+
+
+def _bar(window: Window, value: float, interval) -> Markup:
+    """Position in the window as an SVG of 130 x 16: track, interval, value."""
+
+    def place(x: float) -> float:
+        return 5.0 + 120.0 * min(1.0, max(0.0, window.position(x)))
+
+    band = ""
+    if interval:
+        left, right = place(interval[0]), place(interval[1])
+        band = f'<rect x="{left:.1f}" y="4" width="{max(1.0, right - left):.1f}" height="8" rx="2" fill="#9ecae1"/>'
+    at = place(value)
+    edge = min(at - 5.0, 125.0 - at) < 0.2
+    return Markup(
+        f'<svg class="bar" viewBox="0 0 130 16" width="130" height="16" role="img" '
+        f'aria-label="at {100 * window.position(value):.0f} % of the window">'
+        '<line x1="5" x2="125" y1="8" y2="8" stroke="#b5b5b5" stroke-width="1.5"/>'
+        '<line x1="5" x2="5" y1="3" y2="13" stroke="#777"/><line x1="125" x2="125" y1="3" y2="13" stroke="#777"/>'
+        f'{band}<circle cx="{at:.1f}" cy="8" r="3.6" fill="{"#D55E00" if edge else "#0072B2"}"/></svg>'
+    )
+
+
+def fixed(study) -> list[dict[str, Any]]:
+    """Parameters that are not searched: those the study fixes, then those left at their nominal value."""
+    searched = {name.partition("@")[0] for name in study.space.windows if "@" not in name}
+    rows = []
+    for name, parameter in study.model.parameters.items():
+        if name not in searched:
+            value = study.space.fixed.get(name, parameter.nominal)
+            how = "fixed by the study" if name in study.space.fixed else "nominal"
+            rows.append(
+                {
+                    "name": name,
+                    "value": number(value),
+                    "unit": parameter.unit or "1",
+                    "how": how,
+                    "meaning": parameter.meaning,
+                }
+            )
+    return rows
+
+
+def unreachable(entry) -> dict[str, str]:
+    """Say of an entry of "unreachable" what was measured, what came nearest and how far off that is."""
+    scale, unit = MILLI.get(entry.get("unit") or "1", (1.0, entry.get("unit") or "1"))
+    measured, nearest = (None if entry.get(k) is None else scale * entry[k] for k in ("measured", "nearest"))
+    where = " ".join(x for x in (entry.get("body"), f"in {entry['record']}" if entry.get("record") else "") if x)
+    shown = "" if unit == "1" else f" {unit}"
+    off = entry.get("off")
+    relative = ""
+    if measured not in (None, 0.0) and nearest is not None:
+        relative = f"{100.0 * (nearest - measured) / abs(measured):+.3g} %"
+    given = "no trial gives it at all" if nearest is None else f"nearest {number(nearest)}{shown}"
+    sentence = f"{entry['feature']}{f' of {where}' if where else ''}"
+    sentence += f" (measured {number(measured)}{shown}, {given}{f', {relative}' if relative else ''})"
+    return {
+        "sentence": sentence,
+        "feature": entry["feature"],
+        "record": entry.get("record") or "",
+        "body": entry.get("body") or "",
+        "measured": f"{number(measured)}{shown}",
+        "nearest": "none" if nearest is None else f"{number(nearest)}{shown}",
+        "off": relative or (f"{number(scale * off)}{shown}" if off is not None else ""),
+    }
+
+
+def failures(trials) -> list[dict[str, Any]]:
+    """Failed trials by status and by reason with its numbers struck out, the most frequent first."""
+    groups: dict[tuple[str, str], list] = {}
+    for trial in trials:
+        if trial.status != OK:
+            reason = re.sub(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?", "…", trial.reason or "")
+            groups.setdefault((trial.status, reason), []).append(trial)
+    ordered = sorted(groups.items(), key=lambda item: -len(item[1]))
+    return [
+        {
+            "status": status,
+            "example": members[0].reason or "",
+            "count": len(members),
+            "trials": [t.number for t in members[:8]],
+        }
+        for (status, _), members in ordered
+    ]
+
+
+def nuisances(result) -> list[dict[str, Any]]:
+    """Record, name and value [SI] of each nuisance that was solved for."""
+    rows = []
+    for record, found in (result.get("nuisances") or {}).items():
+        rows += [{"record": record, "name": name, "value": value} for name, value in (found or {}).items()]
+    return rows
+
+
+def provenance(study, result, command) -> dict[str, Any]:
+    """Everything that is needed to make the page again, by what it is called."""
+    here = environment()
+    rows = {
+        "Command": command,
+        "Model": study.model.name,
+        "Seed": study.seed,
+        "Budget": f"{study.budget} trials",
+        "Trials made": f"{result.get('trials', '-')}, of which {result.get('failed', '-')} failed",
+    }
+    if result.get("simulations") is not None:
+        rows["Simulations"] = result["simulations"]
+    if result.get("seconds"):
+        rows["Wall-clock time"] = f"{result['seconds']:.1f} s"
+    if result.get("stopped"):
+        rows["Search ended"] = result["stopped"]
+    rows["Versions"] = ", ".join(f"{name} {version}" for name, version in here["versions"].items())
+    rows["Machine"] = f"{here['processor']}, {platform.system()}"
+    rows["Page written"] = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
+    return rows

@@ -1,0 +1,96 @@
+"""What was found, in sentences."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from calib.cycles import NOT_PERIODIC
+from calib.report.tables import unreachable
+from calib.report.words import count, number
+
+
+def verdict(result: Mapping[str, Any]) -> dict[str, Any]:
+    """Say in sentences what was found: {"tone": "good" | "mind" | "bad", "headline": str, "points": [str]}."""
+    total = (result.get("score") or {}).get("total")
+    if total is None:
+        return {
+            "tone": "bad",
+            "headline": "No trial ended with a score: nothing was calibrated.",
+            "points": ["Why the trials failed is listed below."],
+        }
+    motion = result.get("motion") or {}
+    wrong = motion.get("wrong") or []
+    points = [_kind_sentence(motion), *_agreement(result), *_hold_out_sentence(result, total)]
+    missed = result.get("unreachable") or []
+    if missed:
+        listed = "; ".join(unreachable(entry)["sentence"] for entry in missed[:4])
+        more = f"; and {len(missed) - 4} more" if len(missed) > 4 else ""
+        points.append(
+            f"No point of the windows reaches {count(len(missed), 'measured feature')}: {listed}{more}. "
+            "Windows that are too narrow, or a cause that the model lacks."
+        )
+    edges = _edges(result)
+    if edges:
+        points.append(
+            f"At the edge of {'its window' if len(edges) == 1 else 'their windows'}: {', '.join(edges)}. "
+            "A better value may lie outside."
+        )
+    points += [f"{g['text']}." for g in result.get("undetermined", ())]
+    confidence = result.get("confidence") or {}
+    if confidence.get("status") == "not available":
+        points.append(f"No standard errors: {confidence['reason']}.")
+    elif confidence.get("reason"):
+        points.append(f"Mind: {confidence['reason']}.")
+    lost = [name for name, found in (result.get("holdout") or {}).items() if found.get("distance") is None]
+    tone = "bad" if wrong else "mind" if missed or edges or lost else "good"
+    headline = f"Best simulation at a distance of {number(total, 3)} from the measurement."
+    if wrong:
+        headline = f"{headline[:-1]}, but of another kind of motion."
+    elif missed:
+        headline = f"Nothing in the windows matches the measurement; the best is at a distance of {number(total, 3)}."
+    return {"tone": tone, "headline": headline, "points": [p for p in points if p]}
+
+
+def _kind_sentence(motion):
+    kind = motion.get("kind")
+    if not kind:
+        return ""
+    if kind == NOT_PERIODIC:
+        return "The excitation has no period: kinds of motion do not apply."
+    if motion.get("wrong"):
+        return (
+            f"The best simulated motion is {kind}, which is not the measured kind in {', '.join(motion['wrong'])}: "
+            "as long as the kinds differ, a distance between the curves says little."
+        )
+    return f"Kind of motion of the best simulation: {kind}{', as measured' if 'wrong' in motion else ''}."
+
+
+def _agreement(result):
+    found = result.get("agreement")
+    if not found:
+        return []
+    if {"starts", "agree"} <= set(found):
+        if found["starts"] < 2:
+            return ["One start only: whether another would end elsewhere is not known."]
+        one = f"{found['agree']} of {found['starts']} starts of the search ended at this point"
+        return [f"{one}." if found["agree"] > 1 else f"{one}: it may not be the best of the windows."]
+    said = [f"{k.replace('_', ' ')} {number(v)}" for k, v in found.items() if isinstance(v, int | float | str)]
+    return [f"Of the search itself: {', '.join(said)}."] if said else []
+
+
+def _hold_out_sentence(result, total):
+    parts = []
+    for name, found in (result.get("holdout") or {}).items():
+        if found.get("distance") is None:
+            parts.append(f"{name} failed ({found.get('status', 'no score')})")
+        else:
+            ratio = [f"{found['distance'] / total:.2g} times the calibrated one"] if total > 0.0 else []
+            said = [found["kind"]] if found.get("kind") not in (None, "", NOT_PERIODIC) else []
+            kind = f" ({', '.join(said + ratio)})" if said + ratio else ""
+            parts.append(f"{name} at {number(found['distance'], 3)}{kind}")
+    return [f"Records held out are predicted: {'; '.join(parts)}."] if parts else []
+
+
+def _edges(result):
+    stated = result.get("at_edge") or []
+    sides = (result.get("confidence") or {}).get("at_edge") or {}
+    return [f"{name} ({sides[name]} end)" if name in sides else name for name in stated]

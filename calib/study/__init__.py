@@ -1,0 +1,23 @@
+"""A study: points are asked for, simulated, scored, logged and told."""
+
+from calib.study.contracts import Optimiser, Outcome, Pool, StoreContract
+from calib.study.evaluation import Evaluation, evaluate, outcome
+from calib.study.reachability import Reach, reach
+from calib.study.search import BUDGET
+from calib.study.study import INTERRUPTED, Result, Study
+
+__all__ = [
+    "BUDGET",
+    "INTERRUPTED",
+    "Evaluation",
+    "Optimiser",
+    "Outcome",
+    "Pool",
+    "Reach",
+    "Result",
+    "StoreContract",
+    "Study",
+    "evaluate",
+    "outcome",
+    "reach",
+]

@@ -1,0 +1,65 @@
+"""A point simulated and scored."""
+
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import xarray as xr
+
+from calib.objective import Score
+from calib.parameter import values_for
+from calib.pool import Failure
+from calib.record import OK
+from calib.store import Trial
+from calib.study.contracts import Outcome
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """A point simulated and scored.
+
+    Attributes
+    ----------
+    score : of all records together
+    records : simulated record of each scored reference
+    features : scalar features as dicts: label, record, body, unit, measured, simulated, tolerance
+    seconds : wall-clock time  [s]
+    """
+
+    score: Score
+    records: Mapping[str, xr.Dataset]
+    features: list[dict[str, Any]]
+    seconds: float
+
+
+def evaluate(study, values: Mapping[str, float]) -> Evaluation:
+    """Simulate every record that the study's objective scores at `values` (SI), and score them.
+
+    Parameters
+    ----------
+    study : a `calib.study.Study`; its model and its objective are all that is looked at
+
+    Raises
+    ------
+    CalibError : an unknown parameter, or an excitation that the simulator cannot take
+    """
+    start = time.perf_counter()
+    objective = study.objective
+    records = {
+        name: study.model.run(
+            values_for(values, name), objective.references[name].excitation, objective.references[name].request
+        )
+        for name in objective.scored
+    }
+    score = objective(records)
+    features = [asdict(feature) for feature in objective.features(records)] if score.status == OK else []
+    return Evaluation(score, records, features, time.perf_counter() - start)
+
+
+def outcome(result: Trial | Score | Failure) -> Outcome:
+    """What an optimiser, or whoever differentiates, learns of a trial, a score or a call that failed."""
+    if isinstance(result, Failure):
+        return Outcome(math.inf, None, result.status, None)
+    return Outcome(result.total, result.residuals, result.status, result.kind)

@@ -1,0 +1,67 @@
+"""Which measured scalar features the trials of a study come near to, and how near."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from calib.store import Trial
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How near the trials come to one measured scalar feature.
+
+    Attributes
+    ----------
+    label, record, body, unit : which feature, of which record and body, in which unit
+    measured, tolerance : what was measured, to be met within the tolerance  [unit]
+    low, high : range of the simulated values over the trials that ended ok; None where none shows the feature  [unit]
+    nearest : the simulated value nearest to the measured one, or None  [unit]
+    off : how far the measured value lies outside the range, 0 inside it, None without one  [unit]
+    reached : whether it lies in the range within its tolerance
+    """
+
+    label: str
+    record: str
+    body: str
+    unit: str
+    measured: float
+    tolerance: float
+    low: float | None
+    high: float | None
+    nearest: float | None
+    off: float | None
+    reached: bool
+
+    @property
+    def percent(self) -> float | None:
+        """`off` in per cent of the measured value, None where there is no such number."""
+        return None if self.off is None or not self.measured else 100.0 * self.off / abs(self.measured)
+
+
+def reach(trials: Iterable[Trial]) -> list[Reach]:
+    """How near the trials that ended ok come to each measured scalar feature."""
+    found: dict[tuple[str, str, str], list[dict]] = {}
+    for trial in trials:
+        for feature in trial.features:
+            if feature["measured"] is not None:
+                found.setdefault((feature["label"], feature["record"], feature["body"]), []).append(feature)
+    return [_reach(features) for features in found.values()]
+
+
+def _reach(features: list[dict]) -> Reach:
+    first = features[0]
+    known = {key: first[key] for key in ("label", "record", "body", "unit", "measured")}
+    measured, tolerance = first["measured"], first["tolerance"] or 0.0
+    simulated = [feature["simulated"] for feature in features if feature["simulated"] is not None]
+    if not simulated:
+        return Reach(**known, tolerance=tolerance, low=None, high=None, nearest=None, off=None, reached=False)
+    off = max(0.0, min(simulated) - measured, measured - max(simulated))
+    return Reach(
+        **known,
+        tolerance=tolerance,
+        low=min(simulated),
+        high=max(simulated),
+        nearest=min(simulated, key=lambda value: abs(value - measured)),
+        off=off,
+        reached=off <= tolerance,
+    )

@@ -1,0 +1,161 @@
+"""One run of a study over its store: screen, then segments of asking, evaluating and telling."""
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, is_dataclass
+from typing import Any
+
+import numpy as np
+from scipy.stats.qmc import Sobol
+
+from calib.errors import CalibError
+from calib.pool import REFUSED, Failure
+from calib.store import Trial
+from calib.store.trial import best
+from calib.study.contracts import Optimiser, Pool, StoreContract
+from calib.study.evaluation import Evaluation, outcome
+
+BUDGET = "budget spent"  # why a search ended; otherwise the optimiser's own reason
+
+
+class Search:
+    """One run of a `calib.study.Study` over its store: what is logged, and what is going on."""
+
+    def __init__(self, study, store: StoreContract, pool: Pool, logged: list[Trial], on_trial):
+        self._study, self._store, self._pool, self._on_trial = study, store, pool, on_trial
+        self.trials = {trial.number: trial for trial in logged}
+        self._best = best(logged)
+        self.agreement: dict | None = None
+
+    def to_the_end(self) -> str:
+        """Evaluate the screen, then one segment after the other; return why it ended."""
+        self._screen()
+        while True:
+            stopped = self._segment()
+            if not self._store.header["hint"] <= len(self.trials) < self._study.budget:
+                return stopped
+            self._store.begin_segment(self._study.budget)  # it ended for want of the budget that there is now
+
+    def _screen(self) -> None:
+        size = min(self._store.header["screen"], self._study.budget)
+        points = _sobol(self._study.space.dim, self._study.seed, self._store.header["screen"])[:size]
+        missing = sum(number not in self.trials for number in range(size))
+        room = max(0, self._study.budget - len(self.trials))
+        self._evaluate(0, points, "screen", min(missing, room))
+
+    def _segment(self) -> str:
+        """Search with one optimiser from the segment's first number on."""
+        first = self._store.header["first"]
+        told = [trial for _, trial in sorted(self.trials.items()) if trial.number < first]
+        end = first + self._study.budget - len(told)
+        if end <= first:
+            return BUDGET
+        with self._searching() as optimiser:
+            if told:
+                optimiser.tell(np.array([trial.u for trial in told]), [outcome(trial) for trial in told])
+            return self._search(optimiser, first, end)
+
+    @contextmanager
+    def _searching(self) -> Iterator[Optimiser]:
+        study = self._study
+        optimiser = study.optimiser(
+            dim=study.space.dim, seed=study.seed, budget=self._store.header["hint"], batch=study.batch
+        )
+        try:
+            yield optimiser
+        finally:
+            self.agreement = _summary(optimiser)
+            optimiser.close()
+
+    def _search(self, optimiser: Optimiser, number: int, end: int) -> str:
+        """Ask, evaluate and tell; trials are numbered from `number` to below `end`."""
+        while True:
+            reason = optimiser.stop()
+            if reason is not None:
+                return reason
+            if number >= end:
+                return BUDGET
+            points = _checked(optimiser.ask(), self._study.space.dim)
+            self._replayed(number, points)
+            count = min(len(points), end - number)
+            self._evaluate(number, points[:count], "search")
+            number += count
+            if count < len(points):
+                return BUDGET
+            trials = [self.trials[n] for n in range(number - count, number)]
+            optimiser.tell(points, [outcome(trial) for trial in trials])
+
+    def _replayed(self, number: int, points: np.ndarray) -> None:
+        """Compare the points asked for with those logged under the same numbers."""
+        for at, u in enumerate(points, start=number):
+            trial = self.trials.get(at)
+            if trial is not None and trial.u != u.tolist():
+                raise CalibError(
+                    f"the log cannot be replayed: trial {at} was asked for at {trial.u}, now at {u.tolist()}; the "
+                    "optimiser or the program was changed since; undo that, or begin afresh (--fresh)"
+                )
+
+    def _evaluate(self, first: int, points: np.ndarray, phase: str, most: int | None = None) -> None:
+        """Evaluate those of the points, numbered from `first`, that are not logged; at most so many."""
+        todo = [(n, u) for n, u in enumerate(points, start=first) if n not in self.trials][:most]
+        if todo and not self.trials:
+            # alone: a mistake of usage is found before it fills the log, and kernels are compiled only once
+            self._evaluate_all(todo[:1], phase)
+            todo = todo[1:]
+        self._evaluate_all(todo, phase)
+
+    def _evaluate_all(self, todo: list[tuple[int, np.ndarray]], phase: str) -> None:
+        values = [self._study.space.values(u) for _, u in todo]
+        for index, result in self._pool.map(values):
+            if isinstance(result, Failure) and result.status == REFUSED and not self.trials:
+                raise CalibError(result.reason)
+            trial = _trial(*todo[index], values[index], result, phase, self._store.header["segment"])
+            self._store.append(trial, None if isinstance(result, Failure) else result.records)
+            self.trials[trial.number] = trial
+            self._best = best([trial] if self._best is None else [self._best, trial])
+            if self._on_trial is not None:
+                self._on_trial(trial, self._best, len(self.trials))
+
+
+def _sobol(dim: int, seed: int, size: int) -> np.ndarray:
+    """Scrambled Sobol points (size, dim): the first `size` of the power of two that holds them."""
+    if not size:
+        return np.empty((0, dim))
+    return Sobol(dim, rng=np.random.default_rng([seed, 0])).random_base2((size - 1).bit_length())[:size]
+
+
+def _checked(asked: Any, dim: int) -> np.ndarray:
+    points = np.asarray(asked, dtype=float)
+    if points.ndim != 2 or points.shape[1] != dim or not len(points):
+        raise ValueError(f"the optimiser should ask for points of shape (n, {dim}), got {points.shape}")
+    if not ((points >= 0.0) & (points <= 1.0)).all():
+        raise ValueError(f"the optimiser should ask for points in [0, 1], got {points.tolist()}")
+    return points
+
+
+def _trial(number: int, u: np.ndarray, values: dict, result: Evaluation | Failure, phase: str, segment: int) -> Trial:
+    known = {"number": number, "u": u.tolist(), "values": values, "seconds": result.seconds, "phase": phase}
+    if isinstance(result, Failure):
+        return Trial(**known, total=math.inf, status=result.status, reason=result.reason, segment=segment)
+    score = result.score
+    scored = math.isfinite(score.total)
+    return Trial(
+        **known,
+        total=float(score.total) if scored else math.inf,
+        terms={label: float(distance) for label, distance in score.terms.items()},
+        status=score.status,
+        reason=score.reason,
+        kind=score.kind,
+        features=result.features,
+        residuals=np.asarray(score.residuals, dtype=float) if scored and score.residuals is not None else None,
+        segment=segment,
+    )
+
+
+def _summary(optimiser: Optimiser) -> dict | None:
+    """Return what the optimiser says of its search, as a dict; None where it says nothing."""
+    if not hasattr(optimiser, "summary"):
+        return None
+    summary = optimiser.summary()
+    return asdict(summary) if is_dataclass(summary) else summary

@@ -1,0 +1,146 @@
+"""A study: points are asked for, simulated, scored, logged and told."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
+
+from calib.errors import CalibError, nearest
+from calib.model import Model
+from calib.objective import Objective
+from calib.parameter import Space
+from calib.pool import LocalPool
+from calib.store import Trial
+from calib.store.trial import best
+from calib.study.contracts import Optimiser, Pool, StoreContract
+from calib.study.evaluation import evaluate
+from calib.study.reachability import Reach, reach
+from calib.study.search import Search
+
+SCREEN = 64  # points of the screen, unless the budget is below four times as many
+INTERRUPTED = "interrupted"  # why a study stopped, by Ctrl-C
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """What a study has found so far.
+
+    Attributes
+    ----------
+    best : trial with the lowest total, the earliest among equals; None where none ended ok
+    trials : all trials in asking order, resumed ones included
+    reach : of each measured scalar feature
+    agreement : the optimiser's summary, None where it has none
+    stopped : "budget spent", "interrupted" (by Ctrl-C; resumable), or the optimiser's reason
+    """
+
+    best: Trial | None
+    trials: list[Trial]
+    reach: list[Reach]
+    agreement: dict | None
+    stopped: str
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A search for the parameters with which a model fits its references best.
+
+    Attributes
+    ----------
+    name : of the study
+    model, space, objective : what is simulated, searched and minimised
+    optimiser : makes the search method; see `Optimiser`
+    budget : trials in all, those of the screen and of earlier runs included; may grow from run to run
+    seed : of the screen and the optimiser
+    batch : points that the optimiser should ask for at a time; belongs to the study, unlike `jobs`
+    jobs, timeout : child processes, and the wall-clock limit of one trial [s]; both may change from run to run
+    screen : Sobol points evaluated first; None for 64, or less with a budget below 256
+    definition : what else the study is, as JSON: another one in the same folder is refused
+    """
+
+    name: str
+    model: Model
+    space: Space
+    objective: Objective
+    optimiser: Callable[..., Optimiser]
+    budget: int
+    seed: int = 0
+    batch: int = 1
+    jobs: int = 1
+    timeout: float | None = None
+    screen: int | None = None
+    definition: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self):
+        for name, low in (("budget", 1), ("batch", 1), ("jobs", 1), ("screen", 0), ("seed", 0)):
+            value = getattr(self, name)
+            if name == "screen" and value is None:
+                continue
+            if isinstance(value, bool) or not isinstance(value, int) or value < low:
+                raise CalibError(f"{name} is a whole number from {low} on, got {value!r}")
+        if not self.space.dim:
+            raise CalibError("there is nothing to search: give at least one parameter a window")
+        for name in (*self.space.windows, *self.space.fixed):
+            record = name.partition("@")[2]
+            if "@" in name and record not in self.objective.references:
+                known = list(self.objective.references)
+                raise CalibError(f"{name!r} belongs to an unknown record{nearest(record, known)}; there are {known}")
+
+    @property
+    def header(self) -> dict[str, Any]:
+        """What a store is opened with: name, definition, screen and budget.
+
+        Budget, jobs, time-out and what concerns the store are not part of the definition.
+        """
+        screen = self.screen
+        if screen is None:
+            most = min(SCREEN, self.budget // 4)
+            screen = 1 << (most.bit_length() - 1) if most else 0  # a power of two keeps Sobol's points balanced
+        windows = {n: {"low": w.low, "high": w.high, "scale": w.scale} for n, w in self.space.windows.items()}
+        own = {"seed": self.seed, "batch": self.batch, "screen": self.screen, "windows": windows}
+        definition = {**own, "fixed": dict(self.space.fixed), **self.definition}
+        return {"name": self.name, "definition": definition, "screen": min(screen, self.budget), "budget": self.budget}
+
+    def run(
+        self,
+        store: StoreContract,
+        pool: Pool | None = None,
+        on_trial: Callable[[Trial, Trial | None, int], None] | None = None,
+        fresh: bool = False,
+    ) -> Result:
+        """Search until the budget is spent, the optimiser stops, or Ctrl-C; take up what the store has already.
+
+        The trials logged are replayed: the optimiser, made anew, asks again for the same points and is told what was
+        logged. So a run that was killed and resumed, with any number of jobs, gives what one run would have given. If
+        libraries or processor have changed meanwhile, or an optimiser has ended because its budget was spent and the
+        study's is larger now, a new optimiser is told the trials so far as if they were a screen.
+
+        Parameters
+        ----------
+        store : see `StoreContract`; closed at the end
+        pool : maps values to an `Evaluation` or `Failure`; a `LocalPool` of `jobs` child processes unless given
+        on_trial : called with each new trial, the best so far, and the number of trials there are
+        fresh : set aside what the store has
+
+        Raises
+        ------
+        CalibError : the store belongs to another study; a replayed point differs from the logged one; the model refuses
+            the first point
+        """
+        own = LocalPool(partial(evaluate, self.without_search()), self.jobs, self.timeout) if pool is None else None
+        logged = store.open(self.header, fresh)
+        run = Search(self, store, pool or own, logged, on_trial)
+        try:
+            stopped = run.to_the_end()
+        except KeyboardInterrupt:
+            stopped = INTERRUPTED
+        finally:
+            if own is not None:
+                own.close()
+            store.close()
+        trials = sorted(run.trials.values(), key=lambda trial: trial.number)
+        return Result(best(trials), trials, reach(trials), run.agreement, stopped)
+
+    def without_search(self) -> "Study":
+        """Return what an evaluation needs of the study: it crosses to the child processes."""
+        return replace(self, optimiser=None, definition={})
