@@ -26,7 +26,7 @@ def whole(path: Path) -> Iterator[Path]:
         temporary.chmod(0o644)  # mkstemp's files are for their owner alone
         temporary.replace(path)
     except BaseException:
-        temporary.unlink()
+        temporary.unlink(missing_ok=True)  # Ctrl-C may come just after the file has taken its name
         raise
 
 

@@ -11,8 +11,8 @@ force       (t, x, v, p, z, dz)           [m/s^2]      time [s], displacement [m
                                                        written, their rates
 gap         (place, p)                    [m]          place along the contact line in [-1, 1], 0 the middle;
                                                        added to the gap
-restitution (e, speed, p)                 [1]          the coefficient so far, closing speed [m/s]; added to e, and the
-                                                       sum is clipped to [0, 1]
+restitution (e, speed, p)                 [1]          the coefficient without laws, closing speed [m/s];
+                                                       added to e, and the sum is clipped to [0, 1]
 excitation  (t, phase, amplitude, x, p)   [its unit]   time [s], phase of the drive [rad], its amplitude, its value
                                                        undisturbed; added to the excitation
 sensor      (record, p)                   a record     the simulated record, parameters by name (plain Python)

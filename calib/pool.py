@@ -25,6 +25,7 @@ from pebble import ProcessExpired, ProcessPool
 from calib.errors import CalibError
 
 STARTUP = 120.0  # s, allowance of a worker's first call: imports and compiling of kernels
+RESTART = 10.0  # s, least allowance of a later worker's first call: what was compiled is loaded then
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 REFUSED, RAISED, TIMEOUT, CRASHED = "refused", "raised", "timeout", "crashed"
 
@@ -99,7 +100,8 @@ class LocalPool:
         imported by the processes, and needs ``if __name__ == "__main__":`` about what they are not to do again
     jobs : number of processes
     timeout : wall-clock limit of one call [s], None for none; only the process that exceeds it is killed
-    startup : what is added to the limit of the first call in each process, which may import and compile [s]
+    startup : what is added to the limit of the first call in each process, which may import and compile [s]; once such
+        a call has come back, twice the time it took, and not below RESTART, is allowed to the processes that follow
     """
 
     def __init__(
@@ -207,6 +209,8 @@ class _Slot:
         seconds = time.perf_counter() - self._since
         error = self._future.exception()
         if error is None:
+            if self._fresh:
+                self._startup = min(self._startup, max(RESTART, 2.0 * seconds))
             self._fresh, self._worked = False, True
             return pickle.loads(self._future.result())
         if isinstance(error, BrokenProcessPool):

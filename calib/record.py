@@ -11,6 +11,7 @@ from calib.files import whole
 
 CHANNELS = {"displacement": "m", "velocity": "m/s", "force": "N"}  # the usual ones; others state their own unit
 STATE = ("displacement", "velocity")  # what a phase curve and a section are made of
+SECTION = 64  # periods that the section of a simulated record holds, at least
 OK = "ok"
 
 

@@ -2,27 +2,32 @@
 
 import json
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from calib.confidence import Confidence
 from calib.errors import CalibError
 from calib.files import whole
+from calib.objective import Score
 from calib.record import OK
+from calib.store import Trial
 from calib.store.plain import plain
+from calib.study import Reach, Study
 
 NAME = "result.json"
 FAILED = "failed"
 
 
 def summarised(
-    study,
-    trials,
+    study: Study,
+    trials: Sequence[Trial],
     *,
-    best=None,
-    score=None,
-    confidence=None,
-    reach=(),
+    best: Trial | None = None,
+    score: Score | None = None,
+    confidence: Confidence | None = None,
+    reach: Sequence[Reach] = (),
     agreement: Mapping[str, Any] | None = None,
     stopped: str = "",
     holdout: Mapping[str, Mapping[str, Any]] | None = None,
@@ -33,12 +38,12 @@ def summarised(
 
     Parameters
     ----------
-    study : the `calib.study.Study`
-    trials : every `calib.store.Trial`, in the order of the ledger
+    study : that was run
+    trials : every one, in the order of the ledger
     best : the best trial, None where none ended ok
-    score : `calib.objective.Score` of the best point, for kind of motion and nuisances
-    confidence : `calib.confidence.Confidence` at the best point
-    reach : `calib.study.Reach` of each measured feature
+    score : of the best point, for kind of motion and nuisances
+    confidence : at the best point
+    reach : of each measured feature
     agreement : of the starts of a search by several starts
     stopped : why the search ended
     holdout : record -> what `held_out` returns
@@ -56,7 +61,7 @@ def summarised(
         "stopped": stopped,
         "values": {} if best is None else dict(best.values),
         "units": {name: study.model.parameters[name.partition("@")[0]].unit for name in names},
-        "windows": {n: {"low": w.low, "high": w.high, "scale": w.scale} for n, w in study.space.windows.items()},
+        "windows": {name: asdict(window) for name, window in study.space.windows.items()},
         "intervals": {} if confidence is None else {n: list(ends) for n, ends in confidence.interval.items()},
         "undetermined": [] if confidence is None else confidence.as_dict()["undetermined"],
         "at_edge": [] if confidence is None else sorted(confidence.at_edge),
@@ -81,7 +86,7 @@ def summarised(
     return plain(found)
 
 
-def _failures(trials) -> list[dict[str, Any]]:
+def _failures(trials: Sequence[Trial]) -> list[dict[str, Any]]:
     """Say how many trials ended in which way other than ok, the most frequent first, each with its first reason."""
     failed = [trial for trial in trials if trial.status != OK]
     counted = Counter(trial.status for trial in failed).most_common()
@@ -89,8 +94,8 @@ def _failures(trials) -> list[dict[str, Any]]:
     return [{"status": status, "trials": number, "reason": first[status]} for status, number in counted]
 
 
-def held_out(score) -> dict[str, Any]:
-    """What a hold-out record says of the best point: from its `calib.objective.Score` on that record alone."""
+def held_out(score: Score) -> dict[str, Any]:
+    """What a hold-out record says of the best point, whose score on that record alone it is."""
     if score.status != OK:
         return failed(score.status, score.reason)
     return {"distance": score.total, "terms": dict(score.terms), "kind": score.kind, "status": OK, "reason": ""}
@@ -128,7 +133,7 @@ def _agreement(summary: Mapping[str, Any] | None) -> dict[str, Any] | None:
     return {"agree": summary["agree_in_point"], **summary} if "agree_in_point" in summary else dict(summary)
 
 
-def _reach(reach) -> dict[str, Any]:
+def _reach(reach: Reach) -> dict[str, Any]:
     return {
         "feature": reach.label,
         "record": reach.record,

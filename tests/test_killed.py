@@ -56,9 +56,9 @@ def test_twenty_kills_change_nothing(jobs, tmp_path):
         process = subprocess.Popen(command(home, tmp_path / "killed", jobs), stderr=subprocess.DEVNULL)
         ledger = tmp_path / "killed" / "trials.jsonl"
         before = ledger.stat().st_size if ledger.exists() else 0
-        limit = time.monotonic() + 60.0
+        limit = time.monotonic() + 300.0
         while (ledger.stat().st_size if ledger.exists() else 0) <= before and process.poll() is None:
-            assert time.monotonic() < limit, "no trial within a minute"
+            assert time.monotonic() < limit, "no trial within five minutes"
             time.sleep(0.01)
         time.sleep(rng.uniform(0.0, 0.25))  # s; about one twentieth of the study
         if process.poll() is not None:

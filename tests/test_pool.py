@@ -82,6 +82,13 @@ def test_the_first_call_of_a_process_has_a_warm_up_allowance():
         assert results(pool, [1.0]) == {0: 1.0}, "a new process has its own allowance"
 
 
+def test_a_process_that_follows_one_that_hung_is_not_given_the_time_to_compile_again(monkeypatch):
+    monkeypatch.setattr("calib.pool.RESTART", 0.5)
+    with LocalPool(f.misbehave, 1, timeout=0.5, startup=100.0) as pool:
+        assert results(pool, ["well"]) == {0: "well"}
+        assert {failure.status for failure in results(pool, ["hang", "hang"]).values()} == {"timeout"}
+
+
 def test_a_process_killed_while_idle_is_replaced():
     with LocalPool(f.process, 1) as pool:
         (pid,) = results(pool, [0]).values()

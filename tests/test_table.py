@@ -8,7 +8,6 @@ import pytest
 from scipy.io import savemat
 
 from calib.errors import CalibError
-from calib.filter import low_pass
 from calib.table import Channel, Clock, Drive, Table, read
 
 HEADED = "t,x,u,note,\n0.0,1.0,10,a,\n0.1,2.0,20,,\n0.2,3.0,30,b,\n0.3,4.0,40,c,\n0.4,5.0,50,d,\n"
@@ -96,19 +95,6 @@ def test_a_prescribed_motion_is_said_and_not_scored(headed):
     record, excitation = read(Table(headed, [Channel("u", "mass", "force", "V", "35.15 N/V")], drive, time=Clock("t")))
     assert record.attrs["prescribed"] == "mass.displacement,mass.velocity"
     assert excitation.cutoff == 2.0
-
-
-def test_the_low_pass_keeps_slow_and_stops_fast_without_a_delay():
-    time = np.arange(4000) / 1000.0
-    slow, fast = np.cos(2 * np.pi * 5.0 * time), np.cos(2 * np.pi * 400.0 * time)
-    inside = slice(500, -500)
-    np.testing.assert_allclose(low_pass(slow + fast, time, 100.0)[inside], slow[inside], atol=1e-6)
-
-
-def test_the_low_pass_halves_the_amplitude_at_its_cutoff():
-    time = np.arange(4000) / 1000.0
-    at = np.cos(2 * np.pi * 100.0 * time)
-    np.testing.assert_allclose(low_pass(at, time, 100.0)[500:-500], 0.5 * at[500:-500], atol=1e-6)
 
 
 def test_the_cutoff_acts_on_the_channel_before_it_is_thinned(tmp_path):

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from calib.parameter import Parameter
 from calib.record import OK
 from calib.units import MILLI
 
@@ -139,8 +140,8 @@ def show_catalogue(groups: Mapping[str, Mapping[str, str]]) -> None:
         console.print(table)
 
 
-def show_thing(facts: Iterable[tuple[str, str]], parameters: Sequence[Any]) -> None:
-    """Print what there is to say of one thing, and its `calib.parameter.Parameter`s."""
+def show_thing(facts: Iterable[tuple[str, str]], parameters: Sequence[Parameter]) -> None:
+    """Print what there is to say of one thing, and its parameters."""
     console = _console()
     for what, said in facts:
         console.print(f"[bold]{what}[/]: {escape(said)}", soft_wrap=True)
@@ -151,7 +152,7 @@ def show_thing(facts: Iterable[tuple[str, str]], parameters: Sequence[Any]) -> N
         console.print(table)
 
 
-def _allowed(parameter: Any) -> str:
+def _allowed(parameter: Parameter) -> str:
     low, high = parameter.low, parameter.high
     if math.isinf(low) and math.isinf(high):
         return "any"

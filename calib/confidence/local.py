@@ -79,7 +79,7 @@ def local(
     outcome : what `evaluate` gave there, where it is known
     blocks : (m,) integers, equal for residuals of one term, record, body and channel; in time or phase order inside
         a block. None: one block
-    echoes : (number, m) changes of the residuals by noise in the measurement (`calib.confidence.echoes`); of use where
+    echoes : (number, m) changes of the residuals by noise in the measurement (`calib.confidence.echo`); of use where
         several terms look at one channel
 
     Raises

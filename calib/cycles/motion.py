@@ -9,10 +9,9 @@ from calib.cycles.impacts import impacts_per_period
 from calib.cycles.loop import cut, period_of, sampled
 from calib.cycles.strobe import section
 from calib.errors import CalibError
-from calib.record import STATE
+from calib.record import SECTION, STATE
 
 LAGS = 16  # the longest motion that is told from an irregular one, in periods
-SECTION = 64  # periods of a section from which "irregular" may be said
 TOLERANCE = 1e-3  # how well a periodic motion returns, as a share of its amplitude
 NOISE = 1.5  # a measured cycle returns where it differs by less than this many standard deviations of its noise
 IRREGULAR, UNDECIDED, NO_CONTACT, NOT_PERIODIC = "irregular", "undecided", "no contact", "not periodic"

@@ -1,10 +1,9 @@
 """Numbers as a reader wants them."""
 
 import math
-from typing import Any
 
 
-def number(x: Any, digits: int = 4) -> str:
+def number(x: float | str | None, digits: int = 4) -> str:
     """Write a number for a reader: `digits` significant ones, powers of ten as such."""
     if x is None:
         return "-"

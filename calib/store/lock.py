@@ -4,12 +4,14 @@ import errno
 import fcntl
 import os
 import socket
+import time
 import warnings
 from pathlib import Path
 
 from calib.errors import CalibError
 
 NAME = "trials.lock"
+PATIENCE = 0.5  # s: `held` takes the lock for an instant to look at it
 
 
 class Lock:
@@ -28,7 +30,7 @@ class Lock:
         """
         handle = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o644)
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _lock(handle)
         except OSError as error:
             holder = os.read(handle, 200).decode(errors="replace").strip()
             os.close(handle)
@@ -48,6 +50,18 @@ class Lock:
         if self._handle is not None:
             os.close(self._handle)
             self._handle = None
+
+
+def _lock(handle: int) -> None:
+    """Take the lock on an open file, within some patience."""
+    limit = time.monotonic() + PATIENCE
+    while True:
+        try:
+            return fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            if time.monotonic() > limit:
+                raise
+            time.sleep(0.02)
 
 
 def held(folder: Path) -> bool:

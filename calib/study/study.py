@@ -1,7 +1,7 @@
 """A study: points are asked for, simulated, scored, logged and told."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -96,7 +96,7 @@ class Study:
         if screen is None:
             most = min(SCREEN, self.budget // 4)
             screen = 1 << (most.bit_length() - 1) if most else 0  # a power of two keeps Sobol's points balanced
-        windows = {n: {"low": w.low, "high": w.high, "scale": w.scale} for n, w in self.space.windows.items()}
+        windows = {name: asdict(window) for name, window in self.space.windows.items()}
         own = {"seed": self.seed, "batch": self.batch, "screen": self.screen, "windows": windows}
         definition = {**own, "fixed": dict(self.space.fixed), **self.definition}
         return {"name": self.name, "definition": definition, "screen": min(screen, self.budget), "budget": self.budget}

@@ -2,7 +2,7 @@
 
 import inspect
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -284,12 +284,7 @@ def _definition(shape: StudyToml, model: Model, space: Space, folder: Path) -> d
             "fixed": {name: value for name, value in _sorted(fixed).items() if name not in space.windows},
         },
         "windows": {
-            name: {
-                "low": window.low,
-                "high": window.high,
-                "scale": window.scale,
-                "unit": model.parameters[name.partition("@")[0]].unit,
-            }
+            name: {**asdict(window), "unit": model.parameters[name.partition("@")[0]].unit}
             for name, window in space.windows.items()  # their order is the order of the cube's axes
         },
         "terms": [_stated(term) for term in shape.term],

@@ -25,7 +25,7 @@ from calib.laws import excitation as excitation_law
 from calib.laws import force, gap, restitution
 from calib.model import Model, Request
 from calib.parameter import Parameter
-from calib.record import OK, channels, check
+from calib.record import OK, SECTION, STATE, channels, check
 
 
 @force
@@ -104,10 +104,10 @@ class SimulatorSuite:
 
     def test_the_section_holds_the_last_64_periods(self):
         record = self.run()
-        for channel in ("displacement", "velocity"):
+        for channel in STATE:
             section = record[f"section_{channel}"]
             assert section.dims == ("body", "period")
-            assert section.sizes["period"] >= 64
+            assert section.sizes["period"] >= SECTION
 
     def test_every_parameter_says_what_it_is(self):
         for p in self.make().parameters:

@@ -71,4 +71,5 @@ if __name__ == "__main__":
     for name, view in (("ledger alone", None), ("ledger and journal view", "journal")):
         with tempfile.TemporaryDirectory(dir=Path.cwd()) as place:
             logging, wall, opening = cost(Path(place), view)
-        print(f"{name:24} {1e3 * logging:.2f} ms CPU and {1e3 * wall:.2f} ms a trial, {opening:.2f} s CPU to open again")
+        spent = f"{1e3 * logging:.2f} ms CPU and {1e3 * wall:.2f} ms a trial"
+        print(f"{name:24} {spent}, {opening:.2f} s CPU to open again")

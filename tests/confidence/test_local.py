@@ -178,7 +178,8 @@ def test_a_parameter_without_influence_is_not_determined():
 
 
 def test_where_no_parameter_has_influence_none_is_determined():
-    c = local(linear(np.zeros((TIME.size, 2)), np.zeros(2), white(np.random.default_rng(4))), cube("a", "b"), np.ones(2))
+    noise = white(np.random.default_rng(4))
+    c = local(linear(np.zeros((TIME.size, 2)), np.zeros(2), noise), cube("a", "b"), np.ones(2))
     assert {group.members for group in c.undetermined} == {("a",), ("b",)}
     assert c.interval == {"a": (0.0, 1.0), "b": (0.0, 1.0)}
 

@@ -12,12 +12,12 @@ from calib.errors import CalibError, nearest
 from calib.excitation import Excitation
 from calib.laws import BoundLaw, at_site
 from calib.parameter import Parameter
-from calib.record import OK, failed, make, prescription, with_impacts, with_section
+from calib.record import OK, SECTION, failed, make, prescription, with_impacts, with_section
 from calib.simulators.four_dof.drives import BODIES, DRIVES, structure
 from calib.simulators.four_dof.lumped import lumped
 from calib.simulators.impact.modes import modal, regimes
 from calib.simulators.impact.problem import Problem
-from calib.simulators.impact.run import SECTIONS_KEPT, Drive, Motion, assemble, simulate, start
+from calib.simulators.impact.run import Drive, Motion, assemble, simulate, start
 
 PARAMETERS = (
     Parameter("restitution", "1", 0.05, "Newton's coefficient of restitution, beam and layer", low=0.0, high=1.0),
@@ -118,7 +118,7 @@ class FourDof:
             times,
             periods=request.periods if harmonic else 1,
             settle=request.settle if harmonic else 0,
-            sections=SECTIONS_KEPT if harmonic else 0,
+            sections=SECTION if harmonic else 0,
             budget=request.step_budget,
         )
         if motion.status != OK:

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.laws import BoundLaw, at_site
-from calib.record import OK
+from calib.laws import STATES, BoundLaw, at_site
+from calib.record import OK, SECTION
 from calib.simulators.impact import kernel
 from calib.simulators.impact.flow import REACH
 from calib.simulators.impact.modes import Structure, regimes
@@ -28,7 +28,6 @@ from calib.simulators.impact.scratch import scratch
 from calib.simulators.impact.slots import fill
 
 GRID = 128  # steps per period where loads are collocated
-SECTIONS_KEPT = 64  # periods whose stroboscopic section a motion gives, at least
 SETTLED = 1e-10  # relative change of the section
 CAP = 1000  # periods after which a motion that has not settled is taken as it is
 STUCK = 1e-12  # share of the gap below which a rebound sticks
@@ -63,7 +62,7 @@ class Motion(NamedTuple):
     status, reason : "ok", "diverged" or "step budget"
     settled : periods dropped before the recorded ones
     samples : (k, 2 n + 2) q [m], q' [m/s], U, U' at the asked times; U without its harmonic part
-    sections : (SECTIONS_KEPT or more, 2 n + 2) the same at the end of each of the last periods
+    sections : (SECTION or more, 2 n + 2) the same at the end of each of the last periods
     impacts : (k, 2 + 2 n) of the recorded periods: time since their start [s], closing speed [m/s], (q, q') before
     contact : share of the recorded time in permanent contact  [1]
     steps : spent
@@ -172,7 +171,7 @@ def start(problem: Problem, q: np.ndarray, dq: np.ndarray) -> State:
             regime = CONTACT if rate < 0.0 or (rate == 0.0 and opening < 0.0) else 0
             touch = 0 if regime == CONTACT else (HIT if rate > 0.0 else RELEASED)
             y, v = modal(regime, q, dq - rate * problem.hit if regime == CONTACT else dq)
-    state = State(y, v, np.zeros((*problem.acts.shape, 4)), np.zeros(2), np.zeros(7, dtype=np.int64))
+    state = State(y, v, np.zeros((*problem.acts.shape, STATES)), np.zeros(2), np.zeros(7, dtype=np.int64))
     state.count[REGIME], state.count[TOUCH] = regime, touch
     return state
 
@@ -183,7 +182,7 @@ def simulate(
     times: np.ndarray,
     periods: int = 1,
     settle: int | None = None,
-    sections: int = SECTIONS_KEPT,
+    sections: int = SECTION,
     budget: int = 50_000_000,
     capacity: int = 4096,
 ) -> Motion:

@@ -14,7 +14,7 @@ from calib.excitation import Excitation
 from calib.laws import BoundLaw, at_site
 from calib.parameter import Parameter
 from calib.simulators.impact.modes import Stop, Structure, viscous
-from calib.simulators.impact.run import SECTIONS_KEPT, Drive, Motion, assemble, simulate, start
+from calib.simulators.impact.run import Drive, Motion, assemble, simulate, start
 from calib.simulators.oscillator.prescribed import law_accelerations, prescribed_motion
 
 BODY = "mass"
@@ -266,7 +266,7 @@ def _needed_force(
     """Record of the force that the model needs for the prescribed motion, beside that motion."""
     asked = times
     if not excitation.recorded:  # internal states of laws settle, and the section fills, before time 0
-        before = max(SECTIONS_KEPT, request.settle or 0) * request.samples
+        before = max(records.SECTION, request.settle or 0) * request.samples
         asked = np.arange(-before, times.size + 1) / (excitation.frequency * request.samples)
     motion = prescribed_motion(excitation, values["amplitude"], laws, asked)
     accelerations = law_accelerations(motion, laws, request.step_budget)
@@ -288,7 +288,7 @@ def _needed_force(
         return record
     whole = np.searchsorted(
         motion.time,
-        np.arange(request.periods - SECTIONS_KEPT + 1, request.periods + 1) / excitation.frequency
+        np.arange(request.periods - records.SECTION + 1, request.periods + 1) / excitation.frequency
         - 0.5 * (motion.time[1] - motion.time[0]),
     )
     return records.with_section(record, {"displacement": motion.x[None, whole], "velocity": motion.v[None, whole]})

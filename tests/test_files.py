@@ -1,0 +1,44 @@
+"""Files that are whole or absent."""
+
+from pathlib import Path
+
+import pytest
+
+from calib.files import whole
+
+
+def test_a_file_takes_its_name_when_it_is_whole(tmp_path):
+    with whole(tmp_path / "new.txt") as temporary:
+        temporary.write_text("all of it")
+        assert not (tmp_path / "new.txt").exists()
+    assert (tmp_path / "new.txt").read_text() == "all of it"
+    assert (tmp_path / "new.txt").stat().st_mode & 0o777 == 0o644
+
+
+def written(path, text, error=None):
+    with whole(path) as temporary:
+        temporary.write_text(text)
+        if error is not None:
+            raise error
+
+
+def test_a_file_that_fails_half_way_leaves_the_old_one_and_nothing_beside(tmp_path):
+    path = tmp_path / "old.txt"
+    path.write_text("the old one")
+    with pytest.raises(OSError, match="disk full"):
+        written(path, "half of it", OSError("disk full"))
+    assert path.read_text() == "the old one"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_ctrl_c_just_after_the_file_took_its_name_is_no_failure_to_write(tmp_path, monkeypatch):
+    replace = Path.replace
+
+    def interrupted(self, target):
+        replace(self, target)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Path, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        written(tmp_path / "new.txt", "all of it")
+    assert (tmp_path / "new.txt").read_text() == "all of it"
