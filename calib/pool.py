@@ -114,7 +114,8 @@ class LocalPool:
         pickled, modules = _pickled(function)
         self._modules = sorted(modules - {"__main__"})
         context = get_context("forkserver") if "__main__" in modules else _WithoutMain()
-        self._slots = [_Slot(pickled, context, timeout, startup) for _ in range(jobs)]
+        allowance = _Allowance(startup)
+        self._slots = [_Slot(pickled, context, timeout, allowance) for _ in range(jobs)]
 
     def map(self, payloads: Iterable[Any]) -> Iterator[tuple[int, Any]]:
         """Yield (index, result or Failure) as the calls end; leaving the loop early kills what still runs.
@@ -167,10 +168,21 @@ def _tell(done: queue.SimpleQueue, index: int, _: Future) -> None:
 RETRIED = object()
 
 
+class _Allowance:
+    """By how much the first call of a process may exceed the limit [s]."""
+
+    def __init__(self, seconds: float):
+        self.seconds = seconds
+
+    def learn(self, seconds: float) -> None:
+        """Take in how long such a call took that came back: what it compiled is on disk for the next process."""
+        self.seconds = min(self.seconds, max(RESTART, 2.0 * seconds))
+
+
 class _Slot:
     """One worker process at a time: pebble's pool of one, so that it is known which call is a process's first."""
 
-    def __init__(self, function: bytes, context: ForkServerContext, timeout: float | None, startup: float):
+    def __init__(self, function: bytes, context: ForkServerContext, timeout: float | None, startup: "_Allowance"):
         self._function, self._context = function, context
         self._timeout, self._startup = timeout, startup
         self._pool: ProcessPool | None = None
@@ -194,7 +206,7 @@ class _Slot:
             self._fresh = True
         self._limit = self._timeout
         if self._limit is not None and self._fresh:
-            self._limit += self._startup
+            self._limit += self._startup.seconds
         self._since = time.perf_counter()
         try:
             with _no_interrupts():  # the processes started here inherit it: Ctrl-C is the parent's business
@@ -210,7 +222,7 @@ class _Slot:
         error = self._future.exception()
         if error is None:
             if self._fresh:
-                self._startup = min(self._startup, max(RESTART, 2.0 * seconds))
+                self._startup.learn(seconds)
             self._fresh, self._worked = False, True
             return pickle.loads(self._future.result())
         if isinstance(error, BrokenProcessPool):

@@ -1,5 +1,6 @@
 """The commands of calib, as a user types them."""
 
+import io
 import json
 import os
 import shutil
@@ -228,6 +229,15 @@ def test_status_where_nothing_was_run(tmp_path):
     assert "no study was run here" in calib("status", write_study(tmp_path), code=1).stderr
 
 
+@pytest.mark.parametrize("left", ["", '{"format": 1, "id": "fa'])
+def test_a_run_killed_before_its_header_was_written_begins(tmp_path, left):
+    path = write_study(tmp_path)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "trials.jsonl").write_text(left)
+    calib("run", path, "--quiet", "--budget", 10)
+    assert len(read(tmp_path / "out")[1]) == 10
+
+
 # --- simulate
 
 
@@ -341,7 +351,8 @@ def test_without_a_terminal_a_line_comes_every_few_seconds(capsys):
         for number in range(20):
             clock.now += 1.0
             trial = Trial(number, [0.5], {}, 1.0 / (number + 1), kind="period-1", phase="search")
-            progress.trial(trial, trial, number + 1)
+            progress.stage("screen")
+        progress.trial(trial, trial, number + 1)
     lines = capsys.readouterr().err.splitlines()
     assert 3 <= len(lines) <= 5
     assert "best 0.05 (period-1)  1 trials/s  0 failed  at most 1:20 left" in lines[-1]
@@ -366,3 +377,25 @@ def test_values_are_shown_in_units_that_people_read(value, unit, text):
 )
 def test_a_value_has_the_digits_of_its_error(value, error, unit, texts):
     assert _measured(value, error, unit) == texts
+
+
+@pytest.mark.parametrize(
+    ("amplitudes", "said"),
+    [
+        ([1.5e-3, 1.8e-3], "no point of the screen reaches displacement amplitude of bob in swing: measured 1 mm, "
+                           "nearest 1.5 mm (50 % off)"),
+        ([0.8e-3, 1.8e-3], "the screen reaches every measured feature"),
+    ],
+)  # fmt: skip
+def test_what_the_screen_does_not_reach_is_said_before_the_search(amplitudes, said):
+    console = Console(file=io.StringIO(), width=200)
+    progress = Progress(10, console=console)
+    feature = {"label": "displacement amplitude", "record": "swing", "body": "bob", "unit": "m", "measured": 1e-3,
+               "tolerance": 2e-5}  # fmt: skip
+    for number, amplitude in enumerate(amplitudes):
+        trial = Trial(number, [0.5], {}, 0.1, features=[{**feature, "simulated": amplitude}], phase="screen")
+        progress.stage("screen")
+        progress.trial(trial, trial, number + 1)
+    assert said not in console.file.getvalue()
+    progress.trial(Trial(2, [0.5], {}, 0.1, phase="search"), trial, 3)
+    assert console.file.getvalue().count(said) == 1

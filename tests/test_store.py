@@ -191,6 +191,16 @@ def test_a_damaged_line_in_the_middle_is_an_error_with_its_number(tmp_path):
         Store(tmp_path, view=None).open(HEADER)
 
 
+@pytest.mark.parametrize("line", ['{"number": 3}', '{"number": 3, "residuals": 7}'])
+def test_a_line_that_is_json_but_no_trial_is_damage_too(tmp_path, line):
+    filled(tmp_path, [trial(0), trial(1)])
+    path = tmp_path / "trials.jsonl"
+    text = path.read_text().splitlines(keepends=True)
+    path.write_text("".join([*text[:2], line + "\n", text[2]]))
+    with pytest.raises(CalibError, match="line 3: not readable"):
+        Store(tmp_path, view=None).open(HEADER)
+
+
 def test_a_foreign_file_is_not_taken_for_a_ledger(tmp_path):
     (tmp_path / "trials.jsonl").write_text('{"number": 1}\n')
     with pytest.raises(CalibError, match="not a ledger of calib"):

@@ -1,7 +1,9 @@
 """The main job: search, judge what was found, try it on the records held out, and write it all down."""
 
 import time
+import warnings
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -13,6 +15,7 @@ from calib import result
 from calib.cli.progress import Progress
 from calib.cli.standing import folder_of
 from calib.confidence import Confidence, around_best
+from calib.errors import CalibError
 from calib.model import Model
 from calib.objective import Objective, Score
 from calib.pool import Failure, LocalPool, in_order
@@ -20,7 +23,6 @@ from calib.record import failed
 from calib.report import figures
 from calib.report import write as write_report
 from calib.store import Store, Trial, read
-from calib.store.ledger import TRIALS
 from calib.store.trial import best
 from calib.study import INTERRUPTED, Evaluation, evaluate, reach
 from calib.study_toml import StudyFile, load
@@ -42,8 +44,8 @@ def calibrate(file: StudyFile, folder: Path, progress: Progress, fresh: bool = F
     """
     begin = time.monotonic()
     study = file.study
-    if not fresh and (folder / TRIALS).exists():
-        progress.earlier(read(folder)[1])
+    if not fresh:
+        progress.earlier(_earlier(folder))
     store = Store(folder, file.view, file.keep, partial(figures.picture, objective=study.objective))
     final, confidence = {}, None
     with LocalPool(partial(evaluate, study.without_search()), study.jobs, study.timeout) as pool:
@@ -75,6 +77,13 @@ def calibrate(file: StudyFile, folder: Path, progress: Progress, fresh: bool = F
     result.write(said, folder)
     _report(file, folder, found.trials, final, said)
     return said
+
+
+def _earlier(folder: Path) -> list[Trial]:
+    """Trials of earlier runs, as far as they can be told: what is wrong there, the store says when it is opened."""
+    with suppress(CalibError), warnings.catch_warnings(action="ignore"):
+        return read(folder)[1]
+    return []
 
 
 def rebuild(study: Path, out: Path | None) -> Path:

@@ -7,9 +7,11 @@ from rich.console import Console
 from rich.progress import BarColumn, SpinnerColumn, TextColumn
 from rich.progress import Progress as Bars
 
+from calib.cli.tables import missed
 from calib.record import OK
 from calib.store import Trial
 from calib.store.trial import best
+from calib.study import reach
 
 INTERVAL = 5.0  # s between two lines where there is no terminal
 MEMORY = 20.0  # s over which the rate of trials is taken
@@ -29,6 +31,7 @@ class Progress:
         self._done = self._failed = 0
         self._best: Trial | None = None
         self._ends: list[tuple[float, int]] = []  # when, how many trials by then
+        self._screened: list[Trial] = []
         self._told = clock()
         self._bars: Bars | None = None
 
@@ -67,6 +70,7 @@ class Progress:
         self._done = len(trials)
         self._failed = sum(trial.status != OK for trial in trials)
         self._best = best(trials)
+        self._screened = [trial for trial in trials if trial.phase == "screen"]
         if trials and not self._quiet:
             self._console.print(f"going on from {len(trials)} trials")
 
@@ -75,8 +79,24 @@ class Progress:
         self._done, self._best = count, top
         self._failed += trial.status != OK
         self._ends.append((self._clock(), count))
+        if trial.phase == "screen":
+            self._screened.append(trial)
+        elif self._stage == "screen":
+            self._say_reach()
         self._stage = trial.phase
         self._show()
+
+    def _say_reach(self) -> None:
+        """Say, before the search, which measured features no point of the screen comes to."""
+        found = reach(self._screened)
+        if self._quiet or not found:
+            return
+        away = [r for r in found if not r.reached]
+        for r in away:
+            said = missed(r.label, r.body, r.record, r.unit, r.measured, r.nearest, r.percent)
+            self._console.print(f"[yellow]no point of the screen reaches[/] {said}", soft_wrap=True)
+        if not away:
+            self._console.print("the screen reaches every measured feature")
 
     def said(self) -> str:
         """Best score, kind of motion, rate, failures and time left, as one line."""

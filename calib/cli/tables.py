@@ -102,16 +102,23 @@ def _remarks(found: Mapping[str, Any]) -> list[str]:
     if confidence is None or confidence["status"] != OK:
         lines.append(f"[yellow]no intervals:[/] {escape((confidence or {}).get('reason', 'not worked out'))}")
     for reach in found["unreachable"]:
-        percent = "" if reach["percent"] is None else f" ({reach['percent']:.3g} % off)"
-        lines.append(
-            f"[yellow]no point of the window reaches[/] {escape(reach['feature'])} of {escape(reach['body'] or '')} in "
-            f"{escape(reach['record'])}: measured {shown(reach['measured'], reach['unit'])}, "
-            f"nearest {shown(reach['nearest'], reach['unit'])}{percent}"
-        )
+        which = (reach[key] for key in ("feature", "body", "record", "unit", "measured", "nearest", "percent"))
+        lines.append(f"[yellow]no point of the window reaches[/] {missed(*which)}")
     agreement = found["agreement"] or {}
     if {"starts", "agree"} <= set(agreement):
         lines.append(f"{agreement['agree']} of {agreement['starts']} starts of the search ended at this point")
     return lines
+
+
+def missed(
+    feature: str, body: str, record: str, unit: str, measured: float, nearest: float | None, percent: float | None
+) -> str:
+    """Say which measured feature is not reached, and how far off the nearest is (rich markup)."""
+    off = "" if percent is None else f" ({percent:.3g} % off)"
+    return (
+        f"{escape(feature)} of {escape(body or '')} in {escape(record)}: "
+        f"measured {shown(measured, unit)}, nearest {shown(nearest, unit)}{off}"
+    )
 
 
 def show_standing(said: Mapping[str, Any]) -> None:

@@ -7,7 +7,7 @@ import uuid
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -224,16 +224,17 @@ def _parse(path: Path) -> _Content:
         if not isinstance(content, dict):
             if index == len(lines) - 1:
                 break
-            raise CalibError(
-                f"{path}, line {index + 1}: not readable; the file was changed or the disk is damaged; "
-                "restore it, cut that line out, or begin afresh (--fresh moves what is there aside)"
-            )
+            raise _damaged(path, index)
         if "format" in content:
             headers.append(_known(content, path))
         elif not headers:
             raise CalibError(f"{path}: not a ledger of calib (no header in line 1); choose another folder")
         else:
-            offset, length = content["residuals"] or (0, 0)
+            try:
+                offset, length = content["residuals"] or (0, 0)
+                trial = trial_of(content, None, headers[-1]["segment"])
+            except (KeyError, TypeError, ValueError, AttributeError) as error:
+                raise _damaged(path, index) from error
             if offset + length > residuals.size:
                 warnings.warn(
                     f"{path}: {len(lines) - index} trials from line {index + 1} on have lost their residuals and are "
@@ -242,10 +243,17 @@ def _parse(path: Path) -> _Content:
                 )
                 break
             own = None if content["residuals"] is None else residuals[offset : offset + length]
-            trials.append(trial_of(content, own, headers[-1]["segment"]))
+            trials.append(replace(trial, residuals=own))
             side_end = max(side_end, FLOAT * (offset + length))
         end += len(text)
     return _Content(headers, trials, end, side_end)
+
+
+def _damaged(path: Path, index: int) -> CalibError:
+    return CalibError(
+        f"{path}, line {index + 1}: not readable; the file was changed or the disk is damaged; "
+        "restore it, cut that line out, or begin afresh (--fresh moves what is there aside)"
+    )
 
 
 def _known(header: dict, path: Path) -> dict:
