@@ -25,10 +25,13 @@ def _point_numba_to(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / ".writable").touch()
     except OSError:
-        import tempfile  # only where the home folder cannot be written
+        import atexit  # only where the home folder cannot be written
+        import shutil
+        import tempfile
         import warnings
 
         folder = Path(tempfile.mkdtemp(prefix="calib-kernels-"))
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
         warnings.warn(f"the kernel cache cannot be written; compiling into {folder} for this process", stacklevel=3)
     os.environ["NUMBA_CACHE_DIR"] = str(folder)  # read when numba is first imported, here or in a child process
     if "numba" in sys.modules:

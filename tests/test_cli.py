@@ -24,6 +24,8 @@ from calib.cli.tables import _measured, shown
 from calib.store import Trial, read
 
 TESTS = str(Path(__file__).parent)
+# a process in the background of a script begins deaf to Ctrl-C, and so do its children
+HEEDING = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
 AGAIN = '[[record]]\nname = "again"\npath = "bench.nc"\nnuisance = ["trigger"]\nuse = "holdout"\n'
 HOLDOUT = ("[model]\n", f"{AGAIN}\n[model]\n")
 
@@ -37,7 +39,7 @@ def calib(*arguments, code=0):
 def process(*arguments, **options):
     environment = {**os.environ, "PYTHONPATH": TESTS}
     return subprocess.Popen(
-        [sys.executable, "-c", "from calib.cli import main; main()", *map(str, arguments)],
+        [sys.executable, "-c", f"{HEEDING}from calib.cli import main; main()", *map(str, arguments)],
         env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options,
     )  # fmt: skip
 

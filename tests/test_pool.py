@@ -150,8 +150,10 @@ def test_the_same_contract_in_this_process():
 
 
 SCRIPT = """
+import signal
 import pool_functions as f
 from calib.pool import LocalPool
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a background process begins deaf to Ctrl-C
 if __name__ == "__main__":
     with LocalPool(f.{function}, 2) as pool:
         try:

@@ -29,7 +29,7 @@ JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON to stdou
 
 
 def _mendable(command: Callable) -> Callable:
-    """Turn what the user can mend into a message on stderr and exit code 1."""
+    """Turn what the user can mend into a message on stderr and exit code 1, and Ctrl-C into exit code 3."""
 
     @functools.wraps(command)
     def safe(*args, **options):
@@ -37,6 +37,9 @@ def _mendable(command: Callable) -> Callable:
             warnings.showwarning = lambda message, *_, **__: click.echo(f"calib: note: {message}", err=True)
             try:
                 return command(*args, **options)
+            except KeyboardInterrupt:
+                click.echo("\nstopped", err=True)
+                sys.exit(STOPPED)
             except CalibError as error:
                 click.echo(f"calib: {error}", err=True)
             except OSError as error:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from calib.cycles import UNDECIDED
 from calib.record import OK
 from calib.study import Outcome
 
@@ -90,7 +91,7 @@ def why_unusable(outcome: Outcome, centre: Outcome) -> str:
         return f"its simulation ended with status {outcome.status!r}"
     if outcome.residuals is None or not np.all(np.isfinite(outcome.residuals)):
         return "it has no finite residuals"
-    if outcome.kind != centre.kind:
+    if outcome.kind != centre.kind and UNDECIDED not in f"{outcome.kind} {centre.kind}":  # that is no other kind
         return f"its motion is {outcome.kind}, not {centre.kind}"
     if np.shape(outcome.residuals) != np.shape(centre.residuals):
         return f"it has {np.size(outcome.residuals)} residuals, not {np.size(centre.residuals)}"

@@ -8,7 +8,7 @@ import numpy as np
 from calib.parameter import Space, Window
 
 SHARE = 0.25  # of the window: a direction with a larger standard error has a 2-s.e. interval as wide as the window
-INFLATION = 10.0  # a standard error so many times the one with the other parameters known: nearly collinear
+INFLATION = 4.0  # a standard error so many times the one with the other parameters known: nearly collinear
 WIDE, COLLINEAR = "wider than the window", "nearly collinear"
 
 

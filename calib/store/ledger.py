@@ -186,7 +186,7 @@ def mendable(path: Path) -> Iterator[None]:
     try:
         yield
     except (OSError, RuntimeError) as error:  # netCDF's library says RuntimeError
-        why = getattr(error, "strerror", None) or error
+        why = getattr(error, "strerror", None) or f"{error} (the disk may be full)"
         raise CalibError(
             f"cannot write {path}: {why}; mend that and run again, the study goes on where it was"
         ) from error
