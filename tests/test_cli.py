@@ -231,6 +231,14 @@ def test_status_where_nothing_was_run(tmp_path):
     assert "no study was run here" in calib("status", write_study(tmp_path), code=1).stderr
 
 
+def test_no_report_is_written_of_another_study_than_was_run(tmp_path, finished):
+    shutil.copytree(finished[0].parent, tmp_path, dirs_exist_ok=True)
+    path = write_study(tmp_path, HOLDOUT, ("low = 0.5,", "low = 0.6,"))
+    before = (tmp_path / "out" / "report.html").read_bytes()
+    assert "windows.gain.low: 0.5 -> 0.6" in calib("report", path, code=1).stderr
+    assert (tmp_path / "out" / "report.html").read_bytes() == before
+
+
 @pytest.mark.parametrize("left", ["", '{"format": 1, "id": "fa'])
 def test_a_run_killed_before_its_header_was_written_begins(tmp_path, left):
     path = write_study(tmp_path)
@@ -353,8 +361,7 @@ def test_without_a_terminal_a_line_comes_every_few_seconds(capsys):
         for number in range(20):
             clock.now += 1.0
             trial = Trial(number, [0.5], {}, 1.0 / (number + 1), kind="period-1", phase="search")
-            progress.stage("screen")
-        progress.trial(trial, trial, number + 1)
+            progress.trial(trial, trial, number + 1)
     lines = capsys.readouterr().err.splitlines()
     assert 3 <= len(lines) <= 5
     assert "best 0.05 (period-1)  1 trials/s  0 failed  at most 1:20 left" in lines[-1]

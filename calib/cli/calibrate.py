@@ -90,7 +90,7 @@ def rebuild(study: Path, out: Path | None) -> Path:
     """Write report.html anew from what lies in the folder of a study, and return its path."""
     file = load(study)
     folder = folder_of(study, out)
-    _, trials = read(folder)
+    _, trials = read(folder, file.study.header["definition"])
     trials.sort(key=lambda trial: trial.number)
     top = best(trials)
     final = {} if top is None else _held_out(file, top.values, with_calibrated=True)

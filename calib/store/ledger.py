@@ -23,16 +23,18 @@ FORMAT = 1
 FLOAT = 8  # bytes of a residual
 
 
-def read(folder: str | Path) -> tuple[dict, list[Trial]]:
+def read(folder: str | Path, definition: Mapping[str, Any] | None = None) -> tuple[dict, list[Trial]]:
     """Header now in force and the trials of a study's folder, without a lock; a run may be going on there.
 
     Raises
     ------
-    CalibError : no ledger there, or an unreadable one
+    CalibError : no ledger there, or an unreadable one, or that of another study than `definition` says
     """
     content = _parse(Path(folder) / TRIALS)
     if not content.headers:
         raise CalibError(f"{folder}: no study was run here (no {TRIALS} with a header)")
+    if definition is not None:
+        _compare(Path(folder) / TRIALS, content.headers[0]["definition"], json.loads(json.dumps(definition)))
     return content.headers[-1], content.trials
 
 
@@ -68,7 +70,7 @@ class Ledger:
         definition = json.loads(json.dumps(header["definition"]))
         content = _parse(self._path)
         if content.headers:
-            self._compare(content.headers[0]["definition"], definition)
+            _compare(self._path, content.headers[0]["definition"], definition)
         with mendable(self._path):
             self._file = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o644)
             self._side = os.open(self._side_path, os.O_RDWR | os.O_CREAT, 0o644)
@@ -125,15 +127,6 @@ class Ledger:
         first = max(last["screen"], self._next)
         segment = {"segment": last["segment"] + 1, "first": first, "hint": budget, "budget": budget}
         self._head({**last, **segment, **environment()})
-
-    def _compare(self, old: dict, new: dict) -> None:
-        changes = differences(old, new)
-        if changes:
-            raise CalibError(
-                f"{self._path} was made by another study:\n  "
-                + "\n  ".join(changes)
-                + "\nundo the change, choose another folder, or begin afresh (--fresh moves what is there aside)"
-            )
 
     def append(self, trial: Trial) -> None:
         """Log a trial; when this returns, it outlives a power failure.
@@ -247,6 +240,16 @@ def _parse(path: Path) -> _Content:
             side_end = max(side_end, FLOAT * (offset + length))
         end += len(text)
     return _Content(headers, trials, end, side_end)
+
+
+def _compare(path: Path, old: dict, new: dict) -> None:
+    changes = differences(old, new)
+    if changes:
+        raise CalibError(
+            f"{path} was made by another study:\n  "
+            + "\n  ".join(changes)
+            + "\nundo the change, choose another folder, or begin afresh (--fresh moves what is there aside)"
+        )
 
 
 def _damaged(path: Path, index: int) -> CalibError:
