@@ -406,6 +406,12 @@ def test_a_study_goes_on_without_its_view(tmp_path):
     assert len(read(tmp_path)[1]) == 1
 
 
+def test_a_password_in_the_address_of_a_view_is_not_told(tmp_path):
+    with pytest.warns(UserWarning, match="the Optuna view") as told:
+        filled(tmp_path, [trial(0)], view="nonsense://me:secret@nowhere/all")
+    assert "secret" not in str(told[0].message)
+
+
 def test_a_view_that_fails_in_the_middle_is_mended_at_the_next_opening(tmp_path, monkeypatch):
     store = Store(tmp_path)
     store.open(HEADER)

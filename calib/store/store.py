@@ -1,5 +1,6 @@
 """The folder of one study."""
 
+import re
 import warnings
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
@@ -13,6 +14,7 @@ from calib.store.lock import Lock
 from calib.store.optuna_view import ARTIFACTS, JOURNAL, OptunaView
 from calib.store.trial import Trial, best
 
+PASSWORD = re.compile(r"(?<=:)[^:/@]+(?=@)")  # of a URL: none is told
 Picture = Callable[[Trial, Mapping[str, xr.Dataset]], bytes]
 
 
@@ -139,8 +141,9 @@ class Store:
             deed()
         except Exception as error:  # databases fail in many ways, and none of them is the study's business
             self._view = None
+            name = PASSWORD.sub("***", self._view_name)
             warnings.warn(
-                f"the Optuna view ({self._view_name}) failed: {type(error).__name__}: {error}; the study goes on "
+                f"the Optuna view ({name}) failed: {type(error).__name__}: {error}; the study goes on "
                 "without it, the ledger has all trials, and the view is mended when the study is next opened",
                 stacklevel=3,
             )

@@ -41,6 +41,12 @@ def _digest(value: str) -> str:
     return value.lower()
 
 
+def _view(value: str) -> str:
+    if value != "journal" and "://" not in value:
+        raise ValueError("expected 'journal' or the URL of an Optuna storage, such as 'sqlite:////home/me/view.db'")
+    return value
+
+
 Quantity = Annotated[float | str, PlainValidator(_number_or_text, json_schema_input_type=float | str)]
 Column = Annotated[int | str, PlainValidator(_column, json_schema_input_type=int | str)]
 Count = Annotated[int, Field(ge=1)]
@@ -189,7 +195,7 @@ class OptimiserTable(_Open):
 class StoreTable(_Table):
     """[store]."""
 
-    view: str = "journal"
+    view: Annotated[str, AfterValidator(_view)] = "journal"
     keep: Keep = "improving"
 
 
