@@ -135,6 +135,30 @@ def test_a_simulator_that_misbehaves_fails_its_trials_and_the_study_goes_on(tmp_
     assert found["values"]["gain"] == pytest.approx(1.2, rel=0.01)
 
 
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        ('name = "optuna"\nsampler = "tpee"', "unknown sampler 'tpee'"),
+        ('name = "scipy"\nmethod = "simplex"', "unknown method 'simplex'"),
+    ],
+)
+def test_an_option_that_the_optimiser_refuses_costs_no_simulation_and_leaves_no_folder(tmp_path, option, said):
+    path = write_study(tmp_path, ('name = "multistart"', option))
+    ended = CliRunner().invoke(main, ["run", str(path)])
+    assert ended.exit_code == 1
+    assert said in ended.stderr
+    assert "study.toml" in ended.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_package_that_a_sampler_lacks_is_named(tmp_path, monkeypatch):
+    monkeypatch.setattr("calib.optimisers.optuna.find_spec", lambda name: None)
+    path = write_study(tmp_path, ('name = "multistart"', 'name = "optuna"\nsampler = "gp"'))
+    ended = CliRunner().invoke(main, ["run", str(path)])
+    assert ended.exit_code == 1
+    assert "needs the package torch" in ended.stderr
+
+
 def test_a_study_of_which_every_trial_fails_ends_with_exit_code_4(tmp_path):
     option = 'simulator = "tiny_simulators:Echo"\noptions = { fault = "raises", above = 0.0 }'
     path = write_study(tmp_path, ('simulator = "tiny_simulators:Echo"', option), ("budget = 24", "budget = 12"))

@@ -173,6 +173,13 @@ def test_the_schema_knows_every_table():
     assert set(StudyToml.model_json_schema()["properties"]) == set(StudyToml.model_fields)
 
 
+def test_a_record_that_is_held_out_may_have_values_of_its_own(tmp_path):
+    other = '[[record]]\nname = "other"\npath = "bench.nc"\nnuisance = ["trigger"]\nuse = "holdout"\n\n'
+    fixed = '[model]\nfixed = { "gain@other" = 1.5 }\n'
+    path = write_study(tmp_path, ("[model]\n", other + fixed))
+    assert load(path).study.space.fixed == {"gain@other": 1.5}
+
+
 # --- what is wrong is said
 
 

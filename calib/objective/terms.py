@@ -153,6 +153,6 @@ class Score:
     reason: str = ""
     kind: str = ""
     evidence: str = ""
-    residuals: np.ndarray | None = None
+    residuals: np.ndarray | None = field(default=None, repr=False)
     nuisances: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     wrong: tuple[str, ...] = ()

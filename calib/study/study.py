@@ -35,7 +35,7 @@ class Result:
     """
 
     best: Trial | None
-    trials: list[Trial]
+    trials: list[Trial] = field(repr=False)
     reach: list[Reach]
     agreement: dict | None
     stopped: str
@@ -80,7 +80,7 @@ class Study:
                 raise CalibError(f"{name} is a whole number from {low} on, got {value!r}")
         if not self.space.dim:
             raise CalibError("there is nothing to search: give at least one parameter a window")
-        for name in (*self.space.windows, *self.space.fixed):
+        for name in self.space.windows:  # a value that is fixed may belong to a record that is held out
             record = name.partition("@")[2]
             if "@" in name and record not in self.objective.references:
                 known = list(self.objective.references)
@@ -127,6 +127,7 @@ class Study:
         CalibError : the store belongs to another study; a replayed point differs from the logged one; the model refuses
             the first point
         """
+        self.optimiser(dim=self.space.dim, seed=self.seed, budget=self.budget, batch=self.batch).close()  # refuses here
         own = LocalPool(partial(evaluate, self.without_search()), self.jobs, self.timeout) if pool is None else None
         logged = store.open(self.header, fresh)
         run = Search(self, store, pool or own, logged, on_trial)

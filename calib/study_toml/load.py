@@ -240,7 +240,7 @@ class OptimiserMaker:
         """Return the optimiser for `dim`, `seed`, `budget` and `batch`."""
         try:
             return self.maker(**contract, **self.options)
-        except (CalibError, TypeError, ValueError) as error:
+        except (CalibError, TypeError, ValueError, ImportError) as error:
             raise CalibError(f"{self.place}: {error}") from error
 
 
