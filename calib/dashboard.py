@@ -21,6 +21,7 @@ from optuna.storages import BaseStorage, JournalStorage, RDBStorage
 from optuna.storages.journal import BaseJournalBackend
 
 from calib.errors import CalibError
+from calib.store.optuna_view import told
 
 HOST = "127.0.0.1"
 PORT = 8080
@@ -74,7 +75,7 @@ def application(view: str | Path, artifacts: str | Path | None = None) -> Callab
 
 def plain_command(view: str | Path, artifacts: str | Path | None = None) -> str:
     """Command line that shows the same view with Optuna's own program (which may also change it)."""
-    words = ["optuna-dashboard", str(view)]
+    words = ["optuna-dashboard", told(str(view))]
     return shlex.join(words if artifacts is None else [*words, "--artifact-dir", str(artifacts)])
 
 

@@ -15,8 +15,15 @@ def whole(path: Path) -> Iterator[Path]:
     """Give a temporary file beside `path` to write; where the block ends well, it is synced and takes that name.
 
     So the file is either whole or absent, whenever the program or the machine stops.
+
+    Raises
+    ------
+    OSError : the folder is not there or cannot be written; it names `path`
     """
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    try:
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error
     os.close(handle)
     temporary = Path(name)
     try:

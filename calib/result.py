@@ -31,6 +31,7 @@ def summarised(
     agreement: Mapping[str, Any] | None = None,
     stopped: str = "",
     holdout: Mapping[str, Mapping[str, Any]] | None = None,
+    remarks: Sequence[str] = (),
     simulations: int | None = None,
     seconds: float = 0.0,
 ) -> dict[str, Any]:
@@ -47,6 +48,7 @@ def summarised(
     agreement : of the starts of a search by several starts
     stopped : why the search ended
     holdout : record -> what `held_out` returns
+    remarks : what else to mind, a sentence each, without its full stop
     simulations : runs of the simulator, everything counted
     seconds : wall-clock time  [s]; the only thing that differs between two runs of one study
 
@@ -76,6 +78,7 @@ def summarised(
         "agreement": _agreement(agreement),
         "holdout": dict(holdout or {}),
         "confidence": None if confidence is None else confidence.as_dict(),
+        "remarks": list(remarks),
         "best_trial": None if best is None else best.number,
         "trials": len(trials),
         "failed": sum(trial.status != OK for trial in trials),

@@ -8,6 +8,7 @@ import tokenize
 from calib.errors import CalibError, nearest
 
 MILLI = {"m": (1e3, "mm"), "s": (1e3, "ms")}  # SI unit -> factor and unit in which people read small values
+READ = {**MILLI, "1": (1.0, "")}  # the same, and nothing for a pure number
 # a number, then its unit; a comma is refused because pint drops it: '1,5 mm' would become 15 mm
 QUANTITY = re.compile(r"\s*\(?\s*[+-]?\s*(\d|\.\d|inf|nan)[\w\s.+\-*/^()%°µ]*")
 
@@ -48,6 +49,12 @@ def to_si(quantity: str | float, unit: str) -> float:
     if not given.is_compatible_with(expected):
         raise CalibError(f"expected a quantity that can be given in {unit or '1'}, got {quantity!r}; mend the unit")
     return _number(float(given.m_as(expected.units)), quantity, unit)
+
+
+def shown(value: float | None, unit: str, digits: int = 4) -> str:
+    """Write an SI value in the unit that people read: ``shown(0.00123, "m")`` is ``"1.23 mm"``."""
+    factor, name = READ.get(unit, (1.0, unit))
+    return "-" if value is None else f"{factor * value:.{digits}g} {name}".rstrip()
 
 
 def is_si(unit: str) -> bool:

@@ -1,6 +1,5 @@
 """The commands of calib, as a user types them."""
 
-import io
 import json
 import os
 import shutil
@@ -15,13 +14,11 @@ from urllib.request import Request, urlopen
 import pytest
 from click.testing import CliRunner
 from echo_study import write_study
-from rich.console import Console
 
 from calib import record as records
 from calib.cli import main
-from calib.cli.progress import Progress
-from calib.cli.tables import _measured, shown
-from calib.store import Trial, read
+from calib.cli.tables import _measured
+from calib.store import read
 
 TESTS = str(Path(__file__).parent)
 # a process in the background of a script begins deaf to Ctrl-C, and so do its children
@@ -52,15 +49,6 @@ def finished(tmp_path_factory):
 
 
 # --- help
-
-
-def test_help_answers_at_once():
-    calls = []
-    for _ in range(3):
-        begin = time.perf_counter()
-        subprocess.run([sys.executable, "-c", "from calib.cli import main; main()", "--help"], check=True, stdout=-3)
-        calls.append(time.perf_counter() - begin)
-    assert min(calls) < 0.5
 
 
 def test_help_imports_nothing_heavy():
@@ -337,6 +325,12 @@ def test_list_says_more_about_one(name, said):
     assert said in calib("list", name).stdout
 
 
+def test_list_as_json_names_the_parameters_with_their_units():
+    assert "four_dof" in json.loads(calib("list", "--json").stdout)["simulators"]
+    four_dof = json.loads(calib("list", "four_dof", "--json").stdout)
+    assert next(p for p in four_dof["parameters"] if p["name"] == "gap")["unit"] == "m"
+
+
 def test_list_of_an_unknown_name():
     assert "did you mean 'four_dof'?" in calib("list", "fourdof", code=1).stderr
 
@@ -345,33 +339,7 @@ def test_the_schema_is_json():
     assert "properties" in json.loads(calib("list", "--schema").stdout)
 
 
-# --- progress and tables
-
-
-class Clock:
-    now = 0.0
-
-    def __call__(self):
-        return self.now
-
-
-def test_without_a_terminal_a_line_comes_every_few_seconds(capsys):
-    clock = Clock()
-    with Progress(100, console=Console(stderr=True, width=200), clock=clock) as progress:
-        for number in range(20):
-            clock.now += 1.0
-            trial = Trial(number, [0.5], {}, 1.0 / (number + 1), kind="period-1", phase="search")
-            progress.trial(trial, trial, number + 1)
-    lines = capsys.readouterr().err.splitlines()
-    assert 3 <= len(lines) <= 5
-    assert "best 0.05 (period-1)  1 trials/s  0 failed  at most 1:20 left" in lines[-1]
-
-
-@pytest.mark.parametrize(
-    ("value", "unit", "text"), [(1.5e-3, "m", "1.5 mm"), (0.2, "1", "0.2"), (26.24, "Hz", "26.24 Hz"), (None, "m", "-")]
-)
-def test_values_are_shown_in_units_that_people_read(value, unit, text):
-    assert shown(value, unit) == text
+# --- tables
 
 
 @pytest.mark.parametrize(
@@ -386,25 +354,3 @@ def test_values_are_shown_in_units_that_people_read(value, unit, text):
 )
 def test_a_value_has_the_digits_of_its_error(value, error, unit, texts):
     assert _measured(value, error, unit) == texts
-
-
-@pytest.mark.parametrize(
-    ("amplitudes", "said"),
-    [
-        ([1.5e-3, 1.8e-3], "no point of the screen reaches displacement amplitude of bob in swing: measured 1 mm, "
-                           "nearest 1.5 mm (50 % off)"),
-        ([0.8e-3, 1.8e-3], "the screen reaches every measured feature"),
-    ],
-)  # fmt: skip
-def test_what_the_screen_does_not_reach_is_said_before_the_search(amplitudes, said):
-    console = Console(file=io.StringIO(), width=200)
-    progress = Progress(10, console=console)
-    feature = {"label": "displacement amplitude", "record": "swing", "body": "bob", "unit": "m", "measured": 1e-3,
-               "tolerance": 2e-5}  # fmt: skip
-    for number, amplitude in enumerate(amplitudes):
-        trial = Trial(number, [0.5], {}, 0.1, features=[{**feature, "simulated": amplitude}], phase="screen")
-        progress.stage("screen")
-        progress.trial(trial, trial, number + 1)
-    assert said not in console.file.getvalue()
-    progress.trial(Trial(2, [0.5], {}, 0.1, phase="search"), trial, 3)
-    assert console.file.getvalue().count(said) == 1

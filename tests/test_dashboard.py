@@ -175,3 +175,9 @@ def test_the_plain_command_names_file_and_pictures():
     assert plain_command("out/optuna.log", "out/arte facts") == (
         "optuna-dashboard out/optuna.log --artifact-dir 'out/arte facts'"
     )
+
+
+def test_the_plain_command_tells_no_password():
+    said = plain_command("postgresql+psycopg2://me:secret@server/lab")
+    assert "secret" not in said
+    assert "me:***@server/lab" in said

@@ -42,3 +42,10 @@ def test_ctrl_c_just_after_the_file_took_its_name_is_no_failure_to_write(tmp_pat
     with pytest.raises(KeyboardInterrupt):
         written(tmp_path / "new.txt", "all of it")
     assert (tmp_path / "new.txt").read_text() == "all of it"
+
+
+def test_a_folder_that_is_not_there_is_told_by_the_name_of_the_file(tmp_path):
+    path = tmp_path / "nowhere" / "new.txt"
+    with pytest.raises(FileNotFoundError) as raised:
+        written(path, "all of it")
+    assert raised.value.filename == str(path)

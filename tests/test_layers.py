@@ -11,7 +11,7 @@ STOREYS = [
     ["simulators", "effects", "features", "optimisers"],
     ["plugins", "model", "objective", "store", "pool"],
     ["study", "confidence", "result"],
-    ["study_toml", "report", "dashboard", "cli", "__main__", "testing"],
+    ["study_toml", "report", "progress", "calibrate", "dashboard", "cli", "__main__", "testing"],
 ]
 FAMILIES = set(STOREYS[1])
 ORDER = [room for storey in STOREYS for room in storey]

@@ -295,9 +295,9 @@ def test_the_best_record_says_where_it_comes_from(tmp_path):
 def test_of_several_records_each_is_a_file(tmp_path):
     with Store(tmp_path, view=None) as store:
         store.open(HEADER)
-        store.append(trial(0), records(0, ("sweep", "decay", "a/b")))
-    assert kept(tmp_path) == ["000000", "000000-a_b", "000000-decay"]
-    assert {p.name for p in tmp_path.glob("best*")} == {"best.nc", "best-a_b.nc", "best-decay.nc"}
+        store.append(trial(0), records(0, ("sweep", "decay", "a b", "a/b", "a_b")))
+    assert kept(tmp_path) == ["000000", "000000-a%20b", "000000-a%2Fb", "000000-a_b", "000000-decay"]
+    assert {p.name for p in tmp_path.glob("best-a*")} == {"best-a%20b.nc", "best-a%2Fb.nc", "best-a_b.nc"}
     assert record.read(tmp_path / "best.nc").attrs["record"] == "sweep"
 
 
@@ -378,7 +378,7 @@ def test_the_lock_of_a_killed_writer_does_not_hold_the_study_up(tmp_path):
     os.symlink(tmp_path / "optuna.log", tmp_path / "optuna.log.lock")
     start = os.times().elapsed
     filled(tmp_path, [trial(1)], view="journal")
-    assert os.times().elapsed - start < 5.0
+    assert os.times().elapsed - start < 20.0  # s; optuna itself waits 30
     assert len(viewed(tmp_path)) == 2
 
 

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from calib.errors import CalibError
-from calib.units import to_si
+from calib.units import shown, to_si
 
 
 @pytest.mark.parametrize(
@@ -66,3 +66,10 @@ def test_hertz_is_never_converted_to_another_rate(text, unit):
 def test_a_mistake_is_answered_with_what_was_expected(text, unit, says):
     with pytest.raises(CalibError, match=says.replace("(", r"\(")):
         to_si(text, unit)
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "text"), [(1.5e-3, "m", "1.5 mm"), (0.2, "1", "0.2"), (26.24, "Hz", "26.24 Hz"), (None, "m", "-")]
+)
+def test_values_are_shown_in_units_that_people_read(value, unit, text):
+    assert shown(value, unit) == text

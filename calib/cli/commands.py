@@ -6,6 +6,7 @@ import shlex
 import sys
 import warnings
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 
 import click
@@ -85,27 +86,22 @@ def run(study: Path, out: Path | None, jobs: int | None, budget: int | None, fre
 
     Exit code: 0 done, 1 a mistake in the study, 3 stopped by you, 4 no trial ended well.
     """
-    from calib.cli.calibrate import calibrate  # see above
-    from calib.cli.progress import Progress
+    from calib.calibrate import calibrate  # see above
+    from calib.cli.standing import folder_of
     from calib.cli.tables import show_result
     from calib.record import OK
-    from calib.study_toml import load
 
-    file = load(study, budget=budget, jobs=jobs)
-    folder = out or file.folder
-    with Progress(file.study.budget, quiet=quiet) as progress:
-        try:
-            found = calibrate(file, folder, progress, fresh=fresh)
-        except KeyboardInterrupt:
-            progress.stop()
-            given = [("--out", out), ("--budget", budget), ("--jobs", jobs)]
-            again = shlex.join(["calib", "run", str(study), *(str(x) for pair in given if pair[1] for x in pair)])
-            click.echo(f"\nstopped; every finished trial is kept. Go on with:  {again}", err=True)
-            sys.exit(STOPPED)
+    try:
+        found = calibrate(study, out, budget=budget, jobs=jobs, fresh=fresh, quiet=quiet)
+    except KeyboardInterrupt:
+        given = [("--out", out), ("--budget", budget), ("--jobs", jobs)]
+        again = shlex.join(["calib", "run", str(study), *(str(x) for pair in given if pair[1] for x in pair)])
+        click.echo(f"\nstopped; every finished trial is kept. Go on with:  {again}", err=True)
+        sys.exit(STOPPED)
     if as_json:
         click.echo(json.dumps(found, indent=2, allow_nan=False))
     elif not quiet:
-        show_result(found, folder)
+        show_result(found, folder_of(study, out))
     sys.exit(DONE if found["status"] == OK else NOTHING)
 
 
@@ -157,7 +153,7 @@ def simulate(study: Path, settings: tuple[str, ...], record: str | None, output:
 @_mendable
 def report(study: Path, out: Path | None):
     """Write report.html of STUDY anew from the trials made so far."""
-    from calib.cli.calibrate import rebuild  # see above
+    from calib.calibrate import rebuild  # see above
 
     click.echo(str(rebuild(study, out)))
 
@@ -183,19 +179,27 @@ def dashboard(study: Path, out: Path | None, port: int):
 @main.command(name="list", short_help="Simulators, effects, features and optimisers there are.")
 @click.argument("name", required=False)
 @click.option("--schema", is_flag=True, help="Print the JSON schema of a study file, for editors.")
+@JSON
 @_mendable
-def list_(name: str | None, schema: bool):
+def list_(name: str | None, schema: bool, as_json: bool):
     """List the simulators, effects, features and optimisers there are; with NAME, say more about one.
 
     \b
     Example:  calib list four_dof
     """
     from calib.cli import catalogue, tables  # see above
+    from calib.store.plain import plain
 
     if schema:
         click.echo(catalogue.schema())
     elif name is None:
-        tables.show_catalogue(catalogue.catalogue())
+        found = catalogue.catalogue()
+        click.echo(json.dumps(found, indent=2)) if as_json else tables.show_catalogue(found)
     else:
         thing = catalogue.thing(name)
-        tables.show_thing(catalogue.facts(thing), catalogue.parameters(thing))
+        facts, parameters = dict(catalogue.facts(thing)), catalogue.parameters(thing)
+        if as_json:
+            listed = [plain(asdict(parameter)) for parameter in parameters]
+            click.echo(json.dumps({**facts, "parameters": listed}, indent=2, allow_nan=False))
+        else:
+            tables.show_thing(facts.items(), parameters)

@@ -7,7 +7,6 @@ from pathlib import Path
 import click
 import xarray as xr
 
-from calib.cli.tables import shown
 from calib.cycles import kind_of_motion
 from calib.errors import CalibError, nearest
 from calib.model import Model
@@ -17,7 +16,7 @@ from calib.pool import REFUSED, Failure, LocalPool
 from calib.record import OK, channels, failed, write
 from calib.report.figures import simulation_picture
 from calib.study_toml import StudyFile, load
-from calib.units import to_si
+from calib.units import shown, to_si
 
 
 def simulate_once(study: Path, settings: Sequence[str], record: str | None, output: Path) -> bool:

@@ -11,17 +11,11 @@ from rich.table import Table
 
 from calib.parameter import Parameter
 from calib.record import OK
-from calib.units import MILLI
+from calib.study import missed
+from calib.units import READ, shown
 
-ENGINEERING = {**MILLI, "1": (1.0, "")}  # SI unit -> factor and unit that people read
 MOST_DECIMALS = 6  # beyond, a number is written with a power of ten
 WIDTH = 120  # columns, where the output is no terminal
-
-
-def shown(value: float | None, unit: str, digits: int = 4) -> str:
-    """Write an SI value in the unit that people read: ``shown(0.00123, "m")`` is ``"1.23 mm"``."""
-    factor, name = ENGINEERING.get(unit, (1.0, unit))
-    return "-" if value is None else f"{factor * value:.{digits}g} {name}".rstrip()
 
 
 def show_result(found: Mapping[str, Any], folder: Path, console: Console | None = None) -> None:
@@ -70,7 +64,7 @@ def _measured(value: float, error: float | None, unit: str) -> tuple[str, str]:
     """Write value and error with as many decimals as the error's second digit has."""
     if not error:
         return shown(value, unit, 6), "-"
-    factor, name = ENGINEERING.get(unit, (1.0, unit))
+    factor, name = READ.get(unit, (1.0, unit))
     value, error = factor * value, factor * error
     decimals = max(0, 1 - math.floor(math.log10(error)))
     form = f".{decimals}f"
@@ -103,22 +97,12 @@ def _remarks(found: Mapping[str, Any]) -> list[str]:
         lines.append(f"[yellow]no intervals:[/] {escape((confidence or {}).get('reason', 'not worked out'))}")
     for reach in found["unreachable"]:
         which = (reach[key] for key in ("feature", "body", "record", "unit", "measured", "nearest", "percent"))
-        lines.append(f"[yellow]no point of the window reaches[/] {missed(*which)}")
+        lines.append(f"[yellow]no point of the window reaches[/] {escape(missed(*which))}")
+    lines += [f"[yellow]mind:[/] {escape(remark)}" for remark in found["remarks"]]
     agreement = found["agreement"] or {}
     if {"starts", "agree"} <= set(agreement):
         lines.append(f"{agreement['agree']} of {agreement['starts']} starts of the search ended at this point")
     return lines
-
-
-def missed(
-    feature: str, body: str, record: str, unit: str, measured: float, nearest: float | None, percent: float | None
-) -> str:
-    """Say which measured feature is not reached, and how far off the nearest is (rich markup)."""
-    off = "" if percent is None else f" ({percent:.3g} % off)"
-    return (
-        f"{escape(feature)} of {escape(body or '')} in {escape(record)}: "
-        f"measured {shown(measured, unit)}, nearest {shown(nearest, unit)}{off}"
-    )
 
 
 def show_standing(said: Mapping[str, Any]) -> None:

@@ -85,6 +85,12 @@ class Objective:
             terms.append(replace(term, records=kept or None))
         return Objective(scored, terms)
 
+    def with_free_trigger(self, name: str) -> "Objective":
+        """Return the same comparison with the trigger of the reference `name` among its nuisances."""
+        reference = self.references[name]
+        freed = replace(reference, nuisance=(*reference.nuisance, "trigger"))
+        return Objective({**self.references, name: freed}, self.terms)
+
     def __call__(self, records: Mapping[str, xr.Dataset]) -> Score:
         """Score the simulated records, one for each scored reference; a failed one makes the total infinite."""
         bad = self._first_failure(records)

@@ -1,5 +1,5 @@
 """One study as one page that opens offline and prints."""
 
-from calib.report.page import render, write
+from calib.report.page import render
 
-__all__ = ["render", "write"]
+__all__ = ["render"]

@@ -4,14 +4,12 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from importlib import resources
-from pathlib import Path
 from typing import Any
 
 import xarray as xr
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
-from calib.files import whole
 from calib.report import drawing, figures, residuals, search, tables
 from calib.report.verdict import verdict
 from calib.report.words import number
@@ -40,6 +38,7 @@ def render(
     records: Mapping[str, xr.Dataset],
     result: Mapping[str, Any],
     command: str = "calib run study.toml",
+    header: Mapping[str, Any] | None = None,
 ) -> str:
     """HTML of the report, self-contained.
 
@@ -50,6 +49,7 @@ def render(
     records : name of a reference -> record simulated at the best values, failed ones too; may be empty
     result : what result.json holds (see `calib.result`); what is not in it is left out of the page
     command : the command that makes it again
+    header : of the ledger; read are versions and processor
     """
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters["number"] = number
@@ -70,25 +70,9 @@ def render(
         search=_search(study, trials, best),
         failures=tables.failures(trials),
         nuisances=tables.nuisances(result),
-        provenance=tables.provenance(study, result, command),
+        provenance=tables.provenance(study, result, command, header or {}),
         definition=json.dumps(study.definition, indent=2, default=str, ensure_ascii=False),
     )
-
-
-def write(
-    path: str | Path,
-    study,
-    trials: Sequence,
-    records: Mapping[str, xr.Dataset],
-    result: Mapping[str, Any],
-    command: str = "calib run study.toml",
-) -> Path:
-    """Write the page so that the file is either whole or absent; arguments as for `render`."""
-    path = Path(path)
-    text = render(study, trials, records, result, command)
-    with whole(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-    return path
 
 
 # --- sections ------------------------------------------------------------------------------------------------------

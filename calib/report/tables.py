@@ -1,6 +1,5 @@
 """The rows of the page's tables."""
 
-import platform
 import re
 from datetime import UTC, datetime
 from typing import Any
@@ -12,7 +11,6 @@ from calib.parameter import Window
 from calib.record import OK
 from calib.report import drawing
 from calib.report.words import measured_number, number
-from calib.store.environment import environment
 from calib.units import MILLI
 
 
@@ -162,9 +160,8 @@ def nuisances(result) -> list[dict[str, Any]]:
     return rows
 
 
-def provenance(study, result, command) -> dict[str, Any]:
+def provenance(study, result, command, header) -> dict[str, Any]:
     """Everything that is needed to make the page again, by what it is called."""
-    here = environment()
     rows = {
         "Command": command,
         "Model": study.model.name,
@@ -178,7 +175,8 @@ def provenance(study, result, command) -> dict[str, Any]:
         rows["Wall-clock time"] = f"{result['seconds']:.1f} s"
     if result.get("stopped"):
         rows["Search ended"] = result["stopped"]
-    rows["Versions"] = ", ".join(f"{name} {version}" for name, version in here["versions"].items())
-    rows["Machine"] = f"{here['processor']}, {platform.system()}"
+    if header:
+        rows["Versions"] = ", ".join(f"{name} {version}" for name, version in header["versions"].items())
+        rows["Processor"] = header["processor"]
     rows["Page written"] = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
     return rows

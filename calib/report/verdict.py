@@ -35,13 +35,15 @@ def verdict(result: Mapping[str, Any]) -> dict[str, Any]:
             "A better value may lie outside."
         )
     points += [f"{g['text']}." for g in result.get("undetermined", ())]
+    remarks = result.get("remarks") or []
+    points += [f"{remark[0].upper()}{remark[1:]}." for remark in remarks]
     confidence = result.get("confidence") or {}
     if confidence.get("status") == "not available":
         points.append(f"No standard errors: {confidence['reason']}.")
     elif confidence.get("reason"):
         points.append(f"Mind: {confidence['reason']}.")
     lost = [name for name, found in (result.get("holdout") or {}).items() if found.get("distance") is None]
-    tone = "bad" if wrong else "mind" if missed or edges or lost else "good"
+    tone = "bad" if wrong else "mind" if missed or edges or lost or remarks else "good"
     headline = f"Best simulation at a distance of {number(total, 3)} from the measurement."
     if wrong:
         headline = f"{headline[:-1]}, but of another kind of motion."

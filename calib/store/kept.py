@@ -1,11 +1,11 @@
 """The records of the trials worth keeping, and the best one."""
 
 import json
-import re
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal, get_args
+from urllib.parse import quote
 
 import xarray as xr
 
@@ -21,9 +21,9 @@ KEEP = get_args(Keep)
 class Kept:
     """`records/` and `best.nc` of a study's folder.
 
-    The first record of a trial lies in `records/<number>.nc`, further ones in `records/<number>-<record>.nc`; those of
-    the best trial also in `best.nc` and `best-<record>.nc`. Each file is a record by itself, whole or absent. Its
-    attribute `provenance` holds values, score, study, versions and processor as one JSON text.
+    The first record of a trial lies in `records/<number>.nc`, further ones in `records/<number>-<record>.nc` (the name
+    percent-encoded); those of the best trial also in `best.nc` and `best-<record>.nc`. Each file is a record by itself,
+    whole or absent. Its attribute `provenance` holds values, score, study, versions and processor as one JSON text.
     """
 
     def __init__(self, folder: Path, keep: Keep):
@@ -49,7 +49,7 @@ class Kept:
         text = json.dumps(provenance)
         with mendable(self._records):
             for index, (name, record) in enumerate(records.items()):
-                stem = f"{number:06d}" if index == 0 else f"{number:06d}-" + re.sub(r"[^\w.+-]", "_", name)
+                stem = f"{number:06d}" if index == 0 else f"{number:06d}-" + quote(name, safe="")
                 stamped = record.assign_attrs(trial=number, record=name, provenance=text)
                 write(stamped, self._records / f"{stem}.nc")
 

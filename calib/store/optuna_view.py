@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import re
 import time
 import uuid
 import warnings
@@ -25,6 +26,7 @@ from calib.store.trial import Trial
 
 JOURNAL, ARTIFACTS = "optuna.log", "artifacts"
 BATCH, PATIENCE = 16, 2.0  # trials, s: how far the view may lag behind the ledger
+PASSWORD = re.compile(r"(?<=:)[^:/@]+(?=@)")  # of a URL
 STALE = 2.0  # s, age at which a journal's lock can only be that of a dead process
 
 
@@ -33,6 +35,11 @@ def storage(folder: str | Path, view: str = "journal") -> BaseStorage:
     if view == "journal":
         return JournalStorage(_Journal(Path(folder).resolve() / JOURNAL))
     return get_storage(view)
+
+
+def told(view: str) -> str:
+    """Address of a view as it may be told: without its password."""
+    return PASSWORD.sub("***", view)
 
 
 class _Journal(JournalFileBackend):

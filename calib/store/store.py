@@ -1,6 +1,5 @@
 """The folder of one study."""
 
-import re
 import warnings
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
@@ -11,10 +10,9 @@ import xarray as xr
 from calib.store.kept import Keep, Kept
 from calib.store.ledger import RESIDUALS, TRIALS, Ledger, mendable
 from calib.store.lock import Lock
-from calib.store.optuna_view import ARTIFACTS, JOURNAL, OptunaView
+from calib.store.optuna_view import ARTIFACTS, JOURNAL, OptunaView, told
 from calib.store.trial import Trial, best
 
-PASSWORD = re.compile(r"(?<=:)[^:/@]+(?=@)")  # of a URL: none is told
 Picture = Callable[[Trial, Mapping[str, xr.Dataset]], bytes]
 
 
@@ -141,7 +139,7 @@ class Store:
             deed()
         except Exception as error:  # databases fail in many ways, and none of them is the study's business
             self._view = None
-            name = PASSWORD.sub("***", self._view_name)
+            name = told(self._view_name)
             warnings.warn(
                 f"the Optuna view ({name}) failed: {type(error).__name__}: {error}; the study goes on "
                 "without it, the ledger has all trials, and the view is mended when the study is next opened",

@@ -2,7 +2,7 @@
 
 from calib.study.contracts import Optimiser, Outcome, Pool, StoreContract
 from calib.study.evaluation import Evaluation, evaluate, outcome
-from calib.study.reachability import Reach, reach
+from calib.study.reachability import Reach, missed, reach
 from calib.study.search import BUDGET
 from calib.study.study import INTERRUPTED, Result, Study
 
@@ -18,6 +18,7 @@ __all__ = [
     "StoreContract",
     "Study",
     "evaluate",
+    "missed",
     "outcome",
     "reach",
 ]

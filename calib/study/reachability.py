@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from calib.store import Trial
+from calib.units import shown
 
 
 @dataclass(frozen=True)
@@ -65,3 +66,11 @@ def _reach(features: list[dict]) -> Reach:
         off=off,
         reached=off <= tolerance,
     )
+
+
+def missed(
+    feature: str, body: str, record: str, unit: str, measured: float, nearest: float | None, percent: float | None
+) -> str:
+    """Say which measured feature is not reached, and how far off the nearest value is."""
+    off = "" if percent is None else f" ({percent:.3g} % off)"
+    return f"{feature} of {body} in {record}: measured {shown(measured, unit)}, nearest {shown(nearest, unit)}{off}"

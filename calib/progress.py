@@ -4,14 +4,14 @@ import time
 from collections.abc import Callable, Sequence
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, SpinnerColumn, TextColumn
 from rich.progress import Progress as Bars
 
-from calib.cli.tables import missed
 from calib.record import OK
 from calib.store import Trial
 from calib.store.trial import best
-from calib.study import reach
+from calib.study import missed, reach
 
 INTERVAL = 5.0  # s between two lines where there is no terminal
 MEMORY = 20.0  # s over which the rate of trials is taken
@@ -51,10 +51,6 @@ class Progress:
         return self
 
     def __exit__(self, *_):
-        self.stop()
-
-    def stop(self) -> None:
-        """Take the live line away."""
         if self._bars is not None:
             self._bars.stop()
             self._bars = None
@@ -94,7 +90,7 @@ class Progress:
         away = [r for r in found if not r.reached]
         for r in away:
             said = missed(r.label, r.body, r.record, r.unit, r.measured, r.nearest, r.percent)
-            self._console.print(f"[yellow]no point of the screen reaches[/] {said}", soft_wrap=True)
+            self._console.print(f"[yellow]no point of the screen reaches[/] {escape(said)}", soft_wrap=True)
         if not away:
             self._console.print("the screen reaches every measured feature")
 

@@ -12,36 +12,59 @@ from typing import Any
 import xarray as xr
 
 from calib import result
-from calib.cli.progress import Progress
-from calib.cli.standing import folder_of
 from calib.confidence import Confidence, around_best
 from calib.errors import CalibError
+from calib.files import whole
 from calib.model import Model
-from calib.objective import Objective, Score
+from calib.objective import Objective, Reference, Score
 from calib.pool import Failure, LocalPool, in_order
-from calib.record import failed
-from calib.report import figures
-from calib.report import write as write_report
+from calib.progress import Progress
+from calib.record import OK, failed
+from calib.report import figures, render
 from calib.store import Store, Trial, read
 from calib.store.trial import best
 from calib.study import INTERRUPTED, Evaluation, evaluate, reach
 from calib.study_toml import StudyFile, load
 
+MUCH = 0.5  # of the distance; where a free trigger takes it below, this is said
 CALIBRATED = ""  # beside the names of the records held out: all calibrated records together
 
 
-def calibrate(file: StudyFile, folder: Path, progress: Progress, fresh: bool = False) -> dict[str, Any]:
-    """Run a study to its end, or go on with it, and write result.json and report.html into `folder`.
+def calibrate(
+    path: str | Path,
+    out: str | Path | None = None,
+    *,
+    budget: int | None = None,
+    jobs: int | None = None,
+    fresh: bool = False,
+    quiet: bool = False,
+) -> dict[str, Any]:
+    """Run a study to its end, or go on with it, and write what it found: `calib run` from Python.
+
+    Parameters
+    ----------
+    path : study file, or a folder with a study.toml
+    out : folder of the results (trials.jsonl, result.json, report.html, best.nc, ...); None: out/ beside the study file
+    budget, jobs : take the place of the file's
+    fresh : forget the trials made so far
+    quiet : no progress on stderr
 
     Returns
     -------
-    what result.json says
+    what result.json says: values and intervals in SI, score, kind of motion, records held out
 
     Raises
     ------
     KeyboardInterrupt : stopped by Ctrl-C; the trials are kept
-    CalibError : the folder belongs to another study or cannot be written
+    CalibError : a mistake in the study file; the folder belongs to another study or cannot be written
     """
+    file = load(path, budget=budget, jobs=jobs)
+    folder = file.folder if out is None else Path(out)
+    with Progress(file.study.budget, quiet=quiet) as progress:
+        return _calibrate(file, folder, progress, fresh)
+
+
+def _calibrate(file: StudyFile, folder: Path, progress: Progress, fresh: bool) -> dict[str, Any]:
     begin = time.monotonic()
     study = file.study
     if not fresh:
@@ -58,7 +81,8 @@ def calibrate(file: StudyFile, folder: Path, progress: Progress, fresh: bool = F
             [final[CALIBRATED]] = in_order(pool, [found.best.values])
             confidence = around_best(study, pool, found.best, final[CALIBRATED])
     if found.best is not None:
-        progress.stage("hold-out")
+        if _held(file):
+            progress.stage("hold-out")
         final |= _held_out(file, found.best.values)
     said = result.summarised(
         study,
@@ -70,12 +94,13 @@ def calibrate(file: StudyFile, folder: Path, progress: Progress, fresh: bool = F
         agreement=found.agreement,
         stopped=found.stopped,
         holdout=_said_of_others(final),
+        remarks=_remarks(study.objective, final.get(CALIBRATED)),
         simulations=_simulations(file, found.trials, confidence),
         seconds=time.monotonic() - begin,
     )
     progress.stage("report")
     result.write(said, folder)
-    _report(file, folder, found.trials, final, said)
+    _report(file, folder, store.header, found.trials, final, said)
     return said
 
 
@@ -86,11 +111,11 @@ def _earlier(folder: Path) -> list[Trial]:
     return []
 
 
-def rebuild(study: Path, out: Path | None) -> Path:
+def rebuild(path: str | Path, out: str | Path | None = None) -> Path:
     """Write report.html anew from what lies in the folder of a study, and return its path."""
-    file = load(study)
-    folder = folder_of(study, out)
-    _, trials = read(folder, file.study.header["definition"])
+    file = load(path)
+    folder = file.folder if out is None else Path(out)
+    header, trials = read(folder, file.study.header["definition"])
     trials.sort(key=lambda trial: trial.number)
     top = best(trials)
     final = {} if top is None else _held_out(file, top.values, with_calibrated=True)
@@ -103,12 +128,17 @@ def rebuild(study: Path, out: Path | None) -> Path:
             score=_scores(final).get(CALIBRATED),
             reach=reach(trials),
             holdout=_said_of_others(final),
+            remarks=_remarks(file.study.objective, final.get(CALIBRATED)),
             stopped="not finished",
         )
-    return _report(file, folder, trials, final, said)
+    return _report(file, folder, header, trials, final, said)
 
 
 # --- the records held out --------------------------------------------------------------------------------------------
+
+
+def _held(file: StudyFile) -> dict[str, Reference]:
+    return {name: reference for name, reference in file.others.items() if reference.use == "holdout"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,8 +156,7 @@ def _held_out(
     study = file.study
     judged = {
         name: _Judged(study.model, study.objective.on({name: reference}))
-        for name, reference in file.others.items()
-        if reference.use == "holdout"
+        for name, reference in _held(file).items()
     }
     if with_calibrated:
         judged[CALIBRATED] = _Judged(study.model, study.objective)
@@ -156,11 +185,27 @@ def _said_of_others(final: Mapping[str, Evaluation | Failure]) -> dict[str, dict
     }
 
 
+def _remarks(objective: Objective, answer: Evaluation | Failure | None) -> list[str]:
+    """Name the records that fit far better when it is left open at which instant they start."""
+    if not isinstance(answer, Evaluation) or answer.score.status != OK:
+        return []
+    remarks, total = [], answer.score.total
+    for name in objective.scored:
+        reference = objective.references[name]
+        if reference.excitation.periodic and "trigger" not in reference.nuisance:
+            freed = objective.with_free_trigger(name)(answer.records).total
+            if freed < MUCH * total:
+                remarks.append(
+                    f"were {name} to start at another instant of its period, the distance would be {freed:.2g} instead "
+                    f'of {total:.2g}: give it nuisance = ["trigger"] unless its start is known'
+                )
+    return remarks
+
+
 def _simulations(file: StudyFile, trials: Sequence[Trial], confidence: Confidence | None) -> int:
     each = len(file.study.objective.references)
     neighbours = 0 if confidence is None else confidence.evaluations
-    held = sum(reference.use == "holdout" for reference in file.others.values())
-    return each * (len(trials) + neighbours) + (each + held if confidence is not None else 0)
+    return each * (len(trials) + neighbours) + (each + len(_held(file)) if confidence is not None else 0)
 
 
 # --- the page --------------------------------------------------------------------------------------------------------
@@ -169,6 +214,7 @@ def _simulations(file: StudyFile, trials: Sequence[Trial], confidence: Confidenc
 def _report(
     file: StudyFile,
     folder: Path,
+    header: Mapping[str, Any],
     trials: Sequence[Trial],
     final: Mapping[str, Evaluation | Failure],
     said: Mapping[str, Any],
@@ -182,4 +228,8 @@ def _report(
         elif name != CALIBRATED:
             records[name] = failed(study.model.bodies, answer.status, answer.reason)
     shown = replace(study, objective=Objective(known, study.objective.terms))
-    return write_report(folder / "report.html", shown, trials, records, said, command=f"calib run {file.path}")
+    page = render(shown, trials, records, said, f"calib run {file.path}", header)
+    path = folder / "report.html"
+    with whole(path) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+    return path
