@@ -7,6 +7,8 @@ from calib.cycles import NOT_PERIODIC
 from calib.report.tables import unreachable
 from calib.report.words import count, number
 
+LARGE = 0.05  # a distance that is no agreement, 0.10 being a curve 10 % too large
+
 
 def verdict(result: Mapping[str, Any]) -> dict[str, Any]:
     """Say in sentences what was found: {"tone": "good" | "mind" | "bad", "headline": str, "points": [str]}."""
@@ -35,6 +37,9 @@ def verdict(result: Mapping[str, Any]) -> dict[str, Any]:
             "A better value may lie outside."
         )
     points += [f"{g['text']}." for g in result.get("undetermined", ())]
+    much = total > LARGE
+    if much:
+        points.append(f"More than {100.0 * LARGE:.0f} % is left unexplained; see below what the simulation leaves.")
     remarks = result.get("remarks") or []
     points += [f"{remark[0].upper()}{remark[1:]}." for remark in remarks]
     confidence = result.get("confidence") or {}
@@ -43,7 +48,7 @@ def verdict(result: Mapping[str, Any]) -> dict[str, Any]:
     elif confidence.get("reason"):
         points.append(f"Mind: {confidence['reason']}.")
     lost = [name for name, found in (result.get("holdout") or {}).items() if found.get("distance") is None]
-    tone = "bad" if wrong else "mind" if missed or edges or lost or remarks else "good"
+    tone = "bad" if wrong else "mind" if missed or edges or lost or remarks or much else "good"
     headline = f"Best simulation at a distance of {number(total, 3)} from the measurement."
     if wrong:
         headline = f"{headline[:-1]}, but of another kind of motion."

@@ -119,6 +119,13 @@ def test_another_kind_of_motion_comes_before_any_distance(periodic):
     assert "period 2, which is not the measured kind in clapping" in said["points"][0]
 
 
+@pytest.mark.parametrize(("total", "tone"), [(0.02, "good"), (0.14, "mind")])
+def test_a_large_distance_is_no_agreement(total, tone):
+    said = verdict({"score": {"total": total}, "motion": {"kind": "period-1", "wrong": []}})
+    assert said["tone"] == tone
+    assert ("left unexplained" in " ".join(said["points"])) == (tone == "mind")
+
+
 def test_a_study_without_a_score_says_so(hopeless):
     text = words(render(*hopeless.arguments))
     assert "No trial ended with a score" in text
