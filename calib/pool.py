@@ -11,7 +11,6 @@ import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import get_context, parent_process, resource_tracker, spawn
@@ -23,6 +22,7 @@ from typing import Any
 from pebble import ProcessExpired, ProcessPool
 
 from calib.errors import CalibError
+from calib.interrupt import uninterrupted
 
 STARTUP = 120.0  # s, allowance of a worker's first call: imports and compiling of kernels
 RESTART = 10.0  # s, least allowance of a later worker's first call: what was compiled is loaded then
@@ -209,7 +209,7 @@ class _Slot:
             self._limit += self._startup.seconds
         self._since = time.perf_counter()
         try:
-            with _no_interrupts():  # the processes started here inherit it: Ctrl-C is the parent's business
+            with uninterrupted():  # a process whose start is broken off would be known to nobody, and complain alone
                 self._future = self._pool.schedule(_call, args=(self._payload,), timeout=self._limit)
         except BrokenProcessPool as error:  # the process could not even be started
             self._future = Future()
@@ -375,7 +375,7 @@ def _start_server(modules: list[str]) -> None:
         set_forkserver_preload(modules)
         try:
             resource_tracker.ensure_running()  # first: it unblocks SIGINT when it starts
-            with _no_interrupts():
+            with uninterrupted():
                 ensure_running()
         finally:
             for name, value in before.items():
@@ -383,13 +383,3 @@ def _start_server(modules: list[str]) -> None:
                     del os.environ[name]
                 else:
                     os.environ[name] = value
-
-
-@contextmanager
-def _no_interrupts():
-    """Hold SIGINT back in this thread and in the threads and processes started meanwhile."""
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)

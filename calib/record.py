@@ -8,6 +8,7 @@ import xarray as xr
 
 from calib.errors import CalibError, nearest
 from calib.files import whole
+from calib.interrupt import uninterrupted
 
 CHANNELS = {"displacement": "m", "velocity": "m/s", "force": "N"}  # the usual ones; others state their own unit
 STATE = ("displacement", "velocity")  # what a phase curve and a section are made of
@@ -169,7 +170,8 @@ def read(path: str | Path) -> xr.Dataset:
     if not path.exists():
         raise CalibError(f"{path}: no such file")
     try:
-        with xr.open_dataset(path, engine="netcdf4", decode_times=False) as stored:
+        # interrupted while it takes its locks, xarray would wait for itself for ever
+        with uninterrupted(), xr.open_dataset(path, engine="netcdf4", decode_times=False) as stored:
             record = stored.load()
     except (OSError, ValueError, RuntimeError) as error:
         raise CalibError(f"{path}: not a readable netCDF file ({error}); it may be truncated: make it again") from error
@@ -179,5 +181,5 @@ def read(path: str | Path) -> xr.Dataset:
 
 def write(record: xr.Dataset, path: str | Path) -> None:
     """Write a record as netCDF-4 so that the file is either whole or absent."""
-    with whole(Path(path)) as temporary:
+    with whole(Path(path)) as temporary, uninterrupted():  # as in `read`
         record.to_netcdf(temporary, engine="netcdf4")

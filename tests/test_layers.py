@@ -7,11 +7,14 @@ import calib
 
 ROOT = Path(calib.__file__).parent
 STOREYS = [
-    ["errors", "files", "parameter", "units", "excitation", "record", "filter", "table", "cycles", "laws", "effect"],
-    ["simulators", "effects", "features", "optimisers"],
-    ["plugins", "model", "objective", "store", "pool"],
-    ["study", "confidence", "result"],
-    ["study_toml", "report", "progress", "calibrate", "dashboard", "cli", "__main__", "testing"],
+    row.split()
+    for row in (
+        "errors interrupt files parameter units excitation record filter table cycles laws effect",
+        "simulators effects features optimisers",
+        "plugins model objective store pool",
+        "study confidence result",
+        "study_toml report progress calibrate dashboard cli __main__ testing",
+    )
 ]
 FAMILIES = set(STOREYS[1])
 ORDER = [room for storey in STOREYS for room in storey]

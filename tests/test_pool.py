@@ -244,6 +244,19 @@ def test_ctrl_c_reaches_the_parent_only(tmp_path):
     assert not survivors(parent.pid)
 
 
+@pytest.mark.parametrize("delay", [0.0, 0.1, 0.3, 0.6, 1.0])
+def test_ctrl_c_while_the_processes_start_leaves_no_complaint(tmp_path, delay):
+    script = SCRIPT.replace("        try:", "        try:\n            print('starting', flush=True)")
+    parent = start(tmp_path, "slow_square", [600.0, 600.0], script)
+    assert parent.stdout.readline().strip() == "starting"
+    time.sleep(delay)
+    os.killpg(parent.pid, signal.SIGINT)
+    out, err = parent.communicate(timeout=60)
+    assert out.strip() == "stopped"
+    assert err == ""
+    assert not survivors(parent.pid)
+
+
 UNGUARDED = SCRIPT.replace('if __name__ == "__main__":', "if True:")
 
 

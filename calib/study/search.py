@@ -10,6 +10,7 @@ import numpy as np
 from scipy.stats.qmc import Sobol
 
 from calib.errors import CalibError
+from calib.interrupt import uninterrupted
 from calib.pool import REFUSED, Failure
 from calib.store import Trial
 from calib.store.trial import best
@@ -111,7 +112,8 @@ class Search:
             if isinstance(result, Failure) and result.status == REFUSED and not self.trials:
                 raise CalibError(result.reason)
             trial = _trial(*todo[index], values[index], result, phase, self._store.header["segment"])
-            self._store.append(trial, None if isinstance(result, Failure) else result.records)
+            with uninterrupted():
+                self._store.append(trial, None if isinstance(result, Failure) else result.records)
             self.trials[trial.number] = trial
             self._best = best([trial] if self._best is None else [self._best, trial])
             if self._on_trial is not None:
