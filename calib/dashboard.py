@@ -175,7 +175,7 @@ def _database(url: str) -> BaseStorage:
     try:
         return RDBStorage(url, skip_table_creation=True)
     except Exception as error:  # every driver has its own; all mean that the view cannot be read
-        raise CalibError(f"{parsed.render_as_string()}: the view cannot be read ({error})") from error
+        raise CalibError(f"{told(url)}: the view cannot be read ({error})") from error
 
 
 def _log(line: bytes) -> dict[str, Any] | None:

@@ -21,7 +21,6 @@ def clapping(
     wander=None,
     section=0,
     contacts=True,
-    frequency=FREQUENCY,
     **attrs,
 ):
     """Record of a beam in harmonic motion and a layer whose velocity jumps up once per period.
@@ -37,11 +36,11 @@ def clapping(
     wander : (cycle,) factors on the layer's motion from cycle to cycle
     section : periods of the section at phase 0 that follow the record, 0 for none
     """
-    period = 1.0 / frequency
+    period = 1.0 / FREQUENCY
     time = start + np.arange(periods * samples) * period / samples
     layer = _layer(time + trigger, period, impact, jump, subharmonic, wander)
     beam = 2e-3 * np.array([np.cos(OMEGA * (time + trigger)), -OMEGA * np.sin(OMEGA * (time + trigger))])
-    stated = {"frequency": frequency, "amplitude": 1.5e-3, "place": "end", "quantity": "displacement", **attrs}
+    stated = {"frequency": FREQUENCY, "amplitude": 1.5e-3, "place": "end", "quantity": "displacement", **attrs}
     both = size * np.stack([beam, layer], axis=1)
     record = make(time, ["beam", "layer"], {"displacement": both[0], "velocity": both[1]}, **stated)
     if contacts:

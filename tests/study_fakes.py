@@ -3,6 +3,7 @@
 import os
 import time
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -11,7 +12,9 @@ from calib.errors import CalibError
 from calib.excitation import Excitation
 from calib.model import Model, Request
 from calib.parameter import Parameter, Space, Window
-from calib.study import Study
+from calib.pool import InProcess
+from calib.store import Store
+from calib.study import Study, evaluate
 
 TIME = np.linspace(0.0, 1.0, 41)
 
@@ -95,10 +98,12 @@ class Distance:
         total = float(np.sqrt(np.mean(residuals**2)))
         return Score(total, {"distance": total}, residuals=residuals)
 
-    def features(self, records):
-        return [
+    def judged(self, records):
+        score = self(records)
+        return score, [
             FeatureValue("amplitude", name, "mass", "m", self.measured, float(one.displacement.max()), 0.01)
             for name, one in records.items()
+            if score.status == "ok"
         ]
 
 
@@ -153,6 +158,12 @@ def study(budget=40, *, seconds=0.0, trouble="", records=("decay",), optimiser=W
         budget=budget,
         **settings,
     )
+
+
+def run(a_study, folder, **options):
+    """Run a study in this process, without a view."""
+    with InProcess(partial(evaluate, a_study.without_search())) as pool:
+        return a_study.run(Store(folder, view=None), pool, **options)
 
 
 def lines(trials):

@@ -7,11 +7,11 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 from urllib.error import HTTPError
 from urllib.request import Request, urlopen
 
 import pytest
+from child_environment import environment
 from click.testing import CliRunner
 from echo_study import write_study
 
@@ -20,7 +20,6 @@ from calib.cli import main
 from calib.cli.tables import _measured
 from calib.store import read
 
-TESTS = str(Path(__file__).parent)
 # a process in the background of a script begins deaf to Ctrl-C, and so do its children
 HEEDING = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
 AGAIN = '[[record]]\nname = "again"\npath = "bench.nc"\nnuisance = ["trigger"]\nuse = "holdout"\n'
@@ -34,10 +33,9 @@ def calib(*arguments, code=0):
 
 
 def process(*arguments, **options):
-    environment = {**os.environ, "PYTHONPATH": TESTS}
     return subprocess.Popen(
         [sys.executable, "-c", f"{HEEDING}from calib.cli import main; main()", *map(str, arguments)],
-        env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options,
+        env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options,
     )  # fmt: skip
 
 
@@ -88,8 +86,7 @@ def test_a_run_finds_the_truth_within_its_intervals(finished):
     found = json.loads((finished[0].parent / "out" / "result.json").read_text())
     for name, truth in (("gain", 1.2), ("harmonic", 2e-4)):
         low, high = found["intervals"][name]
-        middle, half = 0.5 * (low + high), 0.5 * (high - low)
-        assert abs(truth - middle) < 2.0 * half
+        assert low <= truth <= high
     assert found["holdout"]["again"]["distance"] == pytest.approx(found["score"]["total"], rel=1e-6)
     assert found["motion"]["kind"] == "period-1"
 
@@ -136,16 +133,19 @@ def test_the_budget_may_grow(tmp_path):
 
 
 def test_ctrl_c_keeps_the_trials_and_says_how_to_go_on(tmp_path):
-    path = write_study(tmp_path, ("budget = 24", "budget = 100000"), ("seed = 1", "seed = 1\nsamples = 4000"))
+    endless = ("budget = 24", "budget = 100000"), ('name = "multistart"', 'name = "optuna"\nsampler = "random"')
+    path = write_study(tmp_path, *endless)
     run = process("run", path)
-    ledger = tmp_path / "out" / "trials.jsonl"
-    for _ in range(600):
-        time.sleep(0.05)
-        if ledger.exists() and ledger.read_bytes().count(b"\n") > 4:
-            break
-    assert json.loads(calib("status", path, "--json").stdout)["state"] == "running"
-    run.send_signal(signal.SIGINT)
-    _, said = run.communicate(timeout=60)
+    try:
+        ledger, deadline = tmp_path / "out" / "trials.jsonl", time.monotonic() + 120.0
+        while not (ledger.exists() and ledger.read_bytes().count(b"\n") > 4):
+            assert time.monotonic() < deadline, "no trial within two minutes"
+            time.sleep(0.05)
+        assert json.loads(calib("status", path, "--json").stdout)["state"] == "running"
+        run.send_signal(signal.SIGINT)
+        _, said = run.communicate(timeout=60)
+    finally:
+        run.kill()
     assert run.returncode == 3, said
     assert f"calib run {path}" in said
     assert "Traceback" not in said
@@ -165,7 +165,7 @@ def test_a_full_disk_ends_with_a_message_and_the_ledger_intact(tmp_path):
     )
     ended = subprocess.run(
         [sys.executable, "-c", code, "run", str(path)],
-        env={**os.environ, "PYTHONPATH": TESTS},
+        env=environment(),
         capture_output=True,
         text=True,
         check=False,
@@ -188,11 +188,10 @@ def test_a_read_only_folder_ends_with_a_message_and_the_ledger_intact(tmp_path):
     for file in (*out.rglob("*"), out):
         file.chmod(0o555 if file.is_dir() else 0o444)
     code = "from calib.cli import main; main()"
-    environment = {**os.environ, "PYTHONPATH": TESTS}
     try:
         ended = subprocess.run(
             [*as_user, sys.executable, "-c", code, "run", str(path)],
-            env=environment,
+            env=environment(),
             capture_output=True,
             text=True,
             check=False,
@@ -211,7 +210,8 @@ def test_a_read_only_folder_ends_with_a_message_and_the_ledger_intact(tmp_path):
 
 def test_status_of_a_finished_study(finished):
     said = json.loads(calib("status", finished[0], "--json").stdout)
-    assert (said["state"], said["trials"], said["best"]["kind"]) == ("finished", said["trials"], "period-1")
+    result = json.loads((finished[0].parent / "out" / "result.json").read_text())
+    assert (said["state"], said["trials"], said["best"]["kind"]) == ("finished", result["trials"], "period-1")
     assert "finished" in calib("status", finished[0]).stdout
 
 

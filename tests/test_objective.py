@@ -263,7 +263,7 @@ def test_a_failed_run_scores_infinity_and_says_why():
     run = simulated()
     run["velocity"][1, 7] = np.nan
     assert objective(clapping())({"run": run}).status == "not finite"
-    assert objective(clapping()).features({"run": run}) == []
+    assert objective(clapping()).judged({"run": run})[1] == []
     with pytest.raises(CalibError, match="cannot be aligned"):
         objective(clapping()).aligned("run", run)
 
@@ -358,7 +358,7 @@ def test_a_force_is_compared_where_motion_is_prescribed():
     assert total(record, run, Term(ForceBalance()), nuisance=(), excitation=drive) == pytest.approx(0.1)
     names = {
         feature.label
-        for feature in objective(record, Term(ForceBalance()), nuisance=(), excitation=drive).features({"run": run})
+        for feature in objective(record, Term(ForceBalance()), nuisance=(), excitation=drive).judged({"run": run})[1]
     }
     assert names == {"force amplitude", "force rms"}
 
@@ -495,7 +495,7 @@ def test_an_aligned_record_lies_on_the_measured_one():
 
 
 def test_scalar_features_stand_side_by_side():
-    values = {(f.label, f.body): f for f in objective(noisy(clapping())).features({"run": simulated(size=1.1)})}
+    values = {(f.label, f.body): f for f in objective(noisy(clapping())).judged({"run": simulated(size=1.1)})[1]}
     amplitude = values["displacement amplitude", "beam"]
     assert (amplitude.measured, amplitude.simulated) == (pytest.approx(2e-3, rel=0.01), pytest.approx(2.2e-3, rel=1e-3))
     assert (amplitude.unit, amplitude.tolerance) == ("m", pytest.approx(0.02 * amplitude.measured))
@@ -506,17 +506,17 @@ def test_scalar_features_stand_side_by_side():
 
 def test_a_missing_impact_is_none_and_an_impact_phase_is_the_nearest_equal():
     compared = objective(clapping(impact=0.99), nuisance=())
-    missing = {f.label: f for f in compared.features({"run": simulated(jump=0.0)}) if f.body == "layer"}
+    missing = {f.label: f for f in compared.judged({"run": simulated(jump=0.0)})[1] if f.body == "layer"}
     assert missing["impact phase"].simulated is None
-    found = {f.label: f for f in compared.features({"run": simulated(impact=0.01)}) if f.body == "layer"}
+    found = {f.label: f for f in compared.judged({"run": simulated(impact=0.01)})[1] if f.body == "layer"}
     assert found["impact phase"].simulated == pytest.approx(1.01, abs=2e-3)
 
 
 def test_prescribed_channels_and_bodies_not_compared_are_no_features():
     prescribed = objective(noisy(clapping(prescribed="beam.displacement,beam.velocity")))
-    assert {f.body for f in prescribed.features({"run": simulated()})} == {"layer"}
+    assert {f.body for f in prescribed.judged({"run": simulated()})[1]} == {"layer"}
     layer = objective(noisy(clapping()), Term(Amplitude(["displacement"]), bodies=["layer"]))
-    assert {(f.body, f.unit) for f in layer.features({"run": simulated()})} == {("layer", "m"), ("layer", "1")}
+    assert {(f.body, f.unit) for f in layer.judged({"run": simulated()})[1]} == {("layer", "m"), ("layer", "1")}
 
 
 # --- the reference records

@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calib.errors import CalibError
@@ -11,6 +11,7 @@ from calib.parameter import Space, Window, values_for
 SPACE = Space({"e": Window(0.0, 0.6), "c": Window(1e-3, 1e2, "log")}, {"gap": 1e-3})
 
 
+@settings(deadline=None)
 @given(st.floats(0, 1), st.floats(0, 1))
 def test_a_point_of_the_cube_comes_back_from_its_values(a, b):
     assert SPACE.point(SPACE.values(np.array([a, b]))) == pytest.approx([a, b], abs=1e-12)

@@ -181,8 +181,9 @@ def test_stated_intervals_cover_the_truth(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_hidden_values_are_found_again(name, tmp_path):
-    case = replace(CASES[name], budget=300)
+    case = replace(CASES[name], budget=400)
     truth, confidence = recovered(case, 77, tmp_path)
+    assert confidence.reason == "", "the search has come to its end"
     for parameter, value in confidence.value.items():
         assert value == pytest.approx(truth[parameter], abs=5.0 * confidence.standard_error[parameter])
 

@@ -9,19 +9,16 @@ import subprocess
 import sys
 import time
 import warnings
-from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
-from study_fakes import Wanderer, lines, study
+from child_environment import environment
+from study_fakes import Wanderer, lines, run, study
 
 from calib import plugins
 from calib.errors import CalibError
-from calib.pool import InProcess
 from calib.store import Store, read
 from calib.store import ledger as ledger_room
-from calib.study import evaluate
 
 BUDGET = 50
 SCRIPT = """
@@ -34,11 +31,6 @@ if __name__ == "__main__":
 """
 
 
-def run(a_study, folder, **options):
-    with InProcess(partial(evaluate, a_study.without_search())) as pool:
-        return a_study.run(Store(folder, view=None), pool, **options)
-
-
 def whole(folder):
     """Result of the study of SCRIPT without any kill."""
     return run(study(BUDGET, trouble="diverge"), folder)
@@ -47,12 +39,9 @@ def whole(folder):
 def start(tmp_path, jobs):
     script = tmp_path / "script.py"
     script.write_text(SCRIPT.format(budget=BUDGET))
-    here = Path(__file__).parent
-    path = [str(here), str(here.parent), *filter(None, [os.environ.get("PYTHONPATH")])]
-    env = {**os.environ, "PYTHONPATH": os.pathsep.join(path)}
     return subprocess.Popen(
         [sys.executable, str(script), str(tmp_path / "out"), str(jobs)],
-        env=env, stderr=subprocess.PIPE, text=True, start_new_session=True,
+        env=environment(), stderr=subprocess.PIPE, text=True, start_new_session=True,
     )  # fmt: skip
 
 
@@ -110,9 +99,10 @@ def test_twenty_kills_change_nothing(tmp_path, jobs):
 
 
 def test_an_interrupted_study_goes_on_with_another_number_of_jobs(tmp_path):
-    kill_within(start(tmp_path, 2), tmp_path / "out", 20, 0.0)
+    assert kill_within(start(tmp_path, 2), tmp_path / "out", 5, 0.0)
     last = start(tmp_path, 1)
-    last.communicate(timeout=60)
+    _, err = last.communicate(timeout=60)
+    assert last.returncode == 0, err
     assert_same(tmp_path)
 
 

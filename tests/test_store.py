@@ -9,11 +9,11 @@ import signal
 import subprocess
 import sys
 import warnings
-from pathlib import Path
 
 import numpy as np
 import optuna
 import pytest
+from child_environment import environment
 
 from calib import record
 from calib.errors import CalibError
@@ -129,9 +129,7 @@ def test_a_killed_writer_leaves_the_folder_free(tmp_path):
         "import os, sys, test_store as t; s = t.Store(sys.argv[1], view=None); s.open(t.HEADER); "
         "s.append(t.trial(0)); os.kill(os.getpid(), 9)"
     )
-    here = Path(__file__).parent
-    env = {**os.environ, "PYTHONPATH": os.pathsep.join([str(here), str(here.parent), os.environ.get("PYTHONPATH", "")])}
-    done = subprocess.run([sys.executable, "-c", script, str(tmp_path)], env=env)
+    done = subprocess.run([sys.executable, "-c", script, str(tmp_path)], env=environment())
     assert done.returncode == -signal.SIGKILL
     with Store(tmp_path, view=None) as store:
         assert store.open(HEADER) == [trial(0)]

@@ -5,18 +5,13 @@ from functools import partial
 
 import numpy as np
 import pytest
-from study_fakes import SPACE, Frugal, Wanderer, lines, study
+from study_fakes import SPACE, Frugal, Wanderer, lines, run, study
 
 from calib.errors import CalibError
 from calib.parameter import Space, Window
-from calib.pool import InProcess, LocalPool
+from calib.pool import LocalPool
 from calib.store import Store, Trial, read
 from calib.study import BUDGET, INTERRUPTED, evaluate, reach
-
-
-def run(a_study, folder, **options):
-    with InProcess(partial(evaluate, a_study.without_search())) as pool:
-        return a_study.run(Store(folder, view=None), pool, **options)
 
 
 def test_the_budget_counts_the_screen_and_is_spent_exactly(tmp_path):
@@ -49,11 +44,16 @@ def test_the_default_screen_is_a_power_of_two_within_a_quarter_of_the_budget(bud
 
 
 @pytest.mark.parametrize("size", [1, 5, 8])
-def test_the_screen_spreads_over_the_cube_and_depends_on_the_seed(tmp_path, size):
+def test_the_points_of_the_screen_differ_and_depend_on_the_seed(tmp_path, size):
     one = [t.u for t in run(study(size, screen=size), tmp_path / "1").trials]
     other = [t.u for t in run(study(size, screen=size, seed=6), tmp_path / "2").trials]
     assert len({tuple(u) for u in one}) == size
     assert one != other
+
+
+def test_the_screen_spreads_over_the_cube(tmp_path):
+    points = np.array([t.u for t in run(study(8, screen=8), tmp_path).trials])
+    assert (np.sort(np.floor(8.0 * points), axis=0) == np.arange(8.0)[:, None]).all(), "one point in each eighth"
 
 
 class Recorder(Wanderer):

@@ -6,14 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from calib import result
-from calib.errors import CalibError
 from calib.record import OK
 from calib.store import Trial, read
 from calib.store.lock import held
 from calib.store.optuna_view import ARTIFACTS, JOURNAL
 from calib.store.trial import best
-from calib.study_toml import located
-from calib.study_toml.mistakes import shaped
+from calib.study_toml import located, shaped
 
 MEMORY = 50  # trials over which the rate is taken
 
@@ -25,12 +23,7 @@ def folder_of(study: Path, out: Path | None) -> Path:
     ------
     CalibError : neither the study nor the folder is there
     """
-    if out is not None:
-        return out
-    path = located(study)
-    if not path.is_file():
-        raise CalibError(f"{path}: no such study file; expected a .toml file or a folder with a study.toml")
-    return path.parent / "out"
+    return located(study).parent / "out" if out is None else out
 
 
 def standing(study: Path, out: Path | None) -> dict[str, Any]:
@@ -77,6 +70,5 @@ def view_of(study: Path, out: Path | None) -> tuple[str, Path]:
     """
     folder = folder_of(study, out)
     read(folder)  # says so where nothing was run
-    path = located(study)
-    view = shaped(path, path.read_text(encoding="utf-8"))[0].store.view
+    view = shaped(located(study))[0].store.view
     return str(folder / JOURNAL) if view == "journal" else view, folder / ARTIFACTS

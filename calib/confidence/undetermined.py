@@ -53,17 +53,12 @@ def _wide(covariance: np.ndarray, limit: float) -> tuple[list[np.ndarray], list[
     """Directions of a variance above `limit`, each with the parameters that owe half of their variance to it."""
     variance = np.maximum(np.diag(covariance), 1e-300)
     members, directions = [], []
-    for size, direction in zip(*_eigen(covariance), strict=True):
+    values, vectors = np.linalg.eigh(covariance)
+    for size, direction in zip(values, vectors.T, strict=True):
         if size > limit:
             members.append(np.flatnonzero((size * direction**2 > 0.5 * variance) & (np.abs(direction) > 0.1)))
             directions.append(direction)
     return members, directions
-
-
-def _eigen(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvalues (dim,) and, as rows, eigenvectors (dim, dim)."""
-    values, vectors = np.linalg.eigh(matrix)
-    return values, vectors.T
 
 
 def _merged(directions: list[tuple[np.ndarray, np.ndarray]]) -> list[tuple[tuple[int, ...], list[np.ndarray]]]:

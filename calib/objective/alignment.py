@@ -200,14 +200,12 @@ def _trusted(distance: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Sums:
-    """Weighted sums that the squared difference is made of.
+    """Weighted sums that the squared difference is made of, up to what does not change with shift and unknowns.
 
-    reference : sum of squares of the reference
     right : (unknown + 1, n) products of reference and basis at each whole shift; the last is the basis that is certain
     gram : (unknown + 1, unknown + 1, 7) products of the bases, shifted by -3..3 samples against each other
     """
 
-    reference: float
     right: np.ndarray
     gram: np.ndarray
 
@@ -229,7 +227,6 @@ class _Fit:
         size = np.where(spread > 1e-9 * np.abs(reference).max(axis=1), spread, np.abs(reference).max(axis=1))
         weight = 1.0 / np.where(size > 0.0, size, 1.0) ** 2
         self.reference = reference
-        self.square = float(weight @ (reference**2).sum(axis=1))
         self.size = reference.shape[1]
         self._basis = [self._of(row) for row in self.rows]  # row -> [(unknown, simulated row or -1 for a constant)]
         self._weighted = weight[:, None] * np.conj(np.fft.rfft(reference, axis=1))
@@ -259,7 +256,7 @@ class _Fit:
                 for m, other in basis:
                     gram[k, m] += self._weight[row] * np.conj(spectrum[source]) * spectrum[other]
         lags = np.fft.irfft(gram, self.size, axis=-1)[..., np.arange(-3, 4) % self.size]
-        return _Sums(self.square, np.fft.irfft(right, self.size, axis=-1), lags)
+        return _Sums(np.fft.irfft(right, self.size, axis=-1), lags)
 
     def best(self, sums: _Sums) -> float:
         """Shift in samples at which the squared difference is least."""

@@ -92,9 +92,8 @@ class Compared:
         apart = motion.recurrence[period - 1] if period <= len(motion.recurrence) else 1.0
         return apart / (1.0 + apart)
 
-    def features(self, pairs: set[tuple[str, str]], simulated: xr.Dataset) -> list[FeatureValue]:
+    def features(self, pairs: set[tuple[str, str]], view: Seen) -> list[FeatureValue]:
         """Scalar features of (body, channel) pairs."""
-        view = self.seen(simulated)
         found = []
         for body in self.bodies:
             channels = tuple(

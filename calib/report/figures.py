@@ -1,9 +1,8 @@
 """Pictures of motion: measured against simulated phase curves and time histories."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Protocol
 
 import matplotlib as mpl
 import numpy as np
@@ -26,17 +25,7 @@ from calib.report.drawing import (
     png,
     shown_unit,
 )
-
-
-class TrialLike(Protocol):
-    """What is read of a trial."""
-
-    number: int
-    u: Sequence[float]
-    total: float
-    status: str
-    kind: str | None
-    phase: str
+from calib.store import Trial
 
 
 def phase_curves(measured: xr.Dataset, simulated: xr.Dataset | None) -> Figure | None:
@@ -146,7 +135,7 @@ def _history(axes, measured, simulated, body, channel, span):
     axes.margins(x=0.01)
 
 
-def picture(trial: TrialLike, records: Mapping[str, xr.Dataset], objective) -> bytes:
+def picture(trial: Trial, records: Mapping[str, xr.Dataset], objective) -> bytes:
     """PNG (480 x 360) of the measured and the simulated phase curve of one body of the first record that is scored.
 
     The body is the last whose motion the excitation does not prescribe; a record without both channels gives a time
@@ -172,7 +161,7 @@ def picture(trial: TrialLike, records: Mapping[str, xr.Dataset], objective) -> b
         else:
             _history(axes, measured, aligned, body, channel, _worst(measured, aligned, body, channel))
             axes.set_xlabel(f"Time [{_clock(measured)[1]}]")
-        score = f"{trial.total:.4g}" if math.isfinite(trial.total) else trial.status
+        score = f"{trial.total:.4g}" if trial.scored else trial.status
         axes.set_title(f"trial {trial.number}: {score}, {trial.kind or trial.status} ({name}, {body})")
         return png(figure)
 

@@ -10,16 +10,16 @@ from matplotlib.ticker import MaxNLocator
 
 from calib.parameter import Parameter, Space
 from calib.report.drawing import FAILED, KINDS, LINE, MARK, OTHER, STYLE, WIDTH, logarithmic, shown_unit
-from calib.report.figures import TrialLike
+from calib.store import Trial
 
 CROWD = 400  # dots in one panel beyond which they are rasterised
 FOOT = {"loc": "outside upper center", "markerscale": 1.7, "columnspacing": 1.2, "handletextpad": 0.4}
 
 
-def score_history(trials: Sequence[TrialLike]) -> Figure:
+def score_history(trials: Sequence[Trial]) -> Figure:
     """Score of every trial in asking order by kind of motion, the best so far, and where trials failed."""
-    good = [t for t in trials if scored(t)]
-    failed = [t.number for t in trials if not scored(t)]
+    good = [t for t in trials if t.scored]
+    failed = [t.number for t in trials if not t.scored]
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH, 2.9), layout="constrained")
         axes = figure.subplots()
@@ -43,7 +43,7 @@ def score_history(trials: Sequence[TrialLike]) -> Figure:
 
 
 def kinds_of_motion(
-    trials: Sequence[TrialLike], space: Space, parameters: Mapping[str, Parameter], best: TrialLike | None
+    trials: Sequence[Trial], space: Space, parameters: Mapping[str, Parameter], best: Trial | None
 ) -> Figure:
     """Score over each searched parameter, coloured by the kind of motion; failed trials on the upper edge."""
     columns = min(3, space.dim)
@@ -71,12 +71,12 @@ def _strip(axes, k, trials, window, best, name, unit):
     def place(t):
         return scale * window.value(t.u[k])
 
-    good = [t for t in trials if scored(t)]
+    good = [t for t in trials if t.scored]
     for kind, colour in kind_colours(trials).items():
         mine = [t for t in good if (t.kind or "") == kind]
         _dots(axes, [place(t) for t in mine], [t.total for t in mine], colour, kind or "no kind stated")
-    _crosses(axes, [place(t) for t in trials if not scored(t)], "failed")
-    if best is not None and scored(best):
+    _crosses(axes, [place(t) for t in trials if not t.scored], "failed")
+    if best is not None and best.scored:
         look = {"color": MARK, "markersize": 9, "markeredgecolor": "white", "markeredgewidth": 0.6, "linestyle": "none"}
         axes.plot(place(best), best.total, "*", zorder=5, label="best", clip_on=False, **look)
     if good:
@@ -95,15 +95,10 @@ def _strip(axes, k, trials, window, best, name, unit):
     axes.set_xlabel(f"{name} [{unit}]")
 
 
-def kind_colours(trials: Sequence[TrialLike]) -> dict[str, str]:
+def kind_colours(trials: Sequence[Trial]) -> dict[str, str]:
     """Colour of each kind of motion among the scored trials, the most regular first."""
-    kinds = sorted({t.kind or "" for t in trials if scored(t)}, key=_regularity)
+    kinds = sorted({t.kind or "" for t in trials if t.scored}, key=_regularity)
     return {kind: KINDS[i] if kind and i < len(KINDS) else OTHER for i, kind in enumerate(kinds)}
-
-
-def scored(trial: TrialLike) -> bool:
-    """Whether the trial has a finite score."""
-    return trial.total is not None and math.isfinite(trial.total)
 
 
 def _regularity(kind: str) -> tuple[int, int, str]:

@@ -132,13 +132,12 @@ class OptunaView:
         self._flushed = time.monotonic()
 
     def _frozen(self, trial: Trial, picture: bytes | None) -> FrozenTrial:
-        scored = trial.total < float("inf")
         end = datetime.now(UTC).astimezone().replace(tzinfo=None)
         return FrozenTrial(
             number=-1,  # the storage numbers it
             trial_id=-1,
-            state=TrialState.COMPLETE if scored else TrialState.FAIL,
-            value=trial.total if scored else None,
+            state=TrialState.COMPLETE if trial.scored else TrialState.FAIL,
+            value=trial.total if trial.scored else None,
             datetime_start=end - timedelta(seconds=trial.seconds),
             datetime_complete=end,
             params={n: min(d.high, max(d.low, trial.values[n])) for n, d in self._windows.items()},

@@ -98,9 +98,8 @@ class Store:
         ------
         CalibError : disk full or not writable; the trials logged before are safe
         """
-        scored = trial.total < float("inf")
-        improves = scored and (self.best is None or trial.rank < self.best.rank)
-        keep = bool(records) and scored and self._kept.wants(improves)
+        improves = trial.scored and (self.best is None or trial.rank < self.best.rank)
+        keep = bool(records) and trial.scored and self._kept.wants(improves)
         if keep:  # before the line: a logged trial is never evaluated again
             self._kept.write(trial.number, records, self._provenance(trial))
         self._ledger.append(trial)

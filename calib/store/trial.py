@@ -48,6 +48,11 @@ class Trial:
     segment: int = 0
 
     @property
+    def scored(self) -> bool:
+        """Whether the evaluation gave a score."""
+        return math.isfinite(self.total)
+
+    @property
     def rank(self) -> tuple[float, int]:
         """What trials are compared by: the lowest total, the earliest among equals."""
         return (self.total, self.number)
@@ -55,7 +60,7 @@ class Trial:
 
 def best(trials) -> Trial | None:
     """Trial with the lowest finite total, the earliest among equals; None where all failed."""
-    scored = [trial for trial in trials if math.isfinite(trial.total)]
+    scored = [trial for trial in trials if trial.scored]
     return min(scored, key=lambda trial: trial.rank, default=None)
 
 

@@ -11,7 +11,6 @@ import xarray as xr
 from calib.objective import Score
 from calib.parameter import values_for
 from calib.pool import Failure
-from calib.record import OK
 from calib.store import Trial
 from calib.study.contracts import Outcome
 
@@ -53,9 +52,8 @@ def evaluate(study, values: Mapping[str, float]) -> Evaluation:
         )
         for name in objective.scored
     }
-    score = objective(records)
-    features = [asdict(feature) for feature in objective.features(records)] if score.status == OK else []
-    return Evaluation(score, records, features, time.perf_counter() - start)
+    score, features = objective.judged(records)
+    return Evaluation(score, records, [asdict(feature) for feature in features], time.perf_counter() - start)
 
 
 def outcome(result: Trial | Score | Failure) -> Outcome:

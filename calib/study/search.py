@@ -39,11 +39,9 @@ class Search:
             self._store.begin_segment(self._study.budget)  # it ended for want of the budget that there is now
 
     def _screen(self) -> None:
-        size = min(self._store.header["screen"], self._study.budget)
-        points = _sobol(self._study.space.dim, self._study.seed, self._store.header["screen"])[:size]
-        missing = sum(number not in self.trials for number in range(size))
+        points = _sobol(self._study.space.dim, self._study.seed, self._store.header["screen"])
         room = max(0, self._study.budget - len(self.trials))
-        self._evaluate(0, points, "screen", min(missing, room))
+        self._evaluate(0, points[: self._study.budget], "screen", room)
 
     def _segment(self) -> str:
         """Search with one optimiser from the segment's first number on."""

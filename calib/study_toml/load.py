@@ -13,7 +13,7 @@ from calib.model import Model, Simulator
 from calib.objective import Objective, Reference, Term
 from calib.parameter import Parameter, Space, Window
 from calib.study import Study
-from calib.study_toml.mistakes import Mistakes, shaped
+from calib.study_toml.mistakes import Mistakes, located, shaped
 from calib.study_toml.references import OWN, digest, references
 from calib.study_toml.schema import OptimiserTable, StudyToml, TermTable
 from calib.units import to_si
@@ -27,7 +27,7 @@ class StudyFile:
 
     Attributes
     ----------
-    path, text : the study file and what stands in it
+    path : the study file
     study : the study, its objective over the records to calibrate on
     others : the references that are not calibrated on ("holdout", "name"), by name
     folder : where results go unless the command line says otherwise
@@ -36,7 +36,6 @@ class StudyFile:
     """
 
     path: Path
-    text: str
     study: Study
     others: Mapping[str, Reference]
     folder: Path
@@ -53,8 +52,7 @@ def load(path: str | Path, budget: int | None = None, jobs: int | None = None) -
     CalibError : every mistake of the file with its line and key, what was expected, and the nearest right name
     """
     path = located(path)
-    text = _text(path)
-    shape, mistakes = shaped(path, text)
+    shape, mistakes = shaped(path)
     model = _model(shape, mistakes)
     known = references(shape, model, mistakes)
     calibrated = {name: reference for name, reference in known.items() if reference and reference.use == "calibrate"}
@@ -86,7 +84,6 @@ def load(path: str | Path, budget: int | None = None, jobs: int | None = None) -
     )
     return StudyFile(
         path=path,
-        text=text,
         study=study,
         others={n: r for n, r in known.items() if r.use != "calibrate"},
         folder=path.parent / "out",
@@ -94,21 +91,6 @@ def load(path: str | Path, budget: int | None = None, jobs: int | None = None) -
         keep=shape.store.keep,
         candidates=None if shape.diagnosis.candidates is None else tuple(shape.diagnosis.candidates),
     )
-
-
-def located(path: str | Path) -> Path:
-    """Path of the study file: `path` itself, or the `study.toml` in that folder."""
-    path = Path(path)
-    return path / "study.toml" if path.is_dir() else path
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8")
-    except FileNotFoundError as error:
-        raise CalibError(f"{path}: no such study file; expected a .toml file or a folder with a study.toml") from error
-    except UnicodeDecodeError as error:
-        raise CalibError(f"{path}: not a text in UTF-8 (byte {error.start}); save it as UTF-8") from error
 
 
 # --- the model -------------------------------------------------------------------------------------------------------

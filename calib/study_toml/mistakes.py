@@ -60,8 +60,22 @@ class Mistakes:
             raise CalibError("\n".join([f"{self.path} has {len(self._messages)} mistakes:", *self._messages]))
 
 
-def shaped(path: Path, text: str) -> tuple[StudyToml, Mistakes]:
-    """Read the text of a study file into its schema.
+def located(path: str | Path) -> Path:
+    """Path of the study file: `path` itself, or the `study.toml` in that folder.
+
+    Raises
+    ------
+    CalibError : there is no such file
+    """
+    path = Path(path)
+    path = path / "study.toml" if path.is_dir() else path
+    if not path.is_file():
+        raise CalibError(f"{path}: no such study file; expected a .toml file or a folder with a study.toml")
+    return path
+
+
+def shaped(path: Path) -> tuple[StudyToml, Mistakes]:
+    """Read a study file into its schema.
 
     Returns
     -------
@@ -69,8 +83,12 @@ def shaped(path: Path, text: str) -> tuple[StudyToml, Mistakes]:
 
     Raises
     ------
-    CalibError : no TOML, unknown or missing keys, values of another kind; each with file, line and key
+    CalibError : no UTF-8, no TOML, unknown or missing keys, values of another kind; each with file, line and key
     """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise CalibError(f"{path}: not a text in UTF-8 (byte {error.start}); save it as UTF-8") from error
     try:
         tables = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

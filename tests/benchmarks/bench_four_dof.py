@@ -45,7 +45,7 @@ def heyoka(values):
     """Make the function periods -> times of impacts [s] of heyoka's Taylor integrator with a terminal event."""
     import heyoka as hy
 
-    mass, stiffness, damping, load = spring_drive(values, FREQUENCY, 1.5e-3)
+    mass, stiffness, damping, load = spring_drive(values, 1.5e-3)
     gap, e = values["gap"], values["restitution"]
     q, v = hy.make_vars(*(f"q{i}" for i in range(4))), hy.make_vars(*(f"v{i}" for i in range(4)))
     drive = load * hy.cos(2.0 * np.pi * FREQUENCY * hy.time)

@@ -45,15 +45,18 @@ class TestLeastSquares(OptimiserSuite):
 
 class TestTpe(OptimiserSuite):
     budget = 120
-    close_enough = 0.15
+    close_enough = 0.01
 
     def make(self, dim, seed, budget, batch):
         return OptunaSampler(dim, seed, budget, batch)
 
+    def test_points_at_random_do_not_come_so_near(self):
+        drawn = OptunaSampler(2, 1, self.budget, sampler="random")
+        assert np.abs(self.lowest(drawn, BOWL[:2]) - BOWL[:2]).max() > self.close_enough
+
 
 class TestNsgaii(OptimiserSuite):
     budget = 250
-    close_enough = 0.15
 
     def make(self, dim, seed, budget, batch):
         return OptunaSampler(dim, seed, budget, batch, sampler="nsgaii")
@@ -61,7 +64,6 @@ class TestNsgaii(OptimiserSuite):
 
 class TestQmc(OptimiserSuite):
     budget = 250
-    close_enough = 0.15
 
     def make(self, dim, seed, budget, batch):
         return OptunaSampler(dim, seed, budget, batch, sampler="qmc")
@@ -76,7 +78,6 @@ class TestGaussianProcess(OptimiserSuite):
         return OptunaSampler(dim, seed, budget, batch, sampler="gp")
 
 
-@pytest.mark.skipif(find_spec("cmaes") is None, reason="Optuna's cmaes needs the package cmaes")
 class TestOptunaCmaes(OptimiserSuite):
     close_enough = 0.1
 

@@ -27,8 +27,8 @@ def test_a_smooth_loop_may_start_anywhere(first, second):
 @settings(deadline=None, max_examples=40)
 @given(triggers, jumps, impacts)
 def test_a_loop_with_a_jump_may_start_anywhere(trigger, jump, impact):
-    # a sample does not tell where within its interval the jump was: half the jump, in one sample of 400
-    assert total(clapping(jump=jump, impact=impact, trigger=trigger), clapping(jump=jump, impact=impact)) < 0.02
+    # half the jump in one sample of 400 would cost 6e-3: next to the impact velocity is not compared
+    assert total(clapping(jump=jump, impact=impact, trigger=trigger), clapping(jump=jump, impact=impact)) < 1e-3
 
 
 @settings(deadline=None, max_examples=40)

@@ -8,23 +8,9 @@ import pytest
 
 from calib.parameter import Parameter, Space, Window
 from calib.record import failed, make
+from calib.store import Trial
 
 PERIOD = 0.04  # s
-
-
-@dataclass(frozen=True)
-class Trial:
-    number: int
-    u: list
-    values: dict
-    total: float
-    terms: dict
-    status: str = "ok"
-    reason: str = ""
-    kind: str = "period 1"
-    seconds: float = 0.01
-    phase: str = "search"
-    residuals: object = None
 
 
 @dataclass(frozen=True)
@@ -89,6 +75,7 @@ def search(space, rng, number=240):
                 status="step budget" if bad else "ok",
                 reason=f"{1000 + i} steps made, {12 + i} of 100 periods" if bad else "",
                 kind="" if bad else kind,
+                seconds=0.01,
                 phase="screen" if i < 64 else "search",
             )
         )

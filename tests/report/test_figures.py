@@ -4,19 +4,25 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.category import StrCategoryFormatter
 
 from calib.record import make
-from calib.report.drawing import dots, svg, thin
+from calib.report.drawing import svg, thin
 from calib.report.figures import beside, histories, judged, phase_curves, picture, simulation_picture
 from calib.report.residuals import correlations, over_phase, residual_over_phase, residual_structure
 from calib.report.search import kind_colours, kinds_of_motion, score_history
 
 
 def labels(figure):
-    figures = [figure, *figure.subfigs]
-    return [axes.get_xlabel() for f in figures for axes in f.axes] + [
-        axes.get_ylabel() for f in figures for axes in f.axes
-    ]
+    """Label of every axis whose ticks have numbers at them."""
+    shown = [axes for f in (figure, *figure.subfigs) for axes in f.axes if axes.get_visible()]
+    sides = [(axes.xaxis, "labelbottom") for axes in shown] + [(axes.yaxis, "labelleft") for axes in shown]
+    numbered = [axis for axis, side in sides if axis.get_tick_params().get(side, True) and not named(axis)]
+    return [axis.get_label().get_text() for axis in numbered]
+
+
+def named(axis):
+    return isinstance(axis.get_major_formatter(), StrCategoryFormatter)
 
 
 def measured(scene):
@@ -41,7 +47,7 @@ def everything(periodic, recorded):
 
 def test_every_axis_has_a_quantity_and_a_unit(everything):
     for figure in everything:
-        shown = [label for label in labels(figure) if label]
+        shown = labels(figure)
         assert shown
         assert all(label.endswith("]") and "[" in label for label in shown)
 
@@ -151,8 +157,8 @@ def test_thinned_samples_of_a_periodic_record_are_spread_over_its_phase():
 
 def test_measured_is_drawn_as_dots():
     figure = phase_curves(make(np.arange(4.0), ["a"], {c: np.ones((1, 4)) for c in ("displacement", "velocity")}), None)
-    dots(figure.axes[0], np.arange(3.0), np.arange(3.0))
-    assert figure.axes[0].lines[-1].get_linestyle() == "None"
+    drawn = figure.axes[0].lines[0]
+    assert (drawn.get_linestyle(), drawn.get_marker()) == ("None", ".")
 
 
 def test_impacts_are_marked_on_the_time_of_the_reference(periodic):

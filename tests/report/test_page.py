@@ -65,11 +65,13 @@ def test_the_page_is_small(page):
     assert len(page.encode()) < LARGEST
 
 
-def test_the_same_id_never_means_two_things(found):
-    ids = {}
-    for number_, drawing in enumerate(re.findall(r"<svg.*?</svg>", found, flags=re.S)):
-        for name in re.findall(r'\bid="(p[0-9a-f]{10}|m[0-9a-f]{10}|[A-Z]\w+[0-9a-f]{10})"', drawing):
-            assert ids.setdefault(name, number_) == number_
+def test_an_id_that_is_referred_to_never_means_two_things(found):
+    drawings = re.findall(r"<svg.*?</svg>", found, flags=re.S)
+    defined = [set(re.findall(r'\bid="([^"]+)"', drawing)) for drawing in drawings]
+    wanted = set(re.findall(r'url\(#([^)]+)\)|href="#([^"]+)"', " ".join(drawings)))
+    names = {one or other for one, other in wanted}
+    assert names
+    assert {sum(name in ids for ids in defined) for name in names} == {1}
 
 
 def test_it_says_kind_distance_agreement_and_what_was_not_reached(found):

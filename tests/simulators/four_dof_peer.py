@@ -12,16 +12,17 @@ from calib.simulators.four_dof.lumped import lumped
 
 NORMAL = np.array([0.0, -1.0, 1.0, 0.0])  # r = g + q3 - q2
 HOLD = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 1.0, 0], [0, 0, 1.0]])  # q = HOLD p - (0, 0, g, 0)
+RTOL, ATOL = 3e-14, 1e-15  # the second relative to 1 mm and 0.1 m/s
+STEPS = 64  # per period at least
+PUSH = 1e-18  # m, by which the layer is taken off the surface after an event
 
 
 class Peer(NamedTuple):
-    """Impacts and where the integration ended; `contacts` counts the phases of permanent contact."""
+    """Impacts; `contacts` counts the phases of permanent contact."""
 
     times: np.ndarray  # (n,) s
     speeds: np.ndarray  # (n,) m/s
-    state: np.ndarray  # (8,)
     contacts: int
-    steps: int
 
 
 def damping_matrix(mass, stiffness, ratio):
@@ -30,7 +31,7 @@ def damping_matrix(mass, stiffness, ratio):
     return mass @ modes @ np.diag(2.0 * ratio * np.sqrt(np.maximum(eigenvalues, 0.0))) @ modes.T @ mass
 
 
-def spring_drive(values, frequency, amplitude):
+def spring_drive(values, amplitude):
     """Mass, stiffness, damping (4, 4) and load amplitude [N] of drive `spring`."""
     body = lumped(values)
     stiffness = body.stiffness.copy()
@@ -45,24 +46,12 @@ def _along(event, dense, t):
     return event(t, dense(t))
 
 
-def dop853(
-    values,
-    frequency,
-    amplitude,
-    stop_after,
-    faster=1e-3,
-    end=np.inf,
-    law=None,
-    rtol=3e-14,
-    atol=1e-15,
-    steps=64,
-    push=1e-18,
-):
+def dop853(values, frequency, amplitude, stop_after, faster=1e-3, end=np.inf, law=None):
     """Integrate from rest until `stop_after` impacts faster than `faster` [m/s], or until `end` [s].
 
-    law(t, q, dq) -> (4,) accelerations [m/s^2]; atol is relative to 1 mm and 0.1 m/s; `steps` per period at least.
+    law(t, q, dq) -> (4,) accelerations [m/s^2].
     """
-    mass, stiffness, damping, load = spring_drive(values, frequency, amplitude)
+    mass, stiffness, damping, load = spring_drive(values, amplitude)
     gap, e = values["gap"], values["restitution"]
     w = 2.0 * np.pi * frequency
     inverse = np.linalg.inv(mass)
@@ -93,16 +82,15 @@ def dop853(
         return -NORMAL @ acceleration(t, HOLD @ x[:3] + hung, HOLD @ x[3:])
 
     t, x, contact = 0.0, np.zeros(8), False
-    times, speeds, contacts, count = [], [], 0, 0
-    scale = atol * np.repeat([1e-3, 0.1], 4)
+    times, speeds, contacts = [], [], 0
+    scale = ATOL * np.repeat([1e-3, 0.1], 4)
     while sum(s > faster for s in speeds) < stop_after and t < end:
         fun, event = (held, pressing) if contact else (free, clearance)
         tolerance = scale[[0, 1, 3, 4, 5, 7]] if contact else scale
-        solver = DOP853(fun, t, x, end, rtol=rtol, atol=tolerance, max_step=1.0 / (frequency * steps))
+        solver = DOP853(fun, t, x, end, rtol=RTOL, atol=tolerance, max_step=1.0 / (frequency * STEPS))
         before = event(t, x)
         while True:
             solver.step()
-            count += 1
             after = event(solver.t, solver.y)
             if after <= 0.0 or solver.status != "running":
                 break
@@ -119,7 +107,7 @@ def dop853(
         if contact:
             contact = False
             x = np.concatenate([HOLD @ x[:3] + hung, HOLD @ x[3:]])
-            x[2] += push
+            x[2] += PUSH
             continue
         rate = NORMAL @ x[4:]
         times.append(t)
@@ -131,5 +119,5 @@ def dop853(
             contact, contacts = True, contacts + 1
             x = np.concatenate([x[[0, 1, 3]], x[[4, 5, 7]]])
         else:
-            x[2] = x[1] - gap + push
-    return Peer(np.array(times), np.array(speeds), x, contacts, count)
+            x[2] = x[1] - gap + PUSH
+    return Peer(np.array(times), np.array(speeds), contacts)

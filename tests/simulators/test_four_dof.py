@@ -143,22 +143,26 @@ def test_the_band_of_the_fixed_step_is_of_first_order():
 @given(e=st.floats(0.0, 1.0), gap=st.floats(2e-4, 1.2e-3))
 @settings(max_examples=15, deadline=None)
 def test_an_impact_turns_the_relative_velocity_by_e(e, gap):
-    problem = FourDof().problem({**NOMINAL, "restitution": e, "gap": gap}, shaker())
-    state = start(problem, np.zeros(4), np.zeros(4))
-    _, impacts = advance(problem, state, 1)
-    before = impacts[0]
-    # a run that starts at the impact, out of contact, with the velocities that the law gives, goes the same way
+    """A run that starts at the impact with the velocities that the law gives goes on as the one that came to it."""
+    values = {**NOMINAL, "restitution": e, "gap": gap}
+    problem = FourDof().problem(values, shaker())
+    _, impacts = advance(problem, start(problem, np.zeros(4), np.zeros(4)), 3)
+    before, later = impacts[0], impacts[1:]
     assert before[1] == pytest.approx(before[7] - before[8], rel=1e-12)
     assert before[4] - before[3] == pytest.approx(-gap, rel=1e-9)
     after = before[6:].copy()
-    after[2] += (1.0 + e) * (before[7] - before[8])
-    assert after[2] - after[1] == pytest.approx(e * before[1], abs=1e-12)
+    after[2] += (1.0 + e) * (before[7] - before[8])  # paper, eq. (2)
+    there = FourDof().problem(values, shaker(phase=2.0 * np.pi * 26.24 * before[0]))
+    _, again = advance(there, start(there, before[2:6], after), 3)
+    expected, found = (hits[hits[:, 1] > 1e-2][:3] for hits in (later, again))
+    assert len(expected) == len(found) == 3
+    assert found[:, 0] + before[0] == pytest.approx(expected[:, 0], abs=1e-9)
+    assert found[:, 1] == pytest.approx(expected[:, 1], rel=1e-6)
 
 
 @given(e=st.floats(0.0, 1.0), seed=st.integers(0, 1000))
 @settings(max_examples=25, deadline=None)
-def test_energy_never_grows_without_excitation(e, seed):
-    """Without damping it even stays, but for what impacts take; the heavy beam loses nothing of its own."""
+def test_energy_stays_between_impacts_without_excitation_and_damping(e, seed):
     rng = np.random.default_rng(seed)
     initial = np.concatenate([rng.uniform(-1e-3, 1e-3, 4), rng.uniform(-0.3, 0.3, 4)])
     initial[2] = initial[1] + abs(initial[2])
@@ -168,15 +172,12 @@ def test_energy_never_grows_without_excitation(e, seed):
     assert record.attrs["status"] == "ok"
     body = lumped(NOMINAL)
     stiffness = body.stiffness + np.diag([body.spring, 0.0, 0.0, 0.0])
-    # the layer against a beam that is infinitely heavy: its energy in the frame of the beam falls at an impact, so
-    # between impacts the energy of the whole has to stay
     q, v = record.displacement.values, record.velocity.values
     energy = 0.5 * np.einsum("it,ij,jt->t", v, body.mass, v) + 0.5 * np.einsum("it,ij,jt->t", q, stiffness, q)
     hits = np.searchsorted(times, record.impact_time.values)
     free = np.ones(len(times) - 1, dtype=bool)
     free[np.clip(hits - 1, 0, len(free) - 1)] = False
-    if float(record.attrs["contact_fraction"]) == 0.0:
-        assert np.abs(np.diff(energy))[free].max() < 1e-10 * energy.max()
+    assert np.abs(np.diff(energy))[free].max() < 1e-10 * energy.max()
 
 
 @pytest.mark.parametrize(("e", "gap"), [(0.05, 1e-3), (0.5, 1e-3), (0.3, 2e-4)])

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from simulators.four_dof_peer import dop853
 
+from calib.effects.air_drag_quadratic import drag
 from calib.excitation import Excitation
 from calib.laws import BoundLaw, force
 from calib.simulators.four_dof import FourDof
@@ -15,12 +16,6 @@ from calib.simulators.impact.scratch import scratch
 NOMINAL = {p.name: p.nominal for p in FourDof.parameters}
 FASTER = 1e-3  # m/s
 COUNT = 20  # impacts
-
-
-@force
-def drag(t, x, v, p, z, dz):
-    """Quadratic drag."""
-    return -p[0] * v * abs(v)
 
 
 @force

@@ -16,8 +16,8 @@ def falling(restitution, height=1.0):
     return Structure(np.eye(1), np.zeros((1, 1)), viscous(0.0), np.zeros((1, 3)), np.array([-GRAVITY]), stop)
 
 
-def run(structure, duration, q=0.0, dq=0.0, drive=None, step=None, **options):
-    problem = assemble(structure, drive or Drive(period=duration), length=1.0, step=step, **options)
+def run(structure, duration, q=0.0, dq=0.0):
+    problem = assemble(structure, Drive(period=duration), length=1.0)
     times = np.linspace(0.0, duration, 101)
     return simulate(problem, start(problem, np.array([q]), np.array([dq])), times, settle=0, sections=0)
 
