@@ -7,7 +7,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import xarray as xr
+
 from calib.errors import CalibError
+from calib.interrupt import uninterrupted
 
 
 @contextmanager
@@ -35,6 +38,30 @@ def whole(path: Path) -> Iterator[Path]:
     except BaseException:
         temporary.unlink(missing_ok=True)  # Ctrl-C may come just after the file has taken its name
         raise
+
+
+def read_dataset(path: str | Path) -> xr.Dataset:
+    """Read a netCDF file whole.
+
+    Raises
+    ------
+    CalibError : no such file, or not a readable netCDF file
+    """
+    path = Path(path)
+    if not path.exists():
+        raise CalibError(f"{path}: no such file")
+    try:
+        # interrupted while it takes its locks, xarray would wait for itself for ever
+        with uninterrupted(), xr.open_dataset(path, engine="netcdf4", decode_times=False) as stored:
+            return stored.load()
+    except (OSError, ValueError, RuntimeError) as error:
+        raise CalibError(f"{path}: not a readable netCDF file ({error}); it may be truncated: make it again") from error
+
+
+def write_dataset(dataset: xr.Dataset, path: str | Path) -> None:
+    """Write netCDF-4 so that the file is either whole or absent."""
+    with whole(Path(path)) as temporary, uninterrupted():  # as in `read_dataset`
+        dataset.to_netcdf(temporary, engine="netcdf4")
 
 
 def checksum(path: Path) -> str:

@@ -55,6 +55,8 @@ class Simulator(Protocol):
     5. Channels that the excitation prescribes stand in the attribute `prescribed` ("body.channel", comma between).
     6. It pickles, and runs in a child process.
     7. Optionally `excitations`, the pairs (quantity, place) it takes: a study file is then refused before any run.
+    8. Optionally `period_map(values, excitation, laws, phase)`, from which sections, bifurcation diagrams, exponents,
+       branches and basins are made; see `calib.dynamics.contract.PeriodMap`.
 
     `calib.testing.SimulatorSuite` checks all this.
     """
@@ -129,19 +131,54 @@ class Model:
         ------
         CalibError : an unknown parameter, or an excitation that the simulator cannot take
         """
+        values = self._complete(values)
+        record = self.simulator.run(self._own(values), excitation, self._laws(values), request or Request())
+        if record.attrs["status"] == OK:
+            for effect in self._acting(values):
+                if effect.site == "sensor":
+                    record = effect.sense(record, values)
+        return record.assign_attrs(model=self.name, values=json.dumps(values))
+
+    def period_map(self, values: Mapping[str, float], excitation: Excitation, phase: float = 0.0):
+        """Map of one period of a harmonic excitation at `values`; see `calib.dynamics.contract.PeriodMap`.
+
+        Effects on sensors have no part in it: it is of the motion itself.
+
+        Parameters
+        ----------
+        values : SI; the nominal value stands in for what they lack
+        phase : where in the period the section is taken, in [0, 1)  [1, in periods]
+
+        Raises
+        ------
+        CalibError : an unknown parameter, or a simulator or an excitation without a period map
+        ValueError : these values give nothing that could move
+        """
+        if not hasattr(self.simulator, "period_map"):
+            raise CalibError(
+                f"simulator {self.simulator.name!r} offers no period map, which sections, exponents, branches and "
+                "basins are made from; see calib.dynamics.contract.PeriodMap"
+            )
+        if not 0.0 <= phase < 1.0:
+            raise CalibError(f"a section's phase is in [0, 1) periods, got {phase}")
+        values = self._complete(values)
+        return self.simulator.period_map(self._own(values), excitation, self._laws(values), phase)
+
+    def _complete(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Fill `values` up with nominal ones."""
         for name in values:
             if name not in self.parameters:
                 raise CalibError(
                     f"unknown parameter {name!r}; this model has {', '.join(self.parameters)}"
                     f"{nearest(name, self.parameters)}"
                 )
-        values = {**self.nominal, **{name: float(value) for name, value in values.items()}}
-        acting = [effect for effect in self.effects if not effect.at_null(values)]
-        laws = tuple(effect.bound(values) for effect in acting if effect.site != "sensor")
-        own = {p.name: values[p.name] for p in self.simulator.parameters}
-        record = self.simulator.run(own, excitation, laws, request or Request())
-        if record.attrs["status"] == OK:
-            for effect in acting:
-                if effect.site == "sensor":
-                    record = effect.sense(record, values)
-        return record.assign_attrs(model=self.name, values=json.dumps(values))
+        return {**self.nominal, **{name: float(value) for name, value in values.items()}}
+
+    def _own(self, values: Mapping[str, float]) -> dict[str, float]:
+        return {p.name: values[p.name] for p in self.simulator.parameters}
+
+    def _acting(self, values: Mapping[str, float]) -> list[Effect]:
+        return [effect for effect in self.effects if not effect.at_null(values)]
+
+    def _laws(self, values: Mapping[str, float]) -> tuple[BoundLaw, ...]:
+        return tuple(effect.bound(values) for effect in self._acting(values) if effect.site != "sensor")

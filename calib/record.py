@@ -7,8 +7,7 @@ import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError, nearest
-from calib.files import whole
-from calib.interrupt import uninterrupted
+from calib.files import read_dataset, write_dataset
 
 CHANNELS = {"displacement": "m", "velocity": "m/s", "force": "N"}  # the usual ones; others state their own unit
 STATE = ("displacement", "velocity")  # what a phase curve and a section are made of
@@ -166,20 +165,11 @@ def read(path: str | Path) -> xr.Dataset:
     ------
     CalibError : no such file, not a readable netCDF file, or not a record
     """
-    path = Path(path)
-    if not path.exists():
-        raise CalibError(f"{path}: no such file")
-    try:
-        # interrupted while it takes its locks, xarray would wait for itself for ever
-        with uninterrupted(), xr.open_dataset(path, engine="netcdf4", decode_times=False) as stored:
-            record = stored.load()
-    except (OSError, ValueError, RuntimeError) as error:
-        raise CalibError(f"{path}: not a readable netCDF file ({error}); it may be truncated: make it again") from error
+    record = read_dataset(path)
     record.attrs.setdefault("status", OK)
     return check(record, str(path))
 
 
 def write(record: xr.Dataset, path: str | Path) -> None:
     """Write a record as netCDF-4 so that the file is either whole or absent."""
-    with whole(Path(path)) as temporary, uninterrupted():  # as in `read`
-        record.to_netcdf(temporary, engine="netcdf4")
+    write_dataset(record, path)

@@ -9,10 +9,10 @@ ROOT = Path(calib.__file__).parent
 STOREYS = [
     row.split()
     for row in (
-        "errors interrupt files parameter units excitation record filter table cycles laws effect",
+        "errors interrupt files parameter units excitation record filter table cycles orbit laws effect",
         "simulators effects features optimisers",
-        "plugins model objective store pool",
-        "study confidence result",
+        "plugins model objective pool store",
+        "study dynamics sweep confidence result",
         "study_toml report progress calibrate dashboard cli __main__ testing",
     )
 ]

@@ -26,6 +26,22 @@ OUT = click.option(
     metavar="DIR",
     help="Where the results are. [default: out/ beside the study]",
 )
+SET = click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A parameter, such as gap='1.2 mm'.")
+RECORD = click.option("--record", metavar="NAME", help="Whose excitation to take. [default: the first record]")
+BEST = click.option("--best", is_flag=True, help="Start from the values that `calib run` has found.")
+PHASE = click.option(
+    "--phase",
+    type=click.FloatRange(0.0, 1.0, max_open=True),
+    default=0.0,
+    show_default=True,
+    help="Of the section, in periods.",
+)
+BODIES = click.option("--bodies", metavar="A,B", help="In the picture. [default: those of the record]")
+SETTLE = click.option(
+    "--settle", type=click.IntRange(min=0), default=1000, show_default=True, help="Periods dropped at most."
+)
+JOBS = click.option("--jobs", type=click.IntRange(min=1), help="Child processes. [default: the study's]")
+FRESH = click.option("--fresh", is_flag=True, help="Replace what the file holds, and forget what was done so far.")
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON to stdout, for scripts.")
 
 
@@ -124,8 +140,8 @@ def status(study: Path, out: Path | None, as_json: bool):
 
 @main.command(short_help="One run at values given by hand: record and picture.")
 @STUDY
-@click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A parameter, such as gap='1.2 mm'.")
-@click.option("--record", metavar="NAME", help="Whose excitation to simulate. [default: the first record]")
+@SET
+@RECORD
 @click.option(
     "-o",
     "--output",
@@ -145,6 +161,104 @@ def simulate(study: Path, settings: tuple[str, ...], record: str | None, output:
     from calib.cli.simulate import simulate_once  # see above
 
     sys.exit(DONE if simulate_once(study, settings, record, output) else NOTHING)
+
+
+@main.command(short_help="Motions over one or two parameters: file and bifurcation diagram.")
+@STUDY
+@click.option("--over", multiple=True, required=True, metavar="NAME=LOW:HIGH:COUNT", help="Once or twice.")
+@click.option("--carry", type=click.Choice(["none", "forward", "backward", "both"]), default="none", show_default=True,
+              help="Start each value from the motion at the one before it.")  # fmt: skip
+@click.option("--start", "starts", multiple=True, metavar="STATE",
+              help="A state to start from, such as 'q3.displacement=1 mm'; several give several branches.")  # fmt: skip
+@click.option("--latin", type=click.IntRange(min=2), metavar="N", help="N points of a Latin hypercube, not a grid.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the Latin hypercube.")
+@PHASE
+@SETTLE
+@click.option("--cycles", type=click.IntRange(min=96), default=100, show_default=True, help="Periods kept.")
+@SET
+@RECORD
+@BEST
+@BODIES
+@JOBS
+@OUT
+@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="[default: sweep.nc in out/]")
+@FRESH
+@click.option("--quiet", "-q", is_flag=True, help="No progress, no summary; errors only.")
+@_mendable
+def sweep(study: Path, over: tuple[str, ...], **options):
+    """Find the motion of STUDY's simulator over one or two parameters, and draw its bifurcation diagram.
+
+    Each value's transient is dropped, its stroboscopic section kept, and its kind of motion told with the largest
+    Lyapunov exponent. A sweep that was stopped or killed goes on with the same command.
+
+    --over takes NAME=LOW:HIGH:COUNT (":log" behind it for equal ratios) or a list NAME=A,B,C, with units if wanted
+    ("0.5 mm:1.5 mm:101"). NAME is a parameter of the model, excitation.frequency or excitation.amplitude. Two of them
+    make a plane; with --latin it is NAME=LOW:HIGH.
+
+    \b
+    Example:  calib sweep studies/minimal --over restitution=0:0.6:241 --carry both
+    """
+    from calib.cli.sweep import sweep_study  # see above
+
+    sys.exit(DONE if sweep_study(study, over, **options) else NOTHING)
+
+
+@main.command(short_help="Follow a periodic motion over a parameter, stable or not.")
+@STUDY
+@click.option("--over", required=True, metavar="NAME=LOW:HIGH", help="The parameter and its window.")
+@click.option("--at", required=True, metavar="VALUE", help="Where the motion is sought that is followed.")
+@click.option("--start", metavar="STATE", help="A state to start from, such as 'q3.displacement=1 mm'.")
+@PHASE
+@click.option("--most", type=click.IntRange(min=1), default=400, show_default=True, help="Points each way.")
+@SET
+@RECORD
+@BEST
+@BODIES
+@OUT
+@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="[default: branch.nc in out/]")
+@_mendable
+def branch(study: Path, over: str, **options):
+    """Follow the periodic motion of STUDY's simulator over one parameter, through folds and where it is unstable.
+
+    Marked are folds, flips (period doublings), Neimark-Sacker points and grazing, where an impact appears or vanishes
+    and the branch ends. Multipliers are Floquet's, from the exact derivative of the map where the simulator knows it.
+
+    \b
+    Example:  calib branch studies/minimal --over restitution=0:0.8 --at 0.05
+    """
+    from calib.cli.branch import follow_branch  # see above
+
+    sys.exit(DONE if follow_branch(study, over, **options) else NOTHING)
+
+
+@main.command(short_help="Which states lead to which motion: basins of attraction.")
+@STUDY
+@click.option("--x", required=True, metavar="NAME=LOW:HIGH:COUNT", help="A component of the state.")
+@click.option("--y", required=True, metavar="NAME=LOW:HIGH:COUNT", help="Another one.")
+@click.option("--start", metavar="STATE", help="The other components, such as 'q3.displacement=1 mm'.")
+@PHASE
+@SETTLE
+@SET
+@RECORD
+@BEST
+@JOBS
+@OUT
+@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="[default: basins.nc in out/]")
+@FRESH
+@click.option("--quiet", "-q", is_flag=True, help="No progress, no summary; errors only.")
+@_mendable
+def basins(study: Path, x: str, y: str, **options):
+    """Find the motion that each state of a plane leads STUDY's simulator to, and draw the plane coloured by it.
+
+    Components of the state are the displacements and velocities of the bodies that are free to move, at the section's
+    phase. Goes on where it was stopped or killed.
+
+    \b
+    Example:  calib basins studies/minimal --x q3.displacement=-2mm:6mm:80 --y q3.velocity=-1:1:80
+    """
+    from calib.cli.basins import map_basins  # see above
+
+    sys.exit(DONE if map_basins(study, x, y, **options) else NOTHING)
 
 
 @main.command(short_help="Write report.html anew.")

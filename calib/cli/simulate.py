@@ -7,19 +7,20 @@ from pathlib import Path
 import click
 import xarray as xr
 
+from calib.cli.given import settings
 from calib.cycles import kind_of_motion
-from calib.errors import CalibError, nearest
+from calib.errors import CalibError
 from calib.model import Model
 from calib.objective import Reference
 from calib.parameter import values_for
 from calib.pool import REFUSED, Failure, LocalPool
 from calib.record import OK, channels, failed, write
 from calib.report.figures import simulation_picture
-from calib.study_toml import StudyFile, load
-from calib.units import shown, to_si
+from calib.study_toml import load
+from calib.units import shown
 
 
-def simulate_once(study: Path, settings: Sequence[str], record: str | None, output: Path) -> bool:
+def simulate_once(study: Path, given: Sequence[str], record: str | None, output: Path) -> bool:
     """Simulate one record of a study, write it to `output` and a picture beside it, and say what came out.
 
     Returns
@@ -27,10 +28,10 @@ def simulate_once(study: Path, settings: Sequence[str], record: str | None, outp
     whether the run ended ok; what went wrong is printed, and kept in the record
     """
     file = load(study)
-    reference = _reference(file, record)
-    values = file.study.space.fixed | _settings(settings, file.study.model.parameters)
-    with LocalPool(partial(_run, file.study.model, reference), 1, file.study.timeout) as pool:
-        [(_, simulated)] = pool.map([values_for(values, reference.name)])
+    chosen = file.reference(record)
+    values = file.study.space.fixed | settings(given, file.study.model.parameters)
+    with LocalPool(partial(_run, file.study.model, chosen), 1, file.study.timeout) as pool:
+        [(_, simulated)] = pool.map([values_for(values, chosen.name)])
     if isinstance(simulated, Failure) and simulated.status == REFUSED:
         raise CalibError(simulated.reason)
     if isinstance(simulated, Failure):
@@ -52,43 +53,6 @@ def simulate_once(study: Path, settings: Sequence[str], record: str | None, outp
 
 def _run(model: Model, reference: Reference, values: Mapping[str, float]) -> xr.Dataset:
     return model.run(values, reference.excitation, reference.request)
-
-
-def _reference(file: StudyFile, name: str | None) -> Reference:
-    known = {**file.study.objective.references, **file.others}
-    name = name or next(iter(known))
-    if name not in known:
-        raise CalibError(f"--record: no record {name!r}{nearest(name, known)}; the study has {', '.join(known)}")
-    return known[name]
-
-
-def _settings(settings: Sequence[str], parameters: Mapping) -> dict[str, float]:
-    """Read NAME=VALUE texts into SI values."""
-    values = {}
-    for setting in settings:
-        name, equals, text = (part.strip() for part in setting.partition("="))
-        if not equals:
-            raise CalibError(f"--set: expected NAME=VALUE, got {setting!r}")
-        if name not in parameters:
-            raise CalibError(
-                f"--set: unknown parameter {name!r}{nearest(name, parameters)}; the model has {', '.join(parameters)}"
-            )
-        try:
-            values[name] = to_si(_number(text), parameters[name].unit)
-        except CalibError as error:
-            raise CalibError(f"--set {name}: {error}") from error
-        low, high, unit = (getattr(parameters[name], key) for key in ("low", "high", "unit"))
-        if not low <= values[name] <= high:
-            raise CalibError(f"--set {name}: expected a value in [{low:g}, {high:g}] {unit}, got {text}")
-    return values
-
-
-def _number(text: str) -> float | str:
-    """Take a bare number as one in SI."""
-    try:
-        return float(text)
-    except ValueError:
-        return text
 
 
 def _described(record: xr.Dataset) -> Iterator[str]:

@@ -18,6 +18,7 @@ from calib.units import MILLI
 MEASURED, SIMULATED, MARK, LINE = "#8a8a8a", "#0072B2", "#D55E00", "#333333"
 KINDS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#F0E442")
 FAILED, OTHER = "#000000", "#999999"
+DPI = 150  # of pictures on their own
 WIDTH = 7.4  # inch: the text width of an A4 page
 DOTS = 700  # measured samples drawn as dots in one panel
 SAMPLES = 1500  # points of a drawn line

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from calib.record import OK, STATE, channels, prescribed, stated_period
 from calib.report.drawing import (
+    DPI,
     LINE,
     MARK,
     MEASURED,
@@ -175,7 +176,7 @@ def simulation_picture(record: xr.Dataset, path: str | Path) -> None:
     loops = set(STATE) <= set(shown)
     stretch, clock = _clock(record)
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH * 1.2, 2.3 * len(bodies)), dpi=150, layout="constrained")
+        figure = Figure(figsize=(WIDTH * 1.2, 2.3 * len(bodies)), dpi=DPI, layout="constrained")
         grid = figure.subplots(len(bodies), len(shown) + loops, squeeze=False)
         times = stretch * (record.time.values - float(record.time[0]))
         for body, row in zip(bodies, grid, strict=True):

@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from calib import plugins
+from calib.dynamics.setting import Setting
 from calib.effect import Effect
 from calib.errors import CalibError, nearest
 from calib.model import Model, Simulator
 from calib.objective import Objective, Reference, Term
-from calib.parameter import Parameter, Space, Window
+from calib.parameter import Parameter, Space, Window, values_for
 from calib.study import Study
 from calib.study_toml.mistakes import Mistakes, located, shaped
 from calib.study_toml.references import OWN, digest, references
@@ -42,6 +43,38 @@ class StudyFile:
     view: str
     keep: str
     candidates: tuple[str, ...] | None
+
+    def reference(self, record: str | None = None) -> Reference:
+        """Record of the study by name, whatever its use; the first one where none is given.
+
+        Raises
+        ------
+        CalibError : there is no such record
+        """
+        known = {**self.study.objective.references, **self.others}
+        record = record or next(iter(known))
+        if record not in known:
+            raise CalibError(f"no record {record!r}{nearest(record, known)}; the study has {', '.join(known)}")
+        return known[record]
+
+    def setting(
+        self, values: Mapping[str, float] | None = None, record: str | None = None, phase: float = 0.0
+    ) -> Setting:
+        """Return model and excitation for sweeps, branches and basins, at the study's fixed values.
+
+        Parameters
+        ----------
+        values : SI; they come before the fixed ones, nominal ones after
+        record : whose excitation it is; None for the first
+        phase : where in the period the section is taken, in [0, 1)  [1, in periods]
+
+        Raises
+        ------
+        CalibError : there is no such record
+        """
+        chosen = self.reference(record)
+        held = values_for({**self.study.space.fixed, **(values or {})}, chosen.name)
+        return Setting(self.study.model, chosen.excitation, held, phase)
 
 
 def load(path: str | Path, budget: int | None = None, jobs: int | None = None) -> StudyFile:

@@ -23,7 +23,6 @@ from calib.simulators.four_dof.drives import DRIVES, structure
 from calib.simulators.four_dof.lumped import lumped
 from calib.simulators.impact import kernel
 from calib.simulators.impact.modes import modal
-from calib.simulators.impact.period_map import period_map
 from calib.simulators.impact.problem import IMPACTS, STEPS
 from calib.simulators.impact.run import start
 from calib.simulators.impact.scratch import scratch
@@ -201,16 +200,13 @@ def test_the_map_of_a_period_does_not_know_which_period_it_is():
 def test_phase_space_shrinks_by_the_damping_and_grows_by_the_impacts(e):
     """The determinant of the period map is e^(2 N) exp(-2 sum(zeta w) T), whatever the masses."""
     values = {**NOMINAL, "restitution": e}
-    problem = FourDof().problem(values, shaker())
-    state = start(problem, np.zeros(4), np.zeros(4))
-    advance(problem, state, 300)
-    rows, _ = advance(problem, state, 1)
-    x = rows[-1, :8]
+    period = FourDof().period_map(values, shaker(), ())
+    x = period.orbit(period.initial, 301).states[-1]
     scale = np.repeat([1e-3, 0.1], 4)
 
     def image(x):
-        after, impacts = period_map(problem, x)
-        return after, len(impacts)
+        orbit = period.orbit(x, 1)
+        return orbit.states[0], len(orbit.impacts)
 
     _, count = image(x)
     jacobian = np.zeros((8, 8))

@@ -16,6 +16,7 @@ from calib.record import OK, SECTION, failed, make, prescription, with_impacts, 
 from calib.simulators.four_dof.drives import BODIES, DRIVES, structure
 from calib.simulators.four_dof.lumped import lumped
 from calib.simulators.impact.modes import modal, regimes
+from calib.simulators.impact.period_map import ImpactMap, impact_map, shifted
 from calib.simulators.impact.problem import Problem
 from calib.simulators.impact.run import Drive, Motion, assemble, simulate, start
 
@@ -103,14 +104,11 @@ class FourDof:
         """
         self._check(excitation, request)
         attrs = self._attrs(excitation, values)
-        for name, value in values.items():
-            if not np.isfinite(value):
-                return failed(BODIES, "diverged", f"parameter {name} is {value}", **attrs)
         times, duration = _times(excitation, request)
         try:
-            problem = self.problem(values, excitation, laws, duration)
-        except (LinAlgError, ValueError, ZeroDivisionError) as error:
-            return failed(BODIES, "diverged", f"these values give no structure that moves: {error}", **attrs)
+            problem = self._possible(values, excitation, laws, duration)
+        except ValueError as error:
+            return failed(BODIES, "diverged", str(error), **attrs)
         harmonic = duration is None
         motion = simulate(
             problem,
@@ -124,6 +122,46 @@ class FourDof:
         if motion.status != OK:
             return failed(BODIES, motion.status, motion.reason, **attrs)
         return self._record(times, problem, motion, attrs, harmonic)
+
+    def period_map(
+        self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw], phase: float = 0.0
+    ) -> ImpactMap:
+        """Map of a period from `phase` on; see `calib.dynamics.contract.PeriodMap`.
+
+        Raises
+        ------
+        CalibError : an excitation that this drive cannot take or that is no harmonic; mode "fixed_step"
+        ValueError : these values give no structure that moves
+        """
+        self._check_drive(excitation)
+        if self.mode == "fixed_step":
+            raise CalibError("a fixed step that does not divide the period has no period map; take mode 'exact'")
+        problem = self._possible(values, shifted(excitation, phase), laws)
+        kind = DRIVES[self.drive]
+        return impact_map(
+            problem,
+            BODIES,
+            kind.coordinates,
+            laws,
+            length=_length(values["gap"]),
+            channels=lambda rows: self._bodies(rows, np.zeros(len(rows)), problem),
+        )
+
+    def _possible(
+        self,
+        values: Mapping[str, float],
+        excitation: Excitation,
+        laws: Sequence[BoundLaw],
+        duration: float | None = None,
+    ) -> Problem:
+        """Put the problem together, or raise ValueError where the values make none."""
+        for name, value in values.items():
+            if not np.isfinite(value):
+                raise ValueError(f"parameter {name} is {value}")
+        try:
+            return self.problem(values, excitation, laws, duration)
+        except (LinAlgError, ValueError, ZeroDivisionError) as error:
+            raise ValueError(f"these values give no structure that moves: {error}") from error
 
     def problem(
         self,
@@ -159,13 +197,13 @@ class FourDof:
             drive,
             laws,
             coordinates=[BODIES[i] for i in kind.coordinates],
-            length=max(abs(gap), 1e-9),
+            length=_length(gap),
             step=drive.period / self.steps_per_period if duration is None else None,
             fixed_step=self.mode == "fixed_step",
             onto_surface=self.onto_surface,
         )
 
-    def _check(self, excitation: Excitation, request) -> None:
+    def _check_drive(self, excitation: Excitation) -> None:
         if (excitation.quantity, excitation.place) not in self.excitations:
             takes = " or ".join(f"{quantity} at {place!r}" for quantity, place in sorted(self.excitations))
             raise CalibError(
@@ -173,6 +211,9 @@ class FourDof:
                 f"{excitation.place!r}; choose another drive: "
                 + "; ".join(f"{name!r} ({kind.quantity} at {kind.place!r})" for name, kind in DRIVES.items())
             )
+
+    def _check(self, excitation: Excitation, request) -> None:
+        self._check_drive(excitation)
         if excitation.quantity == "free decay" and request.times is None:
             raise CalibError("a free decay has no period; say at which times [s] the record is wanted")
         if excitation.harmonic and request.times is not None:
@@ -232,6 +273,11 @@ class FourDof:
         velocity = np.tile(-problem.omega * problem.amplitude * np.sin(angle) + rows[:, 2 * n + 1], (len(BODIES), 1))
         displacement[free], velocity[free] = rows[:, :n].T, rows[:, n : 2 * n].T
         return displacement, velocity
+
+
+def _length(gap: float) -> float:
+    """Scale of the motion [m]."""
+    return max(abs(gap), 1e-9)
 
 
 def _times(excitation: Excitation, request) -> tuple[np.ndarray, float | None]:

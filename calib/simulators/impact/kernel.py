@@ -20,7 +20,7 @@ AGAIN = 6  # times a step is taken anew up to the event in it
 
 
 @njit(cache=True, error_model="numpy")
-def _write_row(problem, r, y, v, time, tau, step, w, row):
+def write_row(problem, r, y, v, time, tau, step, w, row):
     """Write (q, q', U, U') at `tau` into the step that began at `time` [s] since the whole period."""
     n = w.q.size
     u = polynomial(w.input, tau / step)
@@ -34,7 +34,7 @@ def _write_row(problem, r, y, v, time, tau, step, w, row):
 
 
 @njit(cache=True, error_model="numpy")
-def _within(row, n, limit):
+def within(row, n, limit):
     """Whether all displacements and velocities of a row are below the limit (and are numbers)."""
     size = 0.0
     for j in range(2 * n):
@@ -78,7 +78,7 @@ def _step_length(problem, state):
 
 
 @njit(cache=True, error_model="numpy")
-def _fly(problem, state, w, ye, ve):
+def fly(problem, state, w, ye, ve):
     """Take one step: its loads are worked out and its end is found.
 
     A step that an event ends is taken anew up to the event where laws act: at its end the collocation is of order 8,
@@ -155,7 +155,7 @@ def advance(problem, state, w, periods, tolerance, budget, sections, times, samp
     regimes, loaded = problem.regimes, problem.collocated
     while done < periods:
         r, time = state.count[REGIME], state.clock[0]
-        outcome, tau, step = _fly(problem, state, w, ye, ve)
+        outcome, tau, step = fly(problem, state, w, ye, ve)
         if outcome == BROKEN:
             return DIVERGED
         if state.count[STEPS] > budget:
@@ -165,17 +165,17 @@ def advance(problem, state, w, periods, tolerance, budget, sections, times, samp
         while sample < times.size and (times[sample] < since + tau or last):
             at = min(max(times[sample] - since, 0.0), tau)
             flow(regimes, r, state.y, state.v, loaded, w.load, step, at, ye, ve)
-            _write_row(problem, r, ye, ve, time, at, step, w, samples[sample])
+            write_row(problem, r, ye, ve, time, at, step, w, samples[sample])
             sample += 1
 
         to_end = problem.period - time
         ends, settled = tau >= to_end, False
         if ends and state.count[SECTIONS] == state.count[AT_PERIOD]:
             flow(regimes, r, state.y, state.v, loaded, w.load, step, to_end, ye, ve)
-            _write_row(problem, r, ye, ve, time, to_end, step, w, sections[done])
+            write_row(problem, r, ye, ve, time, to_end, step, w, sections[done])
             state.count[SECTIONS] += 1
             done += 1
-            if not _within(sections[done - 1], n, problem.limit):
+            if not within(sections[done - 1], n, problem.limit):
                 return DIVERGED
             settled = tolerance > 0.0 and _has_settled(sections, done - 1, n, tolerance)
             if not problem.exact and (settled or done == periods):

@@ -14,6 +14,7 @@ from calib.excitation import Excitation
 from calib.laws import BoundLaw, at_site
 from calib.parameter import Parameter
 from calib.simulators.impact.modes import Stop, Structure, viscous
+from calib.simulators.impact.period_map import ImpactMap, impact_map, shifted
 from calib.simulators.impact.run import Drive, Motion, assemble, simulate, start
 from calib.simulators.oscillator.prescribed import law_accelerations, prescribed_motion
 
@@ -100,6 +101,38 @@ class Oscillator:
         if excitation.quantity == "displacement":
             return _needed_force(values, excitation, laws, request, times, attrs)
         return self._motion(values, excitation, laws, request, times, attrs)
+
+    def period_map(
+        self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw], phase: float = 0.0
+    ) -> ImpactMap:
+        """Map of a period from `phase` on; see `calib.dynamics.contract.PeriodMap`.
+
+        Raises
+        ------
+        CalibError : an excitation that it cannot take, that is no harmonic or prescribes the motion
+        ValueError : these values give no oscillator
+        """
+        _check(excitation, self.hold)
+        if excitation.quantity == "displacement":
+            raise CalibError("a prescribed motion is what it is: there is no period map; drive by a force or the base")
+        for name, value in values.items():
+            if not math.isfinite(value):
+                raise ValueError(f"{name} is {value}")
+        if values["mass"] <= 0.0:
+            raise ValueError(f"a mass of {values['mass']:g} kg")
+        excitation = shifted(excitation, phase)
+        structure = _structure(values, excitation.quantity, laws)
+        drive = _drive(excitation, values["amplitude"], self.hold, np.zeros(0))
+        length = _length(values, structure, excitation, drive.period)
+        return impact_map(
+            assemble(structure, drive, laws, self.bodies, length=length),
+            self.bodies,
+            (0,),
+            laws,
+            length=length,
+            channels=lambda rows: (rows[:, 0][None], rows[:, 1][None]),
+            initial=np.array([values["initial_displacement"], values["initial_velocity"]]),
+        )
 
     def _motion(
         self,

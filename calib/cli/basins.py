@@ -1,0 +1,69 @@
+"""Basins of attraction from the command line: the file and the picture."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import click
+import numpy as np
+import xarray as xr
+
+from calib.cli.given import setting, spaced, state
+from calib.dynamics.basins import Plane, basins
+from calib.progress import Count
+from calib.report.drawing import DPI
+from calib.report.sections import basin_map
+from calib.study_toml import load
+
+
+def map_basins(
+    study: Path,
+    x: str,
+    y: str,
+    *,
+    start: str | None,
+    phase: float,
+    settle: int,
+    settings: Sequence[str],
+    record: str | None,
+    best: bool,
+    jobs: int | None,
+    out: Path | None,
+    output: Path | None,
+    fresh: bool,
+    quiet: bool,
+) -> bool:
+    """Find where the states of a plane lead, write file and picture, and say which motions there are.
+
+    Returns
+    -------
+    whether some state leads to a motion
+    """
+    file = load(study, jobs=jobs)
+    held = setting(file, settings, record, best, out, phase)
+    map = held.map()
+    units = dict(zip(map.names, map.units, strict=True))
+    plane = Plane(
+        held, spaced("--x", x, units), spaced("--y", y, units), state(start, map) if start else {}, settle
+    )
+    path = output or (out or file.folder) / "basins.nc"
+    with Count("states", quiet) as count:
+        found = basins(plane, path, jobs=file.study.jobs, fresh=fresh, on_done=count)
+    picture = path.with_suffix(".png")
+    basin_map(found).savefig(picture, dpi=DPI)
+    if not quiet:
+        for line in described(found):
+            click.echo(line)
+        click.echo(f"basins: {path}\npicture: {picture}")
+    return bool((found.attractor >= 0).any())
+
+
+def described(found: xr.Dataset) -> Iterator[str]:
+    """Say which motions there are, and to what share of the plane."""
+    for k in range(found.sizes.get("attractor", 0)):
+        one = found.isel(attractor=k)
+        impacts = int(one.attractor_impacts)
+        text = f", {impacts} impact(s) a return" if impacts > 0 else ""
+        yield f"  {k}: {str(one.attractor_kind.values)}{text}: {100.0 * float(one.attractor_share):.1f} % of the states"
+    failed = float(np.mean(found.attractor.values < 0))
+    if failed:
+        yield f"  without a motion: {100.0 * failed:.1f} % of the states"

@@ -1,0 +1,88 @@
+"""A branch of periodic motions from the command line: its file, its pictures and its special points."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import click
+
+from calib.cli.given import bodies_drawn, quantity, setting, state, windows
+from calib.dynamics.branch import Branch, follow
+from calib.dynamics.motion import kind_of_orbit
+from calib.dynamics.setting import Setting
+from calib.errors import CalibError
+from calib.files import write_dataset
+from calib.report.continuation import branch_diagram
+from calib.report.drawing import DPI
+from calib.study_toml import load
+from calib.units import shown
+
+
+def follow_branch(
+    study: Path,
+    over: str,
+    *,
+    at: str,
+    start: str | None,
+    phase: float,
+    most: int,
+    settings: Sequence[str],
+    record: str | None,
+    best: bool,
+    bodies: str | None,
+    out: Path | None,
+    output: Path | None,
+) -> bool:
+    """Settle to a periodic motion, follow it over one parameter, write file and pictures, and say what is on it.
+
+    Returns
+    -------
+    whether there is a branch
+    """
+    file = load(study)
+    held = setting(file, settings, record, best, out, phase)
+    [(name, window)] = windows([over], held).items()
+    unit, drawn = held.unit(name), bodies_drawn(bodies, file, record)
+    where = quantity("--at", at, unit)
+    held.check(name, [window.low, where, window.high])
+    periods, guess = _settled(held, name, where, start)
+    branch = follow(lambda value: held.map({name: value}), guess, where, (window.low, window.high), periods, most)
+    for line in described(branch, name, unit):
+        click.echo(line)
+    if not branch.parameter.size:
+        return False
+    path = output or (out or file.folder) / "branch.nc"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    dataset = branch.dataset(name, unit).assign_attrs(model=held.model.name, phase=phase)
+    write_dataset(dataset, path)
+    click.echo(f"branch: {path}")
+    for body in drawn:
+        picture = path.with_name(f"{path.stem}_{body}.png")
+        branch_diagram([dataset], body).savefig(picture, dpi=DPI)
+        click.echo(f"picture: {picture}")
+    return True
+
+
+def _settled(held: Setting, name: str, where: float, start: str | None) -> tuple[int, list[float]]:
+    """Period of the motion at one value of the parameter, and a state of it."""
+    place = f"{name} = {shown(where, held.unit(name))}"
+    try:
+        map = held.map({name: where})
+    except ValueError as error:
+        raise CalibError(f"--at: {place}: {error}") from error
+    given = state(start, map) if start else {}
+    found = kind_of_orbit(map, [given.get(n, own) for n, own in zip(map.names, map.initial, strict=True)])
+    if not found.period:
+        raise CalibError(f"the motion at {place} is {found.kind} ({found.evidence}): choose another --at or --start")
+    click.echo(f"at {place}: {found.kind}, {found.evidence}")
+    return found.period, found.state
+
+
+def described(branch: Branch, name: str, unit: str) -> Iterator[str]:
+    """Say how far a branch reaches, what is on it, and why it ends."""
+    if branch.parameter.size:
+        low, high = shown(branch.parameter.min(), unit, 7), shown(branch.parameter.max(), unit, 7)
+        yield f"period-{branch.periods} over {name} {low} .. {high}, {branch.parameter.size} points"
+    for point in branch.points:
+        yield f"  {point.kind} at {name} = {shown(point.parameter, unit, 8)}: {point.evidence}"
+    for end, reason in zip(("one end", "other end"), branch.ends, strict=True):
+        yield f"  {end}: {reason}"

@@ -1,0 +1,188 @@
+"""What a user gives on the command line, as values in SI and things of the study."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from calib import result
+from calib.dynamics.contract import PeriodMap
+from calib.dynamics.setting import Setting
+from calib.errors import CalibError, nearest
+from calib.parameter import Parameter, Window
+from calib.study_toml import StudyFile
+from calib.units import to_si
+
+GRID = "LOW:HIGH:COUNT, LOW:HIGH:COUNT:log or A,B,C"
+
+
+def settings(texts: Sequence[str], parameters: Mapping[str, Parameter]) -> dict[str, float]:
+    """Read NAME=VALUE texts of --set into SI values.
+
+    Raises
+    ------
+    CalibError : no such parameter, a unit that does not fit, a value that makes no sense
+    """
+    values = {}
+    for text in texts:
+        name, value = _pair("--set", text, "NAME=VALUE")
+        if name not in parameters:
+            raise CalibError(
+                f"--set: unknown parameter {name!r}{nearest(name, parameters)}; the model has {', '.join(parameters)}"
+            )
+        values[name] = quantity(f"--set {name}", value, parameters[name].unit)
+        low, high, unit = (getattr(parameters[name], key) for key in ("low", "high", "unit"))
+        if not low <= values[name] <= high:
+            raise CalibError(f"--set {name}: expected a value in [{low:g}, {high:g}] {unit}, got {value}")
+    return values
+
+
+def setting(
+    file: StudyFile, texts: Sequence[str], record: str | None, best: bool, out: Path | None, phase: float
+) -> Setting:
+    """Model and excitation at the fixed values, with `best` at those that the study has found, and --set over both.
+
+    Raises
+    ------
+    CalibError : the study has found none yet; or as `settings`
+    """
+    values = {}
+    if best:
+        folder = file.folder if out is None else out
+        said = result.read(folder)
+        if said is None or not said["values"]:
+            raise CalibError(f"--best: there is no result in {folder}; `calib run {file.path}` makes one")
+        values = said["values"]
+    return file.setting({**values, **settings(texts, file.study.model.parameters)}, record, phase)
+
+
+def grid(texts: Sequence[str], held: Setting) -> dict[str, np.ndarray]:
+    """Read NAME=LOW:HIGH:COUNT (with ":log" behind it in equal ratios) and NAME=A,B,C of --over into SI values.
+
+    Raises
+    ------
+    CalibError : it is neither; no such parameter, or a unit that does not fit
+    """
+    found = {}
+    for text in texts:
+        name, given = _varied(text, f"NAME={GRID}", found)
+        found[name] = _values(f"--over {name}", given, held.unit(name))
+    return found
+
+
+def spaced(option: str, text: str, units: Mapping[str, str]) -> tuple[str, np.ndarray]:
+    """Read NAME=LOW:HIGH:COUNT of a component of the state (in `units`) into its name and SI values.
+
+    Raises
+    ------
+    CalibError : it is no such text; no such component, or a unit that does not fit
+    """
+    name, given = _pair(option, text, f"NAME={GRID}")
+    if name not in units:
+        raise CalibError(f"{option}: no component {name!r}{nearest(name, units)}; the state has {', '.join(units)}")
+    return name, _values(f"{option} {name}", given, units[name])
+
+
+def _values(where: str, text: str, unit: str) -> np.ndarray:
+    if ":" not in text:
+        return np.array([quantity(where, part.strip(), unit) for part in text.split(",")])
+    parts = [part.strip() for part in text.split(":")]
+    if len(parts) not in (3, 4) or not parts[2].isdecimal() or int(parts[2]) < 2 or parts[3:] not in ([], ["log"]):
+        raise CalibError(f"{where}: expected {GRID}, with a COUNT of 2 or more, got {text!r}")
+    window = _window(where, *parts[:2], unit, "log" if parts[3:] else "linear")
+    return np.array([window.value(u) for u in np.linspace(0.0, 1.0, int(parts[2])).tolist()])
+
+
+def windows(texts: Sequence[str], held: Setting) -> dict[str, Window]:
+    """Read NAME=LOW:HIGH (with ":log" behind it on a logarithmic scale) of --over into windows in SI.
+
+    Raises
+    ------
+    CalibError : as `grid`
+    """
+    expected = "NAME=LOW:HIGH or NAME=LOW:HIGH:log"
+    found = {}
+    for text in texts:
+        name, given = _varied(text, expected, found)
+        parts = [part.strip() for part in given.split(":")]
+        if len(parts) not in (2, 3) or parts[2:] not in ([], ["log"]):
+            raise CalibError(f"--over: expected {expected} (--latin says how many points), got {text!r}")
+        unit = held.unit(name)
+        found[name] = _window(f"--over {name}", *parts[:2], unit, "log" if parts[2:] else "linear")
+    return found
+
+
+def state(text: str, map: PeriodMap) -> dict[str, float]:
+    """Read a state, "NAME=VALUE, NAME=VALUE" over components such as q3.displacement, into SI values by component.
+
+    Raises
+    ------
+    CalibError : no such component, or a unit that does not fit
+    """
+    known, found = dict(zip(map.names, map.units, strict=True)), {}
+    for part in filter(str.strip, text.split(",")):
+        name, value = _pair("--start", part, "NAME=VALUE, NAME=VALUE")
+        if name not in known:
+            raise CalibError(f"--start: no component {name!r}{nearest(name, known)}; the state has {', '.join(known)}")
+        found[name] = quantity(f"--start {name}", value, known[name])
+    return found
+
+
+def bodies_drawn(text: str | None, file: StudyFile, record: str | None) -> list[str]:
+    """Read "A,B" of --bodies; those of the record where nothing is given.
+
+    Raises
+    ------
+    CalibError : the simulator has no such body
+    """
+    known = file.study.model.bodies
+    if text is None:
+        return [str(body) for body in file.reference(record).record.body.values]
+    named = [body.strip() for body in text.split(",")]
+    for body in named:
+        if body not in known:
+            raise CalibError(f"--bodies: there is no body {body!r}{nearest(body, known)}; there are {', '.join(known)}")
+    return named
+
+
+def _pair(option: str, text: str, expected: str) -> tuple[str, str]:
+    name, equals, value = (part.strip() for part in text.partition("="))
+    if not (name and equals and value):
+        raise CalibError(f"{option}: expected {expected}, got {text!r}")
+    return name, value
+
+
+def _varied(text: str, expected: str, found: Mapping) -> tuple[str, str]:
+    name, value = _pair("--over", text, expected)
+    if name in found:
+        raise CalibError(f"--over {name} is given twice")
+    return name, value
+
+
+def _window(where: str, low: str, high: str, unit: str, scale: str) -> Window:
+    ends = quantity(where, low, unit), quantity(where, high, unit)
+    try:
+        return Window(*ends, scale)
+    except CalibError as error:
+        raise CalibError(f"{where}: {error}") from error
+
+
+def quantity(where: str, text: str, unit: str) -> float:
+    """Read a number in SI or with its unit.
+
+    Raises
+    ------
+    CalibError : neither; `where` is the option that it stands at
+    """
+    try:
+        return to_si(_number(text), unit)
+    except CalibError as error:
+        raise CalibError(f"{where}: {error}") from error
+
+
+def _number(text: str) -> float | str:
+    """Take a bare number as one in SI."""
+    try:
+        return float(text)
+    except ValueError:
+        return text

@@ -1,0 +1,122 @@
+"""A sweep from the command line: its file, its pictures, and what it found in a few lines."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import click
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+
+from calib.cli.given import bodies_drawn, grid, setting, state, windows
+from calib.dynamics.motion import FAILED
+from calib.progress import Count
+from calib.report.diagrams import bifurcation_diagram, impact_diagram
+from calib.report.drawing import DPI
+from calib.report.maps import kind_map
+from calib.report.sections import sections
+from calib.report.sweeps import parameters
+from calib.study_toml import load
+from calib.sweep import Sweep, latin_hypercube, run
+from calib.units import shown
+
+LINES = 24  # stretches that are printed
+
+
+def sweep_study(
+    study: Path,
+    over: Sequence[str],
+    *,
+    latin: int | None,
+    seed: int,
+    carry: str,
+    starts: Sequence[str],
+    phase: float,
+    settle: int,
+    cycles: int,
+    settings: Sequence[str],
+    record: str | None,
+    best: bool,
+    bodies: str | None,
+    jobs: int | None,
+    out: Path | None,
+    output: Path | None,
+    fresh: bool,
+    quiet: bool,
+) -> bool:
+    """Sweep a study's simulator, write the file and its pictures, and print what was found.
+
+    Returns
+    -------
+    whether some motion was found at all
+    """
+    file = load(study, jobs=jobs)
+    held = setting(file, settings, record, best, out, phase)
+    axes = grid(over, held) if latin is None else latin_hypercube(windows(over, held), latin, seed)
+    plan = Sweep(
+        held, axes, paired=latin is not None, carry=carry, settle=settle, cycles=cycles,
+        starts=[state(text, held.map()) for text in starts] or [{}],
+    )  # fmt: skip
+    path = output or (out or file.folder) / "sweep.nc"
+    drawn = bodies_drawn(bodies, file, record)
+    with Count("points", quiet) as count:
+        found = run(plan, path, jobs=file.study.jobs, fresh=fresh, on_done=count)
+    if not quiet:
+        for line in described(found):
+            click.echo(line)
+        click.echo(f"sweep: {path}")
+    for picture, figure in pictures(found, drawn):
+        name = path.with_name(f"{path.stem}{picture}.png")
+        figure.savefig(name, dpi=DPI)
+        if not quiet:
+            click.echo(f"picture: {name}")
+    return bool((found.kind != FAILED).any())
+
+
+def pictures(found: xr.Dataset, bodies: Sequence[str]) -> Iterator[tuple[str, Figure]]:
+    """Yield the pictures of a sweep with what is added to the file's name: those that show something of it."""
+    if len(parameters(found)) > 1:
+        yield "", kind_map(found)
+        return
+    yield "", sections(found.sel(body=list(bodies))) or bifurcation_diagram(found, bodies)
+    impacts = impact_diagram(found)
+    if impacts is not None:
+        yield "_impacts", impacts
+
+
+def described(found: xr.Dataset) -> Iterator[str]:
+    """Say of each branch over which stretch of the parameter which motion was found; of a plane, how often."""
+    failed = int((found.kind == FAILED).sum())
+    for name in found.branch.values if "branch" in found.dims else [""]:
+        branch = found.sel(branch=name) if name else found
+        yield f"{name}:" if name else "found:"
+        lines = list(_stretches(branch) if len(parameters(found)) == 1 else _counted(branch))
+        yield from lines[:LINES]
+        if len(lines) > LINES:
+            yield f"  ... and {len(lines) - LINES} more"
+    if failed:
+        reasons = np.unique(found.status.values[found.kind.values == FAILED])
+        yield f"failed: {failed} of {found.kind.size} ({', '.join(reasons)})"
+
+
+def _label(kind: str, impacts: int) -> str:
+    return f"{kind}, {impacts} impact(s) a return" if kind.startswith("period-") and impacts > 0 else kind
+
+
+def _stretches(branch: xr.Dataset) -> Iterator[str]:
+    [name] = branch.kind.dims
+    values, unit = branch[name].values, branch[name].attrs["units"]
+    order = np.argsort(values)
+    labels = [_label(str(branch.kind.values[k]), int(branch.impacts.values[k])) for k in order]
+    first = 0
+    for k in range(1, len(labels) + 1):
+        if k == len(labels) or labels[k] != labels[first]:
+            low, high = (shown(float(values[order[at]]), unit) for at in (first, k - 1))
+            yield f"  {name} {low if low == high else f'{low} .. {high}'}: {labels[first]}"
+            first = k
+
+
+def _counted(branch: xr.Dataset) -> Iterator[str]:
+    kinds, counts = np.unique(branch.kind.values, return_counts=True)
+    for kind, count in sorted(zip(kinds, counts, strict=True), key=lambda pair: -pair[1]):
+        yield f"  {kind}: {count} of {branch.kind.size}"

@@ -1,0 +1,221 @@
+"""Periodic orbits by shooting."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.dynamics.contract import PeriodMap
+from calib.dynamics.tangent import jacobian
+from calib.errors import CalibError
+from calib.orbit import Orbit
+from calib.record import OK
+
+TOLERANCE = 1e-11  # of the residual, in units of the scale
+ROUNDING = 1e-8  # residual that is accepted where rounding does not let it fall further
+HALVINGS = 8  # of a Newton step that does not lower the residual
+GRAZING = 1e-3  # margin below which the derivative says little: it has a square root singularity at margin 0
+SAME = 1e-7  # distance of states that are one, in units of the scale
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """A motion that comes back to its state after whole periods, or the attempt to find one.
+
+    Attributes
+    ----------
+    state : (dimension,) at the section, each component in its unit
+    periods : whole periods of one return
+    multipliers : (dimension,) complex eigenvalues of the derivative of one return, by falling modulus; NaN where the
+        attempt failed
+    steps : distance between the state and its return before and after each Newton step, in units of the scale
+    orbit : one return; its `displacement` and `velocity` (body, periods)  [m], [m/s]
+    misses : (k,) local minima of the clearance over one return  [m]
+    margin : how far the motion is from grazing [1]: the smaller of the nearest miss over the scale of displacements and
+        the slowest closing speed over the fastest (over the scale of velocities, if that is larger); inf where there
+        is neither. A motion with permanent contact has chatter, which slows down to nothing without grazing: there
+        only the misses count.
+    reason : why the attempt failed, empty for a periodic motion
+    """
+
+    state: np.ndarray
+    periods: int
+    multipliers: np.ndarray
+    steps: tuple[float, ...]
+    orbit: Orbit
+    misses: np.ndarray
+    margin: float
+    reason: str = ""
+
+    @property
+    def converged(self) -> bool:
+        """Whether the state comes back."""
+        return not self.reason
+
+    @property
+    def residual(self) -> float:
+        """Distance between the state and its return, in units of the scale."""
+        return self.steps[-1]
+
+    @property
+    def exponent(self) -> float:
+        """Largest Lyapunov exponent [1, per period of the excitation]; NaN where there is no cycle."""
+        growth = abs(self.multipliers[0])
+        return -math.inf if growth == 0.0 else math.log(growth) / self.periods
+
+    @property
+    def stable(self) -> bool:
+        """Whether neighbours come closer; says little where the motion is `grazing`."""
+        return bool(abs(self.multipliers[0]) < 1.0)
+
+    @property
+    def impacts(self) -> int:
+        """Impacts per return."""
+        return len(self.orbit.impacts)
+
+    @property
+    def slowest(self) -> float:
+        """Least closing speed of the impacts [m/s], inf without impacts."""
+        return float(self.orbit.impacts[:, 2].min(initial=math.inf))
+
+    @property
+    def nearest(self) -> float:
+        """Least clearance that an impact was missed by [m], inf without misses."""
+        return float(self.misses.min(initial=math.inf))
+
+    @property
+    def grazing(self) -> bool:
+        """Whether the multipliers are not to be trusted, as an impact is about to appear or to vanish.
+
+        Source: Nordmark, Journal of Sound and Vibration 145 (1991) 279-297.
+        """
+        return self.margin < GRAZING
+
+
+def shoot(map: PeriodMap, guess: np.ndarray, periods: int = 1, most: int = 20) -> Cycle:
+    """Periodic motion near `guess` (dimension,), by damped Newton steps on P^periods(x) - x in units of the scale.
+
+    Where there is none to be found the cycle says so in `reason`. Its period may be a divisor of `periods`; see
+    `reduced`.
+
+    Raises
+    ------
+    CalibError : a guess that is no state of this map, or less than one period
+    """
+    guess = checked_guess(map, guess, periods)
+    identity = np.eye(guess.size)
+    xi, steps, reason = newton(
+        lambda xi: _departure(map, xi * map.scale, periods),
+        lambda xi: jacobian(map, xi * map.scale, periods)[1] - identity,
+        guess / map.scale,
+        most,
+    )
+    unknown = np.full((xi.size, xi.size), np.nan)
+    derivative = unknown if reason else jacobian(map, xi * map.scale, periods)[1]
+    return cycle_at(map, xi * map.scale, periods, derivative, steps, reason)
+
+
+def reduced(map: PeriodMap, cycle: Cycle) -> Cycle:
+    """Return the cycle with its least period, a divisor of the one it was sought with."""
+    for periods in range(1, cycle.periods if cycle.converged else 1):
+        if cycle.periods % periods == 0 and _distance(map, cycle.orbit.states[periods - 1], cycle.state) < SAME:
+            shorter = shoot(map, cycle.state, periods)
+            if shorter.converged and _distance(map, shorter.state, cycle.state) < SAME:
+                return shorter
+    return cycle
+
+
+def checked_guess(map: PeriodMap, guess: np.ndarray, periods: int) -> np.ndarray:
+    """Return the guess as an array (dimension,) where it can be a state of the map."""
+    guess = np.asarray(guess, dtype=float)
+    if guess.shape != map.scale.shape or not np.isfinite(guess).all():
+        raise CalibError(
+            f"expected a guess of {map.scale.size} finite numbers ({', '.join(map.names)}), got {guess.tolist()}; "
+            "the map's `initial` is one"
+        )
+    if periods < 1:
+        raise CalibError(f"expected at least 1 period, got {periods}")
+    return guess
+
+
+def newton(
+    residual: Callable, derivative: Callable, start: np.ndarray, most: int
+) -> tuple[np.ndarray, tuple[float, ...], str]:
+    """Root of `residual` near `start` (n,), norms of the residual after 0, 1, ... steps, and why there is none or "".
+
+    residual (n,) -> (n,) and derivative (n,) -> (n, n) are NaN where they are not known. A step is halved until it
+    lowers the residual.
+    """
+    root, value = start, residual(start)
+    sizes = [float(np.linalg.norm(value))]
+    reason = "" if np.isfinite(sizes[0]) else "the motion fails from the guess"
+    while not reason and sizes[-1] > TOLERANCE:
+        if len(sizes) > most:
+            reason = f"{most} Newton steps leave a residual of {sizes[-1]:.1e}"
+            break
+        step = _newton_step(derivative(root), value)
+        if step is None:
+            reason = "the derivative is singular, or the motion fails beside the state"
+            break
+        for halving in range(HALVINGS):
+            ahead = root + 0.5**halving * step
+            ahead_value = residual(ahead)
+            if np.linalg.norm(ahead_value) < sizes[-1]:  # false for NaN
+                break
+        else:
+            reason = f"the residual stays at {sizes[-1]:.1e}" if sizes[-1] > ROUNDING else ""
+            break
+        root, value = ahead, ahead_value
+        sizes.append(float(np.linalg.norm(value)))
+    return root, tuple(sizes), reason
+
+
+def cycle_at(
+    map: PeriodMap, state: np.ndarray, periods: int, derivative: np.ndarray, steps: tuple[float, ...], reason: str = ""
+) -> Cycle:
+    """Describe the periodic motion through `state`, or the attempt that ended there for `reason`.
+
+    derivative : (dimension, dimension) of one return, in units of the scale; NaN where it is not known
+    """
+    orbit = map.orbit(state, periods)
+    if not np.isfinite(derivative).all():
+        unknown = np.full(state.size, complex(math.nan, math.nan))
+        reason = reason or "the derivative is not known: the motion fails beside the state"
+        return Cycle(state, periods, unknown, steps, orbit, np.zeros(0), math.inf, reason)
+    multipliers = np.linalg.eigvals(derivative).astype(complex)
+    multipliers = multipliers[np.argsort(-np.abs(multipliers), kind="stable")]  # stable: pairs stay side by side
+    misses = np.concatenate([map.misses(x) for x in (state, *orbit.states[:-1])])
+    return Cycle(state, periods, multipliers, steps, orbit, misses, _margin(map, orbit, misses))
+
+
+def _newton_step(matrix: np.ndarray, value: np.ndarray) -> np.ndarray | None:
+    if not np.isfinite(matrix).all():
+        return None
+    try:
+        return np.linalg.solve(matrix, -value)
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _departure(map: PeriodMap, state: np.ndarray, periods: int) -> np.ndarray:
+    """P^periods(x) - x (dimension,) in units of the scale, NaN where the motion fails."""
+    orbit = map.orbit(state, periods)
+    return (orbit.states[-1] - state) / map.scale if orbit.status == OK else np.full(state.size, np.nan)
+
+
+def _distance(map: PeriodMap, one: np.ndarray, other: np.ndarray) -> float:
+    return float(np.abs((one - other) / map.scale).max())
+
+
+def _margin(map: PeriodMap, orbit: Orbit, misses: np.ndarray) -> float:
+    margin = float(misses.min(initial=math.inf)) / _scale(map, "m")
+    speeds = orbit.impacts[:, 2]
+    if speeds.size and orbit.contact == 0.0:
+        margin = min(margin, float(speeds.min() / max(speeds.max(), _scale(map, "m/s"))))
+    return margin
+
+
+def _scale(map: PeriodMap, unit: str) -> float:
+    """Return the largest scale of the components in this unit, 1 without any."""
+    return max((scale for scale, its in zip(map.scale, map.units, strict=True) if its == unit), default=1.0)

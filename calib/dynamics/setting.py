@@ -1,0 +1,94 @@
+"""What stays as it is while one or two parameters vary: model, excitation, values, phase of the section."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from calib.dynamics.contract import PeriodMap
+from calib.errors import CalibError, nearest
+from calib.excitation import Excitation
+from calib.model import Model
+from calib.store.plain import plain
+
+DRIVE = {"excitation.frequency": "frequency", "excitation.amplitude": "amplitude"}
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """A model under a harmonic excitation, ready for sections, sweeps, branches and basins.
+
+    What varies is named: a parameter of the model, "excitation.frequency" [Hz] or "excitation.amplitude" [its unit].
+
+    Attributes
+    ----------
+    model : whose simulator offers a period map
+    excitation : harmonic
+    values : of its parameters in SI; nominal ones stand in for those that it lacks
+    phase : where in the period the section is taken, in [0, 1)  [1, in periods]
+    """
+
+    model: Model
+    excitation: Excitation
+    values: Mapping[str, float] = field(default_factory=dict)
+    phase: float = 0.0
+
+    def map(self, varied: Mapping[str, float] | None = None) -> PeriodMap:
+        """Period map with other values (SI) of the parameters named.
+
+        Raises
+        ------
+        CalibError : an unknown parameter, a simulator or an excitation without a period map
+        ValueError : these values give nothing that could move
+        """
+        values = {**self.values, **(varied or {})}
+        drive = {field: values.pop(name) for name, field in DRIVE.items() if name in values}
+        return self.model.period_map(values, replace(self.excitation, **drive), self.phase)
+
+    def unit(self, name: str) -> str:
+        """SI unit of what can vary.
+
+        Raises
+        ------
+        CalibError : there is nothing of that name
+        """
+        if name in DRIVE:
+            return "Hz" if DRIVE[name] == "frequency" else self.excitation.unit
+        known = [*self.model.parameters, *DRIVE]
+        if name not in known:
+            raise CalibError(f"{name!r} cannot vary{nearest(name, known)}; this model has {', '.join(known)}")
+        return self.model.parameters[name].unit
+
+    def meaning(self, name: str) -> str:
+        """Say what it is that varies."""
+        if name in DRIVE:
+            return f"{DRIVE[name]} of the excitation ({self.excitation.quantity})"
+        return self.model.parameters[name].meaning
+
+    def check(self, name: str, values: Sequence[float]) -> None:
+        """Refuse values that make no sense, whatever the model.
+
+        Raises
+        ------
+        CalibError : not finite, or outside the parameter's bounds
+        """
+        unit, parameter = self.unit(name), self.model.parameters.get(name)
+        low, high = (parameter.low, parameter.high) if parameter else (np.nextafter(0.0, 1.0), np.inf)
+        for value in values:
+            if not low <= value <= high:  # true for NaN
+                raise CalibError(f"expected values of {name!r} in [{low:g}, {high:g}] {unit}, got {value:g}")
+
+    def definition(self) -> dict[str, Any]:
+        """All that decides the motions, as JSON takes it."""
+        simulator, drive = self.model.simulator, self.excitation
+        return plain(
+            {
+                "simulator": simulator.name,
+                "options": {k: v for k, v in vars(simulator).items() if isinstance(v, str | int | float | bool)},
+                "effects": [[effect.name, effect.bodies] for effect in self.model.effects],
+                "values": {**self.model.nominal, **self.values},
+                "excitation": {k: getattr(drive, k) for k in ("place", "quantity", "frequency", "amplitude", "phase")},
+                "phase": self.phase,
+            }
+        )

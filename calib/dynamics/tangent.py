@@ -1,0 +1,58 @@
+"""Small differences along an orbit: from the map's own derivative, or from central differences of the map."""
+
+import numpy as np
+
+from calib.dynamics.contract import PeriodMap
+from calib.orbit import Tangent
+from calib.record import OK
+
+STEP = 1e-6  # of the central differences, in units of the scale
+
+
+def tangent(map: PeriodMap, state: np.ndarray, vectors: np.ndarray, periods: int) -> Tangent:
+    """Carry `vectors` (dimension, m), in units of the scale, along the orbit from `state`; see `calib.orbit.Tangent`.
+
+    A map that does not know its derivative is differenced centrally, once a period.
+    """
+    own = map.tangent(state, vectors, periods)
+    return own if own is not None else _by_differences(map, state, vectors, periods)
+
+
+def jacobian(map: PeriodMap, state: np.ndarray, periods: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Return the state after `periods` periods, and its derivative (dimension, dimension) in units of the scale.
+
+    Where the motion fails on the way both are NaN.
+    """
+    size = len(state)
+    carried = tangent(map, state, np.eye(size), periods)
+    if len(carried.states) < periods:
+        return np.full(size, np.nan), np.full((size, size), np.nan)
+    product = carried.vectors
+    for growth in carried.growth[::-1]:
+        product = product @ growth
+    return carried.states[-1], product
+
+
+def _by_differences(map: PeriodMap, state: np.ndarray, vectors: np.ndarray, periods: int) -> Tangent:
+    vectors, _ = _orthonormal(vectors)
+    states, growth = [], []
+    for _ in range(periods):
+        after = map.orbit(state, 1)
+        ahead = [map.orbit(state + STEP * map.scale * vector, 1) for vector in vectors.T]
+        behind = [map.orbit(state - STEP * map.scale * vector, 1) for vector in vectors.T]
+        if any(orbit.status != OK for orbit in (after, *ahead, *behind)):
+            break
+        image = [(a.states[0] - b.states[0]) / (2.0 * STEP * map.scale) for a, b in zip(ahead, behind, strict=True)]
+        vectors, stretched = _orthonormal(np.array(image).T)
+        state = after.states[0]
+        states.append(state)
+        growth.append(stretched)
+    return Tangent(
+        np.array(states).reshape(-1, len(state)), vectors, np.array(growth).reshape(-1, *2 * (vectors.shape[1],))
+    )
+
+
+def _orthonormal(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    q, r = np.linalg.qr(vectors)
+    sign = np.where(np.diag(r) < 0.0, -1.0, 1.0)
+    return q * sign, sign[:, None] * r

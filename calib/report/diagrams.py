@@ -1,0 +1,190 @@
+"""Pictures of a sweep over its one parameter: the bifurcation diagram, and the impacts."""
+
+from collections.abc import Sequence
+
+import matplotlib as mpl
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+from matplotlib.transforms import ScaledTranslation
+
+from calib.report.drawing import LINE, OTHER, STYLE
+from calib.report.sweeps import (
+    BESIDE,
+    FAILED,
+    WIDE,
+    Swept,
+    along_one,
+    branch_colour,
+    branch_entries,
+    branch_size,
+    branches,
+    channel_scale,
+    dot,
+    in_order,
+    kind_colour,
+    known_bodies,
+    limits,
+    patch,
+    plain_kind,
+    points,
+    title,
+)
+
+GAP = "#e2e2e2"  # where runs failed
+ROW = 9.0  # pt from one row of period labels to the next
+LETTER = 0.065  # inch: width of a letter of a period label
+PLOT = WIDE - 2.3  # inch: about the width of a panel
+
+
+def bifurcation_diagram(sweep: xr.Dataset, bodies: Sequence[str] | None = None) -> Figure:
+    """Section of each body over the parameter, and beneath it the largest exponent by kind of motion.
+
+    Above stands what each wide stretch of one periodic motion is: impacts over periods of a return, or the periods
+    alone where impacts are not told. Where a run of any branch failed is a grey vertical mark.
+
+    Parameters
+    ----------
+    sweep : of one parameter, with displacement (branch, body, cycle, parameter) [m], and over (branch, parameter) kind,
+        period [1], impacts [1] and exponent [1/period]; branch is optional
+    bodies : which to draw; None draws all
+
+    Raises
+    ------
+    CalibError : another number of parameters, or an unknown body
+    """
+    ordered, over = along_one(sweep, "a bifurcation diagram")
+    shown = known_bodies(sweep, bodies)
+    height = (3.4, 2.7, 2.2)[min(len(shown), 3) - 1]
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(WIDE, height * len(shown) + 2.0), layout="constrained")
+        rows = figure.subplots(len(shown) + 1, 1, sharex=True, height_ratios=[height] * len(shown) + [1.4])
+        for body, axes in zip(shown, rows, strict=False):
+            values = ordered.displacement.sel(body=body)
+            scale, unit = channel_scale(values)
+            _cloud(axes, scale * values, over)
+            axes.set(ylabel=f"{body}\ndisplacement [{unit}]", ylim=limits(scale * values.values))
+        _period_labels(rows[0], ordered, over)
+        _exponents(rows[-1], ordered, over)
+        _finish(figure, rows, ordered, over)
+    return figure
+
+
+def impact_diagram(sweep: xr.Dataset) -> Figure | None:
+    """Phase and closing speed of the impacts over the parameter; None where there are no impacts.
+
+    Parameters
+    ----------
+    sweep : of one parameter, with impact_phase [1, in periods] and impact_speed [m/s] (branch, impact, parameter), NaN
+        where there is none; branch is optional
+
+    Raises
+    ------
+    CalibError : another number of parameters
+    """
+    ordered, over = along_one(sweep, "an impact diagram")
+    if not np.isfinite(sweep.impact_phase.values).any():
+        return None
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(WIDE, 5.4), layout="constrained")
+        rows = figure.subplots(2, 1, sharex=True)
+        _cloud(rows[0], ordered.impact_phase, over)
+        rows[0].set(ylabel="Impact phase [periods]", ylim=(0.0, 1.0))
+        _cloud(rows[1], ordered.impact_speed, over)
+        rows[1].set(ylabel="Closing speed [m/s]", ylim=(0.0, 1.05 * float(np.nanmax(sweep.impact_speed.values)) or 1.0))
+        if (sweep.kind == FAILED).any():
+            rows[1].legend(handles=[_kind_entry(FAILED)], **BESIDE)
+        _finish(figure, rows, ordered, over)
+    return figure
+
+
+def _cloud(axes, values, over: Swept):
+    """Every finite one among `values` ((branch,) n, parameter) as a dot in the colour of its branch."""
+    parts = [values.isel(branch=i) for i in range(values.sizes["branch"])] if "branch" in values.dims else [values]
+    clouds = [points(part, over) for part in parts]
+    largest = float(np.clip(450.0 / over.places.size, 1.4, 1.8)) * (1.3 if len(parts) > 1 else 1.0)
+    for i, (x, y) in enumerate(clouds):
+        look = {"color": branch_colour(i), "markersize": largest * branch_size(i, len(parts))}
+        axes.plot(x, y, "o", markeredgewidth=0, rasterized=True, zorder=2 + 0.01 * i, **look)
+
+
+def _finish(figure, rows, sweep, over):
+    """Marks of failed runs, the legend of branches, the axis of the parameter and the title."""
+    failed = (sweep.kind == FAILED).any([d for d in sweep.kind.dims if d != over.dim]).values
+    edges = over.edges()
+    spans = [(edges[first], edges[last + 1]) for _, first, last in _stretches(np.where(failed, FAILED, ""))]
+    for axes in rows:
+        for span in spans:
+            axes.axvspan(*span, facecolor=GAP, edgecolor=OTHER, linewidth=0.6, zorder=1)
+    if "branch" in sweep.dims:
+        rows[0].legend(handles=branch_entries(sweep), **BESIDE)
+    over.lay(rows[-1].xaxis, *edges[[0, -1]])
+    figure.align_ylabels(rows)
+    figure.suptitle(title(sweep), x=0.01, horizontalalignment="left", fontsize=9.5)
+
+
+def _exponents(axes, sweep, over):
+    """Largest exponent, coloured by kind of motion; what lies below the axis is marked at its bottom."""
+    low, high = _exponent_limits(sweep.exponent.values)
+    axes.axhline(0.0, color=LINE, linewidth=0.8, zorder=1.5)
+    parts, kinds = branches(sweep), plain_kind(sweep.kind)
+    for i, (_, part) in enumerate(parts):
+        exponent, kind = part.exponent.values, plain_kind(part.kind)
+        axes.plot(over.places, np.maximum(exponent, low), color=branch_colour(i), linewidth=0.4, alpha=0.45, zorder=2)
+        for name in in_order(kind[kind != FAILED]):
+            look = {"color": kind_colour(name), "markeredgewidth": 0, "linestyle": "none", "zorder": 3}
+            mine = (kind == name) & (exponent >= low)
+            size = 3.4 * branch_size(i, len(parts))
+            axes.plot(over.places[mine], exponent[mine], "o", markersize=size, rasterized=True, **look)
+            mine = (kind == name) & (exponent < low)
+            if mine.any():  # what is empty and not clipped would still take room beside the panel
+                axes.plot(over.places[mine], np.full(mine.sum(), low), "v", markersize=3.4, clip_on=False, **look)
+    axes.set(ylim=(low, high), ylabel="Largest exponent\n[1/period]")
+    below = [dot(OTHER, "below the axis", "v")] if (sweep.exponent < low).any() else []
+    axes.legend(handles=[_kind_entry(name) for name in in_order(kinds.ravel())] + below, **BESIDE)
+
+
+def _exponent_limits(exponent):
+    """Ends of the axis of exponents: chaos is to be seen, however strongly periodic motions attract."""
+    finite = exponent[np.isfinite(exponent)]
+    top = finite.max(initial=0.0)
+    low = max(finite.min(initial=0.0), -3.0 * max(0.3, top))
+    span = (top - low) or 1.0
+    return low - 0.06 * span, top + 0.12 * span
+
+
+def _kind_entry(kind):
+    return patch(GAP, kind) if kind == FAILED else dot(kind_colour(kind), kind)
+
+
+def _period_labels(axes, sweep, over):
+    """Name what returns along the top of the panel: a row for each branch, a bracket for each stretch that fits."""
+    bounds = np.log(over.edges()) if over.ratio else over.edges()
+    share = (bounds - bounds[0]) / (bounds[-1] - bounds[0])
+    parts = branches(sweep)
+    for i, (_, part) in enumerate(parts):
+        lift = (3.0 + ROW * (len(parts) - 1 - i)) / 72.0
+        above = axes.transAxes + ScaledTranslation(0.0, lift, axes.figure.dpi_scale_trans)
+        look = {"color": branch_colour(i) if len(parts) > 1 else LINE, "transform": above}
+        for text, first, last in _stretches(_returns(part)):
+            start, end = share[first] + 0.003, share[last + 1] - 0.003  # apart from its neighbours
+            if (end - start) * PLOT > LETTER * (len(text) + 1):
+                axes.plot([start, end], [1.0, 1.0], linewidth=0.8, clip_on=False, **look)
+                axes.text(0.5 * (start + end), 1.0, text, fontsize=6.5, ha="center", va="bottom", **look)
+    if axes.texts:
+        counted = "impacts/periods" if (sweep.impacts >= 0).any() else "periods"
+        look = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "bottom"}
+        axes.annotate(f"{counted}\nof a return", (1.0, 1.0), (8.0, 3.0), fontsize=6.5, color=LINE, **look)
+
+
+def _returns(part):
+    """Label of the motion at each value: impacts over periods of a return, "" where it does not return."""
+    pairs = zip(part.period.values.astype(int), part.impacts.values.astype(int), strict=True)
+    return ["" if n <= 0 else f"{p}/{n}" if p >= 0 else f"{n}" for n, p in pairs]
+
+
+def _stretches(labels):
+    """(label, first, last) of the stretches over which a label that is not empty stays what it is."""
+    starts = [0, *(i for i in range(1, len(labels)) if labels[i] != labels[i - 1])]
+    ends = [*starts[1:], len(labels)]
+    return [(labels[a], a, b - 1) for a, b in zip(starts, ends, strict=True) if labels[a]]

@@ -1,0 +1,74 @@
+"""Near misses: the local minima of the clearance between impacts."""
+
+import math
+
+from numba import njit
+
+from calib.simulators.impact.events import meet_stop
+from calib.simulators.impact.flow import flow
+from calib.simulators.impact.kernel import fly
+from calib.simulators.impact.problem import AT_PERIOD, FREE, REGIME, RELEASED, STEPS, TOUCH
+from calib.simulators.impact.witness import BROKEN, FOUND, witness
+
+SAMPLES = 256  # of the clearance's rate in a period
+HALVINGS = 50  # of the interval that holds a minimum
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def nearest_passes(problem, state, w, budget, impacts, minima):
+    """Go on by one period and note the minima of the clearance.
+
+    Parameters
+    ----------
+    state : State at phase zero, written
+    budget : steps after which the search is given up
+    impacts : (0, 2 + 2 n)
+    minima : (k,) written  [m]
+
+    Returns
+    -------
+    count : how many minima there were; -1 where the motion fails
+    """
+    n, count = state.y.size, 0
+    ye, ve = state.y.copy(), state.v.copy()
+    regimes, loaded = problem.regimes, problem.collocated
+    while state.count[AT_PERIOD] == 0:
+        r, time = state.count[REGIME], state.clock[0]
+        outcome, tau, step = fly(problem, state, w, ye, ve)
+        if outcome == BROKEN or state.count[STEPS] > budget:
+            return -1
+        if r == FREE:
+            pieces = max(1, math.ceil(SAMPLES * tau / problem.period))
+            early, rate_early = 0.0, math.inf  # at the start of a flight the clearance opens
+            for k in range(1 if state.count[TOUCH] == RELEASED else 0, pieces + 1):
+                at = tau * k / pieces
+                flow(regimes, r, state.y, state.v, loaded, w.load, step, at, ye, ve)
+                _, rate, _, _ = witness(
+                    regimes, r, ye, ve, problem.omega, time + at, loaded, w.load, w.added, step, at, 0.0
+                )
+                if rate_early < 0.0 <= rate and count < minima.size:
+                    low, high = early, at
+                    for _ in range(HALVINGS):
+                        middle = 0.5 * (low + high)
+                        flow(regimes, r, state.y, state.v, loaded, w.load, step, middle, ye, ve)
+                        value, slope, _, _ = witness(
+                            regimes, r, ye, ve, problem.omega, time + middle, loaded, w.load, w.added, step, middle, 0.0
+                        )
+                        if slope < 0.0:
+                            low = middle
+                        else:
+                            high = middle
+                    minima[count] = value
+                    count += 1
+                early, rate_early = at, rate
+        flow(regimes, r, state.y, state.v, loaded, w.load, step, tau, ye, ve)
+        for i in range(n):
+            state.y[i], state.v[i] = ye[i], ve[i]
+        ends = tau >= problem.period - time
+        state.count[TOUCH] = 0
+        if outcome == FOUND:
+            meet_stop(problem, state, time, tau, step, True, impacts, w)
+        state.clock[0] = time + tau
+        if ends:
+            state.count[AT_PERIOD] += 1
+    return count

@@ -1,0 +1,276 @@
+"""Small differences carried along a motion: exact between events, by saltation at them.
+
+A difference meets an event earlier or later than the motion does, by dt = -(dW) / (dW/dt) with the witness W of the
+regime that ends. With the reset x+ = g(x-, t) and the rates f- and f+ of the state before and after,
+
+    dx+ = g_x dx- + (g_x f- + g_t - f+) dt
+
+(Mueller 1995; Leine and Nijmeijer 2004, section 7). Force laws depend on the motion and have no place here.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from calib.simulators.impact.events import coefficient, meet_stop
+from calib.simulators.impact.flow import flow, impulse_response
+from calib.simulators.impact.kernel import DIVERGED, DONE, SPENT, fly, within, write_row
+from calib.simulators.impact.polynomial import polynomial, slope
+from calib.simulators.impact.problem import AT_PERIOD, CONTACT, FREE, REGIME, SECTIONS, STEPS, TOUCH
+from calib.simulators.impact.witness import BROKEN, FOUND, witness
+
+LOST = 1e-13  # share of a difference that is left by rounding where a contact wipes it out
+NEAR = 1e-5  # relative step for the slope of a law of restitution
+
+
+@njit(cache=True, error_model="numpy")
+def _flow_differences(regimes, r, tau, dy, dv):
+    """Carry dy, dv (n, m) on by `tau` [s] within regime `r`: no load depends on the motion."""
+    for i in range(dy.shape[0]):
+        stiffness, rate = regimes.stiffness[r, i], regimes.rate[r, i]
+        s, c = impulse_response(stiffness, rate, tau)
+        for k in range(dy.shape[1]):
+            y, v = dy[i, k], dv[i, k]
+            dy[i, k] = (c + 2.0 * rate * s) * y + s * v
+            dv[i, k] = c * v - stiffness * s * y
+
+
+@njit(cache=True, error_model="numpy")
+def _change_regime(regimes, r, to, dy, dv):
+    """Express dy, dv (n, m) of regime `r` in the modes of regime `to`."""
+    n = dy.shape[0]
+    turn = np.zeros((n, n))
+    for i in range(n):
+        for j in range(n):
+            for b in range(n):
+                turn[i, j] += regimes.project[to, i, b] * regimes.shape[r, b, j]
+    old_y, old_v = dy.copy(), dv.copy()
+    for i in range(n):
+        for k in range(dy.shape[1]):
+            dy[i, k] = 0.0
+            dv[i, k] = 0.0
+            for j in range(n):
+                dy[i, k] += turn[i, j] * old_y[j, k]
+                dv[i, k] += turn[i, j] * old_v[j, k]
+
+
+@njit(cache=True, error_model="numpy")
+def _accelerations(problem, r, y, v, time, u, du, ddu, out):
+    """Write q'' (n,) [m/s^2] of the modal motion y, v in regime `r` under the input u, du, ddu."""
+    both, w = problem.regimes, problem.omega
+    c, s = math.cos(w * time), math.sin(w * time)
+    for j in range(out.size):
+        out[j] = -w * w * (both.motion[r, j, 0] * c + both.motion[r, j, 1] * s) + both.motion_input[r, j] * ddu
+    for i in range(y.size):
+        load = both.load_constant[r, i]
+        load += both.load_input[r, i, 0] * u + both.load_input[r, i, 1] * du + both.load_input[r, i, 2] * ddu
+        a = load - 2.0 * both.rate[r, i] * v[i] - both.stiffness[r, i] * y[i]
+        for j in range(out.size):
+            out[j] += both.shape[r, j, i] * a
+
+
+@njit(cache=True, error_model="numpy")
+def _delays(problem, r, first, dy, dv, delay):
+    """Write by how much later [s] each difference meets the end of regime `r`, whose witness falls at `first`."""
+    both = problem.regimes
+    for k in range(delay.size):
+        change = 0.0
+        for i in range(dy.shape[0]):
+            change += both.witness_y[r, i] * dy[i, k] + both.witness_v[r, i] * dv[i, k]
+        delay[k] = -change / first
+
+
+@njit(cache=True, error_model="numpy")
+def _rebound(problem, v_before, v_after, rate, second, dy, dv, delay):
+    """Saltation at an impact that leaves the stop again; `rate`, `second` of the clearance before it."""
+    both, n = problem.regimes, dy.shape[0]
+    speed = -rate
+    steeper = 0.0
+    if problem.counts[2] > 0:
+        step = NEAR * speed
+        steeper = 0.5 * (coefficient(problem, speed + step) - coefficient(problem, speed - step)) / step
+    turned = 1.0 + coefficient(problem, speed) + speed * steeper  # d[(1 + e) rate] / d rate
+    for k in range(delay.size):
+        closing = second * delay[k]
+        for i in range(n):
+            closing += both.witness_y[FREE, i] * dv[i, k]
+        for i in range(n):
+            jump = v_before[i] - v_after[i]
+            dy[i, k] += jump * delay[k]
+            dv[i, k] -= 2.0 * both.rate[FREE, i] * jump * delay[k]
+            for b in range(n):
+                dv[i, k] -= turned * both.project[FREE, i, b] * problem.hit[b] * closing
+
+
+@njit(cache=True, error_model="numpy")
+def _stick(problem, before, after, second, dy, dv, delay):
+    """Saltation where the contact begins: what opens the clearance is lost; accelerations `before`, `after` (n,)."""
+    both, n = problem.regimes, dy.shape[0]
+    for k in range(delay.size):
+        opening, closing = 0.0, second * delay[k]
+        for i in range(n):
+            opening += both.witness_y[FREE, i] * dy[i, k]
+            closing += both.witness_y[FREE, i] * dv[i, k]
+        for i in range(n):
+            for b in range(n):
+                part = both.project[FREE, i, b]
+                dy[i, k] -= part * problem.hit[b] * opening
+                dv[i, k] += part * ((before[b] - after[b]) * delay[k] - problem.hit[b] * closing)
+    _change_regime(both, FREE, CONTACT, dy, dv)
+
+
+@njit(cache=True, error_model="numpy")
+def _release(problem, before, after, dy, dv, delay):
+    """Saltation where the contact ends: the state goes on, its acceleration changes from `before` to `after` (n,)."""
+    both, n = problem.regimes, dy.shape[0]
+    _change_regime(both, CONTACT, FREE, dy, dv)
+    for k in range(delay.size):
+        for i in range(n):
+            for b in range(n):
+                dv[i, k] += both.project[FREE, i, b] * (before[b] - after[b]) * delay[k]
+
+
+@njit(cache=True, error_model="numpy")
+def _cross(problem, state, time, tau, step, w, dy, dv):
+    """Take the event at `tau` into the step that began at `time`, and carry dy, dv (n, m) over it."""
+    r, now = state.count[REGIME], time + tau
+    n = state.y.size
+    y, v = state.y.copy(), state.v.copy()
+    _, first, second, _ = witness(
+        problem.regimes, r, y, v, problem.omega, now, problem.collocated, w.load, w.added, step, tau, 0.0
+    )
+    delay = np.zeros(dy.shape[1])
+    # a contact that ends as it begins does so at the same instant for all neighbours: it was the impact's instant
+    if tau > 0.0 or r == FREE:
+        _delays(problem, r, first, dy, dv, delay)
+    meet_stop(problem, state, time, tau, step, True, np.zeros((0, 2 + 2 * n)), w)
+    to = state.count[REGIME]
+    if r == FREE and to == FREE:
+        _rebound(problem, v, state.v, first, second, dy, dv, delay)
+        return
+    u, du, ddu = 0.0, 0.0, 0.0
+    if problem.collocated:
+        x = tau / step
+        u, du = polynomial(w.input, x), slope(w.input, x) / step
+        ddu = (2.0 * w.input[2] + x * (6.0 * w.input[3] + x * 12.0 * w.input[4])) / (step * step)
+    before, after = np.zeros(n), np.zeros(n)
+    _accelerations(problem, r, y, v, now, u, du, ddu, before)
+    _accelerations(problem, to, state.y, state.v, now, u, du, ddu, after)
+    if r == FREE:
+        _stick(problem, before, after, second, dy, dv, delay)
+    else:
+        _release(problem, before, after, dy, dv, delay)
+
+
+@njit(cache=True, error_model="numpy")
+def _make_orthonormal(vectors, upper):
+    """Replace the columns of `vectors` (d, m) by orthonormal ones Q and write R (m, m), vectors = Q R.
+
+    What rounding leaves of a wiped-out direction becomes a column of zeros.
+    """
+    d, m = vectors.shape
+    largest = 0.0
+    for k in range(m):
+        largest = max(largest, math.sqrt((vectors[:, k] ** 2).sum()))
+    for k in range(m):
+        for _ in range(2):  # once more: Gram and Schmidt lose orthogonality to rounding
+            for j in range(k):
+                share = 0.0
+                for i in range(d):
+                    share += vectors[i, j] * vectors[i, k]
+                upper[j, k] += share
+                for i in range(d):
+                    vectors[i, k] -= share * vectors[i, j]
+        length = math.sqrt((vectors[:, k] ** 2).sum())
+        if length <= LOST * largest:
+            length = 0.0
+        upper[k, k] = length
+        for i in range(d):
+            vectors[i, k] = vectors[i, k] / length if length > 0.0 else 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _to_section(regimes, r, dy, dv, scale, vectors):
+    """Write `vectors` (2 n, m), in units of `scale`, of the modal differences dy, dv (n, m) in regime `r`."""
+    n = dy.shape[0]
+    for j in range(n):
+        for k in range(dy.shape[1]):
+            q, dq = 0.0, 0.0
+            for i in range(n):
+                q += regimes.shape[r, j, i] * dy[i, k]
+                dq += regimes.shape[r, j, i] * dv[i, k]
+            vectors[j, k] = q / scale[j]
+            vectors[n + j, k] = dq / scale[n + j]
+
+
+@njit(cache=True, error_model="numpy")
+def _from_section(regimes, r, vectors, scale, dy, dv):
+    """Write dy, dv (n, m) of `vectors`: the inverse of `_to_section`."""
+    n = dy.shape[0]
+    for i in range(n):
+        for k in range(dy.shape[1]):
+            dy[i, k] = 0.0
+            dv[i, k] = 0.0
+            for j in range(n):
+                dy[i, k] += regimes.project[r, i, j] * vectors[j, k] * scale[j]
+                dv[i, k] += regimes.project[r, i, j] * vectors[n + j, k] * scale[n + j]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def carry(problem, state, w, periods, budget, scale, sections, vectors, growth):
+    """Go on by `periods` periods with small differences beside the motion.
+
+    Parameters
+    ----------
+    problem : Problem without force laws, with located events
+    state : State at phase zero, written
+    w : Scratch
+    periods : periods to go
+    budget : steps after which the run is given up
+    scale : (2 n,) in which the differences are measured  [m], [m/s]
+    sections : (periods, 2 n + 2) written as in `kernel.advance`
+    vectors : (2 n, m) written: in, the differences in units of `scale`; out, made orthonormal after the last period
+    growth : (periods, m, m) zeros; written: the triangular factors, see `calib.orbit.Tangent`
+
+    Returns
+    -------
+    outcome : DONE, DIVERGED or SPENT
+    done : periods gone
+    """
+    n, m = state.y.size, vectors.shape[1]
+    regimes, loaded = problem.regimes, problem.collocated
+    ye, ve = state.y.copy(), state.v.copy()
+    dy, dv = np.zeros((n, m)), np.zeros((n, m))
+    _make_orthonormal(vectors, np.zeros((m, m)))
+    _from_section(regimes, state.count[REGIME], vectors, scale, dy, dv)
+    done = 0
+    while done < periods:
+        r, time = state.count[REGIME], state.clock[0]
+        outcome, tau, step = fly(problem, state, w, ye, ve)
+        if outcome == BROKEN:
+            return DIVERGED, done
+        if state.count[STEPS] > budget:
+            return SPENT, done
+        flow(regimes, r, state.y, state.v, loaded, w.load, step, tau, ye, ve)
+        for i in range(n):
+            state.y[i], state.v[i] = ye[i], ve[i]
+        _flow_differences(regimes, r, tau, dy, dv)
+        ends = tau >= problem.period - time
+        if ends:
+            write_row(problem, r, ye, ve, time, tau, step, w, sections[done])
+            if not within(sections[done], n, problem.limit):
+                return DIVERGED, done
+            _to_section(regimes, r, dy, dv, scale, vectors)
+            _make_orthonormal(vectors, growth[done])
+            _from_section(regimes, r, vectors, scale, dy, dv)
+            done += 1
+        state.count[TOUCH] = 0
+        if outcome == FOUND and problem.stop:
+            _cross(problem, state, time, tau, step, w, dy, dv)
+        state.clock[0] = time + tau
+        if ends:
+            state.count[AT_PERIOD] += 1
+            state.count[SECTIONS] += 1
+            state.clock[0] = 0.0
+    return DONE, done

@@ -1,0 +1,292 @@
+"""Kinds of motion of maps whose dynamics are known."""
+
+import math
+
+import numpy as np
+import pytest
+from dynamics.plain_maps import PlainMap, delayed_logistic, henon, logistic
+from dynamics.quasi_periodic_maps import GOLDEN, Struck, circle, spiral, torus
+
+from calib.dynamics.motion import CHAOTIC, FAILED, QUASI_PERIODIC, _returned, kind_of_orbit
+from calib.errors import CalibError
+
+# the returns of the circle by 0.35... all but stand still, yet fall in each block of its section
+IRRATIONAL = [circle(), circle(GOLDEN / 60.0), circle(1.0 / 6.0 + 0.001 * GOLDEN), circle(0.3515628140703518), torus()]
+
+
+def multiplier_exponent(a, n):
+    """Exponent of the stable cycle of n periods of the logistic map, from a long run."""
+    x, total = 0.3, 0.0
+    for k in range(20_000 + n):
+        total += math.log(abs(a * (1.0 - 2.0 * x))) if k >= 20_000 else 0.0
+        x = a * x * (1.0 - x)
+    return total / n
+
+
+@pytest.mark.parametrize(
+    ("n", "a"),
+    [(1, 1.5), (1, 2.9), (2, 3.01), (2, 3.2), (2, 3.4), (4, 3.46), (4, 3.52), (8, 3.55), (8, 3.56), (16, 3.566)]
+    + [(3, 3.8285), (3, 3.83), (6, 3.845), (5, 3.74), (6, 3.627), (6, 3.63), (7, 3.702), (32, 3.5696)],
+)
+def test_a_cycle_of_the_logistic_map_has_its_period_and_its_exponent(n, a):
+    found = kind_of_orbit(logistic(a))
+    assert (found.kind, found.period, found.impacts, found.label) == (f"period-{n}", n, 0, f"0/{n}")
+    assert found.exponent == pytest.approx(multiplier_exponent(a, n), abs=1e-4)
+    assert found.error == 0.0
+    assert math.isnan(found.zero_one)
+
+
+@pytest.mark.parametrize("a", [3.572, 3.58, 3.6, 3.7, 3.828, 3.9, 4.0])
+def test_chaos_of_the_logistic_map_is_called_chaotic(a):
+    found = kind_of_orbit(logistic(a))
+    assert (found.kind, found.label, found.period, found.impacts) == (CHAOTIC, CHAOTIC, 0, -1)
+    assert found.zero_one > 0.5
+
+
+def test_chaos_has_its_exponent_within_the_error():
+    found = kind_of_orbit(logistic(4.0))
+    assert found.exponent == pytest.approx(math.log(2.0), abs=4.0 * found.error)
+    assert found.error < 0.03
+    assert kind_of_orbit(henon(1.4)).exponent == pytest.approx(0.4192, abs=0.08)
+
+
+@pytest.mark.parametrize(("n", "a"), [(1, 2.0), (2, 1.0 + math.sqrt(5.0)), (3, 3.8318740552833156)])
+def test_a_superstable_cycle_is_periodic(n, a):
+    found = kind_of_orbit(logistic(a))
+    assert found.kind == f"period-{n}"
+    assert found.exponent < -8.0
+
+
+def test_a_motion_that_a_phase_of_contact_wipes_out_has_exponent_minus_infinity():
+    found = kind_of_orbit(PlainMap(lambda x: np.array([0.3, 0.2]), lambda x: np.zeros((2, 2)), [0.1, 0.1]))
+    assert (found.kind, found.exponent) == ("period-1", -math.inf)
+
+
+@pytest.mark.parametrize("a", [2.001, 2.01, 2.04296644295302, 2.05, 2.1, 2.15])
+def test_above_its_neimark_sacker_point_the_delayed_logistic_map_is_quasi_periodic(a):
+    found = kind_of_orbit(delayed_logistic(a))
+    assert (found.kind, found.period) == (QUASI_PERIODIC, 0)
+    assert abs(found.exponent) < 3e-3
+
+
+def test_a_locked_torus_is_periodic():
+    assert kind_of_orbit(delayed_logistic(2.18)).kind == "period-7"
+    assert kind_of_orbit(circle(3.0 / 64.0)).kind == "period-64"
+
+
+@pytest.mark.parametrize("map", IRRATIONAL)
+def test_irrational_turns_are_quasi_periodic(map):
+    assert kind_of_orbit(map).kind == QUASI_PERIODIC
+
+
+def test_a_return_longer_than_64_periods_is_undecided_and_told():
+    found = kind_of_orbit(circle(1.0 / 100.0))
+    assert found.kind == "undecided"
+    assert "returns after 100 period(s)" in found.evidence
+
+
+@pytest.mark.parametrize(
+    ("map", "likely"),
+    [
+        (logistic(2.9995), "likely period-1"),
+        (logistic(2.9999), "likely period-1"),
+        (logistic(3.0), "still settling"),
+        (logistic(3.0001), "likely period-2"),
+        (delayed_logistic(1.999), "likely period-1"),
+        (spiral(0.9998), "likely period-1"),
+    ],
+)
+def test_a_motion_that_settles_for_ever_is_undecided_and_says_where_to(map, likely):
+    found = kind_of_orbit(map)
+    assert found.kind == "undecided"
+    assert likely in found.evidence
+    assert found.dropped > 6000
+
+
+def test_where_a_motion_settles_to_is_not_said_without_an_exponent_to_agree():
+    found = kind_of_orbit(delayed_logistic(2.0))
+    assert found.kind == "undecided"
+    assert found.evidence.endswith("still settling")
+
+
+def test_what_the_exponent_and_the_0_1_test_disagree_on_is_undecided():
+    grown = kind_of_orbit(delayed_logistic(2.210677966101695))
+    assert (grown.kind, grown.exponent > 3.0 * grown.error, grown.zero_one < 0.2) == ("undecided", True, True)
+    edge = kind_of_orbit(logistic(3.56995))  # where the doublings pile up
+    assert (edge.kind, edge.exponent < 3e-3, edge.zero_one > 0.2) == ("undecided", True, True)
+
+
+def test_a_chance_return_of_one_state_is_no_return():
+    section = logistic(3.9).orbit(np.array([0.3]), 1000).states
+    section[699] = section[999]
+    assert _returned(section) == 0
+    assert _returned(np.tile(section[:100], (10, 1))) == 100
+
+
+def test_the_transient_is_dropped_to_a_thousandth_of_what_a_return_may_differ():
+    assert np.ptp(kind_of_orbit(logistic(2.9)).orbit.states) < 1e-9
+
+
+def test_a_torus_of_a_hundred_thousandth_of_the_motion_is_seen():
+    map = circle()
+    small = PlainMap(
+        lambda x: np.array([1.0, *(1e-5 * map.function(1e5 * x[1:]))]),
+        lambda x: np.block([[np.zeros((1, 1)), np.zeros((1, 2))], [np.zeros((2, 1)), map.derivative(1e5 * x[1:])]]),
+        [1.0, 3e-6, 4e-6],
+    )
+    assert kind_of_orbit(small).kind == QUASI_PERIODIC
+
+
+@pytest.mark.parametrize(("map", "n"), [(logistic(3.0005), 2), (logistic(2.996), 1), (delayed_logistic(1.99), 1)])
+def test_a_motion_that_settles_slowly_gets_the_time_to_do_so(map, n):
+    found = kind_of_orbit(map)
+    assert found.kind == f"period-{n}"
+    assert found.dropped > 1000
+
+
+def test_a_fast_transient_costs_few_periods():
+    assert kind_of_orbit(logistic(3.2)).dropped == 64
+
+
+@pytest.mark.parametrize("shrink", [0.3, 0.9, 0.98])
+def test_a_fixed_point_at_exactly_zero_is_period_1(shrink):
+    found = kind_of_orbit(spiral(shrink))
+    assert found.kind == "period-1"
+    assert found.exponent == pytest.approx(math.log(shrink), abs=1e-9)
+
+
+def test_small_motions_are_told_apart_by_their_own_size():
+    map = logistic(3.2)
+    small = PlainMap(lambda x: 1e-6 * map.function(1e6 * x), lambda x: map.derivative(1e6 * x), [3e-7])
+    assert kind_of_orbit(small).kind == "period-2"
+
+
+def test_components_are_compared_in_units_of_the_scale():
+    map = logistic(3.2)
+    mixed = PlainMap(
+        lambda x: np.array([0.5, 1e-8 * map.function(1e8 * x[1:])[0]]),
+        lambda x: np.diag([0.0, map.derivative(1e8 * x[1:])[0, 0]]),
+        [0.5, 3e-9],
+    )
+    assert kind_of_orbit(mixed).kind == "period-1"
+    mixed.scale = np.array([1.0, 1e-8])
+    assert kind_of_orbit(mixed).kind == "period-2"
+
+
+def test_rest_on_an_unstable_cycle_is_called_so():
+    found = kind_of_orbit(logistic(3.9), np.zeros(1))
+    assert found.kind == "period-1"
+    assert found.exponent == pytest.approx(math.log(3.9))
+    assert "unstable" in found.evidence
+    assert "unstable" in kind_of_orbit(logistic(3.01), np.array([1.0 - 1.0 / 3.01])).evidence
+
+
+def test_a_start_next_to_an_unstable_cycle_is_left():
+    assert kind_of_orbit(logistic(3.9), np.array([1.0 - 1.0 / 3.9])).kind == CHAOTIC
+    assert kind_of_orbit(logistic(3.2), np.array([1.0 - 1.0 / 3.2 + 1e-15])).kind == "period-2"
+    assert kind_of_orbit(logistic(3.05), np.array([1.0 - 1.0 / 3.05 + 1e-13])).kind == "period-2"
+
+
+def test_a_diverging_map_has_failed():
+    found = kind_of_orbit(logistic(4.1))
+    assert (found.kind, found.status, found.label) == (FAILED, "diverged", FAILED)
+    assert found.reason == "the map's state grew beyond bounds"
+    assert np.isfinite(found.state).all()
+
+
+@pytest.mark.parametrize("last", [30, 1050, 1300, 1700])
+def test_a_motion_that_fails_late_has_failed(last):
+    def chaos_until(x):
+        return np.array([3.9 * x[0] * (1.0 - x[0]), x[1] + 1e-9 if x[1] < (last - 0.5) * 1e-9 else 1e9])
+
+    found = kind_of_orbit(PlainMap(chaos_until, None, [0.3, 0.0]))
+    assert (found.kind, found.status) == (FAILED, "diverged")
+
+
+def test_a_state_that_is_not_a_number_has_failed():
+    class Silent:
+        def __init__(self, map):
+            self.scale, self.initial, self.impacting, self.map = map.scale, map.initial, False, map
+
+        def orbit(self, state, periods):
+            orbit = self.map.orbit(self.initial, periods)
+            return orbit._replace(states=np.full_like(orbit.states, np.nan))
+
+    found = kind_of_orbit(Silent(logistic(3.2)))
+    assert (found.kind, found.status) == (FAILED, "diverged")
+
+
+@pytest.mark.parametrize("map", [logistic(3.5), logistic(3.9), delayed_logistic(2.1), henon(1.4)])
+def test_a_map_that_does_not_know_its_derivative_has_the_same_kind(map):
+    known, blind = kind_of_orbit(map), kind_of_orbit(PlainMap(map.function, None, map.initial))
+    assert blind.kind == known.kind
+    assert blind.exponent == pytest.approx(known.exponent, abs=1e-3 if known.period else 0.1)
+
+
+def test_a_motion_that_never_meets_the_stop_has_no_contact():
+    assert kind_of_orbit(Struck(logistic(2.9), lambda x: 0)).kind == "no contact"
+    assert kind_of_orbit(logistic(2.9)).kind == "period-1"  # no stop, no contact to miss
+    found = kind_of_orbit(Struck(logistic(3.2), lambda x: 0))
+    assert (found.kind, found.label) == ("period-2", "0/2")
+
+
+def test_contact_without_an_impact_is_contact():
+    held = Struck(logistic(2.9), lambda x: 0)
+    free = held.orbit
+    held.orbit = lambda state, periods: free(state, periods)._replace(contact=1.0)
+    assert kind_of_orbit(held).kind == "period-1"
+
+
+def test_the_label_counts_the_impacts_of_one_return():
+    found = kind_of_orbit(Struck(logistic(3.2), lambda x: 2 if x[0] > 0.6 else 1))
+    assert (found.kind, found.label, found.impacts) == ("period-2", "3/2", 3)
+    assert found.impacts_per_period == 1.5
+    three = kind_of_orbit(Struck(logistic(3.83), lambda x: int(x[0] > 0.9)))
+    assert (three.label, three.impacts_per_period) == ("1/3", pytest.approx(1.0 / 3.0))  # 99 of 100 cycles are whole
+
+
+def test_chaos_has_impacts_per_period_too():
+    found = kind_of_orbit(Struck(logistic(4.0), lambda x: int(x[0] > 0.5)))
+    assert (found.impacts, found.label) == (-1, CHAOTIC)
+    assert found.impacts_per_period == len(found.orbit.impacts) / 100
+    assert 0.3 < found.impacts_per_period < 0.7
+
+
+def test_the_kept_orbit_goes_on_from_the_dropped_one():
+    map = logistic(3.9)
+    found = kind_of_orbit(map, settle=300, cycles=120)
+    assert found.dropped == 300
+    np.testing.assert_array_equal(found.orbit.states, map.orbit(map.initial, 420).states[300:])
+    np.testing.assert_array_equal(found.state, found.orbit.states[-1])
+
+
+def test_the_kind_does_not_depend_on_the_unit_of_the_state():
+    map = henon(1.0)
+    millimetre = PlainMap(lambda x: 1e3 * map.function(1e-3 * x), lambda x: map.derivative(1e-3 * x), 1e3 * map.initial)
+    millimetre.scale, millimetre.limit = np.full(2, 1e3), 1e6
+    found, other = kind_of_orbit(map), kind_of_orbit(millimetre)
+    assert (found.kind, found.dropped) == (other.kind, other.dropped)
+    assert found.exponent == pytest.approx(other.exponent, rel=1e-6)
+
+
+def test_too_few_cycles_are_refused():
+    with pytest.raises(CalibError, match="expected at least 96 cycles to keep, got 50"):
+        kind_of_orbit(logistic(3.2), cycles=50)
+
+
+def test_a_sweep_of_the_logistic_map_calls_no_cycle_chaotic_and_no_chaos_regular():
+    a = 2.9 + 1.1 * (np.arange(300) + 0.5) / 300
+    x, total, last = np.full(a.size, 0.3), np.zeros(a.size), 20_000
+    for k in range(2 * last):
+        if k >= last:
+            total += np.log(np.abs(a * (1.0 - 2.0 * x)))
+        x = a * x * (1.0 - x)
+    exact = total / last
+    kinds = [kind_of_orbit(logistic(value)).kind for value in a]
+    for value, exponent, kind in zip(a, exact, kinds, strict=True):
+        assert kind not in (QUASI_PERIODIC, FAILED), (value, kind)
+        if exponent < -0.01:
+            assert kind != CHAOTIC, value
+        if exponent > 0.05:
+            assert kind == CHAOTIC, (value, kind)
+    assert kinds.count("undecided") <= 6
