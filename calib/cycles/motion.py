@@ -14,6 +14,7 @@ from calib.record import SECTION, STATE
 LAGS = 16  # the longest motion that is told from an irregular one, in periods
 TOLERANCE = 1e-3  # how well a periodic motion returns, as a share of its amplitude
 NOISE = 1.5  # a measured cycle returns where it differs by less than this many standard deviations of its noise
+ALONE = "; a record alone does not tell chaotic from quasi-periodic motion or a period beyond that"
 IRREGULAR, UNDECIDED, NO_CONTACT, NOT_PERIODIC = "irregular", "undecided", "no contact", "not periodic"
 
 
@@ -49,6 +50,9 @@ def kind_of_motion(record: xr.Dataset) -> Motion:
     undecided. Without a section the cycles of the record are compared with its noise (its sigma, otherwise estimated
     from the second differences of its samples): that tells a returning motion from one that does not, but a short
     record is never called irregular.
+
+    A record alone cannot say more: what irregular motion is (chaotic, quasi-periodic, of a long period) takes the
+    simulator's own map; see `calib.dynamics.motion`.
 
     Parameters
     ----------
@@ -97,7 +101,7 @@ def _from_section(record, sections):
         text = said.format(f"returns after {lag} period(s) within {recurrence[-1]:.1e}")
         return Motion(f"period-{lag}", lag, text, tuple(recurrence))
     text = said.format(f"does not return within {LAGS} periods, best after {_best(recurrence)}: {min(recurrence):.1e}")
-    return Motion(IRREGULAR, None, text, tuple(recurrence))
+    return Motion(IRREGULAR, None, text + ALONE, tuple(recurrence))
 
 
 def _best(recurrence):
@@ -133,7 +137,7 @@ def _from_cycles(record):
             return Motion(f"period-{lag}", lag, text, tuple(recurrence))
     text = f"{count} cycles of the record do not return within {len(recurrence)} period(s)"
     if count >= SECTION:
-        return Motion(IRREGULAR, None, text, tuple(recurrence))
+        return Motion(IRREGULAR, None, text + ALONE, tuple(recurrence))
     return Motion(UNDECIDED, None, f"{text}, and are too few to call it irregular", tuple(recurrence))
 
 

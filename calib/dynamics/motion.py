@@ -23,11 +23,11 @@ CONVERGED = 1e-9  # a motion that returns so well has no transient left; a share
 TOLERANCE = 1e-6  # how well a periodic motion returns, as a share of its size
 REST = 1e-6  # of the map's scale: a smaller motion is at rest, and is measured as if it had this size
 TO_GO = 0.05  # how far a motion may yet move, as a share of what tells its period from a shorter one
-NEUTRAL = 3e-3  # an exponent that cannot be told from zero: 1/n of a torus over n = 400..1600 periods  [1/period]
+NEUTRAL = 1e-3  # an exponent that cannot be told from zero: some 1/n of a torus over n = 3200 periods  [1/period]
 GROWING = 1e-3  # the least exponent of chaos, where the 0-1 test agrees  [1/period]
 SIGMAS = 3.0  # standard errors that an exponent has to differ by
 IRREGULAR, REGULAR = 0.5, 0.2  # K of the 0-1 test above which a series is chaotic, below which it is not
-PERIODS, LONGEST = 400, 1600  # over which the exponent is taken: at first, at most
+PERIODS, LONGEST = 400, 3200  # over which the exponent is taken: at first; at most, and for quasi-periodic motion
 POINTS = 1000  # of the section for the 0-1 test, at least
 PATIENCE = 5  # times `settle` that a motion gets to settle before it is given up as undecided
 BLOCKS = 8  # falling maxima of so many blocks of a section are hardly chance: 1 in 8!
@@ -93,7 +93,7 @@ def kind_of_orbit(map: PeriodMap, state: np.ndarray | None = None, settle: int =
        `settle` periods.
     2. `cycles` periods are kept. The smallest n = 1..64 after which all of them return within 1e-6 is the period,
        unless the multipliers say that what is left of the transient could still lead to a shorter one.
-    3. Otherwise the largest exponent over 400 periods (up to 1600 while it decides nothing) and the 0-1 test on the
+    3. Otherwise the largest exponent over 400 periods (up to 3200 while it decides nothing) and the 0-1 test on the
        section have to agree: chaotic above zero, quasi-periodic at zero. A motion that still settles, or that returns
        after more than 64 periods, is neither.
     4. What neither says gets 5 times `settle` periods more, and is undecided after that.
@@ -218,7 +218,7 @@ def _irregular(map: PeriodMap, found: OrbitKind) -> OrbitKind:
                 error=exponent.error,
                 zero_one=signs.zero_one,
             )
-        exponent = extended(map, exponent, PERIODS)
+        exponent = extended(map, exponent, len(exponent.logarithms))
     orbit = _run(map, found.state, len(exponent.states) + 1)
     if orbit.status != OK:
         return _failed(orbit, found.state, found.dropped + len(found.orbit.states))
@@ -254,7 +254,8 @@ class _Signs:
             return UNDECIDED
         if value > least and self.zero_one > IRREGULAR:
             return CHAOTIC
-        if abs(value) <= NEUTRAL and self.zero_one < REGULAR and not self.drifting:
+        neutral = abs(value) <= NEUTRAL and len(self.exponent.logarithms) >= LONGEST  # chaos may pause for long
+        if neutral and self.zero_one < REGULAR and not self.drifting:
             return QUASI_PERIODIC
         return UNDECIDED
 

@@ -109,6 +109,84 @@ class SimulatorSuite:
             assert section.dims == ("body", "period")
             assert section.sizes["period"] >= SECTION
 
+    # --- the period map, where the simulator offers one
+
+    def period_map(self, phase=0.0, **values):
+        """Return the map at the suite's values with some changed, or skip where the simulator refuses to give one."""
+        try:
+            return Model(self.make()).period_map({**self.values, **values}, self.excitation, phase)
+        except CalibError as refusal:
+            pytest.skip(str(refusal))
+
+    def test_the_map_describes_its_state(self):
+        map = self.period_map()
+        size = len(map.names)
+        assert len(set(map.names)) == size
+        assert len(map.units) == size
+        assert map.initial.shape == map.scale.shape == (size,)
+        assert (map.scale > 0.0).all()
+        assert tuple(map.bodies) == tuple(self.make().bodies)
+        assert map.period == pytest.approx(self.excitation.period, rel=1e-12)
+
+    def test_the_map_s_orbit_is_the_motion_of_the_record(self):
+        map, record = self.period_map(), self.run(request=replace(self.request, settle=40))
+        orbit = map.orbit(map.initial, 40)
+        for channel in STATE:
+            start = record[channel].isel(time=0).values
+            size = np.abs(record[channel].values).max()
+            np.testing.assert_allclose(getattr(orbit, channel)[:, -1], start, atol=1e-6 * size)
+
+    def test_the_map_in_two_calls_is_the_map_in_one(self):
+        map = self.period_map()
+        whole = map.orbit(map.initial, 6).states
+        halves = map.orbit(map.orbit(map.initial, 3).states[-1], 3).states
+        np.testing.assert_allclose(halves / map.scale, whole[3:] / map.scale, atol=1e-6)
+        np.testing.assert_array_equal(map.orbit(map.initial, 6).states, whole)
+
+    def test_the_map_s_impacts_lie_in_its_periods(self):
+        map = self.period_map()
+        impacts = map.orbit(map.initial, 20).impacts
+        assert impacts.shape[1:] == (3,)
+        assert ((impacts[:, 0] >= 0) & (impacts[:, 0] < 20) & (impacts[:, 0] % 1.0 == 0.0)).all()
+        assert ((impacts[:, 1] >= 0.0) & (impacts[:, 1] < 1.0)).all()
+        assert (impacts[:, 2] >= 0.0).all()
+        assert map.impacting or not len(impacts)
+        assert map.impacting or not len(map.misses(map.initial))
+
+    def test_the_map_s_derivative_is_that_of_its_orbit(self):
+        map = self.period_map()
+        state = map.orbit(map.initial, 10).states[-1]
+        size, step = len(state), 1e-5
+        carried = map.tangent(state, np.eye(size), 1)
+        if carried is None:
+            pytest.skip("the map does not know its derivative")
+        ends = [(map.orbit(state + step * map.scale * u, 1), map.orbit(state - step * map.scale * u, 1))
+                for u in np.eye(size)]  # fmt: skip
+        expected = np.array([(a.states[0] - b.states[0]) / (2.0 * step * map.scale) for a, b in ends]).T
+        found = carried.vectors @ carried.growth[0]
+        np.testing.assert_allclose(found, expected, atol=1e-4 * np.abs(expected).max())
+
+    def test_a_section_at_another_phase_is_of_the_same_motion(self):
+        map = self.period_map(0.25)
+        record = self.run(request=replace(self.request, settle=400))
+        orbit = map.orbit(map.initial, 400)
+        if (np.abs(orbit.states[-1] - orbit.states[-2]) > 1e-7 * map.scale).any():
+            pytest.skip("the motion of the suite is not of period 1, so the same instant is not found twice")
+        at = record.isel(time=self.request.samples // 4)
+        size = np.abs(record.displacement.values).max()
+        np.testing.assert_allclose(orbit.displacement[:, -1], at.displacement.values, atol=1e-4 * size)
+
+    def test_values_without_a_motion_are_a_value_error(self):
+        for parameter in self.make().parameters:
+            try:
+                map = self.period_map(**{parameter.name: math.nan})
+            except ValueError as error:
+                assert str(error), parameter.name
+            else:  # the parameter has no say in this motion
+                assert np.isfinite(map.orbit(map.initial, 1).states).all(), parameter.name
+
+    # --- all simulators
+
     def test_every_parameter_says_what_it_is(self):
         for p in self.make().parameters:
             assert p.unit, f"{p.name} has no unit ('1' for a pure number)"

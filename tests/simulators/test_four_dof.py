@@ -52,12 +52,6 @@ def frequencies(stiffness, mass):
     return np.sqrt(np.maximum(eigh(stiffness, mass)[0], 0.0)) / (2.0 * np.pi)
 
 
-def of_period(record, n):
-    """Largest change of the section over n periods, as a share of its size."""
-    q = record.section_displacement.values
-    return np.abs(q[:, n:] - q[:, :-n]).max() / np.abs(q).max()
-
-
 # the default set
 
 
@@ -88,52 +82,6 @@ def test_linear_amplitudes_of_the_default_set():
     amplitudes = 0.5e3 * np.ptp(record.displacement.values[:, -400:], axis=1)
     assert amplitudes == pytest.approx([1.500, 2.702, 3.926, 1.500], abs=2e-3)
     assert record.impact_time.size == 0
-
-
-def test_the_period_one_branch():
-    for e, phase, speed in ((0.0, 0.326, 0.348), (0.05, 0.3175, 0.3741), (0.168, 0.295, 0.444)):
-        record = MODEL.run({"restitution": e}, shaker(), Request(periods=4))
-        assert of_period(record, 1) < 1e-8
-        assert record.impact_time.values / PERIOD == pytest.approx(phase + np.arange(4), abs=1.5e-3)
-        assert record.impact_speed.values == pytest.approx(speed, abs=1.5e-3)
-
-
-def test_period_two_at_a_fifth_and_irregular_motion_at_a_half():
-    two = MODEL.run({"restitution": 0.20}, shaker())
-    assert of_period(two, 1) > 1e-3
-    assert of_period(two, 2) < 1e-8
-    irregular = MODEL.run({"restitution": 0.50}, shaker())
-    assert min(of_period(irregular, n) for n in range(1, 17)) > 1e-3
-
-
-def test_the_fork_is_a_graze():
-    """Below it the second minimum of the clearance comes down to nothing, above it there is a second impact."""
-    depth = []
-    for e in (0.0, 0.05, 0.10, 0.14, 0.168):
-        record = MODEL.run({"restitution": e}, shaker(), Request(periods=1, samples=20_000))
-        r = 1e-3 + record.displacement.values[2] - record.displacement.values[1]
-        inner = (r[1:-1] < r[:-2]) & (r[1:-1] <= r[2:]) & (r[1:-1] > 1e-7)
-        depth.append(r[1:-1][inner].min() * 1e6)
-    assert depth == pytest.approx([421, 328, 208, 94, 5], abs=2)
-    assert MODEL.run({"restitution": 0.170}, shaker()).impact_time.size > 6
-
-
-@pytest.mark.slow
-def test_the_band_of_the_fixed_step_is_of_first_order():
-    """Paper, Fig. 6: spread of q3 over 100 periods, median over the phase."""
-
-    def spread(**options):
-        record = Model(FourDof(mode="fixed_step", **options)).run(
-            {"restitution": 0.05}, shaker(), Request(periods=100, samples=400, settle=400)
-        )
-        q3 = record.displacement.values[2].reshape(100, 400)
-        return np.median(np.ptp(q3, axis=0)) * 1e3
-
-    coarse, fine = spread(steps_per_period=250.37), spread(steps_per_period=750.37)
-    assert coarse == pytest.approx(0.057, rel=0.1)
-    assert fine == pytest.approx(0.020, rel=0.1)
-    assert spread(steps_per_period=250.37, onto_surface=True) < 0.4 * coarse
-    assert spread(steps_per_period=250.0) < 1e-9  # the error locks to the grid
 
 
 # laws of physics
