@@ -20,7 +20,10 @@ def blocks(language):
 
 
 @pytest.mark.parametrize("code", blocks("python"))
-def test_its_python_runs(code, capsys):
+def test_its_python_runs(code, capsys, monkeypatch, tmp_path):
+    for folder in ("studies", "experiments_ref"):
+        (tmp_path / folder).symlink_to(STUDIES.parent / folder)
+    monkeypatch.chdir(tmp_path)
     exec(compile(code, "README.md", "exec"), {})
     assert capsys.readouterr().out
 

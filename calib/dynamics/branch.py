@@ -15,7 +15,7 @@ import xarray as xr
 from scipy.interpolate import CubicHermiteSpline
 
 from calib.dynamics.contract import PeriodMap
-from calib.dynamics.orbits import Cycle, checked_guess, cycle_at, newton, reduced, shoot
+from calib.dynamics.orbits import SAME, Cycle, checked_guess, cycle_at, newton, reduced, shoot
 from calib.dynamics.tangent import jacobian
 from calib.errors import CalibError
 from calib.record import OK
@@ -224,6 +224,11 @@ class _Curve:
         halves = (p.cycle.orbit.states[self.periods // 2 - 1] / self.scale - p.z[:-1] for p in (point, base))
         return np.dot(*halves)
 
+    def shorter(self, point: _Point) -> bool:
+        """Whether the motion returns after a part of the periods already, as what a long step may land on does."""
+        parts = [point.cycle.orbit.states[n - 1] for n in range(1, self.periods) if self.periods % n == 0]
+        return any(np.abs(state / self.scale - point.z[:-1]).max() < SAME for state in parts)
+
     def ahead(self, base: _Point, step: float) -> tuple[_Point | None, str]:
         """Next point, a step ahead of `base` or on the edge of the window before that; None and why without one."""
         guess, normal = base.z + step * base.tangent, base.tangent
@@ -234,6 +239,8 @@ class _Curve:
         point, reason = self.near(guess, normal, base.tangent, 0.5 * step)
         if point and _impacts_differ(base, point):
             return None, f"impacts per return change from {base.cycle.impacts} to {point.cycle.impacts}"
+        if point and self.shorter(point):
+            return None, "the nearest cycle has a shorter period"
         if point and point.tangent @ base.tangent < STRAIGHT:
             return None, "the branch has a corner"
         return point, reason

@@ -169,6 +169,19 @@ def test_a_two_cycle_ends_at_the_flip_that_it_comes_from():
     assert branch.parameter[-1] == 3.6
 
 
+@pytest.mark.parametrize("scale", [10.0, 100.0])
+def test_a_two_cycle_small_against_the_scale_is_not_left_for_the_cycle_that_it_comes_from(scale):
+    def maps(a):
+        map = logistic(a)
+        map.scale = np.array([scale])
+        return map
+
+    branch = follow(maps, [0.799], 3.2, (2.8, 3.6), periods=2)
+    assert branch.parameter[0] == pytest.approx(3.0, abs=2e-6)  # the ends stay away from the fixed point below
+    first, second = branch.displacement[0]
+    assert (np.abs(first - second)[1:] > 1e-7 * scale).all()
+
+
 def test_a_fixed_point_sought_with_two_periods_is_followed_with_one():
     branch = follow(logistic, [0.65], 2.9, (2.5, 3.3), periods=2)
     assert branch.periods == 1

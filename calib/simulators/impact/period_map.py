@@ -19,7 +19,8 @@ from calib.simulators.impact.scratch import scratch
 from calib.simulators.impact.tangent import carry
 
 BUDGET = 20_000  # steps a period
-CAPACITY = 256  # impacts a period that are kept
+PIECE = 64  # periods at a time
+CAPACITY = 256  # impacts a period that are kept, on average over a piece
 MISSES = 64  # minima of the clearance in a period
 
 
@@ -62,16 +63,18 @@ class ImpactMap:
         """Go on from `state` by whole periods."""
         n = len(self.problem.hit)
         now = self._started(state)
-        rows, impacts = np.zeros((periods, 2 * n + 2)), np.zeros((CAPACITY * periods, 2 + 2 * n))
-        inner = np.zeros((periods, len(self.inner)))
-        at_once = 1 if self.inner else periods  # the kernel's rows do not hold internal states
+        rows, inner = np.zeros((periods, 2 * n + 2)), np.zeros((periods, len(self.inner)))
+        at_once = 1 if self.inner else PIECE  # the kernel's rows do not hold internal states
+        noted, impacts = np.zeros((CAPACITY * at_once, 2 + 2 * n)), [np.zeros((0, 2 + 2 * n))]
         w, none, code = scratch(n), np.zeros((0, 2 * n + 2)), kernel.DONE
         for first in range(0, periods, at_once):
             part = rows[first : first + at_once]
             code = kernel.advance(
-                self.problem, now, w, at_once, 0.0, BUDGET * periods, part, np.zeros(0), none, impacts
+                self.problem, now, w, len(part), 0.0, BUDGET * periods, part, np.zeros(0), none, noted
             )
             inner[first] = [now.z[place] for place in self.inner]
+            impacts.append(noted[: int(now.count[IMPACTS])].copy())
+            now.count[IMPACTS] = 0
             if code != kernel.DONE:
                 break
         done = int(now.count[AT_PERIOD])
@@ -80,7 +83,7 @@ class ImpactMap:
             np.hstack([rows[:done, : 2 * n], inner[:done]]),
             displacement,
             velocity,
-            self._impacts(impacts[: min(len(impacts), int(now.count[IMPACTS]))]),
+            self._impacts(np.concatenate(impacts)),
             float(now.clock[1] / (max(1, done) * self.period)),
             STATUS.get(code, OK),
             f"after {done} period(s)" if code in STATUS else "",

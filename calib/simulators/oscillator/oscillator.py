@@ -266,9 +266,10 @@ def _length(values: Mapping[str, float], structure: Structure, excitation: Excit
     drive = abs(values["amplitude"]) * (
         np.abs(excitation.value).max() if excitation.recorded else abs(excitation.amplitude or 0.0)
     )
-    force = abs(values["load"]) + drive * (abs(structure.load[0, 0]) + abs(structure.load[0, 1]) * max(omega, slowest))
-    scales = (abs(values["initial_displacement"]), abs(values["initial_velocity"]) / slowest, force / mass / slowest**2)
-    return max(scales) or 1.0
+    fastest = max(omega, slowest)  # what is driven faster than it swings moves the less
+    force = drive * (abs(structure.load[0, 0]) + abs(structure.load[0, 1]) * fastest)
+    loads = abs(values["load"]) / mass / slowest**2 + force / mass / fastest**2
+    return max(abs(values["initial_displacement"]), abs(values["initial_velocity"]) / slowest, loads) or 1.0
 
 
 def _record(times: np.ndarray, motion: Motion, harmonic: bool, attrs: dict) -> xr.Dataset:
