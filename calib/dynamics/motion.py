@@ -8,6 +8,7 @@ import numpy as np
 from calib.cycles.motion import NO_CONTACT, UNDECIDED
 from calib.dynamics.contract import PeriodMap
 from calib.dynamics.exponents import Exponent, extended, largest_exponent
+from calib.dynamics.orbits import Cycle, reduced, shoot
 from calib.dynamics.tangent import jacobian
 from calib.dynamics.zero_one import zero_one
 from calib.errors import CalibError
@@ -21,6 +22,9 @@ CYCLES = 96  # a return after 64 periods is then seen by a third of the cycles
 CHUNK = 64  # periods at once while the motion settles
 CONVERGED = 1e-9  # a motion that returns so well has no transient left; a share of its size, above a map's rounding
 TOLERANCE = 1e-6  # how well a periodic motion returns, as a share of its size
+NEARBY = 1e-2  # how near a stable cycle has to be, as a share of the motion's size, for a motion to be led to it
+NEWTON = 6  # steps to that cycle at most
+NEUTRAL_MULTIPLIER = 1e-5  # by how much the multipliers of a cycle that attracts are below 1 at least
 REST = 1e-6  # of the map's scale: a smaller motion is at rest, and is measured as if it had this size
 TO_GO = 0.05  # how far a motion may yet move, as a share of what tells its period from a shorter one
 NEUTRAL = 1e-3  # an exponent that cannot be told from zero: some 1/n of a torus over n = 3200 periods  [1/period]
@@ -90,7 +94,7 @@ def kind_of_orbit(map: PeriodMap, state: np.ndarray | None = None, settle: int =
     """Say what kind of motion the map settles to from a state.
 
     1. The transient is dropped: until the state returns after 1..64 periods within 1e-9 of the motion's size, at most
-       `settle` periods.
+       `settle` periods. A motion that comes ever closer to a stable cycle is taken there by Newton's method.
     2. `cycles` periods are kept. The smallest n = 1..64 after which all of them return within 1e-6 is the period,
        unless the multipliers say that what is left of the transient could still lead to a shorter one.
     3. Otherwise the largest exponent over 400 periods (up to 3200 while it decides nothing) and the 0-1 test on the
@@ -148,18 +152,55 @@ def settled_orbit(
 
 
 def _converged(map: PeriodMap, state: np.ndarray, periods: int) -> tuple[np.ndarray, int, Orbit | None]:
-    """Go on until the state returns, at most `periods` periods: the state, the periods gone, the piece that failed."""
-    gone = 0
+    """Go on until the state returns, at most `periods` periods: the state, the periods gone, the piece that failed.
+
+    Where the motion comes closer and closer to a stable cycle, what is left of the way is left out.
+    """
+    gone, tried, wait, cycle = 0, 0, 0, None
     while gone < periods:
         orbit = _run(map, state, min(CHUNK, periods - gone))
         if orbit.status != OK:
             return state, gone, orbit
         gone += len(orbit.states)
         section = np.vstack([state, orbit.states]) / map.scale
-        state = orbit.states[-1]
-        if _largest(section[:-1] - section[-1]).min() <= CONVERGED * _size(section):
-            break
+        back = _largest(section[:-1] - section[-1])[::-1] / _size(section)
+        if back.min() <= CONVERGED:
+            return orbit.states[-1], gone, None
+        if cycle is not None and _approached(section, cycle.state / map.scale, cycle.periods):
+            return cycle.state, gone, None
+        state, cycle, wait = orbit.states[-1], None, wait - 1
+        if wait < 0 and (lag := _closing_in(section, back)):
+            cycle = _attracting(map, section, lag)
+            tried, wait = tried + 1, tried  # ever seldomer where it is not led there
     return state, gone, None
+
+
+def _closing_in(section: np.ndarray, back: np.ndarray) -> int:
+    """Smallest lag at which a section (n, dimension) returns nearly, and ever better; 0 where it does not.
+
+    back : (n - 1,) difference of the last state from those 1, 2, ... before it, as a share of the motion's size
+    """
+    near = np.flatnonzero(back[: len(back) // 3] <= NEARBY)
+    if not near.size:
+        return 0
+    lag = int(near[0]) + 1
+    returns = _largest(section[lag:] - section[:-lag])
+    return lag if returns[-lag:].max() < returns[:lag].max() else 0
+
+
+def _attracting(map: PeriodMap, section: np.ndarray, lag: int) -> Cycle | None:
+    """Stable cycle of `lag` periods beside the end of a section (n, dimension); None where there is none."""
+    cycle = reduced(map, shoot(map, section[-1] * map.scale, lag, NEWTON))
+    attracts = cycle.converged and abs(cycle.multipliers[0]) < 1.0 - NEUTRAL_MULTIPLIER
+    near = _largest(cycle.state[None] / map.scale - section[-1:])[0] <= NEARBY * _size(section)
+    return cycle if attracts and near else None
+
+
+def _approached(section: np.ndarray, place: np.ndarray, periods: int) -> bool:
+    """Whether a section (n, dimension) that begins beside `place` is closer to it after each third of its returns."""
+    distance = _largest(section[::periods] - place)
+    thirds = np.linspace(0, len(distance) - 1, 4).astype(int)
+    return len(distance) > 3 and bool((np.diff(distance[thirds]) < 0.0).all())
 
 
 def _run(map: PeriodMap, state: np.ndarray, periods: int) -> Orbit:
@@ -205,10 +246,10 @@ def _irregular(map: PeriodMap, found: OrbitKind) -> OrbitKind:
     """Call a motion that does not return by its exponent, over ever more periods until it decides, and by K."""
     exponent = largest_exponent(map, found.state, PERIODS)
     while exponent.complete:
-        orbit = _run(map, exponent.states[-1], max(1, POINTS - len(exponent.states)))
+        orbit = _run(map, exponent.states[-1], max(1, POINTS - len(found.orbit.states) - len(exponent.states)))
         if orbit.status != OK:
             return _failed(orbit, exponent.states[-1], found.dropped + len(exponent.states))
-        signs = _signs(np.concatenate([exponent.states, orbit.states]) / map.scale, exponent)
+        signs = _signs(np.concatenate([found.orbit.states, exponent.states, orbit.states]) / map.scale, exponent)
         if signs.kind != UNDECIDED or _shrinking(exponent) or len(exponent.logarithms) >= LONGEST:
             return replace(
                 found,
