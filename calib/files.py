@@ -1,5 +1,6 @@
 """Files to rely on: the right one where one is read, a whole one where one is written."""
 
+import errno
 import hashlib
 import os
 import tempfile
@@ -21,7 +22,7 @@ def whole(path: Path) -> Iterator[Path]:
 
     Raises
     ------
-    OSError : the folder is not there or cannot be written; it names `path`
+    OSError : the folder is not there or cannot be written, or the disk is full; it names `path`
     """
     try:
         handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
@@ -35,8 +36,10 @@ def whole(path: Path) -> Iterator[Path]:
             os.fsync(written.fileno())
         temporary.chmod(0o644)  # mkstemp's files are for their owner alone
         temporary.replace(path)
-    except BaseException:
+    except BaseException as error:
         temporary.unlink(missing_ok=True)  # Ctrl-C may come just after the file has taken its name
+        if isinstance(error, OSError) and error.errno is not None and error.filename is None:
+            raise OSError(error.errno, error.strerror, str(path)) from error
         raise
 
 
@@ -59,9 +62,17 @@ def read_dataset(path: str | Path) -> xr.Dataset:
 
 
 def write_dataset(dataset: xr.Dataset, path: str | Path) -> None:
-    """Write netCDF-4 so that the file is either whole or absent."""
+    """Write netCDF-4 so that the file is either whole or absent.
+
+    Raises
+    ------
+    OSError : it cannot be written; it names `path`
+    """
     with whole(Path(path)) as temporary, uninterrupted():  # as in `read_dataset`
-        dataset.to_netcdf(temporary, engine="netcdf4")
+        try:
+            dataset.to_netcdf(temporary, engine="netcdf4")
+        except RuntimeError as error:  # netCDF's word for a full disk
+            raise OSError(errno.EIO, f"the file cannot be written ({error}); is the disk full?") from error
 
 
 def checksum(path: Path) -> str:

@@ -1,10 +1,12 @@
 """Files that are whole or absent."""
 
+import errno
 from pathlib import Path
 
 import pytest
+import xarray as xr
 
-from calib.files import whole
+from calib.files import whole, write_dataset
 
 
 def test_a_file_takes_its_name_when_it_is_whole(tmp_path):
@@ -49,3 +51,20 @@ def test_a_folder_that_is_not_there_is_told_by_the_name_of_the_file(tmp_path):
     with pytest.raises(FileNotFoundError) as raised:
         written(path, "all of it")
     assert raised.value.filename == str(path)
+
+
+def test_an_error_while_a_file_is_written_names_it(tmp_path):
+    with pytest.raises(OSError, match="No space left") as said, whole(tmp_path / "x"):
+        raise OSError(errno.ENOSPC, "No space left on device")
+    assert said.value.filename == str(tmp_path / "x")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_dataset_for_which_there_is_no_room_is_an_error_of_the_system(tmp_path, monkeypatch):
+    def full(*_, **__):
+        raise RuntimeError("NetCDF: HDF error")
+
+    monkeypatch.setattr(xr.Dataset, "to_netcdf", full)
+    with pytest.raises(OSError, match="is the disk full") as said:
+        write_dataset(xr.Dataset({"x": 1.0}), tmp_path / "x.nc")
+    assert said.value.filename == str(tmp_path / "x.nc")

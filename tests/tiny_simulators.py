@@ -1,14 +1,29 @@
-"""A simulator of no physics for the tests of everything around simulators: an echo of its excitation."""
+"""Simulators of no physics for the tests of everything around simulators: an echo, and maps in closed form."""
 
 import os
 import time
 
 import numpy as np
+from dynamics.plain_maps import bistable, henon
 
 from calib import record as records
+from calib.effect import Effect
+from calib.errors import CalibError
+from calib.excitation import Excitation
+from calib.laws import force
 from calib.parameter import Parameter
 
 SECTION = 64  # periods
+DRIVE = Excitation("base", "base motion", frequency=10.0, amplitude=1e-3)
+
+
+@force(states=1)
+def remembered(t, x, v, p, z, dz):
+    """Force of a thing that remembers; `Mapped` has its own way with it."""
+    return p[0] * z[0]
+
+
+MEMORY = Effect("memory", "force", remembered, (Parameter("lag", "s", 0.0, "of memory", null=0.0),), "it remembers")
 
 
 class Echo:
@@ -35,7 +50,7 @@ class Echo:
 
     def run(self, values, excitation, laws, request):
         if values["gain"] > self.above:
-            self._misbehave()
+            self._misbehave(self.fault)
         n = request.periods * request.samples
         t = np.arange(n) * excitation.period / request.samples
         w = 2.0 * np.pi * excitation.frequency
@@ -51,10 +66,82 @@ class Echo:
         record["section_velocity"] = (("body", "period"), np.zeros((1, SECTION)))
         return record
 
-    def _misbehave(self):
-        if self.fault == "raises":
+    def _misbehave(self, fault):
+        if fault == "raises":
             raise RuntimeError("the echo broke")
-        if self.fault == "hangs":
+        if fault == "hangs":
             time.sleep(3600.0)
-        if self.fault == "dies":
+        if fault == "dies":
             os._exit(11)
+
+
+class Mapped(Echo):
+    """An echo with a period map in closed form: Henon's, or a bistable one; its faults are those of the map.
+
+    Parameters
+    ----------
+    map : "henon" or "bistable"
+    faults : "raises" | "hangs" | "dies" | "impossible" | "refuses" | "waits" -> the values of a or push at which the
+        map does so
+    traps : the same -> the state at which it does so
+    gate : path of the file for whose end a map waits
+    """
+
+    name = "mapped"
+    bodies = ("body",)
+    sites = frozenset({"force"})
+    parameters = (
+        Parameter("a", "1", 0.2, "nonlinearity of Henon's map, times the excitation in units of 10 Hz and 1 mm"),
+        Parameter("b", "1", 0.3, "memory of Henon's map", low=-1.0, high=1.0),
+        Parameter("push", "N", 0.0, "load of the bistable map"),
+        Parameter("period", "s", 0.0, "nothing, under a name that a sweep has itself"),
+        *Echo.parameters,
+    )
+
+    def __init__(self, map="henon", faults=None, traps=None, gate=""):
+        super().__init__()
+        self.map = map
+        self.faults = faults or {}
+        self.traps = traps or {}
+        self.gate = gate
+
+    def period_map(self, values, excitation, laws, phase):
+        if not excitation.harmonic:
+            raise CalibError("the map is of a harmonic excitation")
+        for fault, places in self.faults.items():
+            if np.isclose([values["a"], values["push"]], np.array(places)[:, None], atol=1e-9).any():
+                self._misbehave(fault)
+        if self.map == "bistable":
+            return self._trapped(bistable(values["push"]))
+        map = henon(values["a"] * excitation.frequency / 10.0 * excitation.amplitude / 1e-3, values["b"])
+        return _slowed(map) if laws else map
+
+    def _misbehave(self, fault):
+        super()._misbehave(fault)
+        if fault == "impossible":
+            raise ValueError("a mass of 0 kg")
+        if fault == "refuses":
+            raise CalibError("such a value is not taken")
+        while fault == "waits" and os.path.exists(self.gate):
+            time.sleep(0.02)
+
+    def _trapped(self, map):
+        plain = map.function
+
+        def function(x):
+            for fault, trap in self.traps.items():
+                if x.tolist() == list(trap):
+                    self._misbehave(fault)
+            return plain(x)
+
+        map.function = function
+        return map
+
+
+def _slowed(map):
+    """Give a map a state more, as a law with a state of its own does: it remembers where the body was."""
+    plain = map.function
+    map.function, map.derivative = lambda x: np.array([*plain(x[:2]), x[0]]), None
+    map.names, map.units = (*map.names, "memory.0"), (*map.units, "1")
+    map.initial, map.scale = np.array([*map.initial, 0.0]), np.ones(3)
+    return map

@@ -7,7 +7,7 @@ import click
 import numpy as np
 import xarray as xr
 
-from calib.cli.given import setting, spaced, state
+from calib.cli.given import map_at, setting, spaced, state
 from calib.dynamics.basins import Plane, basins
 from calib.progress import Count
 from calib.report.drawing import DPI
@@ -40,11 +40,10 @@ def map_basins(
     """
     file = load(study, jobs=jobs)
     held = setting(file, settings, record, best, out, phase)
-    map = held.map()
+    map = map_at("--set" if settings else str(file.path), held)
     units = dict(zip(map.names, map.units, strict=True))
-    plane = Plane(
-        held, spaced("--x", x, units), spaced("--y", y, units), state(start, map) if start else {}, settle
-    )
+    columns, rows = spaced("--x", x, units), spaced("--y", y, units)
+    plane = Plane(held, columns, rows, state(start, units) if start else {}, settle)
     path = output or (out or file.folder) / "basins.nc"
     with Count("states", quiet) as count:
         found = basins(plane, path, jobs=file.study.jobs, fresh=fresh, on_done=count)
@@ -64,6 +63,7 @@ def described(found: xr.Dataset) -> Iterator[str]:
         impacts = int(one.attractor_impacts)
         text = f", {impacts} impact(s) a return" if impacts > 0 else ""
         yield f"  {k}: {str(one.attractor_kind.values)}{text}: {100.0 * float(one.attractor_share):.1f} % of the states"
-    failed = float(np.mean(found.attractor.values < 0))
-    if failed:
-        yield f"  without a motion: {100.0 * failed:.1f} % of the states"
+    failed = found.attractor.values < 0
+    if failed.any():
+        statuses = ", ".join(np.unique(found.status.values[failed]))
+        yield f"  without a motion: {100.0 * failed.mean():.1f} % of the states ({statuses})"

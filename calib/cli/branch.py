@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from calib.cli.given import bodies_drawn, quantity, setting, state, windows
+from calib.cli.given import bodies_drawn, map_at, quantity, setting, state, windows
 from calib.dynamics.branch import Branch, follow
 from calib.dynamics.motion import kind_of_orbit
 from calib.dynamics.setting import Setting
@@ -43,7 +43,11 @@ def follow_branch(
     [(name, window)] = windows([over], held).items()
     unit, drawn = held.unit(name), bodies_drawn(bodies, file, record)
     where = quantity("--at", at, unit)
-    held.check(name, [window.low, where, window.high])
+    if not window.low <= where <= window.high:
+        low, high = shown(window.low, unit), shown(window.high, unit)
+        raise CalibError(f"--at: expected {name} in the window of --over, {low} .. {high}, got {at}")
+    for end in (window.low, window.high):
+        map_at(f"--over: {name} = {shown(end, unit)}", held, {name: end})
     periods, guess = _settled(held, name, where, start)
     branch = follow(lambda value: held.map({name: value}), guess, where, (window.low, window.high), periods, most)
     for line in described(branch, name, unit):
@@ -65,11 +69,8 @@ def follow_branch(
 def _settled(held: Setting, name: str, where: float, start: str | None) -> tuple[int, list[float]]:
     """Period of the motion at one value of the parameter, and a state of it."""
     place = f"{name} = {shown(where, held.unit(name))}"
-    try:
-        map = held.map({name: where})
-    except ValueError as error:
-        raise CalibError(f"--at: {place}: {error}") from error
-    given = state(start, map) if start else {}
+    map = map_at(f"--at: {place}", held, {name: where})
+    given = state(start, dict(zip(map.names, map.units, strict=True))) if start else {}
     found = kind_of_orbit(map, [given.get(n, own) for n, own in zip(map.names, map.initial, strict=True)])
     if not found.period:
         raise CalibError(f"the motion at {place} is {found.kind} ({found.evidence}): choose another --at or --start")

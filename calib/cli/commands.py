@@ -45,6 +45,19 @@ FRESH = click.option("--fresh", is_flag=True, help="Replace what the file holds,
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON to stdout, for scripts.")
 
 
+def _data(context: click.Context, parameter: click.Parameter, path: Path | None) -> Path | None:
+    """Refuse the name of a picture: the picture beside the file would take its place."""
+    if path is not None and path.suffix.lower() == ".png":
+        raise click.BadParameter(f"{path} is the name of a picture, which is written beside the data; end it in .nc")
+    return path
+
+
+def _output(help: str, **options) -> Callable:
+    return click.option(
+        "-o", "--output", type=click.Path(path_type=Path, dir_okay=False), callback=_data, help=help, **options
+    )
+
+
 def _mendable(command: Callable) -> Callable:
     """Turn what the user can mend into a message on stderr and exit code 1, and Ctrl-C into exit code 3."""
 
@@ -142,13 +155,7 @@ def status(study: Path, out: Path | None, as_json: bool):
 @STUDY
 @SET
 @RECORD
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path, dir_okay=False),
-    required=True,
-    help="The record to write (.nc).",
-)
+@_output("The record to write (.nc).", required=True)
 @_mendable
 def simulate(study: Path, settings: tuple[str, ...], record: str | None, output: Path):
     """Run the simulator of STUDY once and write its record, with a picture (.png) beside it.
@@ -181,7 +188,7 @@ def simulate(study: Path, settings: tuple[str, ...], record: str | None, output:
 @BODIES
 @JOBS
 @OUT
-@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="[default: sweep.nc in out/]")
+@_output("[default: sweep.nc in out/]")
 @FRESH
 @click.option("--quiet", "-q", is_flag=True, help="No progress, no summary; errors only.")
 @_mendable
@@ -215,7 +222,7 @@ def sweep(study: Path, over: tuple[str, ...], **options):
 @BEST
 @BODIES
 @OUT
-@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="[default: branch.nc in out/]")
+@_output("[default: branch.nc in out/]")
 @_mendable
 def branch(study: Path, over: str, **options):
     """Follow the periodic motion of STUDY's simulator over one parameter, through folds and where it is unstable.
@@ -243,7 +250,7 @@ def branch(study: Path, over: str, **options):
 @BEST
 @JOBS
 @OUT
-@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="[default: basins.nc in out/]")
+@_output("[default: basins.nc in out/]")
 @FRESH
 @click.option("--quiet", "-q", is_flag=True, help="No progress, no summary; errors only.")
 @_mendable

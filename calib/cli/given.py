@@ -1,6 +1,8 @@
 """What a user gives on the command line, as values in SI and things of the study."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,28 @@ from calib.study_toml import StudyFile
 from calib.units import to_si
 
 GRID = "LOW:HIGH:COUNT, LOW:HIGH:COUNT:log or A,B,C"
+
+
+@contextmanager
+def at(option: str) -> Iterator[None]:
+    """Name the option in what is said of a mistake."""
+    try:
+        yield
+    except CalibError as error:
+        raise CalibError(f"{option}: {error}") from error
+
+
+def map_at(option: str, held: Setting, varied: Mapping[str, float] | None = None) -> PeriodMap:
+    """Period map with other values (SI) of the parameters named.
+
+    Raises
+    ------
+    CalibError : there is none, or these values, which `option` has given, let nothing move
+    """
+    try:
+        return held.map(varied)
+    except ValueError as error:
+        raise CalibError(f"{option}: {error}") from error
 
 
 def settings(texts: Sequence[str], parameters: Mapping[str, Parameter]) -> dict[str, float]:
@@ -53,7 +77,9 @@ def setting(
         if said is None or not said["values"]:
             raise CalibError(f"--best: there is no result in {folder}; `calib run {file.path}` makes one")
         values = said["values"]
-    return file.setting({**values, **settings(texts, file.study.model.parameters)}, record, phase)
+    held = file.setting(values, record, phase)
+    # after the record's own values have taken the place of general ones: what the user says comes before both
+    return replace(held, values={**held.values, **settings(texts, file.study.model.parameters)})
 
 
 def grid(texts: Sequence[str], held: Setting) -> dict[str, np.ndarray]:
@@ -66,21 +92,24 @@ def grid(texts: Sequence[str], held: Setting) -> dict[str, np.ndarray]:
     found = {}
     for text in texts:
         name, given = _varied(text, f"NAME={GRID}", found)
-        found[name] = _values(f"--over {name}", given, held.unit(name))
+        with at("--over"):
+            unit = held.unit(name)
+        found[name] = _values(f"--over {name}", given, unit)
+        with at("--over"):
+            held.check(name, found[name].tolist())
     return found
 
 
 def spaced(option: str, text: str, units: Mapping[str, str]) -> tuple[str, np.ndarray]:
-    """Read NAME=LOW:HIGH:COUNT of a component of the state (in `units`) into its name and SI values.
+    """Read NAME=LOW:HIGH:COUNT (or as of --over) of a component of the state, in `units`, into its name and SI values.
 
     Raises
     ------
     CalibError : it is no such text; no such component, or a unit that does not fit
     """
     name, given = _pair(option, text, f"NAME={GRID}")
-    if name not in units:
-        raise CalibError(f"{option}: no component {name!r}{nearest(name, units)}; the state has {', '.join(units)}")
-    return name, _values(f"{option} {name}", given, units[name])
+    unit = _component(option, name, units)
+    return name, _values(f"{option} {name}", given, unit)
 
 
 def _values(where: str, text: str, unit: str) -> np.ndarray:
@@ -94,7 +123,7 @@ def _values(where: str, text: str, unit: str) -> np.ndarray:
 
 
 def windows(texts: Sequence[str], held: Setting) -> dict[str, Window]:
-    """Read NAME=LOW:HIGH (with ":log" behind it on a logarithmic scale) of --over into windows in SI.
+    """Read NAME=LOW:HIGH (with ":log" behind it for equal ratios) of --over into windows in SI.
 
     Raises
     ------
@@ -106,26 +135,39 @@ def windows(texts: Sequence[str], held: Setting) -> dict[str, Window]:
         name, given = _varied(text, expected, found)
         parts = [part.strip() for part in given.split(":")]
         if len(parts) not in (2, 3) or parts[2:] not in ([], ["log"]):
-            raise CalibError(f"--over: expected {expected} (--latin says how many points), got {text!r}")
-        unit = held.unit(name)
-        found[name] = _window(f"--over {name}", *parts[:2], unit, "log" if parts[2:] else "linear")
+            raise CalibError(f"--over: expected {expected}, without a COUNT, got {text!r}")
+        with at("--over"):
+            unit = held.unit(name)
+        found[name] = window = _window(f"--over {name}", *parts[:2], unit, "log" if parts[2:] else "linear")
+        with at("--over"):
+            held.check(name, [window.low, window.high])
     return found
 
 
-def state(text: str, map: PeriodMap) -> dict[str, float]:
+def state(text: str, units: Mapping[str, str]) -> dict[str, float]:
     """Read a state, "NAME=VALUE, NAME=VALUE" over components such as q3.displacement, into SI values by component.
+
+    Parameters
+    ----------
+    units : of the components there are
 
     Raises
     ------
     CalibError : no such component, or a unit that does not fit
     """
-    known, found = dict(zip(map.names, map.units, strict=True)), {}
+    found = {}
     for part in filter(str.strip, text.split(",")):
         name, value = _pair("--start", part, "NAME=VALUE, NAME=VALUE")
-        if name not in known:
-            raise CalibError(f"--start: no component {name!r}{nearest(name, known)}; the state has {', '.join(known)}")
-        found[name] = quantity(f"--start {name}", value, known[name])
+        unit = _component("--start", name, units)
+        found[name] = quantity(f"--start {name}", value, unit)
     return found
+
+
+def _component(option: str, name: str, units: Mapping[str, str]) -> str:
+    """Unit of a component of the state."""
+    if name not in units:
+        raise CalibError(f"{option}: no component {name!r}{nearest(name, units)}; the state has {', '.join(units)}")
+    return units[name]
 
 
 def bodies_drawn(text: str | None, file: StudyFile, record: str | None) -> list[str]:
@@ -161,10 +203,8 @@ def _varied(text: str, expected: str, found: Mapping) -> tuple[str, str]:
 
 def _window(where: str, low: str, high: str, unit: str, scale: str) -> Window:
     ends = quantity(where, low, unit), quantity(where, high, unit)
-    try:
+    with at(where):
         return Window(*ends, scale)
-    except CalibError as error:
-        raise CalibError(f"{where}: {error}") from error
 
 
 def quantity(where: str, text: str, unit: str) -> float:
@@ -174,10 +214,8 @@ def quantity(where: str, text: str, unit: str) -> float:
     ------
     CalibError : neither; `where` is the option that it stands at
     """
-    try:
+    with at(where):
         return to_si(_number(text), unit)
-    except CalibError as error:
-        raise CalibError(f"{where}: {error}") from error
 
 
 def _number(text: str) -> float | str:

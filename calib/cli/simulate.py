@@ -29,9 +29,9 @@ def simulate_once(study: Path, given: Sequence[str], record: str | None, output:
     """
     file = load(study)
     chosen = file.reference(record)
-    values = file.study.space.fixed | settings(given, file.study.model.parameters)
+    values = values_for(file.study.space.fixed, chosen.name) | settings(given, file.study.model.parameters)
     with LocalPool(partial(_run, file.study.model, chosen), 1, file.study.timeout) as pool:
-        [(_, simulated)] = pool.map([values_for(values, chosen.name)])
+        [(_, simulated)] = pool.map([values])
     if isinstance(simulated, Failure) and simulated.status == REFUSED:
         raise CalibError(simulated.reason)
     if isinstance(simulated, Failure):

@@ -1,6 +1,7 @@
 """A sweep from the command line: its file, its pictures, and what it found in a few lines."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -10,6 +11,7 @@ from matplotlib.figure import Figure
 
 from calib.cli.given import bodies_drawn, grid, setting, state, windows
 from calib.dynamics.motion import FAILED
+from calib.errors import CalibError
 from calib.progress import Count
 from calib.report.diagrams import bifurcation_diagram, impact_diagram
 from calib.report.drawing import DPI
@@ -17,7 +19,7 @@ from calib.report.maps import kind_map
 from calib.report.sections import sections
 from calib.report.sweeps import parameters
 from calib.study_toml import load
-from calib.sweep import Sweep, latin_hypercube, run
+from calib.sweep import NONE, Sweep, latin_hypercube, run
 from calib.units import shown
 
 LINES = 24  # stretches that are printed
@@ -52,11 +54,14 @@ def sweep_study(
     """
     file = load(study, jobs=jobs)
     held = setting(file, settings, record, best, out, phase)
+    if len(over) > 2:
+        raise CalibError(f"--over: a sweep is over one or two parameters, got {len(over)}")
+    if latin is not None and carry != NONE:
+        raise CalibError(f"--carry {carry}: a state is carried along a grid; the points of --latin have no order")
     axes = grid(over, held) if latin is None else latin_hypercube(windows(over, held), latin, seed)
-    plan = Sweep(
-        held, axes, paired=latin is not None, carry=carry, settle=settle, cycles=cycles,
-        starts=[state(text, held.map()) for text in starts] or [{}],
-    )  # fmt: skip
+    plan = Sweep(held, axes, paired=latin is not None, carry=carry, settle=settle, cycles=cycles)
+    if starts:
+        plan = replace(plan, starts=[state(text, plan.components()) for text in starts])
     path = output or (out or file.folder) / "sweep.nc"
     drawn = bodies_drawn(bodies, file, record)
     with Count("points", quiet) as count:
@@ -105,14 +110,14 @@ def _label(kind: str, impacts: int) -> str:
 
 def _stretches(branch: xr.Dataset) -> Iterator[str]:
     [name] = branch.kind.dims
-    values, unit = branch[name].values, branch[name].attrs["units"]
+    values, unit, said = branch[name].values, branch[name].attrs["units"], branch[name].attrs["name"]
     order = np.argsort(values)
     labels = [_label(str(branch.kind.values[k]), int(branch.impacts.values[k])) for k in order]
     first = 0
     for k in range(1, len(labels) + 1):
         if k == len(labels) or labels[k] != labels[first]:
             low, high = (shown(float(values[order[at]]), unit) for at in (first, k - 1))
-            yield f"  {name} {low if low == high else f'{low} .. {high}'}: {labels[first]}"
+            yield f"  {said} {low if low == high else f'{low} .. {high}'}: {labels[first]}"
             first = k
 
 

@@ -1,6 +1,6 @@
 """Basins of attraction: to which motion the states of a plane lead."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -44,7 +44,7 @@ class Plane:
     settle: int = 1000
 
     def __post_init__(self):
-        known = self.setting.map().names
+        known = self.map().names
         for name in (self.x[0], self.y[0], *self.start):
             if name not in known:
                 raise CalibError(
@@ -52,6 +52,21 @@ class Plane:
                 )
         if self.x[0] == self.y[0]:
             raise CalibError(f"a plane needs two components, got {self.x[0]!r} twice")
+        for name, values in (self.x, self.y):
+            if np.ndim(values) != 1 or not np.size(values) or not np.isfinite(values).all():
+                raise CalibError(f"the values of {name!r} must be a list of finite numbers, got {values}")
+
+    def map(self) -> PeriodMap:
+        """Period map, the same for all states.
+
+        Raises
+        ------
+        CalibError : the setting has none
+        """
+        try:
+            return self.setting.map()
+        except ValueError as error:
+            raise CalibError(str(error)) from error
 
     def states(self, map: PeriodMap) -> np.ndarray:
         """States (y, x, dimension) of the plane."""
@@ -85,15 +100,16 @@ def basins(
     path : netCDF file to write; until then, what is done lies beside it in a hidden folder. Where the file holds this
         very plane, it is read
     jobs : child processes
-    timeout : wall clock of 32 states, of which all are lost where it passes  [s]
+    timeout : wall clock of 32 states, beyond which the slow one among them is given up  [s]
     fresh : take the place of what `path` holds, and forget what was done so far
     on_done : told how many states are done, and of how many
 
     Returns
     -------
-    Dataset over the two components (y, x): attractor, index into the attractors, -1 where there is no motion; by
-    (attractor): attractor_kind, attractor_period, attractor_impacts, attractor_exponent [1/period], attractor_share of
-    the plane [1]; section_x, section_y (attractor, cycle) its section in the plane's components
+    Dataset over the two components (y, x): attractor, index into the attractors, -1 where there is no motion; status,
+    and the reason where it is not "ok"; by (attractor): attractor_kind, attractor_period, attractor_impacts,
+    attractor_exponent [1/period], attractor_share of the plane [1]; section_x, section_y (attractor, cycle) its section
+    in the plane's components
 
     Raises
     ------
@@ -101,92 +117,123 @@ def basins(
     """
     path, definition = Path(path), plane.definition()
     total = len(plane.x[1]) * len(plane.y[1])
-    if fresh:
-        path.unlink(missing_ok=True)
-    found = joined(path, definition)
+    found = joined(path, definition, fresh)
     if found is not None:
         on_done(total, total)
         return found
     path.parent.mkdir(parents=True, exist_ok=True)
     tasks = {str(first): range(first, min(first + CHUNK, total)) for first in range(0, total, CHUNK)}
-    periods, ends = np.full(total, LOST), np.full((total, len(plane.setting.map().names)), np.nan)
-    done = 0
     with Chunks(path, definition) as chunks, LocalPool(partial(_motions, plane), jobs, timeout) as pool:
         if fresh:
+            path.unlink(missing_ok=True)
             chunks.clear()
-        for key, result in chunks.done(pool, tasks):
-            if isinstance(result, Failure):
-                if result.status == REFUSED:
-                    raise CalibError(result.reason)
-            else:
-                periods[tasks[key]], ends[tasks[key]] = result["period"], result["state"]
-            done += len(tasks[key])
-            on_done(done, total)
-        write_joined(_dataset(plane, periods, ends), definition, path)
+        pieces = _pieces(plane, pool, chunks, tasks, lambda done: on_done(done, total))
+        write_joined(_dataset(plane, _together([pieces[key] for key in tasks])), definition, path)
         chunks.clear()
     return read_joined(path)
 
 
+def _pieces(
+    plane: Plane, pool, chunks: Chunks, tasks: Mapping[str, range], on_done: Callable[[int], None]
+) -> dict[str, dict[str, np.ndarray]]:
+    """Arrays of each task by its key: those kept from before, and those of what has not been run."""
+    found, lost = chunks.kept(tasks), []
+    on_done(_points(found))
+    for key, result in chunks.made(pool, {key: task for key, task in tasks.items() if key not in found}):
+        if isinstance(result, Failure):
+            lost.append(key)
+            continue
+        found[key] = result
+        on_done(_points(found))
+    for key in lost:
+        found[key] = _singly(plane, pool, tasks[key])
+        chunks.write(key, found[key])
+        on_done(_points(found))
+    return found
+
+
+def _points(pieces: Mapping[str, Mapping[str, np.ndarray]]) -> int:
+    return sum(piece["period"].size for piece in pieces.values())
+
+
+def _singly(plane: Plane, pool, points: Sequence[int]) -> dict[str, np.ndarray]:
+    """Run the states of a piece one by one, so that only the one that fails is lost.
+
+    Raises
+    ------
+    CalibError : the simulator refuses what it is asked for
+    """
+    rows, nowhere = [], np.full((1, len(plane.map().names)), np.nan)
+    for point in points:
+        [(_, result)] = pool.map([[point]])
+        if isinstance(result, Failure):
+            if result.status == REFUSED:
+                raise CalibError(result.reason)
+            status, reason = np.array([result.status]), np.array([result.reason])
+            result = {"period": np.array([LOST]), "state": nowhere, "status": status, "reason": reason}
+        rows.append(result)
+    return _together(rows)
+
+
+def _together(pieces: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    return {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
+
+
 def _motions(plane: Plane, points: Sequence[int]) -> dict[str, np.ndarray]:
-    """Period and last state of the motions from some points of the plane, counted row by row."""
-    map = plane.setting.map()
+    """Period, last state, status and reason of the motions from some points of the plane, counted row by row."""
+    map = plane.map()
     states = plane.states(map).reshape(-1, len(map.names))
     found = [settled_orbit(map, states[point], plane.settle, CYCLES) for point in points]
     return {
         "period": np.array([LOST if f.kind == FAILED else f.period or IRREGULAR for f in found]),
         "state": np.array([f.state for f in found]),
+        "status": np.array([f.status for f in found]),
+        "reason": np.array([f.reason for f in found]),
     }
 
 
-def _dataset(plane: Plane, periods: np.ndarray, ends: np.ndarray) -> xr.Dataset:
-    map = plane.setting.map()
-    attractor = np.full(periods.size, -1)
+def _dataset(plane: Plane, found: Mapping[str, np.ndarray]) -> xr.Dataset:
+    map = plane.map()
+    attractor = np.full(found["period"].size, -1)
     members: list[tuple[int, np.ndarray]] = []  # period, states of one return
-    for point, (period, state) in enumerate(zip(periods.tolist(), ends, strict=True)):
+    for point, (period, state) in enumerate(zip(found["period"].tolist(), found["state"], strict=True)):
         if period == LOST:
             continue
         same = (k for k, (own, states) in enumerate(members) if own == period and _near(map, states, state, period))
         attractor[point] = index = next(same, len(members))
         if index == len(members):
             members.append((period, map.orbit(state, max(1, period)).states))
-    rows = list(_described(plane, map, members))
-    width = max((row["section_x"].size for row in rows), default=0)
-    by_attractor = {}
-    for name in rows[0] if rows else ():
-        values = [row[name] for row in rows]
-        if np.ndim(values[0]):
-            padded = [np.pad(v, (0, width - v.size), constant_values=np.nan) for v in values]
-            by_attractor[name] = (("attractor", "cycle"), np.array(padded))
-        else:
-            by_attractor[name] = ("attractor", np.array(values))
+    kinds = [kind_of_orbit(map, states[-1], plane.settle) for _, states in members]
+    sections = [kind.orbit.states[: period or None] for kind, (period, _) in zip(kinds, members, strict=True)]
     share = np.array([(attractor == k).mean() for k in range(len(members))])
+    (y, rows), (x, columns) = plane.y, plane.x
     units = dict(zip(map.names, map.units, strict=True))
+    of_start = {"attractor": attractor, "status": found["status"], "reason": found["reason"]}
     return xr.Dataset(
         {
-            "attractor": ((plane.y[0], plane.x[0]), attractor.reshape(len(plane.y[1]), len(plane.x[1]))),
+            **{name: ((y, x), values.reshape(len(rows), len(columns))) for name, values in of_start.items()},
             "attractor_share": ("attractor", share, {"units": "1"}),
-            **by_attractor,
+            "attractor_kind": ("attractor", np.array([kind.kind for kind in kinds], dtype=str)),
+            "attractor_period": ("attractor", np.array([kind.period for kind in kinds], dtype=int)),
+            "attractor_impacts": ("attractor", np.array([kind.impacts for kind in kinds], dtype=int)),
+            "attractor_exponent": ("attractor", np.array([kind.exponent for kind in kinds]), {"units": "1"}),
+            **{
+                f"section_{axis}": (("attractor", "cycle"), _padded([s[:, map.names.index(name)] for s in sections]))
+                for axis, name in (("x", x), ("y", y))
+            },
         },
-        coords={name: (name, values, {"units": units[name]}) for name, values in (plane.y, plane.x)},
+        coords={y: (y, rows, {"units": units[y]}), x: (x, columns, {"units": units[x]})},
         attrs={"model": plane.setting.model.name, "phase": plane.setting.phase},
     )
 
 
+def _padded(rows: Sequence[np.ndarray]) -> np.ndarray:
+    """Rows of different lengths as one array, NaN where there is nothing."""
+    table = np.full((len(rows), max((row.size for row in rows), default=0)), np.nan)
+    for k, row in enumerate(rows):
+        table[k, : row.size] = row
+    return table
+
+
 def _near(map: PeriodMap, states: np.ndarray, state: np.ndarray, period: int) -> bool:
     return period == IRREGULAR or bool((np.abs((states - state) / map.scale).max(axis=1) < SAME).any())
-
-
-def _described(plane: Plane, map: PeriodMap, members: Sequence[tuple[int, np.ndarray]]) -> Iterator[dict[str, Any]]:
-    """Kind and section of each attractor, from one of its states."""
-    places = [map.names.index(name) for name, _ in (plane.x, plane.y)]
-    for period, states in members:
-        found = kind_of_orbit(map, states[-1], plane.settle)
-        section = found.orbit.states[: period or None]
-        yield {
-            "attractor_kind": found.kind,
-            "attractor_period": found.period,
-            "attractor_impacts": found.impacts,
-            "attractor_exponent": found.exponent,
-            "section_x": section[:, places[0]],
-            "section_y": section[:, places[1]],
-        }

@@ -1,10 +1,9 @@
 """What stays as it is while one or two parameters vary: model, excitation, values, phase of the section."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
-
-import numpy as np
 
 from calib.dynamics.contract import PeriodMap
 from calib.errors import CalibError, nearest
@@ -73,11 +72,12 @@ class Setting:
         ------
         CalibError : not finite, or outside the parameter's bounds
         """
-        unit, parameter = self.unit(name), self.model.parameters.get(name)
-        low, high = (parameter.low, parameter.high) if parameter else (np.nextafter(0.0, 1.0), np.inf)
+        unit, own = self.unit(name), self.model.parameters.get(name)
+        bounds = f"in [{own.low:g}, {own.high:g}]" if own else "above 0"
         for value in values:
-            if not low <= value <= high:  # true for NaN
-                raise CalibError(f"expected values of {name!r} in [{low:g}, {high:g}] {unit}, got {value:g}")
+            inside = own.low <= value <= own.high if own else value > 0.0
+            if not (inside and math.isfinite(value)):
+                raise CalibError(f"expected finite values of {name!r} {bounds} {unit}, got {value:g}")
 
     def definition(self) -> dict[str, Any]:
         """All that decides the motions, as JSON takes it."""
@@ -85,10 +85,19 @@ class Setting:
         return plain(
             {
                 "simulator": simulator.name,
-                "options": {k: v for k, v in vars(simulator).items() if isinstance(v, str | int | float | bool)},
+                "options": {name: value for name, value in vars(simulator).items() if _option(value)},
                 "effects": [[effect.name, effect.bodies] for effect in self.model.effects],
                 "values": {**self.model.nominal, **self.values},
                 "excitation": {k: getattr(drive, k) for k in ("place", "quantity", "frequency", "amplitude", "phase")},
                 "phase": self.phase,
             }
         )
+
+
+def _option(value: Any) -> bool:
+    """Whether an attribute of a simulator can be an option of a study file, rather than something made of those."""
+    if isinstance(value, Mapping):
+        return all(_option(part) for part in value.values())
+    if isinstance(value, list | tuple):
+        return all(_option(part) for part in value)
+    return isinstance(value, str | int | float | bool)

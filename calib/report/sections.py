@@ -45,7 +45,8 @@ def sections(sweep: xr.Dataset, most: int = 6) -> Figure | None:
     if count > most:
         return None
     names = parameters(sweep)
-    runs = sweep.sortby([d for d in dims if d != "point"]).stack(run=dims, create_index=False)
+    drawn = sweep[["displacement", "velocity", "kind"]]  # what has no impacts cannot be stacked
+    runs = drawn.sortby([d for d in dims if d != "point"]).stack(run=dims, create_index=False)
     bodies = [str(body) for body in sweep.body.values]
     columns, blocks = min(count, COLUMNS), math.ceil(count / COLUMNS)
     with mpl.rc_context(STYLE):

@@ -3,7 +3,7 @@
 import hashlib
 import json
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +13,11 @@ import xarray as xr
 from calib.errors import CalibError
 from calib.files import read_dataset, whole, write_dataset
 from calib.interrupt import uninterrupted
-from calib.pool import Failure
+from calib.pool import REFUSED, Failure
 from calib.store.lock import Lock
 
 DEFINITION = "definition"  # attribute of the joined file
-DIGITS = 12  # of the definition's digest in the folder's name
+DIGITS = 12  # of the definition's digest, which is the folder's name
 
 
 def read_joined(path: str | Path) -> xr.Dataset:
@@ -40,8 +40,10 @@ def write_joined(dataset: xr.Dataset, definition: Mapping[str, Any], path: Path)
     write_dataset(dataset.assign_attrs({DEFINITION: json.dumps(definition)}), path)
 
 
-def joined(path: Path, definition: Mapping[str, Any]) -> xr.Dataset | None:
+def joined(path: Path, definition: Mapping[str, Any], fresh: bool = False) -> xr.Dataset | None:
     """Return what `path` holds where it is of this very definition; None where there is no file.
+
+    Where it is to be made `fresh`, None too, if only what joined pieces hold is lost by that.
 
     Raises
     ------
@@ -50,6 +52,8 @@ def joined(path: Path, definition: Mapping[str, Any]) -> xr.Dataset | None:
     if not path.exists():
         return None
     found = read_joined(path)
+    if fresh:
+        return None
     stored = json.loads(found.attrs[DEFINITION])
     different = sorted(k for k in definition if k != "environment" and stored.get(k) != definition[k])
     if different:
@@ -61,29 +65,36 @@ def joined(path: Path, definition: Mapping[str, Any]) -> xr.Dataset | None:
 
 
 class Chunks:
-    """Pieces of one piece of work in a folder named after its definition, so that no other work takes them for its own.
+    """Pieces of the work for one file, in a hidden folder beside it which one process at a time may use.
+
+    Within it is a folder named after the work's definition, so that no other work takes the pieces for its own.
 
     Parameters
     ----------
-    beside : the file that the pieces are joined to in the end; the folder lies beside it
+    beside : the file that the pieces are joined to in the end
     definition : all that decides what the pieces hold, as JSON takes it
+
+    Raises
+    ------
+    CalibError : on entering, where another process works for the same file
     """
 
     def __init__(self, beside: Path, definition: Mapping[str, Any]):
         text = json.dumps(definition, sort_keys=True)
-        self.folder = beside.parent / f".{beside.stem}-{hashlib.sha256(text.encode()).hexdigest()[:DIGITS]}"
-        self.folder.mkdir(parents=True, exist_ok=True)
-        self._lock = Lock(self.folder)
+        self._hidden = beside.parent / f".{beside.name}-pieces"
+        self.folder = self._hidden / hashlib.sha256(text.encode()).hexdigest()[:DIGITS]
+        self._lock = Lock(self._hidden, beside)
 
     def __enter__(self) -> "Chunks":
+        self._hidden.mkdir(parents=True, exist_ok=True)
         self._lock.acquire()
+        self.folder.mkdir(parents=True, exist_ok=True)
         return self
 
     def __exit__(self, *_):
-        done = not any(self.folder.glob("*.npz"))
+        if not any(self._hidden.rglob("*.npz")):
+            shutil.rmtree(self._hidden, ignore_errors=True)
         self._lock.release()
-        if done:
-            shutil.rmtree(self.folder, ignore_errors=True)
 
     def read(self, key: str) -> dict[str, np.ndarray] | None:
         """Arrays of a piece by name, or None where it has not been done."""
@@ -98,25 +109,28 @@ class Chunks:
         with uninterrupted(), whole(self.folder / f"{key}.npz") as temporary, open(temporary, "wb") as file:
             np.savez(file, **arrays)
 
-    def done(self, pool, tasks: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-        """Yield the arrays of each task by its key: those that are there, then those that `pool` makes, as they end.
+    def kept(self, keys: Iterable[str]) -> dict[str, dict[str, np.ndarray]]:
+        """Return the pieces that have been done, by key."""
+        return {key: arrays for key in keys if (arrays := self.read(key)) is not None}
+
+    def made(self, pool, tasks: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+        """Yield the arrays that `pool` makes of each task by its key, as they end and when they are kept.
 
         A call that gave no arrays yields its Failure, and leaves nothing.
+
+        Raises
+        ------
+        CalibError : the call refuses what it is asked for
         """
-        missing = {}
-        for key, task in tasks.items():
-            arrays = self.read(key)
-            if arrays is None:
-                missing[key] = task
-            else:
-                yield key, arrays
-        keys = list(missing)
-        for index, result in pool.map(missing.values()):
+        keys = list(tasks)
+        for index, result in pool.map(tasks.values()):
             if not isinstance(result, Failure):
                 self.write(keys[index], result)
+            elif result.status == REFUSED:
+                raise CalibError(result.reason)
             yield keys[index], result
 
     def clear(self) -> None:
-        """Forget all pieces."""
-        for path in self.folder.glob("*.npz"):
+        """Forget all pieces for the file, whatever the work that they belong to."""
+        for path in self._hidden.rglob("*.npz"):
             path.unlink()

@@ -15,10 +15,17 @@ PATIENCE = 0.5  # s: `held` takes the lock for an instant to look at it
 
 
 class Lock:
-    """A lock on a folder that the kernel lets go when the process ends, however it ends; children do not inherit it."""
+    """A lock on a folder that the kernel lets go when the process ends, however it ends; children do not inherit it.
 
-    def __init__(self, folder: Path):
+    Parameters
+    ----------
+    folder : where the file lies that is locked
+    guarded : what is written meanwhile, None for the folder
+    """
+
+    def __init__(self, folder: Path, guarded: Path | None = None):
         self._path = folder / NAME
+        self._guarded = guarded or folder
         self._handle: int | None = None
 
     def acquire(self) -> None:
@@ -36,8 +43,8 @@ class Lock:
             os.close(handle)
             if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
                 raise CalibError(
-                    f"{self._path.parent} is being written by {holder or 'another process'}; "
-                    "wait for it, stop it, or choose another folder"
+                    f"{self._guarded} is being written by {holder or 'another process'}; "
+                    "wait for it, stop it, or choose another place"
                 ) from None
             warnings.warn(f"{self._path} cannot be locked ({error.strerror}); start no second run here", stacklevel=3)
             return

@@ -104,6 +104,17 @@ class Sweep:
         """
         return self.setting.map(dict(zip(self.over, self.points[point].tolist(), strict=True)))
 
+    def components(self, points: Sequence[int] = (0, -1)) -> dict[str, str]:
+        """Unit of each component of the state by name; laws that are at their null at all of `points` have none."""
+        units = {}
+        for point in points:
+            try:
+                map = self.map_at(point)
+            except ValueError:
+                continue  # the point itself will say so
+            units |= dict(zip(map.names, map.units, strict=True))
+        return units
+
     def definition(self) -> dict[str, Any]:
         """All that decides what comes out, as JSON takes it; where it is the same, so are the bits."""
         own = {name: getattr(self, name) for name in ("over", "paired", "carry", "starts", "settle", "cycles")}
@@ -126,6 +137,8 @@ def _check(sweep: Sweep) -> None:
         if values.ndim != 1 or values.size == 0:
             raise CalibError(f"the values of {name!r} must be a list of numbers, got an array of shape {values.shape}")
         sweep.setting.check(name, values.tolist())
+        if not sweep.paired and np.unique(values).size < values.size:
+            raise CalibError(f"the values of {name!r} on a grid must differ, got {values.tolist()}")
     sizes = {name: values.size for name, values in sweep.over.items()}
     if sweep.paired and len(set(sizes.values())) > 1:
         raise CalibError(f"a list of points needs as many values of each parameter, got {sizes}")
@@ -139,15 +152,8 @@ def _check(sweep: Sweep) -> None:
         raise CalibError(f"expected at least {CYCLES} cycles to keep, got {sweep.cycles}")
     if not sweep.starts:
         raise CalibError("a sweep needs a state to start from; {} is the simulator's own")
-    for start in sweep.starts:
-        _check_start(sweep, start)
-
-
-def _check_start(sweep: Sweep, start: Mapping[str, float]) -> None:
-    try:
-        known = sweep.map_at(0).names
-    except ValueError:
-        return  # the point itself will say so
-    for name in start:
-        if name not in known:
+    named = {name for start in sweep.starts for name in start}
+    known = sweep.components() if named else sweep.components([0])  # refused here and now, if at all
+    for name in sorted(named):
+        if known and name not in known:
             raise CalibError(f"the state has no component {name!r}{nearest(name, known)}; it has {', '.join(known)}")

@@ -36,6 +36,7 @@ NAMES = {
 }
 INSIDE = {"displacement": ("body", "cycle"), "velocity": ("body", "cycle"), "impact_phase": ("impact",),
           "impact_speed": ("impact",), "state": ("component",)}  # fmt: skip
+TAKEN = {*NAMES, "status", "evidence", "branch", "point", "body", "cycle", "impact", "component", "component_unit"}
 
 
 def run(
@@ -71,17 +72,16 @@ def run(
     """
     path, definition = Path(path), sweep.definition()
     total = len(sweep.points) * len(sweep.branches)
-    if fresh:
-        path.unlink(missing_ok=True)
-    found = joined(path, definition)
+    found = joined(path, definition, fresh)
     if found is not None:
         on_done(total, total)
         return found
     path.parent.mkdir(parents=True, exist_ok=True)
     with Chunks(path, definition) as chunks, LocalPool(partial(motions, sweep), jobs, timeout) as pool:
         if fresh:
+            path.unlink(missing_ok=True)
             chunks.clear()
-        pieces = _pieces(sweep, pool, chunks, partial(on_done, total=total))
+        pieces = _pieces(sweep, pool, chunks, lambda done: on_done(done, total))
         write_joined(_dataset(sweep, pieces), definition, path)
         chunks.clear()
     return read_joined(path)
@@ -89,33 +89,36 @@ def run(
 
 # --- pieces ----------------------------------------------------------------------------------------------------------
 
-Pieces = dict[tuple[int, int], dict[str, np.ndarray]]  # (track, chunk) -> arrays
+Pieces = dict[str, dict[str, np.ndarray]]  # name of the piece -> arrays
 
 
 def _pieces(sweep: Sweep, pool, chunks: Chunks, on_done: Callable[[int], None]) -> Pieces:
     """Run what has not been run; a track whose state is carried has one piece under way at a time."""
-    tracks, found = list(sweep.tracks()), {}
+    tracks = list(sweep.tracks())
+    found = chunks.kept(_name(t, c) for t, track in enumerate(tracks) for c in range(len(_parts(track))))
+    on_done(_points(found))
     while tasks := _ready(sweep, tracks, found):
-        names, lost = {_name(key): key for key in tasks}, {}
-        for name, result in chunks.done(pool, {_name(key): task for key, task in tasks.items()}):
+        lost = []
+        for name, result in chunks.made(pool, tasks):
             if isinstance(result, Failure):
-                lost[name] = result
+                lost.append(name)
                 continue
-            found[names[name]] = result
-            on_done(sum(len(piece["kind"]) for piece in found.values()))
-        for name, failure in lost.items():
-            found[names[name]] = _singly(sweep, pool, tasks[names[name]], failure)
-            chunks.write(name, found[names[name]])
+            found[name] = result
+            on_done(_points(found))
+        for name in lost:
+            found[name] = _singly(sweep, pool, tasks[name])
+            chunks.write(name, found[name])
+            on_done(_points(found))
     return found
 
 
-def _ready(sweep: Sweep, tracks: list[Track], found: Pieces) -> dict[tuple[int, int], Task]:
+def _ready(sweep: Sweep, tracks: list[Track], found: Pieces) -> dict[str, Task]:
     """Pieces that are missing and whose start is known."""
     tasks = {}
     for t, track in enumerate(tracks):
         for c, points in enumerate(_parts(track)):
-            if (t, c) not in found:
-                tasks[t, c] = Task(points, _before(sweep, track, found, (t, c)), track.carried)
+            if _name(t, c) not in found:
+                tasks[_name(t, c)] = Task(points, _before(sweep, track, found, t, c), track.carried)
                 if track.carried:
                     break
     return tasks
@@ -125,15 +128,18 @@ def _parts(track: Track) -> list[tuple[int, ...]]:
     return [track.points[first : first + CHUNK] for first in range(0, len(track.points), CHUNK)]
 
 
-def _name(key: tuple[int, int]) -> str:
-    return f"{key[0]}-{key[1]}"
+def _name(track: int, part: int) -> str:
+    return f"{track}-{part}"
 
 
-def _before(sweep: Sweep, track: Track, found: Pieces, key: tuple[int, int]) -> dict[str, float]:
-    """State that a piece starts from: the last one before it, where states are carried."""
-    t, c = key
+def _points(pieces: Pieces) -> int:
+    return sum(len(piece["kind"]) for piece in pieces.values())
+
+
+def _before(sweep: Sweep, track: Track, found: Pieces, t: int, c: int) -> dict[str, float]:
+    """State that part c of track t starts from: the last one before it, where states are carried."""
     for earlier in range(c - 1, -1, -1) if track.carried else ():
-        state = _last(found[t, earlier])
+        state = _last(found[_name(t, earlier)])
         if state:
             return state
     return dict(sweep.starts[track.start])
@@ -148,7 +154,7 @@ def _last(arrays: Mapping[str, np.ndarray]) -> dict[str, float]:
     return {}
 
 
-def _singly(sweep: Sweep, pool, task: Task, failure: Failure) -> dict[str, np.ndarray]:
+def _singly(sweep: Sweep, pool, task: Task) -> dict[str, np.ndarray]:
     """Run the points of a piece one by one, so that only the one that fails is lost.
 
     Raises
@@ -157,11 +163,10 @@ def _singly(sweep: Sweep, pool, task: Task, failure: Failure) -> dict[str, np.nd
     """
     rows, state = [], task.state
     for point in task.points:
-        if failure.status == REFUSED:
-            raise CalibError(failure.reason)
         [(_, result)] = pool.map([Task((point,), state, task.carried)])
         if isinstance(result, Failure):
-            failure = result
+            if result.status == REFUSED:
+                raise CalibError(result.reason)
             result = stacked([failed_row(sweep, result.status, result.reason)])
         elif task.carried:
             state = _last(result) or state
@@ -177,7 +182,7 @@ def _dataset(sweep: Sweep, pieces: Pieces) -> xr.Dataset:
     for t, track in enumerate(sweep.tracks()):
         for c, points in enumerate(_parts(track)):
             for k, point in enumerate(points):
-                rows[track.branch, point] = {name: array[k] for name, array in pieces[t, c].items()}
+                rows[track.branch, point] = {name: array[k] for name, array in pieces[_name(t, c)].items()}
     branches, size = sweep.branches, len(sweep.points)
     arrays = stacked([rows[branch, point] for branch in range(len(branches)) for point in range(size)])
     arrays["state"], components, units = _by_component(arrays.pop("names"), arrays.pop("units"), arrays["state"])
@@ -204,7 +209,8 @@ def _dataset(sweep: Sweep, pieces: Pieces) -> xr.Dataset:
 
 
 def _dimension(name: str) -> str:
-    return name.replace(".", "_")
+    """Name of a parameter's dimension: without a dot, and not one that something else here has."""
+    return name.replace(".", "_") + "_" * (name in TAKEN)
 
 
 def _by_component(

@@ -118,3 +118,23 @@ class GrazingMap:
 
     def speed(self, u):
         return np.sqrt(max(u - self.gap, 0.0))
+
+
+FOLDS = 2.0 / np.sqrt(27.0)  # at this load, and at its negative, one of the cycles of `bistable` ends
+
+
+def bistable(load):
+    """Map u' = u + (load + u - u^3) / 2 of u = x + v, with v' = v / 2: from |load| < FOLDS on, two cycles attract.
+
+    At load 0 these are u = -1 and 1; for |u| < sqrt 3 the sign of u says which, and |u| > sqrt 5 diverges.
+    """
+
+    def function(x):
+        u, v = x.sum(), 0.5 * x[1]
+        return np.array([u + 0.5 * (load + u - u**3) - v, v])
+
+    def derivative(x):
+        slope = 1.5 - 1.5 * x.sum() ** 2
+        return np.array([[slope, slope - 0.5], [0.0, 0.5]])
+
+    return PlainMap(function, derivative, [-1.0, 0.0])
