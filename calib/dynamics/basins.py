@@ -113,7 +113,7 @@ def basins(
 
     Raises
     ------
-    CalibError : `path` holds something else; an excitation that the simulator refuses
+    CalibError : `path` holds something else, or another process works for it; an excitation that the simulator refuses
     """
     path, definition = Path(path), plane.definition()
     total = len(plane.x[1]) * len(plane.y[1])

@@ -68,7 +68,8 @@ def run(
 
     Raises
     ------
-    CalibError : `path` holds something else; a value or an excitation that the simulator refuses
+    CalibError : `path` holds something else, or another process works for it; a value or an excitation that the
+        simulator refuses
     """
     path, definition = Path(path), sweep.definition()
     total = len(sweep.points) * len(sweep.branches)
