@@ -113,6 +113,21 @@ def test_a_latin_hypercube_is_drawn_from_its_seed(study, tmp_path):
     assert not np.isin(two.a, one.a).any()
 
 
+def test_a_latin_hypercube_of_one_parameter_is_described_too(study, tmp_path):
+    said = calib("sweep", study, "--over", "a=0.2:0.3", "--latin", 3).stdout
+    assert "  a 0.2" in said
+
+
+def test_a_branch_is_not_followed_in_equal_ratios_nor_written_over_another_file(study, tmp_path):
+    ratios = calib("branch", study, "--over", "a=0.2:0.3:log", "--at", "0.25", code=1)
+    assert "linear" in ratios.stderr
+    mine = tmp_path / "bench.nc"
+    before = mine.read_bytes()
+    over = calib("branch", study, "--over", "a=0.2:0.3", "--at", "0.25", "-o", mine, code=1)
+    assert "not a file of `calib branch`" in over.stderr
+    assert mine.read_bytes() == before
+
+
 def test_values_may_have_units_and_equal_ratios(study, tmp_path):
     calib("sweep", study, "--over", "excitation.amplitude=0.5 mm:2mm:3:log", "--set", "b=0.1")
     found = read_joined(tmp_path / "out" / "sweep.nc")

@@ -95,8 +95,7 @@ def test_a_killed_sweep_goes_on_and_none_of_its_processes_is_left(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("carry", ["none", "both"])
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize(("carry", "jobs"), [("none", 2), ("both", 1), ("both", 2)])
 def test_many_kills_change_nothing(carry, jobs, tmp_path):
     """Killed while it starts, and after a few pieces more each time."""
     study, killed, whole = minimal(tmp_path), tmp_path / "killed" / "s.nc", tmp_path / "whole" / "s.nc"

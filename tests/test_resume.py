@@ -85,7 +85,7 @@ def assert_same(tmp_path):
         assert store.best.number == expected.best.number
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_killed_study_ends_as_the_uninterrupted_one(tmp_path, jobs):
     assert killed_and_resumed(tmp_path, jobs, kills=3, seed=jobs) >= 2
     assert_same(tmp_path)

@@ -10,7 +10,7 @@ from calib.dynamics.branch import Branch, follow
 from calib.dynamics.motion import kind_of_orbit
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError
-from calib.files import write_dataset
+from calib.files import read_dataset, write_dataset
 from calib.report.continuation import branch_diagram
 from calib.report.drawing import DPI
 from calib.study_toml import load
@@ -41,7 +41,12 @@ def follow_branch(
     file = load(study)
     held = setting(file, settings, record, best, out, phase)
     [(name, window)] = windows([over], held).items()
+    if window.scale == "log":
+        raise CalibError('--over: a branch is followed on a linear scale; drop ":log"')
     unit, drawn = held.unit(name), bodies_drawn(bodies, file, record)
+    path = output or (out or file.folder) / "branch.nc"
+    if path.exists() and "special_kind" not in read_dataset(path):
+        raise CalibError(f"{path} is not a file of `calib branch`; choose another name")
     where = quantity("--at", at, unit)
     if not window.low <= where <= window.high:
         low, high = shown(window.low, unit), shown(window.high, unit)
@@ -54,7 +59,6 @@ def follow_branch(
         click.echo(line)
     if not branch.parameter.size:
         return False
-    path = output or (out or file.folder) / "branch.nc"
     path.parent.mkdir(parents=True, exist_ok=True)
     dataset = branch.dataset(name, unit).assign_attrs(model=held.model.name, phase=phase)
     write_dataset(dataset, path)

@@ -28,7 +28,7 @@ OUT = click.option(
 )
 SET = click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A parameter, such as gap='1.2 mm'.")
 RECORD = click.option("--record", metavar="NAME", help="Whose excitation to take. [default: the first record]")
-BEST = click.option("--best", is_flag=True, help="Start from the values that `calib run` has found.")
+BEST = click.option("--best", is_flag=True, help="Take the values that `calib run` has found.")
 PHASE = click.option(
     "--phase",
     type=click.FloatRange(0.0, 1.0, max_open=True),
@@ -38,7 +38,11 @@ PHASE = click.option(
 )
 BODIES = click.option("--bodies", metavar="A,B", help="In the picture. [default: those of the record]")
 SETTLE = click.option(
-    "--settle", type=click.IntRange(min=0), default=1000, show_default=True, help="Periods dropped at most."
+    "--settle",
+    type=click.IntRange(min=0),
+    default=1000,
+    show_default=True,
+    help="Periods dropped before the first verdict; the undecided get 5 times as many more.",
 )
 JOBS = click.option("--jobs", type=click.IntRange(min=1), help="Child processes. [default: the study's]")
 FRESH = click.option("--fresh", is_flag=True, help="Replace what the file holds, and forget what was done so far.")
@@ -196,7 +200,8 @@ def sweep(study: Path, over: tuple[str, ...], **options):
     """Find the motion of STUDY's simulator over one or two parameters, and draw its bifurcation diagram.
 
     Each value's transient is dropped, its stroboscopic section kept, and its kind of motion told with the largest
-    Lyapunov exponent. A sweep that was stopped or killed goes on with the same command.
+    Lyapunov exponent. Up to six values are drawn as sections in the phase plane, two parameters as a map of the kinds
+    of motion. A sweep that was stopped or killed goes on with the same command.
 
     --over takes NAME=LOW:HIGH:COUNT (":log" behind it for equal ratios) or a list NAME=A,B,C, with units if wanted
     ("0.5 mm:1.5 mm:101"). NAME is a parameter of the model, excitation.frequency or excitation.amplitude. Two of them
@@ -227,8 +232,9 @@ def sweep(study: Path, over: tuple[str, ...], **options):
 def branch(study: Path, over: str, **options):
     """Follow the periodic motion of STUDY's simulator over one parameter, through folds and where it is unstable.
 
-    Marked are folds, flips (period doublings), Neimark-Sacker points and grazing, where an impact appears or vanishes
-    and the branch ends. Multipliers are Floquet's, from the exact derivative of the map where the simulator knows it.
+    Marked are folds, flips (period doublings), Neimark-Sacker points, crossings with another branch, and grazing, where
+    an impact appears or vanishes and the branch ends. Multipliers are Floquet's, from the exact derivative of the map
+    where the simulator knows it.
 
     \b
     Example:  calib branch studies/minimal --over restitution=0:0.8 --at 0.05

@@ -109,7 +109,7 @@ def _label(kind: str, impacts: int) -> str:
 
 
 def _stretches(branch: xr.Dataset) -> Iterator[str]:
-    [name] = branch.kind.dims
+    [name] = parameters(branch)
     values, unit, said = branch[name].values, branch[name].attrs["units"], branch[name].attrs["name"]
     order = np.argsort(values)
     labels = [_label(str(branch.kind.values[k]), int(branch.impacts.values[k])) for k in order]

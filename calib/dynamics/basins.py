@@ -10,7 +10,8 @@ import numpy as np
 import xarray as xr
 
 from calib.dynamics.contract import PeriodMap
-from calib.dynamics.motion import FAILED, kind_of_orbit, settled_orbit
+from calib.dynamics.exponents import largest_exponent
+from calib.dynamics.motion import FAILED, PATIENCE, SIGMAS, UNDECIDED, OrbitKind, kind_of_orbit, settled_orbit
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError, nearest
 from calib.pool import REFUSED, Failure, LocalPool
@@ -21,6 +22,7 @@ from calib.store.plain import plain
 CHUNK = 32  # states run, and lost by a kill, at a time
 CYCLES = 100  # periods by which a motion is told
 TIMEOUT = 600.0  # s, wall clock of a chunk
+PERIODS = 200  # over which differences from a motion that has not returned are seen to grow
 SAME = 1e-4  # how near a motion comes to another one that it is, as a share of the map's scale
 IRREGULAR, LOST = 0, -1  # instead of a period: no return; no motion
 
@@ -93,7 +95,7 @@ def basins(
     """Find the motion that each state of a plane leads to, or go on where that was stopped or killed.
 
     Motions that return are told apart by their states; all that do not are one attractor, since a section does not
-    tell them apart. A state beyond the stop is put back onto it.
+    tell them apart.
 
     Parameters
     ----------
@@ -183,13 +185,24 @@ def _motions(plane: Plane, points: Sequence[int]) -> dict[str, np.ndarray]:
     """Period, last state, status and reason of the motions from some points of the plane, counted row by row."""
     map = plane.map()
     states = plane.states(map).reshape(-1, len(map.names))
-    found = [settled_orbit(map, states[point], plane.settle, CYCLES) for point in points]
+    found = [_motion(map, states[point], plane.settle) for point in points]
     return {
         "period": np.array([LOST if f.kind == FAILED else f.period or IRREGULAR for f in found]),
         "state": np.array([f.state for f in found]),
         "status": np.array([f.status for f in found]),
         "reason": np.array([f.reason for f in found]),
     }
+
+
+def _motion(map: PeriodMap, state: np.ndarray, settle: int) -> OrbitKind:
+    """Motion that a state leads to; one that does not return has a growing difference or got all the time to settle."""
+    found = settled_orbit(map, state, settle, CYCLES)
+    if found.kind != UNDECIDED:
+        return found
+    exponent = largest_exponent(map, found.state, PERIODS)
+    if exponent.value > SIGMAS * exponent.error:
+        return found
+    return settled_orbit(map, found.state, PATIENCE * settle, CYCLES, found.dropped + CYCLES)
 
 
 def _dataset(plane: Plane, found: Mapping[str, np.ndarray]) -> xr.Dataset:
@@ -205,6 +218,11 @@ def _dataset(plane: Plane, found: Mapping[str, np.ndarray]) -> xr.Dataset:
             members.append((period, map.orbit(state, max(1, period)).states))
     kinds = [kind_of_orbit(map, states[-1], plane.settle) for _, states in members]
     sections = [kind.orbit.states[: period or None] for kind, (period, _) in zip(kinds, members, strict=True)]
+    # one of those that did not return has done so after all: what the others are is not known
+    names = [
+        UNDECIDED if own == IRREGULAR and kind.period else kind.kind
+        for kind, (own, _) in zip(kinds, members, strict=True)
+    ]
     share = np.array([(attractor == k).mean() for k in range(len(members))])
     (y, rows), (x, columns) = plane.y, plane.x
     units = dict(zip(map.names, map.units, strict=True))
@@ -213,7 +231,7 @@ def _dataset(plane: Plane, found: Mapping[str, np.ndarray]) -> xr.Dataset:
         {
             **{name: ((y, x), values.reshape(len(rows), len(columns))) for name, values in of_start.items()},
             "attractor_share": ("attractor", share, {"units": "1"}),
-            "attractor_kind": ("attractor", np.array([kind.kind for kind in kinds], dtype=str)),
+            "attractor_kind": ("attractor", np.array(names, dtype=str)),
             "attractor_period": ("attractor", np.array([kind.period for kind in kinds], dtype=int)),
             "attractor_impacts": ("attractor", np.array([kind.impacts for kind in kinds], dtype=int)),
             "attractor_exponent": ("attractor", np.array([kind.exponent for kind in kinds]), {"units": "1"}),

@@ -29,6 +29,7 @@ SPECIAL = {  # marker and colour of the special points of a branch
     "flip": ("D", KINDS[2]),
     "Neimark-Sacker": ("o", KINDS[3]),
     "grazing": ("X", "#000000"),
+    "branching": ("P", KINDS[4]),
 }
 HIGHEST = 3.0  # modulus beyond which multipliers leave the panel: near grazing they have no bound
 
@@ -94,7 +95,9 @@ def _alike(own, other, what):
 
 def _curve(axes, places, heights, stable):
     """Stable parts solid, unstable ones dashed; the step from one to the other belongs to the unstable part."""
-    beside = np.convolve(~stable, np.ones(3), "same") > 0
+    beside = ~stable
+    beside[1:] |= ~stable[:-1]
+    beside[:-1] |= ~stable[1:]
     for height in heights:
         axes.plot(places, np.where(stable, height, np.nan), color=SIMULATED, linewidth=1.5, zorder=3)
         axes.plot(places, np.where(beside, height, np.nan), color=SIMULATED, linewidth=1.1, linestyle=DASHED, zorder=3)

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import shutil
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -61,6 +62,9 @@ def joined(path: Path, definition: Mapping[str, Any], fresh: bool = False) -> xr
             f"{path} holds something else (it differs in {', '.join(different)}); give another file, or --fresh "
             "to replace it"
         )
+    if stored.get("environment") != definition.get("environment"):
+        warnings.warn(f"{path} was made with other library versions or on another processor; --fresh makes it anew",
+                      stacklevel=2)  # fmt: skip
     return found
 
 

@@ -41,7 +41,7 @@ class Sweep:
     carry : "none": every value from the start states; else each value from the last state of the one before it, in
         rising order of the first parameter ("forward"), falling ("backward"), or once each way ("both")
     starts : states to start from, name of the state's component -> value in SI; what is not named is the simulator's
-    settle : periods dropped at most, until the state repeats
+    settle : periods dropped at most before the first verdict; an undecided motion gets 5 times as many more
     cycles : periods of the section that is kept
     """
 

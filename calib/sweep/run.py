@@ -16,7 +16,7 @@ from calib.sweep.plan import Sweep, Track
 CHUNK = 8  # points run, and lost by a kill, at a time
 TIMEOUT = 600.0  # s, wall clock of that many points
 UNITS = {"displacement": "m", "velocity": "m/s", "impact_speed": "m/s"} | dict.fromkeys(
-    ("impact_phase", "contact", "exponent", "exponent_error", "zero_one", "impacts_per_period", "settled"), "1"
+    ("impact_phase", "contact", "exponent", "exponent_error", "zero_one", "impacts_per_period", "dropped"), "1"
 )
 NAMES = {
     "displacement": "section displacement",
@@ -29,7 +29,7 @@ NAMES = {
     "exponent_error": "standard error of the exponent",
     "zero_one": "K of the 0-1 test for chaos, NaN where it was not needed",
     "contact": "share of the time in permanent contact",
-    "settled": "periods dropped",
+    "dropped": "periods dropped",
     "impact_phase": "phase of each impact, in periods from phase zero of the excitation",
     "impact_speed": "closing speed of each impact",
     "state": "last state, each component in component_unit",
@@ -62,7 +62,7 @@ def run(
     -------
     Dataset over the swept parameters P, with a leading dimension branch where there is more than one: section
     displacement [m] and velocity [m/s] (body, cycle, P); kind, period, impacts, impacts_per_period, exponent and
-    exponent_error [1/period], zero_one, contact, settled, status, evidence (P); impact_phase [1] and impact_speed
+    exponent_error [1/period], zero_one, contact, dropped, status, evidence (P); impact_phase [1] and impact_speed
     [m/s] (impact, P), NaN where there are fewer impacts; state (component, P). Two parameters that are a list of
     points have the dimension point.
 

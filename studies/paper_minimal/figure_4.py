@@ -1,8 +1,9 @@
-"""Figure 4: bifurcation diagram over the coefficient of restitution, sections of periods 1000 to 1100.
+"""Figure 4: bifurcation diagram over the coefficient of restitution, 100 sections each.
 
     python studies/paper_minimal/figure_4.py
 
-`sweep` is the diagram in three lines. `branches` follows its periodic motions, stable or not, to where they end.
+Transients are dropped by convergence, at most the paper's 1000 periods before the first verdict. `sweep` is the diagram
+in three lines. `branches` follows its periodic motions, stable or not, to where they end.
 """
 
 from pathlib import Path

@@ -5,9 +5,10 @@ import os
 import numpy as np
 import pytest
 import xarray as xr
+from dynamics.plain_maps import henon
 from tiny_simulators import DRIVE, MEMORY, Echo, Mapped
 
-from calib.dynamics.basins import Plane, basins
+from calib.dynamics.basins import Plane, _motion, basins
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError
 from calib.model import Model
@@ -176,3 +177,12 @@ def test_a_plane_without_any_motion_has_a_file_and_a_picture(tmp_path):
 def test_a_plane_without_sense_is_refused_and_says_why(x, simulator, values, said):
     with pytest.raises(CalibError, match=said):
         plane(x, Y, simulator, values)
+
+
+@pytest.mark.parametrize("start", [[0.1, 0.1], [0.0, 0.0], [-0.2, 0.1]])
+def test_a_motion_that_settles_slowly_is_not_counted_as_irregular(start):
+    assert _motion(henon(1.24), np.array(start), settle=64).period == 7
+
+
+def test_a_chaotic_motion_is_not_given_more_time():
+    assert _motion(henon(1.4), np.array([0.1, 0.1]), settle=64).dropped == 64

@@ -184,6 +184,7 @@ def test_chatter_ends_in_contact_for_the_time_of_its_own_iteration(e, drive):
 # --- smooth oscillators
 
 
+@pytest.mark.slow
 def test_ueda_s_oscillator_is_chaotic_with_its_known_exponent():
     start = (2.5, 0.0)
     map = duffing(0.05, 0.0, 1.0, 7.5, start=start)

@@ -534,6 +534,14 @@ def test_stable_parts_are_solid_and_unstable_ones_dashed():
     np.testing.assert_allclose(dashed.get_ydata()[~branch.stable.values], height[~branch.stable.values])
 
 
+def test_a_branch_of_one_point_is_drawn():
+    one, empty = followed().isel(step=[0]).drop_dims("special"), np.zeros(0)
+    none = {"special_kind": empty.astype(str), "special_parameter": empty, "special_index": empty.astype(int)}
+    none = {name: ("special", values) for name, values in none.items()}
+    figure = drawn(branch_diagram([one.assign(none)], "beam"))
+    assert len(figure.axes[0].lines[0].get_xdata()) == 1
+
+
 def test_special_points_are_marked_and_named():
     branch = followed()
     figure = branch_diagram([branch], "layer")

@@ -187,6 +187,7 @@ def test_contact_is_kept_until_its_force_comes_down_to_zero():
 # fixed step
 
 
+@pytest.mark.slow
 def test_the_fixed_step_converges_with_order_one():
     exact = MODEL.run({"restitution": 0.05}, shaker())
     errors = []

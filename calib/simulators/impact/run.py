@@ -166,9 +166,11 @@ def start(problem: Problem, q: np.ndarray, dq: np.ndarray) -> State:
         clearance = both.witness_y[0] @ y + both.witness[0] @ [1.0, 0.0, 1.0] + both.witness_input[0, 0] * u
         rate = both.witness_y[0] @ v + both.witness[0] @ [0.0, omega, 0.0] + both.witness_input[0, 0] * du
         opening = both.witness_y[0] @ acceleration - both.witness[0, 0] * omega**2
-        if clearance <= 0.0:
+        # a state from within a contact lies beside the surface by rounding
+        at_rest = abs(clearance) <= problem.height and abs(rate) * problem.lift <= problem.height and opening < 0.0
+        if clearance <= 0.0 or at_rest:
             q = q - clearance * problem.hit
-            regime = CONTACT if rate < 0.0 or (rate == 0.0 and opening < 0.0) else 0
+            regime = CONTACT if rate < 0.0 or at_rest else 0
             touch = 0 if regime == CONTACT else (HIT if rate > 0.0 else RELEASED)
             y, v = modal(regime, q, dq - rate * problem.hit if regime == CONTACT else dq)
     state = State(y, v, np.zeros((*problem.acts.shape, STATES)), np.zeros(2), np.zeros(7, dtype=np.int64))
