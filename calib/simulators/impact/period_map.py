@@ -29,8 +29,8 @@ class ImpactMap:
     """Period map of a structure with a stop; see `calib.dynamics.contract.PeriodMap`.
 
     The state holds the free coordinates [m], their velocities [m/s], and the internal states of the force laws. A state
-    beyond the stop is put back onto it. Of the impacts of 64 periods, the first 16384 are told (256 a period; where laws
-    have internal states, 256 of each period).
+    beyond the stop is put back onto it. Of the impacts in 64 periods, the first 16384 are told: 256 a period, and where
+    laws have internal states 256 of each period.
 
     Attributes
     ----------
