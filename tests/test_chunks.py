@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from calib.errors import CalibError
-from calib.pool import Failure, InProcess
+from calib.pool import InProcess
 from calib.store.chunks import Chunks, joined, read_joined, write_joined
 
 ONE, OTHER = {"over": [1.0, 2.0], "environment": "here"}, {"over": [1.0, 3.0], "environment": "here"}
@@ -21,9 +21,13 @@ def squares(x):
     return {"square": np.array([x * x]), "name": np.array(["x" * x])}
 
 
+def alone(x):
+    return {"square": np.array([-1]), "name": np.array([f"{x} failed"])}
+
+
 def made(chunks, tasks):
     with InProcess(squares) as pool:
-        return dict(chunks.made(pool, tasks))
+        return dict(chunks.made(pool, tasks, alone))
 
 
 def hidden(folder):
@@ -58,15 +62,27 @@ def test_what_is_made_is_kept_for_the_next_process(tmp_path):
 
 def test_pieces_are_yielded_when_they_are_kept(tmp_path):
     with Chunks(tmp_path / "x.nc", ONE) as chunks, InProcess(squares) as pool:
-        for key, _ in chunks.made(pool, {"a": 1, "b": 2}):
+        for key, _ in chunks.made(pool, {"a": 1, "b": 2, "c": -1}, alone):
             assert chunks.read(key) is not None
         chunks.clear()
 
 
-def test_a_call_that_fails_leaves_nothing(tmp_path):
+def test_what_a_failing_call_was_to_make_is_made_alone_when_the_others_have_ended(tmp_path):
     with Chunks(tmp_path / "x.nc", ONE) as chunks:
         found = made(chunks, {"a": -1, "b": 2})
-        assert isinstance(found["a"], Failure)
+        assert list(found) == ["b", "a"]
+        assert found["a"]["name"] == ["-1 failed"]
+        assert chunks.kept(["a"])["a"]["name"] == ["-1 failed"]
+        chunks.clear()
+
+
+def test_a_failing_call_leaves_nothing_itself(tmp_path):
+    def stopped(task):
+        raise KeyboardInterrupt
+
+    with Chunks(tmp_path / "x.nc", ONE) as chunks, InProcess(squares) as pool:
+        with pytest.raises(KeyboardInterrupt):
+            list(chunks.made(pool, {"a": -1, "b": 2}, stopped))
         assert list(chunks.kept(["a", "b"])) == ["b"]
         chunks.clear()
 

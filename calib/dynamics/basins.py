@@ -15,7 +15,7 @@ from calib.dynamics.motion import FAILED, PATIENCE, SIGMAS, UNDECIDED, OrbitKind
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError, nearest
 from calib.pool import REFUSED, Failure, LocalPool
-from calib.store.chunks import Chunks, joined, read_joined, write_joined
+from calib.store.chunks import Chunks, join, joined
 from calib.store.environment import environment
 from calib.store.plain import plain
 
@@ -123,33 +123,25 @@ def basins(
     if found is not None:
         on_done(total, total)
         return found
-    path.parent.mkdir(parents=True, exist_ok=True)
     tasks = {str(first): range(first, min(first + CHUNK, total)) for first in range(0, total, CHUNK)}
-    with Chunks(path, definition) as chunks, LocalPool(partial(_motions, plane), jobs, timeout) as pool:
-        if fresh:
-            path.unlink(missing_ok=True)
-            chunks.clear()
-        pieces = _pieces(plane, pool, chunks, tasks, lambda done: on_done(done, total))
-        write_joined(_dataset(plane, _together([pieces[key] for key in tasks])), definition, path)
-        chunks.clear()
-    return read_joined(path)
+
+    def make(chunks: Chunks) -> xr.Dataset:
+        with LocalPool(partial(_motions, plane), jobs, timeout) as pool:
+            pieces = _pieces(plane, pool, chunks, tasks, lambda done: on_done(done, total))
+        return _dataset(plane, _together([pieces[key] for key in tasks]))
+
+    return join(path, definition, fresh, make)
 
 
 def _pieces(
     plane: Plane, pool, chunks: Chunks, tasks: Mapping[str, range], on_done: Callable[[int], None]
 ) -> dict[str, dict[str, np.ndarray]]:
     """Arrays of each task by its key: those kept from before, and those of what has not been run."""
-    found, lost = chunks.kept(tasks), []
+    found = chunks.kept(tasks)
     on_done(_points(found))
-    for key, result in chunks.made(pool, {key: task for key, task in tasks.items() if key not in found}):
-        if isinstance(result, Failure):
-            lost.append(key)
-            continue
-        found[key] = result
-        on_done(_points(found))
-    for key in lost:
-        found[key] = _singly(plane, pool, tasks[key])
-        chunks.write(key, found[key])
+    missing = {key: task for key, task in tasks.items() if key not in found}
+    for key, arrays in chunks.made(pool, missing, partial(_singly, plane, pool)):
+        found[key] = arrays
         on_done(_points(found))
     return found
 

@@ -4,7 +4,7 @@ import hashlib
 import json
 import shutil
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,28 @@ def read_joined(path: str | Path) -> xr.Dataset:
 def write_joined(dataset: xr.Dataset, definition: Mapping[str, Any], path: Path) -> None:
     """Write the joined pieces, so that the file is either whole or absent."""
     write_dataset(dataset.assign_attrs({DEFINITION: json.dumps(definition)}), path)
+
+
+def join(path: Path, definition: Mapping[str, Any], fresh: bool, make: Callable[["Chunks"], xr.Dataset]) -> xr.Dataset:
+    """Make what `path` is to hold, from pieces that are kept until it does.
+
+    Parameters
+    ----------
+    fresh : whether what `path` holds, and the pieces made so far, are forgotten first
+    make : the pieces -> what they join to
+
+    Raises
+    ------
+    CalibError : another process works for the same file
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with Chunks(path, definition) as chunks:
+        if fresh:
+            path.unlink(missing_ok=True)
+            chunks.clear()
+        write_joined(make(chunks), definition, path)
+        chunks.clear()
+    return read_joined(path)
 
 
 def joined(path: Path, definition: Mapping[str, Any], fresh: bool = False) -> xr.Dataset | None:
@@ -117,22 +139,30 @@ class Chunks:
         """Return the pieces that have been done, by key."""
         return {key: arrays for key in keys if (arrays := self.read(key)) is not None}
 
-    def made(self, pool, tasks: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    def made(
+        self, pool, tasks: Mapping[str, Any], singly: Callable[[Any], dict[str, np.ndarray]]
+    ) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
         """Yield the arrays that `pool` makes of each task by its key, as they end and when they are kept.
 
-        A call that gave no arrays yields its Failure, and leaves nothing.
+        Of a task whose call failed, `singly` makes them after all others have ended.
 
         Raises
         ------
         CalibError : the call refuses what it is asked for
         """
-        keys = list(tasks)
+        keys, lost = list(tasks), []
         for index, result in pool.map(tasks.values()):
-            if not isinstance(result, Failure):
-                self.write(keys[index], result)
-            elif result.status == REFUSED:
-                raise CalibError(result.reason)
+            if isinstance(result, Failure):
+                if result.status == REFUSED:
+                    raise CalibError(result.reason)
+                lost.append(keys[index])
+                continue
+            self.write(keys[index], result)
             yield keys[index], result
+        for key in lost:
+            arrays = singly(tasks[key])
+            self.write(key, arrays)
+            yield key, arrays
 
     def clear(self) -> None:
         """Forget all pieces for the file, whatever the work that they belong to."""

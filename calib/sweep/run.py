@@ -9,7 +9,7 @@ import xarray as xr
 
 from calib.errors import CalibError
 from calib.pool import REFUSED, Failure, LocalPool
-from calib.store.chunks import Chunks, joined, read_joined, write_joined
+from calib.store.chunks import Chunks, join, joined
 from calib.sweep.compute import Task, failed_row, motions, stacked
 from calib.sweep.plan import Sweep, Track
 
@@ -77,15 +77,12 @@ def run(
     if found is not None:
         on_done(total, total)
         return found
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with Chunks(path, definition) as chunks, LocalPool(partial(motions, sweep), jobs, timeout) as pool:
-        if fresh:
-            path.unlink(missing_ok=True)
-            chunks.clear()
-        pieces = _pieces(sweep, pool, chunks, lambda done: on_done(done, total))
-        write_joined(_dataset(sweep, pieces), definition, path)
-        chunks.clear()
-    return read_joined(path)
+
+    def make(chunks: Chunks) -> xr.Dataset:
+        with LocalPool(partial(motions, sweep), jobs, timeout) as pool:
+            return _dataset(sweep, _pieces(sweep, pool, chunks, lambda done: on_done(done, total)))
+
+    return join(path, definition, fresh, make)
 
 
 # --- pieces ----------------------------------------------------------------------------------------------------------
@@ -99,16 +96,8 @@ def _pieces(sweep: Sweep, pool, chunks: Chunks, on_done: Callable[[int], None]) 
     found = chunks.kept(_name(t, c) for t, track in enumerate(tracks) for c in range(len(_parts(track))))
     on_done(_points(found))
     while tasks := _ready(sweep, tracks, found):
-        lost = []
-        for name, result in chunks.made(pool, tasks):
-            if isinstance(result, Failure):
-                lost.append(name)
-                continue
-            found[name] = result
-            on_done(_points(found))
-        for name in lost:
-            found[name] = _singly(sweep, pool, tasks[name])
-            chunks.write(name, found[name])
+        for name, arrays in chunks.made(pool, tasks, partial(_singly, sweep, pool)):
+            found[name] = arrays
             on_done(_points(found))
     return found
 
