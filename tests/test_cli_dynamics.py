@@ -161,9 +161,13 @@ def test_the_values_of_the_study_s_result_are_taken_and_set_ones_come_first(stud
     assert (given["values"]["a"], given["values"]["b"]) == (0.25, 0.15)
 
 
-def test_only_the_bodies_asked_for_are_drawn(study, tmp_path):
-    calib("sweep", study, "--over", "a=0.2:0.3:8", "--bodies", "body")
-    assert pictures(tmp_path / "out") == ["sweep.png"]
+def test_only_the_bodies_asked_for_are_drawn(tmp_path):
+    beam = Path(__file__).parents[1] / "studies" / "minimal"
+    followed = ("branch", beam, "--over", "restitution=0.04:0.06", "--at", "0.05", "--most", 2, "-o", tmp_path / "b.nc")
+    calib(*followed, "--bodies", "q3")
+    assert pictures(tmp_path) == ["b_q3.png"]
+    calib(*followed)
+    assert pictures(tmp_path) == ["b_q2.png", "b_q3.png"]
 
 
 # --- branch

@@ -99,4 +99,7 @@ def test_on_a_terminal_a_count_is_a_bar_that_goes_away(clock):
     console = Console(file=io.StringIO(), width=80, force_terminal=True)
     with Count("points", console=console) as count:
         count(30, 100)
-    assert "30/100 points" in console.file.getvalue()
+        count(100, 100)
+    shown = console.file.getvalue()
+    assert "100/100 points" in shown
+    assert "\x1b[2K" in shown[shown.rindex("100/100 points") :]  # the line is erased after it was last shown

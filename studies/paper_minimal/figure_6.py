@@ -49,7 +49,7 @@ def main() -> None:
     panels[2].loglog(steps, 1e3 * np.array(put_back), "s-", color="#009E73", label="put back on the surface too")
     panels[2].loglog(steps, 1e3 * kept[0] * steps / steps[0], color="#999999", linewidth=0.8, label="first order")
     panels[2].set(title="width of the band", xlabel="step [periods]", ylabel="spread of q3 [mm]")
-    panels[2].legend(frameon=False)
+    panels[2].legend(frameon=False, loc="upper left")
     panels[2].set_xticks(steps, [f"1/{n:g}" for n in STEPS])
     panels[2].xaxis.set_minor_locator(NullLocator())
     for axes in panels:
