@@ -57,6 +57,9 @@ class Simulator(Protocol):
     7. Optionally `excitations`, the pairs (quantity, place) it takes: a study file is then refused before any run.
     8. Optionally `period_map(values, excitation, laws, phase)`, from which sections, bifurcation diagrams, exponents,
        branches and basins are made; see `calib.dynamics.contract.PeriodMap`.
+    9. Optionally `confirming`: a simulator of the same parameters, bodies and sites, of higher fidelity and cost. A
+       search runs with this one; its leaders are simulated again with the confirming one before one of them is called
+       the best (see `calib.study.Confirmation`). Absent or None: nothing is confirmed.
 
     `calib.testing.SimulatorSuite` checks all this.
     """
@@ -83,6 +86,8 @@ class Model:
         for effect in self.effects:
             self._check(effect)
             self.parameters |= {p.name: p for p in effect.parameters}
+        if self._confirming is not None:
+            self._check_confirming(self._confirming)
         for site in {effect.site for effect in self.effects} - {"sensor"}:
             count = sum(effect.site == site for effect in self.effects)
             if count > SLOTS:
@@ -104,6 +109,25 @@ class Model:
         for parameter in effect.parameters:
             if parameter.name in self.parameters:
                 raise CalibError(f"effect {effect.name!r} brings {parameter.name!r}, which the model has already")
+
+    @property
+    def _confirming(self) -> Simulator | None:
+        return getattr(self.simulator, "confirming", None)
+
+    def _check_confirming(self, other: Simulator) -> None:
+        for what in ("parameters", "bodies", "sites"):
+            unlike = set(getattr(self.simulator, what)) ^ set(getattr(other, what, ()))
+            if unlike:
+                names = sorted({getattr(thing, "name", thing) for thing in unlike})
+                raise CalibError(
+                    f"simulator {self.simulator.name!r} cannot be confirmed by {getattr(other, 'name', other)!r}: they "
+                    f"differ in the {what} {', '.join(names)}; both need the same"
+                )
+
+    @property
+    def confirming(self) -> "Model | None":
+        """The model whose simulator confirms what this one finds, with the same effects; None where none does."""
+        return None if self._confirming is None else Model(self._confirming, self.effects)
 
     @property
     def name(self) -> str:

@@ -31,8 +31,9 @@ class Echo:
 
     Parameters
     ----------
-    fault : "" | "raises" | "nan" | "hangs" | "dies": what it does where the gain lies above `above`
+    fault : "" | "raises" | "nan" | "hangs" | "dies" | "waits": what it does where the gain lies above `above`
     above : [1]
+    gate : path of the file for whose end it waits
     """
 
     name = "echo"
@@ -44,9 +45,10 @@ class Echo:
         Parameter("harmonic", "m", 0.0, "amplitude of the second harmonic"),
     )
 
-    def __init__(self, fault: str = "", above: float = np.inf):
+    def __init__(self, fault: str = "", above: float = np.inf, gate: str = ""):
         self.fault = fault
         self.above = above
+        self.gate = gate
 
     def run(self, values, excitation, laws, request):
         if values["gain"] > self.above:
@@ -73,6 +75,28 @@ class Echo:
             time.sleep(3600.0)
         if fault == "dies":
             os._exit(11)
+        while fault == "waits" and os.path.exists(self.gate):
+            time.sleep(0.02)
+
+
+class Sketch(Echo):
+    """An echo whose gain comes out too large, with an exact one to confirm it; the faults are those of the exact one.
+
+    Parameters
+    ----------
+    bias : what is added to the gain  [1]
+    faults : arguments of `Echo`
+    """
+
+    name = "sketch"
+
+    def __init__(self, bias: float = 0.05, **faults):
+        super().__init__()
+        self.bias = bias
+        self.confirming = Echo(**faults)
+
+    def run(self, values, excitation, laws, request):
+        return super().run({**values, "gain": values["gain"] + self.bias}, excitation, laws, request)
 
 
 class Mapped(Echo):
@@ -99,11 +123,10 @@ class Mapped(Echo):
     )
 
     def __init__(self, map="henon", faults=None, traps=None, gate=""):
-        super().__init__()
+        super().__init__(gate=gate)
         self.map = map
         self.faults = faults or {}
         self.traps = traps or {}
-        self.gate = gate
 
     def period_map(self, values, excitation, laws, phase):
         if not excitation.harmonic:
@@ -122,8 +145,6 @@ class Mapped(Echo):
             raise ValueError("a mass of 0 kg")
         if fault == "refuses":
             raise CalibError("such a value is not taken")
-        while fault == "waits" and os.path.exists(self.gate):
-            time.sleep(0.02)
 
     def _trapped(self, map):
         plain = map.function

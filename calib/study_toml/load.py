@@ -10,7 +10,7 @@ from calib import plugins
 from calib.dynamics.setting import Setting
 from calib.effect import Effect
 from calib.errors import CalibError, nearest
-from calib.model import Model, Simulator
+from calib.model import Model
 from calib.objective import Objective, Reference, Term
 from calib.parameter import Parameter, Space, Window, values_for
 from calib.study import Study
@@ -130,11 +130,11 @@ def load(path: str | Path, budget: int | None = None, jobs: int | None = None) -
 
 
 def _model(shape: StudyToml, mistakes: Mistakes) -> Model | None:
-    simulator: Simulator | None = None
+    model: Model | None = None
     with mistakes.at("model", "simulator"):
         maker = plugins.load("calib.simulators", shape.model.simulator)
         simulator = _made(maker, shape.model.options, shape.model.simulator, mistakes, ("model", "options"))
-    model = None if simulator is None else Model(simulator)
+        model = None if simulator is None else Model(simulator)
     for index, entry in enumerate(shape.model.effects):
         with mistakes.at("model", "effects", index):
             effect = plugins.load("calib.effects", entry.name)

@@ -57,6 +57,8 @@ def _reference(
             _check_bodies(record, model)
         with mistakes.at(*key, "excitation"):
             _check_excitation(excitation, model.simulator)
+            if model.confirming is not None:
+                _check_excitation(excitation, model.confirming.simulator)
     if excitation is None:
         return None
     with mistakes.at(*key, "nuisance"):

@@ -188,6 +188,31 @@ class SimulatorSuite:
             else:
                 assert parameter.name in refusal
 
+    # --- the confirming simulator, where there is one
+
+    def confirming(self):
+        """Return the simulator that confirms what the suite's finds, or skip where there is none."""
+        other = getattr(self.make(), "confirming", None)
+        if other is None:
+            pytest.skip("the simulator is confirmed by no other")
+        return other
+
+    def test_the_confirming_simulator_has_the_same_parameters_bodies_and_sites(self):
+        mine, other = self.make(), self.confirming()
+        assert set(other.parameters) == set(mine.parameters)
+        assert set(other.bodies) == set(mine.bodies)
+        assert set(other.sites) == set(mine.sites)
+
+    def test_the_confirming_simulator_pickles(self):
+        other = pickle.loads(pickle.dumps(self.confirming()))
+        assert Model(other).parameters == Model(self.make()).parameters
+
+    def test_the_confirming_simulator_takes_the_excitation(self):
+        takes = getattr(self.confirming(), "excitations", None)
+        if takes is None:
+            pytest.skip("it does not say which excitations it takes")
+        assert (self.excitation.quantity, self.excitation.place) in takes
+
     # --- all simulators
 
     def test_every_parameter_says_what_it_is(self):
