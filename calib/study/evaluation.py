@@ -2,10 +2,11 @@
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
 from calib.objective import Score
@@ -61,3 +62,25 @@ def outcome(result: Trial | Score | Failure) -> Outcome:
     if isinstance(result, Failure):
         return Outcome(math.inf, None, result.status, None)
     return Outcome(result.total, result.residuals, result.status, result.kind)
+
+
+def as_trial(
+    number: int, u: Sequence[float], values: Mapping[str, float], result: Evaluation | Failure, phase: str, segment: int
+) -> Trial:
+    """Trial at the point `u` of the unit cube, of what its evaluation gave; the rest as in `calib.store.Trial`."""
+    known = {"number": number, "u": list(u), "values": dict(values), "seconds": result.seconds, "phase": phase}
+    if isinstance(result, Failure):
+        return Trial(**known, total=math.inf, status=result.status, reason=result.reason, segment=segment)
+    score = result.score
+    scored = math.isfinite(score.total)
+    return Trial(
+        **known,
+        total=float(score.total) if scored else math.inf,
+        terms={label: float(distance) for label, distance in score.terms.items()},
+        status=score.status,
+        reason=score.reason,
+        kind=score.kind,
+        features=result.features,
+        residuals=np.asarray(score.residuals, dtype=float) if scored and score.residuals is not None else None,
+        segment=segment,
+    )

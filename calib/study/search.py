@@ -1,6 +1,5 @@
 """One run of a study over its store: screen, then segments of asking, evaluating and telling."""
 
-import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, is_dataclass
@@ -15,7 +14,7 @@ from calib.pool import REFUSED, Failure
 from calib.store import Trial
 from calib.store.trial import best
 from calib.study.contracts import Optimiser, Pool, StoreContract
-from calib.study.evaluation import Evaluation, outcome
+from calib.study.evaluation import as_trial, outcome
 
 BUDGET = "budget spent"  # why a search ended; otherwise the optimiser's own reason
 
@@ -109,7 +108,8 @@ class Search:
         for index, result in self._pool.map(values):
             if isinstance(result, Failure) and result.status == REFUSED and not self.trials:
                 raise CalibError(result.reason)
-            trial = _trial(*todo[index], values[index], result, phase, self._store.header["segment"])
+            number, u = todo[index]
+            trial = as_trial(number, u.tolist(), values[index], result, phase, self._store.header["segment"])
             with uninterrupted():
                 self._store.append(trial, None if isinstance(result, Failure) else result.records)
             self.trials[trial.number] = trial
@@ -132,25 +132,6 @@ def _checked(asked: Any, dim: int) -> np.ndarray:
     if not ((points >= 0.0) & (points <= 1.0)).all():
         raise ValueError(f"the optimiser should ask for points in [0, 1], got {points.tolist()}")
     return points
-
-
-def _trial(number: int, u: np.ndarray, values: dict, result: Evaluation | Failure, phase: str, segment: int) -> Trial:
-    known = {"number": number, "u": u.tolist(), "values": values, "seconds": result.seconds, "phase": phase}
-    if isinstance(result, Failure):
-        return Trial(**known, total=math.inf, status=result.status, reason=result.reason, segment=segment)
-    score = result.score
-    scored = math.isfinite(score.total)
-    return Trial(
-        **known,
-        total=float(score.total) if scored else math.inf,
-        terms={label: float(distance) for label, distance in score.terms.items()},
-        status=score.status,
-        reason=score.reason,
-        kind=score.kind,
-        features=result.features,
-        residuals=np.asarray(score.residuals, dtype=float) if scored and score.residuals is not None else None,
-        segment=segment,
-    )
 
 
 def _summary(optimiser: Optimiser) -> dict | None:

@@ -1,0 +1,145 @@
+"""The leaders of a search, simulated again with higher fidelity before one of them is called the best."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.pool import TIMEOUT, Failure
+from calib.store import Trial
+from calib.study.contracts import Pool
+from calib.study.evaluation import Evaluation, as_trial
+
+LEADERS = 4  # trials that are confirmed
+APART = 1e-3  # of the unit cube, along the axis where they differ most: nearer trials are one leader
+SHARE, LEAST = 0.2, 0.005  # of the searched distance, and in distance: the change that is worth a remark
+
+
+@dataclass(frozen=True, eq=False)
+class Leader:
+    """One of the best trials of a search, simulated again.
+
+    Attributes
+    ----------
+    searched : the trial as the search has it
+    confirmed : the same trial as the confirming simulator has it: its score, or why there is none
+    evaluation : with the records, or the Failure
+    """
+
+    searched: Trial
+    confirmed: Trial
+    evaluation: Evaluation | Failure
+
+
+@dataclass(frozen=True, eq=False)
+class Confirmation:
+    """What became of the leaders of a search in the confirming simulator.
+
+    Attributes
+    ----------
+    leaders : the best of the search first
+    seconds : wall-clock time  [s]
+    """
+
+    leaders: tuple[Leader, ...]
+    seconds: float
+
+    @property
+    def chosen(self) -> Leader:
+        """The leader with the lowest confirmed total; among equals, and where all fail, the best of the search."""
+        return min(self.leaders, key=lambda leader: leader.confirmed.total)
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether any leader could be confirmed."""
+        return self.chosen.confirmed.scored
+
+    @property
+    def best(self) -> Trial:
+        """The chosen trial with its confirmed score; as the search has it where none could be confirmed."""
+        return self.chosen.confirmed if self.succeeded else self.chosen.searched
+
+    @property
+    def changed(self) -> bool:
+        """Whether another trial than the best of the search was chosen."""
+        return self.chosen is not self.leaders[0]
+
+    @property
+    def remarks(self) -> list[str]:
+        """What to mind of it, a sentence each, without its full stop."""
+        return [*self._not_confirmed(), *self._distance(), *self._order()]
+
+    def _not_confirmed(self) -> list[str]:
+        lost = [leader.confirmed for leader in self.leaders if not leader.confirmed.scored]
+        if not lost:
+            return []
+        whys: dict[str, list[Trial]] = {}
+        for trial in lost:
+            whys.setdefault(f"{trial.status}: {trial.reason}", []).append(trial)
+        said = "; ".join(f"{_numbered(trials)} ({why})" for why, trials in whys.items())
+        hint = ", which a longer [study] timeout may mend" if TIMEOUT in {trial.status for trial in lost} else ""
+        if self.succeeded:
+            return [f"not every leader of the search could be confirmed: {said}{hint}"]
+        return [
+            "nothing is confirmed: values and distances are those of the simulator of the search, because the "
+            f"confirming one failed at each of its leaders: {said}{hint}"
+        ]
+
+    def _distance(self) -> list[str]:
+        before, after = self.chosen.searched.total, self.best.total
+        if abs(after - before) <= max(SHARE * before, LEAST):
+            return []
+        return [
+            f"the best point, {_numbered([self.best])}, is at a distance of {after:.3g} in the confirming "
+            f"simulator and of {before:.3g} in that of the search, which is not to be relied on there"
+        ]
+
+    def _order(self) -> list[str]:
+        before = [leader.confirmed for leader in self.leaders if leader.confirmed.scored]
+        after = sorted(before, key=lambda trial: trial.total)
+        if before == after:
+            return []
+        return [
+            "the confirming simulator puts the leaders of the search in another order: "
+            f"{_numbered(after)}, not {_numbered(before)}"
+        ]
+
+
+def _numbered(trials: Sequence[Trial]) -> str:
+    return f"trial{'' if len(trials) == 1 else 's'} {', '.join(str(trial.number) for trial in trials)}"
+
+
+def leaders(trials: Sequence[Trial]) -> list[Trial]:
+    """Return the best trials that ended ok, at most `LEADERS`, the best first, none within `APART` of a better one."""
+    found: list[Trial] = []
+    for trial in sorted((trial for trial in trials if trial.scored), key=lambda trial: trial.rank):
+        if all(np.abs(np.subtract(trial.u, other.u)).max() > APART for other in found):
+            found.append(trial)
+        if len(found) == LEADERS:
+            break
+    return found
+
+
+def confirm(pool: Pool, searched: Sequence[Trial], on_leader: Callable[[int, int], None] | None = None) -> Confirmation:
+    """Simulate the leaders of a search again.
+
+    Parameters
+    ----------
+    pool : maps values to an `Evaluation` or `Failure` by the confirming simulator
+    searched : trials of the search, the best first; at least one
+    on_leader : called with the number of leaders done and of all of them
+    """
+    begin = time.monotonic()
+    found: dict[int, Evaluation | Failure] = {}
+    for index, evaluation in pool.map([trial.values for trial in searched]):
+        found[index] = evaluation
+        if on_leader is not None:
+            on_leader(len(found), len(searched))
+    again = tuple(_leader(trial, found[index]) for index, trial in enumerate(searched))
+    return Confirmation(again, time.monotonic() - begin)
+
+
+def _leader(trial: Trial, evaluation: Evaluation | Failure) -> Leader:
+    confirmed = as_trial(trial.number, trial.u, trial.values, evaluation, trial.phase, trial.segment)
+    return Leader(trial, confirmed, evaluation)
