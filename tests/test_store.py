@@ -20,6 +20,7 @@ from calib.errors import CalibError
 from calib.store import Store, Trial, read
 from calib.store import optuna_view as view_room
 from calib.store.ledger import differences
+from calib.store.lock import held
 from calib.store.optuna_view import storage
 
 WINDOWS = {"x": {"low": 0.1, "high": 2.0, "scale": "log"}, "y": {"low": -1.0, "high": 1.0, "scale": "linear"}}
@@ -288,6 +289,23 @@ def test_the_best_record_says_where_it_comes_from(tmp_path):
     assert provenance["study"]["name"] == "demo"
     assert "numpy" in provenance["study"]["versions"]
     assert best.displacement.values.tolist() == [TIME.tolist()]
+
+
+def test_confirmed_records_are_the_best_ones_until_the_folder_is_opened_again(tmp_path):
+    filled(tmp_path, [trial(0), trial(1)])
+    store = Store(tmp_path, view=None)
+    store.open(HEADER)
+    store.close()
+    with store.locked():
+        assert held(tmp_path)
+        store.keep_confirmed(trial(0, 0.9), records(7, ("sweep", "a b")))
+    assert not held(tmp_path)
+    best = record.read(tmp_path / "best.nc")
+    assert best.attrs["trial"] == 0
+    assert json.loads(best.attrs["provenance"])["score"]["total"] == 0.9
+    assert record.read(tmp_path / "best-a%20b.nc").attrs["record"] == "a b"
+    filled(tmp_path, [])
+    assert record.read(tmp_path / "best.nc").attrs["trial"] == 1
 
 
 def test_of_several_records_each_is_a_file(tmp_path):

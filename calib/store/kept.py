@@ -24,6 +24,8 @@ class Kept:
     The first record of a trial lies in `records/<number>.nc`, further ones in `records/<number>-<record>.nc` (the name
     percent-encoded); those of the best trial also in `best.nc` and `best-<record>.nc`. Each file is a record by itself,
     whole or absent. Its attribute `provenance` holds values, score, study, versions and processor as one JSON text.
+    Where the best trial was confirmed, its records by the confirming simulator take the place of the search's in
+    `best.nc`; on opening these are back, until it is confirmed again.
     """
 
     def __init__(self, folder: Path, keep: Keep):
@@ -46,12 +48,21 @@ class Kept:
 
     def write(self, number: int, records: Mapping[str, xr.Dataset], provenance: Mapping) -> None:
         """Write the records of a trial."""
+        self._write(self._records, f"{number:06d}", number, records, provenance)
+
+    def write_best(self, number: int, records: Mapping[str, xr.Dataset], provenance: Mapping) -> None:
+        """Write records of trial `number` as the best ones, other than those kept of it."""
+        self._write(self._folder, "best", number, records, provenance)
+
+    def _write(
+        self, folder: Path, stem: str, number: int, records: Mapping[str, xr.Dataset], provenance: Mapping
+    ) -> None:
         text = json.dumps(provenance)
-        with mendable(self._records):
+        with mendable(folder):
             for index, (name, record) in enumerate(records.items()):
-                stem = f"{number:06d}" if index == 0 else f"{number:06d}-" + quote(name, safe="")
+                file = stem if index == 0 else f"{stem}-" + quote(name, safe="")
                 stamped = record.assign_attrs(trial=number, record=name, provenance=text)
-                write(stamped, self._records / f"{stem}.nc")
+                write(stamped, folder / f"{file}.nc")
 
     def promote(self, number: int) -> None:
         """Make the records of trial `number` the best ones; nothing happens where none were kept."""

@@ -1,7 +1,8 @@
 """The folder of one study."""
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -109,6 +110,30 @@ class Store:
         if self._view is not None:
             png = self._drawn(trial, records) if keep else None
             self._look(lambda: self._view.add(trial, png))
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Keep other writers out of the folder once more: after `close`, while what was found is judged.
+
+        Raises
+        ------
+        CalibError : another process has taken the folder meanwhile
+        """
+        with mendable(self.folder):
+            self._lock.acquire()
+        try:
+            yield
+        finally:
+            self._lock.release()
+
+    def keep_confirmed(self, trial: Trial, records: Mapping[str, xr.Dataset]) -> None:
+        """Make the records by the confirming simulator, of the trial with its confirmed score, the best ones.
+
+        Raises
+        ------
+        CalibError : disk full or not writable
+        """
+        self._kept.write_best(trial.number, records, {**self._provenance(trial), "confirmed": True})
 
     def begin_segment(self, budget: int) -> None:
         """Begin a new segment of the ledger; see `calib.store.ledger.Ledger`."""
