@@ -1,4 +1,4 @@
-"""The main job: search, judge what was found, try it on the records held out, and write it all down."""
+"""The main job: search, confirm and judge what was found, try it on the records held out, and write it all down."""
 
 import time
 import warnings
@@ -23,7 +23,7 @@ from calib.record import OK, failed
 from calib.report import figures, render
 from calib.store import Store, Trial, read
 from calib.store.trial import best
-from calib.study import INTERRUPTED, Evaluation, evaluate, reach
+from calib.study import INTERRUPTED, Confirmation, Evaluation, Result, Study, confirm, evaluate, leaders, reach
 from calib.study_toml import StudyFile, load
 
 MUCH = 0.5  # of the distance; where a free trigger takes it below, this is said
@@ -70,37 +70,59 @@ def _calibrate(file: StudyFile, folder: Path, progress: Progress, fresh: bool) -
     if not fresh:
         progress.earlier(_earlier(folder))
     store = Store(folder, file.view, file.keep, partial(figures.picture, objective=study.objective))
-    final, confidence = {}, None
     with LocalPool(partial(evaluate, study.without_search()), study.jobs, study.timeout) as pool:
         progress.stage("screen")
         found = study.run(store, pool, on_trial=progress.trial, fresh=fresh)
         if found.stopped == INTERRUPTED:
             raise KeyboardInterrupt
-        if found.best is not None:
-            progress.stage("confidence")
-            [final[CALIBRATED]] = in_order(pool, [found.best.values])
-            confidence = around_best(study, pool, found.best, final[CALIBRATED])
-    if found.best is not None:
+        with store.locked():
+            return _concluded(file, store, pool, found, progress, begin)
+
+
+def _concluded(
+    file: StudyFile, store: Store, pool: LocalPool, found: Result, progress: Progress, begin: float
+) -> dict[str, Any]:
+    """Confirm what was found, work out how sure it is, predict what is held out, and write result and report."""
+    study = file.study
+    top, model = found.best, study.model
+    final, confirmation, confidence = {}, None, None
+    if top is not None and model.confirming is not None:
+        progress.stage("confirm")
+        confirmation = _confirmation(study, model.confirming, found.trials, progress)
+        top = confirmation.best
+    if top is not None:
+        progress.stage("confidence")
+        [final[CALIBRATED]] = in_order(pool, [top.values])
+        confidence = around_best(study, pool, top, final[CALIBRATED])
+        if confirmation is not None and confirmation.succeeded:
+            model, final[CALIBRATED] = model.confirming, confirmation.chosen.evaluation
+            confidence = _by_the_search(confidence, confirmation)
         if _held(file):
             progress.stage("hold-out")
-        final |= _held_out(file, found.best.values)
+        final |= _held_out(file, model, top.values)
     said = result.summarised(
         study,
         found.trials,
-        best=found.best,
+        best=top,
         score=_scores(final).get(CALIBRATED),
+        confirmation=confirmation,
         confidence=confidence,
         reach=found.reach,
         agreement=found.agreement,
         stopped=found.stopped,
         holdout=_said_of_others(final),
-        remarks=_remarks(study.objective, final.get(CALIBRATED)),
-        simulations=_simulations(file, found.trials, confidence),
+        remarks=[
+            *([] if confirmation is None else confirmation.remarks),
+            *_remarks(study.objective, final.get(CALIBRATED)),
+        ],
+        simulations=_simulations(file, found.trials, confirmation, confidence),
         seconds=time.monotonic() - begin,
     )
     progress.stage("report")
-    result.write(said, folder)
-    _report(file, folder, store.header, found.trials, final, said)
+    if confirmation is not None and confirmation.succeeded:
+        store.keep_confirmed(top, confirmation.chosen.evaluation.records)
+    result.write(said, store.folder)
+    _report(file, store.folder, store.header, found.trials, final, said)
     return said
 
 
@@ -117,10 +139,15 @@ def rebuild(path: str | Path, out: str | Path | None = None) -> Path:
     folder = file.folder if out is None else Path(out)
     header, trials = read(folder, file.study.header["definition"])
     trials.sort(key=lambda trial: trial.number)
-    top = best(trials)
-    final = {} if top is None else _held_out(file, top.values, with_calibrated=True)
+    top, model = best(trials), file.study.model
     said = result.read(folder)
-    if said is None or said["best_trial"] != (None if top is None else top.number):  # not finished yet
+    numbered = {trial.number: trial for trial in trials}
+    finished = said is not None and result.searched_best(said) == (None if top is None else top.number)
+    finished = finished and (top is None or said["best_trial"] in numbered)
+    if finished and top is not None:
+        top, model = numbered[said["best_trial"]], _simulated_with(model, said)
+    final = {} if top is None else _held_out(file, model, top.values, with_calibrated=True)
+    if not finished:
         said = result.summarised(
             file.study,
             trials,
@@ -134,6 +161,38 @@ def rebuild(path: str | Path, out: str | Path | None = None) -> Path:
     return _report(file, folder, header, trials, final, said)
 
 
+def _simulated_with(model: Model, said: Mapping[str, Any]) -> Model:
+    """Return the model whose records a result is about: of the confirming simulator, where one confirmed it."""
+    if not result.confirmed(said):
+        return model
+    if model.confirming is None:
+        raise CalibError(
+            f"what was found here was confirmed with another simulator, which {model.simulator.name!r} now lacks; "
+            "run the study again"
+        )
+    return model.confirming
+
+
+# --- the leaders -----------------------------------------------------------------------------------------------------
+
+
+def _confirmation(study: Study, confirming: Model, trials: Sequence[Trial], progress: Progress) -> Confirmation:
+    searched = leaders(trials)
+    again = partial(evaluate, replace(study.without_search(), model=confirming))
+    with LocalPool(again, min(study.jobs, len(searched)), study.timeout) as pool:
+        return confirm(pool, searched, progress.leader)
+
+
+def _by_the_search(confidence: Confidence, confirmation: Confirmation) -> Confidence:
+    """Say which simulator the differences are of, where there are any."""
+    if confidence.status != OK:
+        return confidence
+    said = "the intervals are from differences in the simulator of the search about the confirmed point"
+    if confirmation.changed:
+        said += ", which is not the best of the search"
+    return replace(confidence, reason="; ".join(filter(None, [confidence.reason, said])))
+
+
 # --- the records held out --------------------------------------------------------------------------------------------
 
 
@@ -142,7 +201,7 @@ def _held(file: StudyFile) -> dict[str, Reference]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Judged:
+class _Case:
     """What `calib.study.evaluate` needs of a study."""
 
     model: Model
@@ -150,23 +209,20 @@ class _Judged:
 
 
 def _held_out(
-    file: StudyFile, values: Mapping[str, float], with_calibrated: bool = False
+    file: StudyFile, model: Model, values: Mapping[str, float], with_calibrated: bool = False
 ) -> dict[str, Evaluation | Failure]:
     """Evaluate the best values on each record held out, by its name; and, where asked for, on the calibrated ones."""
     study = file.study
-    judged = {
-        name: _Judged(study.model, study.objective.on({name: reference}))
-        for name, reference in _held(file).items()
-    }
+    judged = {name: _Case(model, study.objective.on({name: reference})) for name, reference in _held(file).items()}
     if with_calibrated:
-        judged[CALIBRATED] = _Judged(study.model, study.objective)
+        judged[CALIBRATED] = _Case(model, study.objective)
     if not judged:
         return {}
     with LocalPool(partial(_evaluate_one, judged), min(study.jobs, len(judged)), study.timeout) as pool:
         return dict(zip(judged, in_order(pool, [(name, values) for name in judged]), strict=True))
 
 
-def _evaluate_one(judged: Mapping[str, _Judged], payload: tuple[str, Mapping[str, float]]) -> Evaluation:
+def _evaluate_one(judged: Mapping[str, _Case], payload: tuple[str, Mapping[str, float]]) -> Evaluation:
     name, values = payload
     return evaluate(judged[name], values)
 
@@ -202,10 +258,13 @@ def _remarks(objective: Objective, answer: Evaluation | Failure | None) -> list[
     return remarks
 
 
-def _simulations(file: StudyFile, trials: Sequence[Trial], confidence: Confidence | None) -> int:
+def _simulations(
+    file: StudyFile, trials: Sequence[Trial], confirmation: Confirmation | None, confidence: Confidence | None
+) -> int:
     each = len(file.study.objective.references)
+    again = 0 if confirmation is None else len(confirmation.leaders)
     neighbours = 0 if confidence is None else confidence.evaluations
-    return each * (len(trials) + neighbours) + (each + len(_held(file)) if confidence is not None else 0)
+    return each * (len(trials) + again + neighbours) + (each + len(_held(file)) if confidence is not None else 0)
 
 
 # --- the page --------------------------------------------------------------------------------------------------------

@@ -29,6 +29,7 @@ class Progress:
         self._budget = budget
         self._stage = "starting"
         self._done = self._failed = 0
+        self._leaders = ""
         self._best: Trial | None = None
         self._ends: list[tuple[float, int]] = []  # when, how many trials by then
         self._screened: list[Trial] = []
@@ -56,7 +57,7 @@ class Progress:
             self._bars = None
 
     def stage(self, name: str) -> None:
-        """Say what begins: "screen", "search", "confidence", "hold-out", "report"."""
+        """Say what begins: "screen", "search", "confirm", "confidence", "hold-out", "report"."""
         if name != self._stage:
             self._stage = name
             self._show(now=True)
@@ -82,6 +83,11 @@ class Progress:
         self._stage = trial.phase
         self._show()
 
+    def leader(self, done: int, total: int) -> None:
+        """Take in that `done` of `total` leaders of the search have been simulated again."""
+        self._leaders = f"{done}/{total} leaders"
+        self._show(now=True)
+
     def _say_reach(self) -> None:
         """Say, before the search, which measured features no point of the screen comes to."""
         found = reach(self._screened)
@@ -103,6 +109,8 @@ class Progress:
         if rate:
             parts.append(f"{rate:.3g} trials/s")
         parts.append(f"{self._failed} failed")
+        if self._leaders and self._stage == "confirm":
+            parts.append(self._leaders)
         if rate and self._stage in ("screen", "search"):
             parts.append(f"at most {_clock_time((self._budget - self._done) / rate)} left")
         return "  ".join(parts)

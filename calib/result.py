@@ -14,7 +14,7 @@ from calib.objective import Score
 from calib.record import OK
 from calib.store import Trial
 from calib.store.plain import plain
-from calib.study import Reach, Study
+from calib.study import Confirmation, Reach, Study
 
 NAME = "result.json"
 FAILED = "failed"
@@ -26,6 +26,7 @@ def summarised(
     *,
     best: Trial | None = None,
     score: Score | None = None,
+    confirmation: Confirmation | None = None,
     confidence: Confidence | None = None,
     reach: Sequence[Reach] = (),
     agreement: Mapping[str, Any] | None = None,
@@ -41,8 +42,9 @@ def summarised(
     ----------
     study : that was run
     trials : every one, in the order of the ledger
-    best : the best trial, None where none ended ok
+    best : the best trial, with its confirmed score where it was confirmed; None where none ended ok
     score : of the best point, for kind of motion and nuisances
+    confirmation : of the leaders of the search, None where the simulator has no confirming one
     confidence : at the best point
     reach : of each measured feature
     agreement : of the starts of a search by several starts
@@ -50,7 +52,7 @@ def summarised(
     holdout : record -> what `held_out` returns
     remarks : what else to mind, a sentence each, without its full stop
     simulations : runs of the simulator, everything counted
-    seconds : wall-clock time  [s]; the only thing that differs between two runs of one study
+    seconds : wall-clock time  [s]; it, and that of the confirmation, are all that differs between two runs of one study
 
     Returns
     -------
@@ -77,6 +79,7 @@ def summarised(
         "nuisances": {} if score is None else dict(score.nuisances),
         "agreement": _agreement(agreement),
         "holdout": dict(holdout or {}),
+        "confirmation": None if confirmation is None else _confirmation(confirmation),
         "confidence": None if confidence is None else confidence.as_dict(),
         "remarks": list(remarks),
         "best_trial": None if best is None else best.number,
@@ -127,6 +130,40 @@ def read(folder: Path) -> dict[str, Any] | None:
         return None
     except ValueError as error:
         raise CalibError(f"{path}: not JSON ({error}); delete it and run the study again") from error
+
+
+def _confirmation(confirmation: Confirmation) -> dict[str, Any]:
+    return {
+        "leaders": [
+            {
+                "trial": leader.searched.number,
+                "searched": leader.searched.total,
+                "confirmed": leader.confirmed.total,
+                "status": leader.confirmed.status,
+                "reason": leader.confirmed.reason,
+                "kind": leader.confirmed.kind,
+            }
+            for leader in confirmation.leaders
+        ],
+        "chosen": confirmation.chosen.searched.number,
+        "changed": confirmation.changed,
+        "seconds": confirmation.seconds,
+    }
+
+
+def confirmed(found: Mapping[str, Any]) -> bool:
+    """Whether values and score of a result are those of a confirming simulator."""
+    confirmation = found.get("confirmation")
+    return confirmation is not None and any(
+        leader["trial"] == confirmation["chosen"] and leader["confirmed"] is not None
+        for leader in confirmation["leaders"]
+    )
+
+
+def searched_best(found: Mapping[str, Any]) -> int | None:
+    """Return the number of the trial that the search behind a result found best, whatever was chosen after it."""
+    confirmation = found.get("confirmation")
+    return found["best_trial"] if confirmation is None else confirmation["leaders"][0]["trial"]
 
 
 def _agreement(summary: Mapping[str, Any] | None) -> dict[str, Any] | None:

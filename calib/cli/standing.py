@@ -1,7 +1,7 @@
 """How far a study is, from what lies in its folder; the study may be running, stopped, killed or finished."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +43,7 @@ def standing(study: Path, out: Path | None) -> dict[str, Any]:
         "state": "running" if held(folder) else "finished" if finished else "unfinished",
         "trials": len(trials),
         "budget": header["budget"],
-        "best": _best(trials),
+        "best": _found(found) if finished else _best(trials),
         "units": {name: window["unit"] for name, window in header["definition"]["windows"].items()},
         "failed": dict(Counter(trial.status for trial in trials if trial.status != OK)),
         "seconds": _mean(trials),
@@ -54,6 +54,16 @@ def standing(study: Path, out: Path | None) -> dict[str, Any]:
 def _best(trials: Sequence[Trial]) -> dict[str, Any] | None:
     top = best(trials)
     return None if top is None else {"number": top.number, "total": top.total, "kind": top.kind, "values": top.values}
+
+
+def _found(found: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Best trial of a finished study: where it was confirmed, not the search's but the one chosen, as confirmed."""
+    if found["best_trial"] is None:
+        return None
+    score, motion = found["score"], found["motion"]
+    return {
+        "number": found["best_trial"], "total": score["total"], "kind": motion["kind"], "values": found["values"],
+    }  # fmt: skip
 
 
 def _mean(trials: Sequence[Trial]) -> float | None:

@@ -11,6 +11,7 @@ from rich.table import Table
 
 from calib.parameter import Parameter
 from calib.record import OK
+from calib.result import confirmed, searched_best
 from calib.study import missed
 from calib.units import READ, shown
 
@@ -99,9 +100,14 @@ def _remarks(found: Mapping[str, Any]) -> list[str]:
         which = (reach[key] for key in ("feature", "body", "record", "unit", "measured", "nearest", "percent"))
         lines.append(f"[yellow]no point of the window reaches[/] {escape(missed(*which))}")
     lines += [f"[yellow]mind:[/] {escape(remark)}" for remark in found["remarks"]]
+    if confirmed(found):
+        count, chosen = len(found["confirmation"]["leaders"]), found["confirmation"]["chosen"]
+        lines.append(f"{count} leader{'' if count == 1 else 's'} of the search confirmed, trial {chosen} taken")
     agreement = found["agreement"] or {}
     if {"starts", "agree"} <= set(agreement):
-        lines.append(f"{agreement['agree']} of {agreement['starts']} starts of the search ended at this point")
+        changed = found["confirmation"] is not None and found["confirmation"]["changed"]
+        where = f"its best, trial {searched_best(found)}" if changed else "this point"
+        lines.append(f"{agreement['agree']} of {agreement['starts']} starts of the search ended at {where}")
     return lines
 
 

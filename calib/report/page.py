@@ -13,6 +13,7 @@ from markupsafe import Markup
 from calib.report import drawing, figures, residuals, search, tables
 from calib.report.verdict import verdict
 from calib.report.words import number
+from calib.result import confirmed
 from calib.units import MILLI
 
 LOOP = "Phase curves: velocity over displacement."
@@ -67,6 +68,8 @@ def render(
         fixed=tables.fixed(study),
         groups=[g["text"] for g in result.get("undetermined", ())],
         unreachable=[tables.unreachable(entry) for entry in result.get("unreachable", ())],
+        leaders=tables.leaders(result),
+        confirmed=confirmed(result),
         search=_search(study, trials, best),
         failures=tables.failures(trials),
         nuisances=tables.nuisances(result),

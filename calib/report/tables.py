@@ -133,6 +133,22 @@ def unreachable(entry) -> dict[str, str]:
     }
 
 
+def leaders(result) -> list[dict[str, Any]]:
+    """Leaders of the search: distance there and confirmed, kind of motion or why there is none; empty where unasked."""
+    confirmation = result.get("confirmation") or {"leaders": (), "chosen": None}
+    return [
+        {
+            "trial": leader["trial"],
+            "searched": leader["searched"],
+            "confirmed": leader["confirmed"],
+            "said": leader["kind"] if leader["status"] == OK else f"{leader['status']}: {leader['reason']}",
+            "failed": leader["status"] != OK,
+            "chosen": leader["trial"] == confirmation["chosen"],
+        }
+        for leader in confirmation["leaders"]
+    ]
+
+
 def failures(trials) -> list[dict[str, Any]]:
     """Failed trials by status and by reason with its numbers struck out, the most frequent first."""
     groups: dict[tuple[str, str], list] = {}

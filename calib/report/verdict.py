@@ -6,6 +6,7 @@ from typing import Any
 from calib.cycles import NOT_PERIODIC
 from calib.report.tables import unreachable
 from calib.report.words import count, number
+from calib.result import confirmed, searched_best
 
 LARGE = 0.05  # a distance that is no agreement, 0.10 being a curve 10 % too large
 
@@ -48,9 +49,12 @@ def verdict(result: Mapping[str, Any]) -> dict[str, Any]:
     elif confidence.get("reason"):
         points.append(f"Mind: {confidence['reason']}.")
     lost = [name for name, found in (result.get("holdout") or {}).items() if found.get("distance") is None]
-    tone = "bad" if wrong else "mind" if missed or edges or lost or remarks or much else "good"
+    unconfirmed = result.get("confirmation") is not None and not confirmed(result)
+    tone = "bad" if wrong or unconfirmed else "mind" if missed or edges or lost or remarks or much else "good"
     headline = f"Best simulation at a distance of {number(total, 3)} from the measurement."
-    if wrong:
+    if unconfirmed:
+        headline = f"{headline[:-1]}, not confirmed."
+    elif wrong:
         headline = f"{headline[:-1]}, but of another kind of motion."
     elif missed:
         headline = f"Nothing in the windows matches the measurement; the best is at a distance of {number(total, 3)}."
@@ -78,7 +82,9 @@ def _agreement(result):
     if {"starts", "agree"} <= set(found):
         if found["starts"] < 2:
             return ["One start only: whether another would end elsewhere is not known."]
-        one = f"{found['agree']} of {found['starts']} starts of the search ended at this point"
+        changed = (result.get("confirmation") or {}).get("changed")
+        where = f"the best of the search, trial {searched_best(result)}" if changed else "this point"
+        one = f"{found['agree']} of {found['starts']} starts of the search ended at {where}"
         return [f"{one}." if found["agree"] > 1 else f"{one}: it may not be the best of the windows."]
     said = [f"{k.replace('_', ' ')} {number(v)}" for k, v in found.items() if isinstance(v, int | float | str)]
     return [f"Of the search itself: {', '.join(said)}."] if said else []
