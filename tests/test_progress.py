@@ -28,6 +28,18 @@ def test_without_a_terminal_a_line_comes_every_few_seconds(capsys):
     assert "best 0.05 (period-1)  1 trials/s  0 failed  at most 1:20 left" in lines[-1]
 
 
+def test_the_leaders_are_counted_while_they_are_confirmed(capsys):
+    with Progress(100, console=Console(stderr=True, width=200)) as progress:
+        progress.stage("confirm")
+        for done in (1, 2):
+            progress.leader(done, 2)
+        progress.stage("confidence")
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.partition(":")[0] for line in lines] == ["confirm"] * 3 + ["confidence"]
+    assert ["leaders" in line for line in lines] == [False, True, True, False]
+    assert lines[2].endswith("2/2 leaders")
+
+
 @pytest.mark.parametrize(
     ("amplitudes", "said"),
     [
