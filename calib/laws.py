@@ -11,6 +11,9 @@ force       (t, x, v, p, z, dz)           [m/s^2]      time [s], displacement [m
                                                        written, their rates
 gap         (place, p)                    [m]          place along the contact line in [-1, 1], 0 the middle;
                                                        added to the gap
+contact     (place, clearance, rate,      [Pa]         place as above, clearance of the two sides [m], negative in
+            pressure, p)                               penetration, its rate [m/s], the pressure without laws;
+                                                       added to the pressure
 restitution (e, speed, p)                 [1]          the coefficient without laws, closing speed [m/s];
                                                        added to e, and the sum is clipped to [0, 1]
 excitation  (t, phase, amplitude, x, p)   [its unit]   time [s], phase of the drive [rad], its amplitude, its value
@@ -43,6 +46,7 @@ _array = types.Array(_f, 1, "C")
 SIGNATURES = {
     "force": _f(_f, _f, _f, _array, _array, _array),
     "gap": _f(_f, _array),
+    "contact": _f(_f, _f, _f, _f, _array),
     "restitution": _f(_f, _f, _array),
     "excitation": _f(_f, _f, _f, _f, _array),
 }
@@ -84,6 +88,11 @@ def force(function: Callable | None = None, *, states: int = 0):
 def gap(function: Callable) -> Law:
     """Make a law of a scalar function (place, p) -> change of the gap [m]."""
     return _site("gap")(function)
+
+
+def contact(function: Callable) -> Law:
+    """Make a law of a scalar function (place, clearance, rate, pressure, p) -> change of the contact pressure [Pa]."""
+    return _site("contact")(function)
 
 
 def restitution(function: Callable) -> Law:
@@ -130,6 +139,12 @@ def no_gap(place, p):
     return 0.0
 
 
+@contact
+def no_contact(place, clearance, rate, pressure, p):
+    """Fill an empty slot of the site `contact`."""
+    return 0.0
+
+
 @restitution
 def no_restitution(e, speed, p):
     """Fill an empty slot of the site `restitution`."""
@@ -142,7 +157,13 @@ def no_excitation(t, phase, amplitude, x, p):
     return 0.0
 
 
-_EMPTY = {"force": no_force, "gap": no_gap, "restitution": no_restitution, "excitation": no_excitation}
+_EMPTY = {
+    "force": no_force,
+    "gap": no_gap,
+    "contact": no_contact,
+    "restitution": no_restitution,
+    "excitation": no_excitation,
+}
 
 
 def at_site(laws: Sequence[BoundLaw], site: str) -> list[BoundLaw]:

@@ -15,7 +15,7 @@ from calib.simulators.impact.coordinates import to_coordinates
 from calib.simulators.impact.flow import impulse_response, load_responses
 from calib.simulators.impact.polynomial import FIT, INTEGRAL, NODES, polynomial, slope
 from calib.simulators.impact.problem import AT_PERIOD, PIECE
-from calib.simulators.impact.slots import excitation, force
+from calib.simulators.slots import excitation, force
 
 SWEEPS = 15  # of the fixed point
 CLOSE = 1e-13  # relative change of the loads at which it has converged

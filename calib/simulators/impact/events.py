@@ -5,7 +5,7 @@ from numba import njit
 from calib.simulators.impact.coordinates import to_coordinates, to_modes
 from calib.simulators.impact.polynomial import polynomial, slope
 from calib.simulators.impact.problem import AT_PERIOD, CONTACT, FREE, HIT, IMPACTS, REGIME, RELEASED, TOUCH
-from calib.simulators.impact.slots import restitution
+from calib.simulators.slots import restitution
 from calib.simulators.impact.witness import witness
 
 

@@ -25,7 +25,7 @@ from calib.simulators.impact.problem import (
     State,
 )  # fmt: skip
 from calib.simulators.impact.scratch import scratch
-from calib.simulators.impact.slots import fill
+from calib.simulators.slots import fill
 
 GRID = 128  # steps per period where loads are collocated
 SETTLED = 1e-10  # relative change of the section

@@ -12,9 +12,9 @@ from calib.errors import CalibError
 from calib.excitation import Excitation
 from calib.filter import low_pass
 from calib.laws import STATES, BoundLaw
-from calib.simulators.impact.slots import excitation as excitation_law
-from calib.simulators.impact.slots import fill
-from calib.simulators.impact.slots import force as force_law
+from calib.simulators.slots import excitation as excitation_law
+from calib.simulators.slots import fill
+from calib.simulators.slots import force as force_law
 
 DEGREE = 5  # of the spline through the samples: the acceleration is then a cubic
 FINEST = 200  # least samples per period of a harmonic motion that laws of the excitation change

@@ -46,11 +46,14 @@ def _caller(site: str):
     # an intrinsic's arguments are read off its source, so each arity is spelt out
     if site == "force":
         return intrinsic(lambda typing, address, t, x, v, p, z, dz: (signature, call))
+    if site == "contact":
+        return intrinsic(lambda typing, address, place, clearance, rate, pressure, p: (signature, call))
     if site == "excitation":
         return intrinsic(lambda typing, address, t, phase, amplitude, x, p: (signature, call))
     return intrinsic(lambda typing, address, e, speed, p: (signature, call))
 
 
 force = _caller("force")
+contact = _caller("contact")
 excitation = _caller("excitation")
 restitution = _caller("restitution")

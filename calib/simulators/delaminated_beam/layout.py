@@ -1,0 +1,316 @@
+"""From a mesh to the full kernel's arrays: lines of nodes one after the other, padded, all x before all y."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import eigsh, spsolve
+
+from calib.laws import BoundLaw, at_site
+from calib.simulators.delaminated_beam import contact, explicit
+from calib.simulators.delaminated_beam.contact import Pairs
+from calib.simulators.delaminated_beam.explicit import FACTORS, FORCES, LANES, ROW, Plan, State
+from calib.simulators.delaminated_beam.mesh import Mesh
+from calib.simulators.delaminated_beam.plane_stress import Material, elements, energy, masses, stiffness
+from calib.simulators.slots import fill
+
+BODIES = ("beam", "layer")
+
+
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """A meshed beam with its matrices.
+
+    Attributes
+    ----------
+    mesh, material, width : [m]
+    mass : (n,) of the nodes  [kg]
+    stiffness : (2 n, 2 n) about the stress-free shape  [N/m]
+    held : freedoms that do not move; the driven one is not among them
+    pairs : of the contact
+    full : whether elements bend as bilinear ones
+    """
+
+    mesh: Mesh
+    material: Material
+    width: float
+    mass: np.ndarray
+    stiffness: sparse.csr_array
+    held: np.ndarray
+    pairs: Pairs
+    full: bool
+
+    @property
+    def driven(self) -> int:
+        """Freedom that the drive prescribes."""
+        return 2 * self.mesh.driven + 1
+
+    @property
+    def free(self) -> np.ndarray:
+        """Freedoms that are neither held nor driven."""
+        return np.setdiff1d(np.arange(2 * len(self.mass)), np.append(self.held, self.driven))
+
+    def static_shape(self) -> np.ndarray:
+        """Displacements (n, 2) at rest for one metre at the driven node, linear  [1]."""
+        free, driven = self.free, self.driven
+        shape = np.zeros(self.stiffness.shape[0])
+        shape[driven] = 1.0
+        load = -self.stiffness[free][:, [driven]].toarray()[:, 0]
+        shape[free] = spsolve(self.stiffness[free][:, free].tocsc(), load)
+        return shape.reshape(-1, 2)
+
+    def critical_step(self) -> float:
+        """Longest step with which central differences are stable without beta and contact, 2 / omega_max  [s]."""
+        root = 1.0 / np.sqrt(np.repeat(self.mass, 2)[self.free])
+        scaled = sparse.diags_array(root) @ self.stiffness[self.free][:, self.free] @ sparse.diags_array(root)
+        [highest] = eigsh(scaled, 1, which="LM", return_eigenvectors=False, v0=np.ones(len(root)), tol=1e-9)
+        return float(2.0 / np.sqrt(highest))
+
+
+def structure(mesh: Mesh, material: Material, width: float, full: bool = False) -> Structure:
+    """Work out the matrices of a mesh; see `Structure`."""
+    mass = masses(mesh, material, width)
+    held = list(2 * mesh.supports + 1)
+    middle = np.flatnonzero(np.abs(mesh.nodes[:, 0]) < 1e-12) if mesh.symmetric else [mesh.driven]
+    held += [2 * node for node in middle]
+    return Structure(
+        mesh, material, width, mass, stiffness(mesh, material, width, full), np.array(held), contact.pairs(mesh, mass), full
+    )
+
+
+def stable_step(critical: float, beta: float) -> float:
+    """Longest stable step with stiffness damping  [s].
+
+    The forces are taken at u + beta v with the velocity half a step back, so that the step h of a mode of frequency w
+    is stable while (w h)^2 + 2 beta w^2 h <= 4.
+
+    Parameters
+    ----------
+    critical : without damping  [s]
+    beta : as a fraction of the critical damping of the highest mode: beta = 1 is `critical` seconds
+    """
+    return critical * (np.sqrt(1.0 + beta**2) - beta)
+
+
+class Layout:
+    """Where the nodes of a mesh stand in the kernel's arrays.
+
+    Attributes
+    ----------
+    size : numbers to a component
+    starts, lengths : first place and padded length of each line
+    place : (n,) of each node, among the x
+    """
+
+    def __init__(self, mesh: Mesh):
+        padded = [-(-len(line) // LANES) * LANES for line in mesh.lines]
+        if max(padded) + LANES >= ROW:
+            raise ValueError(f"a line of {max(map(len, mesh.lines))} nodes; at most {ROW - 2 * LANES} can be")
+        self.starts = np.concatenate([[0], np.cumsum(np.array(padded) + LANES)])
+        self.size = int(self.starts[-1])
+        self.lengths = padded
+        self.place = np.full(len(mesh.nodes), -1)
+        for start, line in zip(self.starts, mesh.lines, strict=False):  # the layer's lowest line comes last: its names hold
+            self.place[line] = start + np.arange(len(line))
+        self._mesh = mesh
+
+    def spread(self, values: np.ndarray) -> np.ndarray:
+        """Nodal values (n, 2) in the kernel's order (2 * size,), at every name of a node."""
+        out = np.zeros((2, self.size))
+        for start, line in zip(self.starts, self._mesh.lines, strict=False):
+            out[:, start : start + len(line)] = values[line].T
+        return out.ravel()
+
+    def gather(self, flat: np.ndarray) -> np.ndarray:
+        """Nodal values (n, 2) from the kernel's order."""
+        return flat.reshape(2, self.size)[:, self.place].T
+
+    def shared(self) -> np.ndarray:
+        """Stretches (k, 3) of nodes common to the layer's lowest line and to the interface: places, and how many."""
+        mesh = self._mesh
+        layer, beam = mesh.lines[mesh.interface + 1], mesh.lines[mesh.interface]
+        right = len(layer) - mesh.last
+        rows = [(mesh.last, len(beam) - right, right)]
+        if not mesh.symmetric:
+            rows.append((0, 0, mesh.first + 1))
+        return np.array(rows)
+
+
+def plan(
+    structure: Structure,
+    layout: Layout,
+    *,
+    alpha: float,
+    beta: float,
+    step: float,
+    clearance: np.ndarray,
+    stiffness: np.ndarray,
+    damping: np.ndarray,
+    limit: float,
+    merged: float,
+    lagged: bool = False,
+    clipped: bool = True,
+    laws: Sequence[BoundLaw] = (),
+) -> Plan:
+    """Put together what the full kernel is told.
+
+    Parameters
+    ----------
+    alpha, beta, step : [1/s], [s], [s]
+    clearance, stiffness, damping : (m,) of the pairs  [m], [N/m], [N s/m]
+    limit : velocity beyond which the run is unstable  [m/s]
+    merged : time without contact that separates two impacts  [s]
+
+    Raises
+    ------
+    ValueError : a line of nodes that is too long for the kernel
+    """
+    mesh, material, pairs, size = structure.mesh, structure.material, structure.pairs, layout.size
+    strips, turned, factors, across = [], [], [], []
+    for lower in mesh.strips:
+        e = elements(mesh.nodes, mesh.quadrilaterals(lower), material, structure.width, structure.full)
+        count = -(-len(e.along) // LANES) * LANES
+        strips.append([layout.starts[lower], layout.starts[lower + 1], count])
+        turned.append(e.turned)
+        across.append(0.5 / e.across)
+        factors.append(_factors(e))
+    below = {lower + 1: k for k, lower in enumerate(mesh.strips)}
+    above = {lower: k for k, lower in enumerate(mesh.strips)}
+    lines = [
+        [layout.starts[k], layout.lengths[k], below.get(k, -1), above.get(k, -1)] for k in range(len(mesh.lines))
+    ]
+    mass = np.zeros((2, size))
+    with np.errstate(divide="ignore"):
+        mass[:, layout.place] = 1.0 / structure.mass
+    for freedom in (*structure.held, structure.driven):
+        mass[freedom % 2, layout.place[freedom // 2]] = 0.0
+    inverse = mass.ravel()
+    slave, master, following = (size + layout.place[nodes] for nodes in (pairs.slave, pairs.master, pairs.following))
+    mobility = inverse[slave] + (1.0 - pairs.weight) ** 2 * inverse[master] + pairs.weight**2 * inverse[following]
+    force, force_p, forces = fill(laws, "force")
+    contacts, contact_p, number = fill(laws, "contact")
+    acts = np.zeros((len(force), len(BODIES)), dtype=bool)
+    for row, law in zip(acts, at_site(laws, "force"), strict=False):
+        row[:] = [law.bodies is None or body in law.bodies for body in BODIES]
+    return Plan(
+        size=size,
+        strips=np.array(strips),
+        turned=np.array(turned),
+        factors=np.concatenate(factors),
+        across=np.array(across),
+        shear=material.shear,
+        mean=0.5 * material.young / (1.0 - material.poisson),
+        lines=np.array(lines),
+        shared=layout.shared(),
+        joint=np.array([below[mesh.interface], above[mesh.interface + 1], mesh.interface + 1]),
+        inverse_mass=inverse,
+        alpha=float(alpha),
+        beta=float(beta),
+        step=float(step),
+        slave=slave,
+        master=master,
+        following=following,
+        weight=pairs.weight,
+        clearance=np.ascontiguousarray(clearance, dtype=float),
+        stiffness=stiffness,
+        damping=damping,
+        mobility=np.where(pairs.share > 0.0, mobility, 0.0),
+        area=np.where(pairs.share > 0.0, pairs.share, 1.0) * pairs.length * structure.width,
+        place=pairs.place,
+        lagged=lagged,
+        clipped=clipped,
+        centre=int(np.argmin(np.abs(pairs.place))),
+        driven=int(size + layout.place[mesh.driven]),
+        limit=float(limit),
+        merged=max(1, round(merged / step)),
+        force=force,
+        force_p=force_p,
+        acts=acts,
+        bodies=_bodies(mesh, layout),
+        contact=contacts,
+        contact_p=contact_p,
+        counts=np.array([forces, number]),
+    )
+
+
+def _factors(e) -> np.ndarray:
+    """Coefficients (FACTORS * ROW,) of the elements of a strip; see `explicit.forces_of_turned_strip`."""
+    rows = np.zeros((FACTORS, ROW))
+    tx, ty = e.twist
+    for row, values in zip(
+        rows,
+        (
+            0.5 / e.along,
+            0.5 * e.across * e.width * np.ones_like(e.along),
+            0.5 * e.along * e.width,
+            e.bending[0] / 16.0,
+            e.bending[1] / 16.0,
+            2.0 * e.cosine,
+            2.0 * e.sine,
+            4.0 * (e.cosine * tx - e.sine * ty),
+            4.0 * (e.sine * tx + e.cosine * ty),
+            4.0 * tx,
+            4.0 * ty,
+        ),
+        strict=True,
+    ):
+        row[: len(values)] = values
+    rows[5, len(e.along) :] = 2.0  # padding is at rest
+    return rows.ravel()
+
+
+def _bodies(mesh: Mesh, layout: Layout) -> np.ndarray:
+    """Stretches (k, 3) of y-nodes with the body that they belong to: first place, how many, body."""
+    rows = []
+    for k, line in enumerate(mesh.lines):
+        start = layout.size + layout.starts[k]
+        if k <= mesh.interface:
+            rows.append((start, len(line), 0))
+        else:
+            left = mesh.first + (not mesh.symmetric)
+            rows += [(start, left, 0), (start + left, mesh.last - left, 1)]
+            rows.append((start + mesh.last, len(line) - mesh.last, 0))
+    return np.array(rows)
+
+
+def begin(plan: Plan, layout: Layout, displacement: np.ndarray, velocity: np.ndarray) -> State:
+    """State with nodal displacements (n, 2) [m], and velocities (n, 2) half a step before them [m/s]."""
+    pairs, v = len(plan.slave), layout.spread(velocity)
+    return State(
+        w=layout.spread(displacement) + plan.beta * v,
+        v=v,
+        elastic=np.zeros(len(plan.strips) * FORCES * ROW),
+        active=np.zeros(pairs, dtype=np.int64),
+        gap=np.zeros(pairs),
+        rate=np.zeros(pairs),
+        push=np.zeros(pairs),
+        count=np.array([0, 0, -(10**15), -(10**15)]),
+    )
+
+
+def internal_force(plan: Plan, layout: Layout, displacement: np.ndarray) -> np.ndarray:
+    """Nodal forces (n, 2) of the elements at nodal displacements (n, 2)  [N]."""
+    out = np.zeros(len(plan.strips) * FORCES * ROW)
+    explicit.elastic(plan, layout.spread(displacement), out)
+    rows = out.reshape(len(plan.strips), 2, 2, 2, ROW)  # strip; lower, upper; x, y; from the right, from the left
+    force = np.zeros((2, layout.size))
+    for k, (first, count, below, above) in enumerate(plan.lines):
+        total = np.zeros((2, count))
+        if above >= 0:
+            total += rows[above, 0].sum(axis=1)[:, :count]
+        if below >= 0:
+            total += rows[below, 1].sum(axis=1)[:, :count]
+        force[:, first : first + count] = total
+    return force[:, layout.place].T
+
+
+def elastic_energy(structure: Structure, displacement: np.ndarray) -> float:
+    """Elastic energy at nodal displacements (n, 2)  [J]."""
+    mesh, material = structure.mesh, structure.material
+    return sum(
+        energy(
+            elements(mesh.nodes, quads, material, structure.width, structure.full), displacement[quads], material
+        )
+        for quads in map(mesh.quadrilaterals, mesh.strips)
+    )

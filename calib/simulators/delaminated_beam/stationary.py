@@ -1,0 +1,163 @@
+"""A motion taken period by period until it returns, then recorded."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from calib.record import OK, SECTION
+
+LAGS = 16  # the longest return that is looked for, in periods
+RETURNED = 1e-7  # largest change of the state, as a share of its largest displacement or velocity
+
+
+class Period(NamedTuple):
+    """What one period of a motion gives.
+
+    Attributes
+    ----------
+    status, reason : "ok", or why the motion ended
+    samples : (samples, 4) displacement of beam and layer in the middle [m], their velocities [m/s]
+    force : (samples,) contact force on the layer, mean since the sample before  [N]
+    """
+
+    status: str
+    reason: str
+    samples: np.ndarray
+    force: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """What contact did over the recorded periods.
+
+    Attributes
+    ----------
+    impacts, central : (k, 2) instants since their start [s] and closing speeds [m/s] at which contact begins, anywhere on
+        the layer and in its middle
+    closed : (m,) share of the time for which each node of the layer was in contact  [1]
+    fraction : share of the time with contact anywhere  [1]
+    force, penetration : largest  [N], [m]
+    """
+
+    impacts: np.ndarray
+    central: np.ndarray
+    closed: np.ndarray
+    fraction: float
+    force: float
+    penetration: float
+
+
+class Engine(Protocol):
+    """A kernel with its state, as `stationary` needs it."""
+
+    def period(self, samples: int) -> Period:
+        """Go on by one period."""
+        ...
+
+    def state(self) -> np.ndarray:
+        """State at the end of the last period, in units in which its largest displacement and velocity are 1."""
+        ...
+
+    def noted(self, periods: int) -> Contact:
+        """What contact did in the last periods; the notes begin anew with each `begin_notes`."""
+        ...
+
+    def begin_notes(self) -> None:
+        """Forget what contact did so far."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A recorded motion.
+
+    Attributes
+    ----------
+    status, reason : "ok", or why there is nothing
+    samples : (periods * samples, 4), see `Period`
+    force : (periods * samples,)  [N]
+    sections : (SECTION or more, 4) the samples at phase zero of the last periods
+    settled : periods before the recorded ones
+    returns : after how many periods the state returns; None where it did not
+    contact : over the recorded periods
+    """
+
+    status: str
+    reason: str
+    samples: np.ndarray
+    force: np.ndarray
+    sections: np.ndarray
+    settled: int
+    returns: int | None
+    contact: Contact | None
+
+
+def returning(states: list[np.ndarray]) -> int | None:
+    """After how many periods the last of the states returned, at most LAGS; None if it did not."""
+    for lag in range(1, min(LAGS, len(states) - 1) + 1):
+        if np.abs(states[-1] - states[-1 - lag]).max() < RETURNED:
+            return lag
+    return None
+
+
+def stationary(
+    engine: Engine,
+    periods: int,
+    samples: int,
+    settle: int | None,
+    limit: int,
+    on_period: Callable[[int], None] | None = None,
+) -> Motion:
+    """Let a motion settle, then record it.
+
+    Parameters
+    ----------
+    periods, samples : to record, and samples a period
+    settle : periods to drop; None: until the full state returns after 1 to 16 periods, at most `limit`
+
+    Notes
+    -----
+    Where the state has returned, the sections of further periods are those of the periods before: they are not
+    simulated.
+    """
+    dropped, states, returns = [], [], None
+    none = np.zeros((0, 4))
+    states.append(engine.state())
+    while len(dropped) < (limit if settle is None else settle):
+        period = engine.period(1)
+        if period.status != OK:
+            return Motion(period.status, period.reason, none, none[:, 0], none, len(dropped), None, None)
+        dropped.append(period.samples[:1])
+        states = [*states[-LAGS:], engine.state()]
+        returns = returning(states)
+        if settle is None and returns is not None:
+            break
+    engine.begin_notes()
+    recorded, force = [], []
+    for _ in range(periods):
+        period = engine.period(samples)
+        if period.status != OK:
+            return Motion(period.status, period.reason, none, none[:, 0], none, len(dropped), None, None)
+        recorded.append(period.samples)
+        force.append(period.force)
+        states = [*states[-LAGS:], engine.state()]
+        returns = returning(states)
+    contact = engine.noted(periods)
+    sections = np.concatenate([*dropped, *(rows[:1] for rows in recorded)])
+    while len(sections) < SECTION:
+        if returns is None:
+            period = engine.period(1)
+            if period.status != OK:
+                return Motion(period.status, period.reason, none, none[:, 0], none, len(dropped), None, None)
+            sections = np.concatenate([sections, period.samples[:1]])
+            states = [*states[-LAGS:], engine.state()]
+            returns = returning(states)
+        else:
+            again = sections[-returns:]
+            sections = np.concatenate([sections, again])
+    return Motion(
+        OK, "", np.concatenate(recorded), np.concatenate(force), sections[-max(SECTION, periods) :],
+        len(dropped), returns, contact,
+    )  # fmt: skip
