@@ -21,8 +21,8 @@ import pytest
 from calib.effect import Effect
 from calib.errors import CalibError
 from calib.excitation import Excitation
+from calib.laws import contact, force, gap, restitution
 from calib.laws import excitation as excitation_law
-from calib.laws import force, gap, restitution
 from calib.model import Model, Request
 from calib.parameter import Parameter
 from calib.record import OK, SECTION, STATE, channels, check
@@ -40,6 +40,12 @@ def wider(place, p):
     return p[0]
 
 
+@contact
+def cushion(place, clearance, rate, pressure, p):
+    """Return a pressure between sides that are nearer than 0.1 mm [Pa]."""
+    return p[0] if clearance < 1e-4 else 0.0
+
+
 @restitution
 def livelier(e, speed, p):
     """Return a constant change of the coefficient of restitution [1]."""
@@ -52,15 +58,15 @@ def second_harmonic(t, phase, amplitude, x, p):
     return p[0] * amplitude * math.cos(2.0 * phase)
 
 
-PROBES = {"force": (steady_force, 1.0), "gap": (wider, 5e-5), "restitution": (livelier, 0.05),
-          "excitation": (second_harmonic, 0.05)}  # law and a size that shows
+PROBES = {"force": (steady_force, 1.0), "gap": (wider, 5e-5), "contact": (cushion, 100.0),
+          "restitution": (livelier, 0.05), "excitation": (second_harmonic, 0.05)}  # law and a size that shows
 
 
 class SimulatorSuite:
     """Subclass it, say how the simulator is made and driven, and pytest does the rest.
 
     Set `excitation` to a harmonic one and, where the default is not enough, `values` (name -> SI) to a motion in which
-    every site has an effect: with impacts, where the simulator takes laws at `gap` or `restitution`.
+    every site has an effect: with impacts, where the simulator takes laws at `gap`, `contact` or `restitution`.
     """
 
     excitation: Excitation

@@ -1,31 +1,15 @@
 """The full kernel with its state, period by period."""
 
-import math
+from collections.abc import Callable
 
 import numpy as np
-from numba import njit
 
 from calib.record import OK
-from calib.simulators import slots
 from calib.simulators.delaminated_beam import explicit
 from calib.simulators.delaminated_beam.explicit import Plan, Seen, State
 from calib.simulators.delaminated_beam.stationary import Contact, Period
 
 CAPACITY = 4096  # impacts that are noted
-
-
-@njit(cache=True, nogil=True)
-def drive_table(times, period, amplitude, phase, functions, parameters, count):
-    """Displacement of the driven node at the times (n,), with the laws of the excitation  [m]."""
-    table = np.empty(len(times))
-    for k in range(len(times)):
-        cycles = times[k] / period
-        angle = 2.0 * math.pi * (cycles - math.floor(cycles)) + phase
-        x = amplitude * math.cos(angle)
-        table[k] = x
-        for law in range(count):
-            table[k] += slots.excitation(functions[law], times[k], angle, amplitude, x, parameters[law])
-    return table
 
 
 class Full:
@@ -34,16 +18,30 @@ class Full:
     Parameters
     ----------
     plan, start : see `explicit`
+    gather : the kernel's order -> nodal values (n, 2)
+    free : freedoms of the nodes that are neither held nor driven
+    still : (2 n,) displacements and velocities of the static shape at phase zero  [m], [m/s]
     period, steps : of the drive [s], and how many steps it is divided into
-    drive : amplitude [m] and phase [rad], then functions, parameters and count of the laws of the excitation
+    drive : (period, steps) -> displacements of the driven node at the ends of its steps  [m]
     budget : steps at most
     """
 
-    def __init__(self, plan: Plan, start: State, period: float, steps: int, drive: tuple, budget: int):
+    def __init__(
+        self,
+        plan: Plan,
+        start: State,
+        gather: Callable,
+        free: np.ndarray,
+        still: tuple[np.ndarray, np.ndarray],
+        period: float,
+        steps: int,
+        drive: Callable,
+        budget: int,
+    ):
         self.plan = plan
         self.now = start
+        self._gather, self._free, self._still = gather, free, still
         self._period, self._steps, self._drive, self._budget = period, steps, drive, budget
-        self._table = None
         self.begin_notes()
 
     def period(self, samples: int) -> Period:
@@ -57,7 +55,7 @@ class Full:
             return Period("step budget", reason, rows[:, :4], rows[:, 4])
         seen = self._seen._replace(at=step, shift=at - step, samples=rows)
         time = done // self._steps * self._period
-        code = explicit.advance(self.plan, self.now, time, self.drive(done // self._steps), seen)
+        code = explicit.advance(self.plan, self.now, time, self._drive(done // self._steps, self._steps), seen)
         if code == explicit.UNSTABLE:
             reason = (
                 f"velocities grew beyond {self.plan.limit:.3g} m/s in period {done // self._steps + 1} at a step of "
@@ -66,33 +64,50 @@ class Full:
             return Period("unstable step", reason, rows[:, :4], rows[:, 4])
         return Period(OK, "", rows[:, :4], rows[:, 4] * (samples / self._period))
 
-    def drive(self, period: int) -> np.ndarray:
-        """Where the driven node stands at the ends of the steps of a period  [m]."""
-        if self._table is None or self._drive[4]:
-            times = (period + np.arange(1, self._steps + 1) / self._steps) * self._period
-            self._table = drive_table(times, self._period, *self._drive)
-        return self._table
-
     def state(self) -> np.ndarray:
         """State at the end of the last period, over its largest displacement and velocity."""
         u = self.now.w - self.plan.beta * self.now.v
         largest = max(abs(u).max(), 1e-300), max(abs(self.now.v).max(), 1e-300)
         return np.concatenate([u / largest[0], self.now.v / largest[1]])
 
+    def whole_state(self) -> np.ndarray:
+        """Displacements and velocities (2 * free,) of the free nodes beyond the static shape, at the end of a period."""
+        u = self._gather(self.now.w - self.plan.beta * self.now.v).ravel() - self._still[0]
+        v = self._gather(self.now.v).ravel() - self._still[1]
+        return np.concatenate([u[self._free], v[self._free]])
+
+    def middle(self) -> np.ndarray:
+        """Displacements and velocities (4,) of beam and layer in the middle, at the end of the last period."""
+        ahead = State(*(array.copy() for array in self.now))
+        seen = self._empty()._replace(at=np.zeros(1, dtype=np.int64), shift=np.zeros(1), samples=np.zeros((1, 5)))
+        done = int(self.now.count[0]) // self._steps
+        first = self._drive(done, self._steps)[:1]
+        explicit.advance(self.plan, ahead, done * self._period, first, seen)
+        return seen.samples[0, :4]
+
+    def misses(self, minima: np.ndarray) -> int:
+        """Write the local minima of the clearance over one period [m]; return how many there are."""
+        seen = self._seen._replace(nearest=minima)
+        done = int(self.now.count[0]) // self._steps
+        explicit.advance(self.plan, self.now, done * self._period, self._drive(done, self._steps), seen)
+        return int(seen.passes[2])
+
     def begin_notes(self) -> None:
         """Forget what contact did so far."""
-        pairs = len(self.plan.slave)
         self._since = int(self.now.count[0])
-        self._seen = Seen(
+        self._seen = self._empty()
+
+    def _empty(self) -> Seen:
+        return Seen(
             at=np.zeros(0, dtype=np.int64),
             shift=np.zeros(0),
             samples=np.zeros((0, 5)),
             impacts=np.zeros((CAPACITY, 2)),
             central=np.zeros((CAPACITY, 2)),
-            closed=np.zeros(pairs, dtype=np.int64),
+            closed=np.zeros(len(self.plan.slave), dtype=np.int64),
             total=np.zeros(6),
             nearest=np.zeros(0),
-            passes=np.full(3, np.inf),
+            passes=np.array([np.inf, np.inf, 0.0]),
         )
 
     def noted(self, periods: int) -> Contact:

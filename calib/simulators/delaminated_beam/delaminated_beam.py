@@ -1,0 +1,512 @@
+"""The simulator `delaminated_beam`."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+import xarray as xr
+
+from calib.errors import CalibError, nearest
+from calib.excitation import Excitation
+from calib.laws import BoundLaw, at_site
+from calib.parameter import Parameter
+from calib.record import OK, STATE, failed, make, prescription, with_impacts, with_section
+from calib.simulators.delaminated_beam import layout, reduction
+from calib.simulators.delaminated_beam.contact import Stiffness, clearance, critical_damping, penalty
+from calib.simulators.delaminated_beam.drive import Drive
+from calib.simulators.delaminated_beam.full import Full
+from calib.simulators.delaminated_beam.layout import BODIES, Layout, Structure, stable_step
+from calib.simulators.delaminated_beam.mesh import Counts, Geometry, mesh
+from calib.simulators.delaminated_beam.modes import Modes, modes
+from calib.simulators.delaminated_beam.period_map import BeamMap
+from calib.simulators.delaminated_beam.plane_stress import Material
+from calib.simulators.delaminated_beam.reduction import Fineness, Reduced
+from calib.simulators.delaminated_beam.stationary import Motion, stationary
+from calib.simulators.impact.period_map import shifted
+
+Fidelity = Literal["reduced", "full", "auto"]
+PLACE, QUANTITY = "centre", "displacement"
+LEVELS = (Fineness(24, 512, 8, 2), Fineness(40, 1024, 8, 2), Fineness(64, 1024, 16, 1))
+ENOUGH = 100.0  # times the drive's velocity: beyond that the full kernel's step is unstable
+FAR = 100.0  # times the drive's amplitude: beyond that the reduced motion diverges
+APART = 0.01  # of a period without contact separates two impacts
+SETTLE = 200  # periods after which a motion that does not return is taken as it is
+
+PARAMETERS = (
+    Parameter("alpha", "1/s", 500.0, "mass-proportional Rayleigh damping", null=0.0, low=0.0),
+    Parameter("beta", "1", 0.02, "stiffness damping, as a share of critical at the elements' highest frequency (the "
+              "unitless coefficient of LS-DYNA): beta = 1 is critical_step seconds", null=0.0, low=0.0),
+    Parameter("beta_seconds", "s", 0.0, "classical stiffness-proportional damping, added", null=0.0, low=0.0),
+    Parameter("f", "1", 0.01, "factor on the contact stiffness", low=0.0),
+    Parameter("c_con", "1", 5.0, "contact damping over C_crit = 2 m w of each pair, with m the smaller of its masses: up "
+              "to half the true damping ratio", null=0.0, low=0.0),
+    Parameter("dt", "s", 9.38e-8, "time step; the step taken is the longest below it that divides the period", low=0.0),
+    Parameter("f_dt", "1", 0.0, "time step over the computed critical one (eq. 4), in the place of dt; 0: dt holds",
+              null=0.0, low=0.0),
+    Parameter("g_max", "m", 0.2e-3, "height of the gap's cubics in the middle (Fig. 8)", low=0.0),
+    Parameter("s", "m", 0.8e-3, "shift of the gap", null=0.0),
+    Parameter("gap", "m", 1.0e-3, "gap in the middle, where the shift is tied: s = gap - g_max"),
+    Parameter("amplitude", "1", 1.0, "scale on the excitation's amplitude", null=1.0),
+    Parameter("length", "m", 1.386, "length of the beam", low=0.0),
+    Parameter("delamination", "m", 0.56, "length of the delamination", low=0.0),
+    Parameter("beam_thickness", "m", 7.5e-3, "thickness of the remaining beam", low=0.0),
+    Parameter("layer_thickness", "m", 2.5e-3, "thickness of the layer", low=0.0),
+    Parameter("width", "m", 0.040, "width of the beam", low=0.0),
+    Parameter("support", "m", 0.373, "distance of the supports from the middle; the mesh node nearest to it is taken",
+              low=0.0),
+    Parameter("young_modulus", "Pa", 70.0e9, "Young's modulus", low=0.0),
+    Parameter("poisson_ratio", "1", 0.3, "Poisson's ratio", low=0.0, high=0.5),
+    Parameter("density", "kg/m^3", 2700.0, "density", low=0.0),
+)  # fmt: skip
+NOT_SHAPE = ("alpha", "beta", "beta_seconds", "f", "c_con", "dt", "f_dt", "s", "gap", "amplitude")
+
+
+class DelaminatedBeam:
+    """A beam with a delaminated layer in its middle: plane stress, large rotations, penalty contact (paper, section 4).
+
+    Two kernels take the same parameters and give the same record. "full" is the explicit finite-element code: central
+    differences over corotational quadrilaterals with incompatible modes, contact of nodes with segments. "reduced" moves
+    the modes of the same mesh, with the stretch of the bent layer and an implicit contact, a hundred times faster; in it
+    `dt` decides only whether the step is stable. "auto" is "reduced" for a search, whose leaders "full" confirms.
+
+    The beam is held at two supports and driven by a prescribed displacement in the middle, quantity "displacement" at
+    place "centre".
+
+    Parameters
+    ----------
+    fidelity : "reduced" (default), "full" or "auto"
+    contact_stiffness : "bulk" (default), f K l b / t, or "mass_dt", f m / (2 dt^2); see `contact.penalty`
+    damper : "semi_implicit" (default): contact damping sees the mean of the velocities before and after a step;
+        "lagged": the one before, as the paper's code does, which is unstable for large c_con. Full fidelity only
+    clipped : whether the contact force cannot pull
+    symmetric : whether the right half is computed, or the whole beam
+    layer : "straight" (default), or "arched": its stress-free middle follows the gap's cubics
+    shift : "free" (default): s is a parameter, or "tied": s = gap - g_max
+    gap_table : [[place, gap], ...] instead of the cubics: places from 0 (or -1) to 1, the end of the delamination, and
+        measured gaps [m], between which is interpolated; `s` is added, g_max has no say
+    masters, slaves, outer, beam_rows, layer_rows : of the mesh, see `mesh.Counts`
+    refinement : every element is cut into so many times so many
+    modes, steps, parts, every : of the reduced kernel, see `reduction.Fineness`; those not given are of its lowest level
+    tolerance : error of the reduced phase curve that is accepted: modes and steps rise until the estimated error, which
+        the record states, is below it. Not given: the lowest level, no estimate. See `error_estimate`
+    settle_limit : periods after which a motion that does not return is taken as it is
+
+    Notes
+    -----
+    The motion settles until its full state returns within 1e-7 after 1 to 16 periods. The record's attribute
+    `settled_periods` says how long that took, `stationary` whether it did, and where it did not, `reason` says so.
+    `Request.initial_state` is modal coordinates and rates in reduced fidelity, displacements and velocities of the free
+    nodes beyond the static shape in full; None is rest on the static shape.
+    """
+
+    name = "delaminated_beam"
+    bodies = BODIES
+    sites = frozenset({"force", "gap", "contact", "excitation"})
+    excitations = frozenset({(QUANTITY, PLACE)})
+
+    def __init__(
+        self,
+        fidelity: Fidelity = "reduced",
+        contact_stiffness: Stiffness = "bulk",
+        damper: Literal["semi_implicit", "lagged"] = "semi_implicit",
+        clipped: bool = True,
+        symmetric: bool = True,
+        layer: Literal["straight", "arched"] = "straight",
+        shift: Literal["free", "tied"] = "free",
+        gap_table: Sequence[Sequence[float]] | None = None,
+        masters: int = 56,
+        slaves: int = 4,
+        outer: int = 41,
+        beam_rows: Sequence[float] = (5.0, 2.5),
+        layer_rows: Sequence[float] = (1.0,),
+        refinement: int = 1,
+        modes: int | None = None,
+        steps: int | None = None,
+        parts: int | None = None,
+        every: int | None = None,
+        tolerance: float | None = None,
+        settle_limit: int = SETTLE,
+    ):
+        for key, value, known in (
+            ("fidelity", fidelity, ("reduced", "full", "auto")),
+            ("contact_stiffness", contact_stiffness, ("bulk", "mass_dt")),
+            ("damper", damper, ("semi_implicit", "lagged")),
+            ("layer", layer, ("straight", "arched")),
+            ("shift", shift, ("free", "tied")),
+        ):
+            if value not in known:
+                raise CalibError(f"unknown {key} {value!r}{nearest(str(value), known)}; there are {', '.join(known)}")
+        whole = {"masters": masters, "slaves": slaves, "outer": outer, "refinement": refinement}
+        given = {"modes": modes, "steps": steps, "parts": parts, "every": every}
+        given = {name: value for name, value in given.items() if value is not None}
+        for key, value in {**whole, **given, "settle_limit": settle_limit}.items():
+            if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+                raise CalibError(f"{key} is a whole number from 1 on, got {value!r}")
+        if masters % 2:
+            raise CalibError(f"masters is even, half of them on each side of the middle; got {masters}")
+        if not all(height > 0.0 for height in (*beam_rows, *layer_rows)) or not beam_rows or not layer_rows:
+            raise CalibError(f"rows are positive heights, got beam_rows {beam_rows!r}, layer_rows {layer_rows!r}")
+        if tolerance is not None and not tolerance > 0.0:
+            raise CalibError(f"tolerance is above 0, such as 0.01; got {tolerance!r}")
+        if damper == "lagged" and fidelity != "full":
+            raise CalibError(
+                f"the reduced kernel takes contact damping implicitly; damper 'lagged' needs fidelity 'full', not {fidelity!r}"
+            )
+        self.fidelity = fidelity
+        self.contact_stiffness = contact_stiffness
+        self.damper = damper
+        self.clipped = bool(clipped)
+        self.symmetric = bool(symmetric)
+        self.layer = layer
+        self.shift = shift
+        self.gap_table = None if gap_table is None else _table(gap_table)
+        self.counts = Counts(masters, slaves, outer, tuple(beam_rows), tuple(layer_rows)).refined(refinement)
+        self.levels = tuple(replace(level, **given) for level in LEVELS)
+        self.tolerance = tolerance
+        self.settle_limit = settle_limit
+        dropped = ("s",) if shift == "tied" else ("gap",)
+        self.parameters = tuple(p for p in PARAMETERS if p.name not in dropped)
+
+    @property
+    def confirming(self) -> "DelaminatedBeam | None":
+        """The same in full fidelity, where the fidelity is "auto"."""
+        if self.fidelity != "auto":
+            return None
+        other = object.__new__(DelaminatedBeam)
+        other.__dict__.update({**self.__dict__, "fidelity": "full"})
+        return other
+
+    def run(self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw], request) -> xr.Dataset:
+        """Simulate; see `calib.model.Simulator` and `calib.model.Request`.
+
+        Raises
+        ------
+        CalibError : an excitation that is not a harmonic displacement of the centre; force laws with internal states;
+            an initial state of the wrong size
+        """
+        self._check(excitation, laws, request)
+        attrs = self._attrs(values, excitation)
+        try:
+            case = self._case(values, excitation, laws)
+        except ValueError as error:
+            return failed(BODIES, "diverged", str(error), **attrs)
+        if case.step > case.stable:
+            return failed(BODIES, "unstable step", case.why_unstable(), **attrs, **case.steps())
+        level, motion, estimate = self._motion(case, request)
+        if motion.status != OK:
+            return failed(BODIES, motion.status, motion.reason, **attrs, **case.steps())
+        if level is not None:
+            attrs |= {"modes": level.modes, "steps_per_period": level.steps, "parts": level.parts}
+        if estimate is not None:
+            attrs["error_estimate"] = estimate
+        return self._record(case, motion, request, {**attrs, **case.steps()})
+
+    def period_map(
+        self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw], phase: float = 0.0
+    ) -> BeamMap:
+        """Map of a period from `phase` on; see `calib.dynamics.contract.PeriodMap`.
+
+        Raises
+        ------
+        CalibError : an excitation that is not a harmonic displacement of the centre; force laws with internal states
+        ValueError : these values give no beam, or a step that is not stable
+        """
+        self._check(excitation, laws)
+        case = self._case(values, shifted(excitation, phase), laws)
+        if case.step > case.stable:
+            raise ValueError(case.why_unstable())
+        if self.fidelity == "full":
+            return BeamMap.of_full(case.full, case.structure, excitation, case.drive.amplitude)
+        return BeamMap.of_reduced(
+            lambda state, budget: case.reduced(self.levels[0], state, budget),
+            modes_of(case.structure, self.levels[0].modes),
+            case.structure,
+            excitation,
+            case.drive.amplitude,
+        )
+
+    # --- putting a case together
+
+    def _check(self, excitation: Excitation, laws: Sequence[BoundLaw], request=None) -> None:
+        if (excitation.quantity, excitation.place) not in self.excitations or not excitation.harmonic:
+            given = f"{'recorded ' if excitation.recorded else ''}{excitation.quantity} at {excitation.place!r}"
+            raise CalibError(f"delaminated_beam takes a harmonic {QUANTITY} at {PLACE!r}, got {given}")
+        if any(law.states for law in at_site(laws, "force")):
+            raise CalibError(
+                "delaminated_beam takes no force laws with internal states, which each node would have its own of; "
+                "drop that effect from [model] effects, or take simulator 'four_dof'"
+            )
+        if request is not None and request.times is not None:
+            raise CalibError("output times are for excitations without a period; ask for periods and samples instead")
+
+    def _case(self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw]) -> "Case":
+        for name, value in values.items():
+            if not math.isfinite(value):
+                raise ValueError(f"parameter {name} is {value}")
+        held = {name: value for name, value in values.items() if name not in NOT_SHAPE}
+        height = held.pop("g_max")
+        arch = height if self.layer == "arched" else 0.0
+        built = _structure(tuple(sorted(held.items())), arch, self.counts, self.symmetric)
+        critical = _critical_step(built)
+        step = values["f_dt"] * critical or values["dt"]
+        if not step > 0.0:
+            raise ValueError(f"a time step of {step:g} s")
+        count = math.ceil(excitation.period / step * (1.0 - 1e-12))
+        step = excitation.period / count
+        shift = values["gap"] - height if self.shift == "tied" else values["s"]
+        pairs = built.pairs
+        stiffness = penalty(
+            pairs, self.contact_stiffness, values["f"], built.material, built.width, values["layer_thickness"], step
+        )
+        share = values["beta"] + values["beta_seconds"] / critical
+        return Case(
+            structure=built,
+            alpha=values["alpha"],
+            beta=share * critical,
+            critical=critical,
+            stable=stable_step(critical, share),
+            step=step,
+            count=count,
+            clearance=clearance(pairs, height, shift, laws, self.gap_table),
+            stiffness=stiffness,
+            damping=values["c_con"] * critical_damping(pairs, stiffness),
+            drive=Drive(excitation, values["amplitude"], values["alpha"], laws),
+            lagged=self.damper == "lagged",
+            clipped=self.clipped,
+            laws=tuple(laws),
+        )
+
+    # --- from a case to a motion
+
+    def _motion(self, case: "Case", request) -> tuple[Fineness | None, Motion, float | None]:
+        """Run in the fidelity asked for; in reduced fidelity also the level, and its estimated error."""
+
+        def settled(engine, settle=request.settle):
+            return stationary(engine, request.periods, request.samples, settle, self.settle_limit)
+
+        if self.fidelity == "full":
+            return None, settled(case.full(request.initial_state, request.step_budget)), None
+        level = self.levels[0]
+        engine = case.reduced(level, request.initial_state, request.step_budget)
+        motion = settled(engine)
+        if self.tolerance is None or motion.status != OK:
+            return level, motion, None
+        estimate = math.nan
+        for finer in self.levels[1:]:
+            if motion.returns is None:
+                break
+            better = settled(case.reduced(finer, engine.carried(finer.modes), request.step_budget))
+            if better.status != OK or better.returns is None:
+                break
+            estimate = FACTOR * loop_difference(motion, better, request.samples)
+            if estimate <= self.tolerance:
+                break
+            level, motion = finer, better
+        return level, motion, estimate
+
+    def _attrs(self, values: Mapping[str, float], excitation: Excitation) -> dict:
+        fidelity = "full" if self.fidelity == "full" else "reduced"
+        return {
+            "source": f"delaminated_beam, {fidelity}",
+            "fidelity": fidelity,
+            "place": excitation.place,
+            "quantity": excitation.quantity,
+            "phase": excitation.phase,
+            "frequency": excitation.frequency,
+            "amplitude": excitation.amplitude * values["amplitude"],
+            "prescribed": prescription(["beam"]),
+        }
+
+    def _record(self, case: "Case", motion: Motion, request, attrs: dict) -> xr.Dataset:
+        times = np.arange(len(motion.samples)) * (case.drive.period / request.samples)
+        contact, reason = motion.contact, ""
+        if motion.returns is None and request.settle is None:
+            reason = f"no stationary state within {motion.settled} periods; the motion is recorded as it is"
+        record = make(
+            times,
+            BODIES,
+            {"displacement": motion.samples[:, :2].T, "velocity": motion.samples[:, 2:].T},
+            reason=reason,
+            settled_periods=motion.settled,
+            stationary=int(motion.returns is not None),
+            contact_fraction=contact.fraction,
+            contact_force_max=case.factor * contact.force,
+            penetration_max=contact.penetration,
+            centre_impacts=len(contact.central) / request.periods,
+            **attrs,
+        )
+        record = with_impacts(record, contact.impacts[:, 0], contact.impacts[:, 1])
+        record = record.assign_coords(contact_place=("contact_place", case.place_of(contact.closed), {"units": "1"}))
+        record = record.assign(
+            contact_force=("time", case.factor * motion.force, {"units": "N"}),
+            contact_share=("contact_place", contact.closed, {"units": "1"}),
+        )
+        section = {name: motion.sections[:, 2 * k : 2 * k + 2].T for k, name in enumerate(STATE)}
+        return with_section(record, section)
+
+
+FACTOR = 1.0  # estimated error over the difference to the next finer level
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One beam with its numbers, ready to be run by either kernel.
+
+    Attributes
+    ----------
+    structure : mesh and matrices
+    alpha, beta : [1/s], [s]
+    critical, stable : longest stable step without and with beta  [s]
+    step, count : [s], and steps a period
+    clearance, stiffness, damping : (m,) of the contact pairs  [m], [N/m], [N s/m]
+    drive : of the middle
+    lagged, clipped, laws : see `layout.plan`
+    """
+
+    structure: Structure
+    alpha: float
+    beta: float
+    critical: float
+    stable: float
+    step: float
+    count: int
+    clearance: np.ndarray
+    stiffness: np.ndarray
+    damping: np.ndarray
+    drive: Drive
+    lagged: bool
+    clipped: bool
+    laws: tuple[BoundLaw, ...]
+
+    @property
+    def factor(self) -> float:
+        """By which forces of the model are those of the whole beam."""
+        return 2.0 if self.structure.mesh.symmetric else 1.0
+
+    def why_unstable(self) -> str:
+        """Say what the limit is."""
+        return (
+            f"a step of {self.step:.4g} s is above the stable one of {self.stable:.4g} s "
+            f"(critical step {self.critical:.4g} s, beta {self.beta / self.critical:.3g} of critical)"
+        )
+
+    def steps(self) -> dict:
+        """Attributes of a record that concern the step."""
+        return {"step": self.step, "critical_step": self.critical, "stable_step": self.stable}
+
+    def place_of(self, closed: np.ndarray) -> np.ndarray:
+        """Places of as many contact pairs as are told of  [1]."""
+        place = self.structure.pairs.place
+        return place[:: max(1, round((len(place) - 1) / max(1, len(closed) - 1)))]
+
+    def full(self, state: np.ndarray | None, budget: int) -> Full:
+        """Return the full kernel, at rest on the static shape unless a state is given."""
+        built, drive = self.structure, self.drive
+        places = Layout(built.mesh)
+        plan = layout.plan(
+            built,
+            places,
+            alpha=self.alpha,
+            beta=self.beta,
+            step=self.step,
+            clearance=self.clearance,
+            stiffness=self.stiffness,
+            damping=self.damping,
+            limit=ENOUGH * drive.speed,
+            merged=APART * drive.period,
+            lagged=self.lagged,
+            clipped=self.clipped,
+            laws=self.laws,
+        )
+        free, shape = built.free, built.static_shape().ravel()
+        still = tuple(value * shape for value in drive.at_start())
+        displacement, velocity = still[0].copy(), still[1].copy()
+        if state is not None:
+            if np.size(state) != 2 * len(free):
+                raise CalibError(f"the state of the full beam has {2 * len(free)} numbers, got {np.size(state)}")
+            more = np.split(np.asarray(state, dtype=float), 2)
+            displacement[free] += more[0]
+            velocity[free] += more[1]
+        start = layout.begin(plan, places, displacement.reshape(-1, 2), velocity.reshape(-1, 2))
+        return Full(plan, start, places.gather, free, still, drive.period, self.count, drive.displacements, budget)
+
+    def reduced(self, fineness: Fineness, state: np.ndarray | None, budget: int) -> Reduced:
+        """Return the reduced kernel, at rest on the static shape unless a state is given."""
+        built, drive = self.structure, self.drive
+        basis = modes_of(built, fineness.modes)
+        plan = reduction.plan(
+            built,
+            basis,
+            fineness,
+            alpha=self.alpha,
+            beta=self.beta,
+            period=drive.period,
+            clearance=self.clearance,
+            stiffness=self.stiffness,
+            damping=self.damping,
+            limit=FAR * drive.length,
+            merged=APART * drive.period,
+            clipped=self.clipped,
+            laws=self.laws,
+        )
+        if state is None:
+            state = np.zeros(2 * fineness.modes)
+        if np.size(state) != 2 * fineness.modes:
+            raise CalibError(f"the state of {fineness.modes} modes has {2 * fineness.modes} numbers, got {np.size(state)}")
+        return Reduced(plan, drive.period, lambda period: drive.table(period, fineness.steps * fineness.parts), state, budget)
+
+
+def loop_difference(one: Motion, other: Motion, samples: int) -> float:
+    """Root mean square difference of the layer's phase curves, over the second one's about its mean  [1].
+
+    The mean of the squares of displacement and velocity, as the feature `phase_curve` has it; over the periods after
+    which both return.
+    """
+    count = samples * min(math.lcm(one.returns or 1, other.returns or 1), len(one.samples) // samples)
+    total = 0.0
+    for channel in (1, 3):
+        a, b = one.samples[:count, channel], other.samples[:count, channel]
+        total += 0.5 * np.mean((a - b) ** 2) / max(np.var(b), 1e-300)
+    return float(np.sqrt(total))
+
+
+def _table(rows: Sequence[Sequence[float]]) -> np.ndarray:
+    """Check a measured gap."""
+    table = np.array(rows, dtype=float)
+    if table.ndim != 2 or table.shape[1] != 2 or len(table) < 2 or not np.isfinite(table).all():
+        raise CalibError("gap_table is a list of at least two pairs [place, gap]: place in [-1, 1] [1], gap [m]")
+    if not (np.diff(table[:, 0]) > 0.0).all():
+        raise CalibError("the places of gap_table must increase from pair to pair")
+    if not table[0, 0] <= 0.0 <= 1.0 <= table[-1, 0]:
+        raise CalibError(f"the places of gap_table go from 0 (or -1) to 1, got {table[0, 0]:g} to {table[-1, 0]:g}")
+    return table
+
+
+@lru_cache(maxsize=8)
+def _structure(shape: tuple[tuple[str, float], ...], arch: float, counts: Counts, symmetric: bool) -> Structure:
+    """Mesh of a beam with its matrices."""
+    v = dict(shape)
+    if not v["poisson_ratio"] < 0.5:
+        raise ValueError("a Poisson's ratio of 0.5 has no bulk modulus")
+    for name in ("young_modulus", "density", "width", "beam_thickness", "layer_thickness"):
+        if not v[name] > 0.0:
+            raise ValueError(f"{name} is {v[name]:g}")
+    geometry = Geometry(
+        v["length"], v["delamination"], v["beam_thickness"], v["layer_thickness"], arch, v["support"]
+    )
+    material = Material(v["young_modulus"], v["poisson_ratio"], v["density"])
+    return layout.structure(mesh(geometry, counts, symmetric), material, v["width"])
+
+
+@lru_cache(maxsize=8)
+def _critical_step(built: Structure) -> float:
+    return built.critical_step()
+
+
+@lru_cache(maxsize=16)
+def modes_of(built: Structure, count: int) -> Modes:
+    """Modes of a structure; kept, since most evaluations of a search share them."""
+    return modes(built, count)

@@ -1,0 +1,94 @@
+"""The prescribed displacement of the middle, as each kernel wants it."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+
+from calib.excitation import Excitation
+from calib.laws import BoundLaw
+from calib.simulators import slots
+from calib.simulators.slots import fill
+
+
+@njit(cache=True, nogil=True)
+def changes(times, period, amplitude, phase, functions, parameters, count):
+    """What the laws of the excitation add at the times (n,)  [m]."""
+    table = np.zeros(len(times))
+    for k in range(len(times)):
+        cycles = times[k] / period
+        angle = 2.0 * math.pi * (cycles - math.floor(cycles)) + phase
+        x = amplitude * math.cos(angle)
+        for law in range(count):
+            table[k] += slots.excitation(functions[law], times[k], angle, amplitude, x, parameters[law])
+    return table
+
+
+class Drive:
+    """X(t) = amplitude cos(2 pi t / period + phase) + laws.
+
+    Attributes
+    ----------
+    period, amplitude, phase : [s], [m], [rad]
+    """
+
+    def __init__(self, excitation: Excitation, scale: float, alpha: float, laws: Sequence[BoundLaw]):
+        self.period = excitation.period
+        self.amplitude = scale * excitation.amplitude
+        self.phase = excitation.phase
+        self._alpha = alpha
+        self._laws = fill(laws, "excitation")
+        self._kept = {}
+
+    @property
+    def length(self) -> float:
+        """Scale of the motion  [m]."""
+        return max(abs(self.amplitude), 1e-6)
+
+    @property
+    def speed(self) -> float:
+        """Scale of its velocity  [m/s]."""
+        return 2.0 * np.pi / self.period * self.length
+
+    def at_start(self) -> tuple[float, float]:
+        """Displacement [m] and velocity [m/s] at time 0."""
+        [x, v, _] = self.table(0, 1024)[0]
+        return float(x), float(v)
+
+    def displacements(self, period: int, count: int) -> np.ndarray:
+        """X (count,) at the ends of equal steps of a period  [m]."""
+        return self._table(period, count, self._displacements)
+
+    def table(self, period: int, count: int) -> np.ndarray:
+        """X [m], X' [m/s] and X'' + alpha X' [m/s^2] (count + 1, 3) at the ends of equal parts of a period."""
+        return self._table(period, count, self._derivatives)
+
+    def _table(self, period: int, count: int, make) -> np.ndarray:
+        """Keep a table that is the same in every period: where no law, which may look at the time, has its part."""
+        if self._laws[2]:
+            return make(period, count)
+        if (make.__name__, count) not in self._kept:
+            self._kept[make.__name__, count] = make(0, count)
+        return self._kept[make.__name__, count]
+
+    def _displacements(self, period: int, count: int) -> np.ndarray:
+        cycles = np.arange(1, count + 1) / count
+        table = self.amplitude * np.cos(2.0 * np.pi * cycles + self.phase)
+        return table + self._changes((period + cycles) * self.period) if self._laws[2] else table
+
+    def _derivatives(self, period: int, count: int) -> np.ndarray:
+        cycles = np.arange(count + 1) / count
+        angle, omega = 2.0 * np.pi * cycles + self.phase, 2.0 * np.pi / self.period
+        cosine, sine = self.amplitude * np.cos(angle), self.amplitude * np.sin(angle)
+        x, v, a = cosine, -omega * sine, -(omega**2) * cosine
+        if self._laws[2]:
+            step = self.period / count
+            more = self._changes((period + np.arange(-1, count + 2) / count) * self.period)
+            x = x + more[1:-1]
+            v = v + (more[2:] - more[:-2]) / (2.0 * step)
+            a = a + (more[2:] - 2.0 * more[1:-1] + more[:-2]) / step**2
+        return np.ascontiguousarray(np.stack([x, v, a + self._alpha * v], axis=1))
+
+    def _changes(self, times: np.ndarray) -> np.ndarray:
+        return changes(times, self.period, self.amplitude, self.phase, *self._laws)

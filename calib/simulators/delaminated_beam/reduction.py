@@ -1,0 +1,237 @@
+"""The reduced kernel with its state, period by period."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import expm
+
+from calib.laws import BoundLaw, at_site
+from calib.record import OK
+from calib.simulators.delaminated_beam import reduced
+from calib.simulators.delaminated_beam.layout import BODIES, Structure
+from calib.simulators.delaminated_beam.modes import Modes
+from calib.simulators.delaminated_beam.reduced import Drift, Plan, Seen, State
+from calib.simulators.delaminated_beam.stationary import Contact, Period
+from calib.simulators.slots import fill
+
+CAPACITY = 4096  # impacts that are noted
+GUARD = 2e-6  # clearance that counts as near  [m]
+WATCHED = 4  # of so many pairs one is looked at in flight, but of the last ones at the tips each
+
+
+@dataclass(frozen=True)
+class Fineness:
+    """How finely the reduced kernel works.
+
+    Attributes
+    ----------
+    modes : of the structure
+    steps : a period, in flight
+    parts : of a step, near contact
+    every : of so many contact pairs one is taken, for all of them
+    """
+
+    modes: int
+    steps: int
+    parts: int
+    every: int = 1
+
+
+def drift(omega: np.ndarray, decay: np.ndarray, inertia: np.ndarray, time: float) -> Drift:
+    """Exact motion of modes over a time [s].
+
+    Parameters
+    ----------
+    omega, decay, inertia : (n,) of q'' + decay q' + omega^2 q = -inertia f
+    """
+    rates = np.zeros((len(omega), 4, 4))
+    rates[:, 0, 1] = rates[:, 2, 3] = 1.0
+    rates[:, 1, 0], rates[:, 1, 1], rates[:, 1, 2] = -(omega**2), -decay, -inertia
+    flow = expm(rates * time)
+    half = 0.5 * omega * time
+    slope = flow[:, :2, 3] / time
+    start = flow[:, :2, 2] - slope
+    return Drift(
+        *(np.ascontiguousarray(row) for row in (
+            flow[:, 0, 0], flow[:, 0, 1], start[:, 0], slope[:, 0],
+            flow[:, 1, 0], flow[:, 1, 1], start[:, 1], slope[:, 1], np.sinc(half / np.pi),
+        ))
+    )  # fmt: skip
+
+
+def plan(
+    structure: Structure,
+    basis: Modes,
+    fineness: Fineness,
+    *,
+    alpha: float,
+    beta: float,
+    period: float,
+    clearance: np.ndarray,
+    stiffness: np.ndarray,
+    damping: np.ndarray,
+    limit: float,
+    merged: float,
+    clipped: bool = True,
+    laws: Sequence[BoundLaw] = (),
+) -> Plan:
+    """Put together what the reduced kernel is told; see `layout.plan`. `limit` is a displacement [m]."""
+    pairs, step = structure.pairs, period / fineness.steps
+    taken = np.arange(0, len(pairs.place), fineness.every)
+    decay = alpha + beta * basis.omega**2
+    force, force_p, forces = fill(laws, "force")
+    contacts, contact_p, number = fill(laws, "contact")
+    acts = np.zeros((len(force), len(BODIES)), dtype=bool)
+    for row, law in zip(acts, at_site(laws, "force"), strict=False):
+        row[:] = [law.bodies is None or body in law.bodies for body in BODIES]
+    n = len(basis.omega)
+    columns, weights, bodies = _columns(structure, basis) if forces else (np.zeros((0, n + 1)), np.zeros(0), np.zeros(0))
+    opening = np.ascontiguousarray(basis.across[taken])
+    share, place = pairs.share[taken], pairs.place[taken]
+    near_tip = np.abs(place) > 1.0 - WATCHED * np.diff(place).max()  # where the gap may be as small as one likes
+    watched = near_tip | (np.arange(len(taken)) % max(1, WATCHED // fineness.every) == 0)
+    centre = int(np.argmin(np.abs(place)))
+    return Plan(
+        step=step,
+        parts=fineness.parts,
+        flight=drift(basis.omega, decay, basis.inertia, step),
+        near=drift(basis.omega, decay, basis.inertia, step / fineness.parts),
+        quadratic=np.ascontiguousarray(basis.quadratic),
+        tension=basis.tension,
+        kappa=basis.kappa,
+        opening=opening,
+        watched=np.flatnonzero(watched & (share > 0.0)),
+        clearance=np.ascontiguousarray(clearance[taken], dtype=float),
+        stiffness=fineness.every * stiffness[taken],
+        damping=fineness.every * damping[taken],
+        mobility=opening[:, :n] @ opening[:, :n].T,
+        compliance=np.ascontiguousarray(basis.compliance[np.ix_(taken, taken)]),
+        clipped=clipped,
+        area=np.where(share > 0.0, share, 1.0) * fineness.every * pairs.length[taken] * structure.width,
+        place=place,
+        centre=centre,
+        layer=basis.shape[2 * pairs.slave[taken[centre]] + 1].copy(),
+        guard=GUARD,
+        limit=float(limit),
+        merged=float(merged),
+        force=force,
+        force_p=force_p,
+        acts=acts,
+        columns=columns,
+        masses=weights,
+        bodies=bodies.astype(np.int64),
+        contact=contacts,
+        contact_p=contact_p,
+        counts=np.array([forces, number]),
+    )
+
+
+def _columns(structure: Structure, basis: Modes):
+    """Points at which force laws act: the nodes above one another of a body, with their mass."""
+    mesh = structure.mesh
+    layer = np.isin(np.arange(len(mesh.nodes)), mesh.layer)
+    key = np.round(mesh.nodes[:, 0] / mesh.half_delamination * 1e4).astype(np.int64) * 2 + layer
+    columns, masses, bodies = [], [], []
+    for name in np.unique(key):
+        nodes = np.flatnonzero(key == name)
+        weight = structure.mass[nodes]
+        columns.append(weight @ basis.shape[2 * nodes + 1] / weight.sum())
+        masses.append(weight.sum())
+        bodies.append(name % 2)
+    return np.ascontiguousarray(columns), np.array(masses), np.array(bodies)
+
+
+class Reduced:
+    """The reduced kernel as an `Engine`.
+
+    Parameters
+    ----------
+    plan : see `reduced`
+    period : of the drive  [s]
+    table : period number -> (steps * parts + 1, 3) X, X', X'' + alpha X' at the ends of all parts, see `drive`
+    state : (2 n,) modal coordinates and rates
+    budget : steps and parts at most
+    """
+
+    def __init__(self, plan: Plan, period: float, table: Callable, state: np.ndarray, budget: int):
+        n, m = len(plan.flight.qq), len(plan.clearance)
+        self.plan = plan
+        self.now = State(
+            q=np.append(state[:n], 0.0),
+            v=np.append(state[n:], 0.0),
+            push=np.zeros(m),
+            kick=np.zeros(n),
+            near=np.zeros(m, dtype=np.int64),
+            last=np.full(2, -np.inf),
+            count=np.zeros(5, dtype=np.int64),
+        )
+        self._period, self._table, self._budget = period, table, budget
+        self._done = 0
+        self.begin_notes()
+
+    def period(self, samples: int) -> Period:
+        """Go on by one period; see `stationary.Period`."""
+        rows = np.zeros((samples, 5))
+        if self.now.count[0] >= self._budget:
+            reason = f"{self._budget} steps were spent by period {self._done + 1}"
+            return Period("step budget", reason, rows[:, :4], rows[:, 4])
+        seen = self._seen._replace(times=np.arange(samples) * (self._period / samples), samples=rows)
+        self.now.push[:] = 0.0  # no part of the state: what the modes left out yields anew
+        code = reduced.advance(self.plan, self.now, self._done * self._period, self._table(self._done), seen)
+        self._done += 1
+        if code == reduced.DIVERGED:
+            reason = f"the motion grew beyond {self.plan.limit:.3g} m in period {self._done}"
+            return Period("diverged", reason, rows[:, :4], rows[:, 4])
+        return Period(OK, "", rows[:, :4], rows[:, 4] * (samples / self._period))
+
+    def state(self) -> np.ndarray:
+        """State at the end of the last period, over its largest displacement and velocity."""
+        q, v = self.now.q[:-1], self.now.v[:-1]
+        return np.concatenate([q / max(abs(q).max(), 1e-300), v / max(abs(v).max(), 1e-300)])
+
+    def whole_state(self) -> np.ndarray:
+        """Modal coordinates and rates (2 n,)."""
+        return np.concatenate([self.now.q[:-1], self.now.v[:-1]])
+
+    def carried(self, count: int) -> np.ndarray:
+        """State in so many modes, at least as many as there are: the further ones at rest."""
+        state = np.zeros((2, count))
+        state[:, : len(self.now.q) - 1] = self.whole_state().reshape(2, -1)
+        return state.ravel()
+
+    def middle(self) -> np.ndarray:
+        """Displacements and velocities (4,) of beam and layer in the middle, at the end of the last period."""
+        q, v, layer = self.now.q, self.now.v, self.plan.layer
+        return np.array([q[-1], layer @ q, v[-1], layer @ v])
+
+    def misses(self, minima: np.ndarray) -> int:
+        """Write the local minima of the clearance over one period [m]; return how many there are."""
+        seen = self._seen._replace(nearest=minima)
+        reduced.advance(self.plan, self.now, self._done * self._period, self._table(self._done), seen)
+        return int(seen.passes[2])
+
+    def begin_notes(self) -> None:
+        """Forget what contact did so far."""
+        self._since = self._done * self._period
+        self._seen = Seen(
+            times=np.zeros(0),
+            samples=np.zeros((0, 5)),
+            impacts=np.zeros((CAPACITY, 2)),
+            central=np.zeros((CAPACITY, 2)),
+            closed=np.zeros(len(self.plan.clearance)),
+            total=np.zeros(5),
+            nearest=np.zeros(0),
+            passes=np.array([np.inf, np.inf, 0.0]),
+        )
+
+    def noted(self, periods: int) -> Contact:
+        """What contact did since `begin_notes`."""
+        seen, span = self._seen, periods * self._period
+        impacts, central = seen.impacts[: int(seen.total[0])].copy(), seen.central[: int(seen.total[1])].copy()
+        for rows in (impacts, central):
+            rows[:, 0] -= self._since
+        return Contact(
+            impacts, central, seen.closed / span, float(seen.total[2] / span), float(seen.total[3]),
+            float(seen.total[4]),
+        )  # fmt: skip
