@@ -18,7 +18,7 @@ from calib.simulators.delaminated_beam import layout, reduction
 from calib.simulators.delaminated_beam.contact import Stiffness, clearance, critical_damping, penalty
 from calib.simulators.delaminated_beam.drive import Drive
 from calib.simulators.delaminated_beam.full import Full
-from calib.simulators.delaminated_beam.layout import BODIES, Layout, Structure, stable_step
+from calib.simulators.delaminated_beam.layout import BODIES, LONGEST, Layout, Structure, stable_step
 from calib.simulators.delaminated_beam.mesh import Counts, Geometry, mesh
 from calib.simulators.delaminated_beam.modes import Modes, modes
 from calib.simulators.delaminated_beam.period_map import BeamMap
@@ -43,7 +43,8 @@ PARAMETERS = (
     Parameter("f", "1", 0.01, "factor on the contact stiffness", low=0.0),
     Parameter("c_con", "1", 5.0, "contact damping over C_crit = 2 m w of each pair, with m the smaller of its masses: up "
               "to half the true damping ratio", null=0.0, low=0.0),
-    Parameter("dt", "s", 9.38e-8, "time step; the step taken is the longest below it that divides the period", low=0.0),
+    Parameter("dt", "s", 9.38e-8, "time step; the step taken is the longest below it of which a period has "
+              "an even number", low=0.0),
     Parameter("f_dt", "1", 0.0, "time step over the computed critical one (eq. 4), in the place of dt; 0: dt holds",
               null=0.0, low=0.0),
     Parameter("g_max", "m", 0.2e-3, "height of the gap's cubics in the middle (Fig. 8)", low=0.0),
@@ -147,9 +148,10 @@ class DelaminatedBeam:
                 raise CalibError(f"{key} is a whole number from 1 on, got {value!r}")
         if masters % 2:
             raise CalibError(f"masters is even, half of them on each side of the middle; got {masters}")
-        if not all(height > 0.0 for height in (*beam_rows, *layer_rows)) or not beam_rows or not layer_rows:
-            raise CalibError(f"rows are positive heights, got beam_rows {beam_rows!r}, layer_rows {layer_rows!r}")
-        if tolerance is not None and not tolerance > 0.0:
+        for key, rows in (("beam_rows", beam_rows), ("layer_rows", layer_rows)):
+            if not isinstance(rows, Sequence) or not rows or not all(map(_positive, rows)):
+                raise CalibError(f"{key} is a list of positive heights, got {rows!r}")
+        if tolerance is not None and not _positive(tolerance):
             raise CalibError(f"tolerance is above 0, such as 0.01; got {tolerance!r}")
         if damper == "lagged" and fidelity != "full":
             raise CalibError(
@@ -162,9 +164,18 @@ class DelaminatedBeam:
         self.symmetric = bool(symmetric)
         self.layer = layer
         self.shift = shift
-        self.gap_table = None if gap_table is None else _table(gap_table)
+        self.gap_table = None if gap_table is None else _table(gap_table, symmetric)
         self.counts = Counts(masters, slaves, outer, tuple(beam_rows), tuple(layer_rows)).refined(refinement)
-        self.levels = tuple(replace(level, **given) for level in LEVELS)
+        pairs = self.counts.masters // 2 * slaves  # of a half
+        if every is not None and pairs % every:
+            raise CalibError(f"every divides the {pairs} elements of half the layer; {every} does not")
+        line = (pairs + self.counts.outer) * (1 if symmetric else 2) + 1
+        if fidelity != "reduced" and line > LONGEST:
+            raise CalibError(
+                f"a line of {line} nodes along the layer; fidelity {fidelity!r} takes {LONGEST} at most: lower refinement, "
+                "masters, slaves or outer, or set symmetric = true"
+            )
+        self.levels = tuple(replace(level, **{"every": math.gcd(level.every, pairs), **given}) for level in LEVELS)
         self.tolerance = tolerance
         self.settle_limit = settle_limit
         dropped = ("s",) if shift == "tied" else ("gap",)
@@ -246,6 +257,9 @@ class DelaminatedBeam:
         for name, value in values.items():
             if not math.isfinite(value):
                 raise ValueError(f"parameter {name} is {value}")
+        for p in self.parameters:
+            if not p.low <= values[p.name] <= p.high:
+                raise ValueError(f"parameter {p.name} is {values[p.name]:g}, outside [{p.low:g}, {p.high:g}]")
         held = {name: value for name, value in values.items() if name not in NOT_SHAPE}
         height = held.pop("g_max")
         arch = height if self.layer == "arched" else 0.0
@@ -254,7 +268,8 @@ class DelaminatedBeam:
         step = values["f_dt"] * critical or values["dt"]
         if not step > 0.0:
             raise ValueError(f"a time step of {step:g} s")
-        count = math.ceil(excitation.period / step * (1.0 - 1e-12))
+        # even, since contact goes through its pairs from the left and from the right in turn
+        count = 2 * math.ceil(0.5 * excitation.period / step * (1.0 - 1e-12))
         step = excitation.period / count
         shift = values["gap"] - height if self.shift == "tied" else values["s"]
         pairs = built.pairs
@@ -436,6 +451,10 @@ class Case:
     def reduced(self, fineness: Fineness, state: np.ndarray | None, budget: int) -> Reduced:
         """Return the reduced kernel, at rest on the static shape unless a state is given."""
         built, drive = self.structure, self.drive
+        if fineness.modes >= len(built.free):
+            raise CalibError(
+                f"{fineness.modes} modes of a mesh with {len(built.free)} freedoms; take fewer modes or a finer mesh"
+            )
         basis = modes_of(built, fineness.modes)
         plan = reduction.plan(
             built,
@@ -473,15 +492,25 @@ def loop_difference(one: Motion, other: Motion, samples: int) -> float:
     return float(np.sqrt(total))
 
 
-def _table(rows: Sequence[Sequence[float]]) -> np.ndarray:
+def _positive(value) -> bool:
+    """Whether it is a number above 0."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and 0.0 < value < math.inf
+
+
+def _table(rows: Sequence[Sequence[float]], symmetric: bool) -> np.ndarray:
     """Check a measured gap."""
-    table = np.array(rows, dtype=float)
+    try:
+        table = np.array(rows, dtype=float)
+    except (TypeError, ValueError):
+        table = np.zeros(0)
     if table.ndim != 2 or table.shape[1] != 2 or len(table) < 2 or not np.isfinite(table).all():
         raise CalibError("gap_table is a list of at least two pairs [place, gap]: place in [-1, 1] [1], gap [m]")
     if not (np.diff(table[:, 0]) > 0.0).all():
         raise CalibError("the places of gap_table must increase from pair to pair")
-    if not table[0, 0] <= 0.0 <= 1.0 <= table[-1, 0]:
+    if table[0, 0] not in (-1.0, 0.0) or table[-1, 0] != 1.0:
         raise CalibError(f"the places of gap_table go from 0 (or -1) to 1, got {table[0, 0]:g} to {table[-1, 0]:g}")
+    if table[0, 0] < 0.0 and symmetric:
+        raise CalibError("a gap_table from -1 to 1 is of the whole beam; set symmetric = false, or give its right half")
     return table
 
 
