@@ -59,7 +59,7 @@ class Beam(NamedTuple):
             alpha=alpha,
             beta=beta * self.critical,
             step=step,
-            clearance=np.broadcast_to(clearance, pairs.weight.shape),
+            clearance=clearance + np.zeros_like(pairs.weight),
             stiffness=stiffness,
             damping=c_con * contact.critical_damping(pairs, stiffness),
             limit=100.0 * AMPLITUDE * 2.0 * np.pi * FREQUENCY,
@@ -103,7 +103,7 @@ def cosine(steps: int, periods: float = 1.0, amplitude: float = AMPLITUDE) -> np
 
 
 def seen(plan: Plan, at=(), impacts: int = 64) -> Seen:
-    """Empty notes, with samples at the ends of the steps `at` - 1."""
+    """Empty notes, with samples before each of the steps `at`."""
     at = np.asarray(at, dtype=np.int64)
     return Seen(
         at=at,

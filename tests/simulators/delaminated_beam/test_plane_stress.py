@@ -11,7 +11,7 @@ from simulators.delaminated_beam.beams import ALUMINIUM, PAPER, WIDTH, beam
 from skfem.helpers import ddot, eye, sym_grad, trace
 
 from calib.simulators.delaminated_beam.mesh import Counts, mesh
-from calib.simulators.delaminated_beam.plane_stress import energy, elements, masses, stiffness, turn
+from calib.simulators.delaminated_beam.plane_stress import elements, energy, masses, stiffness, turn
 
 HALF, WHOLE = mesh(PAPER, Counts()), mesh(PAPER, Counts(), symmetric=False)
 SPEED = np.sqrt(ALUMINIUM.plane / ALUMINIUM.density)  # of plane-stress waves, m/s
@@ -168,7 +168,7 @@ def test_full_integration_locks():
 
 
 def timoshenko(length, height, order):
-    """Frequency of a slender free-free beam, Euler-Bernoulli's with the first correction for shear and rotation  [Hz]."""
+    """Frequency of a slender free-free beam: Euler-Bernoulli's, corrected once for shear and rotation  [Hz]."""
     wave = (np.array([4.730040745, 7.853204624, 10.995607838])[order] / length) ** 2
     inertia = height**2 / 12.0
     bernoulli = wave * np.sqrt(ALUMINIUM.young * inertia / ALUMINIUM.density) / (2.0 * np.pi)
