@@ -32,9 +32,10 @@ FACTORS = 11  # rows of coefficients of a strip
 FORCES = 8  # rows of nodal forces of a strip
 DONE, UNSTABLE = 0, 1
 
-VECTOR = {"cache": True, "nogil": True, "fastmath": {"contract"}, "error_model": "numpy"}
+VECTOR = {"cache": True, "nogil": True, "fastmath": {"contract"}, "error_model": "numpy", "_nrt": False}
 SCALAR = {"cache": True, "nogil": True, "error_model": "numpy"}
-WITHIN = {**SCALAR, "forceinline": True}  # handing a plan over, by value, costs more than some of these functions do
+# inlined, and without counting references: with them, handing the arrays of a plan over costs as much as the elements
+WITHIN = {**SCALAR, "forceinline": True, "_nrt": False}
 
 
 class Plan(NamedTuple):
@@ -248,17 +249,18 @@ def forces_of_turned_strip(count, w, xl, yl, xu, yu, k, at, across, mean, shear,
 def elastic(plan, w, out):
     """Nodal forces of all elements at the displacements w, those of common nodes put together on the layer's line."""
     size = plan.size
-    for k in range(len(plan.strips)):
-        low, up, count = plan.strips[k]
-        yl, yu = uintp(low + size), uintp(up + size)
-        at, to = uintp(k * FACTORS * ROW), uintp(k * FORCES * ROW)
-        forces = forces_of_turned_strip if plan.turned[k] else forces_of_strip
-        forces(
-            uintp(count), w, uintp(low), yl, uintp(up), yu, plan.factors, at, plan.across[k], plan.mean, plan.shear, out, to
-        )
+    k, mean, shear = plan.factors, plan.mean, plan.shear
+    for strip in range(len(plan.strips)):
+        low, up, count = uintp(plan.strips[strip, 0]), uintp(plan.strips[strip, 1]), uintp(plan.strips[strip, 2])
+        yl, yu, across = low + uintp(size), up + uintp(size), plan.across[strip]
+        at, to = uintp(strip * FACTORS * ROW), uintp(strip * FORCES * ROW)
+        if plan.turned[strip]:
+            forces_of_turned_strip(count, w, low, yl, up, yu, k, at, across, mean, shear, out, to)
+        else:
+            forces_of_strip(count, w, low, yl, up, yu, k, at, across, mean, shear, out, to)
     below, above = plan.joint[0] * FORCES * ROW, plan.joint[1] * FORCES * ROW
-    for k in range(len(plan.shared)):
-        layer, beam, count = plan.shared[k]
+    for stretch in range(len(plan.shared)):
+        layer, beam, count = plan.shared[stretch, 0], plan.shared[stretch, 1], plan.shared[stretch, 2]
         for row in (0, 2):
             mine, other = uintp(above + row * ROW + layer), uintp(below + (row + 4) * ROW + beam)
             for j in range(uintp(count)):
@@ -294,7 +296,7 @@ def advance_nodes(plan, state):
     ahead, back = plan.step + plan.beta, plan.beta
     w, v, mass, forces = state.w, state.v, plan.inverse_mass, state.elastic
     for k in range(len(plan.lines)):
-        first, count, below, above = plan.lines[k]
+        first, count, below, above = plan.lines[k, 0], plan.lines[k, 1], plan.lines[k, 2], plan.lines[k, 3]
         for component in range(2):
             at = uintp(first + component * plan.size)
             lower = uintp((below * FORCES + 4 + 2 * component) * ROW)
@@ -375,7 +377,7 @@ def push_by_laws(plan, state, time):
     """Step the nodes by the force laws, each body by those that act on it."""
     gain = plan.step / (1.0 + 0.5 * plan.alpha * plan.step)
     ahead = plan.step + plan.beta
-    none = np.zeros(1)
+    none = state.push[:0]
     for k in range(len(plan.bodies)):
         first, count, body = plan.bodies[k]
         for j in range(first, first + count):
@@ -415,11 +417,12 @@ def step(plan, state, time, drive):
         push_apart(plan, state, closed, state.count[0] % 2 == 0)
     layer, beam = plan.lines[plan.joint[2], 0], plan.lines[plan.joint[2] - 1, 0]
     for k in range(len(plan.shared)):
-        mine, other, count = plan.shared[k]
         for component in range(2):
-            source, copy = component * plan.size + layer + mine, component * plan.size + beam + other
-            state.w[copy : copy + count] = state.w[source : source + count]
-            state.v[copy : copy + count] = state.v[source : source + count]
+            source = component * plan.size + layer + plan.shared[k, 0]
+            copy = component * plan.size + beam + plan.shared[k, 1]
+            for j in range(plan.shared[k, 2]):
+                state.w[copy + j] = state.w[source + j]
+                state.v[copy + j] = state.v[source + j]
     state.count[0] += 1
     return closed, nearest
 
