@@ -59,7 +59,7 @@ class Plan(NamedTuple):
     step : [s]
     slave, master, following : (m,) y-nodes of the contact pairs
     weight, clearance, stiffness, damping : (m,) [1], [m], [N/m], [N s/m]
-    mobility : (m,) inverse mass of the pair  [1/kg]
+    acting : (m,) whether the two sides are two nodes
     area : (m,) of the pair  [m^2]
     place : (m,) along the delamination  [1]
     lagged, clipped : how damping is taken, and whether the force can pull
@@ -95,7 +95,7 @@ class Plan(NamedTuple):
     clearance: np.ndarray
     stiffness: np.ndarray
     damping: np.ndarray
-    mobility: np.ndarray
+    acting: np.ndarray
     area: np.ndarray
     place: np.ndarray
     lagged: bool
@@ -122,6 +122,7 @@ class State(NamedTuple):
     elastic : (k * FORCES * ROW,) nodal forces of each strip's elements, see `spread`  [N]
     active : (m,) pairs that are closed
     gap, rate, push : (m,) clearance [m], its rate [m/s] half a step back, force [N] of the closed pairs
+    mobility, crowd : (m,) of the closed pairs with all the others [1/kg]; (2 * size,) pairs that push each node [1]
     count : (4,) steps done in all, next step at which contact is looked for, step of the last contact anywhere, at centre
     """
 
@@ -132,6 +133,8 @@ class State(NamedTuple):
     gap: np.ndarray
     rate: np.ndarray
     push: np.ndarray
+    mobility: np.ndarray
+    crowd: np.ndarray
     count: np.ndarray
 
 
@@ -321,9 +324,10 @@ def find_contact(plan, state):
     closed, nearest = 0, np.inf
     everywhere = plan.counts[1] > 0
     for i in range(len(plan.slave)):
-        if plan.mobility[i] == 0.0:
+        if not plan.acting[i]:
             continue
-        s, m, n, weight = plan.slave[i], plan.master[i], plan.following[i], plan.weight[i]
+        s, m, n = uintp(plan.slave[i]), uintp(plan.master[i]), uintp(plan.following[i])
+        weight = plan.weight[i]
         rate = v[s] - (1.0 - weight) * v[m] - weight * v[n]
         gap = plan.clearance[i] + w[s] - (1.0 - weight) * w[m] - weight * w[n] - beta * rate
         nearest = min(nearest, gap)
@@ -334,18 +338,42 @@ def find_contact(plan, state):
 
 
 @njit(**WITHIN)
-def push_apart(plan, state, closed, forwards):
-    """Step the nodes of closed pairs by their contact forces, pair after pair.
+def gather_mobility(plan, state, closed):
+    """Add up, for each closed pair, by how much its own push and equal ones of all the others would part it  [1/kg].
 
-    The damping sees the mean of the velocities before and after the step, pair by pair; `lagged`: the one before.
+    Pairs that share a master push it together. A damper that reckons with this is stable for any damping, whatever the
+    others' pushes turn out to be: the row sums bound the matrix of the mobilities from above.
+    """
+    inverse, crowd = plan.inverse_mass, state.crowd
+    for k in range(closed):
+        if state.gap[k] < 0.0:
+            i = state.active[k]
+            crowd[plan.master[i]] += 1.0 - plan.weight[i]
+            crowd[plan.following[i]] += plan.weight[i]
+    for k in range(closed):
+        i = state.active[k]
+        s, m, n, weight = plan.slave[i], plan.master[i], plan.following[i], plan.weight[i]
+        state.mobility[k] = inverse[s] + (1.0 - weight) * inverse[m] * crowd[m] + weight * inverse[n] * crowd[n]
+    for k in range(closed):
+        i = state.active[k]
+        crowd[plan.master[i]] = crowd[plan.following[i]] = 0.0
+
+
+@njit(**WITHIN)
+def push_apart(plan, state, closed):
+    """Step the nodes of closed pairs by their contact forces.
+
+    The damping sees the mean of the velocities before the step and after it, these as if the other closed pairs pushed
+    as much (see `gather_mobility`): exact for a pair alone and for a common push. `lagged`: the velocity before.
     """
     w, v = state.w, state.v
     gain = plan.step / (1.0 + 0.5 * plan.alpha * plan.step)
     ahead = plan.step + plan.beta
+    if not plan.lagged:
+        gather_mobility(plan, state, closed)
     for k in range(closed):
-        at = k if forwards else closed - 1 - k
-        i = state.active[at]
-        gap, before = state.gap[at], state.rate[at]
+        i = state.active[k]
+        gap, before = state.gap[k], state.rate[k]
         s, m, n, weight = plan.slave[i], plan.master[i], plan.following[i], plan.weight[i]
         push = 0.0
         if gap < 0.0:
@@ -354,7 +382,7 @@ def push_apart(plan, state, closed, forwards):
             else:
                 free = v[s] - (1.0 - weight) * v[m] - weight * v[n]
                 push = -plan.stiffness[i] * gap - plan.damping[i] * 0.5 * (before + free)
-                push /= 1.0 + 0.5 * plan.damping[i] * gain * plan.mobility[i]
+                push /= 1.0 + 0.5 * plan.damping[i] * gain * state.mobility[k]
             if plan.clipped:
                 push = max(0.0, push)
         if plan.counts[1] > 0:
@@ -364,12 +392,14 @@ def push_apart(plan, state, closed, forwards):
                     plan.contact[law], plan.place[i], gap, before, pressure, plan.contact_p[law]
                 )
             push += more * plan.area[i]
-        state.push[at] = push
-        if push != 0.0:
-            for node, part in ((s, 1.0), (m, weight - 1.0), (n, -weight)):
-                change = gain * plan.inverse_mass[node] * part * push
-                v[node] += change
-                w[node] += ahead * change
+        state.push[k] = push
+    for k in range(closed):
+        i, push = state.active[k], state.push[k]
+        s, m, n, weight = plan.slave[i], plan.master[i], plan.following[i], plan.weight[i]
+        for node, part in ((s, 1.0), (m, weight - 1.0), (n, -weight)):
+            change = gain * plan.inverse_mass[node] * part * push
+            v[node] += change
+            w[node] += ahead * change
 
 
 @njit(**WITHIN)
@@ -414,7 +444,7 @@ def step(plan, state, time, drive):
     state.v[driven] = (drive - before) / plan.step
     state.w[driven] = drive + plan.beta * state.v[driven]
     if closed:
-        push_apart(plan, state, closed, state.count[0] % 2 == 0)
+        push_apart(plan, state, closed)
     layer, beam = plan.lines[plan.joint[2], 0], plan.lines[plan.joint[2] - 1, 0]
     for k in range(len(plan.shared)):
         for component in range(2):

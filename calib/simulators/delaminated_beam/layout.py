@@ -187,7 +187,6 @@ def plan(
         mass[freedom % 2, layout.place[freedom // 2]] = 0.0
     inverse = mass.ravel()
     slave, master, following = (size + layout.place[nodes] for nodes in (pairs.slave, pairs.master, pairs.following))
-    mobility = inverse[slave] + (1.0 - pairs.weight) ** 2 * inverse[master] + pairs.weight**2 * inverse[following]
     force, force_p, forces = fill(laws, "force")
     contacts, contact_p, number = fill(laws, "contact")
     acts = np.zeros((len(force), len(BODIES)), dtype=bool)
@@ -215,7 +214,7 @@ def plan(
         clearance=np.ascontiguousarray(clearance, dtype=float),
         stiffness=stiffness,
         damping=damping,
-        mobility=np.where(pairs.share > 0.0, mobility, 0.0),
+        acting=pairs.share > 0.0,
         area=np.where(pairs.share > 0.0, pairs.share, 1.0) * pairs.length * structure.width,
         place=pairs.place,
         lagged=lagged,
@@ -285,6 +284,8 @@ def begin(plan: Plan, layout: Layout, displacement: np.ndarray, velocity: np.nda
         gap=np.zeros(pairs),
         rate=np.zeros(pairs),
         push=np.zeros(pairs),
+        mobility=np.zeros(pairs),
+        crowd=np.zeros(2 * layout.size),
         count=np.array([0, 0, -(10**15), -(10**15)]),
     )
 

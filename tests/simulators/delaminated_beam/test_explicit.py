@@ -60,9 +60,9 @@ def test_the_stable_step_is_the_limit_of_stability(beta, alpha):
     assert code == explicit.UNSTABLE or growth > 1e3
 
 
-@pytest.mark.parametrize(("c_con", "close"), [(0.0, 1e-7), (5.0, 1e-4)])
-def test_the_half_moves_as_the_whole(c_con, close):
-    """With contact; the pairs come in another order, and damped ones that share a master see one another's push."""
+@pytest.mark.parametrize("c_con", [0.0, 5.0])
+def test_the_half_moves_as_the_whole(c_con):
+    """With contact, over one period."""
     curves = []
     for b in (HALF, WHOLE):
         plan, state, steps = b.figure(*FIGURE_12[:3], c_con, *FIGURE_12[4:])
@@ -70,7 +70,7 @@ def test_the_half_moves_as_the_whole(c_con, close):
         assert code == explicit.DONE
         assert notes.total[2] > 0
         curves.append(notes.samples[:, :2])
-    assert np.abs(curves[1] - curves[0]).max() < close * np.abs(curves[0]).max()
+    assert np.abs(curves[1] - curves[0]).max() < 1e-7 * np.abs(curves[0]).max()
 
 
 def test_the_layers_axial_load_changes_its_motion():
