@@ -114,7 +114,7 @@ def seen(plan: Plan, at=(), impacts: int = 64) -> Seen:
         closed=np.zeros(len(plan.slave), dtype=np.int64),
         total=np.zeros(6),
         nearest=np.zeros(0),
-        passes=np.full(3, np.inf),
+        passes=np.array([np.inf, np.inf, 0.0]),
     )
 
 
