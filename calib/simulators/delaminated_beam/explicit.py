@@ -21,7 +21,6 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, uintp
 
-from calib.laws import SLOTS
 from calib.simulators import slots
 
 ROW = 1032  # numbers from one row of a strip's coefficients or forces to the next
@@ -46,7 +45,7 @@ class Plan(NamedTuple):
     Attributes
     ----------
     size : of a component
-    strips : (k, 5) first node of the lower and of the upper line, elements, lines by number
+    strips : (k, 3) first node of the lower and of the upper line, elements (padded)
     turned : (k,) whether a strip's stress-free elements are not rectangles along x
     factors : (k * FACTORS * ROW,) coefficients of the elements, see `forces_of_strip`
     across : (k,) 0.5 / height of the elements  [1/m]
@@ -123,7 +122,8 @@ class State(NamedTuple):
     active : (m,) pairs that are closed
     gap, rate, push : (m,) clearance [m], its rate [m/s] half a step back, force [N] of the closed pairs
     mobility, crowd : (m,) of the closed pairs with all the others [1/kg]; (2 * size,) pairs that push each node [1]
-    count : (4,) steps done in all, next step at which contact is looked for, step of the last contact anywhere, at centre
+    count : (4,) steps done in all, next step at which contact is looked for, step of the last contact anywhere, and in
+        the middle
     """
 
     w: np.ndarray
@@ -144,8 +144,8 @@ class Seen(NamedTuple):
     Attributes
     ----------
     at, shift : (s,) step next to each sample, and the sample's distance from it  [1], [1, in steps]
-    samples : (s, 5) displacement of beam and layer in the middle [m], their velocities [m/s], contact force on the layer
-        since the sample before, on average [N]
+    samples : (s, 5) displacement of beam and layer in the middle [m], their velocities [m/s], impulse of the contact
+        forces on the layer since the sample before [N s]
     impacts, central : (k, 2) step and closing speed [m/s] at which contact begins, anywhere and in the middle
     closed : (m,) steps for which each pair was closed
     total : (6,) impacts, central impacts, steps with contact, largest force [N], deepest penetration [m], impulse [N s]
@@ -166,10 +166,10 @@ class Seen(NamedTuple):
 
 @njit(**VECTOR)
 def spread(at, fx, fy, ax, ay, cx, cy, out):
-    """Write the nodal forces of an element from `at` on: of the product pattern (f), of the ends (a) and of the sides (c)  [N].
+    """Write the nodal forces of an element from `at` on: of the product pattern (f), the ends (a) and the sides (c)  [N].
 
-    Rows of `out`: x of the lower line from the elements on the right and on the left of each node, y of it, then x and y
-    of the upper line.
+    Rows of `out`: x of the lower line from the elements on the right and on the left of each node, y of it, then x and
+    y of the upper line.
     """
     plus, minus = ax + cx, ax - cx
     out[at] = fx - plus
@@ -222,7 +222,7 @@ def forces_of_strip(count, w, xl, yl, xu, yu, k, at, across, mean, shear, out, t
 def forces_of_turned_strip(count, w, xl, yl, xu, yu, k, at, across, mean, shear, out, to):
     """Nodal forces of elements whose stress-free shape is a turned and slightly bent rectangle.
 
-    As `forces_of_strip`; further rows of k are 2 cos, 2 sin of the angle by which an element stands turned [1], and four
+    As `forces_of_strip`; further rows of k are 2 cos, 2 sin of the angle by which an element stands turned [1], and 4
     times the stress-free amplitudes of the pattern along x, along y and in turned axes [m].
     """
     for j in range(count):
