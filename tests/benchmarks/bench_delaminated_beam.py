@@ -3,8 +3,9 @@
     PYTHONPATH=tests:. python tests/benchmarks/bench_delaminated_beam.py
 
 CPU seconds, compiled before they are timed, the fastest of some calls that alternate. Ours and C: one period of the
-half beam (291 elements, corotational, contact, double precision), sets of the paper's Figs. 12 and 14. C has the same arrays and operations (delaminated_beam.c) and must come to the same motion; without -fno-math-errno gcc does
-not vectorise the square root. akantu and CalculiX: the whole beam (582 bilinear elements), explicit, without contact.
+half beam (291 elements, corotational, contact, double precision), sets of the paper's Figs. 12 and 14. C has the same
+arrays and operations (delaminated_beam.c) and must come to the same motion; without -fno-math-errno gcc does not
+vectorise the square root. akantu and CalculiX: the whole beam (582 bilinear elements), explicit, without contact.
 
 Measured on two shared cores with 512-bit vectors, in million element-steps per CPU second:
 

@@ -166,7 +166,7 @@ class Seen(NamedTuple):
 
 @njit(**VECTOR)
 def spread(at, fx, fy, ax, ay, cx, cy, out):
-    """Write the nodal forces of an element from `at` on: of the product pattern (f), the ends (a) and the sides (c)  [N].
+    """Write the nodal forces of an element from `at` on: of product pattern (f), ends (a) and sides (c)  [N].
 
     Rows of `out`: x of the lower line from the elements on the right and on the left of each node, y of it, then x and
     y of the upper line.
