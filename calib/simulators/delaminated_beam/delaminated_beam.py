@@ -43,8 +43,8 @@ PARAMETERS = (
     Parameter("f", "1", 0.01, "factor on the contact stiffness", low=0.0),
     Parameter("c_con", "1", 5.0, "contact damping over C_crit = 2 m w of each pair, with m the smaller of its masses: up "
               "to half the true damping ratio", null=0.0, low=0.0),
-    Parameter("dt", "s", 9.38e-8, "time step; the step taken is the longest below it of which a period has "
-              "an even number", low=0.0),
+    Parameter("dt", "s", 9.38e-8, "time step; the longest below it of which a period has an even number is taken. In reduced "
+              "fidelity it decides only whether a run is stable, and its effect shows in full", low=0.0),
     Parameter("f_dt", "1", 0.0, "time step over the computed critical one (eq. 4), in the place of dt; 0: dt holds",
               null=0.0, low=0.0),
     Parameter("g_max", "m", 0.2e-3, "height of the gap's cubics in the middle (Fig. 8)", low=0.0),
@@ -97,7 +97,7 @@ class DelaminatedBeam:
 
     Notes
     -----
-    The motion settles until its full state returns within 1e-7 after 1 to 16 periods. The record's attribute
+    The motion settles until its full state returns within 1e-6 after 1 to 16 periods. The record's attribute
     `settled_periods` says how long that took, `stationary` whether it did, and where it did not, `reason` says so.
     `Request.initial_state` is modal coordinates and rates in reduced fidelity, displacements and velocities of the free
     nodes beyond the static shape in full; None is rest on the static shape.

@@ -75,9 +75,8 @@ def structure(mesh: Mesh, material: Material, width: float, full: bool = False) 
     held = list(2 * mesh.supports + 1)
     middle = np.flatnonzero(np.abs(mesh.nodes[:, 0]) < 1e-12) if mesh.symmetric else [mesh.driven]
     held += [2 * node for node in middle]
-    return Structure(
-        mesh, material, width, mass, stiffness(mesh, material, width, full), np.array(held), contact.pairs(mesh, mass), full
-    )
+    k = stiffness(mesh, material, width, full)
+    return Structure(mesh, material, width, mass, k, np.array(held), contact.pairs(mesh, mass), full)
 
 
 def stable_step(critical: float, beta: float) -> float:
@@ -112,7 +111,7 @@ class Layout:
         self.size = int(self.starts[-1])
         self.lengths = padded
         self.place = np.full(len(mesh.nodes), -1)
-        for start, line in zip(self.starts, mesh.lines, strict=False):  # the layer's lowest line comes last: its names hold
+        for start, line in zip(self.starts, mesh.lines, strict=False):  # of two names that of the layer's line holds
             self.place[line] = start + np.arange(len(line))
         self._mesh = mesh
 
@@ -188,7 +187,6 @@ def plan(
         mass[freedom % 2, layout.place[freedom // 2]] = 0.0
     inverse = mass.ravel()
     slave, master, following = (size + layout.place[nodes] for nodes in (pairs.slave, pairs.master, pairs.following))
-    mobility = inverse[slave] + (1.0 - pairs.weight) ** 2 * inverse[master] + pairs.weight**2 * inverse[following]
     force, force_p, forces = fill(laws, "force")
     contacts, contact_p, number = fill(laws, "contact")
     acts = np.zeros((len(force), len(BODIES)), dtype=bool)
@@ -216,7 +214,7 @@ def plan(
         clearance=np.ascontiguousarray(clearance, dtype=float),
         stiffness=stiffness,
         damping=damping,
-        mobility=np.where(pairs.share > 0.0, mobility, 0.0),
+        acting=pairs.share > 0.0,
         area=np.where(pairs.share > 0.0, pairs.share, 1.0) * pairs.length * structure.width,
         place=pairs.place,
         lagged=lagged,
@@ -286,6 +284,8 @@ def begin(plan: Plan, layout: Layout, displacement: np.ndarray, velocity: np.nda
         gap=np.zeros(pairs),
         rate=np.zeros(pairs),
         push=np.zeros(pairs),
+        mobility=np.zeros(pairs),
+        crowd=np.zeros(2 * layout.size),
         count=np.array([0, 0, -(10**15), -(10**15)]),
     )
 
@@ -296,7 +296,7 @@ def internal_force(plan: Plan, layout: Layout, displacement: np.ndarray) -> np.n
     explicit.elastic(plan, layout.spread(displacement), out)
     rows = out.reshape(len(plan.strips), 2, 2, 2, ROW)  # strip; lower, upper; x, y; from the right, from the left
     force = np.zeros((2, layout.size))
-    for k, (first, count, below, above) in enumerate(plan.lines):
+    for first, count, below, above in plan.lines:
         total = np.zeros((2, count))
         if above >= 0:
             total += rows[above, 0].sum(axis=1)[:, :count]

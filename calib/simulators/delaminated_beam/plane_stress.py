@@ -171,10 +171,12 @@ def _stiffness(e: Elements, material: Material) -> np.ndarray:
     )
     volume, nu = e.volume, material.poisson
     k = _outer(stretch, stretch, volume * material.plane) + _outer(widening, widening, volume * material.plane)
-    k += _outer(stretch, widening, nu * volume * material.plane) + _outer(widening, stretch, nu * volume * material.plane)
+    k += _outer(stretch, widening, nu * volume * material.plane)
+    k += _outer(widening, stretch, nu * volume * material.plane)
     k += _outer(shear, shear, volume * material.shear)
-    for axis in (0, 1):
-        twist = _amplitude(e, PRODUCT, axis)
+    turning = 0.5 * (_amplitude(e, ALONG, 1) / along - _amplitude(e, ACROSS, 0) / e.across)
+    for axis, carried in ((0, e.twist[1]), (1, -e.twist[0])):  # a turn carries the stress-free twist along
+        twist = _amplitude(e, PRODUCT, axis) + carried[:, None] * turning
         k += _outer(twist, twist, e.bending[axis])
     return k
 

@@ -9,7 +9,7 @@ import numpy as np
 from calib.record import OK, SECTION
 
 LAGS = 16  # the longest return that is looked for, in periods
-RETURNED = 1e-7  # largest change of the state, as a share of its largest displacement or velocity
+RETURNED = 1e-6  # largest change of the state, as a share of its largest displacement or velocity
 
 
 class Period(NamedTuple):
