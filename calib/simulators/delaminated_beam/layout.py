@@ -170,7 +170,7 @@ def plan(
     strips, turned, factors, across = [], [], [], []
     for lower in mesh.strips:
         e = elements(mesh.nodes, mesh.quadrilaterals(lower), material, structure.width, structure.full)
-        count = -(-len(e.along) // LANES) * LANES
+        count = -(-(len(e.along) + 1) // LANES) * LANES  # the last node's place too, to which common nodes add
         strips.append([layout.starts[lower], layout.starts[lower + 1], count])
         turned.append(e.turned)
         across.append(0.5 / e.across)

@@ -164,11 +164,11 @@ def test_a_table_of_the_whole_beam_may_be_lopsided():
 
 @BOTH
 def test_half_a_beam_moves_as_the_whole_one(fidelity):
-    half, whole = (run(beam(fidelity=fidelity, symmetric=symmetric, modes=12)) for symmetric in (True, False))
-    if fidelity == "reduced":  # of the whole beam's modes half are even
-        whole = run(beam(fidelity=fidelity, symmetric=False, modes=24))
-    assert apart(whole, half) < (1e-6 if fidelity == "full" else 1e-4)
-    np.testing.assert_allclose(whole.contact_force.values, half.contact_force.values, rtol=1e-3, atol=1e-3 * 1e4)
+    half = run(beam(fidelity=fidelity, modes=12))
+    whole = run(beam(fidelity=fidelity, modes=24, symmetric=False))  # half of its modes are even
+    assert apart(whole, half) < 1e-6
+    np.testing.assert_allclose(whole.contact_force.values, half.contact_force.values, rtol=1e-6, atol=1e-3)
+    assert whole.attrs["contact_force_max"] == pytest.approx(half.attrs["contact_force_max"], rel=1e-6)
 
 
 @BOTH
@@ -293,9 +293,10 @@ def test_a_drive_that_no_beam_bears_diverges():
 
 @BOTH
 def test_a_budget_counts_steps(fidelity):
-    record = attempt(beam(fidelity=fidelity), request=Request(periods=2, samples=50, step_budget=20_000))
+    budget = {"reduced": 2000, "full": 20_000}[fidelity]
+    record = attempt(beam(fidelity=fidelity), request=Request(periods=2, samples=50, step_budget=budget))
     assert record.attrs["status"] == "step budget"
-    assert "20000 steps" in record.attrs["reason"]
+    assert f"{budget} steps" in record.attrs["reason"]
 
 
 @BOTH
@@ -335,11 +336,12 @@ def doubled(t, phase, amplitude, x, p):
 
 
 def changes(effect, bodies=None, **values):
-    """Change of the layer's motion (2, n) by an effect, in the reduced kernel and in the full one  [m]."""
+    """Change of the layer's displacement (n,) by an effect, in the reduced kernel and in the full one  [m]."""
     effect = Effect(effect.name, effect.site, effect.law, effect.parameters, effect.meaning, bodies)
-    pairs = [(run(beam(fidelity=f, modes=40, steps=2048), effect, **values), run(beam(fidelity=f, modes=40, steps=2048)))
-             for f in ("reduced", "full")]  # fmt: skip
-    return [layer(present) - layer(absent) for present, absent in pairs]
+    plain = {name: value for name, value in values.items() if name in VALUES}
+    for fidelity in ("reduced", "full"):
+        simulator = beam(fidelity=fidelity, modes=40, steps=2048)
+        yield layer(run(simulator, effect, **values))[0] - layer(run(simulator, **plain))[0]
 
 
 def size(x):
@@ -350,16 +352,21 @@ def of(name, site, law, *parameters):
     return Effect(name, site, law, tuple(Parameter(p, "1", 0.0, p, null=0.0) for p in parameters), meaning=name)
 
 
+DOUBLED = of("doubled", "excitation", doubled, "h2")
+
+
 @pytest.mark.parametrize(
     ("effect", "bodies", "values", "within"),
     [
-        (AIR_DRAG, None, {"c2": 40.0}, 0.05),
-        (AIR_DRAG, ("layer",), {"c2": 40.0}, 0.05),
-        (GAP_OFFSET, None, {"dg": -4e-4}, 0.1),
-        (of("doubled", "excitation", doubled, "h2"), None, {"h2": 0.02}, 0.05),
-        (of("glue", "contact", glue, "pull", "reach"), None, {"pull": 2e4, "reach": 2e-4}, 0.2),
+        (AIR_DRAG, None, {"c2": 40.0}, 0.02),
+        (AIR_DRAG, ("layer",), {"c2": 40.0}, 0.02),
+        (AIR_DRAG, None, {"c2": 40.0, **CLEAR}, 0.002),
+        (GAP_OFFSET, None, {"dg": -4e-4}, 0.02),
+        (DOUBLED, None, {"h2": 0.02}, 0.02),
+        (DOUBLED, None, {"h2": 0.02, **CLEAR}, 0.002),
+        (of("glue", "contact", glue, "pull", "reach"), None, {"pull": 2e4, "reach": 2e-3, "s": 4.5e-3}, 0.1),
     ],
-    ids=["drag", "drag on the layer", "gap", "second harmonic", "adhesion"],
+    ids=["drag", "on the layer", "drag in flight", "gap", "harmonic", "harmonic in flight", "adhesion"],
 )
 def test_an_effect_changes_both_kernels_alike(effect, bodies, values, within):
     reduced, full = changes(effect, bodies, **values)
@@ -387,7 +394,7 @@ def test_a_gap_offset_is_a_shift(fidelity):
 
 @BOTH
 def test_a_second_harmonic_shows_in_the_driven_point(fidelity):
-    record = run(beam(fidelity=fidelity), of("doubled", "excitation", doubled, "h2"), h2=0.05)
+    record = run(beam(fidelity=fidelity), DOUBLED, h2=0.05)
     x = record.displacement.sel(body="beam").values
     angle = 2.0 * np.pi * EXCITATION.frequency * record.time.values
     drive = EXCITATION.amplitude * (np.cos(angle) + 0.05 * np.cos(2.0 * angle))
@@ -422,8 +429,8 @@ def test_the_record_tells_of_contact(fidelity):
     assert share.contact_place.values[[0, -1]].tolist() == [0.0, 1.0]
     assert ((share >= 0.0) & (share <= 1.0)).all()
     assert share.max() <= attrs["contact_fraction"] <= share.sum()
-    assert attrs["centre_impacts"] == 1.0
-    assert record.impact_time.size == 2
+    assert attrs["centre_impacts"] in (1.0, 2.0)
+    assert record.impact_time.size >= 2
     assert ((record.impact_time >= 0.0) & (record.impact_time < 2.0 * EXCITATION.period)).all()
     assert (record.impact_speed > 0.0).all()
     assert attrs["contact_force_max"] > record.contact_force.max() > 0.0
@@ -456,11 +463,10 @@ def test_settling_is_the_first_periods_dropped(fidelity):
 
 
 def test_a_motion_that_does_not_return_is_recorded_and_says_so():
-    record = run(beam(settle_limit=2))
+    record = run(beam(settle_limit=2), alpha=5.0)
     assert record.attrs["stationary"] == 0
     assert "no stationary state within 2 periods" in record.attrs["reason"]
-    assert "reason" in record.attrs
-    assert run(beam(), request=Request(periods=1, samples=20, settle=0)).attrs["reason"] == ""
+    assert run(beam(settle_limit=2), alpha=5.0, request=Request(periods=1, samples=20, settle=2)).attrs["reason"] == ""
 
 
 @BOTH
@@ -504,9 +510,7 @@ path = "bench.nc"
 [model]
 simulator = "delaminated_beam"
 options = {options}
-
-[model.values]
-{values}
+fixed = {fixed}
 
 [windows]
 alpha = {{ low = "400 1/s", high = "1600 1/s" }}
@@ -534,9 +538,9 @@ def toml(options):
 def study(tmp_path):
     bench = run(beam()).drop_vars(["section_displacement", "section_velocity"])
     records.write(bench, tmp_path / "bench.nc")
-    values = "\n".join(f"{name} = {value!r}" for name, value in VALUES.items() if name != "alpha")
+    fixed = toml({name: value for name, value in VALUES.items() if name != "alpha"})
     path = tmp_path / "study.toml"
-    path.write_text(STUDY.format(options=toml({**MESH, "fidelity": "auto"}), values=values))
+    path.write_text(STUDY.format(options=toml({**MESH, "fidelity": "auto"}), fixed=fixed))
     return path
 
 
