@@ -56,6 +56,7 @@ class Plan(NamedTuple):
     step, parts : of a flight step [s], and how many parts it has where contact is near
     flight, near : over a step, over a part
     quadratic : (n + 1, n + 1), tension : (n + 1,), kappa : see `modes`
+    stretch : (n,) tension in the kicks, see `reduction`
     opening : (m, n + 1) of the pairs, per modal coordinate and per displacement of the driven node
     watched : (k,) pairs that are looked at in flight
     clearance, stiffness, damping : (m,)  [m], [N/m], [N s/m]
@@ -80,6 +81,7 @@ class Plan(NamedTuple):
     near: Drift
     quadratic: np.ndarray
     tension: np.ndarray
+    stretch: np.ndarray
     kappa: float
     opening: np.ndarray
     watched: np.ndarray
@@ -176,7 +178,7 @@ def membrane(plan, state):
     tension += plan.tension[n] * q[n]
     pull = tension + plan.kappa * bent
     for k in range(n):
-        kick[k] = -pull * kick[k] - bent * plan.tension[k]
+        kick[k] = -pull * kick[k] - bent * plan.stretch[k]
 
 
 @njit(**VECTOR)

@@ -17,6 +17,7 @@ from calib.simulators.slots import fill
 
 CAPACITY = 4096  # impacts that are noted
 GUARD = 2e-6  # clearance that counts as near  [m]
+FOLLOWED = 1.2  # omega h / 2 of the fastest modes whose stretch a step h follows
 WATCHED = 4  # of so many pairs one is looked at in flight, but of the last ones at the tips each
 
 
@@ -86,6 +87,7 @@ def plan(
     for row, law in zip(acts, at_site(laws, "force"), strict=False):
         row[:] = [law.bodies is None or body in law.bodies for body in BODIES]
     n = len(basis.omega)
+    tension, stretch, kappa = _stretch(basis, step)
     columns, weights, bodies = _columns(structure, basis) if forces else (np.zeros((0, n + 1)), np.zeros(0), np.zeros(0))
     opening = np.ascontiguousarray(basis.across[taken])
     share, place = pairs.share[taken], pairs.place[taken]
@@ -98,8 +100,9 @@ def plan(
         flight=drift(basis.omega, decay, basis.inertia, step),
         near=drift(basis.omega, decay, basis.inertia, step / fineness.parts),
         quadratic=np.ascontiguousarray(basis.quadratic),
-        tension=basis.tension,
-        kappa=basis.kappa,
+        tension=tension,
+        stretch=stretch,
+        kappa=kappa,
         opening=opening,
         watched=np.flatnonzero(watched & (share > 0.0)),
         clearance=np.ascontiguousarray(clearance[taken], dtype=float),
@@ -125,6 +128,21 @@ def plan(
         contact_p=contact_p,
         counts=np.array([forces, number]),
     )
+
+
+def _stretch(basis: Modes, step: float) -> tuple[np.ndarray, np.ndarray, float]:
+    """Tension per coordinate, its weight in kicks, and stiffness kappa (see `modes`) for a step  [s].
+
+    Kicks of a steady force f that come h apart let a mode stand at f / omega^2 x / tan(x), x = omega h / 2, when it is
+    looked at; the modes that stretch the layer follow its bending nearly at rest, so that they are kicked by tan(x) / x
+    as much. Those too fast for the step, near the pole, are taken at rest, in kappa.
+    """
+    half = 0.5 * basis.omega * step
+    fast = half >= FOLLOWED
+    tension = np.where(np.append(fast, False), 0.0, basis.tension)
+    yielding = basis.tension[:-1][fast] / basis.omega[fast]
+    slow = np.minimum(half, FOLLOWED)
+    return tension, tension[:-1] * np.tan(slow) / slow / np.sinc(slow / np.pi), basis.kappa - float(yielding @ yielding)
 
 
 def _columns(structure: Structure, basis: Modes):
