@@ -86,7 +86,8 @@ def plan(
     for row, law in zip(acts, at_site(laws, "force"), strict=False):
         row[:] = [law.bodies is None or body in law.bodies for body in BODIES]
     n = len(basis.omega)
-    columns, weights, bodies = _columns(structure, basis) if forces else (np.zeros((0, n + 1)), np.zeros(0), np.zeros(0))
+    none = np.zeros((0, n + 1)), np.zeros(0), np.zeros(0)
+    columns, weights, bodies = _columns(structure, basis) if forces else none
     opening = np.ascontiguousarray(basis.across[taken])
     share, place = pairs.share[taken], pairs.place[taken]
     near_tip = np.abs(place) > 1.0 - WATCHED * np.diff(place).max()  # where the gap may be as small as one likes
