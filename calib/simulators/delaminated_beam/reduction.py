@@ -16,7 +16,7 @@ from calib.simulators.delaminated_beam.stationary import Contact, Period
 from calib.simulators.slots import fill
 
 CAPACITY = 4096  # impacts that are noted
-GUARD = 2e-6  # clearance that counts as near  [m]
+GUARD = 1e-8  # clearance that counts as near  [m]
 WATCHED = 4  # of so many pairs one is looked at in flight, but of the last ones at the tips each
 
 
