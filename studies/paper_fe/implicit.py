@@ -8,6 +8,7 @@ pairs that push. Both begin at the same state of the stationary motion; the expl
 """
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -167,9 +168,9 @@ def distance(one: Run, reference: Run) -> float:
     return float(np.sqrt((((one.curve - wanted) / reference.curve.std(axis=0)) ** 2).mean()))
 
 
-def main() -> None:
-    """Print steps, seconds and distances of both, and the ratios."""
-    held = setting(STEPS[0])
+def compared(steps: Sequence[float], counts: Sequence[int]) -> dict[float | int, Run]:
+    """One period from the same state: explicit with `steps` [s], then implicit with so many steps a period."""
+    held = setting(steps[0])
     map, built = held.map(), structure(held)
     state = map.orbit(map.initial, SETTLE).states[-1]
     amplitude = held.excitation.amplitude
@@ -177,15 +178,20 @@ def main() -> None:
     displacement[built.free] += state[: len(built.free)]
     velocity = np.zeros_like(displacement)
     velocity[built.free] += state[len(built.free) :]
-    runs = {step: explicit(step, state) for step in STEPS}
-    reference = runs[STEPS[0]]
-    print("| method | steps a period | evaluations of all elements | s of CPU | distance |\n" + "|---" * 5 + "|")
-    for step, run in runs.items():
-        print(_row(f"explicit, {step:.3g} s", run, reference))
-    for count in COUNTS:
+    runs = {step: explicit(step, state) for step in steps}
+    for count in counts:
         newmark = Newmark(built, map.engine(state, BUDGET).plan, map.period, amplitude, count)
         runs[count] = newmark.period(displacement, velocity)
-        print(_row(f"implicit, T/{count}", runs[count], reference), flush=True)
+    return runs
+
+
+def main() -> None:
+    """Print steps, seconds and distances of both, and the ratios."""
+    runs = compared(STEPS, COUNTS)
+    reference = runs[STEPS[0]]
+    print("| method | steps a period | evaluations of all elements | s of CPU | distance |\n" + "|---" * 5 + "|")
+    for key, run in runs.items():
+        print(_row(f"explicit, {key:.3g} s" if key in STEPS else f"implicit, T/{key}", run, reference))
     for within in WITHIN:
         enough = [n for n in COUNTS if distance(runs[n], reference) < within]
         if not enough:
