@@ -72,7 +72,7 @@ def loop(number: int, c_con: float, damper: str, step: float, settle: int = SETT
     took = time.process_time() - began
     print(f"Fig. {number}, C {c_con:g}, {damper}, {step:.3g} s: {period.status}, {took:.0f} s of CPU", flush=True)
     noted = engine.noted(1)
-    # the right half is computed: forces of the whole layer are twice its own
+    # the right half of the beam is computed: forces of the whole layer are twice its own
     return Loop(period.status, period.samples[:, [1, 3]], 2.0 * period.force, 2.0 * noted.force, noted.fraction)
 
 

@@ -67,7 +67,8 @@ def test_figure_9_does_not_return_in_full_fidelity_either():
     assert motion.kind == "irregular"
     assert min(motion.recurrence) > 0.05
     amplitude = figures.obtained(record).displacement
-    assert amplitude == pytest.approx(figures.obtained(figures.motion(9)).displacement, rel=0.02)  # the reduced kernel's
+    reduced = figures.obtained(figures.motion(9)).displacement
+    assert amplitude == pytest.approx(reduced, rel=0.02)
 
 
 def test_figure_11_has_a_large_amplitude_of_the_layer_in_a_narrow_band():
