@@ -16,7 +16,7 @@ from calib.record import OK, STATE, failed, make, prescription, with_impacts, wi
 from calib.simulators.delaminated_beam.case import Case, critical_step_of, modes_of, structure_of
 from calib.simulators.delaminated_beam.contact import Stiffness, clearance, critical_damping, penalty
 from calib.simulators.delaminated_beam.drive import Drive
-from calib.simulators.delaminated_beam.layout import BODIES, stable_step
+from calib.simulators.delaminated_beam.layout import BODIES, LONGEST, stable_step
 from calib.simulators.delaminated_beam.mesh import Counts
 from calib.simulators.delaminated_beam.period_map import BeamMap
 from calib.simulators.delaminated_beam.reduction import Fineness
@@ -143,9 +143,10 @@ class DelaminatedBeam:
                 raise CalibError(f"{key} is a whole number from 1 on, got {value!r}")
         if masters % 2:
             raise CalibError(f"masters is even, half of them on each side of the middle; got {masters}")
-        if not all(height > 0.0 for height in (*beam_rows, *layer_rows)) or not beam_rows or not layer_rows:
-            raise CalibError(f"rows are positive heights, got beam_rows {beam_rows!r}, layer_rows {layer_rows!r}")
-        if tolerance is not None and not tolerance > 0.0:
+        for key, rows in (("beam_rows", beam_rows), ("layer_rows", layer_rows)):
+            if not isinstance(rows, Sequence) or not rows or not all(map(_positive, rows)):
+                raise CalibError(f"{key} is a list of positive heights, got {rows!r}")
+        if tolerance is not None and not _positive(tolerance):
             raise CalibError(f"tolerance is above 0, such as 0.01; got {tolerance!r}")
         if damper == "lagged" and fidelity != "full":
             raise CalibError(
@@ -159,9 +160,18 @@ class DelaminatedBeam:
         self.symmetric = bool(symmetric)
         self.layer = layer
         self.shift = shift
-        self.gap_table = None if gap_table is None else _table(gap_table)
+        self.gap_table = None if gap_table is None else _table(gap_table, symmetric)
         self.counts = Counts(masters, slaves, outer, tuple(beam_rows), tuple(layer_rows)).refined(refinement)
-        self.levels = tuple(replace(level, **given) for level in LEVELS)
+        pairs = self.counts.masters // 2 * slaves  # of a half
+        if every is not None and pairs % every:
+            raise CalibError(f"every divides the {pairs} elements of half the layer; {every} does not")
+        line = (pairs + self.counts.outer) * (1 if symmetric else 2) + 1
+        if fidelity != "reduced" and line > LONGEST:
+            raise CalibError(
+                f"a line of {line} nodes along the layer; fidelity {fidelity!r} takes {LONGEST} at most: lower refinement, "
+                "masters, slaves or outer, or set symmetric = true"
+            )
+        self.levels = tuple(replace(level, **{"every": math.gcd(level.every, pairs), **given}) for level in LEVELS)
         self.tolerance = tolerance
         self.settle_limit = settle_limit
         dropped = ("s",) if shift == "tied" else ("gap",)
@@ -243,6 +253,9 @@ class DelaminatedBeam:
         for name, value in values.items():
             if not math.isfinite(value):
                 raise ValueError(f"parameter {name} is {value}")
+        for p in self.parameters:
+            if not p.low <= values[p.name] <= p.high:
+                raise ValueError(f"parameter {p.name} is {values[p.name]:g}, outside [{p.low:g}, {p.high:g}]")
         held = {name: value for name, value in values.items() if name not in NOT_SHAPE}
         height = held.pop("g_max")
         arch = height if self.layer == "arched" else 0.0
@@ -362,13 +375,23 @@ def loop_difference(one: Motion, other: Motion, samples: int) -> float:
     return float(np.sqrt(total))
 
 
-def _table(rows: Sequence[Sequence[float]]) -> np.ndarray:
+def _positive(value) -> bool:
+    """Whether it is a number above 0."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and 0.0 < value < math.inf
+
+
+def _table(rows: Sequence[Sequence[float]], symmetric: bool) -> np.ndarray:
     """Check a measured gap."""
-    table = np.array(rows, dtype=float)
+    try:
+        table = np.array(rows, dtype=float)
+    except (TypeError, ValueError):
+        table = np.zeros(0)
     if table.ndim != 2 or table.shape[1] != 2 or len(table) < 2 or not np.isfinite(table).all():
         raise CalibError("gap_table is a list of at least two pairs [place, gap]: place in [-1, 1] [1], gap [m]")
     if not (np.diff(table[:, 0]) > 0.0).all():
         raise CalibError("the places of gap_table must increase from pair to pair")
-    if not table[0, 0] <= 0.0 <= 1.0 <= table[-1, 0]:
+    if table[0, 0] not in (-1.0, 0.0) or table[-1, 0] != 1.0:
         raise CalibError(f"the places of gap_table go from 0 (or -1) to 1, got {table[0, 0]:g} to {table[-1, 0]:g}")
+    if table[0, 0] < 0.0 and symmetric:
+        raise CalibError("a gap_table from -1 to 1 is of the whole beam; set symmetric = false, or give its right half")
     return table

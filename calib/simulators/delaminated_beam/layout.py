@@ -16,6 +16,7 @@ from calib.simulators.delaminated_beam.plane_stress import Material, elements, e
 from calib.simulators.slots import fill
 
 BODIES = ("beam", "layer")
+LONGEST = ROW - 2 * LANES  # nodes of a line
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,8 +105,8 @@ class Layout:
 
     def __init__(self, mesh: Mesh):
         padded = [-(-len(line) // LANES) * LANES for line in mesh.lines]
-        if max(padded) + LANES >= ROW:
-            raise ValueError(f"a line of {max(map(len, mesh.lines))} nodes; at most {ROW - 2 * LANES} can be")
+        if max(padded) > LONGEST:
+            raise ValueError(f"a line of {max(map(len, mesh.lines))} nodes; at most {LONGEST} can be")
         self.starts = np.concatenate([[0], np.cumsum(np.array(padded) + LANES)])
         self.size = int(self.starts[-1])
         self.lengths = padded
@@ -169,7 +170,7 @@ def plan(
     strips, turned, factors, across = [], [], [], []
     for lower in mesh.strips:
         e = elements(mesh.nodes, mesh.quadrilaterals(lower), material, structure.width, structure.full)
-        count = -(-len(e.along) // LANES) * LANES
+        count = -(-(len(e.along) + 1) // LANES) * LANES  # the last node's place too, to which common nodes add
         strips.append([layout.starts[lower], layout.starts[lower + 1], count])
         turned.append(e.turned)
         across.append(0.5 / e.across)
