@@ -168,8 +168,8 @@ class DelaminatedBeam:
         line = (pairs + self.counts.outer) * (1 if symmetric else 2) + 1
         if fidelity != "reduced" and line > LONGEST:
             raise CalibError(
-                f"a line of {line} nodes along the layer; fidelity {fidelity!r} takes {LONGEST} at most: lower refinement, "
-                "masters, slaves or outer, or set symmetric = true"
+                f"a line of {line} nodes along the layer; fidelity {fidelity!r} takes {LONGEST} at most: lower "
+                "refinement, masters, slaves or outer, or set symmetric = true"
             )
         self.levels = tuple(replace(level, **{"every": math.gcd(level.every, pairs), **given}) for level in LEVELS)
         self.tolerance = tolerance
