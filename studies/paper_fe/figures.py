@@ -213,7 +213,7 @@ def table(found: dict[int, Obtained]) -> str:
 
 
 def nearest(number: int, geometry: Geometry) -> float:
-    """Smallest clearance [m] between beam and layer in the motion without contact that the reduced kernel settles to."""
+    """Smallest clearance [m] of beam and layer in the motion without contact that the reduced kernel settles to."""
     map = setting(number, geometry).map()
     return float(map.misses(map.orbit(map.initial, 20 if number in SETTLES else 300).states[-1]).min())
 
