@@ -126,7 +126,7 @@ def main() -> None:
     for case, loops in found.items():
         print(row(*case, loops))
     (HERE / "out").mkdir(exist_ok=True)
-    picture(found).savefig(HERE / "out" / "damper.png", dpi=130)
+    picture(found).savefig(HERE / "out" / "damper.png", dpi=100)
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from calib.cycles import kind_of_motion
+from calib.cycles.motion import NO_CONTACT
 from calib.dynamics.motion import OrbitKind, kind_of_orbit
 from calib.dynamics.setting import Setting
 from calib.model import Model, Request
@@ -211,14 +212,29 @@ def table(found: dict[int, Obtained]) -> str:
     return "\n".join(rows)
 
 
+def nearest(number: int, geometry: Geometry) -> float:
+    """Smallest clearance [m] of beam and layer in the motion without contact that the reduced kernel settles to."""
+    map = setting(number, geometry).map()
+    return float(map.misses(map.orbit(map.initial, 20 if number in SETTLES else 300).states[-1]).min())
+
+
 def influence(found: dict[str, dict[int, Obtained]]) -> str:
-    """Kinds of motion over the geometries, as Markdown, with the share of time for which the middle is closed."""
+    """Kinds of motion over the geometries, as Markdown.
+
+    In brackets the share of time for which the middle is closed, or of a motion without contact its smallest clearance.
+    """
     rows = ["| geometry | " + " | ".join(f"Fig. {n}" for n in SAID) + " |", "|---" * (1 + len(SAID)) + "|"]
     for geometry in GEOMETRIES:
         if geometry.name in found:
-            cells = [f"{one.kind} ({100 * one.middle:.1f} %)" for one in found[geometry.name].values()]
+            cells = [_cell(number, geometry, one) for number, one in found[geometry.name].items()]
             rows.append(f"| {geometry.meaning} | " + " | ".join(cells) + " |")
     return "\n".join(rows)
+
+
+def _cell(number, geometry, one):
+    if one.kind == NO_CONTACT:
+        return f"{one.kind} ({1e6 * nearest(number, geometry):.3g} um)"
+    return f"{one.kind} ({100 * one.middle:.2f} %)"
 
 
 def picture(records: dict[int, xr.Dataset], found: dict[int, Obtained], title: str) -> Figure:
@@ -282,7 +298,7 @@ def main() -> None:
         if len(records) == len(SAID):
             title = f"{geometry.meaning}, {given.fidelity} fidelity"
             path = HERE / "out" / f"figures_{geometry.name}_{given.fidelity}.png"
-            picture(records, found, title).savefig(path, dpi=130)
+            picture(records, found, title).savefig(path, dpi=110)
     if given.fidelity == "reduced":
         print(f"\n{influence(everything)}")
     for number in (9, 10, 11) if given.orbits else ():
