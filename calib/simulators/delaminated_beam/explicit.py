@@ -22,6 +22,7 @@ import numpy as np
 from numba import njit, uintp
 
 from calib.simulators import slots
+from calib.simulators.delaminated_beam.impacts import note_impact, note_pass
 
 ROW = 1032  # numbers from one row of a strip's coefficients or forces to the next
 LANES = 8  # rows are padded to whole vectors
@@ -481,27 +482,6 @@ def note_contact(plan, state, closed, seen):
     seen.total[3] = max(seen.total[3], force)
     seen.total[5] += plan.step * force
     return force
-
-
-@njit(**WITHIN)
-def note_impact(count, speed, impacts, total, which):
-    """Note the step and the closing speed of an impact, as far as there is room."""
-    number = int(total[which])
-    if number < len(impacts):
-        impacts[number, 0], impacts[number, 1] = count, max(0.0, speed)
-    total[which] += 1
-
-
-@njit(**WITHIN)
-def note_pass(closed, nearest, seen):
-    """Note the clearance where it was smallest between two phases of contact."""
-    last, before = seen.passes[0], seen.passes[1]
-    if not closed and last < nearest and last <= before and last > 0.0:
-        number = int(seen.passes[2])
-        if number < len(seen.nearest):
-            seen.nearest[number] = last
-            seen.passes[2] += 1
-    seen.passes[1], seen.passes[0] = last, -1.0 if closed else nearest
 
 
 @njit(**SCALAR)

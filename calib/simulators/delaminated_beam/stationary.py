@@ -34,8 +34,8 @@ class Contact:
 
     Attributes
     ----------
-    impacts, central : (k, 2) instants since their start [s] and closing speeds [m/s] at which contact begins, anywhere on
-        the layer and in its middle
+    impacts, central : (k, 2) instants since their start [s] and closing speeds [m/s] at which contact begins, anywhere
+        on the layer and in its middle
     closed : (m,) share of the time for which each node of the layer was in contact  [1]
     fraction : share of the time with contact anywhere  [1]
     force, penetration : largest  [N], [m]
@@ -146,17 +146,15 @@ def stationary(
         returns = returning(states)
     contact = engine.noted(periods)
     sections = np.concatenate([*dropped, *(rows[:1] for rows in recorded)])
-    while len(sections) < SECTION:
-        if returns is None:
-            period = engine.period(1)
-            if period.status != OK:
-                return Motion(period.status, period.reason, none, none[:, 0], none, len(dropped), None, None)
-            sections = np.concatenate([sections, period.samples[:1]])
-            states = [*states[-LAGS:], engine.state()]
-            returns = returning(states)
-        else:
-            again = sections[-returns:]
-            sections = np.concatenate([sections, again])
+    while returns is None and len(sections) < SECTION:
+        period = engine.period(1)
+        if period.status != OK:
+            return Motion(period.status, period.reason, none, none[:, 0], none, len(dropped), None, None)
+        sections = np.concatenate([sections, period.samples[:1]])
+        states = [*states[-LAGS:], engine.state()]
+        returns = returning(states)
+    if returns is not None and periods < SECTION:
+        sections = np.resize(sections[-returns:], (SECTION, 4))  # what was before is on the way there
     return Motion(
         OK, "", np.concatenate(recorded), np.concatenate(force), sections[-max(SECTION, periods) :],
         len(dropped), returns, contact,
