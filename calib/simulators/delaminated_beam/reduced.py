@@ -67,7 +67,7 @@ class Plan(NamedTuple):
     area, place : (m,) [m^2], [1]
     centre : number of the pair in the middle
     layer : (n + 1,) displacement of the layer in the middle
-    guard : clearance that counts as near  [m]
+    guard : (m,) clearance that counts as near  [m]
     limit : displacement beyond which the motion diverges  [m]
     merged : time without contact that separates two impacts  [s]
     force, force_p, acts : laws, as in `explicit.Plan`
@@ -96,7 +96,7 @@ class Plan(NamedTuple):
     place: np.ndarray
     centre: int
     layer: np.ndarray
-    guard: float
+    guard: np.ndarray
     limit: float
     merged: float
     force: np.ndarray
@@ -206,7 +206,7 @@ def find_near(plan, state, ahead):
         i = plan.watched[k]
         gap = plan.clearance[i] + dot(plan.opening, i, state.q)
         nearest = min(nearest, gap)
-        if gap < plan.guard + 2.0 * ahead * max(0.0, -dot(plan.opening, i, state.v)):
+        if gap < plan.guard[i] + 2.0 * ahead * max(0.0, -dot(plan.opening, i, state.v)):
             soon = True
     if not soon and plan.counts[1] == 0:
         return 0, nearest
@@ -216,7 +216,7 @@ def find_near(plan, state, ahead):
             continue
         gap = plan.clearance[i] + dot(plan.opening, i, state.q)
         nearest = min(nearest, gap)
-        close = gap < plan.guard + 2.0 * ahead * max(0.0, -dot(plan.opening, i, state.v))
+        close = gap < plan.guard[i] + 2.0 * ahead * max(0.0, -dot(plan.opening, i, state.v))
         if close or plan.counts[1] > 0:
             state.near[count] = i
             count += 1

@@ -16,7 +16,7 @@ from calib.simulators.delaminated_beam.stationary import Contact, Period
 from calib.simulators.slots import fill
 
 CAPACITY = 4096  # impacts that are noted
-GUARD = 1e-8  # clearance that counts as near  [m]
+GUARD = 2e-6, 0.1  # clearance that counts as near: at most [m], and as a share of that at rest, small at the tips
 FOLLOWED = 1.2  # omega h / 2 of the fastest modes whose stretch a step h follows
 WATCHED = 4  # of so many pairs one is looked at in flight, but of the last ones at the tips each
 
@@ -116,7 +116,7 @@ def plan(
         place=place,
         centre=centre,
         layer=basis.shape[2 * pairs.slave[taken[centre]] + 1].copy(),
-        guard=GUARD,
+        guard=np.clip(GUARD[1] * clearance[taken], 0.0, GUARD[0]),
         limit=float(limit),
         merged=float(merged),
         force=force,
