@@ -25,7 +25,8 @@ from calib.simulators.impact.period_map import shifted
 
 Fidelity = Literal["reduced", "full", "auto"]
 PLACE, QUANTITY = "centre", "displacement"
-LEVELS = (Fineness(24, 512, 8, 2), Fineness(40, 1024, 8, 2), Fineness(64, 1024, 16, 1))
+LEVELS = (Fineness(40, 512, 16, 2), Fineness(64, 1024, 16, 1), Fineness(128, 1024, 32, 1))
+FACTOR, LAST = 1.2, 0.9  # estimated error over a difference: to the next level; of the last level to the one before
 SETTLE = 200  # periods after which a motion that does not return is taken as it is
 
 PARAMETERS = (
@@ -87,13 +88,19 @@ class DelaminatedBeam:
     modes, steps, parts, every : of the reduced kernel, see `reduction.Fineness`; those not given are of its lowest
         level
     tolerance : error of the reduced phase curve that is accepted: modes and steps rise until the estimated error, which
-        the record states, is below it. Not given: the lowest level, no estimate
+        the record states (`error_estimate`), is below it. Not given: the lowest level, no estimate
     settle_limit : periods after which a motion that does not return is taken as it is
 
     Notes
     -----
     The motion settles until its full state returns within 1e-6 after 1 to 16 periods. The record's attribute
     `settled_periods` says how long that took, `stationary` whether it did, and where it did not, `reason` says so.
+    The estimated error is a difference of phase curves (`loop_difference`) between two of the three levels: 1.2 times
+    that to the next one, and 0.9 times that to the one before for the last. Over 63 random motions with contact, alpha
+    20 to 750 1/s, against full fidelity on the same branch: the levels' errors are 1.4, 0.55 and 0.39 % (medians), and
+    the estimate is right within a factor of 2 in 97, 92 and 87 % of them. Without contact the error is 0.01 % at each
+    level, and the estimate tells no more than that it is small. Where a motion does not return there is none: NaN.
+
     `Request.initial_state` is modal coordinates and rates in reduced fidelity, displacements and velocities of the
     free nodes beyond the static shape in full; None is rest on the static shape.
     """
@@ -311,10 +318,11 @@ class DelaminatedBeam:
             better = settled(case.reduced(finer, engine.carried(finer.modes), request.step_budget))
             if better.status != OK or better.returns is None:
                 break
-            estimate = FACTOR * loop_difference(motion, better, request.samples)
+            difference = loop_difference(motion, better, request.samples)
+            estimate = FACTOR * difference
             if estimate <= self.tolerance:
                 break
-            level, motion = finer, better
+            level, motion, estimate = finer, better, LAST * difference
         return level, motion, estimate
 
     def _attrs(self, values: Mapping[str, float], excitation: Excitation) -> dict:
@@ -357,8 +365,6 @@ class DelaminatedBeam:
         section = {name: motion.sections[:, 2 * k : 2 * k + 2].T for k, name in enumerate(STATE)}
         return with_section(record, section)
 
-
-FACTOR = 1.0  # estimated error over the difference to the next finer level
 
 
 def loop_difference(one: Motion, other: Motion, samples: int) -> float:

@@ -16,7 +16,7 @@ from calib.simulators.delaminated_beam.reduction import Fineness
 from calib.simulators.delaminated_beam.stationary import stationary
 
 COUNT = 16
-LEVEL = Fineness(24, 512, 8, 2)
+LEVEL = Fineness(24, 512, 8, 2)  # error of a motion without contact: 0.01 %
 
 
 def case(**options):
@@ -191,7 +191,7 @@ def test_without_contact_the_reduced_kernel_is_the_full_one_on_the_paper_s_beam(
     motions = [stationary(engine, 1, 400, 6, 6) for engine in engines]
     assert [motion.status for motion in motions] == [OK, OK]
     x, full = (motion.samples[:, 1] for motion in motions)
-    assert np.sqrt(np.mean((x - full) ** 2)) < 1e-3 * full.std()
+    assert np.sqrt(np.mean((x - full) ** 2)) < 5e-4 * full.std()
 
 
 def test_a_beam_without_its_membrane_moves_otherwise(paper):

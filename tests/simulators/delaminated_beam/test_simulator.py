@@ -436,7 +436,7 @@ def test_the_record_tells_of_contact(fidelity):
     assert attrs["contact_force_max"] > record.contact_force.max() > 0.0
     assert ("modes" in attrs) == (fidelity == "reduced")
     if fidelity == "reduced":
-        assert (attrs["modes"], attrs["steps_per_period"], attrs["parts"]) == (24, 512, 8)
+        assert (attrs["modes"], attrs["steps_per_period"], attrs["parts"]) == (40, 512, 16)
 
 
 def test_contact_force_and_impulse_of_the_kernels_agree():
