@@ -2,8 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -14,36 +13,31 @@ from calib.excitation import Excitation
 from calib.laws import BoundLaw, at_site
 from calib.parameter import Parameter
 from calib.record import OK, STATE, failed, make, prescription, with_impacts, with_section
-from calib.simulators.delaminated_beam import layout, reduction
+from calib.simulators.delaminated_beam.case import Case, critical_step_of, modes_of, structure_of
 from calib.simulators.delaminated_beam.contact import Stiffness, clearance, critical_damping, penalty
 from calib.simulators.delaminated_beam.drive import Drive
-from calib.simulators.delaminated_beam.full import Full
-from calib.simulators.delaminated_beam.layout import BODIES, Layout, Structure, stable_step
-from calib.simulators.delaminated_beam.mesh import Counts, Geometry, mesh
-from calib.simulators.delaminated_beam.modes import Modes, modes
+from calib.simulators.delaminated_beam.layout import BODIES, LONGEST, stable_step
+from calib.simulators.delaminated_beam.mesh import Counts
 from calib.simulators.delaminated_beam.period_map import BeamMap
-from calib.simulators.delaminated_beam.plane_stress import Material
-from calib.simulators.delaminated_beam.reduction import Fineness, Reduced
+from calib.simulators.delaminated_beam.reduction import Fineness
 from calib.simulators.delaminated_beam.stationary import Motion, stationary
 from calib.simulators.impact.period_map import shifted
 
 Fidelity = Literal["reduced", "full", "auto"]
 PLACE, QUANTITY = "centre", "displacement"
 LEVELS = (Fineness(24, 512, 8, 2), Fineness(40, 1024, 8, 2), Fineness(64, 1024, 16, 1))
-ENOUGH = 100.0  # times the drive's velocity: beyond that the full kernel's step is unstable
-FAR = 100.0  # times the drive's amplitude: beyond that the reduced motion diverges
-APART = 0.01  # of a period without contact separates two impacts
 SETTLE = 200  # periods after which a motion that does not return is taken as it is
 
 PARAMETERS = (
     Parameter("alpha", "1/s", 500.0, "mass-proportional Rayleigh damping", null=0.0, low=0.0),
-    Parameter("beta", "1", 0.02, "stiffness damping, as a share of critical at the elements' highest frequency (the "
-              "unitless coefficient of LS-DYNA): beta = 1 is critical_step seconds", null=0.0, low=0.0),
+    Parameter("beta", "1", 0.02, "stiffness damping, as a share of critical at the elements' highest frequency "
+              "(the unitless coefficient of LS-DYNA): beta = 1 is critical_step seconds", null=0.0, low=0.0),
     Parameter("beta_seconds", "s", 0.0, "classical stiffness-proportional damping, added", null=0.0, low=0.0),
     Parameter("f", "1", 0.01, "factor on the contact stiffness", low=0.0),
-    Parameter("c_con", "1", 5.0, "contact damping over C_crit = 2 m w of each pair, with m the smaller of its masses: up "
-              "to half the true damping ratio", null=0.0, low=0.0),
-    Parameter("dt", "s", 9.38e-8, "time step; the step taken is the longest below it that divides the period", low=0.0),
+    Parameter("c_con", "1", 5.0, "contact damping over C_crit = 2 m w of each pair, with m the smaller of its masses: "
+              "up to half the true damping ratio", null=0.0, low=0.0),
+    Parameter("dt", "s", 9.38e-8, "time step; the longest below it that divides the period is taken. In reduced "
+              "fidelity it decides only whether a run is stable, and its effect shows in full", low=0.0),
     Parameter("f_dt", "1", 0.0, "time step over the computed critical one (eq. 4), in the place of dt; 0: dt holds",
               null=0.0, low=0.0),
     Parameter("g_max", "m", 0.2e-3, "height of the gap's cubics in the middle (Fig. 8)", low=0.0),
@@ -68,9 +62,10 @@ class DelaminatedBeam:
     """A beam with a delaminated layer in its middle: plane stress, large rotations, penalty contact (paper, section 4).
 
     Two kernels take the same parameters and give the same record. "full" is the explicit finite-element code: central
-    differences over corotational quadrilaterals with incompatible modes, contact of nodes with segments. "reduced" moves
-    the modes of the same mesh, with the stretch of the bent layer and an implicit contact, a hundred times faster; in it
-    `dt` decides only whether the step is stable. "auto" is "reduced" for a search, whose leaders "full" confirms.
+    differences over corotational quadrilaterals with incompatible modes, contact of nodes with segments. "reduced"
+    moves the modes of the same mesh, with the stretch of the bent layer and an implicit contact, a hundred times
+    faster; in it `dt` decides only whether the step is stable. "auto" is "reduced" for a search, whose leaders "full"
+    confirms.
 
     The beam is held at two supports and driven by a prescribed displacement in the middle, quantity "displacement" at
     place "centre".
@@ -89,17 +84,18 @@ class DelaminatedBeam:
         measured gaps [m], between which is interpolated; `s` is added, g_max has no say
     masters, slaves, outer, beam_rows, layer_rows : of the mesh, see `mesh.Counts`
     refinement : every element is cut into so many times so many
-    modes, steps, parts, every : of the reduced kernel, see `reduction.Fineness`; those not given are of its lowest level
+    modes, steps, parts, every : of the reduced kernel, see `reduction.Fineness`; those not given are of its lowest
+        level
     tolerance : error of the reduced phase curve that is accepted: modes and steps rise until the estimated error, which
-        the record states, is below it. Not given: the lowest level, no estimate. See `error_estimate`
+        the record states, is below it. Not given: the lowest level, no estimate
     settle_limit : periods after which a motion that does not return is taken as it is
 
     Notes
     -----
-    The motion settles until its full state returns within 1e-7 after 1 to 16 periods. The record's attribute
+    The motion settles until its full state returns within 1e-6 after 1 to 16 periods. The record's attribute
     `settled_periods` says how long that took, `stationary` whether it did, and where it did not, `reason` says so.
-    `Request.initial_state` is modal coordinates and rates in reduced fidelity, displacements and velocities of the free
-    nodes beyond the static shape in full; None is rest on the static shape.
+    `Request.initial_state` is modal coordinates and rates in reduced fidelity, displacements and velocities of the
+    free nodes beyond the static shape in full; None is rest on the static shape.
     """
 
     name = "delaminated_beam"
@@ -147,13 +143,15 @@ class DelaminatedBeam:
                 raise CalibError(f"{key} is a whole number from 1 on, got {value!r}")
         if masters % 2:
             raise CalibError(f"masters is even, half of them on each side of the middle; got {masters}")
-        if not all(height > 0.0 for height in (*beam_rows, *layer_rows)) or not beam_rows or not layer_rows:
-            raise CalibError(f"rows are positive heights, got beam_rows {beam_rows!r}, layer_rows {layer_rows!r}")
-        if tolerance is not None and not tolerance > 0.0:
+        for key, rows in (("beam_rows", beam_rows), ("layer_rows", layer_rows)):
+            if not isinstance(rows, Sequence) or not rows or not all(map(_positive, rows)):
+                raise CalibError(f"{key} is a list of positive heights, got {rows!r}")
+        if tolerance is not None and not _positive(tolerance):
             raise CalibError(f"tolerance is above 0, such as 0.01; got {tolerance!r}")
         if damper == "lagged" and fidelity != "full":
             raise CalibError(
-                f"the reduced kernel takes contact damping implicitly; damper 'lagged' needs fidelity 'full', not {fidelity!r}"
+                "the reduced kernel takes contact damping implicitly; damper 'lagged' needs fidelity 'full', "
+                f"not {fidelity!r}"
             )
         self.fidelity = fidelity
         self.contact_stiffness = contact_stiffness
@@ -162,9 +160,18 @@ class DelaminatedBeam:
         self.symmetric = bool(symmetric)
         self.layer = layer
         self.shift = shift
-        self.gap_table = None if gap_table is None else _table(gap_table)
+        self.gap_table = None if gap_table is None else _table(gap_table, symmetric)
         self.counts = Counts(masters, slaves, outer, tuple(beam_rows), tuple(layer_rows)).refined(refinement)
-        self.levels = tuple(replace(level, **given) for level in LEVELS)
+        pairs = self.counts.masters // 2 * slaves  # of a half
+        if every is not None and pairs % every:
+            raise CalibError(f"every divides the {pairs} elements of half the layer; {every} does not")
+        line = (pairs + self.counts.outer) * (1 if symmetric else 2) + 1
+        if fidelity != "reduced" and line > LONGEST:
+            raise CalibError(
+                f"a line of {line} nodes along the layer; fidelity {fidelity!r} takes {LONGEST} at most: lower "
+                "refinement, masters, slaves or outer, or set symmetric = true"
+            )
+        self.levels = tuple(replace(level, **{"every": math.gcd(level.every, pairs), **given}) for level in LEVELS)
         self.tolerance = tolerance
         self.settle_limit = settle_limit
         dropped = ("s",) if shift == "tied" else ("gap",)
@@ -242,15 +249,18 @@ class DelaminatedBeam:
         if request is not None and request.times is not None:
             raise CalibError("output times are for excitations without a period; ask for periods and samples instead")
 
-    def _case(self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw]) -> "Case":
+    def _case(self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw]) -> Case:
         for name, value in values.items():
             if not math.isfinite(value):
                 raise ValueError(f"parameter {name} is {value}")
+        for p in self.parameters:
+            if not p.low <= values[p.name] <= p.high:
+                raise ValueError(f"parameter {p.name} is {values[p.name]:g}, outside [{p.low:g}, {p.high:g}]")
         held = {name: value for name, value in values.items() if name not in NOT_SHAPE}
         height = held.pop("g_max")
         arch = height if self.layer == "arched" else 0.0
-        built = _structure(tuple(sorted(held.items())), arch, self.counts, self.symmetric)
-        critical = _critical_step(built)
+        built = structure_of(tuple(sorted(held.items())), arch, self.counts, self.symmetric)
+        critical = critical_step_of(built)
         step = values["f_dt"] * critical or values["dt"]
         if not step > 0.0:
             raise ValueError(f"a time step of {step:g} s")
@@ -281,7 +291,7 @@ class DelaminatedBeam:
 
     # --- from a case to a motion
 
-    def _motion(self, case: "Case", request) -> tuple[Fineness | None, Motion, float | None]:
+    def _motion(self, case: Case, request) -> tuple[Fineness | None, Motion, float | None]:
         """Run in the fidelity asked for; in reduced fidelity also the level, and its estimated error."""
 
         def settled(engine, settle=request.settle):
@@ -320,7 +330,7 @@ class DelaminatedBeam:
             "prescribed": prescription(["beam"]),
         }
 
-    def _record(self, case: "Case", motion: Motion, request, attrs: dict) -> xr.Dataset:
+    def _record(self, case: Case, motion: Motion, request, attrs: dict) -> xr.Dataset:
         times = np.arange(len(motion.samples)) * (case.drive.period / request.samples)
         contact, reason = motion.contact, ""
         if motion.returns is None and request.settle is None:
@@ -351,114 +361,6 @@ class DelaminatedBeam:
 FACTOR = 1.0  # estimated error over the difference to the next finer level
 
 
-@dataclass(frozen=True, eq=False)
-class Case:
-    """One beam with its numbers, ready to be run by either kernel.
-
-    Attributes
-    ----------
-    structure : mesh and matrices
-    alpha, beta : [1/s], [s]
-    critical, stable : longest stable step without and with beta  [s]
-    step, count : [s], and steps a period
-    clearance, stiffness, damping : (m,) of the contact pairs  [m], [N/m], [N s/m]
-    drive : of the middle
-    lagged, clipped, laws : see `layout.plan`
-    """
-
-    structure: Structure
-    alpha: float
-    beta: float
-    critical: float
-    stable: float
-    step: float
-    count: int
-    clearance: np.ndarray
-    stiffness: np.ndarray
-    damping: np.ndarray
-    drive: Drive
-    lagged: bool
-    clipped: bool
-    laws: tuple[BoundLaw, ...]
-
-    @property
-    def factor(self) -> float:
-        """By which forces of the model are those of the whole beam."""
-        return 2.0 if self.structure.mesh.symmetric else 1.0
-
-    def why_unstable(self) -> str:
-        """Say what the limit is."""
-        return (
-            f"a step of {self.step:.4g} s is above the stable one of {self.stable:.4g} s "
-            f"(critical step {self.critical:.4g} s, beta {self.beta / self.critical:.3g} of critical)"
-        )
-
-    def steps(self) -> dict:
-        """Attributes of a record that concern the step."""
-        return {"step": self.step, "critical_step": self.critical, "stable_step": self.stable}
-
-    def place_of(self, closed: np.ndarray) -> np.ndarray:
-        """Places of as many contact pairs as are told of  [1]."""
-        place = self.structure.pairs.place
-        return place[:: max(1, round((len(place) - 1) / max(1, len(closed) - 1)))]
-
-    def full(self, state: np.ndarray | None, budget: int) -> Full:
-        """Return the full kernel, at rest on the static shape unless a state is given."""
-        built, drive = self.structure, self.drive
-        places = Layout(built.mesh)
-        plan = layout.plan(
-            built,
-            places,
-            alpha=self.alpha,
-            beta=self.beta,
-            step=self.step,
-            clearance=self.clearance,
-            stiffness=self.stiffness,
-            damping=self.damping,
-            limit=ENOUGH * drive.speed,
-            merged=APART * drive.period,
-            lagged=self.lagged,
-            clipped=self.clipped,
-            laws=self.laws,
-        )
-        free, shape = built.free, built.static_shape().ravel()
-        still = tuple(value * shape for value in drive.at_start())
-        displacement, velocity = still[0].copy(), still[1].copy()
-        if state is not None:
-            if np.size(state) != 2 * len(free):
-                raise CalibError(f"the state of the full beam has {2 * len(free)} numbers, got {np.size(state)}")
-            more = np.split(np.asarray(state, dtype=float), 2)
-            displacement[free] += more[0]
-            velocity[free] += more[1]
-        start = layout.begin(plan, places, displacement.reshape(-1, 2), velocity.reshape(-1, 2))
-        return Full(plan, start, places.gather, free, still, drive.period, self.count, drive.displacements, budget)
-
-    def reduced(self, fineness: Fineness, state: np.ndarray | None, budget: int) -> Reduced:
-        """Return the reduced kernel, at rest on the static shape unless a state is given."""
-        built, drive = self.structure, self.drive
-        basis = modes_of(built, fineness.modes)
-        plan = reduction.plan(
-            built,
-            basis,
-            fineness,
-            alpha=self.alpha,
-            beta=self.beta,
-            period=drive.period,
-            clearance=self.clearance,
-            stiffness=self.stiffness,
-            damping=self.damping,
-            limit=FAR * drive.length,
-            merged=APART * drive.period,
-            clipped=self.clipped,
-            laws=self.laws,
-        )
-        if state is None:
-            state = np.zeros(2 * fineness.modes)
-        if np.size(state) != 2 * fineness.modes:
-            raise CalibError(f"the state of {fineness.modes} modes has {2 * fineness.modes} numbers, got {np.size(state)}")
-        return Reduced(plan, drive.period, lambda period: drive.table(period, fineness.steps * fineness.parts), state, budget)
-
-
 def loop_difference(one: Motion, other: Motion, samples: int) -> float:
     """Root mean square difference of the layer's phase curves, over the second one's about its mean  [1].
 
@@ -473,40 +375,23 @@ def loop_difference(one: Motion, other: Motion, samples: int) -> float:
     return float(np.sqrt(total))
 
 
-def _table(rows: Sequence[Sequence[float]]) -> np.ndarray:
+def _positive(value) -> bool:
+    """Whether it is a number above 0."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and 0.0 < value < math.inf
+
+
+def _table(rows: Sequence[Sequence[float]], symmetric: bool) -> np.ndarray:
     """Check a measured gap."""
-    table = np.array(rows, dtype=float)
+    try:
+        table = np.array(rows, dtype=float)
+    except (TypeError, ValueError):
+        table = np.zeros(0)
     if table.ndim != 2 or table.shape[1] != 2 or len(table) < 2 or not np.isfinite(table).all():
         raise CalibError("gap_table is a list of at least two pairs [place, gap]: place in [-1, 1] [1], gap [m]")
     if not (np.diff(table[:, 0]) > 0.0).all():
         raise CalibError("the places of gap_table must increase from pair to pair")
-    if not table[0, 0] <= 0.0 <= 1.0 <= table[-1, 0]:
+    if table[0, 0] not in (-1.0, 0.0) or table[-1, 0] != 1.0:
         raise CalibError(f"the places of gap_table go from 0 (or -1) to 1, got {table[0, 0]:g} to {table[-1, 0]:g}")
+    if table[0, 0] < 0.0 and symmetric:
+        raise CalibError("a gap_table from -1 to 1 is of the whole beam; set symmetric = false, or give its right half")
     return table
-
-
-@lru_cache(maxsize=8)
-def _structure(shape: tuple[tuple[str, float], ...], arch: float, counts: Counts, symmetric: bool) -> Structure:
-    """Mesh of a beam with its matrices."""
-    v = dict(shape)
-    if not v["poisson_ratio"] < 0.5:
-        raise ValueError("a Poisson's ratio of 0.5 has no bulk modulus")
-    for name in ("young_modulus", "density", "width", "beam_thickness", "layer_thickness"):
-        if not v[name] > 0.0:
-            raise ValueError(f"{name} is {v[name]:g}")
-    geometry = Geometry(
-        v["length"], v["delamination"], v["beam_thickness"], v["layer_thickness"], arch, v["support"]
-    )
-    material = Material(v["young_modulus"], v["poisson_ratio"], v["density"])
-    return layout.structure(mesh(geometry, counts, symmetric), material, v["width"])
-
-
-@lru_cache(maxsize=8)
-def _critical_step(built: Structure) -> float:
-    return built.critical_step()
-
-
-@lru_cache(maxsize=16)
-def modes_of(built: Structure, count: int) -> Modes:
-    """Modes of a structure; kept, since most evaluations of a search share them."""
-    return modes(built, count)

@@ -21,8 +21,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, uintp
 
-from calib.laws import SLOTS
 from calib.simulators import slots
+from calib.simulators.delaminated_beam.impacts import note_impact, note_pass
 
 ROW = 1032  # numbers from one row of a strip's coefficients or forces to the next
 LANES = 8  # rows are padded to whole vectors
@@ -32,9 +32,10 @@ FACTORS = 11  # rows of coefficients of a strip
 FORCES = 8  # rows of nodal forces of a strip
 DONE, UNSTABLE = 0, 1
 
-VECTOR = {"cache": True, "nogil": True, "fastmath": {"contract"}, "error_model": "numpy"}
+VECTOR = {"cache": True, "nogil": True, "fastmath": {"contract"}, "error_model": "numpy", "_nrt": False}
 SCALAR = {"cache": True, "nogil": True, "error_model": "numpy"}
-WITHIN = {**SCALAR, "forceinline": True}  # handing a plan over, by value, costs more than some of these functions do
+# inlined, and without counting references: with them, handing the arrays of a plan over costs as much as the elements
+WITHIN = {**SCALAR, "forceinline": True, "_nrt": False}
 
 
 class Plan(NamedTuple):
@@ -45,7 +46,7 @@ class Plan(NamedTuple):
     Attributes
     ----------
     size : of a component
-    strips : (k, 5) first node of the lower and of the upper line, elements, lines by number
+    strips : (k, 3) first node of the lower and of the upper line, elements (padded)
     turned : (k,) whether a strip's stress-free elements are not rectangles along x
     factors : (k * FACTORS * ROW,) coefficients of the elements, see `forces_of_strip`
     across : (k,) 0.5 / height of the elements  [1/m]
@@ -58,7 +59,7 @@ class Plan(NamedTuple):
     step : [s]
     slave, master, following : (m,) y-nodes of the contact pairs
     weight, clearance, stiffness, damping : (m,) [1], [m], [N/m], [N s/m]
-    mobility : (m,) inverse mass of the pair  [1/kg]
+    acting : (m,) whether the two sides are two nodes
     area : (m,) of the pair  [m^2]
     place : (m,) along the delamination  [1]
     lagged, clipped : how damping is taken, and whether the force can pull
@@ -94,7 +95,7 @@ class Plan(NamedTuple):
     clearance: np.ndarray
     stiffness: np.ndarray
     damping: np.ndarray
-    mobility: np.ndarray
+    acting: np.ndarray
     area: np.ndarray
     place: np.ndarray
     lagged: bool
@@ -121,7 +122,9 @@ class State(NamedTuple):
     elastic : (k * FORCES * ROW,) nodal forces of each strip's elements, see `spread`  [N]
     active : (m,) pairs that are closed
     gap, rate, push : (m,) clearance [m], its rate [m/s] half a step back, force [N] of the closed pairs
-    count : (4,) steps done in all, next step at which contact is looked for, step of the last contact anywhere, at centre
+    mobility, crowd : (m,) of the closed pairs with all the others [1/kg]; (2 * size,) pairs that push each node [1]
+    count : (4,) steps done in all, next step at which contact is looked for, step of the last contact anywhere, and in
+        the middle
     """
 
     w: np.ndarray
@@ -131,6 +134,8 @@ class State(NamedTuple):
     gap: np.ndarray
     rate: np.ndarray
     push: np.ndarray
+    mobility: np.ndarray
+    crowd: np.ndarray
     count: np.ndarray
 
 
@@ -140,8 +145,8 @@ class Seen(NamedTuple):
     Attributes
     ----------
     at, shift : (s,) step next to each sample, and the sample's distance from it  [1], [1, in steps]
-    samples : (s, 5) displacement of beam and layer in the middle [m], their velocities [m/s], contact force on the layer
-        since the sample before, on average [N]
+    samples : (s, 5) displacement of beam and layer in the middle [m], their velocities [m/s], impulse of the contact
+        forces on the layer since the sample before [N s]
     impacts, central : (k, 2) step and closing speed [m/s] at which contact begins, anywhere and in the middle
     closed : (m,) steps for which each pair was closed
     total : (6,) impacts, central impacts, steps with contact, largest force [N], deepest penetration [m], impulse [N s]
@@ -162,10 +167,10 @@ class Seen(NamedTuple):
 
 @njit(**VECTOR)
 def spread(at, fx, fy, ax, ay, cx, cy, out):
-    """Write the nodal forces of an element from `at` on: of the product pattern (f), of the ends (a) and of the sides (c)  [N].
+    """Write the nodal forces of an element from `at` on: of product pattern (f), ends (a) and sides (c)  [N].
 
-    Rows of `out`: x of the lower line from the elements on the right and on the left of each node, y of it, then x and y
-    of the upper line.
+    Rows of `out`: x of the lower line from the elements on the right and on the left of each node, y of it, then x and
+    y of the upper line.
     """
     plus, minus = ax + cx, ax - cx
     out[at] = fx - plus
@@ -218,7 +223,7 @@ def forces_of_strip(count, w, xl, yl, xu, yu, k, at, across, mean, shear, out, t
 def forces_of_turned_strip(count, w, xl, yl, xu, yu, k, at, across, mean, shear, out, to):
     """Nodal forces of elements whose stress-free shape is a turned and slightly bent rectangle.
 
-    As `forces_of_strip`; further rows of k are 2 cos, 2 sin of the angle by which an element stands turned [1], and four
+    As `forces_of_strip`; further rows of k are 2 cos, 2 sin of the angle by which an element stands turned [1], and 4
     times the stress-free amplitudes of the pattern along x, along y and in turned axes [m].
     """
     for j in range(count):
@@ -248,17 +253,18 @@ def forces_of_turned_strip(count, w, xl, yl, xu, yu, k, at, across, mean, shear,
 def elastic(plan, w, out):
     """Nodal forces of all elements at the displacements w, those of common nodes put together on the layer's line."""
     size = plan.size
-    for k in range(len(plan.strips)):
-        low, up, count = plan.strips[k]
-        yl, yu = uintp(low + size), uintp(up + size)
-        at, to = uintp(k * FACTORS * ROW), uintp(k * FORCES * ROW)
-        forces = forces_of_turned_strip if plan.turned[k] else forces_of_strip
-        forces(
-            uintp(count), w, uintp(low), yl, uintp(up), yu, plan.factors, at, plan.across[k], plan.mean, plan.shear, out, to
-        )
+    k, mean, shear = plan.factors, plan.mean, plan.shear
+    for strip in range(len(plan.strips)):
+        low, up, count = uintp(plan.strips[strip, 0]), uintp(plan.strips[strip, 1]), uintp(plan.strips[strip, 2])
+        yl, yu, across = low + uintp(size), up + uintp(size), plan.across[strip]
+        at, to = uintp(strip * FACTORS * ROW), uintp(strip * FORCES * ROW)
+        if plan.turned[strip]:
+            forces_of_turned_strip(count, w, low, yl, up, yu, k, at, across, mean, shear, out, to)
+        else:
+            forces_of_strip(count, w, low, yl, up, yu, k, at, across, mean, shear, out, to)
     below, above = plan.joint[0] * FORCES * ROW, plan.joint[1] * FORCES * ROW
-    for k in range(len(plan.shared)):
-        layer, beam, count = plan.shared[k]
+    for stretch in range(len(plan.shared)):
+        layer, beam, count = plan.shared[stretch, 0], plan.shared[stretch, 1], plan.shared[stretch, 2]
         for row in (0, 2):
             mine, other = uintp(above + row * ROW + layer), uintp(below + (row + 4) * ROW + beam)
             for j in range(uintp(count)):
@@ -294,7 +300,7 @@ def advance_nodes(plan, state):
     ahead, back = plan.step + plan.beta, plan.beta
     w, v, mass, forces = state.w, state.v, plan.inverse_mass, state.elastic
     for k in range(len(plan.lines)):
-        first, count, below, above = plan.lines[k]
+        first, count, below, above = plan.lines[k, 0], plan.lines[k, 1], plan.lines[k, 2], plan.lines[k, 3]
         for component in range(2):
             at = uintp(first + component * plan.size)
             lower = uintp((below * FORCES + 4 + 2 * component) * ROW)
@@ -319,9 +325,10 @@ def find_contact(plan, state):
     closed, nearest = 0, np.inf
     everywhere = plan.counts[1] > 0
     for i in range(len(plan.slave)):
-        if plan.mobility[i] == 0.0:
+        if not plan.acting[i]:
             continue
-        s, m, n, weight = plan.slave[i], plan.master[i], plan.following[i], plan.weight[i]
+        s, m, n = uintp(plan.slave[i]), uintp(plan.master[i]), uintp(plan.following[i])
+        weight = plan.weight[i]
         rate = v[s] - (1.0 - weight) * v[m] - weight * v[n]
         gap = plan.clearance[i] + w[s] - (1.0 - weight) * w[m] - weight * w[n] - beta * rate
         nearest = min(nearest, gap)
@@ -332,18 +339,42 @@ def find_contact(plan, state):
 
 
 @njit(**WITHIN)
-def push_apart(plan, state, closed, forwards):
-    """Step the nodes of closed pairs by their contact forces, pair after pair.
+def gather_mobility(plan, state, closed):
+    """Add up, for each closed pair, by how much its own push and equal ones of all the others would part it  [1/kg].
 
-    The damping sees the mean of the velocities before and after the step, pair by pair; `lagged`: the one before.
+    Pairs that share a master push it together. A damper that reckons with this is stable for any damping, whatever the
+    others' pushes turn out to be: the row sums bound the matrix of the mobilities from above.
+    """
+    inverse, crowd = plan.inverse_mass, state.crowd
+    for k in range(closed):
+        if state.gap[k] < 0.0:
+            i = state.active[k]
+            crowd[plan.master[i]] += 1.0 - plan.weight[i]
+            crowd[plan.following[i]] += plan.weight[i]
+    for k in range(closed):
+        i = state.active[k]
+        s, m, n, weight = plan.slave[i], plan.master[i], plan.following[i], plan.weight[i]
+        state.mobility[k] = inverse[s] + (1.0 - weight) * inverse[m] * crowd[m] + weight * inverse[n] * crowd[n]
+    for k in range(closed):
+        i = state.active[k]
+        crowd[plan.master[i]] = crowd[plan.following[i]] = 0.0
+
+
+@njit(**WITHIN)
+def push_apart(plan, state, closed):
+    """Step the nodes of closed pairs by their contact forces.
+
+    The damping sees the mean of the velocities before the step and after it, these as if the other closed pairs pushed
+    as much (see `gather_mobility`): exact for a pair alone and for a common push. `lagged`: the velocity before.
     """
     w, v = state.w, state.v
     gain = plan.step / (1.0 + 0.5 * plan.alpha * plan.step)
     ahead = plan.step + plan.beta
+    if not plan.lagged:
+        gather_mobility(plan, state, closed)
     for k in range(closed):
-        at = k if forwards else closed - 1 - k
-        i = state.active[at]
-        gap, before = state.gap[at], state.rate[at]
+        i = state.active[k]
+        gap, before = state.gap[k], state.rate[k]
         s, m, n, weight = plan.slave[i], plan.master[i], plan.following[i], plan.weight[i]
         push = 0.0
         if gap < 0.0:
@@ -352,7 +383,7 @@ def push_apart(plan, state, closed, forwards):
             else:
                 free = v[s] - (1.0 - weight) * v[m] - weight * v[n]
                 push = -plan.stiffness[i] * gap - plan.damping[i] * 0.5 * (before + free)
-                push /= 1.0 + 0.5 * plan.damping[i] * gain * plan.mobility[i]
+                push /= 1.0 + 0.5 * plan.damping[i] * gain * state.mobility[k]
             if plan.clipped:
                 push = max(0.0, push)
         if plan.counts[1] > 0:
@@ -362,12 +393,14 @@ def push_apart(plan, state, closed, forwards):
                     plan.contact[law], plan.place[i], gap, before, pressure, plan.contact_p[law]
                 )
             push += more * plan.area[i]
-        state.push[at] = push
-        if push != 0.0:
-            for node, part in ((s, 1.0), (m, weight - 1.0), (n, -weight)):
-                change = gain * plan.inverse_mass[node] * part * push
-                v[node] += change
-                w[node] += ahead * change
+        state.push[k] = push
+    for k in range(closed):
+        i, push = state.active[k], state.push[k]
+        s, m, n, weight = plan.slave[i], plan.master[i], plan.following[i], plan.weight[i]
+        for node, part in ((s, 1.0), (m, weight - 1.0), (n, -weight)):
+            change = gain * plan.inverse_mass[node] * part * push
+            v[node] += change
+            w[node] += ahead * change
 
 
 @njit(**WITHIN)
@@ -375,7 +408,7 @@ def push_by_laws(plan, state, time):
     """Step the nodes by the force laws, each body by those that act on it."""
     gain = plan.step / (1.0 + 0.5 * plan.alpha * plan.step)
     ahead = plan.step + plan.beta
-    none = np.zeros(1)
+    none = state.push[:0]
     for k in range(len(plan.bodies)):
         first, count, body = plan.bodies[k]
         for j in range(first, first + count):
@@ -412,14 +445,15 @@ def step(plan, state, time, drive):
     state.v[driven] = (drive - before) / plan.step
     state.w[driven] = drive + plan.beta * state.v[driven]
     if closed:
-        push_apart(plan, state, closed, state.count[0] % 2 == 0)
+        push_apart(plan, state, closed)
     layer, beam = plan.lines[plan.joint[2], 0], plan.lines[plan.joint[2] - 1, 0]
     for k in range(len(plan.shared)):
-        mine, other, count = plan.shared[k]
         for component in range(2):
-            source, copy = component * plan.size + layer + mine, component * plan.size + beam + other
-            state.w[copy : copy + count] = state.w[source : source + count]
-            state.v[copy : copy + count] = state.v[source : source + count]
+            source = component * plan.size + layer + plan.shared[k, 0]
+            copy = component * plan.size + beam + plan.shared[k, 1]
+            for j in range(plan.shared[k, 2]):
+                state.w[copy + j] = state.w[source + j]
+                state.v[copy + j] = state.v[source + j]
     state.count[0] += 1
     return closed, nearest
 
@@ -448,27 +482,6 @@ def note_contact(plan, state, closed, seen):
     seen.total[3] = max(seen.total[3], force)
     seen.total[5] += plan.step * force
     return force
-
-
-@njit(**WITHIN)
-def note_impact(count, speed, impacts, total, which):
-    """Note the step and the closing speed of an impact, as far as there is room."""
-    number = int(total[which])
-    if number < len(impacts):
-        impacts[number, 0], impacts[number, 1] = count, max(0.0, speed)
-    total[which] += 1
-
-
-@njit(**WITHIN)
-def note_pass(closed, nearest, seen):
-    """Note the clearance where it was smallest between two phases of contact."""
-    last, before = seen.passes[0], seen.passes[1]
-    if not closed and last < nearest and last <= before and last > 0.0:
-        number = int(seen.passes[2])
-        if number < len(seen.nearest):
-            seen.nearest[number] = last
-            seen.passes[2] += 1
-    seen.passes[1], seen.passes[0] = last, -1.0 if closed else nearest
 
 
 @njit(**SCALAR)

@@ -71,7 +71,7 @@ class Full:
         return np.concatenate([u / largest[0], self.now.v / largest[1]])
 
     def whole_state(self) -> np.ndarray:
-        """Displacements and velocities (2 * free,) of the free nodes beyond the static shape, at the end of a period."""
+        """Displacements and velocities (2 * free,) of the free nodes beyond the static shape, after a period."""
         u = self._gather(self.now.w - self.plan.beta * self.now.v).ravel() - self._still[0]
         v = self._gather(self.now.v).ravel() - self._still[1]
         return np.concatenate([u[self._free], v[self._free]])

@@ -16,6 +16,7 @@ from calib.simulators.delaminated_beam.plane_stress import Material, elements, e
 from calib.simulators.slots import fill
 
 BODIES = ("beam", "layer")
+LONGEST = ROW - 2 * LANES  # nodes of a line
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,9 +75,8 @@ def structure(mesh: Mesh, material: Material, width: float, full: bool = False) 
     held = list(2 * mesh.supports + 1)
     middle = np.flatnonzero(np.abs(mesh.nodes[:, 0]) < 1e-12) if mesh.symmetric else [mesh.driven]
     held += [2 * node for node in middle]
-    return Structure(
-        mesh, material, width, mass, stiffness(mesh, material, width, full), np.array(held), contact.pairs(mesh, mass), full
-    )
+    k = stiffness(mesh, material, width, full)
+    return Structure(mesh, material, width, mass, k, np.array(held), contact.pairs(mesh, mass), full)
 
 
 def stable_step(critical: float, beta: float) -> float:
@@ -105,13 +105,13 @@ class Layout:
 
     def __init__(self, mesh: Mesh):
         padded = [-(-len(line) // LANES) * LANES for line in mesh.lines]
-        if max(padded) + LANES >= ROW:
-            raise ValueError(f"a line of {max(map(len, mesh.lines))} nodes; at most {ROW - 2 * LANES} can be")
+        if max(padded) > LONGEST:
+            raise ValueError(f"a line of {max(map(len, mesh.lines))} nodes; at most {LONGEST} can be")
         self.starts = np.concatenate([[0], np.cumsum(np.array(padded) + LANES)])
         self.size = int(self.starts[-1])
         self.lengths = padded
         self.place = np.full(len(mesh.nodes), -1)
-        for start, line in zip(self.starts, mesh.lines, strict=False):  # the layer's lowest line comes last: its names hold
+        for start, line in zip(self.starts, mesh.lines, strict=False):  # of two names that of the layer's line holds
             self.place[line] = start + np.arange(len(line))
         self._mesh = mesh
 
@@ -170,7 +170,7 @@ def plan(
     strips, turned, factors, across = [], [], [], []
     for lower in mesh.strips:
         e = elements(mesh.nodes, mesh.quadrilaterals(lower), material, structure.width, structure.full)
-        count = -(-len(e.along) // LANES) * LANES
+        count = -(-(len(e.along) + 1) // LANES) * LANES  # the last node's place too, to which common nodes add
         strips.append([layout.starts[lower], layout.starts[lower + 1], count])
         turned.append(e.turned)
         across.append(0.5 / e.across)
@@ -187,7 +187,6 @@ def plan(
         mass[freedom % 2, layout.place[freedom // 2]] = 0.0
     inverse = mass.ravel()
     slave, master, following = (size + layout.place[nodes] for nodes in (pairs.slave, pairs.master, pairs.following))
-    mobility = inverse[slave] + (1.0 - pairs.weight) ** 2 * inverse[master] + pairs.weight**2 * inverse[following]
     force, force_p, forces = fill(laws, "force")
     contacts, contact_p, number = fill(laws, "contact")
     acts = np.zeros((len(force), len(BODIES)), dtype=bool)
@@ -215,7 +214,7 @@ def plan(
         clearance=np.ascontiguousarray(clearance, dtype=float),
         stiffness=stiffness,
         damping=damping,
-        mobility=np.where(pairs.share > 0.0, mobility, 0.0),
+        acting=pairs.share > 0.0,
         area=np.where(pairs.share > 0.0, pairs.share, 1.0) * pairs.length * structure.width,
         place=pairs.place,
         lagged=lagged,
@@ -285,6 +284,8 @@ def begin(plan: Plan, layout: Layout, displacement: np.ndarray, velocity: np.nda
         gap=np.zeros(pairs),
         rate=np.zeros(pairs),
         push=np.zeros(pairs),
+        mobility=np.zeros(pairs),
+        crowd=np.zeros(2 * layout.size),
         count=np.array([0, 0, -(10**15), -(10**15)]),
     )
 
@@ -295,7 +296,7 @@ def internal_force(plan: Plan, layout: Layout, displacement: np.ndarray) -> np.n
     explicit.elastic(plan, layout.spread(displacement), out)
     rows = out.reshape(len(plan.strips), 2, 2, 2, ROW)  # strip; lower, upper; x, y; from the right, from the left
     force = np.zeros((2, layout.size))
-    for k, (first, count, below, above) in enumerate(plan.lines):
+    for first, count, below, above in plan.lines:
         total = np.zeros((2, count))
         if above >= 0:
             total += rows[above, 0].sum(axis=1)[:, :count]

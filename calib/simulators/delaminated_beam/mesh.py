@@ -69,8 +69,8 @@ class Mesh:
     lines : node numbers of each line, from left to right
     strips : number of the lower line of each strip; the upper one is the next
     interface : number of the last line of the beam; the first line of the layer is the next
-    first, last : indices along a layer line of the delamination's ends; on the right half `first` is its middle. Along a
-        beam line the delamination begins at `first` too
+    first, last : indices along a layer line of the delamination's ends; on the right half `first` is its middle. Along
+        a beam line the delamination begins at `first` too
     ratio : slaves to a master
     driven : upper node in the middle of the remaining beam
     supports : nodes at mid-height that are held in y

@@ -18,6 +18,7 @@ from calib.simulators.delaminated_beam.mesh import Mesh
 ALONG = np.array([-0.5, 0.5, 0.5, -0.5])  # of the nodes lower left, lower right, upper right, upper left
 ACROSS = np.array([-0.5, -0.5, 0.5, 0.5])
 PRODUCT = np.array([0.25, -0.25, 0.25, -0.25])
+SLENDER = 1e4  # sides of an element: beyond, bending drowns in the rounding of the stretch
 
 
 @dataclass(frozen=True)
@@ -96,13 +97,15 @@ def elements(
 
     Raises
     ------
-    ValueError : an element without area
+    ValueError : an element without area, or one whose sides differ by more than SLENDER
     """
     corner = nodes[quadrilaterals]
     xi, eta, product = (np.einsum("i,mic->cm", pattern, corner) for pattern in (ALONG, ACROSS, PRODUCT))
     if not (xi[0] * eta[1] > xi[1] * eta[0]).all():
         raise ValueError("an element has no area")
     along, across = np.hypot(*xi), float(np.hypot(*eta).mean())
+    if not 1.0 / SLENDER < along.min() / across <= along.max() / across < SLENDER:
+        raise ValueError(f"elements of {along.max():.3g} m by {across:.3g} m are too slender to compute with")
     cosine, sine = turn(np.array([xi / along, eta / across]))
     if np.ptp(nodes[quadrilaterals[:, :2], 1]) == 0.0:  # what is left is rounding
         cosine, sine, product = np.ones_like(along), np.zeros_like(along), 0.0 * product
@@ -168,10 +171,12 @@ def _stiffness(e: Elements, material: Material) -> np.ndarray:
     )
     volume, nu = e.volume, material.poisson
     k = _outer(stretch, stretch, volume * material.plane) + _outer(widening, widening, volume * material.plane)
-    k += _outer(stretch, widening, nu * volume * material.plane) + _outer(widening, stretch, nu * volume * material.plane)
+    k += _outer(stretch, widening, nu * volume * material.plane)
+    k += _outer(widening, stretch, nu * volume * material.plane)
     k += _outer(shear, shear, volume * material.shear)
-    for axis in (0, 1):
-        twist = _amplitude(e, PRODUCT, axis)
+    turning = 0.5 * (_amplitude(e, ALONG, 1) / along - _amplitude(e, ACROSS, 0) / e.across)
+    for axis, carried in ((0, e.twist[1]), (1, -e.twist[0])):  # a turn carries the stress-free twist along
+        twist = _amplitude(e, PRODUCT, axis) + carried[:, None] * turning
         k += _outer(twist, twist, e.bending[axis])
     return k
 

@@ -19,6 +19,7 @@ import numpy as np
 from numba import njit
 
 from calib.simulators import slots
+from calib.simulators.delaminated_beam.impacts import note_impact, note_pass
 
 DONE, DIVERGED = 0, 1
 MOST = 64  # pairs that can be closed at a time, at most; of more, the least penetrated wait
@@ -391,27 +392,6 @@ def note_contact(plan, state, closed, near, time, part, gap, rate, seen):
         seen.total[2] += part
     seen.total[3] = max(seen.total[3], force)
     return force
-
-
-@njit(**WITHIN)
-def note_impact(time, speed, impacts, total, which):
-    """Note the time and the closing speed of an impact, as far as there is room."""
-    number = int(total[which])
-    if number < len(impacts):
-        impacts[number, 0], impacts[number, 1] = time, max(0.0, speed)
-    total[which] += 1
-
-
-@njit(**WITHIN)
-def note_pass(closed, nearest, seen):
-    """Note the clearance where it was smallest between two phases of contact."""
-    last, before = seen.passes[0], seen.passes[1]
-    if not closed and last < nearest and last <= before and last > 0.0:
-        number = int(seen.passes[2])
-        if number < len(seen.nearest):
-            seen.nearest[number] = last
-            seen.passes[2] += 1
-    seen.passes[1], seen.passes[0] = last, -1.0 if closed else nearest
 
 
 @njit(**SCALAR)

@@ -16,7 +16,7 @@ from calib.simulators.delaminated_beam.stationary import Contact, Period
 from calib.simulators.slots import fill
 
 CAPACITY = 4096  # impacts that are noted
-GUARD = 2e-6  # clearance that counts as near  [m]
+GUARD = 1e-8  # clearance that counts as near  [m]
 WATCHED = 4  # of so many pairs one is looked at in flight, but of the last ones at the tips each
 
 
@@ -86,7 +86,8 @@ def plan(
     for row, law in zip(acts, at_site(laws, "force"), strict=False):
         row[:] = [law.bodies is None or body in law.bodies for body in BODIES]
     n = len(basis.omega)
-    columns, weights, bodies = _columns(structure, basis) if forces else (np.zeros((0, n + 1)), np.zeros(0), np.zeros(0))
+    none = np.zeros((0, n + 1)), np.zeros(0), np.zeros(0)
+    columns, weights, bodies = _columns(structure, basis) if forces else none
     opening = np.ascontiguousarray(basis.across[taken])
     share, place = pairs.share[taken], pairs.place[taken]
     near_tip = np.abs(place) > 1.0 - WATCHED * np.diff(place).max()  # where the gap may be as small as one likes

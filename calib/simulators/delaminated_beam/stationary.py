@@ -9,7 +9,7 @@ import numpy as np
 from calib.record import OK, SECTION
 
 LAGS = 16  # the longest return that is looked for, in periods
-RETURNED = 1e-7  # largest change of the state, as a share of its largest displacement or velocity
+RETURNED = 1e-6  # largest change of the state, as a share of its largest displacement or velocity
 
 
 class Period(NamedTuple):
@@ -34,8 +34,8 @@ class Contact:
 
     Attributes
     ----------
-    impacts, central : (k, 2) instants since their start [s] and closing speeds [m/s] at which contact begins, anywhere on
-        the layer and in its middle
+    impacts, central : (k, 2) instants since their start [s] and closing speeds [m/s] at which contact begins, anywhere
+        on the layer and in its middle
     closed : (m,) share of the time for which each node of the layer was in contact  [1]
     fraction : share of the time with contact anywhere  [1]
     force, penetration : largest  [N], [m]

@@ -5,8 +5,8 @@ from numba import njit
 from calib.simulators.impact.coordinates import to_coordinates, to_modes
 from calib.simulators.impact.polynomial import polynomial, slope
 from calib.simulators.impact.problem import AT_PERIOD, CONTACT, FREE, HIT, IMPACTS, REGIME, RELEASED, TOUCH
-from calib.simulators.slots import restitution
 from calib.simulators.impact.witness import witness
+from calib.simulators.slots import restitution
 
 
 @njit(cache=True, error_model="numpy")

@@ -1,0 +1,162 @@
+"""One beam with its numbers, ready to be run by either kernel."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from calib.errors import CalibError
+from calib.laws import BoundLaw
+from calib.simulators.delaminated_beam import layout, reduction
+from calib.simulators.delaminated_beam.drive import Drive
+from calib.simulators.delaminated_beam.full import Full
+from calib.simulators.delaminated_beam.layout import Layout, Structure
+from calib.simulators.delaminated_beam.mesh import Counts, Geometry, mesh
+from calib.simulators.delaminated_beam.modes import Modes, modes
+from calib.simulators.delaminated_beam.plane_stress import Material
+from calib.simulators.delaminated_beam.reduction import Fineness, Reduced
+
+ENOUGH = 100.0  # times the drive's velocity: beyond that the full kernel's step is unstable
+FAR = 100.0  # times the drive's amplitude: beyond that the reduced motion diverges
+APART = 0.01  # of a period without contact separates two impacts
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One beam with its numbers, ready to be run by either kernel.
+
+    Attributes
+    ----------
+    structure : mesh and matrices
+    alpha, beta : [1/s], [s]
+    critical, stable : longest stable step without and with beta  [s]
+    step, count : [s], and steps a period
+    clearance, stiffness, damping : (m,) of the contact pairs  [m], [N/m], [N s/m]
+    drive : of the middle
+    lagged, clipped, laws : see `layout.plan`
+    """
+
+    structure: Structure
+    alpha: float
+    beta: float
+    critical: float
+    stable: float
+    step: float
+    count: int
+    clearance: np.ndarray
+    stiffness: np.ndarray
+    damping: np.ndarray
+    drive: Drive
+    lagged: bool
+    clipped: bool
+    laws: tuple[BoundLaw, ...]
+
+    @property
+    def factor(self) -> float:
+        """By which forces of the model are those of the whole beam."""
+        return 2.0 if self.structure.mesh.symmetric else 1.0
+
+    def why_unstable(self) -> str:
+        """Say what the limit is."""
+        return (
+            f"a step of {self.step:.4g} s is above the stable one of {self.stable:.4g} s "
+            f"(critical step {self.critical:.4g} s, beta {self.beta / self.critical:.3g} of critical)"
+        )
+
+    def steps(self) -> dict:
+        """Attributes of a record that concern the step."""
+        return {"step": self.step, "critical_step": self.critical, "stable_step": self.stable}
+
+    def place_of(self, closed: np.ndarray) -> np.ndarray:
+        """Places of as many contact pairs as are told of  [1]."""
+        place = self.structure.pairs.place
+        return place[:: max(1, round((len(place) - 1) / max(1, len(closed) - 1)))]
+
+    def full(self, state: np.ndarray | None, budget: int) -> Full:
+        """Return the full kernel, at rest on the static shape unless a state is given."""
+        built, drive = self.structure, self.drive
+        places = Layout(built.mesh)
+        plan = layout.plan(
+            built,
+            places,
+            alpha=self.alpha,
+            beta=self.beta,
+            step=self.step,
+            clearance=self.clearance,
+            stiffness=self.stiffness,
+            damping=self.damping,
+            limit=ENOUGH * drive.speed,
+            merged=APART * drive.period,
+            lagged=self.lagged,
+            clipped=self.clipped,
+            laws=self.laws,
+        )
+        free, shape = built.free, built.static_shape().ravel()
+        still = tuple(value * shape for value in drive.at_start())
+        displacement, velocity = still[0].copy(), still[1].copy()
+        if state is not None:
+            if np.size(state) != 2 * len(free):
+                raise CalibError(f"the state of the full beam has {2 * len(free)} numbers, got {np.size(state)}")
+            more = np.split(np.asarray(state, dtype=float), 2)
+            displacement[free] += more[0]
+            velocity[free] += more[1]
+        start = layout.begin(plan, places, displacement.reshape(-1, 2), velocity.reshape(-1, 2))
+        return Full(plan, start, places.gather, free, still, drive.period, self.count, drive.displacements, budget)
+
+    def reduced(self, fineness: Fineness, state: np.ndarray | None, budget: int) -> Reduced:
+        """Return the reduced kernel, at rest on the static shape unless a state is given."""
+        built, drive = self.structure, self.drive
+        if fineness.modes >= len(built.free):
+            raise CalibError(
+                f"{fineness.modes} modes of a mesh with {len(built.free)} freedoms; take fewer modes or a finer mesh"
+            )
+        basis = modes_of(built, fineness.modes)
+        plan = reduction.plan(
+            built,
+            basis,
+            fineness,
+            alpha=self.alpha,
+            beta=self.beta,
+            period=drive.period,
+            clearance=self.clearance,
+            stiffness=self.stiffness,
+            damping=self.damping,
+            limit=FAR * drive.length,
+            merged=APART * drive.period,
+            clipped=self.clipped,
+            laws=self.laws,
+        )
+        if state is None:
+            state = np.zeros(2 * fineness.modes)
+        size, parts = 2 * fineness.modes, fineness.steps * fineness.parts
+        if np.size(state) != size:
+            raise CalibError(f"the state of {fineness.modes} modes has {size} numbers, got {np.size(state)}")
+        return Reduced(plan, drive.period, lambda period: drive.table(period, parts), state, budget)
+
+
+@lru_cache(maxsize=8)
+def structure_of(shape: tuple[tuple[str, float], ...], arch: float, counts: Counts, symmetric: bool) -> Structure:
+    """Mesh of a beam with its matrices."""
+    v = dict(shape)
+    if not v["poisson_ratio"] < 0.5:
+        raise ValueError("a Poisson's ratio of 0.5 has no bulk modulus")
+    for name in ("young_modulus", "density", "width", "beam_thickness", "layer_thickness"):
+        if not v[name] > 0.0:
+            raise ValueError(f"{name} is {v[name]:g}")
+    geometry = Geometry(
+        v["length"], v["delamination"], v["beam_thickness"], v["layer_thickness"], arch, v["support"]
+    )
+    material = Material(v["young_modulus"], v["poisson_ratio"], v["density"])
+    return layout.structure(mesh(geometry, counts, symmetric), material, v["width"])
+
+
+@lru_cache(maxsize=8)
+def critical_step_of(built: Structure) -> float:
+    """Longest stable step without damping [s], kept as the structure is."""
+    return built.critical_step()
+
+
+@lru_cache(maxsize=16)
+def modes_of(built: Structure, count: int) -> Modes:
+    """Modes of a structure; kept, since most evaluations of a search share them."""
+    return modes(built, count)

@@ -1,0 +1,124 @@
+"""A motion that settles, with made-up engines."""
+
+import numpy as np
+import pytest
+
+from calib.record import SECTION
+from calib.simulators.delaminated_beam.stationary import LAGS, RETURNED, Contact, Period, returning, stationary
+
+
+class Clockwork:
+    """An engine whose state goes round a list after a transient of so many periods; the state is told in its samples.
+
+    `fails` says in which period it fails, if in any.
+    """
+
+    def __init__(self, round_of, transient=0, fails=None):
+        self.round_of, self.transient, self.fails = round_of, transient, fails
+        self.done = 0
+        self.begun = None
+
+    def at(self, period):
+        x = self.round_of[period % len(self.round_of)]
+        return x + (100.0 + 3.3 * period if period < self.transient else 0.0)
+
+    def period(self, samples):
+        rows = np.full((samples, 4), self.at(self.done))
+        rows[1:] += 0.5
+        if self.done == self.fails:
+            return Period("diverged", f"period {self.done}", rows, rows[:, 0])
+        self.done += 1
+        return Period("ok", "", rows, 10.0 * rows[:, 0])
+
+    def state(self):
+        return np.array([self.at(self.done), 1.0])
+
+    def begin_notes(self):
+        self.begun = self.done
+
+    def noted(self, periods):
+        assert self.done - self.begun == periods
+        none = np.zeros((0, 2))
+        return Contact(none, none, np.zeros(1), 0.25, 1.0, 0.0)
+
+
+class Wanderer(Clockwork):
+    """An engine that never returns."""
+
+    def at(self, period):
+        return 0.1 * period**1.5
+
+
+@pytest.mark.parametrize("length", [1, 2, 3, 7, LAGS])
+@pytest.mark.parametrize("transient", [0, 5])
+def test_a_motion_settles_when_its_state_returns(length, transient):
+    engine = Clockwork(list(range(length)), transient)
+    motion = stationary(engine, 3, 4, None, 100)
+    assert motion.status == "ok"
+    assert motion.returns == length
+    assert motion.settled == transient + length
+    assert motion.samples.shape == (12, 4)
+    np.testing.assert_array_equal(motion.samples[::4, 0], [engine.at(motion.settled + k) for k in range(3)])
+    np.testing.assert_array_equal(motion.force, 10.0 * motion.samples[:, 0])
+
+
+def test_a_motion_of_a_longer_period_does_not_return():
+    motion = stationary(Clockwork(list(range(LAGS + 1))), 2, 4, None, 40)
+    assert motion.returns is None
+    assert motion.settled == 40
+
+
+@pytest.mark.parametrize("limit", [1, 9, 50])
+def test_a_motion_that_does_not_return_is_recorded_after_the_limit(limit):
+    motion = stationary(Wanderer([0]), 2, 4, None, limit)
+    assert motion.status == "ok"
+    assert motion.settled == limit
+    assert motion.returns is None
+
+
+@pytest.mark.parametrize("settle", [0, 1, 12])
+def test_a_number_of_periods_to_drop_is_kept_to(settle):
+    engine = Clockwork([0, 1], transient=4)
+    motion = stationary(engine, 2, 4, settle, 3)
+    assert motion.settled == settle
+    assert motion.samples[0, 0] == engine.at(settle)
+
+
+@pytest.mark.parametrize("length", [1, 2, 3, 5, LAGS])
+@pytest.mark.parametrize("periods", [1, 2, 70])
+def test_sections_that_are_not_simulated_are_those_that_would_be(length, periods):
+    engine = Clockwork([3.0 * k for k in range(length)], transient=3)
+    motion = stationary(engine, periods, 4, None, 100)
+    assert len(motion.sections) == max(SECTION, periods)
+    simulated = engine.done
+    assert simulated < motion.settled + periods + 2 * LAGS
+    whole = np.array([engine.at(k) for k in range(simulated + SECTION + LAGS)])
+    assert any(np.array_equal(whole[k : k + SECTION], motion.sections[-SECTION:, 0]) for k in range(simulated + LAGS))
+
+
+def test_sections_of_a_motion_that_does_not_return_are_simulated():
+    engine = Wanderer([0])
+    motion = stationary(engine, 2, 4, 5, 100)
+    np.testing.assert_array_equal(motion.sections[:, 0], [engine.at(k) for k in range(SECTION)])
+    assert engine.done == SECTION
+
+
+@pytest.mark.parametrize(("fails", "dropped"), [(0, 0), (3, 3), (6, 6), (7, 6), (30, 6)])
+def test_a_motion_that_fails_at_any_stage_says_why_and_gives_nothing(fails, dropped):
+    engine = Wanderer([0], fails=fails)  # settles 6, records 2, goes on for its sections
+    motion = stationary(engine, 2, 4, None, 6)
+    assert (motion.status, motion.reason) == ("diverged", f"period {fails}")
+    assert motion.settled == dropped
+    assert motion.contact is None
+    assert motion.returns is None
+    for rows in (motion.samples, motion.sections, motion.force):
+        assert len(rows) == 0
+
+
+def test_the_shortest_return_counts():
+    states = [np.array([float(x)]) for x in (0, 1, 0, 1, 0)]
+    assert returning(states) == 2
+    assert returning([*states, np.array([0.0])]) == 1
+    assert returning([np.array([0.0]), np.array([0.9 * RETURNED])]) == 1
+    assert returning([np.array([0.0]), np.array([1.1 * RETURNED])]) is None
+    assert returning(states[:1]) is None
