@@ -12,7 +12,7 @@ from typing import Any
 import xarray as xr
 
 from calib import result
-from calib.confidence import Confidence, around_best
+from calib.confidence import Confidence, around_best, near_equal
 from calib.errors import CalibError
 from calib.files import whole
 from calib.model import Model
@@ -113,6 +113,7 @@ def _concluded(
         holdout=_said_of_others(final),
         remarks=[
             *([] if confirmation is None else confirmation.remarks),
+            *_in_the_place_of_intervals(study, found.trials, confidence),
             *_remarks(study.objective, final.get(CALIBRATED)),
         ],
         simulations=_simulations(file, found.trials, confirmation, confidence),
@@ -239,6 +240,15 @@ def _said_of_others(final: Mapping[str, Evaluation | Failure]) -> dict[str, dict
         for name, answer in final.items()
         if name != CALIBRATED
     }
+
+
+def _in_the_place_of_intervals(study: Study, trials: Sequence[Trial], confidence: Confidence | None) -> list[str]:
+    """Say what nearly equal trials share, where there are no intervals."""
+    if confidence is None or confidence.status == OK:
+        return []
+    units = {name: study.model.parameters[name.partition("@")[0]].unit for name in study.space.names}
+    sentence = near_equal(study.space, trials, units)
+    return [sentence] if sentence else []
 
 
 def _remarks(objective: Objective, answer: Evaluation | Failure | None) -> list[str]:
