@@ -16,7 +16,7 @@ from calib.record import OK, STATE, failed, make, prescription, with_impacts, wi
 from calib.simulators.delaminated_beam.case import Case, critical_step_of, modes_of, structure_of
 from calib.simulators.delaminated_beam.contact import Stiffness, clearance, critical_damping, penalty
 from calib.simulators.delaminated_beam.drive import Drive
-from calib.simulators.delaminated_beam.layout import BODIES, LONGEST, stable_step
+from calib.simulators.delaminated_beam.layout import BODIES, LONGEST, elastic_energy, stable_step
 from calib.simulators.delaminated_beam.mesh import Counts
 from calib.simulators.delaminated_beam.period_map import BeamMap
 from calib.simulators.delaminated_beam.reduction import Fineness
@@ -89,6 +89,8 @@ class DelaminatedBeam:
         level
     tolerance : error of the reduced phase curve that is accepted: modes and steps rise until the estimated error, which
         the record states (`error_estimate`), is below it. Not given: the lowest level, no estimate
+    balance : whether the record states, of one period, the work of the drive and what alpha, beta and contact took of
+        it [J]; the period takes several times as long. Not in fidelity "reduced"
     settle_limit : periods after which a motion that does not return is taken as it is
 
     Notes
@@ -131,6 +133,7 @@ class DelaminatedBeam:
         parts: int | None = None,
         every: int | None = None,
         tolerance: float | None = None,
+        balance: bool = False,
         settle_limit: int = SETTLE,
     ):
         for key, value, known in (
@@ -160,7 +163,10 @@ class DelaminatedBeam:
                 "the reduced kernel takes contact damping implicitly; damper 'lagged' needs fidelity 'full', "
                 f"not {fidelity!r}"
             )
+        if balance and fidelity == "reduced":
+            raise CalibError("an energy balance is of the full kernel; take fidelity 'full' or 'auto', or drop balance")
         self.fidelity = fidelity
+        self.balance = bool(balance)
         self.contact_stiffness = contact_stiffness
         self.damper = damper
         self.clipped = bool(clipped)
@@ -209,14 +215,11 @@ class DelaminatedBeam:
             return failed(BODIES, "diverged", str(error), **attrs)
         if case.step > case.stable:
             return failed(BODIES, "unstable step", case.why_unstable(), **attrs, **case.steps())
-        level, motion, estimate = self._motion(case, request)
+        attrs |= case.steps()
+        motion, more = self._full(case, request) if self.fidelity == "full" else self._reduced(case, request)
         if motion.status != OK:
-            return failed(BODIES, motion.status, motion.reason, **attrs, **case.steps())
-        if level is not None:
-            attrs |= {"modes": level.modes, "steps_per_period": level.steps, "parts": level.parts}
-        if estimate is not None:
-            attrs["error_estimate"] = estimate
-        return self._record(case, motion, request, {**attrs, **case.steps()})
+            return failed(BODIES, motion.status, motion.reason, **attrs)
+        return self._record(case, motion, request, {**attrs, **more})
 
     def period_map(
         self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw], phase: float = 0.0
@@ -298,32 +301,38 @@ class DelaminatedBeam:
 
     # --- from a case to a motion
 
-    def _motion(self, case: Case, request) -> tuple[Fineness | None, Motion, float | None]:
-        """Run in the fidelity asked for; in reduced fidelity also the level, and its estimated error."""
+    def _settled(self, engine, request) -> Motion:
+        return stationary(engine, request.periods, request.samples, request.settle, self.settle_limit)
 
-        def settled(engine, settle=request.settle):
-            return stationary(engine, request.periods, request.samples, settle, self.settle_limit)
+    def _full(self, case: Case, request) -> tuple[Motion, dict]:
+        """Run the full kernel; also the energy balance of a period, where it is asked for."""
+        engine = case.full(request.initial_state, request.step_budget)
+        motion = self._settled(engine, request)
+        if not self.balance or motion.status != OK:
+            return motion, {}
+        balance = engine.balance(lambda displacement: elastic_energy(case.structure, displacement))
+        return motion, {name: case.factor * energy for name, energy in balance.items()}
 
-        if self.fidelity == "full":
-            return None, settled(case.full(request.initial_state, request.step_budget)), None
+    def _reduced(self, case: Case, request) -> tuple[Motion, dict]:
+        """Run the reduced kernel at the level that the tolerance asks for; also that level, and its estimated error."""
         level = self.levels[0]
         engine = case.reduced(level, request.initial_state, request.step_budget)
-        motion = settled(engine)
-        if self.tolerance is None or motion.status != OK:
-            return level, motion, None
-        estimate = math.nan
-        for finer in self.levels[1:]:
-            if motion.returns is None:
-                break
-            better = settled(case.reduced(finer, engine.carried(finer.modes), request.step_budget))
-            if better.status != OK or better.returns is None:
-                break
-            difference = loop_difference(motion, better, request.samples)
-            estimate = FACTOR * difference
-            if estimate <= self.tolerance:
-                break
-            level, motion, estimate = finer, better, LAST * difference
-        return level, motion, estimate
+        motion, more = self._settled(engine, request), {}
+        if self.tolerance is not None and motion.status == OK:
+            estimate = math.nan
+            for finer in self.levels[1:]:
+                if motion.returns is None:
+                    break
+                better = self._settled(case.reduced(finer, engine.carried(finer.modes), request.step_budget), request)
+                if better.status != OK or better.returns is None:
+                    break
+                difference = loop_difference(motion, better, request.samples)
+                estimate = FACTOR * difference
+                if estimate <= self.tolerance:
+                    break
+                level, motion, estimate = finer, better, LAST * difference
+            more["error_estimate"] = estimate
+        return motion, {"modes": level.modes, "steps_per_period": level.steps, "parts": level.parts, **more}
 
     def _attrs(self, values: Mapping[str, float], excitation: Excitation) -> dict:
         fidelity = "full" if self.fidelity == "full" else "reduced"
@@ -364,7 +373,6 @@ class DelaminatedBeam:
         )
         section = {name: motion.sections[:, 2 * k : 2 * k + 2].T for k, name in enumerate(STATE)}
         return with_section(record, section)
-
 
 
 def loop_difference(one: Motion, other: Motion, samples: int) -> float:

@@ -85,6 +85,36 @@ class Full:
         explicit.advance(self.plan, ahead, done * self._period, first, seen)
         return seen.samples[0, :4]
 
+    def balance(self, elastic: Callable[[np.ndarray], float]) -> dict[str, float]:
+        """Go on by a period and say where its energy went  [J].
+
+        Parameters
+        ----------
+        elastic : displacements of the nodes (n, 2) [m] -> elastic energy [J]
+
+        Returns
+        -------
+        work of the drive, what alpha, beta and contact took of it, what the beam holds more of at the end, and what is
+        not accounted for: the work of force laws, and the error of the sum
+        """
+        energies, stored = np.zeros((2, 6)), np.zeros(2)
+        done = int(self.now.count[0]) // self._steps
+        drive = self._drive(done, self._steps), self._drive(done + 1, self._steps)[:1]
+        for k in range(2):  # one more step, for the kinetic energy at the end
+            now = self.now if k == 0 else State(*(array.copy() for array in self.now))
+            stored[k] = elastic(self._gather(now.w - self.plan.beta * now.v))
+            explicit.audit(self.plan, now, (done + k) * self._period, drive[k], energies[k])
+        work, alpha, beta, contact = energies[0, :4]
+        change = energies[1, 4] + stored[1] - energies[0, 4] - stored[0]
+        return {
+            "work_of_drive": work,
+            "lost_to_alpha": alpha,
+            "lost_to_beta": beta,
+            "lost_in_contact": contact,
+            "energy_gained": change,
+            "energy_unaccounted": work - alpha - beta - contact - change,
+        }
+
     def misses(self, minima: np.ndarray) -> int:
         """Write the local minima of the clearance over one period [m]; return how many there are."""
         seen = self._seen._replace(nearest=minima)

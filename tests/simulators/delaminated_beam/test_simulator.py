@@ -556,3 +556,15 @@ def test_the_list_tells_of_its_parameters_and_options():
     said = calib("list", "delaminated_beam").stdout
     for name in ("alpha", "c_con", "g_max", "fidelity", "settle_limit"):
         assert name in said
+
+
+def test_a_record_accounts_for_the_energy_of_a_period():
+    record, plain = run(beam(fidelity="full", balance=True)), run(beam(fidelity="full"))
+    work = record.attrs["work_of_drive"]
+    lost = [record.attrs[name] for name in ("lost_to_alpha", "lost_to_beta", "lost_in_contact")]
+    assert min(work, *lost) > 0.0
+    assert work == pytest.approx(sum(lost) + record.attrs["energy_gained"], abs=1e-4 * work)
+    assert abs(record.attrs["energy_unaccounted"]) < 1e-4 * work
+    np.testing.assert_array_equal(layer(record), layer(plain))
+    with pytest.raises(CalibError, match="full kernel"):
+        beam(balance=True)
