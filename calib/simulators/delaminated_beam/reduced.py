@@ -24,7 +24,8 @@ from calib.simulators.delaminated_beam.impacts import note_impact, note_pass
 DONE, DIVERGED = 0, 1
 MOST = 64  # pairs that can be closed at a time, at most; of more, the least penetrated wait
 SCALAR = {"cache": True, "nogil": True, "error_model": "numpy"}
-WITHIN = {**SCALAR, "forceinline": True}
+# inlined, and without counting references: with them, handing the arrays of a plan over costs as much as the work
+WITHIN = {**SCALAR, "forceinline": True, "_nrt": False}
 VECTOR = {**WITHIN, "fastmath": {"contract", "reassoc"}}
 
 
@@ -317,7 +318,7 @@ def push_by_contact_laws(plan, state, near, part, gap, rate):
             state.v[j] += part * more * plan.area[i] * plan.opening[i, j]
 
 
-@njit(**WITHIN)
+@njit(**SCALAR)
 def push_by_laws(plan, state, time, span):
     """Kick the modes by the force laws over a time `span` [s]."""
     none, kick = np.zeros(1), np.zeros(len(state.kick))
