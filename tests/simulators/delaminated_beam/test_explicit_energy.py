@@ -24,9 +24,8 @@ def balance(plan, state, drive):
     return change, run[:4]
 
 
-@pytest.mark.parametrize(
-    "figure", [pytest.param(FIGURE_12, marks=pytest.mark.slow), FIGURE_14], ids=["figure 12", "figure 14"]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("figure", [FIGURE_12, FIGURE_14], ids=["figure 12", "figure 14"])
 def test_the_energy_of_a_period_is_accounted_for(figure):
     """Work of the drive = change + losses to alpha, to beta and in contact; contact is open at both ends.
 

@@ -38,17 +38,18 @@ class TestReduced(SimulatorSuite):
         return DelaminatedBeam()
 
 
-class TestAuto(SimulatorSuite):
+class TestFull(SimulatorSuite):
     excitation = EXCITATION
     values = VALUES
 
     def make(self):
-        return beam(fidelity="auto")
-
-
-class TestFull(TestAuto):
-    def make(self):
         return beam(fidelity="full")
+
+
+@pytest.mark.slow
+class TestAuto(TestFull):
+    def make(self):
+        return beam(fidelity="auto")
 
 
 @pytest.mark.slow
