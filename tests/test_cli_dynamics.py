@@ -406,6 +406,7 @@ def test_ctrl_c_is_exit_code_3_and_the_sweep_goes_on(tmp_path):
     assert sorted(os.listdir(tmp_path)) == ["bench.nc", "study.toml", "sweep.nc", "sweep.png"]
 
 
+@pytest.mark.slow
 def test_a_disk_without_room_for_the_file_ends_with_a_message_and_the_pieces_are_kept(study, tmp_path):
     over, path = ["--over", "a=0.2:0.3:150"], tmp_path / "sweep.nc"
     limit = "import resource, signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN); "

@@ -98,6 +98,7 @@ def test_twenty_kills_change_nothing(tmp_path, jobs):
     assert_same(tmp_path)
 
 
+@pytest.mark.slow
 def test_an_interrupted_study_goes_on_with_another_number_of_jobs(tmp_path):
     assert kill_within(start(tmp_path, 2), tmp_path / "out", 5, 0.0)
     last = start(tmp_path, 1)

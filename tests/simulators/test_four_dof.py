@@ -377,6 +377,7 @@ def test_what_it_cannot_take_is_refused():
         MODEL.run({}, Excitation("end", "free decay"))
 
 
+@pytest.mark.slow
 def test_it_runs_without_the_compiler():
     code = (
         "from calib.simulators.four_dof import FourDof; from calib.model import Model, Request;"

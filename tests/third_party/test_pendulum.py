@@ -71,6 +71,7 @@ feature = "phase_curve"
 """
 
 
+@pytest.mark.slow
 def test_an_installed_simulator_is_listed_and_calibrated(installed, tmp_path):
     record = Model(Pendulum()).run({"length": 1.3, "damping": 0.08}, SHAKEN, Request(periods=4, samples=100))
     rng = np.random.default_rng(1)
