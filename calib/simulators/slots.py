@@ -14,7 +14,7 @@ from numba import config, types
 from numba.experimental.function_type import _get_wrapper_address
 from numba.extending import intrinsic
 
-from calib.laws import SIGNATURES, BoundLaw, slots
+from calib.laws import SIGNATURES, SLOTS, BoundLaw, at_site, slots
 
 
 @cache
@@ -29,6 +29,14 @@ def fill(laws: Sequence[BoundLaw], site: str) -> tuple[np.ndarray, np.ndarray, i
     if config.DISABLE_JIT:
         return np.array(functions, dtype=object), parameters, count
     return np.array([_address(function, site) for function in functions]), parameters, count
+
+
+def acting(laws: Sequence[BoundLaw], bodies: Sequence[str]) -> np.ndarray:
+    """Say which force law acts on which of the bodies: (SLOTS, len(bodies)), in the order of `fill`."""
+    acts = np.zeros((SLOTS, len(bodies)), dtype=bool)
+    for row, law in zip(acts, at_site(laws, "force"), strict=False):
+        row[:] = [law.bodies is None or body in law.bodies for body in bodies]
+    return acts
 
 
 def _caller(site: str):

@@ -240,7 +240,6 @@ class DelaminatedBeam:
         return BeamMap.of_reduced(
             lambda state, budget: case.reduced(self.levels[0], state, budget),
             modes_of(case.structure, self.levels[0].modes),
-            case.structure,
             excitation,
             case.drive.amplitude,
         )

@@ -149,7 +149,7 @@ class Seen(NamedTuple):
         forces on the layer since the sample before [N s]
     impacts, central : (k, 2) step and closing speed [m/s] at which contact begins, anywhere and in the middle
     closed : (m,) steps for which each pair was closed
-    total : (6,) impacts, central impacts, steps with contact, largest force [N], deepest penetration [m], impulse [N s]
+    total : (5,) impacts, central impacts, steps with contact, largest force [N], deepest penetration [m]
     nearest : (k,) local minima of the clearance while nothing is closed; only where it is not empty
     passes : (3,) smallest clearance one and two steps back, number of minima
     """
@@ -480,7 +480,6 @@ def note_contact(plan, state, closed, seen):
         state.count[2] = count
         seen.total[2] += 1
     seen.total[3] = max(seen.total[3], force)
-    seen.total[5] += plan.step * force
     return force
 
 

@@ -7,9 +7,7 @@ import numpy as np
 from calib.record import OK
 from calib.simulators.delaminated_beam import explicit
 from calib.simulators.delaminated_beam.explicit import Plan, Seen, State
-from calib.simulators.delaminated_beam.stationary import Contact, Period
-
-CAPACITY = 4096  # impacts that are noted
+from calib.simulators.delaminated_beam.stationary import CAPACITY, Contact, Period
 
 
 class Full:
@@ -135,18 +133,11 @@ class Full:
             impacts=np.zeros((CAPACITY, 2)),
             central=np.zeros((CAPACITY, 2)),
             closed=np.zeros(len(self.plan.slave), dtype=np.int64),
-            total=np.zeros(6),
+            total=np.zeros(5),
             nearest=np.zeros(0),
             passes=np.array([np.inf, np.inf, 0.0]),
         )
 
     def noted(self, periods: int) -> Contact:
         """What contact did since `begin_notes`."""
-        seen, steps = self._seen, periods * self._steps
-        impacts, central = seen.impacts[: int(seen.total[0])].copy(), seen.central[: int(seen.total[1])].copy()
-        for rows in (impacts, central):
-            rows[:, 0] = (rows[:, 0] - self._since) * self.plan.step
-        return Contact(
-            impacts, central, seen.closed / steps, float(seen.total[2] / steps), float(seen.total[3]),
-            float(seen.total[4]),
-        )  # fmt: skip
+        return Contact.of(self._seen, self._since, periods * self._steps, self.plan.step)

@@ -7,13 +7,13 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import eigsh, spsolve
 
-from calib.laws import BoundLaw, at_site
+from calib.laws import BoundLaw
 from calib.simulators.delaminated_beam import contact, explicit
 from calib.simulators.delaminated_beam.contact import Pairs
 from calib.simulators.delaminated_beam.explicit import FACTORS, FORCES, LANES, ROW, Plan, State
 from calib.simulators.delaminated_beam.mesh import Mesh
 from calib.simulators.delaminated_beam.plane_stress import Material, elements, energy, masses, stiffness
-from calib.simulators.slots import fill
+from calib.simulators.slots import acting, fill
 
 BODIES = ("beam", "layer")
 LONGEST = ROW - 2 * LANES  # nodes of a line
@@ -189,9 +189,6 @@ def plan(
     slave, master, following = (size + layout.place[nodes] for nodes in (pairs.slave, pairs.master, pairs.following))
     force, force_p, forces = fill(laws, "force")
     contacts, contact_p, number = fill(laws, "contact")
-    acts = np.zeros((len(force), len(BODIES)), dtype=bool)
-    for row, law in zip(acts, at_site(laws, "force"), strict=False):
-        row[:] = [law.bodies is None or body in law.bodies for body in BODIES]
     return Plan(
         size=size,
         strips=np.array(strips),
@@ -225,7 +222,7 @@ def plan(
         merged=max(1, round(merged / step)),
         force=force,
         force_p=force_p,
-        acts=acts,
+        acts=acting(laws, BODIES),
         bodies=_bodies(mesh, layout),
         contact=contacts,
         contact_p=contact_p,

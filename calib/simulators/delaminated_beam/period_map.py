@@ -39,7 +39,7 @@ class BeamMap:
     impacting: bool = True
 
     @classmethod
-    def of_reduced(cls, engine, basis: Modes, structure: Structure, excitation: Excitation, length: float) -> "BeamMap":
+    def of_reduced(cls, engine, basis: Modes, excitation: Excitation, length: float) -> "BeamMap":
         """Map of the reduced kernel; the state is modal coordinates and their rates."""
         n = len(basis.omega)
         largest = np.abs(basis.across[:, :n]).max(axis=0)

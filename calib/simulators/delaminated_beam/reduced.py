@@ -373,7 +373,7 @@ def begun(plan, old, state):
 
 
 @njit(**WITHIN)
-def note_contact(plan, state, closed, near, time, part, gap, rate, seen):
+def note_contact(plan, state, near, time, part, gap, rate, seen):
     """Note what the contact forces of a part did; return their sum  [N]."""
     force, anywhere = 0.0, False
     for k in range(near):
@@ -441,7 +441,7 @@ def advance(plan, state, time, drive, seen):
                     push_by_contact_laws(plan, state, near, part, gap, rate)
                 if closed:
                     now = time + begin + (k + 1) * part
-                    impulse[0] += part * note_contact(plan, state, closed, near, now, part, gap, rate, seen)
+                    impulse[0] += part * note_contact(plan, state, near, now, part, gap, rate, seen)
                 if k < parts - 1:
                     sample = sampled(plan, old, state, begin + k * part, part, impulse, sample, seen)
             state.count[0] += parts

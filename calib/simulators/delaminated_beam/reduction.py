@@ -6,16 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import expm
 
-from calib.laws import BoundLaw, at_site
+from calib.laws import BoundLaw
 from calib.record import OK
 from calib.simulators.delaminated_beam import reduced
 from calib.simulators.delaminated_beam.layout import BODIES, Structure
 from calib.simulators.delaminated_beam.modes import Modes
 from calib.simulators.delaminated_beam.reduced import Drift, Plan, Seen, State
-from calib.simulators.delaminated_beam.stationary import Contact, Period
-from calib.simulators.slots import fill
+from calib.simulators.delaminated_beam.stationary import CAPACITY, Contact, Period
+from calib.simulators.slots import acting, fill
 
-CAPACITY = 4096  # impacts that are noted
 GUARD = 2e-6, 0.1  # clearance that counts as near: at most [m], and as a share of that at rest, small at the tips
 FOLLOWED = 1.2  # omega h / 2 of the fastest modes whose stretch a step h follows
 WATCHED = 4  # of so many pairs one is looked at in flight, but of the last ones at the tips each
@@ -83,9 +82,6 @@ def plan(
     decay = alpha + beta * basis.omega**2
     force, force_p, forces = fill(laws, "force")
     contacts, contact_p, number = fill(laws, "contact")
-    acts = np.zeros((len(force), len(BODIES)), dtype=bool)
-    for row, law in zip(acts, at_site(laws, "force"), strict=False):
-        row[:] = [law.bodies is None or body in law.bodies for body in BODIES]
     n = len(basis.omega)
     tension, stretch, kappa = _stretch(basis, step)
     none = np.zeros((0, n + 1)), np.zeros(0), np.zeros(0)
@@ -121,7 +117,7 @@ def plan(
         merged=float(merged),
         force=force,
         force_p=force_p,
-        acts=acts,
+        acts=acting(laws, BODIES),
         columns=columns,
         masses=weights,
         bodies=bodies.astype(np.int64),
@@ -246,11 +242,4 @@ class Reduced:
 
     def noted(self, periods: int) -> Contact:
         """What contact did since `begin_notes`."""
-        seen, span = self._seen, periods * self._period
-        impacts, central = seen.impacts[: int(seen.total[0])].copy(), seen.central[: int(seen.total[1])].copy()
-        for rows in (impacts, central):
-            rows[:, 0] -= self._since
-        return Contact(
-            impacts, central, seen.closed / span, float(seen.total[2] / span), float(seen.total[3]),
-            float(seen.total[4]),
-        )  # fmt: skip
+        return Contact.of(self._seen, self._since, periods * self._period)

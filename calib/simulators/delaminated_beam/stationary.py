@@ -1,6 +1,5 @@
 """A motion taken period by period until it returns, then recorded."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -9,6 +8,7 @@ import numpy as np
 from calib.record import OK, SECTION
 
 LAGS = 16  # the longest return that is looked for, in periods
+CAPACITY = 4096  # impacts that are noted
 RETURNED = 1e-6  # largest change of the state, as a share of its largest displacement or velocity
 
 
@@ -47,6 +47,29 @@ class Contact:
     fraction: float
     force: float
     penetration: float
+
+    @classmethod
+    def of(cls, seen, since: float, span: float, unit: float = 1.0) -> "Contact":
+        """Read what a kernel noted.
+
+        Parameters
+        ----------
+        seen : `Seen` of either kernel
+        since, span : when the notes began and how long they went on, in the kernel's unit of time
+        unit : of its times  [s]
+        """
+        impacts, central = (
+            np.column_stack([(rows[: int(number), 0] - since) * unit, rows[: int(number), 1]])
+            for rows, number in ((seen.impacts, seen.total[0]), (seen.central, seen.total[1]))
+        )
+        return cls(
+            impacts=impacts,
+            central=central,
+            closed=seen.closed / span,
+            fraction=float(seen.total[2] / span),
+            force=float(seen.total[3]),
+            penetration=float(seen.total[4]),
+        )
 
 
 class Engine(Protocol):
@@ -108,7 +131,6 @@ def stationary(
     samples: int,
     settle: int | None,
     limit: int,
-    on_period: Callable[[int], None] | None = None,
 ) -> Motion:
     """Let a motion settle, then record it.
 

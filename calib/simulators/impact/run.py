@@ -25,7 +25,7 @@ from calib.simulators.impact.problem import (
     State,
 )  # fmt: skip
 from calib.simulators.impact.scratch import scratch
-from calib.simulators.slots import fill
+from calib.simulators.slots import acting, fill
 
 GRID = 128  # steps per period where loads are collocated
 SETTLED = 1e-10  # relative change of the section
@@ -103,9 +103,6 @@ def assemble(
     force, force_p, forces = fill(laws, "force")
     excitation, excitation_p, excitations = fill(laws, "excitation")
     restitution, restitution_p, restitutions = fill(laws, "restitution")
-    acts = np.zeros((len(force), len(structure.mass)), dtype=bool)
-    for row, law in zip(acts, at_site(laws, "force"), strict=False):
-        row[:] = [law.bodies is None or name in law.bodies for name in coordinates]
 
     both = regimes(structure, drive.amplitude, drive.omega)
     collocated = bool(forces or excitations or drive.knots.size or both.load_constant.any())
@@ -143,7 +140,7 @@ def assemble(
         excitation_p=excitation_p,
         restitution_p=restitution_p,
         counts=np.array([forces, excitations, restitutions, sum(law.states for law in at_site(laws, "force"))]),
-        acts=acts,
+        acts=acting(laws, coordinates or [""] * len(structure.mass)),
     )
 
 

@@ -112,7 +112,7 @@ def seen(plan: Plan, at=(), impacts: int = 64) -> Seen:
         impacts=np.zeros((impacts, 2)),
         central=np.zeros((impacts, 2)),
         closed=np.zeros(len(plan.slave), dtype=np.int64),
-        total=np.zeros(6),
+        total=np.zeros(5),
         nearest=np.zeros(0),
         passes=np.array([np.inf, np.inf, 0.0]),
     )
