@@ -26,7 +26,10 @@ class Request:
     samples : samples per period
     times : (n,) output times [s] instead, for an excitation without a period
     settle : periods to drop first; None leaves it to the simulator, which goes by convergence of its section
-    initial_state : where to start, in the simulator's own state; None is rest
+    initial_state : where to start, in the simulator's own state, as the variable `state` of a record has it; None is
+        rest
+    near : whether the initial state lies near the stationary motion that is sought: a simulator may then go there by a
+        shorter way than by waiting, and keep no longer section than the periods recorded
     step_budget : steps after which the run ends with status "step budget"; steps, not seconds, so that the same values
         always give the same record
     """
@@ -36,6 +39,7 @@ class Request:
     times: np.ndarray | None = None
     settle: int | None = None
     initial_state: np.ndarray | None = None
+    near: bool = False
     step_budget: int = 50_000_000
 
 

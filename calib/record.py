@@ -91,6 +91,11 @@ def with_section(record: xr.Dataset, section: Mapping[str, np.ndarray]) -> xr.Da
     return record.assign(rows)
 
 
+def with_state(record: xr.Dataset, state: np.ndarray) -> xr.Dataset:
+    """Return a simulated record with the simulator's own state (component,) at its end, from where it goes on."""
+    return record.assign(state=("component", state))
+
+
 def check(record: xr.Dataset, name: str = "record") -> xr.Dataset:
     """Return the record where it keeps the schema.
 

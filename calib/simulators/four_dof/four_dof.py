@@ -12,13 +12,13 @@ from calib.errors import CalibError, nearest
 from calib.excitation import Excitation
 from calib.laws import BoundLaw, at_site
 from calib.parameter import Parameter
-from calib.record import OK, SECTION, failed, make, prescription, with_impacts, with_section
+from calib.record import OK, SECTION, failed, make, prescription, with_impacts, with_section, with_state
 from calib.simulators.four_dof.drives import BODIES, DRIVES, structure
 from calib.simulators.four_dof.lumped import lumped
 from calib.simulators.impact.modes import modal, regimes
 from calib.simulators.impact.period_map import ImpactMap, impact_map, shifted
-from calib.simulators.impact.problem import Problem
-from calib.simulators.impact.run import Drive, Motion, assemble, simulate, start
+from calib.simulators.impact.problem import Problem, State
+from calib.simulators.impact.run import Drive, Motion, assemble, simulate, start, with_inner
 
 PARAMETERS = (
     Parameter("restitution", "1", 0.05, "Newton's coefficient of restitution, beam and layer", low=0.0, high=1.0),
@@ -61,7 +61,8 @@ class FourDof:
     Notes
     -----
     The motion settles until its stroboscopic section repeats to 1e-10 after 1 to 16 periods, at most for 1000 periods;
-    `Request.settle` counts periods instead. `Request.initial_state` is (q1..q4, q1'..q4') in [m], [m/s].
+    `Request.settle` counts periods instead. `Request.initial_state` is (q1..q4, q1'..q4') in [m], [m/s], and where the
+    state of a record goes on, the internal states of the force laws.
     """
 
     name = "four_dof"
@@ -112,12 +113,13 @@ class FourDof:
         harmonic = duration is None
         motion = simulate(
             problem,
-            start(problem, *self._initial(request)),
+            self._start(problem, request),
             times,
             periods=request.periods if harmonic else 1,
             settle=request.settle if harmonic else 0,
             sections=SECTION if harmonic else 0,
             budget=request.step_budget,
+            near=harmonic and request.near,
         )
         if motion.status != OK:
             return failed(BODIES, motion.status, motion.reason, **attrs)
@@ -220,16 +222,22 @@ class FourDof:
             raise CalibError("output times are for excitations without a period; ask for periods and samples instead")
         if self.mode == "fixed_step" and not excitation.harmonic:
             raise CalibError("mode 'fixed_step' has its step from the period of a harmonic excitation; take 'exact'")
-        if request.initial_state is not None and np.size(request.initial_state) != 2 * len(BODIES):
+        if request.initial_state is not None and np.size(request.initial_state) < 2 * len(BODIES):
             raise CalibError(
                 f"the initial state of four_dof is (q1..q4, q1'..q4'), 8 numbers; got {np.size(request.initial_state)}"
             )
 
-    def _initial(self, request) -> tuple[np.ndarray, np.ndarray]:
+    def _start(self, problem: Problem, request) -> State:
+        free, n = list(DRIVES[self.drive].coordinates), len(BODIES)
+        asked = np.zeros(2 * n) if request.initial_state is None else np.asarray(request.initial_state, dtype=float)
+        return with_inner(start(problem, asked[:n][free], asked[n : 2 * n][free]), asked[2 * n :])
+
+    def _state(self, motion: Motion) -> np.ndarray:
+        """State at phase zero after the recorded periods, as `Request.initial_state` takes it."""
         free = list(DRIVES[self.drive].coordinates)
-        state = np.zeros(2 * len(BODIES)) if request.initial_state is None else request.initial_state
-        q, dq = np.asarray(state, dtype=float).reshape(2, len(BODIES))
-        return q[free], dq[free]
+        state = np.zeros((2, len(BODIES)))
+        state[:, free] = motion.sections[-1, : 2 * len(free)].reshape(2, len(free))
+        return np.concatenate([state.ravel(), motion.inner])
 
     def _attrs(self, excitation: Excitation, values: Mapping[str, float]) -> dict:
         attrs = {
@@ -262,7 +270,8 @@ class FourDof:
             return record
         at_phase_zero = np.zeros(len(motion.sections))
         displacement, velocity = self._bodies(motion.sections, at_phase_zero, problem)
-        return with_section(record, {"displacement": displacement, "velocity": velocity})
+        record = with_section(record, {"displacement": displacement, "velocity": velocity})
+        return with_state(record, self._state(motion))
 
     def _bodies(self, rows: np.ndarray, times: np.ndarray, problem: Problem) -> tuple[np.ndarray, np.ndarray]:
         """Displacement and velocity (4, k) of all bodies: those free to move, and those that are the drive's."""

@@ -9,6 +9,8 @@ import numpy as np
 from calib.laws import STATES, BoundLaw, at_site
 from calib.record import OK, SECTION
 from calib.simulators.impact import kernel
+from calib.simulators.impact.approach import approach
+from calib.simulators.impact.coordinates import to_coordinates
 from calib.simulators.impact.flow import REACH
 from calib.simulators.impact.modes import Structure, regimes
 from calib.simulators.impact.problem import (
@@ -66,7 +68,7 @@ class Motion(NamedTuple):
     impacts : (k, 2 + 2 n) of the recorded periods: time since their start [s], closing speed [m/s], (q, q') before
     contact : share of the recorded time in permanent contact  [1]
     steps : spent
-    state : where the run stands
+    inner : (SLOTS * n * STATES,) internal states of the force laws at the end, (0,) where the laws have none
     """
 
     status: str
@@ -77,7 +79,7 @@ class Motion(NamedTuple):
     impacts: np.ndarray
     contact: float
     steps: int
-    state: State
+    inner: np.ndarray
 
 
 def assemble(
@@ -175,6 +177,23 @@ def start(problem: Problem, q: np.ndarray, dq: np.ndarray) -> State:
     return state
 
 
+def _coordinates(problem: Problem, state: State) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates [m] and velocities [m/s] (n,) of a state at phase zero."""
+    n, w = len(state.y), scratch(len(state.y))
+    u, du = problem.table[0, :2] if len(problem.table) else (0.0, 0.0)
+    to_coordinates(
+        problem.regimes, state.count[REGIME], state.y, state.v, problem.omega, state.clock[0], u, du, w.q, w.dq
+    )
+    return w.q[:n], w.dq[:n]
+
+
+def with_inner(state: State, inner: np.ndarray) -> State:
+    """Return the state with the internal states of the force laws that a motion ended with, where the sizes agree."""
+    if inner.size == state.z.size:
+        state.z[:] = inner.reshape(state.z.shape)
+    return state
+
+
 def simulate(
     problem: Problem,
     state: State,
@@ -184,6 +203,7 @@ def simulate(
     sections: int = SECTION,
     budget: int = 50_000_000,
     capacity: int = 4096,
+    near: bool = False,
 ) -> Motion:
     """Settle, then record `periods` periods.
 
@@ -197,12 +217,18 @@ def simulate(
     sections : that the motion gives at least; where `settle` is given, the run goes on after the recorded periods for
         those that are missing
     capacity : impacts that are kept
+    near : whether the state lies near a motion that returns after one period: where shooting finds that motion it is
+        recorded at once, and there are no more sections than recorded periods
     """
     n = len(state.y)
     none = np.zeros((0, 2 * n + 2))
     no_impacts, no_times = np.zeros((0, 2 + 2 * n)), np.zeros(0)
     samples = np.zeros((len(times), 2 * n + 2))
     dropped, w = [none], scratch(n)
+    if near and problem.exact:
+        returning = approach(problem, start, *_coordinates(problem, state), state.z, w, budget)
+        if returning is not None:
+            state, settle, sections = returning, 0, periods
 
     def advance(periods, tolerance=0.0, times=no_times, samples=none, impacts=no_impacts):
         rows = np.zeros((periods, 2 * n + 2))
@@ -244,5 +270,5 @@ def simulate(
     return Motion(
         status, reasons.get(status, ""), len(dropped), samples,
         np.concatenate([dropped, recorded, after])[-max(sections, periods, 1) :],
-        impacts, contact, int(state.count[STEPS]), state,
+        impacts, contact, int(state.count[STEPS]), state.z.ravel() if problem.counts[3] else np.zeros(0),
     )  # fmt: skip

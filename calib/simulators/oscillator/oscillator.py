@@ -15,7 +15,7 @@ from calib.laws import BoundLaw, at_site
 from calib.parameter import Parameter
 from calib.simulators.impact.modes import Stop, Structure, viscous
 from calib.simulators.impact.period_map import ImpactMap, impact_map, shifted
-from calib.simulators.impact.run import Drive, Motion, assemble, simulate, start
+from calib.simulators.impact.run import Drive, Motion, assemble, simulate, start, with_inner
 from calib.simulators.oscillator.prescribed import law_accelerations, prescribed_motion
 
 BODY = "mass"
@@ -66,7 +66,8 @@ class Oscillator:
     a recorded one, `hold` says what it does: "cubic" (a twice differentiable spline: the best for samples of a
     band-limited signal), "linear", or "zero order" (constant until the next sample: a converter's output as it leaves
     it). A run with a recorded input starts from the initial state at the first sample of the input, which may lie
-    before time 0. A recorded displacement passes the zero-phase low-pass of its cutoff before it is differentiated.
+    before time 0; one with a harmonic input from `Request.initial_state` (x, x'), where that is given. A recorded
+    displacement passes the zero-phase low-pass of its cutoff before it is differentiated.
 
     The linear part is solved exactly, impacts are located exactly; see `calib.simulators.impact`.
     """
@@ -156,10 +157,16 @@ class Oscillator:
             length=_length(values, structure, excitation, duration),
             step=None if harmonic else duration / STEPS,
         )
-        state = start(problem, np.array([values["initial_displacement"]]), np.array([values["initial_velocity"]]))
+        begin = np.array([values["initial_displacement"], values["initial_velocity"]])
+        if harmonic and request.initial_state is not None:
+            begin = np.asarray(request.initial_state, dtype=float)
+        state = with_inner(start(problem, begin[:1], begin[1:2]), begin[2:])
         state.clock[0] = begins
         if harmonic:
-            motion = simulate(problem, state, times, request.periods, settle=request.settle, budget=request.step_budget)
+            motion = simulate(
+                problem, state, times, request.periods,
+                settle=request.settle, budget=request.step_budget, near=request.near,
+            )  # fmt: skip
         else:
             motion = simulate(problem, state, times, settle=0, sections=0, budget=request.step_budget)
         return _record(times, motion, harmonic, attrs)
@@ -286,7 +293,8 @@ def _record(times: np.ndarray, motion: Motion, harmonic: bool, attrs: dict) -> x
     if not harmonic:
         return record
     x, v = motion.sections[:, 0], motion.sections[:, 1]
-    return records.with_section(record, {"displacement": x[None], "velocity": v[None]})
+    record = records.with_section(record, {"displacement": x[None], "velocity": v[None]})
+    return records.with_state(record, np.concatenate([motion.sections[-1, :2], motion.inner]))
 
 
 def _needed_force(

@@ -1,0 +1,65 @@
+"""The short way to the stationary motion from a state near it."""
+
+import numpy as np
+import pytest
+
+from calib.effect import Effect
+from calib.excitation import Excitation
+from calib.laws import force
+from calib.model import Model, Request
+from calib.parameter import Parameter
+from calib.simulators.four_dof import FourDof
+from calib.simulators.oscillator import Oscillator
+
+
+@force(states=1)
+def memory(t, x, v, p, z, dz):
+    """Follow the velocity with a delay, and push back."""
+    dz[0] = 50.0 * (v - z[0])
+    return -p[0] * z[0]
+
+
+PUSH = Parameter("memory", "1/s", 0.0, "of the push", null=0.0)
+MEMORY = Effect("memory", "force", memory, (PUSH,), "a delayed drag")
+DRIVES = {
+    "four_dof": (FourDof(), Excitation("end", "displacement", frequency=26.24, amplitude=1.5e-3), {"restitution": 0.1}),
+    "oscillator": (
+        Oscillator(stop=True), Excitation("mass", "force", frequency=5.0, amplitude=1.0),
+        {"gap": 1e-3, "restitution": 0.3, "damping": 2.0},
+    ),
+}  # fmt: skip
+
+
+def both_ways(name, values, **changed):
+    """Records of the settled motion, by waiting and by shooting from the motion at other `values`."""
+    simulator, drive, own = DRIVES[name]
+    model = Model(simulator, [MEMORY])
+    plain = Request(periods=2, samples=100)
+    before = model.run(own | values, drive, plain)
+    near = Request(periods=2, samples=100, initial_state=before.state.values, near=True)
+    return [model.run(own | values | changed, drive, request) for request in (plain, near)]
+
+
+@pytest.mark.parametrize("name", DRIVES)
+@pytest.mark.parametrize("memory", [0.0, 0.3])
+def test_shooting_finds_the_motion_that_waiting_finds(name, memory):
+    waited, near = both_ways(name, {"memory": memory}, damping=1.1 * (DRIVES[name][2].get("damping") or 0.004))
+    for channel in ("displacement", "velocity"):
+        error = np.abs(near[channel] - waited[channel]).max() / np.abs(waited[channel]).max()
+        assert error < 1e-8
+    assert near.attrs.get("settled_periods") == 0 < waited.attrs["settled_periods"]
+    assert near.sizes["period"] == 2
+
+
+def test_a_motion_of_another_period_is_waited_for():
+    waited, near = both_ways("four_dof", {"memory": 0.0, "restitution": 0.2}, restitution=0.201)
+    assert near.attrs["settled_periods"] > 0
+    np.testing.assert_allclose(near.displacement, waited.displacement, atol=1e-9)
+
+
+def test_a_record_goes_on_from_its_state():
+    simulator, drive, own = DRIVES["four_dof"]
+    model = Model(simulator, [MEMORY])
+    first = model.run(own | {"memory": 0.3}, drive, Request(periods=2, samples=100))
+    after = Request(periods=2, samples=100, settle=0, initial_state=first.state.values)
+    np.testing.assert_allclose(model.run(own | {"memory": 0.3}, drive, after).velocity, first.velocity, atol=1e-9)
