@@ -18,10 +18,17 @@ restitution (e, speed, p)                 [1]          the coefficient without l
                                                        added to e, and the sum is clipped to [0, 1]
 excitation  (t, phase, amplitude, x, p)   [its unit]   time [s], phase of the drive [rad], its amplitude, its value
                                                        undisturbed; added to the excitation
-sensor      (record, p)                   a record     the simulated record, parameters by name (plain Python)
+structure   (present, p)                  new values   values of some parameters of the simulator, in SI and in the
+                                                       order in which the effect names them (plain Python, as the
+                                                       next two)
+numerical   (simulator, p)                a simulator  the simulator, parameters by name
+sensor      (record, p)                   a record     the simulated record, parameters by name
 =========== ============================= ============ ================================================================
 
-Laws of one site add up; sensor laws act one after the other.
+A force law acts on bodies, or at a port between two: there x is the clearance [m], v its rate [m/s], and the force is
+per unit mass of the body that an impact turns round, positive where it opens the clearance; the other body takes the
+reaction. Laws of one site add up; those in plain Python act one after the other, and the model itself serves them for
+every simulator.
 """
 
 import importlib
@@ -50,7 +57,8 @@ SIGNATURES = {
     "restitution": _f(_f, _f, _array),
     "excitation": _f(_f, _f, _f, _f, _array),
 }
-SITES = (*SIGNATURES, "sensor")
+PLAIN = ("structure", "numerical", "sensor")  # in plain Python, served by the model
+SITES = (*SIGNATURES, *PLAIN)
 
 
 @dataclass(frozen=True)
@@ -74,7 +82,7 @@ def _find(module: str, name: str) -> Law:
 
 def _site(site: str, states: int = 0):
     def decorate(function: Callable) -> Law:
-        compiled = function if site == "sensor" else njit(SIGNATURES[site], cache=True, nogil=True)(function)
+        compiled = function if site in PLAIN else njit(SIGNATURES[site], cache=True, nogil=True)(function)
         return Law(site, compiled, function.__module__, function.__name__, states)
 
     return decorate
@@ -103,6 +111,16 @@ def restitution(function: Callable) -> Law:
 def excitation(function: Callable) -> Law:
     """Make a law of a scalar function (t, phase, amplitude, x, p) -> change of the excitation [its unit]."""
     return _site("excitation")(function)
+
+
+def structure(function: Callable) -> Law:
+    """Make a law of a function (present: tuple, p: dict) -> new values of parameters of the simulator."""
+    return _site("structure")(function)
+
+
+def numerical(function: Callable) -> Law:
+    """Make a law of a function (simulator, p: dict) -> the simulator that is run in its place."""
+    return _site("numerical")(function)
 
 
 def sensor(function: Callable) -> Law:

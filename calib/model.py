@@ -11,7 +11,7 @@ import xarray as xr
 from calib.effect import Effect
 from calib.errors import CalibError, nearest
 from calib.excitation import Excitation
-from calib.laws import SLOTS, BoundLaw
+from calib.laws import PLAIN, SLOTS, BoundLaw
 from calib.parameter import Parameter
 from calib.record import OK
 
@@ -49,7 +49,8 @@ class Simulator(Protocol):
     To write one:
 
     1. `name`, the `bodies` whose motion it gives, its `parameters` (each with unit, nominal value and meaning) and the
-       `sites` at which it takes laws (see `calib.laws`; "sensor" is served by the model and need not be listed).
+       `sites` at which it takes laws (see `calib.laws`; "structure", "numerical" and "sensor" are served by the model
+       and need not be listed).
     2. `run` returns a record (see `calib.record`): displacement and velocity over (body, time), time 0 at phase zero of
        the excitation, whole periods of the stationary motion; with an excitation that has a period also the
        stroboscopic section of the last 64 periods or more.
@@ -64,6 +65,14 @@ class Simulator(Protocol):
     9. Optionally `confirming`: a simulator of the same parameters, bodies and sites, of higher fidelity and cost. A
        search runs with this one; its leaders are simulated again with the confirming one before one of them is called
        the best (see `calib.study.Confirmation`). Absent or None: nothing is confirmed.
+
+    10. Optionally `places`, a mapping of "body", "support", "interface" to names of bodies: "body", those on which an
+        effect is likely; "support", those that are held from outside; "interface", the name of a *port* between two
+        bodies, no body itself, at which force laws see the clearance (see `calib.laws`). Absent: effects that act at a
+        support or an interface are not offered.
+    11. Optionally `law_states`, how many internal states a force law may have. Absent: as many as a law can.
+    12. Optionally `finer(what, factor)`, the same simulator with a time step (what = "time_step") or a tolerance of its
+        events ("event_tolerance") divided by `factor`, and `numerics`, the set of those it can refine.
 
     `calib.testing.SimulatorSuite` checks all this.
     """
@@ -92,24 +101,17 @@ class Model:
             self.parameters |= {p.name: p for p in effect.parameters}
         if self._confirming is not None:
             self._check_confirming(self._confirming)
-        for site in {effect.site for effect in self.effects} - {"sensor"}:
+        for site in {effect.site for effect in self.effects} - set(PLAIN):
             count = sum(effect.site == site for effect in self.effects)
             if count > SLOTS:
                 raise CalibError(f"{count} effects act at {site!r}, at most {SLOTS} can; drop some of them")
 
     def _check(self, effect: Effect) -> None:
-        simulator = self.simulator
-        if effect.site != "sensor" and effect.site not in simulator.sites:
+        reason = effect.offered(self.simulator)
+        if reason:
             raise CalibError(
-                f"effect {effect.name!r} acts at {effect.site!r}, but simulator {simulator.name!r} takes laws at "
-                f"{sorted(simulator.sites)}; choose another simulator or drop the effect from [model] effects"
+                f"effect {effect.name!r}: {reason}; choose another simulator or drop the effect from [model] effects"
             )
-        for body in effect.bodies or ():
-            if body not in simulator.bodies:
-                raise CalibError(
-                    f"effect {effect.name!r} acts on body {body!r}{nearest(body, simulator.bodies)}; "
-                    f"simulator {simulator.name!r} has {list(simulator.bodies)}"
-                )
         for parameter in effect.parameters:
             if parameter.name in self.parameters:
                 raise CalibError(f"effect {effect.name!r} brings {parameter.name!r}, which the model has already")
@@ -160,7 +162,8 @@ class Model:
         CalibError : an unknown parameter, or an excitation that the simulator cannot take
         """
         values = self._complete(values)
-        record = self.simulator.run(self._own(values), excitation, self._laws(values), request or Request())
+        own = self._own(values)
+        record = self._refined(values).run(own, excitation, self._laws(values, own), request or Request())
         if record.attrs["status"] == OK:
             for effect in self._acting(values):
                 if effect.site == "sensor":
@@ -179,7 +182,8 @@ class Model:
 
         Raises
         ------
-        CalibError : an unknown parameter, or a simulator or an excitation without a period map
+        CalibError : an unknown parameter, a simulator or an excitation without a period map, or an effect that is
+            explicit in time
         ValueError : these values give nothing that could move
         """
         if not hasattr(self.simulator, "period_map"):
@@ -190,7 +194,11 @@ class Model:
         if not 0.0 <= phase < 1.0:
             raise CalibError(f"a section's phase is in [0, 1) periods, got {phase}")
         values = self._complete(values)
-        return self.simulator.period_map(self._own(values), excitation, self._laws(values), phase)
+        for effect in self._acting(values):
+            if effect.transient:
+                raise CalibError(f"effect {effect.name!r} is explicit in time, and no period is like the one before")
+        own = self._own(values)
+        return self._refined(values).period_map(own, excitation, self._laws(values, own), phase)
 
     def _complete(self, values: Mapping[str, float]) -> dict[str, float]:
         """Fill `values` up with nominal ones."""
@@ -203,10 +211,24 @@ class Model:
         return {**self.nominal, **{name: float(value) for name, value in values.items()}}
 
     def _own(self, values: Mapping[str, float]) -> dict[str, float]:
-        return {p.name: values[p.name] for p in self.simulator.parameters}
+        """Values of the simulator's parameters, as the effects on the structure change them."""
+        own = {p.name: values[p.name] for p in self.simulator.parameters}
+        for effect in self._acting(values):
+            if effect.site == "structure":
+                own = effect.restructure(own, values)
+        return own
+
+    def _refined(self, values: Mapping[str, float]) -> Simulator:
+        """Return the simulator that the numerical effects put in the place of the model's."""
+        simulator = self.simulator
+        for effect in self._acting(values):
+            if effect.site == "numerical":
+                simulator = effect.refine(simulator, values)
+        return simulator
 
     def _acting(self, values: Mapping[str, float]) -> list[Effect]:
         return [effect for effect in self.effects if not effect.at_null(values)]
 
-    def _laws(self, values: Mapping[str, float]) -> tuple[BoundLaw, ...]:
-        return tuple(effect.bound(values) for effect in self._acting(values) if effect.site != "sensor")
+    def _laws(self, values: Mapping[str, float], own: Mapping[str, float]) -> tuple[BoundLaw, ...]:
+        numbers, places = {**values, **own}, getattr(self.simulator, "places", {})
+        return tuple(effect.bound(numbers, places) for effect in self._acting(values) if effect.site not in PLAIN)

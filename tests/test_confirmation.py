@@ -13,7 +13,7 @@ from tiny_simulators import Echo, Sketch
 from calib import record as records
 from calib.calibrate import calibrate, rebuild
 from calib.cli.standing import standing
-from calib.effects import velocity_lag
+from calib.effects import channel_lag
 from calib.errors import CalibError
 from calib.excitation import Excitation
 from calib.model import Model, Request
@@ -78,8 +78,8 @@ class Misled(Sketch):
 
 
 def test_the_confirming_model_has_the_same_effects():
-    model = Model(Sketch(), [velocity_lag.EFFECT])
-    assert (model.confirming.name, model.confirming.effects) == ("echo + velocity_lag", model.effects)
+    model = Model(Sketch(), [channel_lag.EFFECT])
+    assert (model.confirming.name, model.confirming.effects) == ("echo + channel_lag", model.effects)
     assert model.confirming.confirming is None
 
 

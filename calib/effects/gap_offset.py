@@ -17,4 +17,6 @@ EFFECT = Effect(
     law=offset,
     parameters=(Parameter("dg", "m", 0.0, "change of the gap, positive where it is wider", null=0.0),),
     meaning="contact at another distance than stated: impact phase and the place of the impact on the phase curve move",
+    equation="contact at g + dg + r < 0",
+    confused=("preload", "channel_offset", "interface_shift"),
 )

@@ -381,7 +381,7 @@ def test_what_it_cannot_take_is_refused():
 def test_it_runs_without_the_compiler():
     code = (
         "from calib.simulators.four_dof import FourDof; from calib.model import Model, Request;"
-        "from calib.excitation import Excitation; from calib.effects.air_drag_quadratic import EFFECT;"
+        "from calib.excitation import Excitation; from calib.effects.quadratic_drag import EFFECT;"
         "x = Excitation('end', 'displacement', frequency=26.24, amplitude=1.5e-3);"
         "values = {'c2': VALUE, 'restitution': 0.3};"
         "r = Model(FourDof(), [EFFECT]).run(values, x, Request(settle=1, periods=1, samples=20));"

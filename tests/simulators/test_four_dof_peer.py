@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from simulators.four_dof_peer import dop853
 
-from calib.effects.air_drag_quadratic import drag
+from calib.effects.quadratic_drag import drag
 from calib.excitation import Excitation
 from calib.laws import BoundLaw, force
 from calib.simulators.four_dof import FourDof

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from calib.effects.air_drag_quadratic import EFFECT as AIR_DRAG
+from calib.effects.quadratic_drag import EFFECT as AIR_DRAG
 from calib.errors import CalibError
 from calib.excitation import Excitation
 from calib.model import Model, Request

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from calib.effect import Effect
-from calib.effects.air_drag_quadratic import EFFECT as AIR_DRAG
+from calib.effects.quadratic_drag import EFFECT as AIR_DRAG
 from calib.errors import CalibError
 from calib.excitation import Excitation
 from calib.laws import excitation as excitation_law

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
@@ -110,6 +111,8 @@ class DelaminatedBeam:
     name = "delaminated_beam"
     bodies = BODIES
     sites = frozenset({"force", "gap", "contact", "excitation"})
+    places = MappingProxyType({"body": ("layer",)})
+    law_states = 0
     excitations = frozenset({(QUANTITY, PLACE)})
 
     def __init__(

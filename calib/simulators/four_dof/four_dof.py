@@ -13,7 +13,7 @@ from calib.excitation import Excitation
 from calib.laws import BoundLaw, at_site
 from calib.parameter import Parameter
 from calib.record import OK, SECTION, failed, make, prescription, with_impacts, with_section, with_state
-from calib.simulators.four_dof.drives import BODIES, DRIVES, structure
+from calib.simulators.four_dof.drives import BODIES, DRIVES, LAYER, structure
 from calib.simulators.four_dof.lumped import lumped
 from calib.simulators.impact.modes import modal, regimes
 from calib.simulators.impact.period_map import ImpactMap, impact_map, shifted
@@ -89,6 +89,12 @@ class FourDof:
         self.mode = mode
         self.steps_per_period = float(steps_per_period)
         self.onto_surface = bool(onto_surface)
+
+    @property
+    def places(self) -> dict[str, tuple[str, ...]]:
+        """Bodies at each place where effects act: where the drive prescribes both ends, there is no support."""
+        ends = tuple(BODIES[i] for i in (0, 3) if i in DRIVES[self.drive].coordinates)
+        return {"body": (BODIES[LAYER],), **({"support": ends} if ends else {})}
 
     @property
     def excitations(self) -> frozenset[tuple[str, str]]:

@@ -82,6 +82,7 @@ class Oscillator:
         self.hold = hold
         self.stop = stop
         self.parameters = PARAMETERS + (STOP_PARAMETERS if stop else ())
+        self.places = {"body": (BODY,)}
         self.sites = frozenset({"force", "excitation"} | ({"gap", "restitution"} if stop else set()))
 
     def run(self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw], request) -> xr.Dataset:

@@ -15,8 +15,8 @@ from short_beam import EXCITATION, MESH, REQUEST, VALUES, attempt, beam, run
 from calib import record as records
 from calib.cli import main
 from calib.effect import Effect
-from calib.effects.air_drag_quadratic import EFFECT as AIR_DRAG
 from calib.effects.gap_offset import EFFECT as GAP_OFFSET
+from calib.effects.quadratic_drag import EFFECT as AIR_DRAG
 from calib.errors import CalibError
 from calib.excitation import Excitation
 from calib.laws import contact, excitation, force
@@ -338,7 +338,7 @@ def doubled(t, phase, amplitude, x, p):
 
 def changes(effect, bodies=None, **values):
     """Change of the layer's displacement (n,) by an effect, in the reduced kernel and in the full one  [m]."""
-    effect = Effect(effect.name, effect.site, effect.law, effect.parameters, effect.meaning, bodies)
+    effect = Effect(effect.name, effect.site, effect.law, effect.parameters, effect.meaning, bodies=bodies)
     plain = {name: value for name, value in values.items() if name in VALUES}
     for fidelity in ("reduced", "full"):
         simulator = beam(fidelity=fidelity, modes=40, steps=2048)
@@ -377,7 +377,7 @@ def test_an_effect_changes_both_kernels_alike(effect, bodies, values, within):
 
 @BOTH
 def test_drag_takes_amplitude_the_layer_s_share_of_it_less(fidelity):
-    on_layer = Effect("layer_drag", "force", AIR_DRAG.law, AIR_DRAG.parameters, "drag", ("layer",))
+    on_layer = Effect("layer_drag", "force", AIR_DRAG.law, AIR_DRAG.parameters, "drag", bodies=("layer",))
     free, braked, partly = (
         amplitude(run(beam(fidelity=fidelity), effect, **CLEAR, c2=c2))
         for effect, c2 in ((AIR_DRAG, 0.0), (AIR_DRAG, 50.0), (on_layer, 50.0))

@@ -23,9 +23,11 @@ def delayed(record, p):
 
 
 EFFECT = Effect(
-    name="velocity_lag",
+    name="channel_lag",
     site="sensor",
     law=delayed,
     parameters=(Parameter("lag", "s", 0.0, "delay of the velocity channel against displacement", null=0.0),),
     meaning="the two channels of an instrument are not simultaneous: the phase curve is sheared near its tips",
+    equation="v(t - lag)",
+    confused=("velocity_lowpass", "velocity_differencing", "plot_shear"),
 )
