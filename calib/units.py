@@ -90,3 +90,13 @@ def _number(value: float, quantity: str | float, unit: str) -> float:
     if math.isnan(value):
         raise CalibError(f"expected a number of {unit or '1'}, got {quantity!r}")
     return value
+
+
+@functools.cache
+def powers(unit: str) -> tuple[float, float] | None:
+    """Powers of length and time in an SI unit, radians and cycles counting as 1; None where there are others in it."""
+    if unit in ("", "1"):
+        return 0.0, 0.0
+    dimension = dict(_parse(f"1 {unit}", unit).dimensionality)
+    known = float(dimension.pop("[length]", 0.0)), float(dimension.pop("[time]", 0.0))
+    return None if any(dimension.values()) else known

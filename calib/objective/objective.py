@@ -192,6 +192,12 @@ class Objective:
         view = self._compared[name].seen(record)
         return view.record.assign_attrs({f"nuisance_{key}": value for key, value in view.nuisances.items()})
 
+    def wrong_kind(self, name: str, record: xr.Dataset) -> str:
+        """How the kind of motion of a simulated record differs from that of the reference `name`; "" if not."""
+        compared = self._compared[name]
+        motion = compared.seen(record).motion
+        return self._evidence(name, motion, wrong=True) if compared.penalty(motion) is not None else ""
+
     def _features(self, seen: Mapping[str, Seen]) -> list[FeatureValue]:
         found = []
         for name in self.scored:

@@ -31,11 +31,12 @@ def fill(laws: Sequence[BoundLaw], site: str) -> tuple[np.ndarray, np.ndarray, i
     return np.array([_address(function, site) for function in functions]), parameters, count
 
 
-def acting(laws: Sequence[BoundLaw], bodies: Sequence[str]) -> np.ndarray:
-    """Say which force law acts on which of the bodies: (SLOTS, len(bodies)), in the order of `fill`."""
-    acts = np.zeros((SLOTS, len(bodies)), dtype=bool)
+def acting(laws: Sequence[BoundLaw], bodies: Sequence[str], ports: Sequence[str] = ()) -> np.ndarray:
+    """Say which force law acts where: (SLOTS, bodies and ports), in the order of `fill`; at a port, only if named."""
+    acts = np.zeros((SLOTS, len(bodies) + len(ports)), dtype=bool)
     for row, law in zip(acts, at_site(laws, "force"), strict=False):
-        row[:] = [law.bodies is None or body in law.bodies for body in bodies]
+        named = law.bodies or ()
+        row[:] = [law.bodies is None or body in named for body in bodies] + [port in named for port in ports]
     return acts
 
 

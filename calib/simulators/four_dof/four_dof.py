@@ -17,7 +17,7 @@ from calib.simulators.four_dof.drives import BODIES, DRIVES, LAYER, structure
 from calib.simulators.four_dof.lumped import lumped
 from calib.simulators.impact.modes import modal, regimes
 from calib.simulators.impact.period_map import ImpactMap, impact_map, shifted
-from calib.simulators.impact.problem import Problem, State
+from calib.simulators.impact.problem import PORT, Problem, State
 from calib.simulators.impact.run import Drive, Motion, assemble, simulate, start, with_inner
 
 PARAMETERS = (
@@ -94,7 +94,7 @@ class FourDof:
     def places(self) -> dict[str, tuple[str, ...]]:
         """Bodies at each place where effects act: where the drive prescribes both ends, there is no support."""
         ends = tuple(BODIES[i] for i in (0, 3) if i in DRIVES[self.drive].coordinates)
-        return {"body": (BODIES[LAYER],), **({"support": ends} if ends else {})}
+        return {"body": (BODIES[LAYER],), **({"support": ends} if ends else {}), "interface": (PORT,)}
 
     @property
     def excitations(self) -> frozenset[tuple[str, str]]:

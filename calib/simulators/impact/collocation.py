@@ -14,7 +14,7 @@ from calib.laws import STATES
 from calib.simulators.impact.coordinates import to_coordinates
 from calib.simulators.impact.flow import impulse_response, load_responses
 from calib.simulators.impact.polynomial import FIT, INTEGRAL, NODES, polynomial, slope
-from calib.simulators.impact.problem import AT_PERIOD, PIECE
+from calib.simulators.impact.problem import AT_PERIOD, CONTACT, PIECE
 from calib.simulators.slots import excitation, force
 
 SWEEPS = 15  # of the fixed point
@@ -98,6 +98,38 @@ def _set_answers(regimes, r, y, v, step, w):
 
 
 @njit(cache=True, error_model="numpy")
+def _sum_at(problem, b, t, x, v, j, w):
+    """Sum of the force laws at the coordinate `b` (or the port), which moves by x, v; their rates are written."""
+    total = 0.0
+    z, dz = w.own[0], w.own[1]
+    for i in range(problem.counts[0]):
+        if problem.acts[i, b]:
+            for k in range(STATES):
+                z[k] = w.z[i, b, k, j]
+                dz[k] = 0.0
+            total += force(problem.force[i], t, x, v, problem.force_p[i], z, dz)
+            for k in range(STATES):
+                w.dz[i, b, k, j] = dz[k]
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def _clearance(problem, r, y, v, time, u, du):
+    """Clearance [m] and its rate [m/s] at `time` since the whole period; both zero in contact."""
+    if r == CONTACT:
+        return 0.0, 0.0
+    regimes, omega = problem.regimes, problem.omega
+    c, s = math.cos(omega * time), math.sin(omega * time)
+    wc, ws = regimes.witness[r, 0], regimes.witness[r, 1]
+    value = wc * c + ws * s + regimes.witness[r, 2] + regimes.witness_input[r, 0] * u
+    rate = omega * (ws * c - wc * s) + regimes.witness_input[r, 0] * du
+    for i in range(y.size):
+        value += regimes.witness_y[r, i] * y[i]
+        rate += regimes.witness_y[r, i] * v[i]
+    return value, rate
+
+
+@njit(cache=True, error_model="numpy")
 def _laws_at(problem, r, time, start, step, j, w):
     """Write the accelerations by the laws and the rates of their internal states at node `j`."""
     for i in range(w.y.size):
@@ -105,23 +137,17 @@ def _laws_at(problem, r, time, start, step, j, w):
         for k in range(5):
             w.y[i] += w.answer_y[i, j, k] * w.load[i, k]
             w.v[i] += w.answer_v[i, j, k] * w.load[i, k]
-    x = NODES[j]
-    to_coordinates(
-        problem.regimes, r, w.y, w.v, problem.omega, time + x * step,
-        polynomial(w.input, x), slope(w.input, x) / step, w.q, w.dq,
-    )  # fmt: skip
+    x, n = NODES[j], w.q.size
+    u, du = polynomial(w.input, x), slope(w.input, x) / step
+    to_coordinates(problem.regimes, r, w.y, w.v, problem.omega, time + x * step, u, du, w.q, w.dq)
     t = start + x * step
-    z, dz = w.own[0], w.own[1]
-    for b in range(w.q.size):
-        w.law[b, j] = 0.0
-        for i in range(problem.counts[0]):
-            if problem.acts[i, b]:
-                for k in range(STATES):
-                    z[k] = w.z[i, b, k, j]
-                    dz[k] = 0.0
-                w.law[b, j] += force(problem.force[i], t, w.q[b], w.dq[b], problem.force_p[i], z, dz)
-                for k in range(STATES):
-                    w.dz[i, b, k, j] = dz[k]
+    for b in range(n):
+        w.law[b, j] = _sum_at(problem, b, t, w.q[b], w.dq[b], j, w)
+    if problem.counts[4] > 0:
+        clearance, rate = _clearance(problem, r, w.y, w.v, time + x * step, u, du)
+        opening = _sum_at(problem, n, t, clearance, rate, j, w)
+        for b in range(n):
+            w.law[b, j] += problem.push[b] * opening
 
 
 @njit(cache=True, error_model="numpy")
@@ -201,8 +227,10 @@ def _repeat_first(w):
         for j in range(5):
             w.law[b, j] = w.law[b, 0]
             w.modal[b, j] = 0.0
-            for i in range(w.dz.shape[0]):
-                for k in range(w.dz.shape[2]):
+    for i in range(w.dz.shape[0]):
+        for b in range(w.dz.shape[1]):
+            for k in range(w.dz.shape[2]):
+                for j in range(5):
                     w.dz[i, b, k, j] = w.dz[i, b, k, 0]
 
 

@@ -188,7 +188,7 @@ def advance(problem, state, w, periods, tolerance, budget, sections, times, samp
             state.y[i], state.v[i] = ye[i], ve[i]
         if problem.counts[3] > 0 and tau > 0.0:
             for i in range(state.z.shape[0]):
-                for b in range(n):
+                for b in range(state.z.shape[1]):
                     for k in range(state.z.shape[2]):
                         state.z[i, b, k] = w.z[i, b, k, 4]
         if r == CONTACT:

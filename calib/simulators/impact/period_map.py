@@ -13,7 +13,7 @@ from calib.orbit import Orbit, Tangent
 from calib.record import OK
 from calib.simulators.impact import kernel
 from calib.simulators.impact.misses import nearest_passes
-from calib.simulators.impact.problem import AT_PERIOD, IMPACTS, Problem, State
+from calib.simulators.impact.problem import AT_PERIOD, IMPACTS, PORT, Problem, State
 from calib.simulators.impact.run import STATUS, start
 from calib.simulators.impact.scratch import scratch
 from calib.simulators.impact.tangent import carry
@@ -38,7 +38,7 @@ class ImpactMap:
     bodies : of the simulator
     names, units : of the state's components
     scale, initial : (dimension,)
-    inner : (slot, coordinate, index) of each internal state of the force laws
+    inner : (slot, coordinate or port, index) of each internal state of the force laws
     channels : rows (k, 2 n + 2) of the kernel at phase zero -> displacement, velocity (body, k)
     """
 
@@ -166,11 +166,12 @@ def impact_map(
     inner = tuple(
         (slot, j, k)
         for slot, law in enumerate(at_site(laws, "force"))
-        for j in range(n)
+        for j in range(n + 1)
         for k in range(law.states if problem.acts[slot, j] else 0)
     )
     names = [f"{bodies[i]}.{channel}" for channel in ("displacement", "velocity") for i in free]
-    names += [f"{bodies[free[j]]}.law {slot + 1} state {k + 1}" for slot, j, k in inner]
+    places = [*(bodies[i] for i in free), PORT]
+    names += [f"{places[j]}.law {slot + 1} state {k + 1}" for slot, j, k in inner]
     still = np.zeros(2 * n) if initial is None else np.asarray(initial, dtype=float)
     return ImpactMap(
         problem=problem,

@@ -71,8 +71,11 @@ class Problem(NamedTuple):
     table : (k, 4) coefficients of U = c0 + c1 s + c2 s^2 + c3 s^3, s the time since the piece's start  [s]
     force, excitation, restitution_laws : laws of each site (see `slots`)
     force_p, excitation_p, restitution_p : (SLOTS, PARAMETERS)
-    counts : (4,) laws at the sites force, excitation, restitution; internal states of all force laws
-    acts : (SLOTS, n) whether a force law acts on a coordinate
+    counts : (5,) laws at the sites force, excitation, restitution; internal states of all force laws; force laws at the
+        port
+    acts : (SLOTS, n + 1) whether a force law acts on a coordinate, and last, at the port: there it sees the clearance,
+        out of contact, and nothing in contact
+    push : (n,) acceleration of the coordinates per unit of a law at the port
     """
 
     regimes: Regimes
@@ -101,6 +104,7 @@ class Problem(NamedTuple):
     restitution_p: np.ndarray
     counts: np.ndarray
     acts: np.ndarray
+    push: np.ndarray
 
 
 class State(NamedTuple):
@@ -109,7 +113,7 @@ class State(NamedTuple):
     Attributes
     ----------
     y, v : (n,) modal part of the motion in the present regime
-    z : (SLOTS, n, STATES) internal states of the force laws
+    z : (SLOTS, n + 1, STATES) internal states of the force laws
     clock : (2,) time since the last whole period [s]; time spent in contact [s]
     count : (7,) whole periods done; regime (0 free, 1 contact); steps taken; piece of the table;
         whether the stop is being touched (1 just hit, 2 just released); impacts seen; sections taken
@@ -123,5 +127,6 @@ class State(NamedTuple):
 
 
 FREE, CONTACT = 0, 1
+PORT = "interface"  # the body's name by which a force law acts between the two that meet
 AT_PERIOD, REGIME, STEPS, PIECE, TOUCH, IMPACTS, SECTIONS = range(7)  # entries of State.count
 HIT, RELEASED = 1, 2

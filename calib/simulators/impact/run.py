@@ -18,6 +18,7 @@ from calib.simulators.impact.problem import (
     CONTACT,
     HIT,
     IMPACTS,
+    PORT,
     REGIME,
     RELEASED,
     SECTIONS,
@@ -96,7 +97,7 @@ def assemble(
 
     Parameters
     ----------
-    coordinates : names of the coordinates, for the bodies of the force laws
+    coordinates : names of the coordinates, for the bodies of the force laws; those of the body `PORT` act at the stop
     length : scale of the motion  [m]
     step : length of the steps [s]; None for a 128th of the period, or less where the structure asks for it. It matters
         where loads are collocated or events are not located
@@ -105,6 +106,7 @@ def assemble(
     force, force_p, forces = fill(laws, "force")
     excitation, excitation_p, excitations = fill(laws, "excitation")
     restitution, restitution_p, restitutions = fill(laws, "restitution")
+    states = sum(law.states for law in at_site(laws, "force"))
 
     both = regimes(structure, drive.amplitude, drive.omega)
     collocated = bool(forces or excitations or drive.knots.size or both.load_constant.any())
@@ -116,6 +118,8 @@ def assemble(
     elif not fixed_step:
         step = np.inf
     stop = structure.stop
+    acts = acting(laws, coordinates or [""] * len(structure.mass), [PORT])
+    acts[:, -1] &= stop is not None
     return Problem(
         regimes=both,
         stop=stop is not None,
@@ -141,9 +145,18 @@ def assemble(
         force_p=force_p,
         excitation_p=excitation_p,
         restitution_p=restitution_p,
-        counts=np.array([forces, excitations, restitutions, sum(law.states for law in at_site(laws, "force"))]),
-        acts=acting(laws, coordinates or [""] * len(structure.mass)),
+        counts=np.array([forces, excitations, restitutions, states, acts[:, -1].sum()]),
+        acts=acts,
+        push=_push(structure),
     )
+
+
+def _push(structure: Structure) -> np.ndarray:
+    """Accelerations (n,) by a force between the two that meet, per unit mass of the body that an impact turns round."""
+    stop, mass = structure.stop, structure.mass
+    if stop is None:
+        return np.zeros(len(mass))
+    return (stop.hit @ mass @ stop.hit) * np.linalg.solve(mass, stop.normal)
 
 
 def start(problem: Problem, q: np.ndarray, dq: np.ndarray) -> State:

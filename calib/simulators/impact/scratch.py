@@ -20,9 +20,9 @@ class Scratch(NamedTuple):
     free_v: np.ndarray
     answer_y: np.ndarray  # (n, 5, 5) node, coefficient: modal motion per unit load
     answer_v: np.ndarray
-    z: np.ndarray  # (SLOTS, n, STATES, 5) internal states at the nodes
+    z: np.ndarray  # (SLOTS, n + 1, STATES, 5) internal states at the nodes
     dz: np.ndarray  # their rates
-    own: np.ndarray  # (2, STATES) internal states of one law on one body, and their rates
+    own: np.ndarray  # (2, STATES) internal states of one law at one place, and their rates
     y: np.ndarray  # (n,) modal motion at an instant
     v: np.ndarray
     q: np.ndarray  # (n,) coordinates
@@ -34,6 +34,6 @@ def scratch(n: int) -> Scratch:
     return Scratch(
         np.zeros(5), np.zeros((n, 5)), np.zeros((n, 5)), np.zeros(5), np.zeros((n, 5)), np.zeros((n, 5)),
         np.zeros((n, 5)), np.zeros((n, 5)), np.zeros((n, 5, 5)), np.zeros((n, 5, 5)),
-        np.zeros((SLOTS, n, STATES, 5)), np.zeros((SLOTS, n, STATES, 5)),
+        np.zeros((SLOTS, n + 1, STATES, 5)), np.zeros((SLOTS, n + 1, STATES, 5)),
         np.zeros((2, STATES)), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
     )  # fmt: skip

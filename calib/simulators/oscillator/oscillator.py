@@ -15,6 +15,7 @@ from calib.laws import BoundLaw, at_site
 from calib.parameter import Parameter
 from calib.simulators.impact.modes import Stop, Structure, viscous
 from calib.simulators.impact.period_map import ImpactMap, impact_map, shifted
+from calib.simulators.impact.problem import PORT
 from calib.simulators.impact.run import Drive, Motion, assemble, simulate, start, with_inner
 from calib.simulators.oscillator.prescribed import law_accelerations, prescribed_motion
 
@@ -82,7 +83,7 @@ class Oscillator:
         self.hold = hold
         self.stop = stop
         self.parameters = PARAMETERS + (STOP_PARAMETERS if stop else ())
-        self.places = {"body": (BODY,)}
+        self.places = {"body": (BODY,), **({"interface": (PORT,)} if stop else {})}
         self.sites = frozenset({"force", "excitation"} | ({"gap", "restitution"} if stop else set()))
 
     def run(self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw], request) -> xr.Dataset:
@@ -307,6 +308,7 @@ def _needed_force(
     attrs: dict,
 ) -> xr.Dataset:
     """Record of the force that the model needs for the prescribed motion, beside that motion."""
+    laws = [law for law in laws if law.site != "force" or law.bodies is None or BODY in law.bodies]  # none at the stop
     asked = times
     if not excitation.recorded:  # internal states of laws settle, and the section fills, before time 0
         before = max(records.SECTION, request.settle or 0) * request.samples
