@@ -1,0 +1,1 @@
+"""Diagnosis: from the residual of a calibrated study to the effect that its model lacks."""

@@ -1,0 +1,113 @@
+"""Simulations as a diagnosis needs them: one record at a time, seen as the instrument would have seen it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from calib.effect import Effect
+from calib.model import Model, Request
+from calib.objective import Objective
+from calib.parameter import values_for
+from calib.pool import Failure, in_order
+from calib.record import OK, prescribed
+from calib.study import Pool
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One simulation that is asked for.
+
+    Attributes
+    ----------
+    record : whose excitation and request it has
+    values : of the model with its effects, in SI
+    effects : that the model is extended by
+    state : near which the stationary motion lies; None where that is not known
+    """
+
+    record: str
+    values: Mapping[str, float]
+    effects: tuple[Effect, ...] = ()
+    state: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A simulated record on the time base of the measured one, its nuisances solved for.
+
+    Attributes
+    ----------
+    rows : (row, n) channels of bodies, in the order of `Bench.rows` of the record
+    trust : (n,) in velocities, 0 next to an impact of the simulation
+    state : of the simulator at the end, from which the next run starts; None without one
+    nuisances : by name, in SI
+    given : (body, channel) pairs that the simulation prescribes
+    wrong : how its kind of motion differs from the measured one; "" where it does not, or was not asked for
+    status, reason : "ok", or why there is nothing
+    """
+
+    rows: np.ndarray
+    trust: np.ndarray
+    state: np.ndarray | None = None
+    nuisances: Mapping[str, float] = field(default_factory=dict)
+    given: tuple[tuple[str, str], ...] = ()
+    wrong: str = ""
+    status: str = OK
+    reason: str = ""
+
+    @property
+    def usable(self) -> bool:
+        """Whether there is a motion."""
+        return self.status == OK
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """What a child process needs to simulate any record of a study with any effect.
+
+    Attributes
+    ----------
+    model : calibrated
+    objective : over all records, by which simulations are aligned
+    rows : record -> (body, channel) pairs that are looked at
+    """
+
+    model: Model
+    objective: Objective
+    rows: Mapping[str, Sequence[tuple[str, str]]]
+
+    def __call__(self, run: Run) -> Seen:
+        """Simulate and align."""
+        reference = self.objective.references[run.record]
+        request: Request = reference.request
+        if run.state is not None:
+            request = replace(request, initial_state=run.state, near=True)
+        model = self.model.extended(*run.effects)
+        record = model.run(values_for(run.values, run.record), reference.excitation, request)
+        status = record.attrs["status"]
+        if status != OK:
+            return _nothing(status, str(record.attrs.get("reason", "")))
+        seen = self.objective.aligned(run.record, record)
+        pairs = self.rows[run.record]
+        missing = [channel for _, channel in pairs if channel not in seen.variables]
+        if missing:
+            return _nothing("no channel", f"the simulation has no {missing[0]}")
+        bodies = [str(body) for body in seen.body.values]
+        rows = np.array([seen[channel].values[bodies.index(body)] for body, channel in pairs])
+        if not np.isfinite(rows).all():
+            return _nothing("not finite", "the simulation holds NaN or infinity")
+        state = record["state"].values if "state" in record.variables else None
+        nuisances = {k.removeprefix("nuisance_"): v for k, v in seen.attrs.items() if k.startswith("nuisance_")}
+        wrong = "" if run.state is not None else self.objective.wrong_kind(run.record, record)
+        return Seen(rows, seen["trust"].values, state, nuisances, prescribed(record), wrong)
+
+
+def _nothing(status: str, reason: str) -> Seen:
+    return Seen(np.zeros((0, 0)), np.zeros(0), status=status, reason=reason)
+
+
+def simulated(pool: Pool, runs: Sequence[Run]) -> list[Seen]:
+    """Simulate side by side; what fails has a status."""
+    answers = in_order(pool, runs)
+    return [_nothing(a.status, a.reason) if isinstance(a, Failure) else a for a in answers]

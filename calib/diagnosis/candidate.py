@@ -1,0 +1,197 @@
+"""The effects that a diagnosis may suspect, and the sizes at which they are tried."""
+
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from calib.effect import SIZES, Effect
+from calib.model import Model
+from calib.objective import Reference
+from calib.record import channels
+from calib.units import powers
+
+STAYS = 1.0  # natural size of what has no null and no natural sizes: its nominal value
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """An effect with the parameters that are free and those that are held.
+
+    Attributes
+    ----------
+    effect : with the bodies it acts on
+    free : parameters with a null value, which are fitted
+    held : values of the others, in SI
+    scale : natural scale of each free parameter, in its unit
+    sizes : (k, free) values at which a refit may start, in SI
+    """
+
+    effect: Effect
+    free: tuple[str, ...]
+    held: Mapping[str, float] = field(default_factory=dict)
+    scale: Mapping[str, float] = field(default_factory=dict)
+    sizes: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+
+    @property
+    def name(self) -> str:
+        """Name of the effect."""
+        return self.effect.name
+
+    @property
+    def null(self) -> np.ndarray:
+        """Values (free,) at which the effect is absent."""
+        return np.array([self.effect.null[name] for name in self.free])
+
+    @property
+    def low(self) -> np.ndarray:
+        """Least values (free,) that make sense."""
+        return np.array([parameter.low for parameter in self.parameters])
+
+    @property
+    def high(self) -> np.ndarray:
+        """Largest values (free,) that make sense."""
+        return np.array([parameter.high for parameter in self.parameters])
+
+    @property
+    def parameters(self):
+        """The free parameters."""
+        known = {parameter.name: parameter for parameter in self.effect.parameters}
+        return [known[name] for name in self.free]
+
+    def values(self, sizes: np.ndarray) -> dict[str, float]:
+        """Values by name where the free parameters have these sizes (free,)."""
+        return {**self.held, **dict(zip(self.free, map(float, sizes), strict=True))}
+
+    def absent(self) -> dict[str, float]:
+        """Values by name at which the effect is absent."""
+        return self.values(self.null)
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Natural scales of a set of records: displacement amplitude [m] and time over one radian [s]."""
+
+    length: float
+    time: float
+
+    @classmethod
+    def of(cls, references: Iterable[Reference]) -> "Scales":
+        """Read them off the measured records: the largest amplitude, and the rate at which displacement changes."""
+        length, time = [], []
+        for reference in references:
+            record, frequency = reference.record, reference.excitation.frequency
+            if "displacement" in channels(record):
+                swing = record["displacement"].values
+                swing = swing - swing.mean(axis=1, keepdims=True)
+                length.append(np.abs(swing).max())
+                if frequency is None and np.ptp(swing) > 0.0:
+                    rate = np.gradient(swing, record.time.values, axis=1)
+                    time.append(float(np.sqrt((swing**2).sum() / (rate**2).sum())))
+            if frequency is not None:
+                time.append(1.0 / (2.0 * np.pi * frequency))
+        return cls(max(length, default=1.0) or 1.0, float(np.median(time)) if time else 1.0)
+
+    def scale(self, unit: str, nominal: float) -> float:
+        """Natural scale of a quantity in an SI unit; where the unit is not one of length and time, from its nominal."""
+        known = powers(unit)
+        if known is None:
+            return abs(nominal) or 1.0
+        length, time = known
+        return self.length**length * self.time**time
+
+
+def candidates(
+    model: Model, effects: Sequence[Effect], references: Mapping[str, Reference], searched: Sequence[str]
+) -> tuple[list[Candidate], dict[str, str]]:
+    """Make the candidates of a diagnosis.
+
+    Parameters
+    ----------
+    model : calibrated
+    effects : that may be suspected
+    references : by name, those that are calibrated on or used for naming
+    searched : names of the parameters in windows
+
+    Returns
+    -------
+    candidates : one for each combination of values at which the parameters without null are held
+    refused : effect -> why it is no candidate
+    """
+    scales = Scales.of(references.values())
+    found, refused = [], {}
+    for effect in effects:
+        reason = _refusal(model, effect, references, searched)
+        if reason:
+            refused[effect.name] = reason
+        else:
+            found += _variants(_placed(effect, model.simulator), scales, references)
+    return found, refused
+
+
+def _placed(effect: Effect, simulator) -> Effect:
+    """Return the effect on the bodies that the simulator has at its place, where it names none."""
+    places = getattr(simulator, "places", {})
+    if effect.site != "force" or effect.bodies is not None or effect.place not in places:
+        return effect
+    return replace(effect, bodies=tuple(places[effect.place]))
+
+
+def _refusal(model: Model, effect: Effect, references: Mapping[str, Reference], searched: Sequence[str]) -> str:
+    present = {known.name for known in model.effects}
+    if effect.name in present:
+        return "the model has it already"
+    clash = [p.name for p in effect.parameters if p.name in model.parameters]
+    if clash:
+        return f"its parameter {clash[0]} is one of the model's"
+    reason = effect.offered(model.simulator)
+    if reason:
+        return reason
+    own = {p.name for p in model.simulator.parameters}
+    changed = next((names for names in effect.changes if all(name in own for name in names)), ())
+    if effect.site == "structure" and changed and all(name in searched for name in changed):
+        return f"{', '.join(changed)} is searched already"
+    if effect.site == "numerical":
+        return "it is a gate, not a cause"
+    settled = [reference.excitation.harmonic for reference in references.values()]
+    if effect.transient and all(settled):
+        return "it changes with time, and every record is of a motion that has settled"
+    if effect.site == "excitation" and not effect.transient and not any(settled):
+        return "it needs a harmonic excitation"
+    return ""
+
+
+def _variants(effect: Effect, scales: Scales, references: Mapping[str, Reference]) -> list[Candidate]:
+    free = tuple(p.name for p in effect.parameters if p.null is not None)
+    scale = {p.name: scales.scale(p.unit, p.nominal) for p in effect.parameters}
+    grids = [
+        [(p.name, multiple * scale[p.name]) for multiple in effect.natural[p.name]]
+        if p.name in effect.natural
+        else [(p.name, p.nominal)]
+        for p in effect.parameters
+        if p.null is None
+    ]
+    sizes = _sizes(effect, free, scale, references)
+    return [
+        Candidate(effect, free, dict(held), {name: scale[name] for name in free}, sizes)
+        for held in itertools.product(*grids)
+    ]
+
+
+def _sizes(
+    effect: Effect, free: Sequence[str], scale: Mapping[str, float], references: Mapping[str, Reference]
+) -> np.ndarray:
+    """Values (k, free) at which a refit may start: guessed from the records, else typical ones."""
+    if effect.guess is not None:
+        guesses = [effect.guess(reference.record) for reference in references.values()]
+        rows = [[guess[name] for name in free] for guess in guesses if guess]
+        return np.unique(np.array(rows, dtype=float), axis=0) if rows else np.zeros((0, len(free)))
+    rows = []
+    for index in range(len(SIZES)):
+        row = []
+        for name in free:
+            multiples = effect.natural.get(name, SIZES)
+            row.append(effect.null[name] + multiples[min(index, len(multiples) - 1)] * scale[name])
+        rows.append(row)
+    return np.unique(np.array(rows), axis=0)

@@ -1,0 +1,185 @@
+"""Diagnosis: what the simulation gets wrong, which effect is missing, and what it would bring."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from calib.cycles import kind_of_motion
+from calib.diagnosis.bench import Bench, Run, simulated
+from calib.diagnosis.candidate import candidates
+from calib.diagnosis.evidence import Evidence, gathered, looked_at
+from calib.diagnosis.gain import Gain, gained
+from calib.diagnosis.gates import Gate, converged, noise_known, same_kind, simulates
+from calib.diagnosis.noise import RESIDUAL, STATED
+from calib.diagnosis.refit import Fit, Fitter
+from calib.diagnosis.score import Projection
+from calib.diagnosis.selection import Selection, Suspect, select
+from calib.diagnosis.signature import Point
+from calib.effect import Effect
+from calib.objective import Objective, Reference
+from calib.pool import LocalPool
+from calib.study import Pool, Study
+
+NONE, NAMED, ONE_OF, UNEXPLAINED = "none", "named", "one_of", "unexplained"
+NOT_DIAGNOSABLE = "not_diagnosable"
+MARKED = 3.0  # standard deviations by which a sum of squares must exceed the noise to be a misfit
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What a diagnosis came to.
+
+    Attributes
+    ----------
+    verdict : "none", "named", "one_of", "unexplained" or "not_diagnosable"
+    said : the verdict in a sentence
+    gates : that were looked at first
+    selection : the search for causes; None where a gate failed
+    evidence : the records of calibration and naming; None where nothing could be simulated
+    refused : effect -> why it was no candidate
+    gain : on records held out; None where there is none to try
+    seconds : wall-clock time  [s]
+    simulations : that were run
+    """
+
+    verdict: str
+    said: str
+    gates: tuple[Gate, ...]
+    selection: Selection | None = None
+    evidence: Evidence | None = None
+    refused: Mapping[str, str] = field(default_factory=dict)
+    gain: Gain | None = None
+    seconds: float = 0.0
+    simulations: int = 0
+
+    @property
+    def causes(self) -> tuple[str, ...]:
+        """Names of the effects that are named."""
+        return tuple(c.name for c in self.selection.causes) if self.verdict == NAMED else ()
+
+    @property
+    def classes(self) -> tuple[tuple[str, ...], ...]:
+        """Alternatives of which one is the cause, each a tuple of effects that act together."""
+        if self.verdict not in (NAMED, ONE_OF):
+            return ()
+        earlier = tuple(c.name for c in self.selection.causes[:-1])
+        return tuple((*earlier, rival.name) for rival in self.selection.rivals)
+
+
+def diagnose(
+    study: Study,
+    others: Mapping[str, Reference],
+    values: Mapping[str, float],
+    effects: Sequence[Effect],
+    seed: int = 0,
+    pool: Callable[[Bench], Pool] | None = None,
+    on_stage: Callable[[str], None] = lambda text: None,
+) -> Diagnosis:
+    """Diagnose a calibrated study.
+
+    Parameters
+    ----------
+    study : its model, objective and windows
+    others : references that it is not calibrated on, by name: of use "name" and "holdout"
+    values : calibrated, in SI
+    effects : that may be suspected; those of site "numerical" are gates
+    seed : of the noise that is drawn for the threshold
+    pool : makes a pool of the function it maps; None: child processes, as many as the study's jobs
+    on_stage : called with what is being done
+
+    Raises
+    ------
+    CalibError : a mistake in what was given
+    """
+    begin = time.monotonic()
+    references = {**study.objective.references, **others}
+    objective = Objective(references, study.objective.terms)
+    bench = Bench(study.model, objective, looked_at(objective))
+    make = pool or (lambda function: LocalPool(function, study.jobs, study.timeout))
+    with make(bench) as open_pool:
+        found = _diagnosed(open_pool, bench, study, values, effects, seed, on_stage)
+    return replace(found, seconds=time.monotonic() - begin)
+
+
+def _diagnosed(
+    pool: Pool,
+    bench: Bench,
+    study: Study,
+    values: Mapping[str, float],
+    effects: Sequence[Effect],
+    seed: int,
+    on_stage: Callable[[str], None],
+) -> Diagnosis:
+    references = bench.objective.references
+    named = {name: r for name, r in references.items() if r.use != "holdout"}
+    on_stage("gates")
+    seen = dict(zip(named, simulated(pool, [Run(name, values) for name in named]), strict=True))
+    gates = [simulates(seen)]
+    if gates[0].passed:
+        gates.append(same_kind(seen))
+    if not all(gate.passed for gate in gates):
+        return _stopped(gates)
+    cycle = {name: kind_of_motion(reference.record).period or 1 for name, reference in named.items()}
+    evidence = gathered(named, bench.rows, cycle, seen)
+    gates.append(noise_known(evidence))
+    if not gates[-1].passed:
+        return _stopped(gates)
+    suspects, refused = candidates(study.model, effects, named, study.space.names)
+    fitter = Fitter(pool, evidence, study.space, study.model)
+    on_stage("calibrated model")
+    null = fitter.fit(Point(values, (), seen))
+    if any(noise.source == RESIDUAL for part in evidence.parts for noise in part.noise):
+        left = _left(fitter, null, [c for c in suspects if not c.effect.rough])
+        fitter.evidence = gathered(named, bench.rows, cycle, null.point.seen, left)
+        null = fitter.fit(null.point)
+    selection = select(fitter, null, suspects, seed, on_stage)
+    numerical = [effect for effect in effects if effect.site == "numerical"]
+    gates += converged(fitter, null, numerical, selection.rounds[0].threshold)
+    verdict, said = _verdict(selection, gates)
+    return Diagnosis(
+        verdict=verdict,
+        said=said,
+        gates=tuple(gates),
+        selection=selection,
+        evidence=fitter.evidence,
+        refused=refused,
+        simulations=fitter.runs,
+    )
+
+
+def _stopped(gates: Sequence[Gate]) -> Diagnosis:
+    failed = "; ".join(f"{gate.name}: {gate.said}" for gate in gates if not gate.passed)
+    return Diagnosis(NOT_DIAGNOSABLE, failed, tuple(gates))
+
+
+def _left(fitter: Fitter, null: Fit, suspects: Sequence) -> dict[str, np.ndarray]:
+    """What is left of the measured rows when all candidates are fitted to them at once, by record (row, n)."""
+    slopes = [slope for own in fitter.suspected(null.point, suspects) for slope in own]
+    columns = [slope.column for slope in slopes if slope.column is not None and slope.column.any()]
+    everything = Projection(np.column_stack([null.columns, null.nuisances, *columns]))
+    left, found = everything(null.residual), {}
+    for part in fitter.evidence.parts:
+        rows = left[fitter.evidence.of(part.name)].reshape(part.measured.shape)
+        found[part.name] = np.array([noise.coloured(row) for noise, row in zip(part.noise, rows, strict=True)])
+    return found
+
+
+def _verdict(selection: Selection, gates: Sequence[Gate]) -> tuple[str, str]:
+    failed = [gate for gate in gates if not gate.passed]
+    if failed:
+        return NOT_DIAGNOSABLE, "; ".join(f"{gate.name}: {gate.said}" for gate in failed)
+    if not selection.causes:
+        if selection.excess > MARKED * selection.blur:
+            closest = selection.rounds[0].suspects[0] if selection.rounds[0].suspects else None
+            said = "the misfit is more than noise, and no candidate explains it"
+            return UNEXPLAINED, said + ("" if closest is None else f"; {closest.name} comes closest")
+        return NONE, "the residual is what noise leaves; nothing that could be named is missing"
+    names = " and ".join(c.name for c in selection.causes)
+    share = f"{selection.share:.0%} of the excess misfit"
+    if not selection.material:
+        return UNEXPLAINED, f"{names} comes closest, but explains only {share}"
+    if len(selection.rivals) > 1:
+        return ONE_OF, "one of " + ", ".join(r.name for r in selection.rivals) + f"; they explain {share} alike"
+    return NAMED, f"{names}: explains {share}" if selection.excess > MARKED * selection.blur else names

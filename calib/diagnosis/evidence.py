@@ -1,0 +1,254 @@
+"""What was measured beside what is simulated: residuals in units of the noise, free of what nuisances absorb."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.cycles import cut
+from calib.diagnosis.bench import Seen
+from calib.diagnosis.noise import Noise, from_cycles, from_residual, shared, with_memory
+from calib.objective import Objective, Reference
+from calib.record import channels, prescribed
+
+SPAN = 20  # least number of segments of a record, whose scores are taken as independent
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One record as a diagnosis looks at it.
+
+    Attributes
+    ----------
+    name : of the record
+    rows : (body, channel) pairs
+    time : (n,)  [s]
+    measured : (row, n), each in its unit
+    period : of the excitation [s], None without one
+    cycle : of the motion, in periods
+    nuisance : names of what belongs to this measurement alone
+    noise : of each row
+    used : (row,) whether a row is compared: not where the excitation prescribes it
+    weight : (row, n) in [0, 1], 0 where a sample is not compared
+    """
+
+    name: str
+    rows: tuple[tuple[str, str], ...]
+    time: np.ndarray
+    measured: np.ndarray
+    period: float | None
+    cycle: int
+    nuisance: tuple[str, ...]
+    noise: tuple[Noise, ...]
+    used: np.ndarray
+    weight: np.ndarray
+
+    def white(self, rows: np.ndarray) -> np.ndarray:
+        """Rows (row, n) in units of the noise, one after the other (row * n,)."""
+        parts = [noise.whitened(row, w) for noise, row, w in zip(self.noise, rows, self.weight, strict=True)]
+        return np.concatenate(parts)
+
+    def tangents(self, rows: np.ndarray) -> np.ndarray:
+        """Change of the simulated rows with each nuisance, in units of the noise (row * n, k)."""
+        channel = [c for _, c in self.rows]
+        columns = []
+        if "trigger" in self.nuisance:
+            columns.append(np.gradient(rows, self.time, axis=1))
+        if "offset" in self.nuisance:
+            for index, name in enumerate(channel):
+                if name == "displacement":
+                    columns.append(_only(rows, index, 1.0))
+        if "scale" in self.nuisance:
+            for name in dict.fromkeys(channel):
+                columns.append(rows * np.array([c == name for c in channel])[:, None])
+        if "shear" in self.nuisance:
+            sheared = np.zeros_like(rows)
+            for index, (body, name) in enumerate(self.rows):
+                if name == "displacement" and (body, "velocity") in self.rows:
+                    sheared[index] = rows[self.rows.index((body, "velocity"))]
+            columns.append(sheared)
+        return np.column_stack([self.white(column) for column in columns]) if columns else np.zeros((rows.size, 0))
+
+    def segments(self) -> np.ndarray:
+        """Number (row * n,) of the segment that each residual belongs to; all rows of an instant share it."""
+        n = self.time.size
+        length = max(8, n // SPAN)
+        return np.tile(np.minimum(np.arange(n) // length, max(1, n // length) - 1), len(self.rows))
+
+
+def _only(rows: np.ndarray, index: int, value: float) -> np.ndarray:
+    column = np.zeros_like(rows)
+    column[index] = value
+    return column
+
+
+def looked_at(objective: Objective) -> dict[str, list[tuple[str, str]]]:
+    """(body, channel) pairs of each reference that a term may compare and that its record does not prescribe."""
+    rows = {}
+    for name, reference in objective.references.items():
+        terms = [t for t in objective.terms if t.records is None or name in t.records] or objective.terms
+        names = [str(body) for body in reference.record.body.values]
+        bodies = {body for term in terms for body in term.bodies or names}
+        given = prescribed(reference.record)
+        rows[name] = [
+            (body, channel)
+            for body in names
+            for channel in channels(reference.record)
+            if body in bodies and (body, channel) not in given
+        ]
+    return rows
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """All records of a diagnosis."""
+
+    parts: tuple[Part, ...]
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the records."""
+        return [part.name for part in self.parts]
+
+    def residual(self, seen: Mapping[str, Seen]) -> np.ndarray:
+        """Measured less simulated, in units of the noise (N,)."""
+        return np.concatenate([part.white(part.measured - seen[part.name].rows) for part in self.parts])
+
+    def difference(self, one: Mapping[str, Seen], other: Mapping[str, Seen]) -> np.ndarray:
+        """Simulation `other` less simulation `one`, in units of the noise (N,)."""
+        return np.concatenate([part.white(other[part.name].rows - one[part.name].rows) for part in self.parts])
+
+    def tangents(self, seen: Mapping[str, Seen]) -> np.ndarray:
+        """Change of the simulations with each nuisance of each record, in units of the noise (N, k)."""
+        blocks = [part.tangents(seen[part.name].rows) for part in self.parts]
+        whole = np.zeros((sum(len(b) for b in blocks), sum(b.shape[1] for b in blocks)))
+        row = column = 0
+        for block in blocks:
+            whole[row : row + len(block), column : column + block.shape[1]] = block
+            row, column = row + len(block), column + block.shape[1]
+        return whole
+
+    def segments(self) -> np.ndarray:
+        """Number (N,) of the segment that each residual belongs to."""
+        numbers, first = [], 0
+        for part in self.parts:
+            own = part.segments()
+            numbers.append(own + first)
+            first += int(own.max()) + 1
+        return np.concatenate(numbers)
+
+    def counted(self) -> float:
+        """Number of residuals that count."""
+        return float(sum((part.weight**2).sum() for part in self.parts))
+
+    def of(self, name: str) -> slice:
+        """Where the residuals of a record stand among all."""
+        begin = 0
+        for part in self.parts:
+            if part.name == name:
+                return slice(begin, begin + part.measured.size)
+            begin += part.measured.size
+        raise KeyError(name)
+
+    def only(self, names: Sequence[str]) -> "Evidence":
+        """Return some of the records."""
+        return Evidence(tuple(part for part in self.parts if part.name in names))
+
+    def with_weights(self, seen: Sequence[Mapping[str, Seen]]) -> "Evidence":
+        """Return the same evidence compared only where all these simulations are to be trusted."""
+        parts = []
+        for part in self.parts:
+            trust = np.prod([views[part.name].trust for views in seen], axis=0)
+            parts.append(_weighted(part, trust))
+        return Evidence(tuple(parts))
+
+
+def _weighted(part: Part, trust: np.ndarray) -> Part:
+    return replace(part, weight=_weights(part.rows, part.used, trust))
+
+
+def _weights(rows: Sequence[tuple[str, str]], used: np.ndarray, trust: np.ndarray) -> np.ndarray:
+    """Weights (row, n): velocity is compared as far as it is to be trusted."""
+    moving = np.array([channel == "velocity" for _, channel in rows])
+    return used[:, None] * np.where(moving[:, None], trust[None], 1.0)
+
+
+def gathered(
+    references: Mapping[str, Reference],
+    rows: Mapping[str, Sequence[tuple[str, str]]],
+    cycle: Mapping[str, int],
+    seen: Mapping[str, Seen],
+    left: Mapping[str, np.ndarray] | None = None,
+) -> Evidence:
+    """Put measured records and their noise together.
+
+    Parameters
+    ----------
+    references, rows : by record
+    cycle : of each record's motion, in periods
+    seen : simulations
+    left : what no fit explains (row, n), by record: the noise of what does not repeat is judged by it; None: by what
+        the simulations leave
+    """
+    measured = {name: _measured(reference, rows[name]) for name, reference in references.items()}
+    repeating = {name: _repeating(r, rows[name], measured[name], cycle[name]) for name, r in references.items()}
+    known: dict[tuple[str, str], Noise] = {}
+    for noises in repeating.values():
+        known = {**noises, **known}
+    parts = []
+    for name, reference in references.items():
+        used = np.array([row not in seen[name].given for row in rows[name]])
+        weight = _weights(rows[name], used, seen[name].trust)
+        residual = measured[name] - seen[name].rows if left is None else left[name]
+        noises = []
+        for index, row in enumerate(rows[name]):
+            noise = repeating[name].get(row)
+            if noise is None:
+                stated, memory = _stated(reference.record, row), shared(known, row)
+                noise = (
+                    from_residual(residual[index], weight[index], measured[name][index], stated)
+                    if memory is None
+                    else with_memory(memory, residual[index], weight[index], measured[name][index], stated)
+                )
+            noises.append(noise)
+        parts.append(
+            Part(
+                name=name,
+                rows=tuple(rows[name]),
+                time=reference.record.time.values,
+                measured=measured[name],
+                period=reference.excitation.period,
+                cycle=cycle[name],
+                nuisance=tuple(reference.nuisance),
+                noise=tuple(noises),
+                used=used,
+                weight=weight,
+            )
+        )
+    return Evidence(tuple(parts))
+
+
+def _measured(reference: Reference, rows: Sequence[tuple[str, str]]) -> np.ndarray:
+    record = reference.record
+    bodies = [str(body) for body in record.body.values]
+    return np.array([record[channel].values[bodies.index(body)] for body, channel in rows])
+
+
+def _repeating(
+    reference: Reference, rows: Sequence[tuple[str, str]], measured: np.ndarray, cycle: int
+) -> dict[tuple[str, str], Noise]:
+    """Noise of the rows whose cycles show it."""
+    period = reference.excitation.period
+    if period is None or not rows:
+        return {}
+    cycles, _ = cut(reference.record.time.values, measured, period, cycle)
+    found = {row: from_cycles(own, _stated(reference.record, row)) for row, own in zip(rows, cycles, strict=True)}
+    return {row: noise for row, noise in found.items() if noise is not None}
+
+
+def _stated(record, row: tuple[str, str]) -> float | None:
+    body, channel = row
+    if f"{channel}_sigma" not in record:
+        return None
+    index = [str(b) for b in record.body.values].index(body)
+    return float(np.sqrt(np.mean(np.square(record[f"{channel}_sigma"].values[index]))))

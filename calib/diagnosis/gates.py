@@ -1,0 +1,88 @@
+"""What has to hold before a residual can be given a cause."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.diagnosis.bench import Seen, simulated
+from calib.diagnosis.evidence import Evidence
+from calib.diagnosis.refit import Fit, Fitter
+from calib.effect import Effect
+
+FINER = 2.0  # step and tolerance are divided by this
+SHORT = 32  # samples: fewer say nothing about noise
+
+
+@dataclass(frozen=True)
+class Gate:
+    """A condition of every diagnosis.
+
+    Attributes
+    ----------
+    name : "simulation", "kind of motion", "noise", or that of a numerical effect
+    passed : whether it holds
+    said : what was found, in a sentence
+    z : of a numerical effect, None of the others
+    """
+
+    name: str
+    passed: bool
+    said: str
+    z: float | None = None
+
+
+def simulates(seen: Mapping[str, Seen]) -> Gate:
+    """Every record can be simulated at the calibrated values."""
+    bad = {name: view for name, view in seen.items() if not view.usable}
+    said = "; ".join(f"{name}: {view.status} {view.reason}".strip() for name, view in bad.items())
+    return Gate("simulation", not bad, said or f"all {len(seen)} records are simulated")
+
+
+def same_kind(seen: Mapping[str, Seen]) -> Gate:
+    """Measured and simulated motion have the same period."""
+    wrong = {name: view.wrong for name, view in seen.items() if view.wrong}
+    said = "; ".join(f"{name}: {text}" for name, text in wrong.items())
+    return Gate("kind of motion", not wrong, said or "simulated motions have the period of the measured ones")
+
+
+def noise_known(evidence: Evidence) -> Gate:
+    """Every channel shows or states its noise."""
+    short = [part.name for part in evidence.parts if part.time.size < SHORT]
+    if short:
+        return Gate("noise", False, f"{', '.join(short)}: fewer than {SHORT} samples show no noise level")
+    said = []
+    for part in evidence.parts:
+        for (body, channel), noise, used in zip(part.rows, part.noise, part.used, strict=True):
+            if used:
+                memory = ", correlated" if noise.memory.size else ""
+                said.append(f"{part.name} {body} {channel}: {noise.sigma:.3g} ({noise.source}{memory})")
+    return Gate("noise", True, "; ".join(said))
+
+
+def converged(fitter: Fitter, null: Fit, effects: Sequence[Effect], threshold: float) -> list[Gate]:
+    """Solver steps and tolerances do not matter: made finer, they change less than an effect that could be named.
+
+    effects : those of site "numerical"
+    """
+    simulator_lacks = {effect.name: effect.offered(fitter.model.simulator) for effect in effects}
+    tried = [effect for effect in effects if not simulator_lacks[effect.name]]
+    names, point = fitter.evidence.names, null.point
+    runs = [run for effect in tried for run in point.runs(names, _finer(effect), (effect,))]
+    answers = iter(simulated(fitter.pool, runs))
+    gates = []
+    for effect in tried:
+        views = {name: next(answers) for name in names}
+        bad = next((view for view in views.values() if not view.usable), None)
+        if bad is not None:
+            gates.append(Gate(effect.name, False, f"made {FINER:g} times finer, the simulation ends {bad.status}"))
+            continue
+        z = float(np.linalg.norm(null.absorbing(fitter.evidence.difference(point.seen, views))))
+        said = f"made {FINER:g} times finer, it changes the records by z = {z:.2g} (threshold {threshold:.2g})"
+        gates.append(Gate(effect.name, z < threshold, said, z))
+    gates += [Gate(name, True, f"not tried: {reason}") for name, reason in simulator_lacks.items() if reason]
+    return gates
+
+
+def _finer(effect: Effect) -> dict[str, float]:
+    return {p.name: FINER for p in effect.parameters}

@@ -1,0 +1,138 @@
+"""The noise of the measured channels: its level, and how long it remembers.
+
+Where a record holds several cycles of a motion that returns, what differs from cycle to cycle is noise, whatever the
+model gets wrong. Where it does not, the colour of the noise is taken from the records that do, and its level from the
+fastest part of the residual; where no record repeats, both are read off the residual that is left when everything that
+is known to the diagnosis has been fitted to it. A level that the record states comes before all of these.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_toeplitz
+from scipy.signal import lfilter
+
+ORDER = 12  # highest of the autoregression
+CYCLES = 3  # least number of cycles that show the noise
+LEAST = 1e-6  # of a channel's root mean square: noise below that is none, and the model's accuracy counts
+QUICK = 0.6052697  # median |2 x_i - x_(i-2) - x_(i+2)| to standard deviation (Stoehr et al. 2008, DER_SNR)
+STATED, CYCLIC, RESIDUAL = "stated in the record", "cycle to cycle", "the residual"
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """Noise of one channel of a body: an autoregression.
+
+    Attributes
+    ----------
+    sigma : standard deviation  [unit of the channel]
+    memory : (order,) coefficients of the autoregression  [1]
+    source : where the level comes from
+    """
+
+    sigma: float
+    memory: np.ndarray
+    source: str
+
+    @property
+    def innovation(self) -> float:
+        """Standard deviation of what is new in each sample, over that of the noise  [1]."""
+        return _innovation(self.memory)
+
+    def whitened(self, rows: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """Rows (..., n) in units of the noise, weighted (n,), their memory taken out: white of unit variance."""
+        scaled = rows * weight / (self.sigma * self.innovation)
+        return lfilter(np.concatenate([[1.0], -self.memory]), [1.0], scaled, axis=-1)
+
+    def coloured(self, white: np.ndarray) -> np.ndarray:
+        """Give a white row (n,) its memory and unit back: the inverse of `whitened` with weights of 1."""
+        return lfilter([1.0], np.concatenate([[1.0], -self.memory]), white) * self.sigma * self.innovation
+
+    def drawn(self, rng: np.random.Generator, size: int) -> np.ndarray:
+        """Draw noise (size,)."""
+        lead = 20 * (self.memory.size + 1)
+        new = self.sigma * self.innovation * rng.standard_normal(size + lead)
+        return lfilter([1.0], np.concatenate([[1.0], -self.memory]), new)[lead:]
+
+
+def from_cycles(cycles: np.ndarray, stated: float | None = None) -> Noise | None:
+    """Noise of one channel from its cycles (cycle, n), None where there are too few."""
+    if len(cycles) < CYCLES:
+        return None
+    apart = (cycles - cycles.mean(axis=0)) * math.sqrt(len(cycles) / (len(cycles) - 1.0))
+    return _noise(apart.ravel(), np.ones(apart.size), cycles, stated, CYCLIC)
+
+
+def from_residual(residual: np.ndarray, weight: np.ndarray, measured: np.ndarray, stated: float | None) -> Noise:
+    """Noise of one channel from what no fit explains of it: residual, weight and measured (n,)."""
+    return _noise(residual, weight, measured, stated, RESIDUAL)
+
+
+def with_memory(
+    memory: np.ndarray, residual: np.ndarray, weight: np.ndarray, measured: np.ndarray, stated: float | None
+) -> Noise:
+    """Noise of known memory; its level from the fastest part of the residual."""
+    if stated is not None:
+        return Noise(stated, memory, STATED)
+    new = lfilter(np.concatenate([[1.0], -memory]), [1.0], residual * weight)[memory.size :]
+    quick = np.abs(2.0 * new[2:-2] - new[:-4] - new[4:])
+    level = QUICK * float(np.median(quick)) / _innovation(memory)
+    return Noise(max(level, _least(measured)), memory, RESIDUAL)
+
+
+def _noise(series, weight, measured, stated, source) -> Noise:
+    memory = _autoregression(series * weight, weight)
+    sigma = math.sqrt(float(((series * weight) ** 2).sum() / max(1.0, (weight**2).sum())))
+    if stated is not None:
+        return Noise(stated, memory, STATED)
+    return Noise(max(sigma, _least(measured)), memory, source)
+
+
+def _least(measured: np.ndarray) -> float:
+    return LEAST * float(np.sqrt(np.mean(measured**2))) or 1e-300
+
+
+def _autoregression(series: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Coefficients of the order that Schwarz's criterion (1978) chooses, by the Yule-Walker equations."""
+    n = series.size
+    lags = range(min(ORDER, n // 8) + 1)
+    both = np.array([float((weight[lag:] * weight[: n - lag]).sum()) for lag in lags])
+    gamma = np.array([float(series[lag:] @ series[: n - lag]) for lag in lags]) / np.maximum(both, 1.0)
+    if not gamma[0] > 0.0:
+        return np.zeros(0)
+    best, chosen = n * math.log(gamma[0]), np.zeros(0)
+    for order in lags[1:]:
+        memory = solve_toeplitz(gamma[:order], gamma[1 : order + 1])
+        left = gamma[0] - memory @ gamma[1 : order + 1]
+        if left > 0.0 and n * math.log(left) + order * math.log(n) < best and _stable(memory):
+            best, chosen = n * math.log(left) + order * math.log(n), memory
+    return chosen
+
+
+def _stable(memory: np.ndarray) -> bool:
+    return bool(np.abs(np.roots(np.concatenate([[1.0], -memory]))).max(initial=0.0) < 0.9999)
+
+
+def _innovation(memory: np.ndarray) -> float:
+    """Standard deviation of the innovations over that of the process, from the autocorrelations of the first lags."""
+    order = memory.size
+    if not order:
+        return 1.0
+    # Yule-Walker for the correlations rho_1..rho_p given the coefficients
+    matrix, right = np.eye(order), memory.copy()
+    for k in range(1, order + 1):
+        for j in range(1, order + 1):
+            lag = abs(k - j)
+            if lag > 0:
+                matrix[k - 1, lag - 1] -= memory[j - 1]
+    rho = np.linalg.solve(matrix, right)
+    return math.sqrt(max(1e-12, 1.0 - float(memory @ rho)))
+
+
+def shared(noises: Mapping[tuple[str, str], Noise], row: tuple[str, str]) -> np.ndarray | None:
+    """Memory of the same channel of the same body in another record, else of the same channel of another body."""
+    if row in noises:
+        return noises[row].memory
+    return next((noise.memory for (_, channel), noise in noises.items() if channel == row[1]), None)

@@ -1,0 +1,307 @@
+"""One cause after the other: who is suspected, who explains it, what cannot be told apart."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.diagnosis.candidate import Candidate
+from calib.diagnosis.evidence import Evidence
+from calib.diagnosis.refit import Fit, Fitter
+from calib.diagnosis.score import Signature, Tested, deviate, tested, threshold
+
+APART = 6.0  # sums of squares that differ by less do not tell two models from each other
+REFITS = 8  # leaders that are refitted
+WORTH = 0.3  # of the largest fall of the sum of squares: candidates that promise less are no leaders
+CAUSES = 3  # that are named at most
+STARTS = 2  # sizes from which a candidate without derivative is refitted
+
+
+@dataclass(frozen=True, eq=False)
+class Suspect:
+    """A candidate beside the evidence.
+
+    Attributes
+    ----------
+    candidate : the effect with its free parameters
+    test : the score test; None where there is no derivative
+    absorbed : share of the signature that calibration takes over
+    detectable : (p,) smallest sizes that would reach the threshold  [units of the parameters]
+    signature : projected; None where there is no derivative
+    fit : the model with it, refitted; None where that was not worth the while
+    reason : why there is no derivative, or why it is out
+    drop : by which the refit lowers the sum of squares (the test's promise where there is none)
+    """
+
+    candidate: Candidate
+    test: Tested | None
+    absorbed: float
+    detectable: np.ndarray
+    signature: Signature | None
+    fit: Fit | None = None
+    reason: str = ""
+    drop: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """Name of the effect."""
+        return self.candidate.name
+
+    @property
+    def z(self) -> float:
+        """Normal deviate: of the test, or of the refit where there is no derivative."""
+        if self.test is not None:
+            return self.test.z
+        return deviate(max(0.0, self.drop), len(self.candidate.free))
+
+    @property
+    def size(self) -> np.ndarray:
+        """Sizes (p,), of the refit where there is one."""
+        if self.fit is not None:
+            return np.array([self.fit.value(name) for name in self.candidate.free])
+        null = self.candidate.null
+        return np.where(np.isfinite(null), null, 0.0) + self.test.size if self.test is not None else null
+
+    @property
+    def error(self) -> np.ndarray:
+        """Standard errors (p,) of the sizes."""
+        if self.fit is not None and self.fit.names:
+            index = [self.fit.names.index(name) for name in self.candidate.free]
+            return np.sqrt(np.maximum(0.0, np.diag(self.fit.covariance)[index]))
+        return self.test.error if self.test is not None else np.full(len(self.candidate.free), np.inf)
+
+    @property
+    def price(self) -> float:
+        """What its parameters are worth: two each, as Akaike has it."""
+        return 2.0 * len(self.candidate.free)
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """One search for a cause.
+
+    Attributes
+    ----------
+    base : the model so far
+    suspects : all candidates, the strongest first
+    threshold : of |z|
+    chosen : the suspect that explains most, None where none passes
+    rivals : suspects that cannot be told from the chosen one, itself included
+    """
+
+    base: Fit
+    suspects: tuple[Suspect, ...]
+    threshold: float
+    chosen: Suspect | None
+    rivals: tuple[Suspect, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """What the search came to.
+
+    Attributes
+    ----------
+    rounds : searches one after the other; the last has no chosen one unless there were enough
+    null, final : the calibrated model, and the one with the causes
+    causes : that are in the final model
+    excess : by how much the calibrated model's sum of squares exceeds what noise leaves, with its standard deviation
+    left : the same of the final model
+    """
+
+    rounds: tuple[Round, ...]
+    null: Fit
+    final: Fit
+    causes: tuple[Suspect, ...]
+    excess: float
+    left: float
+    blur: float
+
+    @property
+    def share(self) -> float:
+        """Share of the excess that the causes explain  [1]."""
+        return (self.excess - self.left) / max(self.excess, 1e-300)
+
+    @property
+    def material(self) -> bool:
+        """Whether the causes explain at least half of the excess, or what is left cannot be told from noise."""
+        return self.share >= 0.5 or self.left < 3.0 * self.blur
+
+    @property
+    def rivals(self) -> tuple[Suspect, ...]:
+        """Suspects that cannot be told from the last cause."""
+        named = [r for r in self.rounds if r.chosen is not None]
+        return named[-1].rivals if named else ()
+
+
+def select(
+    fitter: Fitter,
+    null: Fit,
+    candidates: Sequence[Candidate],
+    seed: int,
+    on_stage: Callable[[str], None] = lambda text: None,
+) -> Selection:
+    """Search for causes one after the other, at most three; then look whether the earlier ones are still needed."""
+    rounds, base, causes = [], null, []
+    for number in range(CAUSES):
+        left = [c for c in candidates if c.name not in {cause.name for cause in causes}]
+        on_stage(f"suspects {number + 1}")
+        found = search(fitter, base, left, seed + number, _excess(fitter.evidence, base))
+        rounds.append(found)
+        if found.chosen is None:
+            break
+        causes.append(found.chosen)
+        base = found.chosen.fit
+    if len(causes) > 1:
+        causes, base = _still_needed(fitter, null, causes, base, rounds[-1].threshold)
+    seen = [null.point.seen, base.point.seen]
+    common = fitter.evidence.with_weights(seen)
+    return Selection(
+        rounds=tuple(rounds),
+        null=null,
+        final=base,
+        causes=tuple(causes),
+        excess=null.judged(common) - _expected(common, null),
+        left=base.judged(common) - _expected(common, base),
+        blur=float(np.sqrt(2.0 * common.counted())),
+    )
+
+
+def _expected(evidence: Evidence, fit: Fit) -> float:
+    return evidence.counted() - fit.columns.shape[1] - fit.nuisances.shape[1]
+
+
+def _excess(evidence: Evidence, fit: Fit) -> float:
+    """Return by how many standard deviations the sum of squares exceeds what noise leaves."""
+    return (fit.square - _expected(evidence, fit)) / np.sqrt(2.0 * evidence.counted())
+
+
+def search(fitter: Fitter, base: Fit, candidates: Sequence[Candidate], seed: int, excess: float) -> Round:
+    """Find the candidate that explains most of what the model `base` leaves.
+
+    excess : of its sum of squares, in standard deviations; rough candidates are tried where it shows or others do
+    """
+    suspects, limit = _tested(fitter, base, candidates, seed)
+    guilty = [s for s in suspects if s.test is not None and not s.reason and abs(s.z) > limit]
+    doubtful = [s for s in suspects if s.test is None or (s.reason and s.signature is not None)]
+    promised = max((s.test.drop for s in guilty), default=0.0)
+    leaders = [s for s in guilty if s.test.drop >= WORTH * promised][:REFITS]
+    if guilty or excess > 3.0:
+        leaders += doubtful
+    refitted = [_refitted(fitter, base, suspect) for suspect in leaders]
+    refitted = [s for s in refitted if s.fit is not None]
+    if refitted:
+        common = fitter.evidence.with_weights([base.point.seen, *(s.fit.point.seen for s in refitted)])
+        before = base.judged(common)
+        refitted = [replace(s, drop=before - s.fit.judged(common)) for s in refitted]
+    by_name = {(s.name, id(s.candidate)): s for s in refitted}
+    everyone = [by_name.get((s.name, id(s.candidate)), s) for s in suspects]
+    able = [s for s in refitted if _possible(s, limit)]
+    chosen = min(able, key=lambda s: s.price - s.drop, default=None)
+    rivals = ()
+    if chosen is not None:
+        rivals = _rivals(chosen, able)
+    everyone.sort(key=lambda s: -(s.drop if s.fit is not None else (s.test.drop if s.test is not None else 0.0)))
+    return Round(base, tuple(everyone), limit, chosen, rivals)
+
+
+def _rivals(chosen: Suspect, able: Sequence[Suspect]) -> tuple[Suspect, ...]:
+    """Suspects within reach of the chosen one, one of each effect, the best first."""
+    near = [s for s in able if (s.price - s.drop) - (chosen.price - chosen.drop) <= APART]
+    near.sort(key=lambda s: s.price - s.drop)
+    kept: dict[str, Suspect] = {}
+    for suspect in near:
+        kept.setdefault(suspect.name, suspect)
+    return tuple(kept.values())
+
+
+def _tested(
+    fitter: Fitter, base: Fit, candidates: Sequence[Candidate], seed: int
+) -> tuple[list[Suspect], float]:
+    smooth = [c for c in candidates if not c.effect.rough]
+    slopes = fitter.suspected(base.point, smooth)
+    absorbing, segments = base.absorbing, fitter.evidence.segments()
+    residual = absorbing(base.residual)
+    signatures: dict[int, Signature] = {}
+    reasons: dict[int, str] = {}
+    for candidate, own in zip(smooth, slopes, strict=True):
+        lost = next((slope.reason for slope in own if slope.column is None), None)
+        if lost is not None:
+            reasons[id(candidate)] = lost
+            continue
+        signatures[id(candidate)] = Signature.of(np.column_stack([slope.column for slope in own]), absorbing)
+        unreliable = next((slope.reason for slope in own if not slope.reliable), "")
+        if unreliable:
+            reasons[id(candidate)] = unreliable
+    known = [c for c in smooth if id(c) in signatures and not reasons.get(id(c))]
+    limit = threshold([signatures[id(c)] for c in known], segments, seed, [_sign(c) for c in known])
+    suspects = []
+    for candidate in candidates:
+        signature = signatures.get(id(candidate))
+        reason = reasons.get(id(candidate), "it has no derivative where it is absent" if candidate.effect.rough else "")
+        if signature is None:
+            none = np.full(len(candidate.free), np.inf)
+            suspects.append(Suspect(candidate, None, 0.0, none, None, reason=reason))
+            continue
+        test = tested(residual, signature, segments)
+        suspects.append(Suspect(candidate, test, signature.absorbed, limit * test.error, signature, reason=reason))
+    suspects.sort(key=lambda s: -(s.test.drop if s.test is not None else 0.0))
+    return suspects, limit
+
+
+def _sign(candidate: Candidate) -> int:
+    """Sign that the size of a candidate with one parameter must have, 0 where both make sense."""
+    if len(candidate.free) != 1:
+        return 0
+    if candidate.low[0] == candidate.null[0]:
+        return 1
+    return -1 if candidate.high[0] == candidate.null[0] else 0
+
+
+def _refitted(fitter: Fitter, base: Fit, suspect: Suspect) -> Suspect:
+    """Fit all parameters with the suspect in the model, from its estimated size or from several."""
+    candidate = suspect.candidate
+    starts = []
+    if suspect.test is not None and not suspect.reason:
+        starts = [candidate.null + suspect.test.size]
+    else:
+        starts = list(candidate.sizes)
+    fits = []
+    for start in starts:
+        inside = np.clip(start, candidate.low, candidate.high)
+        fits.append(fitter.begun(base, candidate, inside))
+    fits = [f for f in fits if f is not None]
+    fits.sort(key=lambda pair: pair[0])
+    best: Fit | None = None
+    for _, sizes in fits[:STARTS]:
+        fit = fitter.fit(base.point, (*base.found, candidate), candidate.values(sizes))
+        if best is None or fit.square < best.square:
+            best = fit
+    if best is None:
+        return replace(suspect, reason=suspect.reason or "the motion fails wherever it is present")
+    return replace(suspect, fit=best, drop=base.square - best.square)
+
+
+def _possible(suspect: Suspect, limit: float) -> bool:
+    """Whether a refitted suspect has a size that makes sense and explains enough to be a cause."""
+    if suspect.fit is None or not suspect.fit.names:
+        return False
+    size, null = suspect.size, suspect.candidate.null
+    sign = _sign(suspect.candidate)
+    if sign and not (size[0] - null[0]) * sign > 0.0:
+        return False
+    return deviate(max(0.0, suspect.drop), len(suspect.candidate.free)) > limit
+
+
+def _still_needed(
+    fitter: Fitter, null: Fit, causes: Sequence[Suspect], final: Fit, limit: float
+) -> tuple[list[Suspect], Fit]:
+    """Leave out each cause but the last in turn, where the others explain as much without it."""
+    kept = list(causes)
+    for cause in list(causes)[:-1]:
+        others = [c for c in kept if c is not cause]
+        sizes = {name: final.value(name) for c in others for name in c.candidate.values(c.candidate.null)}
+        without = fitter.fit(null.point, tuple(c.candidate for c in others), sizes)
+        if without.square - final.square < limit**2:
+            kept, final = others, without
+    return kept, final
