@@ -6,12 +6,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from calib.effect import Effect
+from calib.excitation import Excitation
 from calib.model import Model, Request
-from calib.objective import Objective
+from calib.objective import FeatureValue, Objective
 from calib.parameter import values_for
 from calib.pool import Failure, in_order
 from calib.record import OK, prescribed
 from calib.study import Pool
+
+MARK = "nuisance_"  # before the name of a nuisance among the attributes of an aligned record
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,12 +27,14 @@ class Run:
     values : of the model with its effects, in SI
     effects : that the model is extended by
     state : near which the stationary motion lies; None where that is not known
+    excitation : in the place of the record's; what is simulated is then not aligned, for nothing was measured
     """
 
     record: str
     values: Mapping[str, float]
     effects: tuple[Effect, ...] = ()
     state: np.ndarray | None = None
+    excitation: Excitation | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +48,8 @@ class Seen:
     state : of the simulator at the end, from which the next run starts; None without one
     nuisances : by name, in SI
     given : (body, channel) pairs that the simulation prescribes
+    impacts : how many there are in the record; None where the simulator does not tell
+    features : scalar features, measured and simulated; only of a run without `state`
     wrong : how its kind of motion differs from the measured one; "" where it does not, or was not asked for
     status, reason : "ok", or why there is nothing
     """
@@ -52,6 +59,8 @@ class Seen:
     state: np.ndarray | None = None
     nuisances: Mapping[str, float] = field(default_factory=dict)
     given: tuple[tuple[str, str], ...] = ()
+    impacts: int | None = None
+    features: tuple[FeatureValue, ...] = ()
     wrong: str = ""
     status: str = OK
     reason: str = ""
@@ -84,11 +93,13 @@ class Bench:
         if run.state is not None:
             request = replace(request, initial_state=run.state, near=True)
         model = self.model.extended(*run.effects)
-        record = model.run(values_for(run.values, run.record), reference.excitation, request)
+        excitation = run.excitation or reference.excitation
+        record = model.run(values_for(run.values, run.record), excitation, request)
         status = record.attrs["status"]
         if status != OK:
             return _nothing(status, str(record.attrs.get("reason", "")))
-        seen = self.objective.aligned(run.record, record)
+        asked = run.excitation is None
+        seen = self.objective.aligned(run.record, record) if asked else record
         pairs = self.rows[run.record]
         missing = [channel for _, channel in pairs if channel not in seen.variables]
         if missing:
@@ -97,10 +108,17 @@ class Bench:
         rows = np.array([seen[channel].values[bodies.index(body)] for body, channel in pairs])
         if not np.isfinite(rows).all():
             return _nothing("not finite", "the simulation holds NaN or infinity")
-        state = record["state"].values if "state" in record.variables else None
-        nuisances = {k.removeprefix("nuisance_"): v for k, v in seen.attrs.items() if k.startswith("nuisance_")}
-        wrong = "" if run.state is not None else self.objective.wrong_kind(run.record, record)
-        return Seen(rows, seen["trust"].values, state, nuisances, prescribed(record), wrong)
+        first = asked and run.state is None
+        return Seen(
+            rows=rows,
+            trust=seen["trust"].values if asked else np.ones(rows.shape[1]),
+            state=record["state"].values if "state" in record.variables else None,
+            nuisances={k.removeprefix(MARK): v for k, v in seen.attrs.items() if k.startswith(MARK)},
+            given=prescribed(record),
+            impacts=record.sizes.get("impact"),
+            features=tuple(self.objective.features(run.record, record)) if first else (),
+            wrong=self.objective.wrong_kind(run.record, record) if first else "",
+        )
 
 
 def _nothing(status: str, reason: str) -> Seen:

@@ -12,10 +12,12 @@ from calib.diagnosis.candidate import candidates
 from calib.diagnosis.evidence import Evidence, gathered, looked_at
 from calib.diagnosis.gain import Gain, gained
 from calib.diagnosis.gates import Gate, converged, noise_known, same_kind, simulates
-from calib.diagnosis.noise import RESIDUAL, STATED
+from calib.diagnosis.misfit import Misfit, misfit
+from calib.diagnosis.next_measurement import Measurement, next_measurement
+from calib.diagnosis.noise import RESIDUAL
 from calib.diagnosis.refit import Fit, Fitter
 from calib.diagnosis.score import Projection
-from calib.diagnosis.selection import Selection, Suspect, select
+from calib.diagnosis.selection import Selection, select
 from calib.diagnosis.signature import Point
 from calib.effect import Effect
 from calib.objective import Objective, Reference
@@ -39,7 +41,9 @@ class Diagnosis:
     selection : the search for causes; None where a gate failed
     evidence : the records of calibration and naming; None where nothing could be simulated
     refused : effect -> why it was no candidate
-    gain : on records held out; None where there is none to try
+    misfit : of the calibrated model; None where a gate failed
+    gain : on records held out; None where there is nothing to try
+    further : measurements that would separate the alternatives, the best first
     seconds : wall-clock time  [s]
     simulations : that were run
     """
@@ -50,7 +54,9 @@ class Diagnosis:
     selection: Selection | None = None
     evidence: Evidence | None = None
     refused: Mapping[str, str] = field(default_factory=dict)
+    misfit: Misfit | None = None
     gain: Gain | None = None
+    further: tuple[Measurement, ...] = ()
     seconds: float = 0.0
     simulations: int = 0
 
@@ -135,9 +141,18 @@ def _diagnosed(
         fitter.evidence = gathered(named, bench.rows, cycle, null.point.seen, left)
         null = fitter.fit(null.point)
     selection = select(fitter, null, suspects, seed, on_stage)
+    gain = None
+    if selection.causes:
+        on_stage("gain")
+        gain = gained(pool, bench, fitter, null, selection.final, selection.causes, seed)
     numerical = [effect for effect in effects if effect.site == "numerical"]
     gates += converged(fitter, null, numerical, selection.rounds[0].threshold)
     verdict, said = _verdict(selection, gates)
+    further = ()
+    if verdict == ONE_OF:
+        on_stage("next measurement")
+        further = next_measurement(pool, bench, fitter, selection.rivals)
+    on_stage("misfit")
     return Diagnosis(
         verdict=verdict,
         said=said,
@@ -145,6 +160,9 @@ def _diagnosed(
         selection=selection,
         evidence=fitter.evidence,
         refused=refused,
+        misfit=misfit(pool, bench, fitter.evidence, null, seed),
+        gain=gain,
+        further=further,
         simulations=fitter.runs,
     )
 

@@ -1,7 +1,7 @@
 """A model fitted to the evidence with all its parameters: what the linear test promises, made good."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -12,7 +12,7 @@ from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.score import Projection
 from calib.diagnosis.signature import Direction, Point, Slope, slopes
 from calib.model import Model
-from calib.parameter import Space
+from calib.parameter import Parameter, Space
 from calib.study import Pool
 
 MOST = 12  # evaluations of a fit
@@ -31,6 +31,7 @@ class Fit:
     residual : (N,) in units of the noise, without what nuisances absorb
     columns : (N, k) its derivatives by the calibrated parameters and those of the candidates, in that order
     names : of these parameters
+    steps : that the derivatives were taken with  [units of the parameters]
     nuisances : (N, m) tangents of the nuisances
     reason : why it is not to be trusted; "" where it converged
     """
@@ -40,6 +41,7 @@ class Fit:
     residual: np.ndarray
     columns: np.ndarray
     names: tuple[str, ...]
+    steps: tuple[float, ...]
     nuisances: np.ndarray
     reason: str = ""
 
@@ -53,10 +55,14 @@ class Fit:
         """Projection that takes out what calibrated parameters, effects in the model and nuisances absorb."""
         return Projection(np.column_stack([self.columns, self.nuisances]))
 
+    def free(self, columns: np.ndarray) -> np.ndarray:
+        """Return columns (N, k) without what the nuisances absorb."""
+        return Projection(self.nuisances)(columns)
+
     @property
     def covariance(self) -> np.ndarray:
         """Covariance (k, k) of the parameters `names`, in their units, where the noise is what it is taken for."""
-        free = Projection(self.nuisances)(self.columns)
+        free = self.free(self.columns)
         scale = np.linalg.norm(free, axis=0)
         scale[scale == 0.0] = 1.0
         inverse = np.linalg.pinv((free / scale).T @ (free / scale), rcond=1e-12, hermitian=True)
@@ -71,6 +77,12 @@ class Fit:
         seen = self.point.seen
         left = Projection(evidence.tangents(seen))(evidence.residual(seen))
         return float(left @ left)
+
+
+def direction(point: Point, candidate: Candidate, parameter: Parameter) -> Direction:
+    """Direction of a parameter of a candidate that is in the model."""
+    name = parameter.name
+    return Direction(name, point.values[name], candidate.scale[name], parameter.low, parameter.high)
 
 
 class Fitter:
@@ -129,12 +141,7 @@ class Fitter:
             Direction(name, values[name], window.slope(values[name]), window.low, window.high)
             for name, window in self.space.windows.items()
         ]
-        own = [
-            Direction(p.name, values[p.name], candidate.scale[p.name], p.low, p.high)
-            for candidate in found
-            for p in candidate.parameters
-        ]
-        return searched + own
+        return searched + [direction(point, candidate, p) for candidate in found for p in candidate.parameters]
 
     def suspected(self, point: Point, candidates: Sequence[Candidate]) -> list[list[Slope]]:
         """Slopes of each candidate's parameters at null, all side by side."""
@@ -178,7 +185,8 @@ class _Problem:
         seen = start.seen
         nuisances = self.fitter.evidence.tangents(seen)
         residual = self.fitter.evidence.residual(seen)
-        return Fit(start, self.found, residual, np.zeros((residual.size, 0)), (), nuisances, "the motion fails there")
+        none = np.zeros((residual.size, 0))
+        return Fit(start, self.found, residual, none, (), (), nuisances, "the motion fails there")
 
     def _evaluated(self, x: np.ndarray) -> Fit | None:
         key = x.tobytes()
@@ -196,7 +204,7 @@ class _Problem:
             residual = Projection(nuisances)(evidence.residual(views))
             fit = Fit(
                 Point(values, self.first.effects, views), self.found, residual, np.zeros((residual.size, 0)),
-                self.names, nuisances,
+                self.names, (), nuisances,
             )  # fmt: skip
             if self.best is None or fit.square < self.best.square:
                 self.best = fit
@@ -211,20 +219,21 @@ class _Problem:
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """Derivative (N, k) of the residual at x; a direction that fails counts as having no influence."""
         fit = self._evaluated(x)
-        columns = self._columns(fit.point)
+        columns, _ = self._columns(fit.point)
         return -Projection(fit.nuisances)(columns)
 
-    def _columns(self, point: Point) -> np.ndarray:
+    def _columns(self, point: Point) -> tuple[np.ndarray, tuple[float, ...]]:
         fitter = self.fitter
         found = slopes(
             fitter.pool, fitter.evidence, point, fitter.directions(point, self.found), fitter.steps, compared=False
         )
         fitter.steps |= {name: abs(s.step) for name, s in zip(self.names, found, strict=True) if s.step}
         size = sum(part.measured.size for part in fitter.evidence.parts)
-        return np.column_stack([np.zeros(size) if s.column is None else s.column for s in found])
+        columns = np.column_stack([np.zeros(size) if s.column is None else s.column for s in found])
+        return columns, tuple(s.step for s in found)
 
     def finished(self, reason: str) -> Fit:
         """Return the best point with its derivatives."""
         best = self.best
-        columns = self._columns(best.point)
-        return Fit(best.point, self.found, best.residual, columns, self.names, best.nuisances, reason)
+        columns, steps = self._columns(best.point)
+        return replace(best, columns=columns, steps=steps, reason=reason)

@@ -25,7 +25,7 @@ class Projection:
     """What is left of a vector when some columns have been fitted to it."""
 
     def __init__(self, columns: np.ndarray):
-        """columns (N, k)."""
+        """Columns (N, k)."""
         size = np.linalg.norm(columns, axis=0)
         columns = columns[:, size > 0.0] / size[size > 0.0]
         self.basis = np.zeros((len(columns), 0))

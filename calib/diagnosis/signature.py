@@ -142,7 +142,8 @@ def slopes(
             break
     lost = [Slope(None, 0.0, False, reasons.get(k, "no step")) for k in range(len(directions))]
     if not compared:
-        return [Slope(found[k][1] / found[k][0], found[k][0], True) if k in found else lost[k] for k in range(len(lost))]
+        known = {k: Slope(change / step, step, True) for k, (step, change) in found.items()}
+        return [known.get(k, slope) for k, slope in enumerate(lost)]
     second = {k: directions[k].step(TRIPLE * abs(step)) for k, (step, _) in found.items()}
     again = responses(second)
     return [

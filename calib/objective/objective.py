@@ -12,6 +12,7 @@ from calib.objective.blocks import Blocks
 from calib.objective.compared import Compared, Seen
 from calib.objective.reach import FeatureValue
 from calib.objective.terms import Reference, Score, Term
+from calib.record import channels as channels_of
 
 BEND = 5.0  # distance from which the total rises more slowly than the distance
 WRONG = 10.0  # least total of a motion of the wrong kind; more than any right one
@@ -197,6 +198,12 @@ class Objective:
         compared = self._compared[name]
         motion = compared.seen(record).motion
         return self._evidence(name, motion, wrong=True) if compared.penalty(motion) is not None else ""
+
+    def features(self, name: str, record: xr.Dataset) -> list[FeatureValue]:
+        """Scalar features of all channels of the reference `name`, beside those of a simulated record."""
+        compared = self._compared[name]
+        pairs = {(body, channel) for body in compared.bodies for channel in channels_of(compared.record)}
+        return compared.features(pairs, compared.seen(record))
 
     def _features(self, seen: Mapping[str, Seen]) -> list[FeatureValue]:
         found = []

@@ -1,0 +1,130 @@
+"""What the calibrated model gets wrong, in numbers."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.cycles import cut, harmonics
+from calib.diagnosis.bench import Bench, Run, Seen, simulated
+from calib.diagnosis.evidence import Evidence, Part
+from calib.diagnosis.refit import Fit
+from calib.objective import FeatureValue
+from calib.study import Pool
+
+DRAWS = 40  # of the noise, for the standard errors of the features
+ORDERS = 12  # harmonics of the residual
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """A scalar feature, measured and simulated.
+
+    Attributes
+    ----------
+    label, record, body, unit : what, of which record and body, in which unit
+    measured, simulated, error : values, and the standard error of the measured one by the noise; simulated None where
+        the simulation shows no such thing
+    z : simulated less measured, in standard errors; None where one of the three is missing
+    """
+
+    label: str
+    record: str
+    body: str
+    unit: str
+    measured: float
+    simulated: float | None
+    error: float
+    z: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """The residual of one channel of a body in one record.
+
+    Attributes
+    ----------
+    record, body, channel : whose
+    rms, noise : root mean square of measured less simulated, and of the noise  [unit of the channel]
+    orders : (ORDERS + 1,) amplitude of the residual's harmonics, 0 the mean; empty without a period
+    floor : what noise makes of an amplitude
+    """
+
+    record: str
+    body: str
+    channel: str
+    rms: float
+    noise: float
+    orders: np.ndarray
+    floor: float
+
+
+@dataclass(frozen=True, eq=False)
+class Misfit:
+    """What the calibrated model gets wrong.
+
+    Attributes
+    ----------
+    features : of all records, those with the largest |z| first
+    channels : of all records
+    """
+
+    features: tuple[Deviation, ...]
+    channels: tuple[Channel, ...]
+
+
+def misfit(pool: Pool, bench: Bench, evidence: Evidence, null: Fit, seed: int) -> Misfit:
+    """Compare the calibrated model with the records, feature by feature and channel by channel."""
+    runs = [Run(name, null.point.values) for name in evidence.names]
+    views = dict(zip(evidence.names, simulated(pool, runs), strict=True))
+    rng = np.random.default_rng(seed)
+    features = [d for part in evidence.parts for d in _deviations(bench, part, views[part.name].features, rng)]
+    features.sort(key=lambda deviation: -abs(deviation.z or 0.0))
+    channels = [c for part in evidence.parts for c in _channels(part, null.point.seen[part.name])]
+    return Misfit(tuple(features), tuple(channels))
+
+
+def _deviations(
+    bench: Bench, part: Part, features: Sequence[FeatureValue], rng: np.random.Generator
+) -> list[Deviation]:
+    """Features with their standard errors: how much they change when more such noise is laid over the record."""
+    record = bench.objective.references[part.name].record
+    bodies = [str(body) for body in record.body.values]
+    drawn: dict[tuple[str, str], list[float]] = {}
+    for _ in range(DRAWS):
+        noisy = record.copy(deep=True)
+        for (body, channel), noise in zip(part.rows, part.noise, strict=True):
+            noisy[channel].values[bodies.index(body)] += noise.drawn(rng, part.time.size)
+        for feature in bench.objective.features(part.name, noisy):
+            if feature.simulated is not None:
+                drawn.setdefault((feature.label, feature.body), []).append(feature.simulated - feature.measured)
+    found = []
+    for feature in features:
+        apart = drawn.get((feature.label, feature.body), [])
+        error = float(np.std(apart)) if len(apart) > DRAWS // 2 else np.nan
+        known = feature.simulated is not None and error > 0.0
+        z = (feature.simulated - feature.measured) / error if known else None
+        found.append(
+            Deviation(
+                feature.label, feature.record, feature.body, feature.unit, feature.measured, feature.simulated, error, z
+            )
+        )
+    return found
+
+
+def _channels(part: Part, seen: Seen) -> list[Channel]:
+    found = []
+    for index, ((body, channel), noise) in enumerate(zip(part.rows, part.noise, strict=True)):
+        if not part.used[index]:
+            continue
+        residual = part.measured[index] - seen.rows[index]
+        weight = part.weight[index]
+        orders, floor = np.zeros(0), 0.0
+        if part.period is not None:
+            cycles, _ = cut(part.time, (residual * weight)[None], part.period, 1)
+            loop = cycles[0].mean(axis=0)
+            orders = np.concatenate([[abs(loop.mean())], np.abs(harmonics(loop, ORDERS))])
+            floor = float(noise.sigma * np.sqrt(2.0 / part.time.size))
+        rms = float(np.sqrt(((residual * weight) ** 2).sum() / max(1.0, (weight**2).sum())))
+        found.append(Channel(part.name, body, channel, rms, noise.sigma, orders, floor))
+    return found

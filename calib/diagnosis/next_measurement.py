@@ -1,0 +1,135 @@
+"""Which further measurement would tell two explanations apart."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from calib.diagnosis.bench import Bench, Run, Seen, simulated
+from calib.diagnosis.evidence import Part
+from calib.diagnosis.refit import Fit, Fitter
+from calib.diagnosis.selection import Suspect
+from calib.excitation import Excitation
+from calib.study import Pool
+
+AMPLITUDES = (0.1, 0.25, 0.5, 0.75, 1.25, 1.5)  # times that of a record
+FREQUENCIES = (0.95, 0.98, 1.02, 1.05)
+MOST = 4  # rivals that are compared
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """A measurement that was not made, and what it would show.
+
+    Attributes
+    ----------
+    said : in words
+    record : beside which it would be made
+    amplitude, frequency : of the excitation  [its unit], [Hz]; None for a free decay
+    impacts : whether it has any; None where the simulator does not tell
+    z : by which the two most alike of the rivals would differ, both fitted to everything, at the record's noise
+    """
+
+    said: str
+    record: str
+    amplitude: float | None
+    frequency: float | None
+    impacts: bool | None
+    z: float
+
+
+def next_measurement(
+    pool: Pool, bench: Bench, fitter: Fitter, rivals: Sequence[Suspect]
+) -> tuple[Measurement, ...]:
+    """Measurements beside the records at hand, those that separate the rivals best first."""
+    fits = [rival.fit for rival in rivals if rival.fit is not None][:MOST]
+    if len(fits) < 2:
+        return ()
+    proposals = [proposal for part in fitter.evidence.parts for proposal in _proposals(bench, part)]
+    if not proposals:
+        return ()
+    found = []
+    answers = iter(simulated(pool, [run for p in proposals for fit in fits for run in _runs(p, fit)]))
+    for proposal in proposals:
+        views = []
+        for fit in fits:
+            centre = next(answers)
+            beside = [next(answers) for _ in fit.names]
+            views.append((centre, beside))
+        if not all(view.usable and all(b.usable for b in beside) for view, beside in views):
+            continue
+        z = min(
+            _apart(proposal.part, fits[i], views[i], views[j])
+            for i, j in combinations(range(len(fits)), 2)
+        )
+        impacts = views[0][0].impacts
+        found.append(_said(proposal, None if impacts is None else impacts > 0, z))
+    return tuple(sorted(found, key=lambda measurement: -measurement.z))
+
+
+@dataclass(frozen=True, eq=False)
+class _Proposal:
+    part: Part
+    excitation: Excitation
+    words: str
+
+
+def _proposals(bench: Bench, part: Part) -> list[_Proposal]:
+    """Excitations near that of a record which is driven harmonically."""
+    excitation = bench.objective.references[part.name].excitation
+    if not excitation.harmonic:
+        return []
+    known = [r.excitation for r in bench.objective.references.values() if r.excitation.harmonic]
+    found = []
+    for factor in AMPLITUDES:
+        changed = replace(excitation, amplitude=factor * excitation.amplitude)
+        found.append(_Proposal(part, changed, f"{part.name} at {factor:g} times its amplitude"))
+    for factor in FREQUENCIES:
+        changed = replace(excitation, frequency=factor * excitation.frequency)
+        found.append(_Proposal(part, changed, f"{part.name} at {factor:g} times its frequency"))
+    return [p for p in found if not any(_same(p.excitation, other) for other in known)]
+
+
+def _same(one: Excitation, other: Excitation) -> bool:
+    near = abs(one.amplitude - other.amplitude) < 0.05 * other.amplitude
+    return near and abs(one.frequency - other.frequency) < 0.005 * other.frequency
+
+
+def _runs(proposal: _Proposal, fit: Fit) -> list[Run]:
+    """The fitted model under the proposed excitation, and beside it along each parameter."""
+    point, name = fit.point, proposal.part.name
+    runs = [Run(name, point.values, point.effects, point.seen[name].state, proposal.excitation)]
+    for parameter, step in zip(fit.names, fit.steps, strict=True):
+        values = {**point.values, parameter: point.values[parameter] + step}
+        runs.append(Run(name, values, point.effects, point.seen[name].state, proposal.excitation))
+    return runs
+
+
+def _apart(part: Part, fit: Fit, one: tuple[Seen, list[Seen]], other: tuple[Seen, list[Seen]]) -> float:
+    """By how many standard deviations two models differ there, when the first is fitted to that record too.
+
+    one, other : simulations of the two models, and beside them along each parameter; `fit` is the first one's
+    """
+    centre, beside = one
+    level = np.sqrt((centre.rows**2).mean(axis=1) / (part.measured**2).mean(axis=1))
+    noise = tuple(replace(n, sigma=n.sigma * max(f, 1e-12)) for n, f in zip(part.noise, level, strict=True))
+    moving = np.array([channel == "velocity" for _, channel in part.rows])
+    trust = np.where(moving[:, None], centre.trust * other[0].trust, 1.0) * part.used[:, None]
+    new = replace(part, noise=noise, weight=trust, measured=centre.rows)
+    difference = new.white(other[0].rows - centre.rows)
+    columns = [new.white(view.rows - centre.rows) / step for view, step in zip(beside, fit.steps, strict=True)]
+    fresh = np.column_stack(columns)
+    absorbed = fit.free(fit.columns)
+    stacked = np.vstack([fresh, absorbed])
+    target = np.concatenate([difference, np.zeros(len(absorbed))])
+    scale = np.linalg.norm(stacked, axis=0)
+    scale[scale == 0.0] = 1.0
+    move = np.linalg.lstsq(stacked / scale, target, rcond=1e-10)[0]
+    return float(np.linalg.norm(target - (stacked / scale) @ move))
+
+
+def _said(proposal: _Proposal, impacts: bool | None, z: float) -> Measurement:
+    contact = {True: ", with impacts", False: ", without impacts", None: ""}[impacts]
+    e = proposal.excitation
+    return Measurement(proposal.words + contact, proposal.part.name, e.amplitude, e.frequency, impacts, z)
