@@ -34,9 +34,10 @@ class Effect:
     transient : whether the law is explicit in time: no motion under it is periodic
     rough : whether the record has no usable derivative by the parameters at their null
     noise : whether the effect belongs to the noise of a record, so that the simulated record does not change
-    natural : parameter -> multiples of its natural scale (a length is one displacement amplitude, a time one over the
-        angular frequency; Hz counts as 1/s): of one without null, the values at which it is held in turn; of one with
-        null, typical sizes, `SIZES` where nothing is said
+    natural : parameter -> multiples of its natural scale, which its unit makes of the displacement amplitude and of one
+        over the angular frequency (a frequency in Hz: that of the drive). Of one without null, the values at which it
+        is held in turn (nothing said: at its nominal value); of one with null, typical departures from it, from zero
+        where it is infinite (nothing said: `SIZES`)
     guess : (record) -> starting values by name, read off the measured record
     """
 

@@ -66,6 +66,15 @@ def stated_period(record: xr.Dataset) -> float | None:
     return 1.0 / float(frequency) if frequency else None
 
 
+def fills_periods(record: xr.Dataset) -> bool:
+    """Whether the samples fill whole periods of the excitation, so that the first one follows upon the last."""
+    period, time = stated_period(record), record.time.values
+    if period is None or time.size < 2:
+        return False
+    cycles = time.size * (time[-1] - time[0]) / (time.size - 1) / period
+    return round(cycles) >= 1 and abs(cycles - round(cycles)) < 1e-6
+
+
 def prescription(bodies: Sequence[str]) -> str:
     """Text of the attribute `prescribed` where the excitation prescribes the motion of `bodies`."""
     return ",".join(f"{body}.{channel}" for body in bodies for channel in STATE)

@@ -5,6 +5,7 @@ import numpy as np
 from calib.effect import Effect
 from calib.laws import sensor
 from calib.parameter import Parameter
+from calib.record import fills_periods
 
 
 @sensor
@@ -14,11 +15,12 @@ def delayed(record, p):
     A stationary motion that fills whole periods goes on before its first sample as it ended; any other record holds
     its first (or last) velocity there.
     """
+    if "velocity" not in record:
+        return record
     time, velocity = record.time.values, record["velocity"].values
     span = time.size * (time[-1] - time[0]) / (time.size - 1)
-    frequency = record.attrs.get("frequency")
-    whole = frequency is not None and abs(span * frequency - round(span * frequency)) < 1e-6
-    seen = [np.interp(time - p["lag"], time, row, period=span if whole else None) for row in velocity]
+    period = span if fills_periods(record) else None
+    seen = [np.interp(time - p["lag"], time, row, period=period) for row in velocity]
     return record.assign(velocity=record["velocity"].copy(data=np.array(seen)))
 
 
@@ -30,4 +32,5 @@ EFFECT = Effect(
     meaning="the two channels of an instrument are not simultaneous: the phase curve is sheared near its tips",
     equation="v(t - lag)",
     confused=("velocity_lowpass", "velocity_differencing", "plot_shear"),
+    cite="McConnell & Varoto, Vibration Testing: Theory and Practice (2008)",
 )

@@ -13,6 +13,7 @@ import math
 import pickle
 
 import numpy as np
+import pytest
 
 from calib.effect import Effect
 from calib.excitation import Excitation
@@ -25,7 +26,8 @@ class EffectSuite:
     """Subclass it, name the effect and values at which it is `present`, and pytest does the rest.
 
     The effect is tried on the simulator `four_dof` in a motion with impacts, unless `make` gives another one (with its
-    own `excitation` and `values`).
+    own `excitation` and `values`). An effect of the noise is looked for in no record, and one that is rough, without a
+    derivative at its null, need not fade in proportion.
     """
 
     effect: Effect
@@ -33,6 +35,7 @@ class EffectSuite:
     excitation = Excitation("end", "displacement", frequency=26.24, amplitude=1.5e-3)
     values: dict[str, float] = {"restitution": 0.05}
     request = Request(periods=1, samples=200)
+    least = 1e-6  # change of a channel over its range that the present effect makes at least  [1]
 
     def make(self):
         """Return the simulator on which the effect is tried."""
@@ -54,9 +57,12 @@ class EffectSuite:
             np.testing.assert_array_equal(null[name].values, plain[name].values)
 
     def test_it_shows_where_it_is_present(self):
-        assert self.largest_change(**self.present) > 1e-6
+        change = self.largest_change(**self.present)
+        assert change == 0.0 if self.effect.noise else change > self.least
 
     def test_it_fades_towards_its_null_value(self):
+        if self.effect.rough:
+            pytest.skip("it is rough")
         near = dict(self.present)
         for name, null in self.effect.null.items():
             near[name] = null + 1e-3 * (near[name] - null)
@@ -67,7 +73,8 @@ class EffectSuite:
         for parameter in self.effect.parameters:
             assert parameter.unit
             assert parameter.meaning
-            assert math.isfinite(parameter.nominal)
+            assert math.isfinite(parameter.nominal) or parameter.nominal == parameter.null
+        assert self.effect.equation
 
     def test_it_survives_a_pickle(self):
         assert pickle.loads(pickle.dumps(self.effect)) == self.effect

@@ -1,5 +1,6 @@
 """The simulator `delaminated_beam`."""
 
+import copy
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -113,6 +114,7 @@ class DelaminatedBeam:
     sites = frozenset({"force", "gap", "contact", "excitation"})
     places = MappingProxyType({"body": ("layer",)})
     law_states = 0
+    numerics = frozenset({"time_step"})
     excitations = frozenset({(QUANTITY, PLACE)})
 
     def __init__(
@@ -190,6 +192,7 @@ class DelaminatedBeam:
         self.levels = tuple(replace(level, **{"every": math.gcd(level.every, pairs), **given}) for level in LEVELS)
         self.tolerance = tolerance
         self.settle_limit = settle_limit
+        self.shorter = 1.0
         dropped = ("s",) if shift == "tied" else ("gap",)
         self.parameters = tuple(p for p in PARAMETERS if p.name not in dropped)
 
@@ -200,6 +203,16 @@ class DelaminatedBeam:
             return None
         other = object.__new__(DelaminatedBeam)
         other.__dict__.update({**self.__dict__, "fidelity": "full"})
+        return other
+
+    def finer(self, what: str, factor: float) -> "DelaminatedBeam":
+        """Return the same with its time step divided by `factor`; in reduced fidelity, the level that is as fine.
+
+        A level stands for half the step of the one before; there is none beyond the last.
+        """
+        other = copy.copy(self)
+        other.shorter = self.shorter * factor
+        other.levels = self.levels[min(math.ceil(math.log2(factor) - 1e-9), len(self.levels) - 1) :]
         return other
 
     def run(self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw], request) -> xr.Dataset:
@@ -274,6 +287,7 @@ class DelaminatedBeam:
         built = structure_of(tuple(sorted(held.items())), arch, self.counts, self.symmetric)
         critical = critical_step_of(built)
         step = values["f_dt"] * critical or values["dt"]
+        step /= self.shorter
         if not step > 0.0:
             raise ValueError(f"a time step of {step:g} s")
         count = math.ceil(excitation.period / step * (1.0 - 1e-12))

@@ -1,5 +1,6 @@
 """The simulator `four_dof`."""
 
+import copy
 from collections.abc import Mapping, Sequence
 from typing import Literal
 
@@ -89,6 +90,21 @@ class FourDof:
         self.mode = mode
         self.steps_per_period = float(steps_per_period)
         self.onto_surface = bool(onto_surface)
+        self.shorter = self.sharper = 1.0
+
+    @property
+    def numerics(self) -> frozenset[str]:
+        """What `finer` refines: a fixed step locates no events."""
+        return frozenset({"time_step"} if self.mode == "fixed_step" else {"time_step", "event_tolerance"})
+
+    def finer(self, what: str, factor: float) -> "FourDof":
+        """Return the same with steps, or the tolerance of events and the height of sticking, divided by `factor`."""
+        other = copy.copy(self)
+        if what == "time_step":
+            other.shorter = self.shorter * factor
+        else:
+            other.sharper = self.sharper * factor
+        return other
 
     @property
     def places(self) -> dict[str, tuple[str, ...]]:
@@ -209,6 +225,8 @@ class FourDof:
             step=drive.period / self.steps_per_period if duration is None else None,
             fixed_step=self.mode == "fixed_step",
             onto_surface=self.onto_surface,
+            shorter=self.shorter,
+            sharper=self.sharper,
         )
 
     def _check_drive(self, excitation: Excitation) -> None:

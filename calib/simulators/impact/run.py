@@ -92,6 +92,8 @@ def assemble(
     step: float | None = None,
     fixed_step: bool = False,
     onto_surface: bool = False,
+    shorter: float = 1.0,
+    sharper: float = 1.0,
 ) -> Problem:
     """Put together what the kernel is told.
 
@@ -102,6 +104,8 @@ def assemble(
     step : length of the steps [s]; None for a 128th of the period, or less where the structure asks for it. It matters
         where loads are collocated or events are not located
     fixed_step : whether impacts are taken at the ends of steps
+    shorter : by which the steps are divided
+    sharper : by which the tolerance of located events and the height of sticking are divided
     """
     force, force_p, forces = fill(laws, "force")
     excitation, excitation_p, excitations = fill(laws, "excitation")
@@ -117,6 +121,8 @@ def assemble(
         step = min(step, REACH / fastest)
     elif not fixed_step:
         step = np.inf
+    resolution = 1e-11 / fastest
+    resolution = max(resolution / sharper, min(resolution, np.spacing(drive.period)))
     stop = structure.stop
     acts = acting(laws, coordinates or [""] * len(structure.mass), [PORT])
     acts[:, -1] &= stop is not None
@@ -125,16 +131,16 @@ def assemble(
         stop=stop is not None,
         hit=np.array(stop.hit, dtype=float) if stop else np.zeros(len(structure.mass)),
         restitution=float(stop.restitution) if stop else 0.0,
-        height=STUCK * length,
+        height=STUCK * length / sharper,
         period=float(drive.period),
         omega=float(drive.omega),
         amplitude=float(abs(drive.amplitude)),
         phase=float(np.angle(drive.amplitude)),
         exact=not fixed_step,
         onto_surface=onto_surface,
-        step=float(step),
+        step=float(step / shorter),
         collocated=collocated,
-        resolution=float(1e-11 / fastest),
+        resolution=float(resolution),
         lift=float(2.5e-4 / fastest),
         limit=float(DIVERGED * length * max(1.0, fastest)),
         knots=np.ascontiguousarray(drive.knots, dtype=float),

@@ -1,6 +1,7 @@
 """The simulator `oscillator`: m x'' + c x' + k x = excitation + load + laws, with a stop at x = gap."""
 
 import cmath
+import copy
 import math
 from collections.abc import Mapping, Sequence
 
@@ -82,9 +83,20 @@ class Oscillator:
             raise CalibError(f"hold is one of {list(HOLDS)}, got {hold!r}{nearest(hold, HOLDS)}")
         self.hold = hold
         self.stop = stop
+        self.numerics = frozenset({"time_step", "event_tolerance"} if stop else {"time_step"})
+        self.shorter = self.sharper = 1.0
         self.parameters = PARAMETERS + (STOP_PARAMETERS if stop else ())
         self.places = {"body": (BODY,), **({"interface": (PORT,)} if stop else {})}
         self.sites = frozenset({"force", "excitation"} | ({"gap", "restitution"} if stop else set()))
+
+    def finer(self, what: str, factor: float) -> "Oscillator":
+        """Return the same with the steps of its loads, or the tolerance of its events, divided by `factor`."""
+        other = copy.copy(self)
+        if what == "time_step":
+            other.shorter = self.shorter * factor
+        else:
+            other.sharper = self.sharper * factor
+        return other
 
     def run(self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw], request) -> xr.Dataset:
         """Simulate at `values` (SI); see the class for what a record holds.
@@ -128,7 +140,9 @@ class Oscillator:
         drive = _drive(excitation, values["amplitude"], self.hold, np.zeros(0))
         length = _length(values, structure, excitation, drive.period)
         return impact_map(
-            assemble(structure, drive, laws, self.bodies, length=length),
+            assemble(
+                structure, drive, laws, self.bodies, length=length, shorter=self.shorter, sharper=self.sharper
+            ),
             self.bodies,
             (0,),
             laws,
@@ -158,6 +172,8 @@ class Oscillator:
             self.bodies,
             length=_length(values, structure, excitation, duration),
             step=None if harmonic else duration / STEPS,
+            shorter=self.shorter,
+            sharper=self.sharper,
         )
         begin = np.array([values["initial_displacement"], values["initial_velocity"]])
         if harmonic and request.initial_state is not None:

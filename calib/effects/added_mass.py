@@ -1,0 +1,25 @@
+"""Mass that the model does not know of."""
+
+from calib.effect import Effect
+from calib.laws import structure
+from calib.parameter import Parameter
+
+
+@structure
+def heavier(present, p):
+    """Return the mass with what is added to it."""
+    (mass,) = present
+    return (mass * (1.0 + p["added_mass"]),)
+
+
+EFFECT = Effect(
+    name="added_mass",
+    site="structure",
+    law=heavier,
+    parameters=(Parameter("added_mass", "1", 0.0, "what is added, over the mass", null=0.0, low=-0.999),),
+    meaning="a sensor, its cable, or air that moves along: the frequency is lower at all amplitudes",
+    equation="layer_mass (1 + added_mass), or mass (1 + added_mass)",
+    confused=("glue_bond", "detuning_drift"),
+    changes=(("layer_mass",), ("mass",)),
+    cite="Ewins, Modal Testing (2000)",
+)

@@ -1,0 +1,37 @@
+"""A plot that is turned."""
+
+import numpy as np
+
+from calib.effect import Effect
+from calib.laws import sensor
+from calib.parameter import Parameter
+
+TINY = 1e-300  # a body that stands still is not turned
+
+
+@sensor
+def turned(record, p):
+    """Return the record with the phase curve of each body turned by the tilt [rad] about zero.
+
+    Lengths on the plot are shares of the largest magnitude of each channel.
+    """
+    if "velocity" not in record or "displacement" not in record:
+        return record
+    x, v = record["displacement"].values, record["velocity"].values
+    length, speed = (np.maximum(np.abs(row).max(axis=1, keepdims=True), TINY) for row in (x, v))
+    return record.assign(
+        displacement=record["displacement"].copy(data=x - p["tilt"] * v * length / speed),
+        velocity=record["velocity"].copy(data=v + p["tilt"] * x * speed / length),
+    )
+
+
+EFFECT = Effect(
+    name="axis_tilt",
+    site="sensor",
+    law=turned,
+    parameters=(Parameter("tilt", "rad", 0.0, "angle by which the plot is turned, from x to v", null=0.0),),
+    meaning="a phase curve read off a picture that was scanned at an angle",
+    equation="x - tilt v Lx / Lv, v + tilt x Lv / Lx, L the largest magnitudes",
+    confused=("plot_shear", "channel_lag"),
+    cite="Rohatgi, WebPlotDigitizer, user manual: calibration of axes",
+)

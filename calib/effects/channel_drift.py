@@ -1,0 +1,32 @@
+"""A channel whose zero moves in time."""
+
+from calib.effect import Effect
+from calib.laws import sensor
+from calib.parameter import Parameter
+
+
+@sensor
+def drifting(record, p):
+    """Return the record with each channel rising since its first sample."""
+    since = record.time.values - record.time.values[0]
+    for channel in ("displacement", "velocity"):
+        size = p[f"drift_{channel}"]
+        if channel in record and size != 0.0:
+            values = record[channel].values
+            record = record.assign({channel: record[channel].copy(data=values + size * since)})
+    return record
+
+
+EFFECT = Effect(
+    name="channel_drift",
+    site="sensor",
+    law=drifting,
+    parameters=(
+        Parameter("drift_displacement", "m/s", 0.0, "drift of the displacement", null=0.0),
+        Parameter("drift_velocity", "m/s^2", 0.0, "drift of the velocity", null=0.0),
+    ),
+    meaning="the zero of a sensor creeps, by warming or by integration: the phase curve does not close",
+    equation="channel + drift (t - t0), t0 the first sample",
+    confused=("channel_offset", "drive_modulation"),
+    cite="McConnell & Varoto, Vibration Testing: Theory and Practice (2008)",
+)

@@ -1,0 +1,31 @@
+"""A channel that reads too much or too little."""
+
+from calib.effect import Effect
+from calib.laws import sensor
+from calib.parameter import Parameter
+
+
+@sensor
+def scaled(record, p):
+    """Return the record with each channel times 1 + its gain."""
+    for channel in ("displacement", "velocity"):
+        size = p[f"gain_{channel}"]
+        if channel in record and size != 0.0:
+            values = record[channel].values
+            record = record.assign({channel: record[channel].copy(data=values * (1.0 + size))})
+    return record
+
+
+EFFECT = Effect(
+    name="channel_gain",
+    site="sensor",
+    law=scaled,
+    parameters=(
+        Parameter("gain_displacement", "1", 0.0, "relative error of the displacement", null=0.0),
+        Parameter("gain_velocity", "1", 0.0, "relative error of the velocity", null=0.0),
+    ),
+    meaning="a sensor's sensitivity is not what was thought: the phase curve is stretched along one axis",
+    equation="channel (1 + gain)",
+    confused=("plot_scale", "axis_tilt"),
+    cite="McConnell & Varoto, Vibration Testing: Theory and Practice (2008)",
+)

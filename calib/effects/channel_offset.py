@@ -1,0 +1,31 @@
+"""A channel whose zero is not zero."""
+
+from calib.effect import Effect
+from calib.laws import sensor
+from calib.parameter import Parameter
+
+
+@sensor
+def offset(record, p):
+    """Return the record with a constant added to each channel."""
+    for channel in ("displacement", "velocity"):
+        size = p[f"offset_{channel}"]
+        if channel in record and size != 0.0:
+            values = record[channel].values
+            record = record.assign({channel: record[channel].copy(data=values + size)})
+    return record
+
+
+EFFECT = Effect(
+    name="channel_offset",
+    site="sensor",
+    law=offset,
+    parameters=(
+        Parameter("offset_displacement", "m", 0.0, "zero of the displacement", null=0.0),
+        Parameter("offset_velocity", "m/s", 0.0, "zero of the velocity", null=0.0),
+    ),
+    meaning="the zero of a sensor is off: the phase curve is moved along one axis",
+    equation="channel + offset",
+    confused=("preload", "gap_offset", "quadratic_stiffness"),
+    cite="McConnell & Varoto, Vibration Testing: Theory and Practice (2008)",
+)

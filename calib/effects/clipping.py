@@ -1,0 +1,44 @@
+"""A channel that does not go beyond a level."""
+
+import math
+
+import numpy as np
+
+from calib.effect import Effect
+from calib.laws import sensor
+from calib.parameter import Parameter
+
+
+@sensor
+def clipped(record, p):
+    """Return the record with each channel cut off at plus and minus its level."""
+    for channel in ("displacement", "velocity"):
+        size = p[f"clip_{channel}"]
+        if channel in record and size != math.inf:
+            values = record[channel].values
+            record = record.assign({channel: record[channel].copy(data=np.clip(values, -size, size))})
+    return record
+
+
+def guess(record):
+    """Return the largest magnitude of each channel: where it is cut off, if it is."""
+    present = [channel for channel in ("displacement", "velocity") if channel in record]
+    return {f"clip_{channel}": float(np.nanmax(np.abs(record[channel].values))) for channel in present}
+
+
+EFFECT = Effect(
+    name="clipping",
+    site="sensor",
+    law=clipped,
+    parameters=(
+        Parameter("clip_displacement", "m", math.inf, "largest displacement", null=math.inf, low=0.0),
+        Parameter("clip_velocity", "m/s", math.inf, "largest velocity", null=math.inf, low=0.0),
+    ),
+    meaning="a sensor or an amplifier saturates: the phase curve is cut off straight",
+    equation="min(max(channel, -clip), clip)",
+    confused=("gap_offset", "channel_gain"),
+    rough=True,
+    natural={"clip_displacement": (0.9, 0.7), "clip_velocity": (0.9, 0.7)},
+    guess=guess,
+    cite="McConnell & Varoto, Vibration Testing: Theory and Practice (2008)",
+)

@@ -1,0 +1,29 @@
+"""Dry friction that turns about with the velocity."""
+
+import math
+
+from calib.effect import Effect
+from calib.laws import force
+from calib.parameter import Parameter
+
+
+@force
+def friction(t, x, v, p, z, dz):
+    """Return the friction per unit mass [m/s^2] at the velocity v [m/s]: -F tanh(v / v_s)."""
+    return -p[0] * math.tanh(v / p[1])
+
+
+EFFECT = Effect(
+    name="coulomb_friction",
+    site="force",
+    law=friction,
+    parameters=(
+        Parameter("friction", "m/s^2", 0.0, "friction per unit mass", null=0.0, low=0.0),
+        Parameter("friction_slip", "m/s", 1e-3, "velocity over which it turns about", low=0.0),
+    ),
+    meaning="dry friction on a body: decay is linear in time and stops off zero, odd harmonics",
+    equation="-friction tanh(v / friction_slip)",
+    confused=("linear_drag", "presliding"),
+    natural={"friction_slip": (0.01,)},
+    cite="Worden & Tomlinson, Nonlinearity in Structural Dynamics (2001), section 2",
+)

@@ -1,0 +1,23 @@
+"""A spring that hardens with the square of the displacement."""
+
+from calib.effect import Effect
+from calib.laws import force
+from calib.parameter import Parameter
+
+
+@force
+def spring(t, x, v, p, z, dz):
+    """Return the force per unit mass [m/s^2] at the displacement x [m]: -k3 x^3."""
+    return -p[0] * x * x * x
+
+
+EFFECT = Effect(
+    name="cubic_stiffness",
+    site="force",
+    law=spring,
+    parameters=(Parameter("k3", "1/(m^2 s^2)", 0.0, "cubic stiffness over mass; hardening where positive", null=0.0),),
+    meaning="stretching of a bent body: the frequency rises with the amplitude squared, third harmonic",
+    equation="-k3 x^3",
+    confused=("softening", "detuning_drift", "presliding"),
+    cite="Worden & Tomlinson, Nonlinearity in Structural Dynamics (2001), sections 2 and 3",
+)

@@ -1,0 +1,24 @@
+"""A natural frequency that drifts in time."""
+
+from calib.effect import Effect
+from calib.laws import force
+from calib.parameter import Parameter
+
+
+@force
+def drift(t, x, v, p, z, dz):
+    """Return the force per unit mass [m/s^2] at the time t [s] and the displacement x [m]: -b t x."""
+    return -p[0] * t * x
+
+
+EFFECT = Effect(
+    name="detuning_drift",
+    site="force",
+    law=drift,
+    parameters=(Parameter("detuning", "1/s^3", 0.0, "rise of the stiffness over mass per time", null=0.0),),
+    meaning="warming or settling during the record: the frequency moves with time, not with the amplitude",
+    equation="-detuning t x",
+    confused=("softening", "cubic_stiffness", "frequency_drift"),
+    transient=True,
+    cite="Kerschen et al., Mechanical Systems and Signal Processing 20 (2006) 505",
+)

@@ -1,0 +1,28 @@
+"""A second harmonic in a drive that is thought to be harmonic."""
+
+import math
+
+from calib.effect import Effect
+from calib.laws import excitation
+from calib.parameter import Parameter
+
+
+@excitation
+def harmonic(t, phase, amplitude, x, p):
+    """Return the second harmonic [unit of the drive] at the phase of the drive [rad]."""
+    return amplitude * (p[0] * math.cos(2.0 * phase) + p[1] * math.sin(2.0 * phase))
+
+
+EFFECT = Effect(
+    name="drive_harmonic_2",
+    site="excitation",
+    law=harmonic,
+    parameters=(
+        Parameter("h2_cos", "1", 0.0, "its part in phase with the drive, over the drive's amplitude", null=0.0),
+        Parameter("h2_sin", "1", 0.0, "its part a quarter of its period later, alike", null=0.0),
+    ),
+    meaning="the shaker distorts: a second harmonic at all levels, also without contact",
+    equation="+amplitude (h2_cos cos 2 phase + h2_sin sin 2 phase)",
+    confused=("quadratic_stiffness",),
+    cite="McConnell & Varoto, Vibration Testing: Theory and Practice (2008)",
+)

@@ -1,0 +1,28 @@
+"""A third harmonic in a drive that is thought to be harmonic."""
+
+import math
+
+from calib.effect import Effect
+from calib.laws import excitation
+from calib.parameter import Parameter
+
+
+@excitation
+def harmonic(t, phase, amplitude, x, p):
+    """Return the third harmonic [unit of the drive] at the phase of the drive [rad]."""
+    return amplitude * (p[0] * math.cos(3.0 * phase) + p[1] * math.sin(3.0 * phase))
+
+
+EFFECT = Effect(
+    name="drive_harmonic_3",
+    site="excitation",
+    law=harmonic,
+    parameters=(
+        Parameter("h3_cos", "1", 0.0, "its part in phase with the drive, over the drive's amplitude", null=0.0),
+        Parameter("h3_sin", "1", 0.0, "its part a quarter of its period later, alike", null=0.0),
+    ),
+    meaning="the shaker distorts: a third harmonic at all levels, also without contact",
+    equation="+amplitude (h3_cos cos 3 phase + h3_sin sin 3 phase)",
+    confused=("cubic_stiffness", "coulomb_friction", "quadratic_drag"),
+    cite="McConnell & Varoto, Vibration Testing: Theory and Practice (2008)",
+)

@@ -1,0 +1,28 @@
+"""A tolerance of the events that is finer than the simulator's own."""
+
+from calib.effect import Effect
+from calib.laws import numerical
+from calib.parameter import Parameter
+
+
+@numerical
+def finer(simulator, p):
+    """Return the simulator with its tolerance of the events divided by the refinement."""
+    return simulator.finer("event_tolerance", p["tolerance_refinement"])
+
+
+EFFECT = Effect(
+    name="event_tolerance",
+    site="numerical",
+    law=finer,
+    parameters=(
+        Parameter("tolerance_refinement", "1", 1.0, "by which it is divided", kind="numerical", null=1.0, low=1.0),
+    ),
+    meaning="impacts are located too coarsely: the phase curve is a band, and the error imitates restitution",
+    equation="tolerance of the events / tolerance_refinement",
+    confused=("linear_drag", "rate_restitution"),
+    changes=(("event_tolerance",),),
+    rough=True,
+    natural={"tolerance_refinement": (1.0, 3.0)},
+    cite="Hairer, Norsett & Wanner, Solving Ordinary Differential Equations I (1993), chapter II",
+)

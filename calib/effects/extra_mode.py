@@ -1,0 +1,37 @@
+"""A mode of the structure that the model does not have."""
+
+import math
+
+from calib.effect import Effect
+from calib.laws import force
+from calib.parameter import Parameter
+
+
+@force(states=2)
+def resonator(t, x, v, p, z, dz):
+    """Return the force per unit mass [m/s^2] of an attached resonator whose displacement and velocity are z.
+
+    u'' = -w^2 (u - x) - 2 d w (u' - v) with w = 2 pi mode_frequency; mode_mass times the reaction acts on the body.
+    """
+    w = 2.0 * math.pi * p[1]
+    pull = w * w * (z[0] - x) + 2.0 * p[2] * w * (z[1] - v)
+    dz[0] = z[1]
+    dz[1] = -pull
+    return p[0] * pull
+
+
+EFFECT = Effect(
+    name="extra_mode",
+    site="force",
+    law=resonator,
+    parameters=(
+        Parameter("mode_mass", "1", 0.0, "mass of the resonator over that of the body", null=0.0, low=0.0),
+        Parameter("mode_frequency", "Hz", 100.0, "its own frequency on a body that stands still", low=0.0),
+        Parameter("mode_damping", "1", 0.02, "its damping ratio", low=0.0),
+    ),
+    meaning="one more mode, as a resonator on the body: ringing after impacts, a dip and a peak over frequency",
+    equation="+mode_mass (w^2 (u - x) + 2 mode_damping w (u' - v)), u'' = -w^2 (u - x) - 2 mode_damping w (u' - v)",
+    confused=("channel_lag", "velocity_lowpass", "backlash"),
+    natural={"mode_frequency": (0.3, 1.7, 3.3, 6.3)},
+    cite="Kerschen et al., Mechanical Systems and Signal Processing 20 (2006) 505",
+)

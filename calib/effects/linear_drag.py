@@ -1,0 +1,23 @@
+"""Drag in proportion to the velocity of a body."""
+
+from calib.effect import Effect
+from calib.laws import force
+from calib.parameter import Parameter
+
+
+@force
+def drag(t, x, v, p, z, dz):
+    """Return the drag per unit mass [m/s^2] at the velocity v [m/s]: -c1 v."""
+    return -p[0] * v
+
+
+EFFECT = Effect(
+    name="linear_drag",
+    site="force",
+    law=drag,
+    parameters=(Parameter("c1", "1/s", 0.0, "linear drag, c / m", null=0.0, low=0.0),),
+    meaning="a damper between a body and its surroundings: loss per cycle ~ amplitude^2, also without contact",
+    equation="-c1 v",
+    confused=("quadratic_drag", "coulomb_friction", "squeeze_film"),
+    cite="Worden & Tomlinson, Nonlinearity in Structural Dynamics (2001), section 1",
+)

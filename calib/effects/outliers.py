@@ -1,0 +1,25 @@
+"""Samples that have nothing to do with the motion."""
+
+from calib.effect import Effect
+from calib.laws import sensor
+from calib.parameter import Parameter
+
+
+@sensor
+def unchanged(record, p):
+    """Return the record as it is: outliers are part of its noise, not of its mean."""
+    return record
+
+
+EFFECT = Effect(
+    name="outliers",
+    site="sensor",
+    law=unchanged,
+    parameters=(Parameter("outlier_share", "1", 0.0, "share of the samples", null=0.0, low=0.0, high=1.0),),
+    meaning="a few samples are wrong altogether: spikes, drop-outs, misread points",
+    equation="noise of a mixture: a share of the samples has a much larger spread",
+    confused=("quantisation",),
+    rough=True,
+    noise=True,
+    cite="Huber, Robust Statistics (1981)",
+)

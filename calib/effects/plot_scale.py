@@ -1,0 +1,24 @@
+"""A plot that is read too large or too small."""
+
+from calib.effect import Effect
+from calib.laws import sensor
+from calib.parameter import Parameter
+
+
+@sensor
+def scaled(record, p):
+    """Return the record with both channels times 1 + a."""
+    present = {name: record[name] for name in ("displacement", "velocity") if name in record}
+    return record.assign({name: row.copy(data=row.values * (1.0 + p["plot_scale"])) for name, row in present.items()})
+
+
+EFFECT = Effect(
+    name="plot_scale",
+    site="sensor",
+    law=scaled,
+    parameters=(Parameter("plot_scale", "1", 0.0, "relative error of the scale", null=0.0),),
+    meaning="the scale of a picture is misread for both axes: the phase curve is larger, its shape the same",
+    equation="x (1 + plot_scale), v (1 + plot_scale)",
+    confused=("channel_gain",),
+    cite="Rohatgi, WebPlotDigitizer, user manual: calibration of axes",
+)

@@ -1,0 +1,26 @@
+"""A plot whose axes are not at right angles."""
+
+from calib.effect import Effect
+from calib.laws import sensor
+from calib.parameter import Parameter
+
+
+@sensor
+def sheared(record, p):
+    """Return the record with its displacement moved in proportion to its velocity: x + k v."""
+    if "velocity" not in record or "displacement" not in record:
+        return record
+    x, v = record["displacement"], record["velocity"].values
+    return record.assign(displacement=x.copy(data=x.values + p["shear"] * v))
+
+
+EFFECT = Effect(
+    name="plot_shear",
+    site="sensor",
+    law=sheared,
+    parameters=(Parameter("shear", "s", 0.0, "displacement per velocity", null=0.0),),
+    meaning="a phase curve read off a picture that stands askew: it leans to one side",
+    equation="x + shear v",
+    confused=("channel_lag", "axis_tilt"),
+    cite="Rohatgi, WebPlotDigitizer, user manual: calibration of axes",
+)

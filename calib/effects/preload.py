@@ -1,0 +1,23 @@
+"""A constant force on a body."""
+
+from calib.effect import Effect
+from calib.laws import force
+from calib.parameter import Parameter
+
+
+@force
+def push(t, x, v, p, z, dz):
+    """Return the force per unit mass [m/s^2]: F0."""
+    return p[0]
+
+
+EFFECT = Effect(
+    name="preload",
+    site="force",
+    law=push,
+    parameters=(Parameter("preload", "m/s^2", 0.0, "constant force per unit mass", null=0.0),),
+    meaning="weight, a pretensioned mount or glue: the body rests beside where it is thought to",
+    equation="+preload",
+    confused=("gap_offset", "channel_offset", "quadratic_stiffness"),
+    cite="Worden & Tomlinson, Nonlinearity in Structural Dynamics (2001), section 2",
+)

@@ -1,0 +1,28 @@
+"""Friction that is a spring before it slips (Dahl)."""
+
+from calib.effect import Effect
+from calib.laws import force
+from calib.parameter import Parameter
+
+
+@force(states=1)
+def friction(t, x, v, p, z, dz):
+    """Return Dahl's friction per unit mass [m/s^2]: -F z, z' = (v / x_s) (1 - z sgn v)."""
+    dz[0] = (v - z[0] * abs(v)) / p[1]
+    return -p[0] * z[0]
+
+
+EFFECT = Effect(
+    name="presliding",
+    site="force",
+    law=friction,
+    parameters=(
+        Parameter("dahl_force", "m/s^2", 0.0, "friction per unit mass when it slips", null=0.0, low=0.0),
+        Parameter("dahl_distance", "m", 1e-4, "displacement over which it comes to slip", low=0.0),
+    ),
+    meaning="friction with a stiffness before it slips: the frequency rises at small amplitudes, hysteresis at any",
+    equation="-dahl_force z, z' = (v / dahl_distance) (1 - z sgn v)",
+    confused=("coulomb_friction", "cubic_stiffness", "backlash"),
+    natural={"dahl_distance": (0.02, 0.1, 0.5)},
+    cite="Dahl, A Solid Friction Model, Aerospace Corporation TOR-0158 (1968)",
+)

@@ -1,0 +1,47 @@
+"""A channel that is read off in steps."""
+
+import numpy as np
+
+from calib.effect import Effect
+from calib.laws import sensor
+from calib.parameter import Parameter
+
+
+@sensor
+def stepped(record, p):
+    """Return the record with each channel rounded to multiples of its quantum."""
+    for channel in ("displacement", "velocity"):
+        size = p[f"quantum_{channel}"]
+        if channel in record and size != 0.0:
+            values = record[channel].values
+            record = record.assign({channel: record[channel].copy(data=np.round(values / size) * size)})
+    return record
+
+
+def guess(record):
+    """Return the usual distance of neighbouring values where many samples share theirs, else 0."""
+    found = {}
+    for channel in ("displacement", "velocity"):
+        if channel in record:
+            values = record[channel].values
+            levels = np.unique(values[np.isfinite(values)])
+            few = 1 < levels.size < values.size / 2
+            found[f"quantum_{channel}"] = float(np.median(np.diff(levels))) if few else 0.0
+    return found
+
+
+EFFECT = Effect(
+    name="quantisation",
+    site="sensor",
+    law=stepped,
+    parameters=(
+        Parameter("quantum_displacement", "m", 0.0, "smallest step of the displacement", null=0.0, low=0.0),
+        Parameter("quantum_velocity", "m/s", 0.0, "smallest step of the velocity", null=0.0, low=0.0),
+    ),
+    meaning="few bits of a converter or of a digitised picture: the phase curve has steps",
+    equation="quantum round(channel / quantum)",
+    confused=("time_step", "outliers"),
+    rough=True,
+    guess=guess,
+    cite="Widrow & Kollar, Quantization Noise (2008)",
+)

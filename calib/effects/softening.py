@@ -1,0 +1,23 @@
+"""A spring that changes in proportion to the amplitude."""
+
+from calib.effect import Effect
+from calib.laws import force
+from calib.parameter import Parameter
+
+
+@force
+def spring(t, x, v, p, z, dz):
+    """Return the force per unit mass [m/s^2] at the displacement x [m]: -kx x |x|."""
+    return -p[0] * x * abs(x)
+
+
+EFFECT = Effect(
+    name="softening",
+    site="force",
+    law=spring,
+    parameters=(Parameter("kx", "1/(m s^2)", 0.0, "stiffness over mass per displacement", null=0.0),),
+    meaning="joints that loosen or harden: the frequency moves in proportion to the amplitude, odd harmonics",
+    equation="-kx x |x|",
+    confused=("cubic_stiffness", "detuning_drift"),
+    cite="Worden & Tomlinson, Nonlinearity in Structural Dynamics (2001), section 2",
+)

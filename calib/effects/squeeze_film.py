@@ -1,0 +1,29 @@
+"""Air that is squeezed out of a closing gap."""
+
+from calib.effect import Effect
+from calib.laws import force
+from calib.parameter import Parameter
+
+FLOOR = 0.02  # of the gap at rest; without a floor the gap never closes
+
+
+@force
+def film(t, x, v, p, z, dz):
+    """Return the force per unit mass [m/s^2] at the clearance x [m] that opens at v [m/s]; p[1] the gap at rest [m]."""
+    ratio = p[1] / max(x, FLOOR * p[1])
+    return -p[0] * v * ratio * ratio * ratio
+
+
+EFFECT = Effect(
+    name="squeeze_film",
+    site="force",
+    law=film,
+    parameters=(Parameter("squeeze", "1/s", 0.0, "damping of the open gap over mass", null=0.0, low=0.0),),
+    meaning="a cushion of air in the closing gap: loss just before contact, softened impacts",
+    equation="-squeeze v (gap / max(x, 0.02 gap))^3 between layer and beam, x the clearance",
+    confused=("interface_shift", "linear_drag", "adhesion"),
+    place="interface",
+    borrowed=("gap",),
+    natural={"squeeze": (1e-4, 1e-3, 1e-2)},
+    cite="Bao & Yang, Squeeze film air damping in MEMS, Sensors and Actuators A 136 (2007) 3",
+)

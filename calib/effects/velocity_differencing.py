@@ -1,0 +1,37 @@
+"""A velocity that was made from displacements by differences."""
+
+import numpy as np
+
+from calib.effect import Effect
+from calib.laws import sensor
+from calib.parameter import Parameter
+from calib.record import fills_periods
+
+
+@sensor
+def differenced(record, p):
+    """Return the record with a share of its velocity replaced by backward differences of the displacement.
+
+    A stationary motion that fills whole periods goes on before its first sample as it ended; any other record keeps
+    the velocity of its first sample.
+    """
+    if "velocity" not in record or "displacement" not in record:
+        return record
+    time, x, v = record.time.values, record["displacement"].values, record["velocity"].values
+    slope = v.copy()
+    slope[:, 1:] = np.diff(x, axis=1) / np.diff(time)
+    if fills_periods(record):
+        slope[:, 0] = (x[:, 0] - x[:, -1]) * (time.size - 1) / (time[-1] - time[0])
+    return record.assign(velocity=record["velocity"].copy(data=v + p["differencing"] * (slope - v)))
+
+
+EFFECT = Effect(
+    name="velocity_differencing",
+    site="sensor",
+    law=differenced,
+    parameters=(Parameter("differencing", "1", 0.0, "share of differences", null=0.0, low=0.0, high=1.0),),
+    meaning="the velocity is a difference of samples: half a step late, its jumps rounded",
+    equation="v + differencing ((x_k - x_(k-1)) / dt - v)",
+    confused=("channel_lag", "velocity_lowpass"),
+    cite="McConnell & Varoto, Vibration Testing: Theory and Practice (2008)",
+)
