@@ -19,6 +19,7 @@ BLIND = 2.0  # samples on both sides of an impact that are not looked at in velo
 ABSORBED = 1e-4  # share of an effect beyond what calibration imitates, below which nothing is left
 ABSURD = 0.5  # change of a channel by an effect, relative to its rms, that nobody would overlook
 CLOSE = 0.02  # of the wanted z
+REFITS, REFITTED = 6, 0.003  # steps of a calibration, and the relative change of z at which it ends
 ROUNDS = 16
 
 
@@ -108,21 +109,27 @@ class Bench:
         return np.concatenate(parts)
 
     @cached_property
-    def absorbed(self) -> np.ndarray:
-        """Orthonormal columns of what calibration, and unknown beginnings of records, imitate."""
+    def sensitivity(self) -> np.ndarray:
+        """Derivative (m, p) of all records by what calibration changes: its parameters, and beginnings not known."""
         columns = []
         for name in self.system.windows:
             value = self.system.truth[name]
-            columns.append(self._between({name: value * (1.0 + STEP)}, {name: value * (1.0 - STEP)}))
+            ahead, behind = ({name: value * (1.0 + step)} for step in (STEP, -STEP))
+            columns.append(self._between(ahead, behind) / (2.0 * STEP * value))
         for plan in self.plans:
             if plan.name in self.trigger:
                 parts = [np.zeros(self.clean(p).rows.size) for p in self.plans]
-                at, later = self.plans.index(plan), LATER / plan.frequency
+                later = LATER / plan.frequency
                 ahead, behind = self.clean(plan, shift=later), self.clean(plan, shift=-later)
-                parts[at] = self._column(plan, ahead.rows - behind.rows, ahead.impacts)
+                moved = self._column(plan, ahead.rows - behind.rows, ahead.impacts)
+                parts[self.plans.index(plan)] = moved / (2.0 * later)
                 columns.append(np.concatenate(parts))
-        columns = np.column_stack(columns)
-        return np.linalg.qr(columns / np.linalg.norm(columns, axis=0))[0]
+        return np.column_stack(columns)
+
+    @cached_property
+    def absorbed(self) -> np.ndarray:
+        """Orthonormal columns (m, p) that span the sensitivity."""
+        return np.linalg.qr(self.sensitivity / np.linalg.norm(self.sensitivity, axis=0))[0]
 
     def beyond(self, column: np.ndarray) -> np.ndarray:
         """Part of a column that calibration does not imitate."""
@@ -146,8 +153,23 @@ class Bench:
         return abs(size) * float(np.linalg.norm(self.beyond(self.derivative(effect))))
 
     def z_of(self, effect: str, size: float) -> float:
-        """Length, in the noise, of what an effect of that size changes beyond what calibration imitates."""
-        return float(np.linalg.norm(self.beyond(self._between({"hidden": self.hidden(effect, size)}, {}))))
+        """Distance, in the noise, of the records with an effect of that size from the nearest ones without it.
+
+        The nearest ones: at other values of the calibrated parameters, by the method of Gauss and Newton with the
+        derivatives at the truth.
+        """
+        hidden, moved, before = {"hidden": self.hidden(effect, size)}, {}, np.inf
+        lengths = np.linalg.norm(self.sensitivity, axis=0)
+        for _ in range(REFITS):
+            difference = self._between(hidden, moved)
+            z = float(np.linalg.norm(self.beyond(difference)))
+            if abs(z - before) < REFITTED * z:
+                break
+            before = z
+            change = np.linalg.lstsq(self.sensitivity / lengths, difference)[0] / lengths
+            for name, step in zip(self.system.windows, change, strict=False):
+                moved[name] = moved.get(name, self.system.truth[name]) + step
+        return z
 
     def size_for(self, effect: str, z: float) -> float:
         """Size at which an effect is seen with that z, to 2 %.
