@@ -1,0 +1,148 @@
+"""Records with an effect hidden in them, and a study that seeks it."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from hidden import four_dof, oscillator
+from hidden.information import Bench
+from hidden.motion import Refused
+from hidden.system import Plan
+from scipy.signal import lfilter
+
+from calib.record import make, write
+
+FAR = 20.0  # of an outlier from its place, over the noise
+SYSTEMS = {"four_dof": four_dof.system, "oscillator": oscillator.system}
+
+
+class Hidden(NamedTuple):
+    """A study with what its seeker must not see.
+
+    Attributes
+    ----------
+    folder : with the records and study.toml
+    values : parameters of the hidden effects by name, SI
+    z : of each hidden effect alone, by name; NaN for outliers
+    """
+
+    folder: Path
+    values: Mapping[str, float]
+    z: Mapping[str, float]
+
+
+def bench(
+    simulator: str, cache: Path, noise: float = 0.01, phi: float = 0.0, nuisance: Sequence[str] = (), **options
+) -> Bench:
+    """Return the system of a simulator with its records; `options` of `four_dof.system` or `oscillator.system`."""
+    system = SYSTEMS[simulator](**options)
+    trigger = [p.name for p in system.plans if p.kind == "harmonic"] if "trigger" in nuisance else []
+    return Bench(system, cache, noise, phi, tuple(trigger))
+
+
+def hide(
+    simulator: str,
+    effect: str | tuple[str, ...] | None,
+    strength: float | None,
+    seed: int,
+    noise: float = 0.01,
+    phi: float = 0.0,
+    *,
+    folder: Path,
+    cache: Path,
+    size: float | None = None,
+    stated: bool = False,
+    nuisance: Sequence[str] = (),
+    **options,
+) -> Hidden:
+    """Write records with hidden effects, and a study that calibrates without them.
+
+    Parameters
+    ----------
+    simulator : "four_dof" or "oscillator"
+    effect : one, several, or none
+    strength : z of each effect, see `Bench.z_of`
+    seed : of the noise
+    noise, phi : standard deviation relative to each channel's rms; correlation between neighbouring samples
+    folder, cache : for the study; for records without noise, which may be shared
+    size : of the effect, SI, in place of its strength
+    stated : whether the records state the noise of their channels
+    nuisance : "trigger" where the beginning of periodic records is not told
+    options : of `four_dof.system` or `oscillator.system`
+
+    Raises
+    ------
+    Refused : see `Bench.size_for`
+    """
+    at = bench(simulator, cache, noise, phi, nuisance, **options)
+    effects = () if effect is None else (effect,) if isinstance(effect, str) else tuple(effect)
+    values, z = {}, {}
+    for name in effects:
+        if name not in at.system.effects:
+            raise Refused(f"{at.system.name} has no site for {name!r}")
+        known = at.size_for(name, strength) if size is None else size
+        values |= at.hidden(name, known)
+        z[name] = np.nan if name == "outliers" else at.z_of(name, known)
+    share = values.get("outlier_share", 0.0)
+    acting = {name: value for name, value in values.items() if name != "outlier_share"}
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    for index, plan in enumerate(at.system.plans):
+        rng = np.random.default_rng([seed, index])
+        late = rng.uniform() / plan.frequency if plan.name in at.trigger else 0.0
+        rows = at.clean(plan, acting, late).rows
+        sigma = noise * np.sqrt((rows**2).mean(axis=1, keepdims=True))
+        rows = rows + sigma * correlated(rng, rows.shape, phi)
+        far = rng.uniform(size=rows.shape) < share
+        rows = np.where(far, rows + FAR * sigma * rng.choice([-1.0, 1.0], size=rows.shape), rows)
+        write(_record(at, plan, rows, sigma if stated else None), folder / f"{plan.name}.nc")
+    (folder / "study.toml").write_text(study(at))
+    return Hidden(folder, values, z)
+
+
+def correlated(rng: np.random.Generator, shape: tuple[int, int], phi: float) -> np.ndarray:
+    """Gaussian noise of unit variance, each row an AR(1) series of correlation phi between neighbours."""
+    white = rng.standard_normal(shape)
+    white[:, 1:] *= np.sqrt(1.0 - phi**2)
+    return lfilter([1.0], [1.0, -phi], white, axis=1)
+
+
+def _record(at: Bench, plan: Plan, rows: np.ndarray, sigma: np.ndarray | None):
+    system, times = at.system, at.system.times(plan)
+    displacement, velocity = np.split(rows, 2)
+    channels = {"displacement": displacement, "velocity": velocity}
+    if sigma is not None:
+        channels |= dict(zip(("displacement_sigma", "velocity_sigma"), np.split(sigma[:, 0], 2), strict=True))
+    attrs = {"place": system.place, "quantity": system.quantity, "source": "measured"}
+    if plan.kind == "harmonic":
+        attrs |= {"frequency": plan.frequency, "amplitude": plan.amplitude, "phase": 0.0}
+    elif plan.kind == "decay":
+        attrs["quantity"] = "free decay"
+    record = make(times, list(system.measured), channels, **attrs)
+    if plan.kind != "multisine":
+        return record
+    tones = system.plant({**system.truth, "amplitude": 1.0}, plan).tones
+    value = (tones[:, :1] * np.cos(tones[:, 1:2] * times + tones[:, 2:])).sum(axis=0)
+    return record.assign(excitation=("time", value, {"units": "N"}))
+
+
+def study(at: Bench, budget: int = 60) -> str:
+    """Text of the study file."""
+    system = at.system
+    lines = [
+        "[study]", f'name = "{system.name}"', "seed = 1", f"budget = {budget}",
+        f"periods = {system.periods}", f"samples = {system.samples}",
+    ]  # fmt: skip
+    for plan in system.plans:
+        lines += ["", "[[record]]", f'name = "{plan.name}"', f'path = "{plan.name}.nc"', f'use = "{plan.use}"']
+        lines += ['nuisance = ["trigger"]'] if plan.name in at.trigger else []
+    options = ", ".join(f"{name} = {json.dumps(value)}" for name, value in system.options.items())
+    fixed = ", ".join(f'"{name}" = {value!r}' for name, value in system.fixed.items())
+    lines += ["", "[model]", f'simulator = "{system.name}"', f"options = {{ {options} }}", f"fixed = {{ {fixed} }}"]
+    lines += ["", "[windows]"]
+    for name, (low, high, scale) in system.windows.items():
+        lines.append(f'{name} = {{ low = {low!r}, high = {high!r}, scale = "{scale}" }}')
+    lines += ["", "[[term]]", f'feature = "{system.feature}"', "", "[optimiser]", 'name = "multistart"', ""]
+    return "\n".join(lines)

@@ -1,0 +1,237 @@
+"""How well hidden effects can be seen: what the records know of them at the truth, beside what calibration absorbs."""
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from hidden.causes import CAUSES, natural, parameters
+from hidden.motion import Refused
+from hidden.system import Plan, System
+
+STEP = 1e-5  # of derivatives by calibrated parameters, relative
+LATER = 1e-6  # of derivatives by the beginning of a record, in periods
+BLIND = 2.0  # samples on both sides of an impact that are not looked at in velocities: the sample that jumps is chance
+ABSORBED = 1e-4  # share of an effect beyond what calibration imitates, below which nothing is left
+ABSURD = 0.5  # change of a channel by an effect, relative to its rms, that nobody would overlook
+CLOSE = 0.02  # of the wanted z
+REFITS, REFITTED = 6, 0.003  # steps of a calibration, and the relative change of z at which it ends
+ROUNDS = 16
+
+
+class Clean(NamedTuple):
+    """A record without noise: rows (2 b, n), impacts (k,) [s], the state at time zero."""
+
+    rows: np.ndarray
+    impacts: np.ndarray
+    state: np.ndarray
+
+
+class Bench:
+    """A system with its records, those without noise kept in a folder.
+
+    Parameters
+    ----------
+    system : what is looked at
+    cache : folder of records without noise
+    noise : standard deviation, relative to the rms of each channel of each body
+    phi : correlation of the noise between neighbouring samples
+    trigger : records whose beginning is not known
+    """
+
+    def __init__(self, system: System, cache: Path, noise: float = 0.01, phi: float = 0.0, trigger: tuple = ()):
+        self.system, self.cache, self.noise, self.phi, self.trigger = system, Path(cache), noise, phi, tuple(trigger)
+        self.cache.mkdir(parents=True, exist_ok=True)
+
+    # --- records ---------------------------------------------------------------------------------------------------
+
+    def clean(self, plan: Plan, hidden: Mapping[str, float] = {}, shift: float = 0.0, **changed: float) -> Clean:
+        """Record at the truth with hidden parameters; `changed` values of the plant, `shift` of its beginning [s].
+
+        Raises
+        ------
+        Refused : there is no motion that a record can be made of
+        """
+        values = {**self.system.truth, **changed}
+        system = self.system
+        facts = [system.name, plan, values, dict(hidden), shift, system.periods, system.samples, len(system.time)]
+        key = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
+        path = self.cache / f"{key}.npz"
+        if path.exists():
+            with np.load(path) as kept:
+                return Clean(**{name: kept[name] for name in Clean._fields})
+        start = self.clean(plan).state if hidden or changed or shift else None
+        motion = self.system.moved(plan, values, hidden, start)
+        record = Clean(self.system.rows(plan, motion, hidden, shift), motion.impacts, motion.state)
+        temporary = path.with_suffix(f".{os.getpid()}.npz")
+        np.savez(temporary, **record._asdict())
+        os.replace(temporary, path)
+        return record
+
+    @property
+    def plans(self) -> list[Plan]:
+        """Records that a diagnosis sees."""
+        return [plan for plan in self.system.plans if plan.use != "holdout"]
+
+    def hidden(self, effect: str, size: float, weights: Mapping[str, float] | None = None) -> dict[str, float]:
+        """Parameters by name of an effect of that size, SI; that of "clipping" is the share of the peak cut off."""
+        if effect == "clipping":
+            bodies = len(self.system.measured)
+            return {"clip_velocity": (1.0 - size) * max(np.abs(self.clean(p).rows[bodies:]).max() for p in self.plans)}
+        return parameters(self.system, effect, size, weights)
+
+    # --- columns: derivatives and differences, over the noise ------------------------------------------------------
+
+    def _column(self, plan: Plan, difference: np.ndarray, impacts: np.ndarray) -> np.ndarray:
+        """Independent parts of a difference of records (2 b, n) over their noise; flat."""
+        sigma = self.noise * np.sqrt((self.clean(plan).rows ** 2).mean(axis=1, keepdims=True))
+        whole = difference / sigma
+        whole[:, 1:] = (whole[:, 1:] - self.phi * whole[:, :-1]) / np.sqrt(1.0 - self.phi**2)
+        times = self.system.times(plan)
+        step = times[1] - times[0]
+        apart = times - impacts[:, None]
+        if plan.kind == "harmonic":
+            apart = (apart * plan.frequency + 0.5) % 1.0 / plan.frequency - 0.5 / plan.frequency
+        blind = np.abs(apart).min(axis=0, initial=np.inf) < BLIND * step
+        whole[len(whole) // 2 :, blind] = 0.0
+        return whole.ravel()
+
+    def _between(self, one: Mapping, other: Mapping) -> np.ndarray:
+        """Difference of all records at two sets of arguments of `clean`, flat."""
+        parts = []
+        for plan in self.plans:
+            a, b = self.clean(plan, **one), self.clean(plan, **other)
+            parts.append(self._column(plan, a.rows - b.rows, np.concatenate([a.impacts, b.impacts])))
+        return np.concatenate(parts)
+
+    @cached_property
+    def sensitivity(self) -> np.ndarray:
+        """Derivative (m, p) of all records by what calibration changes: its parameters, and beginnings not known."""
+        columns = []
+        for name in self.system.windows:
+            value = self.system.truth[name]
+            ahead, behind = ({name: value * (1.0 + step)} for step in (STEP, -STEP))
+            columns.append(self._between(ahead, behind) / (2.0 * STEP * value))
+        for plan in self.plans:
+            if plan.name in self.trigger:
+                parts = [np.zeros(self.clean(p).rows.size) for p in self.plans]
+                later = LATER / plan.frequency
+                ahead, behind = self.clean(plan, shift=later), self.clean(plan, shift=-later)
+                moved = self._column(plan, ahead.rows - behind.rows, ahead.impacts)
+                parts[self.plans.index(plan)] = moved / (2.0 * later)
+                columns.append(np.concatenate(parts))
+        return np.column_stack(columns)
+
+    @cached_property
+    def absorbed(self) -> np.ndarray:
+        """Orthonormal columns (m, p) that span the sensitivity."""
+        return np.linalg.qr(self.sensitivity / np.linalg.norm(self.sensitivity, axis=0))[0]
+
+    def beyond(self, column: np.ndarray) -> np.ndarray:
+        """Part of a column that calibration does not imitate."""
+        for _ in range(2):  # once more: of nearly all only rounding is left
+            column = column - self.absorbed @ (self.absorbed.T @ column)
+        return column
+
+    def derivative(self, effect: str, weights: Mapping[str, float] | None = None) -> np.ndarray:
+        """Derivative of all records by the size of an effect, where it is absent; a secant where there is none."""
+        cause = CAUSES[effect]
+        step = cause.step * natural(self.system, effect)
+        if cause.derived and not cause.one_sided:
+            ahead, behind = ({"hidden": self.hidden(effect, s, weights)} for s in (step, -step))
+            return self._between(ahead, behind) / (2.0 * step)
+        return self._between({"hidden": self.hidden(effect, step, weights)}, {}) / step
+
+    # --- judgement -------------------------------------------------------------------------------------------------
+
+    def linear_z_of(self, effect: str, size: float) -> float:
+        """Size times the square root of what the records know of it beyond calibration, at the truth without it."""
+        return abs(size) * float(np.linalg.norm(self.beyond(self.derivative(effect))))
+
+    def z_of(self, effect: str, size: float) -> float:
+        """Distance, in the noise, of the records with an effect of that size from the nearest ones without it.
+
+        The nearest ones: at other values of the calibrated parameters, by the method of Gauss and Newton with the
+        derivatives at the truth.
+        """
+        hidden, moved, before = {"hidden": self.hidden(effect, size)}, {}, np.inf
+        lengths = np.linalg.norm(self.sensitivity, axis=0)
+        for _ in range(REFITS):
+            difference = self._between(hidden, moved)
+            z = float(np.linalg.norm(self.beyond(difference)))
+            if abs(z - before) < REFITTED * z:
+                break
+            before = z
+            change = np.linalg.lstsq(self.sensitivity / lengths, difference)[0] / lengths
+            for name, step in zip(self.system.windows, change, strict=False):
+                moved[name] = moved.get(name, self.system.truth[name]) + step
+        return z
+
+    def size_for(self, effect: str, z: float) -> float:
+        """Size at which an effect is seen with that z, to 2 %.
+
+        Raises
+        ------
+        Refused : calibration absorbs it, nobody would overlook it, or the motion is another
+        """
+        if effect not in self.system.effects:
+            raise Refused(f"{self.system.name} has no site for {effect!r}")
+        if effect == "outliers":
+            raise Refused("outliers are noise, of which there is no z; give their share as the size")
+        column = self.derivative(effect)
+        whole, left = (float(np.linalg.norm(c)) for c in (column, self.beyond(column)))
+        if not left > ABSORBED * whole:
+            raise Refused(f"{effect!r} changes {whole:.1e} a unit, of which {left:.1e} is beyond calibration")
+        small = CAUSES[effect].step * natural(self.system, effect)
+        return self._searched(effect, z, z / left if CAUSES[effect].derived else small)
+
+    def _searched(self, effect: str, z: float, size: float) -> float:
+        """Size with that z from a first one on, in proportion and, once it lies between two, by halving."""
+        low, high, refusal = 0.0, np.inf, Refused(f"no size of {effect!r} has z = {z:g}")
+        for _ in range(ROUNDS):
+            try:
+                self._check_modest(effect, size)
+                reached = self.z_of(effect, size)
+            except Refused as reason:
+                reached, refusal = np.inf, reason
+            if abs(reached - z) < CLOSE * z:
+                return size
+            low, high = (size, high) if reached < z else (low, size)
+            ahead = size * np.clip(z / max(reached, 1e-3 * z), 0.3, 3.0)
+            size = ahead if low < ahead < high else np.sqrt(low * high)
+            if high < (1.0 + 0.1 * CLOSE) * low:
+                break
+        raise refusal
+
+    def _check_modest(self, effect: str, size: float) -> None:
+        for plan in self.plans:
+            before, after = self.clean(plan).rows, self.clean(plan, self.hidden(effect, size)).rows
+            change = np.sqrt(((after - before) ** 2).mean(axis=1) / (before**2).mean(axis=1)).max()
+            if change > ABSURD:
+                raise Refused(f"{effect!r} of size {size:.3g} changes record {plan.name!r} by {change:.0%}")
+
+    def cosines(self, effects: tuple[str, ...]) -> np.ndarray:
+        """How well each effect's parameters (columns) imitate what another changes (rows), beyond calibration.
+
+        (n, n) in [0, 1]; NaN where calibration absorbs the effect.
+        """
+        changes, spans = [], []
+        for effect in effects:
+            names = tuple(CAUSES[effect].grows)
+            alone = [{name: float(name == one) for name in names} for one in names]
+            columns = [self.derivative(effect, weights) for weights in alone] if len(names) > 1 else []
+            whole = self.derivative(effect)
+            change = self.beyond(whole)
+            seen = np.linalg.norm(change) > ABSORBED * np.linalg.norm(whole)
+            changes.append(change / np.linalg.norm(change) if seen else np.full_like(change, np.nan))
+            span = np.column_stack([self.beyond(column) for column in columns] or [change])
+            spans.append(np.linalg.qr(span / np.linalg.norm(span, axis=0))[0])
+        table = [[np.linalg.norm(span.T @ change) for span in spans] for change in changes]
+        absorbed = np.isnan(np.diag(table))
+        table = np.array(table)
+        table[:, absorbed] = np.nan
+        return table
