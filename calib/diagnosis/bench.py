@@ -14,6 +14,7 @@ from calib.pool import Failure, in_order
 from calib.record import OK, prescribed
 from calib.study import Pool
 
+STEPS = 100_000  # of a run that starts near its motion: one that takes more has left it
 MARK = "nuisance_"  # before the name of a nuisance among the attributes of an aligned record
 
 
@@ -91,7 +92,8 @@ class Bench:
         reference = self.objective.references[run.record]
         request: Request = reference.request
         if run.state is not None:
-            request = replace(request, initial_state=run.state, near=True)
+            budget = min(request.step_budget, STEPS)
+            request = replace(request, initial_state=run.state, near=True, step_budget=budget)
         model = self.model.extended(*run.effects)
         excitation = run.excitation or reference.excitation
         record = model.run(values_for(run.values, run.record), excitation, request)

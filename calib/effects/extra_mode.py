@@ -32,6 +32,6 @@ EFFECT = Effect(
     meaning="one more mode, as a resonator on the body: ringing after impacts, a dip and a peak over frequency",
     equation="+mode_mass (w^2 (u - x) + 2 mode_damping w (u' - v)), u'' = -w^2 (u - x) - 2 mode_damping w (u' - v)",
     confused=("channel_lag", "velocity_lowpass", "backlash"),
-    natural={"mode_frequency": (0.3, 1.7, 3.3, 6.3)},
+    natural={"mode_frequency": (0.3, 0.8, 1.6)},
     cite="Kerschen et al., Mechanical Systems and Signal Processing 20 (2006) 505",
 )
