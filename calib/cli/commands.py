@@ -274,6 +274,33 @@ def basins(study: Path, x: str, y: str, **options):
     sys.exit(DONE if map_basins(study, x, y, **options) else NOTHING)
 
 
+@main.command(short_help="What the simulation gets wrong, which effect is missing, what it would bring.")
+@STUDY
+@OUT
+@click.option("--apply", is_flag=True, help="Write study.extended.toml with the causes in the model.")
+@JOBS
+@click.option("--seed", type=click.IntRange(min=0), help="Of the noise that is drawn. [default: the study's]")
+@click.option("--quiet", "-q", is_flag=True, help="No progress, no summary; errors only.")
+@JSON
+@_mendable
+def diagnose(study: Path, **options):
+    """Say what the calibrated STUDY gets wrong, name the cause, and measure the gain - or say that it cannot be told.
+
+    Needs what `calib run` has found. Records of use "name" take part in the search for the cause, records of use
+    "holdout" only in the measurement of the gain.
+
+    \b
+    Leaves in out/:  diagnosis.json   verdict, suspects, gain, next measurement
+                     report.html      the same as a page with pictures
+
+    \b
+    Example:  calib diagnose studies/minimal --apply && calib run studies/minimal/study.extended.toml
+    """
+    from calib.cli.diagnose import diagnose_study  # see above
+
+    diagnose_study(study, **options)
+
+
 @main.command(short_help="Write report.html anew.")
 @STUDY
 @OUT

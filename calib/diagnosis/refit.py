@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import lsq_linear
 
 from calib.diagnosis.bench import simulated
 from calib.diagnosis.candidate import Candidate
@@ -15,9 +15,11 @@ from calib.model import Model
 from calib.parameter import Parameter, Space
 from calib.study import Pool
 
-MOST = 12  # evaluations of a fit
-ENOUGH = 0.05  # of the sum of squares: a step that promises less ends a fit
-WORSE = 30.0  # times the residual of the start stands for a motion that fails
+MOST = 12  # steps of a fit
+ENOUGH = 0.1  # fall of the sum of squares: a step that promises less ends a fit
+WELL = 0.5  # of what a step promises: where it brings less, the derivatives are taken anew
+HALVINGS = 5  # of a step that does not lower the sum of squares
+RIDGE = 1e-10  # on the normal equations, of unit diagonal: directions that the data do not know stay where they are
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,27 +102,95 @@ class Fitter:
         self.runs = 0
         self.steps: dict[str, float] = {}  # of the differences, as they were right last
 
-    def fit(self, start: Point, found: Sequence[Candidate] = (), sizes: Mapping[str, float] | None = None) -> Fit:
+    def fit(
+        self,
+        start: Point,
+        found: Sequence[Candidate] = (),
+        sizes: Mapping[str, float] | None = None,
+        columns: np.ndarray | None = None,
+    ) -> Fit:
         """Fit calibrated parameters and those of the candidates `found`, from `start` and their `sizes` on.
 
-        Bounds are the windows of the calibrated parameters and the ranges of the others.
+        Gauss and Newton's steps within the windows of the calibrated parameters and the ranges of the others. The
+        derivatives are kept as long as a step brings half of what it promises, and taken anew where it does not.
+
+        Parameters
+        ----------
+        columns : (N, k) derivatives near the start by the parameters in the order of `directions`; None: taken there
         """
-        problem = _Problem(self, start, found, sizes or {})
-        best = problem.best
-        if best is None:
-            return problem.failed(start)
-        answer = least_squares(
-            problem.residual,
-            problem.start,
-            problem.jacobian,
-            bounds=(problem.low, problem.high),
-            x_scale=problem.step,
-            ftol=ENOUGH / max(1.0, best.square),
-            xtol=1e-10,
-            gtol=1e-12,
-            max_nfev=MOST,
+        point = _extended(start, found, sizes or {})
+        directions = self.directions(point, found)
+        low, high = np.array([d.low for d in directions]), np.array([d.high for d in directions])
+        x = np.clip([d.at for d in directions], low, high)
+        now = self._evaluated(point, directions, x, found)
+        if now is None:
+            return self._failed(start, found)
+        fresh = columns is None
+        now = self.sharpened(now) if fresh else replace(now, columns=columns)
+        for _ in range(MOST):
+            step, promise = _step(now, x, low, high)
+            if promise < ENOUGH:
+                return replace(now, reason="")
+            ahead = self._ahead(now, directions, x, step, found)
+            if ahead is None:
+                if fresh:
+                    return replace(now, reason="no step lowers the sum of squares further")
+                now, fresh = self.sharpened(now), True
+                continue
+            x, fit = ahead
+            kept = now.square - fit.square > WELL * promise
+            now, fresh = (replace(fit, columns=now.columns, steps=now.steps), False) if kept else (
+                self.sharpened(fit), True
+            )  # fmt: skip
+        return replace(now, reason=f"{MOST} steps were not enough")
+
+    def sharpened(self, fit: Fit) -> Fit:
+        """Return the fit with the derivatives at its own point."""
+        directions = self.directions(fit.point, fit.found)
+        found = slopes(self.pool, self.evidence, fit.point, directions, self.steps, compared=False)
+        self.runs += len(directions) * len(self.evidence.names)
+        self.steps |= {d.name: abs(s.step) for d, s in zip(directions, found, strict=True) if s.step}
+        none = np.zeros(fit.residual.size)
+        columns = [none if s.column is None else s.column for s in found]
+        return replace(
+            fit,
+            columns=np.column_stack(columns) if columns else np.zeros((none.size, 0)),
+            names=tuple(d.name for d in directions),
+            steps=tuple(s.step for s in found),
         )
-        return problem.finished("" if answer.status > 0 else f"{MOST} evaluations were not enough")
+
+    def _ahead(
+        self, now: Fit, directions: Sequence[Direction], x: np.ndarray, step: np.ndarray, found: Sequence[Candidate]
+    ) -> tuple[np.ndarray, Fit] | None:
+        """Go the step, or the largest half of a half of it that lowers the sum of squares."""
+        for halving in range(HALVINGS):
+            there = x + 0.5**halving * step
+            fit = self._evaluated(now.point, directions, there, found)
+            if fit is not None and fit.square < now.square:
+                return there, fit
+        return None
+
+    def _evaluated(
+        self, origin: Point, directions: Sequence[Direction], x: np.ndarray, found: Sequence[Candidate]
+    ) -> Fit | None:
+        """Simulate all records at x; None where one of them fails."""
+        values = {**origin.values, **{d.name: float(value) for d, value in zip(directions, x, strict=True)}}
+        names = self.evidence.names
+        views = dict(zip(names, simulated(self.pool, origin.runs(names, values)), strict=True))
+        self.runs += len(names)
+        if not all(view.usable for view in views.values()):
+            return None
+        nuisances = self.evidence.tangents(views)
+        residual = Projection(nuisances)(self.evidence.residual(views))
+        none = np.zeros((residual.size, 0))
+        parameters = tuple(d.name for d in directions)
+        return Fit(Point(values, origin.effects, views), tuple(found), residual, none, parameters, (), nuisances)
+
+    def _failed(self, start: Point, found: Sequence[Candidate]) -> Fit:
+        nuisances = self.evidence.tangents(start.seen)
+        residual = self.evidence.residual(start.seen)
+        none = np.zeros((residual.size, 0))
+        return Fit(start, tuple(found), residual, none, (), (), nuisances, "the motion fails there")
 
     def begun(self, base: Fit, candidate: Candidate, sizes: np.ndarray) -> tuple[float, np.ndarray] | None:
         """Sum of squares with the candidate at these sizes (p,), and the sizes; None where the motion fails."""
@@ -158,82 +228,30 @@ class Fitter:
         return [[slope for slope, o in zip(found, owner, strict=True) if o == k] for k in range(len(candidates))]
 
 
-class _Problem:
-    """One fit, as scipy's least squares ask for it; what was simulated is kept."""
+def _extended(start: Point, found: Sequence[Candidate], sizes: Mapping[str, float]) -> Point:
+    """Return the point with these candidates in its model, and no others, at these sizes."""
+    effects = tuple(candidate.effect for candidate in found)
+    held = {name: value for candidate in found for name, value in candidate.absent().items()}
+    present = {name: value for name, value in start.values.items() if name in held}
+    return Point({**start.values, **held, **present, **sizes}, effects, start.seen)
 
-    def __init__(self, fitter: Fitter, start: Point, found: Sequence[Candidate], sizes: Mapping[str, float]):
-        self.fitter, self.found = fitter, tuple(found)
-        known = {c.name for c in found}
-        effects = tuple(e for e in start.effects if e.name not in known) + tuple(c.effect for c in found)
-        held = {k: v for c in found for k, v in c.absent().items() if k not in start.values}
-        values = {**start.values, **held, **sizes}
-        self.first = Point(values, effects, start.seen)
-        directions = fitter.directions(self.first, found)
-        self.names = tuple(d.name for d in directions)
-        self.low, self.high = np.array([d.low for d in directions]), np.array([d.high for d in directions])
-        self.step = np.array([d.scale for d in directions])
-        inside = np.array([d.at for d in directions])
-        margin = 1e-6 * np.where(np.isfinite(self.high - self.low), self.high - self.low, self.step)
-        self.start = np.clip(inside, self.low + margin, self.high - margin)
-        self.best: Fit | None = None
-        self.slopes: list[Slope] = []
-        self._at: tuple[bytes, Fit | None] = (b"", None)
-        self.best = self._evaluated(self.start)
 
-    def failed(self, start: Point) -> Fit:
-        """What a fit that cannot even start comes to."""
-        seen = start.seen
-        nuisances = self.fitter.evidence.tangents(seen)
-        residual = self.fitter.evidence.residual(seen)
-        none = np.zeros((residual.size, 0))
-        return Fit(start, self.found, residual, none, (), (), nuisances, "the motion fails there")
-
-    def _evaluated(self, x: np.ndarray) -> Fit | None:
-        key = x.tobytes()
-        if self._at[0] == key:
-            return self._at[1]
-        origin = self.first if self.best is None else self.best.point
-        evidence = self.fitter.evidence
-        values = {**self.first.values, **dict(zip(self.names, map(float, x), strict=True))}
-        point = Point(values, self.first.effects, origin.seen)
-        views = dict(zip(evidence.names, simulated(self.fitter.pool, point.runs(evidence.names)), strict=True))
-        self.fitter.runs += len(views)
-        fit = None
-        if all(view.usable for view in views.values()):
-            nuisances = evidence.tangents(views)
-            residual = Projection(nuisances)(evidence.residual(views))
-            fit = Fit(
-                Point(values, self.first.effects, views), self.found, residual, np.zeros((residual.size, 0)),
-                self.names, (), nuisances,
-            )  # fmt: skip
-            if self.best is None or fit.square < self.best.square:
-                self.best = fit
-        self._at = key, fit
-        return fit
-
-    def residual(self, x: np.ndarray) -> np.ndarray:
-        """Residual (N,) at x."""
-        fit = self._evaluated(x)
-        return WORSE * self.best.residual if fit is None else fit.residual
-
-    def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """Derivative (N, k) of the residual at x; a direction that fails counts as having no influence."""
-        fit = self._evaluated(x)
-        columns, _ = self._columns(fit.point)
-        return -Projection(fit.nuisances)(columns)
-
-    def _columns(self, point: Point) -> tuple[np.ndarray, tuple[float, ...]]:
-        fitter = self.fitter
-        found = slopes(
-            fitter.pool, fitter.evidence, point, fitter.directions(point, self.found), fitter.steps, compared=False
-        )
-        fitter.steps |= {name: abs(s.step) for name, s in zip(self.names, found, strict=True) if s.step}
-        size = sum(part.measured.size for part in fitter.evidence.parts)
-        columns = np.column_stack([np.zeros(size) if s.column is None else s.column for s in found])
-        return columns, tuple(s.step for s in found)
-
-    def finished(self, reason: str) -> Fit:
-        """Return the best point with its derivatives."""
-        best = self.best
-        columns, steps = self._columns(best.point)
-        return replace(best, columns=columns, steps=steps, reason=reason)
+def _step(fit: Fit, x: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, float]:
+    """Step (k,) of Gauss and Newton within the bounds, and by how much it should lower the sum of squares."""
+    slopes = fit.free(fit.columns)
+    scale = np.linalg.norm(slopes, axis=0)
+    moving = scale > 0.0
+    step = np.zeros(x.size)
+    if not moving.any():
+        return step, 0.0
+    unit = slopes[:, moving] / scale[moving]
+    room = (low - x)[moving] * scale[moving], (high - x)[moving] * scale[moving]
+    room = np.minimum(room[0], -1e-12), np.maximum(room[1], 1e-12)
+    gram = unit.T @ unit
+    # the same minimum from small matrices: |L' y - L^-1 b|, gram = L L'
+    lower = np.linalg.cholesky(gram + RIDGE * np.eye(len(gram)))
+    target = np.linalg.solve(lower, unit.T @ fit.residual)
+    y = lsq_linear(lower.T, target, room, method="bvls").x
+    step[moving] = np.clip(y / scale[moving], (low - x)[moving], (high - x)[moving])
+    y = step[moving] * scale[moving]
+    return step, float(2.0 * y @ (unit.T @ fit.residual) - y @ gram @ y)

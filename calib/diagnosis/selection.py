@@ -27,7 +27,7 @@ class Suspect:
     test : the score test; None where there is no derivative
     absorbed : share of the signature that calibration takes over
     detectable : (p,) smallest sizes that would reach the threshold  [units of the parameters]
-    signature : projected; None where there is no derivative
+    raw, signature : derivatives (N, p) by its parameters, and what calibration leaves of them; None where there are none
     fit : the model with it, refitted; None where that was not worth the while
     reason : why there is no derivative, or why it is out
     drop : by which the refit lowers the sum of squares (the test's promise where there is none)
@@ -37,6 +37,7 @@ class Suspect:
     test: Tested | None
     absorbed: float
     detectable: np.ndarray
+    raw: np.ndarray | None
     signature: Signature | None
     fit: Fit | None = None
     reason: str = ""
@@ -150,8 +151,8 @@ def select(
         rounds.append(found)
         if found.chosen is None:
             break
-        causes.append(found.chosen)
-        base = found.chosen.fit
+        base = fitter.sharpened(found.chosen.fit)
+        causes.append(replace(found.chosen, fit=base))
     if len(causes) > 1:
         causes, base = _still_needed(fitter, null, causes, base, rounds[-1].threshold)
     seen = [null.point.seen, base.point.seen]
@@ -223,13 +224,15 @@ def _tested(
     absorbing, segments = base.absorbing, fitter.evidence.segments()
     residual = absorbing(base.residual)
     signatures: dict[int, Signature] = {}
+    raw: dict[int, np.ndarray] = {}
     reasons: dict[int, str] = {}
     for candidate, own in zip(smooth, slopes, strict=True):
         lost = next((slope.reason for slope in own if slope.column is None), None)
         if lost is not None:
             reasons[id(candidate)] = lost
             continue
-        signatures[id(candidate)] = Signature.of(np.column_stack([slope.column for slope in own]), absorbing)
+        raw[id(candidate)] = np.column_stack([slope.column for slope in own])
+        signatures[id(candidate)] = Signature.of(raw[id(candidate)], absorbing)
         unreliable = next((slope.reason for slope in own if not slope.reliable), "")
         if unreliable:
             reasons[id(candidate)] = unreliable
@@ -241,10 +244,11 @@ def _tested(
         reason = reasons.get(id(candidate), "it has no derivative where it is absent" if candidate.effect.rough else "")
         if signature is None:
             none = np.full(len(candidate.free), np.inf)
-            suspects.append(Suspect(candidate, None, 0.0, none, None, reason=reason))
+            suspects.append(Suspect(candidate, None, 0.0, none, None, None, reason=reason))
             continue
         test = tested(residual, signature, segments)
-        suspects.append(Suspect(candidate, test, signature.absorbed, limit * test.error, signature, reason=reason))
+        own = raw[id(candidate)]
+        suspects.append(Suspect(candidate, test, signature.absorbed, limit * test.error, own, signature, reason=reason))
     suspects.sort(key=lambda s: -(s.test.drop if s.test is not None else 0.0))
     return suspects, limit
 
@@ -274,7 +278,8 @@ def _refitted(fitter: Fitter, base: Fit, suspect: Suspect) -> Suspect:
     fits.sort(key=lambda pair: pair[0])
     best: Fit | None = None
     for _, sizes in fits[:STARTS]:
-        fit = fitter.fit(base.point, (*base.found, candidate), candidate.values(sizes))
+        columns = None if suspect.raw is None else np.column_stack([base.columns, suspect.raw])
+        fit = fitter.fit(base.point, (*base.found, candidate), candidate.values(sizes), columns)
         if best is None or fit.square < best.square:
             best = fit
     if best is None:

@@ -1,7 +1,7 @@
 """From a study file to a study: the only room where names become things."""
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -33,7 +33,8 @@ class StudyFile:
     others : the references that are not calibrated on ("holdout", "name"), by name
     folder : where results go unless the command line says otherwise
     view, keep : of the store: the Optuna view ("journal" or a URL), the records kept
-    candidates : effects that a diagnosis may name; None are all
+    candidates : effects that a diagnosis may name, with the bodies they act on (None: where the simulator has their
+        place); None are all that are registered
     """
 
     path: Path
@@ -42,7 +43,7 @@ class StudyFile:
     folder: Path
     view: str
     keep: str
-    candidates: tuple[str, ...] | None
+    candidates: tuple[tuple[str, tuple[str, ...] | None], ...] | None
 
     def reference(self, record: str | None = None) -> Reference:
         """Record of the study by name, whatever its use; the first one where none is given.
@@ -56,6 +57,20 @@ class StudyFile:
         if record not in known:
             raise CalibError(f"no record {record!r}{nearest(record, known)}; the study has {', '.join(known)}")
         return known[record]
+
+    def suspects(self) -> list[Effect]:
+        """Effects that a diagnosis may name; the numerical ones, by which it judges the solver, always.
+
+        Raises
+        ------
+        CalibError : one of them does not load
+        """
+        registered = plugins.names("calib.effects")
+        asked = [(name, None) for name in registered] if self.candidates is None else list(self.candidates)
+        effects = [_effect(name, bodies) for name, bodies in asked]
+        known = {effect.name for effect in effects}
+        gates = [_effect(name, None) for name in registered if name not in known] if self.candidates else []
+        return effects + [effect for effect in gates if effect.site == "numerical"]
 
     def setting(
         self, values: Mapping[str, float] | None = None, record: str | None = None, phase: float = 0.0
@@ -119,11 +134,17 @@ def load(path: str | Path, budget: int | None = None, jobs: int | None = None) -
         path=path,
         study=study,
         others={n: r for n, r in known.items() if r.use != "calibrate"},
-        folder=path.parent / "out",
+        folder=path.parent / _folder(path),
         view=shape.store.view,
         keep=shape.store.keep,
-        candidates=None if shape.diagnosis.candidates is None else tuple(shape.diagnosis.candidates),
+        candidates=_candidates(shape, mistakes),
     )
+
+
+def _folder(path: Path) -> str:
+    """Name of the folder of the results: ``out``, and ``out.extended`` of a study.extended.toml."""
+    kind = path.stem.removeprefix("study.")
+    return "out" if kind == path.stem else f"out.{kind}"
 
 
 # --- the model -------------------------------------------------------------------------------------------------------
@@ -137,12 +158,28 @@ def _model(shape: StudyToml, mistakes: Mistakes) -> Model | None:
         model = None if simulator is None else Model(simulator)
     for index, entry in enumerate(shape.model.effects):
         with mistakes.at("model", "effects", index):
-            effect = plugins.load("calib.effects", entry.name)
-            if not isinstance(effect, Effect):
-                raise CalibError(f"{entry.name!r} is no effect but a {type(effect).__name__}")
+            effect = _effect(entry.name, entry.bodies)
             if model is not None:
-                model = model.extended(effect if entry.bodies is None else replace(effect, bodies=tuple(entry.bodies)))
+                model = model.extended(effect)
     return model
+
+
+def _effect(name: str, bodies: Sequence[str] | None) -> Effect:
+    effect = plugins.load("calib.effects", name)
+    if not isinstance(effect, Effect):
+        raise CalibError(f"{name!r} is no effect but a {type(effect).__name__}")
+    return effect if bodies is None else replace(effect, bodies=tuple(bodies))
+
+
+def _candidates(shape: StudyToml, mistakes: Mistakes) -> tuple[tuple[str, tuple[str, ...] | None], ...] | None:
+    asked = shape.diagnosis.candidates
+    if asked is None:
+        return None
+    for index, entry in enumerate(asked):
+        with mistakes.at("diagnosis", "candidates", index):
+            _effect(entry.name, entry.bodies)
+    mistakes.tell()
+    return tuple((entry.name, None if entry.bodies is None else tuple(entry.bodies)) for entry in asked)
 
 
 def _made(

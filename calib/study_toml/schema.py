@@ -203,7 +203,8 @@ class DiagnosisTable(_Table):
     """[diagnosis]."""
 
     candidates: Annotated[
-        list[str] | None, BeforeValidator(_candidates, json_schema_input_type=Literal["all"] | list[str])
+        list[Annotated[EffectTable, BeforeValidator(_effect, json_schema_input_type=str | EffectTable)]] | None,
+        BeforeValidator(_candidates, json_schema_input_type=Literal["all"] | list[str | EffectTable]),
     ] = None  # effects; None: all
 
 

@@ -1,0 +1,123 @@
+"""`calib diagnose`: the four answers, printed."""
+
+import json
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from calib.cli.standing import folder_of
+from calib.inquiry import inquire
+from calib.units import shown
+
+MOST = 12  # suspects that are printed
+COLOURS = {"named": "green", "one_of": "yellow", "none": "green"}
+
+
+def diagnose_study(
+    study: Path, out: Path | None, apply: bool, jobs: int | None, seed: int | None, quiet: bool, as_json: bool
+) -> None:
+    """Diagnose, and print what was found."""
+    with Stages(quiet or as_json) as stages:
+        found, extended = inquire(study, out, seed=seed, jobs=jobs, apply=apply, on_stage=stages)
+    if as_json:
+        click.echo(json.dumps(found, indent=2, allow_nan=False))
+    elif not quiet:
+        show(found, folder_of(study, out), extended)
+
+
+class Stages:
+    """What a diagnosis is doing, in one line on stderr."""
+
+    def __init__(self, quiet: bool):
+        self._console, self._quiet = Console(stderr=True, highlight=False), quiet
+        self._begin, self._status = time.monotonic(), None
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        self._end()
+
+    def __call__(self, stage: str) -> None:
+        """Say what begins."""
+        if self._quiet:
+            return
+        seconds = time.monotonic() - self._begin
+        if not self._console.is_terminal:
+            self._console.print(f"{seconds:6.1f} s  {stage}")
+            return
+        self._end()
+        self._status = self._console.status(f"{stage} (began after {seconds:.0f} s)")
+        self._status.start()
+
+    def _end(self) -> None:
+        if self._status is not None:
+            self._status.stop()
+            self._status = None
+
+
+def show(found: Mapping[str, Any], folder: Path, extended: Path | None, console: Console | None = None) -> None:
+    """Print a diagnosis (the content of its `diagnosis.json`)."""
+    console = console or Console(highlight=False)
+    colour = COLOURS.get(found["verdict"], "yellow")
+    console.print(f"[bold {colour}]{found['verdict']}[/]: {escape(found['said'])}", soft_wrap=True)
+    for gate in found["gates"]:
+        if not gate["passed"]:
+            console.print(f"[red]gate {gate['name']}[/]: {escape(gate['said'])}", soft_wrap=True)
+    if found["suspects"]:
+        console.print(_suspects(found))
+    for line in _gain(found):
+        console.print(line, soft_wrap=True)
+    if found["next_measurement"]:
+        best = found["next_measurement"]
+        console.print(f"next measurement: {escape(best['said'])} would separate them by z = {best['z']:.3g}")
+    console.print(f"{found['simulations']} simulations in {found['seconds']:.1f} s")
+    console.print(f"files:  {escape(str(folder))}/ (diagnosis.json, report.html)", soft_wrap=True)
+    if extended is not None:
+        console.print(f"extended study:  {escape(str(extended))}   (calib run {escape(str(extended))})", soft_wrap=True)
+
+
+def _suspects(found: Mapping[str, Any]) -> Table:
+    table = Table(title=f"suspects (threshold |z| = {found['threshold']:.2f})", title_justify="left")
+    table.add_column("effect")
+    for heading in ("z", "explains", "size", "± 1.96 s.e.", "detectable", "absorbed"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for suspect in found["suspects"][:MOST]:
+        first = next(iter(suspect["size"]))
+        unit = suspect["units"][first]
+        ends = suspect["interval"][first]
+        half = None if None in ends else 0.5 * (ends[1] - ends[0])
+        share = suspect["share"]
+        table.add_row(
+            escape(suspect["effect"]),
+            "-" if suspect["z"] is None else f"{suspect['z']:.1f}",
+            "-" if share is None or not suspect["refitted"] else f"{share:.0%}",
+            f"{first} = {shown(suspect['size'][first], unit)}",
+            shown(half, unit, 2),
+            shown(suspect["detectable"][first], unit, 2),
+            f"{suspect['absorbed']:.0%}",
+        )
+    return table
+
+
+def _gain(found: Mapping[str, Any]) -> list[str]:
+    gain = found["gain"]
+    if gain is None or gain["before"] is None:
+        return []
+    low, high = gain["interval"]
+    proven = "" if gain["proven"] else " [yellow]- no gain: the interval includes zero[/]"
+    lines = [
+        f"gain on {gain['kind']} ({', '.join(gain['records'])}): misfit {gain['before']:.3g} -> {gain['after']:.3g}, "
+        f"less by {low:.2g} to {high:.2g}{proven}"
+    ]
+    moved = [s for s in gain["shifts"] if abs(s["errors"]) > 2.0]
+    if moved:
+        said = ", ".join(f"{s['parameter']} by {s['errors']:+.1f}" for s in moved)
+        lines.append(f"without it the calibrated values were biased; they move by standard errors: {said}")
+    return lines

@@ -1,0 +1,135 @@
+"""The diagnosis of a study: its calibrated values, the search for what is missing, the files that say so."""
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+
+from calib import result
+from calib.calibrate import rebuild
+from calib.diagnosis.diagnose import NAMED, ONE_OF, Diagnosis, diagnose
+from calib.diagnosis.selection import Suspect
+from calib.diagnosis.written import as_dict
+from calib.errors import CalibError
+from calib.files import whole
+from calib.study_toml import StudyFile, load
+
+NAME = "diagnosis.json"
+EXTENDED = "extended"
+WIDTH = 4.0  # standard errors on each side of a size: the window in which the extended study searches it
+
+
+def inquire(
+    path: str | Path,
+    out: str | Path | None = None,
+    *,
+    seed: int | None = None,
+    jobs: int | None = None,
+    apply: bool = False,
+    on_stage: Callable[[str], None] = lambda text: None,
+) -> tuple[dict[str, Any], Path | None]:
+    """Diagnose a calibrated study: `calib diagnose` from Python.
+
+    Parameters
+    ----------
+    path : study file, or a folder with a study.toml; `calib run` must have found values
+    out : folder of the results; None: the study's
+    seed : of the noise that is drawn; None: the study's
+    jobs : takes the place of the file's
+    apply : write study.extended.toml beside the study
+    on_stage : called with what is being done
+
+    Returns
+    -------
+    what diagnosis.json says, and the path of the extended study (None where none was written)
+
+    Raises
+    ------
+    CalibError : a mistake in the study file, or it has not been calibrated
+    """
+    file = load(path, jobs=jobs)
+    folder = file.folder if out is None else Path(out)
+    values = _calibrated(file, folder)
+    found = diagnose(
+        file.study, file.others, values, file.suspects(),
+        seed=file.study.seed if seed is None else seed, on_stage=on_stage,
+    )  # fmt: skip
+    said = as_dict(found)
+    with whole(folder / NAME) as temporary:
+        temporary.write_text(json.dumps(said, indent=2, allow_nan=False), encoding="utf-8")
+    rebuild(path, out)
+    extended = _extended(file, found) if apply and found.verdict in (NAMED, ONE_OF) else None
+    return said, extended
+
+
+def read(folder: Path) -> dict[str, Any] | None:
+    """What diagnosis.json in a folder says; None where there is none."""
+    path = folder / NAME
+    if not path.is_file():
+        return None
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise CalibError(f"{path} is no JSON document ({error}); delete it and run `calib diagnose` again") from error
+
+
+def _calibrated(file: StudyFile, folder: Path) -> Mapping[str, float]:
+    said = result.read(folder)
+    if said is None:
+        raise CalibError(f"there is no {result.NAME} in {folder}: calibrate first, with `calib run {file.path}`")
+    if not said["values"]:
+        raise CalibError(f"no trial of the study in {folder} ended well: there are no values to diagnose")
+    missing = [name for name in file.study.space.names if name not in said["values"]]
+    if missing:
+        raise CalibError(
+            f"{folder / result.NAME} has no value of {missing[0]}, which the study searches: it was changed since; "
+            f"run `calib run {file.path}` again"
+        )
+    return {**file.study.space.fixed, **said["values"]}
+
+
+# --- the extended study -----------------------------------------------------------------------------------------------
+
+
+def _extended(file: StudyFile, found: Diagnosis) -> Path:
+    """Write the study with the causes in its model, and with windows from their intervals."""
+    document = tomlkit.parse(file.path.read_text(encoding="utf-8"))
+    document["study"]["name"] = f"{document['study']['name']} {EXTENDED}"
+    model = document["model"]
+    effects = model.setdefault("effects", tomlkit.array())
+    fixed = model.setdefault("fixed", tomlkit.inline_table())
+    for cause in found.selection.causes:
+        effects.append(_entry(cause))
+        for name, value in cause.candidate.held.items():
+            fixed[name] = float(value)
+        for name, low, high in _windows(cause):
+            if low < high:
+                window = tomlkit.inline_table()
+                window.update({"low": low, "high": high})
+                document["windows"][name] = window
+            else:
+                fixed[name] = low
+    path = file.path.with_name(f"{file.path.stem}.{EXTENDED}.toml")
+    with whole(path) as temporary:
+        temporary.write_text(tomlkit.dumps(document), encoding="utf-8")
+    return path
+
+
+def _entry(cause: Suspect):
+    bodies = cause.candidate.effect.bodies
+    if bodies is None:
+        return cause.name
+    entry = tomlkit.inline_table()
+    entry.update({"name": cause.name, "bodies": list(bodies)})
+    return entry
+
+
+def _windows(cause: Suspect) -> list[tuple[str, float, float]]:
+    """Window of each parameter: so many standard errors about its size, within what makes sense."""
+    found = []
+    for p, size, error in zip(cause.candidate.parameters, cause.size, cause.error, strict=True):
+        half = WIDTH * error if error < 1e300 else abs(size)
+        found.append((p.name, float(max(p.low, size - half)), float(min(p.high, size + half))))
+    return found
