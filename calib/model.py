@@ -1,6 +1,7 @@
 """Model = Simulator + Effects, and what a simulator has to be."""
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -168,7 +169,8 @@ class Model:
             for effect in self._acting(values):
                 if effect.site == "sensor":
                     record = effect.sense(record, values)
-        return record.assign_attrs(model=self.name, values=json.dumps(values))
+        stated = {name: value if math.isfinite(value) else None for name, value in values.items()}
+        return record.assign_attrs(model=self.name, values=json.dumps(stated))
 
     def period_map(self, values: Mapping[str, float], excitation: Excitation, phase: float = 0.0):
         """Map of one period of a harmonic excitation at `values`; see `calib.dynamics.contract.PeriodMap`.

@@ -36,8 +36,10 @@ def thing(name: str) -> Any:
 def facts(item: Any) -> Iterator[tuple[str, str]]:
     """Yield what there is to say of a simulator, effect, feature or optimiser besides its parameters."""
     if isinstance(item, Effect):
-        yield "site", item.site
+        yield "site", item.site if item.place == "body" else f"{item.site}, at the {item.place}"
         yield "meaning", item.meaning
+        yield "equation", item.equation
+        yield "confused with", ", ".join(item.confused)
         yield "absent at", ", ".join(f"{name} = {value:g}" for name, value in item.null.items())
         if item.cite:
             yield "source", item.cite
@@ -48,15 +50,26 @@ def facts(item: Any) -> Iterator[tuple[str, str]]:
         if isinstance(value, str | tuple | frozenset):
             yield name, value if isinstance(value, str) else ", ".join(sorted(value) if name == "sites" else value)
     yield "options", ", ".join(_options(item)) or "none"
+    if _simulates(item):
+        yield "effects", ", ".join(_taken(item()))
 
 
 def parameters(item: Any) -> tuple:
     """Return the `calib.parameter.Parameter`s of a simulator (with its default options) or an effect."""
     if isinstance(item, Effect):
         return item.parameters
-    if isinstance(item, type) and not _required(item) and hasattr(item, "run"):
-        return tuple(item().parameters)
-    return ()
+    return tuple(item().parameters) if _simulates(item) else ()
+
+
+def _simulates(item: Any) -> bool:
+    """Whether it is a simulator that can be made with its default options."""
+    return isinstance(item, type) and not _required(item) and hasattr(item, "run")
+
+
+def _taken(simulator: Any) -> list[str]:
+    """Names of the effects that a simulator takes."""
+    effects = plugins.load_all("calib.effects")
+    return [name for name, effect in effects.items() if isinstance(effect, Effect) and not effect.offered(simulator)]
 
 
 def schema() -> str:

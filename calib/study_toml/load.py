@@ -13,6 +13,7 @@ from calib.errors import CalibError, nearest
 from calib.model import Model
 from calib.objective import Objective, Reference, Term
 from calib.parameter import Parameter, Space, Window, values_for
+from calib.store.plain import plain
 from calib.study import Study
 from calib.study_toml.mistakes import Mistakes, located, shaped
 from calib.study_toml.references import OWN, digest, references
@@ -333,7 +334,7 @@ def _definition(shape: StudyToml, model: Model, space: Space, folder: Path) -> d
             "simulator": shape.model.simulator,
             "options": _sorted(shape.model.options),
             "effects": [effect.model_dump(exclude_none=True) for effect in shape.model.effects],
-            "fixed": {name: value for name, value in _sorted(fixed).items() if name not in space.windows},
+            "fixed": plain({name: value for name, value in _sorted(fixed).items() if name not in space.windows}),
         },
         "windows": {
             name: {**asdict(window), "unit": model.parameters[name.partition("@")[0]].unit}

@@ -46,10 +46,11 @@ def _along(event, dense, t):
     return event(t, dense(t))
 
 
-def dop853(values, frequency, amplitude, stop_after, faster=1e-3, end=np.inf, law=None):
+def dop853(values, frequency, amplitude, stop_after, faster=1e-3, end=np.inf, law=None, inner=0, rtol=RTOL):
     """Integrate from rest until `stop_after` impacts faster than `faster` [m/s], or until `end` [s].
 
-    law(t, q, dq) -> (4,) accelerations [m/s^2].
+    law(t, q, dq) -> (4,) accelerations [m/s^2]; with `inner` states of its own, law(t, q, dq, z) -> accelerations and
+    their rates (inner,).
     """
     mass, stiffness, damping, load = spring_drive(values, amplitude)
     gap, e = values["gap"], values["restitution"]
@@ -60,34 +61,39 @@ def dop853(values, frequency, amplitude, stop_after, faster=1e-3, end=np.inf, la
     hung = np.array([0.0, 0.0, -gap, 0.0])
     pull = np.array([load, 0.0, 0.0, 0.0])
 
-    def given(t, q, dq):
-        return mass @ law(t, q, dq) if law else 0.0
+    def given(t, q, dq, z):
+        if law is None:
+            return 0.0, z
+        accelerations, rates = law(t, q, dq, z) if inner else (law(t, q, dq), z)
+        return mass @ accelerations, rates
 
-    def acceleration(t, q, dq):
-        return inverse @ (pull * np.cos(w * t) + given(t, q, dq) - stiffness @ q - damping @ dq)
+    def acceleration(t, q, dq, z):
+        force, rates = given(t, q, dq, z)
+        return inverse @ (pull * np.cos(w * t) + force - stiffness @ q - damping @ dq), rates
 
     def free(t, x):
-        return np.concatenate([x[4:], acceleration(t, x[:4], x[4:])])
+        return np.concatenate([x[4:8], *acceleration(t, x[:4], x[4:8], x[8:])])
 
     def held(t, x):
-        p, dp = x[:3], x[3:]
+        p, dp = x[:3], x[3:6]
         q, dq = HOLD @ p + hung, HOLD @ dp
-        force = HOLD.T @ (pull * np.cos(w * t) + given(t, q, dq) - stiffness @ hung)
-        return np.concatenate([dp, inverse_c @ (force - stiffness_c @ p - damping_c @ dp)])
+        load, rates = given(t, q, dq, x[6:])
+        force = HOLD.T @ (pull * np.cos(w * t) + load - stiffness @ hung)
+        return np.concatenate([dp, inverse_c @ (force - stiffness_c @ p - damping_c @ dp), rates])
 
     def clearance(t, x):
         return gap + NORMAL @ x[:4]
 
     def pressing(t, x):
-        return -NORMAL @ acceleration(t, HOLD @ x[:3] + hung, HOLD @ x[3:])
+        return -NORMAL @ acceleration(t, HOLD @ x[:3] + hung, HOLD @ x[3:6], x[6:])[0]
 
-    t, x, contact = 0.0, np.zeros(8), False
+    t, x, contact = 0.0, np.zeros(8 + inner), False
     times, speeds, contacts = [], [], 0
-    scale = ATOL * np.repeat([1e-3, 0.1], 4)
+    scale = ATOL * np.concatenate([np.repeat([1e-3, 0.1], 4), np.full(inner, 1e-3)])
     while sum(s > faster for s in speeds) < stop_after and t < end:
         fun, event = (held, pressing) if contact else (free, clearance)
-        tolerance = scale[[0, 1, 3, 4, 5, 7]] if contact else scale
-        solver = DOP853(fun, t, x, end, rtol=RTOL, atol=tolerance, max_step=1.0 / (frequency * STEPS))
+        tolerance = np.delete(scale, [2, 6]) if contact else scale
+        solver = DOP853(fun, t, x, end, rtol=rtol, atol=tolerance, max_step=1.0 / (frequency * STEPS))
         before = event(t, x)
         while True:
             solver.step()
@@ -106,18 +112,18 @@ def dop853(values, frequency, amplitude, stop_after, faster=1e-3, end=np.inf, la
         x = dense(t)
         if contact:
             contact = False
-            x = np.concatenate([HOLD @ x[:3] + hung, HOLD @ x[3:]])
+            x = np.concatenate([HOLD @ x[:3] + hung, HOLD @ x[3:6], x[6:]])
             x[2] += PUSH
             continue
-        rate = NORMAL @ x[4:]
+        rate = NORMAL @ x[4:8]
         times.append(t)
         speeds.append(-rate)
         x[6] -= (1.0 + e) * rate
         rate = -e * rate
-        pressing_now = -NORMAL @ acceleration(t, x[:4], x[4:])
+        pressing_now = -NORMAL @ acceleration(t, x[:4], x[4:8], x[8:])[0]
         if pressing_now > 0.0 and rate**2 / (2.0 * pressing_now) < 1e-12 * gap:
             contact, contacts = True, contacts + 1
-            x = np.concatenate([x[[0, 1, 3]], x[[4, 5, 7]]])
+            x = np.delete(x, [2, 6])
         else:
             x[2] = x[1] - gap + PUSH
     return Peer(np.array(times), np.array(speeds), contacts)

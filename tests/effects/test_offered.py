@@ -1,0 +1,82 @@
+"""Which effects each simulator takes, and why it does not take the others."""
+
+import pytest
+from click.testing import CliRunner
+
+from calib import plugins
+from calib.cli import main
+from calib.simulators.delaminated_beam import DelaminatedBeam
+from calib.simulators.four_dof import FourDof
+from calib.simulators.oscillator import Oscillator
+
+EFFECTS = plugins.load_all("calib.effects")
+SENSOR = {name for name, effect in EFFECTS.items() if effect.site == "sensor"}
+STATES = {"presliding", "backlash", "extra_mode"}
+ON_A_BODY = {
+    "linear_drag", "quadratic_drag", "coulomb_friction", "cubic_stiffness", "quadratic_stiffness", "softening",
+    "preload", "detuning_drift",
+}  # fmt: skip
+DRIVE = {"drive_harmonic_2", "drive_harmonic_3", "drive_modulation", "frequency_drift"}
+LUMPED = SENSOR | STATES | ON_A_BODY | DRIVE | {"added_mass", "time_step"}
+IMPACT = {"gap_offset", "adhesion", "rate_restitution", "squeeze_film", "event_tolerance"}
+TAKEN = {
+    "four_dof": (FourDof(), LUMPED | IMPACT | {"support", "glue_bond"}),
+    "four_dof, fixed step": (
+        FourDof(mode="fixed_step"),
+        (LUMPED | IMPACT | {"support", "glue_bond"}) - {"event_tolerance"},
+    ),
+    "four_dof, both ends driven": (FourDof("symmetric"), LUMPED | IMPACT | {"glue_bond"}),
+    "oscillator": (Oscillator(), LUMPED),
+    "oscillator, stop": (Oscillator(stop=True), LUMPED | IMPACT),
+    "delaminated_beam": (
+        DelaminatedBeam(),
+        SENSOR | ON_A_BODY | DRIVE | {"gap_offset", "interface_shift", "contact_compliance", "time_step"},
+    ),
+}
+
+
+@pytest.mark.parametrize("case", TAKEN)
+def test_a_simulator_takes_these_effects_and_says_why_no_others(case):
+    simulator, expected = TAKEN[case]
+    reasons = {name: effect.offered(simulator) for name, effect in EFFECTS.items()}
+    assert {name for name, reason in reasons.items() if not reason} == expected
+    assert all(simulator.name in reason for reason in reasons.values() if reason)
+
+
+def test_there_are_enough_to_tell_apart():
+    assert len(TAKEN["four_dof"][1]) >= 30
+    assert len(TAKEN["oscillator"][1]) >= 25
+    assert len(SENSOR) == 12
+
+
+@pytest.mark.parametrize(
+    ("name", "case", "said"),
+    [
+        ("support", "four_dof, both ends driven", "it acts at the support, which simulator 'four_dof' has not got"),
+        ("squeeze_film", "oscillator", "it needs gap, which simulator 'oscillator' has not got"),
+        ("presliding", "delaminated_beam", "simulator 'delaminated_beam' takes no force laws with internal states"),
+        ("contact_compliance", "four_dof", "it acts at 'contact', but simulator 'four_dof' takes laws at"),
+        ("interface_shift", "four_dof", "it changes g_max, s, which simulator 'four_dof' has not got"),
+        ("glue_bond", "oscillator", "it changes layer_stiffness, which simulator 'oscillator' has not got"),
+        (
+            "added_mass",
+            "delaminated_beam",
+            "it changes layer_mass or mass, which simulator 'delaminated_beam' has not got",
+        ),
+        ("event_tolerance", "four_dof, fixed step", "it refines event_tolerance, which simulator 'four_dof' cannot"),
+    ],
+)
+def test_the_reason_is_said(name, case, said):
+    assert said in EFFECTS[name].offered(TAKEN[case][0])
+
+
+def test_the_list_shows_what_an_effect_adds_and_what_it_is_mistaken_for():
+    said = CliRunner().invoke(main, ["list", "quadratic_drag"]).output
+    for line in ("equation: -c2 v |v|", "confused with: linear_drag, coulomb_friction", "source: Worden & Tomlinson"):
+        assert line in said
+
+
+def test_the_list_shows_the_effects_that_a_simulator_takes():
+    said = CliRunner().invoke(main, ["list", "four_dof"]).output
+    line = next(line for line in said.splitlines() if line.startswith("effects: "))
+    assert set(line.removeprefix("effects: ").split(", ")) == TAKEN["four_dof"][1]
