@@ -27,7 +27,7 @@ class Suspect:
     test : the score test; None where there is no derivative
     absorbed : share of the signature that calibration takes over
     detectable : (p,) smallest sizes that would reach the threshold  [units of the parameters]
-    raw, signature : derivatives (N, p) by its parameters, and what calibration leaves of them; None where there are none
+    raw, signature : derivatives (N, p) by its parameters; what calibration leaves of them; None where there are none
     fit : the model with it, refitted; None where that was not worth the while
     reason : why there is no derivative, or why it is out
     drop : by which the refit lowers the sum of squares (the test's promise where there is none)
