@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.cycles import kind_of_motion
 from calib.diagnosis.bench import Bench, Run, simulated
-from calib.diagnosis.candidate import candidates
+from calib.diagnosis.candidate import Candidate, candidates
 from calib.diagnosis.evidence import Evidence, gathered, looked_at
 from calib.diagnosis.gain import Gain, gained
 from calib.diagnosis.gates import Gate, converged, noise_known, same_kind, simulates
@@ -100,13 +100,66 @@ def diagnose(
     CalibError : a mistake in what was given
     """
     begin = time.monotonic()
-    references = {**study.objective.references, **others}
-    objective = Objective(references, study.objective.terms)
-    bench = Bench(study.model, objective, looked_at(objective))
+    bench = bench_of(study, others)
     make = pool or (lambda function: LocalPool(function, study.jobs, study.timeout))
     with make(bench) as open_pool:
         found = _diagnosed(open_pool, bench, study, values, effects, seed, on_stage)
     return replace(found, seconds=time.monotonic() - begin)
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A calibrated study, ready to be searched for causes.
+
+    Attributes
+    ----------
+    gates : looked at so far
+    fitter : with the evidence; None where a gate failed
+    null : the calibrated model, fitted to the evidence; None where a gate failed
+    suspects, refused : candidates, and effect -> why it is none
+    """
+
+    gates: tuple[Gate, ...]
+    fitter: Fitter | None = None
+    null: Fit | None = None
+    suspects: tuple[Candidate, ...] = ()
+    refused: Mapping[str, str] = field(default_factory=dict)
+
+
+def bench_of(study: Study, others: Mapping[str, Reference]) -> Bench:
+    """Return what the simulations of a diagnosis need of a study and of its other references."""
+    objective = Objective({**study.objective.references, **others}, study.objective.terms)
+    return Bench(study.model, objective, looked_at(objective))
+
+
+def prepared(
+    pool: Pool, bench: Bench, study: Study, values: Mapping[str, float], effects: Sequence[Effect], on_stage
+) -> Prepared:
+    """Look at the gates, gather the evidence, and fit the calibrated model to it."""
+    references = bench.objective.references
+    named = {name: r for name, r in references.items() if r.use != "holdout"}
+    on_stage("gates")
+    seen = dict(zip(named, simulated(pool, [Run(name, values) for name in named]), strict=True))
+    gates = [simulates(seen)]
+    if gates[0].passed:
+        gates.append(same_kind(seen))
+    if not all(gate.passed for gate in gates):
+        return Prepared(tuple(gates))
+    cycle = {name: kind_of_motion(reference.record).period or 1 for name, reference in named.items()}
+    evidence = gathered(named, bench.rows, cycle, seen)
+    gates.append(noise_known(evidence))
+    if not gates[-1].passed:
+        return Prepared(tuple(gates))
+    suspects, refused = candidates(study.model, effects, named, study.space.names)
+    fitter = Fitter(pool, evidence, study.space, study.model)
+    on_stage("calibrated model")
+    null = fitter.fit(Point(values, (), seen))
+    if any(noise.source == RESIDUAL for part in evidence.parts for noise in part.noise):
+        left = _left(fitter, null, [c for c in suspects if not c.effect.rough])
+        fitter.evidence = gathered(named, bench.rows, cycle, null.point.seen, left)
+        gates[-1] = noise_known(fitter.evidence)
+        null = fitter.fit(null.point)
+    return Prepared(tuple(gates), fitter, null, tuple(suspects), refused)
 
 
 def _diagnosed(
@@ -118,35 +171,18 @@ def _diagnosed(
     seed: int,
     on_stage: Callable[[str], None],
 ) -> Diagnosis:
-    references = bench.objective.references
-    named = {name: r for name, r in references.items() if r.use != "holdout"}
-    on_stage("gates")
-    seen = dict(zip(named, simulated(pool, [Run(name, values) for name in named]), strict=True))
-    gates = [simulates(seen)]
-    if gates[0].passed:
-        gates.append(same_kind(seen))
-    if not all(gate.passed for gate in gates):
-        return _stopped(gates)
-    cycle = {name: kind_of_motion(reference.record).period or 1 for name, reference in named.items()}
-    evidence = gathered(named, bench.rows, cycle, seen)
-    gates.append(noise_known(evidence))
-    if not gates[-1].passed:
-        return _stopped(gates)
-    suspects, refused = candidates(study.model, effects, named, study.space.names)
-    fitter = Fitter(pool, evidence, study.space, study.model)
-    on_stage("calibrated model")
-    null = fitter.fit(Point(values, (), seen))
-    if any(noise.source == RESIDUAL for part in evidence.parts for noise in part.noise):
-        left = _left(fitter, null, [c for c in suspects if not c.effect.rough])
-        fitter.evidence = gathered(named, bench.rows, cycle, null.point.seen, left)
-        null = fitter.fit(null.point)
-    selection = select(fitter, null, suspects, seed, on_stage)
+    ready = prepared(pool, bench, study, values, effects, on_stage)
+    if ready.null is None:
+        failed = "; ".join(f"{gate.name}: {gate.said}" for gate in ready.gates if not gate.passed)
+        return Diagnosis(NOT_DIAGNOSABLE, failed, ready.gates)
+    fitter, null = ready.fitter, ready.null
+    selection = select(fitter, null, ready.suspects, seed, on_stage)
     gain = None
     if selection.causes:
         on_stage("gain")
         gain = gained(pool, bench, fitter, null, selection.final, selection.causes, seed)
     numerical = [effect for effect in effects if effect.site == "numerical"]
-    gates += converged(fitter, null, numerical, selection.rounds[0].threshold)
+    gates = (*ready.gates, *converged(fitter, null, numerical, selection.rounds[0].threshold))
     verdict, said = _verdict(selection, gates)
     further = ()
     if verdict == ONE_OF:
@@ -156,20 +192,15 @@ def _diagnosed(
     return Diagnosis(
         verdict=verdict,
         said=said,
-        gates=tuple(gates),
+        gates=gates,
         selection=selection,
         evidence=fitter.evidence,
-        refused=refused,
+        refused=ready.refused,
         misfit=misfit(pool, bench, fitter.evidence, null, seed),
         gain=gain,
         further=further,
         simulations=fitter.runs,
     )
-
-
-def _stopped(gates: Sequence[Gate]) -> Diagnosis:
-    failed = "; ".join(f"{gate.name}: {gate.said}" for gate in gates if not gate.passed)
-    return Diagnosis(NOT_DIAGNOSABLE, failed, tuple(gates))
 
 
 def _left(fitter: Fitter, null: Fit, suspects: Sequence) -> dict[str, np.ndarray]:

@@ -182,7 +182,7 @@ def search(fitter: Fitter, base: Fit, candidates: Sequence[Candidate], seed: int
 
     excess : of its sum of squares, in standard deviations; rough candidates are tried where it shows or others do
     """
-    suspects, limit = _tested(fitter, base, candidates, seed)
+    suspects, limit = tested_all(fitter, base, candidates, seed)
     guilty = [s for s in suspects if s.test is not None and not s.reason and abs(s.z) > limit]
     doubtful = [s for s in suspects if s.test is None or (s.reason and s.signature is not None)]
     promised = max((s.test.drop for s in guilty), default=0.0)
@@ -216,9 +216,10 @@ def _rivals(chosen: Suspect, able: Sequence[Suspect]) -> tuple[Suspect, ...]:
     return tuple(kept.values())
 
 
-def _tested(
+def tested_all(
     fitter: Fitter, base: Fit, candidates: Sequence[Candidate], seed: int
 ) -> tuple[list[Suspect], float]:
+    """Test all candidates on what the model `base` leaves: suspects, the strongest first, and the threshold of |z|."""
     smooth = [c for c in candidates if not c.effect.rough]
     slopes = fitter.suspected(base.point, smooth)
     absorbing, segments = base.absorbing, fitter.evidence.segments()
