@@ -99,7 +99,7 @@ def hideable(simulator, options):
 
 @pytest.mark.parametrize(("module", "name", "simulator", "options"), list(pairs()))
 def test_a_hidden_effect_is_the_effect_of_that_name(module, name, simulator, options, cache):
-    """Away from impacts, and as closely as the effects of instruments interpolate between samples; the hider does not."""
+    """Away from impacts, and as closely as effects of instruments interpolate between samples; the hider does not."""
     effect = named("calib.effects", f"calib.effects.{module}:EFFECT")
     at = bench(simulator, cache, **options)
     hidden = at.hidden(name, modest(at, name))
