@@ -42,11 +42,12 @@ class Measurement:
 def next_measurement(
     pool: Pool, bench: Bench, fitter: Fitter, rivals: Sequence[Suspect]
 ) -> tuple[Measurement, ...]:
-    """Measurements beside the records at hand, those that separate the rivals best first."""
-    fits = [rival.fit for rival in rivals if rival.fit is not None][:MOST]
+    """Measurements beside the first record that is driven harmonically, those that separate the rivals best first."""
+    fits = [fitter.sharpened(rival.fit) for rival in rivals if rival.fit is not None][:MOST]
     if len(fits) < 2:
         return ()
-    proposals = [proposal for part in fitter.evidence.parts for proposal in _proposals(bench, part)]
+    parts = [p for p in fitter.evidence.parts if bench.objective.references[p.name].excitation.harmonic]
+    proposals = _proposals(bench, parts[0]) if parts else []
     if not proposals:
         return ()
     found = []
@@ -76,10 +77,8 @@ class _Proposal:
 
 
 def _proposals(bench: Bench, part: Part) -> list[_Proposal]:
-    """Excitations near that of a record which is driven harmonically."""
+    """Excitations near that of a record which is driven harmonically, and unlike those of all records."""
     excitation = bench.objective.references[part.name].excitation
-    if not excitation.harmonic:
-        return []
     known = [r.excitation for r in bench.objective.references.values() if r.excitation.harmonic]
     found = []
     for factor in AMPLITUDES:

@@ -225,6 +225,7 @@ class Fitter:
                 )
                 owner.append(index)
         found = slopes(self.pool, self.evidence, point, directions)
+        self.runs += 4 * len(directions) * len(self.evidence.names)
         return [[slope for slope, o in zip(found, owner, strict=True) if o == k] for k in range(len(candidates))]
 
 

@@ -3,12 +3,13 @@
     PYTHONPATH=tests python -m hidden.table four_dof --out /tmp/found.jsonl
 
 writes a line a case (and goes on from those that are there), then prints the table. What may be asked of the seeker:
-the truth in its class in 95 % of the cases; the one right name in 75 % at z >= 8 and 90 % at z >= 40, of effects that the
-records tell from every other (|cos| < 0.9); "unexplained" in 90 % where the effect is not in the library; both of two
-effects in 80 %; 5 false alarms in 100 where nothing is hidden.
+the truth in its class in 95 % of the cases; the one right name in 75 % at z >= 8 and 90 % at z >= 40, of effects that
+the records tell from every other (|cos| < 0.9); "unexplained" in 90 % where the effect is not in the library; both of
+two effects in 80 %; 5 false alarms in 100 where nothing is hidden.
 """
 
 import argparse
+import functools
 import json
 import sys
 import tempfile
@@ -25,10 +26,13 @@ from hidden.motion import Refused
 from hidden.seeker import seek
 
 STRENGTHS = (8.0, 15.0, 40.0)
+PHI = 0.8  # correlation of the noise of every other case with nothing hidden
 CLEAR = 0.9  # |cos| after calibration above which two effects are not to be told apart
 PAIRS = {
     "four_dof": (("quadratic_drag", "gap_offset"), ("cubic_stiffness", "channel_lag"), ("preload", "linear_drag")),
-    "oscillator": (("cubic_stiffness", "coulomb_friction"), ("quadratic_drag", "channel_lag"), ("preload", "softening")),
+    "oscillator": (
+        ("cubic_stiffness", "coulomb_friction"), ("quadratic_drag", "channel_lag"), ("preload", "softening"),
+    ),
 }
 ABSENT = {
     "four_dof": ("quadratic_drag", "cubic_stiffness", "gap_offset", "support"),
@@ -47,9 +51,9 @@ def cases(simulator: str, kinds: list[str], seeds: int, nothing: int, strengths:
         ]  # fmt: skip
     if "none" in kinds:
         found += [
-            {"simulator": simulator, "kind": "none", "effect": [], "strength": 0.0, "seed": seed, "phi": 0.8 * (seed % 2)}
-            for seed in range(nothing)
-        ]
+            {"simulator": simulator, "kind": "none", "effect": [], "strength": 0.0, "seed": n, "phi": PHI * (n % 2)}
+            for n in range(nothing)
+        ]  # fmt: skip
     if "two" in kinds:
         found += [
             {"simulator": simulator, "kind": "two", "effect": list(pair), "strength": 40.0, "seed": seed}
@@ -77,10 +81,7 @@ def played(case: dict, cache: Path) -> dict:
         except Refused as error:
             return {**case, "verdict": "refused", "reason": str(error)}
         found = seek(Path(folder), without=tuple(case["effect"]) if case["kind"] == "absent" else ())
-    clear = {}
-    if case["kind"] == "one":
-        at = bench(case["simulator"], cache)
-        clear = {"nearest": list(_nearest(at, case["effect"][0]))}
+    clear = {"nearest": list(_nearest(case["simulator"], cache, case["effect"][0]))} if case["kind"] == "one" else {}
     suspects = [] if found.selection is None else found.selection.rounds[0].suspects
     return {
         **case, **clear,
@@ -93,18 +94,34 @@ def played(case: dict, cache: Path) -> dict:
     }  # fmt: skip
 
 
-def _nearest(at, effect: str) -> tuple[str, float]:
-    """Return the effect that is most like this one after calibration, and |cos| between them."""
-    best = ("", 0.0)
-    for other in at.system.effects:
-        if other in (effect, "outliers") or effect == "outliers":
-            continue
-        try:
-            likeness = abs(at.likeness(effect, other))
-        except Refused:
-            continue
-        best = max(best, (other, float(likeness)), key=lambda pair: pair[1])
-    return best
+@functools.cache
+def _cosines(simulator: str, cache: Path) -> tuple[tuple[str, ...], np.ndarray]:
+    at = bench(simulator, cache)
+    effects = tuple(e for e in at.system.effects if e not in ("outliers", *_absorbed(simulator, cache)))
+    return effects, at.cosines(effects)
+
+
+@functools.cache
+def _absorbed(simulator: str, cache: Path) -> tuple[str, ...]:
+    """Effects that calibration absorbs."""
+    at, found = bench(simulator, cache), []
+    for effect in at.system.effects:
+        if effect != "outliers":
+            try:
+                at.size_for(effect, STRENGTHS[0])
+            except Refused:
+                found.append(effect)
+    return tuple(found)
+
+
+def _nearest(simulator: str, cache: Path, effect: str) -> tuple[str, float]:
+    """Return the effect that imitates this one best after calibration, and |cos| between them."""
+    effects, cosines = _cosines(simulator, cache)
+    if effect not in effects:
+        return "", 0.0
+    row = np.nan_to_num(cosines[effects.index(effect)])
+    row[effects.index(effect)] = 0.0
+    return effects[int(row.argmax())], float(row.max())
 
 
 def safely(case: dict, cache: Path) -> dict:
@@ -135,23 +152,23 @@ def table(rows: list[dict]) -> str:
         inside = sum(r["effect"] in r["class"] for r in group)
         seen = sum(r["verdict"] in ("named", "one_of", "unexplained") for r in group)
         lines.append(
-            f"z = {strength:g}: found {seen}/{len(group)}, in the class {inside}/{len(group)} "
-            f"({inside / max(1, len(group)):.0%}), one right name {right}/{len(told)} ({right / max(1, len(told)):.0%}) "
-            "of those that the records tell apart"
+            f"z = {strength:g}: found {seen}/{len(group)}, in the class {_share(inside, len(group))}, "
+            f"one right name {_share(right, len(told))} of those that the records tell apart"
         )
     for kind, said in (("two", "both found"), ("absent", "called unexplained")):
         group = [r for r in rows if r["kind"] == kind and r["verdict"] != "refused"]
         if group:
-            good = (
-                sum(set(r["effect"]) == set(r["causes"]) or any(set(c) == set(r["effect"]) for c in r["class"]) for r in group)
-                if kind == "two"
-                else sum(r["verdict"] == "unexplained" for r in group)
-            )
+            both = [set(r["effect"]) in (set(r["causes"]), *map(set, r["class"])) for r in group]
+            good = sum(both) if kind == "two" else sum(r["verdict"] == "unexplained" for r in group)
             lines.append(f"{kind}: {said} {good}/{len(group)}")
     failed = [r for r in rows if r["verdict"] == "failed"]
     refused = sorted({r["effect"][0] for r in rows if r["verdict"] == "refused"})
     lines.append(f"failed {len(failed)}; not hideable at some strength: {', '.join(refused) or 'none'}")
     return "\n".join(lines)
+
+
+def _share(part: int, whole: int) -> str:
+    return f"{part}/{whole} ({part / max(1, whole):.0%})"
 
 
 def main():
@@ -168,9 +185,8 @@ def main():
     given = parser.parse_args()
     rows = [json.loads(line) for line in given.out.read_text().splitlines()] if given.out.exists() else []
     done = {key(row) for row in rows}
-    wanted = cases(
-        given.simulator, given.kinds.split(","), given.seeds, given.nothing, [float(z) for z in given.strengths.split(",")]
-    )
+    strengths = [float(z) for z in given.strengths.split(",")]
+    wanted = cases(given.simulator, given.kinds.split(","), given.seeds, given.nothing, strengths)
     todo = [case for case in wanted if key(case) not in done]
     rng = np.random.default_rng(0)
     rng.shuffle(todo)
