@@ -60,6 +60,8 @@ class Simulator(Protocol):
     9. Optionally `confirming`: a simulator of the same parameters, bodies and sites, of higher fidelity and cost. A
        search runs with this one; its leaders are simulated again with the confirming one before one of them is called
        the best (see `calib.study.Confirmation`). Absent or None: nothing is confirmed.
+    10. Optionally `internal_states`: False where it takes no force laws that have such; they are then refused before
+       any run.
 
     `calib.testing.SimulatorSuite` checks all this.
     """
@@ -99,6 +101,11 @@ class Model:
             raise CalibError(
                 f"effect {effect.name!r} acts at {effect.site!r}, but simulator {simulator.name!r} takes laws at "
                 f"{sorted(simulator.sites)}; choose another simulator or drop the effect from [model] effects"
+            )
+        if effect.law.states and not getattr(simulator, "internal_states", True):
+            raise CalibError(
+                f"effect {effect.name!r} is a force law with internal states, which simulator {simulator.name!r} does "
+                "not take; choose another simulator or drop the effect from [model] effects"
             )
         for body in effect.bodies or ():
             if body not in simulator.bodies:

@@ -107,6 +107,10 @@ class Case:
     def reduced(self, fineness: Fineness, state: np.ndarray | None, budget: int) -> Reduced:
         """Return the reduced kernel, at rest on the static shape unless a state is given."""
         built, drive = self.structure, self.drive
+        if fineness.modes >= len(built.free):
+            raise CalibError(
+                f"{fineness.modes} modes of a mesh with {len(built.free)} freedoms; take fewer modes or a finer mesh"
+            )
         basis = modes_of(built, fineness.modes)
         plan = reduction.plan(
             built,

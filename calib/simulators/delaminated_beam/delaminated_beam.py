@@ -10,7 +10,7 @@ import xarray as xr
 
 from calib.errors import CalibError, nearest
 from calib.excitation import Excitation
-from calib.laws import BoundLaw, at_site
+from calib.laws import BoundLaw
 from calib.parameter import Parameter
 from calib.record import OK, STATE, failed, make, prescription, with_impacts, with_section
 from calib.simulators.delaminated_beam.case import Case, critical_step_of, modes_of, structure_of
@@ -113,6 +113,7 @@ class DelaminatedBeam:
     bodies = BODIES
     sites = frozenset({"force", "gap", "contact", "excitation"})
     excitations = frozenset({(QUANTITY, PLACE)})
+    internal_states = False  # each node would have its own
 
     def __init__(
         self,
@@ -191,7 +192,7 @@ class DelaminatedBeam:
             )
         self.levels = tuple(replace(level, **{"every": math.gcd(level.every, pairs), **given}) for level in LEVELS)
         nominal = Geometry(arch=0.0, **{p.name: p.nominal for p in PARAMETERS if p.name in SHAPE})
-        most = max(level.modes for level in (self.levels[:1] if tolerance is None else self.levels))
+        most = self.levels[0].modes  # finer levels are taken only where the tolerance asks for them
         freedoms = mesh(nominal, self.counts, symmetric).freedoms
         if fidelity != "full" and most >= freedoms:
             raise CalibError(f"{most} modes of a mesh with {freedoms} freedoms; take fewer modes or a finer mesh")
@@ -214,10 +215,9 @@ class DelaminatedBeam:
 
         Raises
         ------
-        CalibError : an excitation that is not a harmonic displacement of the centre; force laws with internal states;
-            an initial state of the wrong size
+        CalibError : an excitation that is not a harmonic displacement of the centre; an initial state of the wrong size
         """
-        self._check(excitation, laws, request)
+        self._check(excitation, request)
         attrs = self._attrs(values, excitation)
         try:
             case = self._case(values, excitation, laws)
@@ -238,10 +238,10 @@ class DelaminatedBeam:
 
         Raises
         ------
-        CalibError : an excitation that is not a harmonic displacement of the centre; force laws with internal states
+        CalibError : an excitation that is not a harmonic displacement of the centre
         ValueError : these values give no beam, or a step that is not stable
         """
-        self._check(excitation, laws)
+        self._check(excitation)
         case = self._case(values, shifted(excitation, phase), laws)
         if case.step > case.stable:
             raise ValueError(case.why_unstable())
@@ -256,15 +256,10 @@ class DelaminatedBeam:
 
     # --- putting a case together
 
-    def _check(self, excitation: Excitation, laws: Sequence[BoundLaw], request=None) -> None:
+    def _check(self, excitation: Excitation, request=None) -> None:
         if (excitation.quantity, excitation.place) not in self.excitations or not excitation.harmonic:
             given = f"{'recorded ' if excitation.recorded else ''}{excitation.quantity} at {excitation.place!r}"
             raise CalibError(f"delaminated_beam takes a harmonic {QUANTITY} at {PLACE!r}, got {given}")
-        if any(law.states for law in at_site(laws, "force")):
-            raise CalibError(
-                "delaminated_beam takes no force laws with internal states, which each node would have its own of; "
-                "drop that effect from [model] effects, or take simulator 'four_dof'"
-            )
         if request is not None and request.times is not None:
             raise CalibError("output times are for excitations without a period; ask for periods and samples instead")
 

@@ -435,11 +435,10 @@ def test_a_second_harmonic_shows_in_the_driven_point(fidelity):
     np.testing.assert_allclose(x, drive, rtol=0, atol=1e-4 * EXCITATION.amplitude)
 
 
-@BOTH
-def test_a_force_law_with_internal_states_is_refused(fidelity):
+def test_a_force_law_with_internal_states_is_refused_before_any_run():
     lag = Effect("falter", "force", force(states=1)(falter_plain), (Parameter("k", "1/s", 0.0, "k", null=0.0),), "lag")
     with pytest.raises(CalibError, match="internal states"):
-        run(beam(fidelity=fidelity), lag, k=1.0)
+        Model(beam(), [lag])
 
 
 def falter_plain(t, x, v, p, z, dz):
