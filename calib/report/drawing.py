@@ -93,7 +93,7 @@ def logarithmic(axis, low: float, high: float) -> None:
     """Ticks of a logarithmic axis that do not run into one another: decades, or parts of them where there are few."""
     decades = math.log10(high / low)
     if decades < 2.5:
-        steps = (1.0, 3.0) if decades > 1.2 else (1.0, 2.0, 5.0) if decades > 0.7 else (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
+        steps = (1.0, 3.0) if decades > 1.2 else (1.0, 2.0, 5.0) if decades > 0.75 else (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
         axis.set_major_locator(LogLocator(subs=steps))
         axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     axis.set_minor_formatter(NullFormatter())
