@@ -26,7 +26,6 @@ from calib.study import Pool, Study
 
 NONE, NAMED, ONE_OF, UNEXPLAINED = "none", "named", "one_of", "unexplained"
 NOT_DIAGNOSABLE = "not_diagnosable"
-MARKED = 3.0  # standard deviations by which a sum of squares must exceed the noise to be a misfit
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +181,7 @@ def _diagnosed(
         on_stage("gain")
         gain = gained(pool, bench, fitter, null, selection.final, selection.causes, seed)
     numerical = [effect for effect in effects if effect.site == "numerical"]
-    gates = (*ready.gates, *converged(fitter, null, numerical, selection.rounds[0].threshold))
+    gates = (*ready.gates, *converged(fitter, selection.final, numerical, selection.rounds[0].threshold))
     verdict, said = _verdict(selection, gates)
     further = ()
     if verdict == ONE_OF:
@@ -220,7 +219,7 @@ def _verdict(selection: Selection, gates: Sequence[Gate]) -> tuple[str, str]:
     if failed:
         return NOT_DIAGNOSABLE, "; ".join(f"{gate.name}: {gate.said}" for gate in failed)
     if not selection.causes:
-        if selection.excess > MARKED * selection.blur:
+        if selection.marked:
             closest = selection.rounds[0].suspects[0] if selection.rounds[0].suspects else None
             said = "the misfit is more than noise, and no candidate explains it"
             return UNEXPLAINED, said + ("" if closest is None else f"; {closest.name} comes closest")
@@ -230,5 +229,6 @@ def _verdict(selection: Selection, gates: Sequence[Gate]) -> tuple[str, str]:
     if not selection.material:
         return UNEXPLAINED, f"{names} comes closest, but explains only {share}"
     if len(selection.rivals) > 1:
-        return ONE_OF, "one of " + ", ".join(r.name for r in selection.rivals) + f"; they explain {share} alike"
-    return NAMED, f"{names}: explains {share}" if selection.excess > MARKED * selection.blur else names
+        alike = f"; they explain {share} alike" if selection.marked else ""
+        return ONE_OF, "one of " + ", ".join(r.name for r in selection.rivals) + alike
+    return NAMED, f"{names}: explains {share}" if selection.marked else names

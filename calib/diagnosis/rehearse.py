@@ -13,7 +13,7 @@ from calib.diagnosis.bench import Run, Seen, simulated
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.diagnose import NAMED, NONE, ONE_OF, UNEXPLAINED, bench_of, diagnose, prepared
 from calib.diagnosis.evidence import Evidence
-from calib.diagnosis.selection import tested_all
+from calib.diagnosis.selection import scored
 from calib.effect import Effect
 from calib.errors import CalibError
 from calib.objective import Objective, Reference
@@ -168,7 +168,7 @@ def rehearse(
         if ready.null is None:
             failed = "; ".join(gate.said for gate in ready.gates if not gate.passed)
             raise CalibError(f"the study cannot be rehearsed, for it cannot be diagnosed: {failed}")
-        suspects, _ = tested_all(ready.fitter, ready.null, ready.suspects, study.seed)
+        suspects, _ = scored(ready.fitter, ready.null, ready.suspects, study.seed)
     fitted = ready.null.point.values
     hidden = {s.name: s.candidate for s in reversed(suspects)}
     cases = [Case(NOTHING, 0.0, {}, seed) for seed in range(seeds * len(strengths))]
