@@ -14,7 +14,6 @@ from calib.diagnosis.gain import Gain, gained
 from calib.diagnosis.gates import Gate, converged, noise_known, same_kind, simulates
 from calib.diagnosis.misfit import Misfit, misfit
 from calib.diagnosis.next_measurement import Measurement, next_measurement
-from calib.diagnosis.noise import RESIDUAL
 from calib.diagnosis.refit import Fit, Fitter
 from calib.diagnosis.score import Projection
 from calib.diagnosis.selection import Selection, select
@@ -174,7 +173,7 @@ def prepared(
         fitter.evidence = gathered(named, bench.rows, cycle, null.point.seen, spoilt=spoilt)
         gates[-1] = noise_known(fitter.evidence)
         null = fitter.fit(null.point)
-    if any(noise.source == RESIDUAL for part in evidence.parts for noise in part.noise):
+    if not all(noise.repeated for part in evidence.parts for noise in part.noise):
         left = _left(fitter, null, [c for c in suspects if not c.effect.rough])
         fitter.evidence = gathered(named, bench.rows, cycle, null.point.seen, left, spoilt)
         gates[-1] = noise_known(fitter.evidence)

@@ -214,6 +214,8 @@ def gathered(
             noise = repeating[name].get(row)
             if noise is None:
                 stated, memory = _stated(reference.record, row), shared(known, row)
+                if left is None and memory is None:
+                    memory = np.zeros(0)  # before anything is fitted to it a residual shows no memory of noise
                 noise = (
                     from_residual(residual[index], weight[index], measured[name][index], stated)
                     if memory is None

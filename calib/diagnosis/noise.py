@@ -30,11 +30,13 @@ class Noise:
     sigma : standard deviation  [unit of the channel]
     memory : (order,) coefficients of the autoregression  [1]
     source : where the level comes from
+    repeated : whether cycles that repeat show the memory; else it is read off a residual
     """
 
     sigma: float
     memory: np.ndarray
     source: str
+    repeated: bool = False
 
     @property
     def innovation(self) -> float:
@@ -83,11 +85,11 @@ def with_memory(
 
 
 def _noise(series, weight, measured, stated, source) -> Noise:
-    memory = _autoregression(series * weight, weight)
+    memory, repeated = _autoregression(series * weight, weight), source == CYCLIC
     sigma = math.sqrt(float(((series * weight) ** 2).sum() / max(1.0, (weight**2).sum())))
     if stated is not None:
-        return Noise(stated, memory, STATED)
-    return Noise(max(sigma, _least(measured)), memory, source)
+        return Noise(stated, memory, STATED, repeated)
+    return Noise(max(sigma, _least(measured)), memory, source, repeated)
 
 
 def _least(measured: np.ndarray) -> float:
