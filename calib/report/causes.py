@@ -10,6 +10,7 @@ from matplotlib.ticker import NullFormatter, NullLocator
 
 from calib.report.drawing import LINE, MARK, MEASURED, OTHER, SIMULATED, STYLE, WIDTH, shown_unit
 from calib.report.remains import EXTENDED
+from calib.report.words import signed
 
 NAMED, CLASS, LESS, SENSELESS, BELOW = "named", "in the class", "explains less", "wrong sign", "below"
 CLOSEST = "comes closest"
@@ -176,7 +177,7 @@ def shifts(found: Sequence[Mapping[str, Any]]) -> Figure | None:
             axes.barh(k, moved, height=0.5, color=MARK if abs(moved) > 2.0 else OTHER, zorder=3)
             side = 1 if moved >= 0.0 else -1
             place = {"textcoords": "offset points", "ha": "left" if side > 0 else "right", "va": "center"}
-            axes.annotate(f"{moved:+.1f}", (moved, k), (3 * side, 0), fontsize=7.5, **place)
+            axes.annotate(signed(moved, "+"), (moved, k), (3 * side, 0), fontsize=7.5, **place)
         axes.set_yticks(range(len(known)), [s["parameter"] for s in reversed(known)])
         axes.set_ylim(-0.6, len(known) - 0.4)
         axes.set_xlim(-1.3 * max(largest, 2.5), 1.3 * max(largest, 2.5))

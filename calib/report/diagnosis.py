@@ -316,6 +316,12 @@ def _why(said, outcomes):
             )
     if said["verdict"] == ONE_OF:
         found.append("With both fitted, the sums of squares differ by less than chance: these records do not decide.")
+    if said["verdict"] == UNEXPLAINED and said["closest"]:
+        share = percent(max(0.0, said["misfit"]["share"]))
+        found.append(
+            f"{' and '.join(said['closest'])} explains {share} of the excess; to be named it would have to explain "
+            "half of it, or leave no more than noise."
+        )
     others = [s for s in said["suspects"] if outcomes[s["effect"]] == causes.LESS and s["share"] is not None]
     if said["verdict"] == NAMED and others:
         best = max(others, key=lambda s: s["share"])
