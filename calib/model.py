@@ -66,6 +66,8 @@ class Simulator(Protocol):
     9. Optionally `confirming`: a simulator of the same parameters, bodies and sites, of higher fidelity and cost. A
        search runs with this one; its leaders are simulated again with the confirming one before one of them is called
        the best (see `calib.study.Confirmation`). Absent or None: nothing is confirmed.
+    10. Optionally `internal_states`: False where it takes no force laws that have such; they are then refused before
+       any run.
 
     10. Optionally `places`, a mapping of "body", "support", "interface" to names of bodies: "body", those on which an
         effect is likely; "support", those that are held from outside; "interface", the name of a *port* between two

@@ -1,7 +1,8 @@
-"""A measured table (delimited text or MATLAB v5) as a record."""
+"""A measured table (delimited text, JSON or MATLAB v5) as a record."""
 
 import csv
 import io
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -71,7 +72,8 @@ class Table:
 
     Attributes
     ----------
-    path : a MATLAB v5 file (.mat), or delimited text (comma, semicolon, tab or blanks; with or without a header line)
+    path : a MATLAB v5 file (.mat), a JSON file (.json) that is a list of rows or holds one, or delimited text (comma,
+        semicolon, tab or blanks; with or without a header line)
     channels : the columns that are measured channels
     drive : the column that is the excitation, if any
     time, rate : the column that is time, or the sampling rate [Hz]: one of the two
@@ -186,7 +188,7 @@ class _Sheet:
 
 def _sheet(table: Table, content: bytes) -> _Sheet:
     """Return the file's columns, cut to the samples that are asked for and their margin."""
-    sheet = (_matlab if table.path.suffix.lower() == ".mat" else _text)(table.path, content)
+    sheet = {".mat": _matlab, ".json": _json}.get(table.path.suffix.lower(), _text)(table.path, content)
     used = [c.column for c in (*table.channels, table.time, table.drive) if c is not None]
     sizes = {column: len(sheet.find(column)) for column in used}
     if len(set(sizes.values())) > 1:
@@ -226,9 +228,26 @@ def _text(path: Path, content: bytes) -> _Sheet:
 def _is_number(cell) -> bool:
     try:
         float(cell)
-    except ValueError:
+    except (ValueError, TypeError):
         return False
     return True
+
+
+def _json(path: Path, content: bytes) -> _Sheet:
+    """Columns, by position from 1, of a JSON list of rows, alone or as the only such member of an object."""
+    try:
+        found = json.loads(content)
+    except ValueError as error:
+        raise CalibError(f"{path}: not a readable JSON file ({error})") from error
+    members = list(found.values()) if isinstance(found, dict) else [found]
+    tables = [m for m in members if isinstance(m, list) and m and all(isinstance(row, list) for row in m)]
+    if len(tables) != 1:
+        raise CalibError(f"{path}: expected one list of rows, found {len(tables)}; keep one")
+    rows = tables[0]
+    for i, row in enumerate(rows):
+        if len(row) != len(rows[0]):
+            raise CalibError(f"{path}, sample {i}: expected {len(rows[0])} cells as in sample 0, got {len(row)}")
+    return _Sheet(path, dict(enumerate(zip(*rows, strict=True), 1)), None)
 
 
 def _matlab(path: Path, content: bytes) -> _Sheet:

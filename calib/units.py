@@ -8,7 +8,8 @@ import tokenize
 from calib.errors import CalibError, nearest
 
 MILLI = {"m": (1e3, "mm"), "s": (1e3, "ms")}  # SI unit -> factor and unit in which people read small values
-READ = {**MILLI, "1": (1.0, "")}  # the same, and nothing for a pure number
+MICRO = {"m": (1e6, "um"), "s": (1e6, "us")}  # the same for those below TINY
+TINY = 1e-5  # m, s
 # a number, then its unit; a comma is refused because pint drops it: '1,5 mm' would become 15 mm
 QUANTITY = re.compile(r"\s*\(?\s*[+-]?\s*(\d|\.\d|inf|nan)[\w\s.+\-*/^()%°µ]*")
 
@@ -53,8 +54,17 @@ def to_si(quantity: str | float, unit: str) -> float:
 
 def shown(value: float | None, unit: str, digits: int = 4) -> str:
     """Write an SI value in the unit that people read: ``shown(0.00123, "m")`` is ``"1.23 mm"``."""
-    factor, name = READ.get(unit, (1.0, unit))
-    return "-" if value is None else f"{factor * value:.{digits}g} {name}".rstrip()
+    if value is None:
+        return "-"
+    factor, name = reading(unit, value)
+    return f"{factor * value:.{digits}g} {name}".rstrip()
+
+
+def reading(unit: str, size: float) -> tuple[float, str]:
+    """Factor and unit in which people read SI values of this size: ``(1e6, "us")`` for a time step, nothing for "1"."""
+    if unit == "1":
+        return 1.0, ""
+    return (MICRO if 0.0 < abs(size) < TINY else MILLI).get(unit, (1.0, unit))
 
 
 def is_si(unit: str) -> bool:

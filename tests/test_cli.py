@@ -350,6 +350,8 @@ def test_the_schema_is_json():
         (1.25e6, 3e4, "N/m", ("1250000 N/m", "30000 N/m")),
         (5.278e-6, 7.7e-8, "kg", ("5.278e-06 kg", "7.7e-08 kg")),
         (0.5, None, "1", ("0.5", "-")),
+        (2.1413e-7, None, "s", ("0.21413 us", "-")),
+        (2.1413e-7, 1.2e-9, "s", ("0.2141 us", "0.0012 us")),
     ],
 )
 def test_a_value_has_the_digits_of_its_error(value, error, unit, texts):

@@ -19,7 +19,9 @@ from echo_study import write_study
 from map_study import BISTABLE, waiting, write_map_study
 
 from calib.cli import main
+from calib.cli.given import bodies_drawn
 from calib.store.chunks import read_joined
+from calib.study_toml import load
 
 ROOT = Path(__file__).parents[1]
 # a process in the background of a script begins deaf to Ctrl-C, and so do its children
@@ -168,6 +170,12 @@ def test_only_the_bodies_asked_for_are_drawn(tmp_path):
     assert pictures(tmp_path) == ["b_q3.png"]
     calib(*followed)
     assert pictures(tmp_path) == ["b_q2.png", "b_q3.png"]
+
+
+def test_a_body_that_only_follows_the_excitation_is_drawn_where_it_is_asked_for():
+    file = load(Path(__file__).parents[1] / "studies" / "fe_calibration")
+    assert bodies_drawn(None, file, None) == ["layer"]
+    assert bodies_drawn("beam,layer", file, None) == ["beam", "layer"]
 
 
 # --- branch

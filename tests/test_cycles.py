@@ -207,6 +207,12 @@ def test_no_contact_is_said_only_of_a_record_that_tells_its_contacts():
     assert kind_of_motion(clapping(jump=0.0, section=64, contacts=False)).kind == "period-1"
 
 
+def test_lasting_contact_without_an_impact_is_contact():
+    motion = kind_of_motion(clapping(jump=0.0, section=64).assign_attrs(contact_fraction=1.0))
+    assert motion.kind == "period-1"
+    assert "in contact without an impact" in motion.evidence
+
+
 def test_an_excitation_without_period_has_no_kind():
     record = clapping()
     del record.attrs["frequency"]

@@ -162,6 +162,8 @@ def test_differences_go_into_lists():
 def test_fresh_sets_everything_aside_and_deletes_nothing(tmp_path):
     filled(tmp_path, [trial(0), trial(1)], view="journal", picture=picture)
     ledger = (tmp_path / "trials.jsonl").read_bytes()
+    for said in ("result.json", "report.html"):
+        (tmp_path / said).write_text("of the trials before")
     changed = {**HEADER, "definition": {**HEADER["definition"], "seed": 2}}
     with Store(tmp_path) as store:
         assert store.open(changed, fresh=True) == []
@@ -169,7 +171,7 @@ def test_fresh_sets_everything_aside_and_deletes_nothing(tmp_path):
     (aside,) = tmp_path.glob("before-*")
     assert (aside / "trials.jsonl").read_bytes() == ledger
     assert {p.name for p in aside.iterdir()} == {
-        "trials.jsonl", "residuals.f64", "optuna.log", "artifacts", "records", "best.nc",
+        "trials.jsonl", "residuals.f64", "optuna.log", "artifacts", "records", "best.nc", "result.json", "report.html",
     }  # fmt: skip
 
 

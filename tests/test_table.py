@@ -69,6 +69,31 @@ def test_a_matlab_file_gives_the_same_record(tmp_path, headed):
     np.testing.assert_array_equal(text.excitation, matlab.excitation)
 
 
+@pytest.mark.parametrize("whole", ["%s", '{"dt": 0.1, "data": %s, "units": ["s", "mm", "V"]}'])
+def test_a_json_list_of_rows_is_read_by_position(tmp_path, headed, whole):
+    path = tmp_path / "same.json"
+    path.write_text(whole % "[[0.0, 1, 10], [0.1, 2.0, 20], [0.2, 3, 30], [0.3, 4, 40], [0.4, 5, 50]]")
+    by_position = replace(X, column=2), replace(U, column=3)
+    found, _ = read(Table(path, [by_position[0]], by_position[1], time=Clock(1)))
+    text, _ = read(Table(headed, [X], U, time=Clock("t")))
+    np.testing.assert_array_equal(found.displacement, text.displacement)
+    np.testing.assert_array_equal(found.excitation, text.excitation)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("[[0, 1], [2]]", "sample 1: expected 2 cells as in sample 0, got 1"),
+        ("[[0, 1], [2, null]]", "sample 1: expected a number in column 2, got None"),
+        ('{"a": [[0, 1], [2, 3]], "b": [[0, 1]]}', "expected one list of rows, found 2"),
+        ("[0, 1, 2]", "expected one list of rows, found 0"),
+        ("[[0, 1],", "not a readable JSON file"),
+    ],
+)
+def test_a_json_file_that_is_no_table_is_refused(tmp_path, text, says):
+    mistake(tmp_path / "odd.json", says, text=text, channels=[replace(X, column=2)])
+
+
 def test_bodies_and_uncertainties(headed):
     channels = [
         Channel("x", "beam", "displacement", "mm", sigma="0.01 mm"),

@@ -69,7 +69,16 @@ def test_a_mistake_is_answered_with_what_was_expected(text, unit, says):
 
 
 @pytest.mark.parametrize(
-    ("value", "unit", "text"), [(1.5e-3, "m", "1.5 mm"), (0.2, "1", "0.2"), (26.24, "Hz", "26.24 Hz"), (None, "m", "-")]
+    ("value", "unit", "text"),
+    [
+        (1.5e-3, "m", "1.5 mm"),
+        (0.2, "1", "0.2"),
+        (26.24, "Hz", "26.24 Hz"),
+        (None, "m", "-"),
+        (9.38e-8, "s", "0.0938 us"),
+        (-3e-6, "m", "-3 um"),
+        (0.0, "s", "0 ms"),
+    ],
 )
 def test_values_are_shown_in_units_that_people_read(value, unit, text):
     assert shown(value, unit) == text

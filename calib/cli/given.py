@@ -12,6 +12,7 @@ from calib.dynamics.contract import PeriodMap
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError, nearest
 from calib.parameter import Parameter, Window
+from calib.record import STATE, prescribed
 from calib.study_toml import StudyFile
 from calib.units import to_si
 
@@ -171,7 +172,7 @@ def _component(option: str, name: str, units: Mapping[str, str]) -> str:
 
 
 def bodies_drawn(text: str | None, file: StudyFile, record: str | None) -> list[str]:
-    """Read "A,B" of --bodies; those of the record where nothing is given.
+    """Read "A,B" of --bodies; where nothing is given those of the record that are not the excitation's own.
 
     Raises
     ------
@@ -179,7 +180,9 @@ def bodies_drawn(text: str | None, file: StudyFile, record: str | None) -> list[
     """
     known = file.study.model.bodies
     if text is None:
-        return [str(body) for body in file.reference(record).record.body.values]
+        measured = file.reference(record).record
+        every = [str(body) for body in measured.body.values]
+        return [body for body in every if not all((body, c) in prescribed(measured) for c in STATE)] or every
     named = [body.strip() for body in text.split(",")]
     for body in named:
         if body not in known:

@@ -58,6 +58,8 @@ def _run(model: Model, reference: Reference, values: Mapping[str, float]) -> xr.
 def _described(record: xr.Dataset) -> Iterator[str]:
     """Say kind of motion and amplitudes of a simulated record."""
     motion = kind_of_motion(record)
+    if "source" in record.attrs:
+        yield f"made by: {record.attrs['source']}"
     yield f"kind of motion: {motion.kind} ({motion.evidence})"
     for channel in channels(record):
         values = record[channel]

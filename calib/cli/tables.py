@@ -13,7 +13,7 @@ from calib.parameter import Parameter
 from calib.record import OK
 from calib.result import confirmed, searched_best
 from calib.study import missed
-from calib.units import READ, shown
+from calib.units import reading, shown
 
 MOST_DECIMALS = 6  # beyond, a number is written with a power of ten
 WIDTH = 120  # columns, where the output is no terminal
@@ -65,7 +65,7 @@ def _measured(value: float, error: float | None, unit: str) -> tuple[str, str]:
     """Write value and error with as many decimals as the error's second digit has."""
     if not error:
         return shown(value, unit, 6), "-"
-    factor, name = READ.get(unit, (1.0, unit))
+    factor, name = reading(unit, value)
     value, error = factor * value, factor * error
     decimals = max(0, 1 - math.floor(math.log10(error)))
     form = f".{decimals}f"

@@ -29,7 +29,8 @@ class Group:
 def undetermined(space: Space, u: np.ndarray, covariance: np.ndarray) -> tuple[Group, ...]:
     """Groups of parameters of which only a combination, or nothing, is determined, by the covariance (dim, dim) at u.
 
-    First the directions whose standard error exceeds SHARE of the window. Then those whose standard error is more
+    First the directions whose standard error exceeds SHARE of the window, and what parameters of such a standard error
+    these leave. Then those whose standard error is more
     than INFLATION times what it would be if the other parameters were known (the root of the variance inflation of
     Marquardt 1970; 10 means a correlation of 0.99 between two).
     """
@@ -37,6 +38,11 @@ def undetermined(space: Space, u: np.ndarray, covariance: np.ndarray) -> tuple[G
     wide = list(zip(members, found, strict=True))
     groups = [_group(space, u, own, directions, WIDE) for own, directions in _merged(wide)]
     named = {name for group in groups for name in group.members}
+    # what moves with a direction that is another parameter's nearly alone is no member of its group
+    beyond = [k for k, variance in enumerate(np.diag(covariance)) if variance > SHARE**2]
+    axes = np.eye(len(space.names))
+    groups += [_group(space, u, (k,), [axes[k]], WIDE) for k in beyond if space.names[k] not in named]
+    named |= {space.names[k] for k in beyond}
     eigenvalues, vectors = np.linalg.eigh(covariance)
     precision = vectors**2 @ (1.0 / np.maximum(eigenvalues, 1e-300 + 1e-15 * eigenvalues[-1]))
     alone = 1.0 / np.sqrt(precision)  # standard errors if the others were known

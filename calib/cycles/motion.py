@@ -67,7 +67,9 @@ def kind_of_motion(record: xr.Dataset) -> Motion:
     else:
         motion = _from_cycles(record)
     kind, evidence = motion.kind, motion.evidence
-    if impacts == 0.0:
+    if impacts == 0.0 and record.attrs.get("contact_fraction", 0.0) > 0.0:
+        evidence = f"in contact without an impact; {evidence}"
+    elif impacts == 0.0:
         kind, evidence = NO_CONTACT, f"no impact in the record; {evidence}"
     elif np.isfinite(impacts):
         evidence = f"{evidence}; {impacts:.3g} impact(s) a period"

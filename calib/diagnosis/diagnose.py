@@ -8,8 +8,8 @@ import numpy as np
 
 from calib.cycles import kind_of_motion
 from calib.diagnosis.bench import Bench, Run, simulated
-from calib.diagnosis.candidate import candidates
-from calib.diagnosis.evidence import Evidence, gathered, looked_at
+from calib.diagnosis.candidate import Candidate, candidates
+from calib.diagnosis.evidence import Evidence, gathered, looked_at, outliers
 from calib.diagnosis.gain import Gain, gained
 from calib.diagnosis.gates import Gate, converged, noise_known, same_kind, simulates
 from calib.diagnosis.misfit import Misfit, misfit
@@ -26,7 +26,8 @@ from calib.study import Pool, Study
 
 NONE, NAMED, ONE_OF, UNEXPLAINED = "none", "named", "one_of", "unexplained"
 NOT_DIAGNOSABLE = "not_diagnosable"
-MARKED = 3.0  # standard deviations by which a sum of squares must exceed the noise to be a misfit
+OUTLIERS = "outliers"
+SPOILT = 3  # outliers that are taken out at least: fewer may be chance
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +43,7 @@ class Diagnosis:
     evidence : the records of calibration and naming; None where nothing could be simulated
     refused : effect -> why it was no candidate
     misfit : of the calibrated model; None where a gate failed
+    outliers : share of the samples that were taken out as such  [1]
     gain : on records held out; None where there is nothing to try
     further : measurements that would separate the alternatives, the best first
     seconds : wall-clock time  [s]
@@ -55,6 +57,7 @@ class Diagnosis:
     evidence: Evidence | None = None
     refused: Mapping[str, str] = field(default_factory=dict)
     misfit: Misfit | None = None
+    outliers: float = 0.0
     gain: Gain | None = None
     further: tuple[Measurement, ...] = ()
     seconds: float = 0.0
@@ -63,14 +66,20 @@ class Diagnosis:
     @property
     def causes(self) -> tuple[str, ...]:
         """Names of the effects that are named."""
-        return tuple(c.name for c in self.selection.causes) if self.verdict == NAMED else ()
+        return (*self._spoilt, *(c.name for c in self.selection.causes)) if self.verdict == NAMED else ()
+
+    @property
+    def _spoilt(self) -> tuple[str, ...]:
+        return (OUTLIERS,) if self.outliers else ()
 
     @property
     def classes(self) -> tuple[tuple[str, ...], ...]:
         """Alternatives of which one is the cause, each a tuple of effects that act together."""
         if self.verdict not in (NAMED, ONE_OF):
             return ()
-        earlier = tuple(c.name for c in self.selection.causes[:-1])
+        if not self.selection.causes:
+            return (self._spoilt,)
+        earlier = (*self._spoilt, *(c.name for c in self.selection.causes[:-1]))
         return tuple((*earlier, rival.name) for rival in self.selection.rivals)
 
 
@@ -100,13 +109,77 @@ def diagnose(
     CalibError : a mistake in what was given
     """
     begin = time.monotonic()
-    references = {**study.objective.references, **others}
-    objective = Objective(references, study.objective.terms)
-    bench = Bench(study.model, objective, looked_at(objective))
+    bench = bench_of(study, others)
     make = pool or (lambda function: LocalPool(function, study.jobs, study.timeout))
     with make(bench) as open_pool:
         found = _diagnosed(open_pool, bench, study, values, effects, seed, on_stage)
     return replace(found, seconds=time.monotonic() - begin)
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A calibrated study, ready to be searched for causes.
+
+    Attributes
+    ----------
+    gates : looked at so far
+    fitter : with the evidence; None where a gate failed
+    null : the calibrated model, fitted to the evidence; None where a gate failed
+    suspects, refused : candidates, and effect -> why it is none
+    outliers : share of the samples that are taken out as such  [1]
+    """
+
+    gates: tuple[Gate, ...]
+    fitter: Fitter | None = None
+    null: Fit | None = None
+    suspects: tuple[Candidate, ...] = ()
+    refused: Mapping[str, str] = field(default_factory=dict)
+    outliers: float = 0.0
+
+
+def bench_of(study: Study, others: Mapping[str, Reference]) -> Bench:
+    """Return what the simulations of a diagnosis need of a study and of its other references."""
+    objective = Objective({**study.objective.references, **others}, study.objective.terms)
+    return Bench(study.model, objective, looked_at(objective))
+
+
+def prepared(
+    pool: Pool, bench: Bench, study: Study, values: Mapping[str, float], effects: Sequence[Effect], on_stage
+) -> Prepared:
+    """Look at the gates, gather the evidence, and fit the calibrated model to it."""
+    references = bench.objective.references
+    named = {name: r for name, r in references.items() if r.use != "holdout"}
+    on_stage("gates")
+    seen = dict(zip(named, simulated(pool, [Run(name, values) for name in named]), strict=True))
+    gates = [simulates(seen)]
+    if gates[0].passed:
+        gates.append(same_kind(seen))
+    if not all(gate.passed for gate in gates):
+        return Prepared(tuple(gates))
+    cycle = {name: kind_of_motion(reference.record).period or 1 for name, reference in named.items()}
+    evidence = gathered(named, bench.rows, cycle, seen)
+    gates.append(noise_known(evidence))
+    if not gates[-1].passed:
+        return Prepared(tuple(gates))
+    suspects, refused = candidates(study.model, effects, named, study.space.names)
+    fitter = Fitter(pool, evidence, study.space, study.model)
+    on_stage("calibrated model")
+    null = fitter.fit(Point(values, (), seen))
+    spoilt = {part.name: outliers(part, null.point.seen[part.name]) for part in evidence.parts}
+    share = sum(s.sum() for s in spoilt.values()) / sum(s.size for s in spoilt.values())
+    sought = any(effect.noise for effect in effects)
+    if not sought or sum(s.sum() for s in spoilt.values()) < SPOILT:
+        spoilt, share = None, 0.0
+    if spoilt is not None:
+        fitter.evidence = gathered(named, bench.rows, cycle, null.point.seen, spoilt=spoilt)
+        gates[-1] = noise_known(fitter.evidence)
+        null = fitter.fit(null.point)
+    if any(noise.source == RESIDUAL for part in evidence.parts for noise in part.noise):
+        left = _left(fitter, null, [c for c in suspects if not c.effect.rough])
+        fitter.evidence = gathered(named, bench.rows, cycle, null.point.seen, left, spoilt)
+        gates[-1] = noise_known(fitter.evidence)
+        null = fitter.fit(null.point)
+    return Prepared(tuple(gates), fitter, null, tuple(suspects), refused, float(share))
 
 
 def _diagnosed(
@@ -118,36 +191,19 @@ def _diagnosed(
     seed: int,
     on_stage: Callable[[str], None],
 ) -> Diagnosis:
-    references = bench.objective.references
-    named = {name: r for name, r in references.items() if r.use != "holdout"}
-    on_stage("gates")
-    seen = dict(zip(named, simulated(pool, [Run(name, values) for name in named]), strict=True))
-    gates = [simulates(seen)]
-    if gates[0].passed:
-        gates.append(same_kind(seen))
-    if not all(gate.passed for gate in gates):
-        return _stopped(gates)
-    cycle = {name: kind_of_motion(reference.record).period or 1 for name, reference in named.items()}
-    evidence = gathered(named, bench.rows, cycle, seen)
-    gates.append(noise_known(evidence))
-    if not gates[-1].passed:
-        return _stopped(gates)
-    suspects, refused = candidates(study.model, effects, named, study.space.names)
-    fitter = Fitter(pool, evidence, study.space, study.model)
-    on_stage("calibrated model")
-    null = fitter.fit(Point(values, (), seen))
-    if any(noise.source == RESIDUAL for part in evidence.parts for noise in part.noise):
-        left = _left(fitter, null, [c for c in suspects if not c.effect.rough])
-        fitter.evidence = gathered(named, bench.rows, cycle, null.point.seen, left)
-        null = fitter.fit(null.point)
-    selection = select(fitter, null, suspects, seed, on_stage)
+    ready = prepared(pool, bench, study, values, effects, on_stage)
+    if ready.null is None:
+        failed = "; ".join(f"{gate.name}: {gate.said}" for gate in ready.gates if not gate.passed)
+        return Diagnosis(NOT_DIAGNOSABLE, failed, ready.gates)
+    fitter, null = ready.fitter, ready.null
+    selection = select(fitter, null, ready.suspects, seed, on_stage)
     gain = None
     if selection.causes:
         on_stage("gain")
         gain = gained(pool, bench, fitter, null, selection.final, selection.causes, seed)
     numerical = [effect for effect in effects if effect.site == "numerical"]
-    gates += converged(fitter, null, numerical, selection.rounds[0].threshold)
-    verdict, said = _verdict(selection, gates)
+    gates = (*ready.gates, *converged(fitter, selection.final, numerical, selection.rounds[0].threshold))
+    verdict, said = _verdict(selection, gates, ready.outliers)
     further = ()
     if verdict == ONE_OF:
         on_stage("next measurement")
@@ -156,20 +212,16 @@ def _diagnosed(
     return Diagnosis(
         verdict=verdict,
         said=said,
-        gates=tuple(gates),
+        gates=gates,
         selection=selection,
         evidence=fitter.evidence,
-        refused=refused,
+        refused=ready.refused,
+        outliers=ready.outliers,
         misfit=misfit(pool, bench, fitter.evidence, null, seed),
         gain=gain,
         further=further,
         simulations=fitter.runs,
     )
-
-
-def _stopped(gates: Sequence[Gate]) -> Diagnosis:
-    failed = "; ".join(f"{gate.name}: {gate.said}" for gate in gates if not gate.passed)
-    return Diagnosis(NOT_DIAGNOSABLE, failed, tuple(gates))
 
 
 def _left(fitter: Fitter, null: Fit, suspects: Sequence) -> dict[str, np.ndarray]:
@@ -184,20 +236,23 @@ def _left(fitter: Fitter, null: Fit, suspects: Sequence) -> dict[str, np.ndarray
     return found
 
 
-def _verdict(selection: Selection, gates: Sequence[Gate]) -> tuple[str, str]:
+def _verdict(selection: Selection, gates: Sequence[Gate], spoilt: float) -> tuple[str, str]:
     failed = [gate for gate in gates if not gate.passed]
     if failed:
         return NOT_DIAGNOSABLE, "; ".join(f"{gate.name}: {gate.said}" for gate in failed)
     if not selection.causes:
-        if selection.excess > MARKED * selection.blur:
+        if selection.marked:
             closest = selection.rounds[0].suspects[0] if selection.rounds[0].suspects else None
             said = "the misfit is more than noise, and no candidate explains it"
             return UNEXPLAINED, said + ("" if closest is None else f"; {closest.name} comes closest")
+        if spoilt:
+            return NAMED, f"outliers, {spoilt:.1%} of the samples; beside them the residual is what noise leaves"
         return NONE, "the residual is what noise leaves; nothing that could be named is missing"
     names = " and ".join(c.name for c in selection.causes)
     share = f"{selection.share:.0%} of the excess misfit"
     if not selection.material:
         return UNEXPLAINED, f"{names} comes closest, but explains only {share}"
     if len(selection.rivals) > 1:
-        return ONE_OF, "one of " + ", ".join(r.name for r in selection.rivals) + f"; they explain {share} alike"
-    return NAMED, f"{names}: explains {share}" if selection.excess > MARKED * selection.blur else names
+        alike = f"; they explain {share} alike" if selection.marked else ""
+        return ONE_OF, "one of " + ", ".join(r.name for r in selection.rivals) + alike
+    return NAMED, f"{names}: explains {share}" if selection.marked else names

@@ -54,20 +54,21 @@ def noise_known(evidence: Evidence) -> Gate:
     said = []
     for part in evidence.parts:
         for (body, channel), noise, used in zip(part.rows, part.noise, part.used, strict=True):
-            if used:
+            if used.any():
                 memory = ", correlated" if noise.memory.size else ""
                 said.append(f"{part.name} {body} {channel}: {noise.sigma:.3g} ({noise.source}{memory})")
     return Gate("noise", True, "; ".join(said))
 
 
-def converged(fitter: Fitter, null: Fit, effects: Sequence[Effect], threshold: float) -> list[Gate]:
+def converged(fitter: Fitter, fit: Fit, effects: Sequence[Effect], threshold: float) -> list[Gate]:
     """Solver steps and tolerances do not matter: made finer, they change less than an effect that could be named.
 
+    fit : the calibrated model with what was found to be missing
     effects : those of site "numerical"
     """
     simulator_lacks = {effect.name: effect.offered(fitter.model.simulator) for effect in effects}
     tried = [effect for effect in effects if not simulator_lacks[effect.name]]
-    names, point = fitter.evidence.names, null.point
+    names, point = fitter.evidence.names, fit.point
     runs = [run for effect in tried for run in point.runs(names, _finer(effect), (effect,))]
     answers = iter(simulated(fitter.pool, runs))
     gates = []
@@ -77,7 +78,7 @@ def converged(fitter: Fitter, null: Fit, effects: Sequence[Effect], threshold: f
         if bad is not None:
             gates.append(Gate(effect.name, False, f"made {FINER:g} times finer, the simulation ends {bad.status}"))
             continue
-        z = float(np.linalg.norm(null.absorbing(fitter.evidence.difference(point.seen, views))))
+        z = float(np.linalg.norm(fit.absorbing(fitter.evidence.difference(point.seen, views))))
         said = f"made {FINER:g} times finer, it changes the records by z = {z:.2g} (threshold {threshold:.2g})"
         gates.append(Gate(effect.name, z < threshold, said, z))
     gates += [Gate(name, True, f"not tried: {reason}") for name, reason in simulator_lacks.items() if reason]

@@ -42,11 +42,12 @@ class Measurement:
 def next_measurement(
     pool: Pool, bench: Bench, fitter: Fitter, rivals: Sequence[Suspect]
 ) -> tuple[Measurement, ...]:
-    """Measurements beside the records at hand, those that separate the rivals best first."""
-    fits = [rival.fit for rival in rivals if rival.fit is not None][:MOST]
+    """Measurements beside the first record that is driven harmonically, those that separate the rivals best first."""
+    fits = [fitter.sharpened(rival.fit) for rival in rivals if rival.fit is not None][:MOST]
     if len(fits) < 2:
         return ()
-    proposals = [proposal for part in fitter.evidence.parts for proposal in _proposals(bench, part)]
+    parts = [p for p in fitter.evidence.parts if bench.objective.references[p.name].excitation.harmonic]
+    proposals = _proposals(bench, parts[0]) if parts else []
     if not proposals:
         return ()
     found = []
@@ -76,10 +77,8 @@ class _Proposal:
 
 
 def _proposals(bench: Bench, part: Part) -> list[_Proposal]:
-    """Excitations near that of a record which is driven harmonically."""
+    """Excitations near that of a record which is driven harmonically, and unlike those of all records."""
     excitation = bench.objective.references[part.name].excitation
-    if not excitation.harmonic:
-        return []
     known = [r.excitation for r in bench.objective.references.values() if r.excitation.harmonic]
     found = []
     for factor in AMPLITUDES:
@@ -115,7 +114,7 @@ def _apart(part: Part, fit: Fit, one: tuple[Seen, list[Seen]], other: tuple[Seen
     level = np.sqrt((centre.rows**2).mean(axis=1) / (part.measured**2).mean(axis=1))
     noise = tuple(replace(n, sigma=n.sigma * max(f, 1e-12)) for n, f in zip(part.noise, level, strict=True))
     moving = np.array([channel == "velocity" for _, channel in part.rows])
-    trust = np.where(moving[:, None], centre.trust * other[0].trust, 1.0) * part.used[:, None]
+    trust = np.where(moving[:, None], centre.trust * other[0].trust, 1.0) * part.used.any(axis=1)[:, None]
     new = replace(part, noise=noise, weight=trust, measured=centre.rows)
     difference = new.white(other[0].rows - centre.rows)
     columns = [new.white(view.rows - centre.rows) / step for view, step in zip(beside, fit.steps, strict=True)]

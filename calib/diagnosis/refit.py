@@ -193,16 +193,30 @@ class Fitter:
         return Fit(start, tuple(found), residual, none, (), (), nuisances, "the motion fails there")
 
     def begun(self, base: Fit, candidate: Candidate, sizes: np.ndarray) -> tuple[float, np.ndarray] | None:
-        """Sum of squares with the candidate at these sizes (p,), and the sizes; None where the motion fails."""
-        runs = base.point.runs(self.evidence.names, candidate.values(sizes), (candidate.effect,))
-        views = dict(zip(self.evidence.names, simulated(self.pool, runs), strict=True))
+        """What a candidate of these sizes (p,) promises: a fall of the sum of squares, and the sizes for it.
+
+        Its change of the records is scaled to fit best, and the sizes with it; not where it has no finite null. None
+        where the motion fails, or the sign is impossible.
+        """
+        names, null = self.evidence.names, candidate.null
+        runs = base.point.runs(names, candidate.values(sizes), (candidate.effect,))
+        views = dict(zip(names, simulated(self.pool, runs), strict=True))
         self.runs += len(views)
         if not all(view.usable for view in views.values()):
             return None
-        residual = Projection(np.column_stack([self.evidence.tangents(views), base.columns]))(
-            self.evidence.residual(views)
-        )
-        return float(residual @ residual), sizes
+        absorbing = base.absorbing
+        residual, change = absorbing(base.residual), absorbing(self.evidence.difference(base.point.seen, views))
+        length = float(change @ change)
+        if candidate.effect.guess is not None or not np.isfinite(null).all():
+            left = residual - change
+            return float(residual @ residual - left @ left), sizes
+        if not length > 0.0:
+            return None
+        factor = float(residual @ change) / length
+        there = null + factor * (sizes - null)
+        if (there < candidate.low).any() or (there > candidate.high).any():
+            return None
+        return factor**2 * length, there
 
     def directions(self, point: Point, found: Sequence[Candidate]) -> list[Direction]:
         """Directions of the calibrated parameters, then of those of the candidates in the model, at a point."""
@@ -225,6 +239,7 @@ class Fitter:
                 )
                 owner.append(index)
         found = slopes(self.pool, self.evidence, point, directions)
+        self.runs += 4 * len(directions) * len(self.evidence.names)
         return [[slope for slope, o in zip(found, owner, strict=True) if o == k] for k in range(len(candidates))]
 
 

@@ -16,8 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-DRAWS = 1000
+DRAWS = 1000  # of the noise
 QUANTILE = 0.99
+CERTAIN = 3.0  # times its doubt: what is left of a signature that is less than that is none
+ROUNDING = 1e-5  # share of a signature that is left by rounding where calibration absorbs it
 RANK = 1e-7  # singular value, over the largest of the same column set, below which a direction is absorbed
 
 
@@ -57,12 +59,12 @@ class Signature:
     absorbed: float
 
     @classmethod
-    def of(cls, columns: np.ndarray, projection: Projection) -> "Signature":
-        """Project the columns (N, p)."""
+    def of(cls, columns: np.ndarray, projection: Projection, doubt: np.ndarray) -> "Signature":
+        """Project the columns (N, p), whose relative errors are doubt (p,): what is left has to be more than these."""
         left = projection(columns)
         whole = np.linalg.norm(columns, axis=0)
         share = np.divide(np.linalg.norm(left, axis=0), whole, out=np.zeros_like(whole), where=whole > 0.0)
-        left = left * (share > 1e-5)  # what remains of a vector that lies in the span is rounding
+        left = left * (share > np.maximum(CERTAIN * doubt, ROUNDING))
         return cls(left, 1.0 - float(share.max(initial=0.0)))
 
 
@@ -172,7 +174,7 @@ def threshold(signatures: Sequence[Signature], segments: np.ndarray, seed: int, 
         first = own.stop
         form = _Form(columns, segments)
         theta, drop, wider = form.solved(drawn[:, :, own])
-        z = np.array([deviate(square, form.rank) for square in drop / wider])
+        z = np.sqrt(drop / wider) if form.rank == 1 else np.array([deviate(x, form.rank) for x in drop / wider])
         if sign and columns.shape[1] == 1:
             z = np.where(theta[:, 0] * sign > 0.0, z, 0.0)
         largest = np.maximum(largest, z)

@@ -15,6 +15,13 @@ REFITS = 8  # leaders that are refitted
 WORTH = 0.3  # of the largest fall of the sum of squares: candidates that promise less are no leaders
 CAUSES = 3  # that are named at most
 STARTS = 2  # sizes from which a candidate without derivative is refitted
+PROMISING = 0.5  # of the threshold's square: what such a size has to promise
+HALF = 0.5  # of the excess that causes must explain to be named
+MARKED = 3.0  # standard deviations by which a sum of squares must exceed the noise to be a misfit
+NIBBLE = 0.25  # of what is left: a further cause that explains less is none
+ABSORBED = 0.9999  # share of a signature beyond which calibration takes all of it
+
+Known = dict[int, tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,13 +127,18 @@ class Selection:
 
     @property
     def share(self) -> float:
-        """Share of the excess that the causes explain  [1]."""
-        return (self.excess - self.left) / max(self.excess, 1e-300)
+        """Share of the excess that the causes explain; 1 where there is none  [1]."""
+        return (self.excess - self.left) / self.excess if self.marked else 1.0
+
+    @property
+    def marked(self) -> bool:
+        """Whether the calibrated model's sum of squares exceeds the noise at all."""
+        return self.excess > MARKED * self.blur
 
     @property
     def material(self) -> bool:
         """Whether the causes explain at least half of the excess, or what is left cannot be told from noise."""
-        return self.share >= 0.5 or self.left < 3.0 * self.blur
+        return self.share >= HALF or self.left < MARKED * self.blur
 
     @property
     def rivals(self) -> tuple[Suspect, ...]:
@@ -142,12 +154,21 @@ def select(
     seed: int,
     on_stage: Callable[[str], None] = lambda text: None,
 ) -> Selection:
-    """Search for causes one after the other, at most three; then look whether the earlier ones are still needed."""
-    rounds, base, causes = [], null, []
+    """Search for causes one after the other, at most three; then look whether the earlier ones are still needed.
+
+    A further cause has to explain a quarter of what is left, where that is more than noise: below, it nibbles at
+    something else.
+    """
+    rounds, base, causes, known = [], null, [], {}
     for number in range(CAUSES):
         left = [c for c in candidates if c.name not in {cause.name for cause in causes}]
         on_stage(f"suspects {number + 1}")
-        found = search(fitter, base, left, seed + number, _excess(fitter.evidence, base))
+        excess = _excess(fitter.evidence, base)
+        blur = float(np.sqrt(2.0 * fitter.evidence.counted()))
+        found = search(fitter, base, left, seed + number, excess / blur, known)
+        chosen = found.chosen
+        if number and chosen is not None and excess > MARKED * blur and chosen.drop < NIBBLE * excess:
+            found = replace(found, chosen=None, rivals=())
         rounds.append(found)
         if found.chosen is None:
             break
@@ -155,8 +176,7 @@ def select(
         causes.append(replace(found.chosen, fit=base))
     if len(causes) > 1:
         causes, base = _still_needed(fitter, null, causes, base, rounds[-1].threshold)
-    seen = [null.point.seen, base.point.seen]
-    common = fitter.evidence.with_weights(seen)
+    common = fitter.evidence.with_weights([null.point.seen, base.point.seen])
     return Selection(
         rounds=tuple(rounds),
         null=null,
@@ -173,75 +193,94 @@ def _expected(evidence: Evidence, fit: Fit) -> float:
 
 
 def _excess(evidence: Evidence, fit: Fit) -> float:
-    """Return by how many standard deviations the sum of squares exceeds what noise leaves."""
-    return (fit.square - _expected(evidence, fit)) / np.sqrt(2.0 * evidence.counted())
+    """By how much the sum of squares exceeds what noise leaves."""
+    return fit.square - _expected(evidence, fit)
 
 
-def search(fitter: Fitter, base: Fit, candidates: Sequence[Candidate], seed: int, excess: float) -> Round:
+def search(
+    fitter: Fitter, base: Fit, candidates: Sequence[Candidate], seed: int, excess: float, known: Known
+) -> Round:
     """Find the candidate that explains most of what the model `base` leaves.
 
-    excess : of its sum of squares, in standard deviations; rough candidates are tried where it shows or others do
+    Parameters
+    ----------
+    excess : of its sum of squares, in standard deviations; candidates without derivative are tried where it shows, or
+        where others are above the threshold
+    known : derivatives of candidates and their doubts by id, from an earlier search; those found here are added
     """
-    suspects, limit = _tested(fitter, base, candidates, seed)
+    suspects, limit = scored(fitter, base, candidates, seed, known)
     guilty = [s for s in suspects if s.test is not None and not s.reason and abs(s.z) > limit]
-    doubtful = [s for s in suspects if s.test is None or (s.reason and s.signature is not None)]
+    if known and guilty:  # those derivatives are of another model: take them at this one
+        for suspect in guilty:
+            known.pop(id(suspect.candidate), None)
+        suspects, limit = scored(fitter, base, candidates, seed, known)
+        guilty = [s for s in suspects if s.test is not None and not s.reason and abs(s.z) > limit]
     promised = max((s.test.drop for s in guilty), default=0.0)
-    leaders = [s for s in guilty if s.test.drop >= WORTH * promised][:REFITS]
-    if guilty or excess > 3.0:
-        leaders += doubtful
-    refitted = [_refitted(fitter, base, suspect) for suspect in leaders]
+    leaders = [s for s in _best_variants(guilty) if s.test.drop >= WORTH * promised][:REFITS]
+    refitted = [_refitted(fitter, base, suspect, limit) for suspect in leaders]
+    if guilty or excess > MARKED:
+        doubtful = [s for s in suspects if s.reason and not s.candidate.effect.noise and s.absorbed < ABSORBED]
+        refitted += [_refitted(fitter, base, suspect, limit) for suspect in doubtful]
     refitted = [s for s in refitted if s.fit is not None]
     if refitted:
         common = fitter.evidence.with_weights([base.point.seen, *(s.fit.point.seen for s in refitted)])
         before = base.judged(common)
         refitted = [replace(s, drop=before - s.fit.judged(common)) for s in refitted]
-    by_name = {(s.name, id(s.candidate)): s for s in refitted}
-    everyone = [by_name.get((s.name, id(s.candidate)), s) for s in suspects]
+    again = {id(s.candidate): s for s in refitted}
+    everyone = [again.get(id(s.candidate), s) for s in suspects]
+    everyone.sort(key=lambda s: -(s.drop if s.fit is not None else (s.test.drop if s.test is not None else 0.0)))
     able = [s for s in refitted if _possible(s, limit)]
     chosen = min(able, key=lambda s: s.price - s.drop, default=None)
-    rivals = ()
-    if chosen is not None:
-        rivals = _rivals(chosen, able)
-    everyone.sort(key=lambda s: -(s.drop if s.fit is not None else (s.test.drop if s.test is not None else 0.0)))
-    return Round(base, tuple(everyone), limit, chosen, rivals)
+    return Round(base, tuple(everyone), limit, chosen, () if chosen is None else _rivals(chosen, able))
+
+
+def _best_variants(suspects: Sequence[Suspect]) -> list[Suspect]:
+    """Keep the strongest variant of each effect; the suspects come in that order."""
+    kept: dict[str, Suspect] = {}
+    for suspect in suspects:
+        kept.setdefault(suspect.name, suspect)
+    return list(kept.values())
 
 
 def _rivals(chosen: Suspect, able: Sequence[Suspect]) -> tuple[Suspect, ...]:
     """Suspects within reach of the chosen one, one of each effect, the best first."""
     near = [s for s in able if (s.price - s.drop) - (chosen.price - chosen.drop) <= APART]
-    near.sort(key=lambda s: s.price - s.drop)
-    kept: dict[str, Suspect] = {}
-    for suspect in near:
-        kept.setdefault(suspect.name, suspect)
-    return tuple(kept.values())
+    return tuple(_best_variants(sorted(near, key=lambda s: s.price - s.drop)))
 
 
-def _tested(
-    fitter: Fitter, base: Fit, candidates: Sequence[Candidate], seed: int
+def scored(
+    fitter: Fitter, base: Fit, candidates: Sequence[Candidate], seed: int, known: Known | None = None
 ) -> tuple[list[Suspect], float]:
-    smooth = [c for c in candidates if not c.effect.rough]
-    slopes = fitter.suspected(base.point, smooth)
-    absorbing, segments = base.absorbing, fitter.evidence.segments()
-    residual = absorbing(base.residual)
-    signatures: dict[int, Signature] = {}
-    raw: dict[int, np.ndarray] = {}
-    reasons: dict[int, str] = {}
-    for candidate, own in zip(smooth, slopes, strict=True):
+    """Test all candidates on what the model `base` leaves: suspects, the strongest first, and the threshold of |z|.
+
+    known : derivatives (N, p) of candidates and their doubts (p,) by id, which are not taken again; those found here
+        are added
+    """
+    known = {} if known is None else known
+    fresh = [c for c in candidates if not c.effect.rough and id(c) not in known]
+    reasons = {id(c): "it has no derivative where it is absent" for c in candidates if c.effect.rough}
+    raw = {id(c): known[id(c)][0] for c in candidates if id(c) in known}
+    doubts = {id(c): known[id(c)][1] for c in candidates if id(c) in known}
+    for candidate, own in zip(fresh, fitter.suspected(base.point, fresh), strict=True):
         lost = next((slope.reason for slope in own if slope.column is None), None)
         if lost is not None:
             reasons[id(candidate)] = lost
             continue
         raw[id(candidate)] = np.column_stack([slope.column for slope in own])
-        signatures[id(candidate)] = Signature.of(raw[id(candidate)], absorbing)
+        doubts[id(candidate)] = np.array([slope.doubt for slope in own])
         unreliable = next((slope.reason for slope in own if not slope.reliable), "")
         if unreliable:
             reasons[id(candidate)] = unreliable
-    known = [c for c in smooth if id(c) in signatures and not reasons.get(id(c))]
-    limit = threshold([signatures[id(c)] for c in known], segments, seed, [_sign(c) for c in known])
+        else:
+            known[id(candidate)] = raw[id(candidate)], doubts[id(candidate)]
+    absorbing, segments = base.absorbing, fitter.evidence.segments()
+    residual = absorbing(base.residual)
+    signatures = {key: Signature.of(columns, absorbing, doubts[key]) for key, columns in raw.items()}
+    smooth = [c for c in candidates if id(c) in signatures and id(c) not in reasons]
+    limit = threshold([signatures[id(c)] for c in smooth], segments, seed, [_sign(c) for c in smooth])
     suspects = []
     for candidate in candidates:
-        signature = signatures.get(id(candidate))
-        reason = reasons.get(id(candidate), "it has no derivative where it is absent" if candidate.effect.rough else "")
+        signature, reason = signatures.get(id(candidate)), reasons.get(id(candidate), "")
         if signature is None:
             none = np.full(len(candidate.free), np.inf)
             suspects.append(Suspect(candidate, None, 0.0, none, None, None, reason=reason))
@@ -262,29 +301,28 @@ def _sign(candidate: Candidate) -> int:
     return -1 if candidate.high[0] == candidate.null[0] else 0
 
 
-def _refitted(fitter: Fitter, base: Fit, suspect: Suspect) -> Suspect:
-    """Fit all parameters with the suspect in the model, from its estimated size or from several."""
+def _refitted(fitter: Fitter, base: Fit, suspect: Suspect, limit: float) -> Suspect:
+    """Fit all parameters with the suspect in the model, from its estimated size or from several.
+
+    A candidate without derivative is first tried at several sizes: the change of the records from nothing to that size,
+    scaled to fit the residual best, has to promise as much as the threshold asks for.
+    """
     candidate = suspect.candidate
-    starts = []
-    if suspect.test is not None and not suspect.reason:
+    columns = None if suspect.raw is None else np.column_stack([base.columns, suspect.raw])
+    if not suspect.reason:
         starts = [candidate.null + suspect.test.size]
     else:
-        starts = list(candidate.sizes)
-    fits = []
-    for start in starts:
-        inside = np.clip(start, candidate.low, candidate.high)
-        fits.append(fitter.begun(base, candidate, inside))
-    fits = [f for f in fits if f is not None]
-    fits.sort(key=lambda pair: pair[0])
+        tried = [fitter.begun(base, candidate, np.clip(x, candidate.low, candidate.high)) for x in candidate.sizes]
+        tried = sorted((t for t in tried if t is not None), key=lambda pair: -pair[0])
+        starts = [sizes for drop, sizes in tried if drop > PROMISING * limit**2][:STARTS]
+        columns = None
     best: Fit | None = None
-    for _, sizes in fits[:STARTS]:
-        columns = None if suspect.raw is None else np.column_stack([base.columns, suspect.raw])
-        fit = fitter.fit(base.point, (*base.found, candidate), candidate.values(sizes), columns)
+    for start in starts:
+        sizes = candidate.values(np.clip(start, candidate.low, candidate.high))
+        fit = fitter.fit(base.point, (*base.found, candidate), sizes, columns)
         if best is None or fit.square < best.square:
             best = fit
-    if best is None:
-        return replace(suspect, reason=suspect.reason or "the motion fails wherever it is present")
-    return replace(suspect, fit=best, drop=base.square - best.square)
+    return suspect if best is None else replace(suspect, fit=best, drop=base.square - best.square)
 
 
 def _possible(suspect: Suspect, limit: float) -> bool:

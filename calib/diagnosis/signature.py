@@ -17,6 +17,7 @@ from calib.study import Pool
 
 FIRST = 1e-4  # of the natural scale
 TARGET = 0.3  # response that a step should make, in standard deviations
+NEAR = 10.0  # factor by which it may miss that
 TRIPLE = 3.0
 AGREE = 0.10  # relative difference of two slopes that are called equal
 FAINT = 1e-4  # response that is rounding
@@ -62,6 +63,7 @@ class Slope:
     column : (N,) per unit of the parameter, in units of the noise; None where there is none
     step : that it was taken with  [unit of the parameter]
     reliable : whether two steps agree
+    doubt : by how much they differ, relative
     reason : why it is not
     """
 
@@ -69,6 +71,7 @@ class Slope:
     step: float
     reliable: bool
     reason: str = ""
+    doubt: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +135,7 @@ def slopes(
             found[k] = steps[k], moved
             ideal = sizes[k] * TARGET / max(length, FAINT)
             limit = np.array(BOUNDS) * directions[k].scale
-            if length > FAINT and 0.2 < length / TARGET < 5.0:
+            if length > FAINT and 1.0 / NEAR < length / TARGET < NEAR:
                 waiting.discard(k)
             elif sizes[k] >= limit[1] and length < TARGET:
                 waiting.discard(k)  # as far as it goes
@@ -164,8 +167,8 @@ def _compared(first: tuple[float, np.ndarray], step: float, moved: np.ndarray | 
     other = moved / step
     apart = np.linalg.norm(other - slope) / max(np.linalg.norm(slope), np.linalg.norm(other))
     if apart > AGREE:
-        return Slope(slope, small, False, f"two steps give slopes that differ by {apart:.0%}")
-    return Slope(slope, small, True)
+        return Slope(slope, small, False, f"two steps give slopes that differ by {apart:.0%}", apart)
+    return Slope(slope, small, True, doubt=apart)
 
 
 def _ahead(point: Point, names: Sequence[str], direction: Direction, step: float) -> list[Run]:

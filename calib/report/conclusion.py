@@ -7,6 +7,7 @@ from typing import Any
 from calib.report.words import number, percent, quantity, signed
 
 NAMED, ONE_OF, NONE, UNEXPLAINED = "named", "one_of", "none", "unexplained"  # verdicts, beside not_diagnosable
+OUTLIERS = "outliers"  # the cause that is taken out of the records, not added to the model
 SAME = 1e-9  # relative difference of values that are the same
 REMEDIES = {
     "simulation": "find out why the simulation ends this way at the calibrated values (a larger step budget may do), "
@@ -28,11 +29,14 @@ def headline(said: Mapping[str, Any]) -> str:
     if verdict == NAMED:
         found = []
         for name in said["causes"]:
+            if name == OUTLIERS:
+                found.append(f"{OUTLIERS}, {percent(said['outliers'])} of the samples")
+                continue
             written = sizes(known[name]) if name in known else []
             equation = known[name].get("equation") if name in known else ""
             given = [f" ({equation})" if equation else "", f", {', '.join(written)}" if written else ""]
             found.append(f"{name}{''.join(given)}")
-        return f"Missing in the model: {'; and '.join(found)}."
+        return f"{'Missing in the model' if added(said) else 'In the records'}: {'; and '.join(found)}."
     if verdict == ONE_OF:
         names = [" with ".join(names) for names in said["class"]]
         return f"Something is missing, and it is one of {len(names)} that these records do not tell apart: " + (
@@ -60,6 +64,9 @@ def points(said: Mapping[str, Any]) -> list[str]:
             "The pictures of the acceleration that the simulation lacks show what a law would have to look like; "
             "an effect of your own is one file (calib list shows those there are)."
         )
+    if said.get("outliers"):
+        taken = f"{percent(said['outliers'])} of the samples lie far from all others"
+        found.append(f"{_capital(taken)}: they were taken out before anything was fitted.")
     if gain and gain["before"] is not None:
         found.append(_gained(gain))
     if gain and said["verdict"] in (NAMED, ONE_OF):
@@ -78,21 +85,27 @@ def _excess(misfit, said):
     side = "above" if excess >= 0 else "below"
     text = f"What the calibrated model leaves: a sum of squares {number(abs(excess), 3)} {side} that of noise"
     text += f", where ±{number(blur, 2)} is chance"
-    if not (said["causes"] or said["class"] or said["closest"]):
+    if not added(said):
         return f"{text}."
     explained = "all" if misfit["share"] >= 1.0 else percent(misfit["share"])
     after = f"{number(abs(left), 3)} {'above' if left >= 0 else 'below'}"
     return f"{text}; with {_which(said)} it is {after}: {explained} of the excess is explained."
 
 
+def added(said: Mapping[str, Any]) -> list[str]:
+    """Names of the effects in the extended model."""
+    best = said["class"][0] if said["verdict"] == ONE_OF else ()
+    return [name for name in said["causes"] or said["closest"] or best if name != OUTLIERS]
+
+
 def _which(said):
-    names = said["causes"] or said["closest"]
-    return " and ".join(names) if names else f"the best of them, {' and '.join(said['class'][0])},"
+    names = " and ".join(added(said))
+    return f"the best of them, {names}," if said["verdict"] == ONE_OF else names
 
 
 def named_extension(said: Mapping[str, Any]) -> str:
     """Name the extended model."""
-    return f"with {_which(said).rstrip(',')}" if said["causes"] or said["closest"] or said["class"] else "extended"
+    return f"with {_which(said).rstrip(',')}" if added(said) else "extended"
 
 
 def _gained(gain):

@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from calib.units import MILLI
+from calib.units import MICRO, MILLI, TINY
 
 MEASURED, SIMULATED, MARK, LINE = "#8a8a8a", "#0072B2", "#D55E00", "#333333"
 KINDS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#F0E442")
@@ -52,9 +52,11 @@ STYLE = {
 
 
 def shown_unit(unit: str, largest: float) -> tuple[float, str]:
-    """Factor and unit for a reader: mm, ms and g where nothing exceeds half an m, s or kg; mg where half a g."""
+    """Factor and unit for a reader: mm, ms, g where nothing exceeds half an m, s, kg; um, us, mg where all is tiny."""
     if unit == "kg" and abs(largest) <= 5e-4:
         return 1e6, "mg"
+    if unit in MICRO and 0.0 < abs(largest) < TINY:
+        return MICRO[unit]
     small = {**MILLI, "kg": (1e3, "g")}
     return small[unit] if unit in small and abs(largest) <= 0.5 else (1.0, unit or "1")
 
@@ -91,7 +93,7 @@ def logarithmic(axis, low: float, high: float) -> None:
     """Ticks of a logarithmic axis that do not run into one another: decades, or parts of them where there are few."""
     decades = math.log10(high / low)
     if decades < 2.5:
-        steps = (1.0, 3.0) if decades > 1.2 else (1.0, 2.0, 5.0) if decades > 0.7 else (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
+        steps = (1.0, 3.0) if decades > 1.2 else (1.0, 2.0, 5.0) if decades > 0.75 else (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
         axis.set_major_locator(LogLocator(subs=steps))
         axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     axis.set_minor_formatter(NullFormatter())

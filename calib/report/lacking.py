@@ -48,7 +48,7 @@ def missing_acceleration(motion: xr.Dataset, two: tuple[int, int]) -> Force | No
     if v.at.size < 4 * width:
         return None
     taps = savgol_coeffs(width, 2, deriv=1, delta=step, use="dot")
-    residual, fine = v.measured - v.calibrated, v.weight > 0.99
+    residual, fine = v.measured - v.calibrated, v.weight > 0.8
     half = width // 2
     mode = "wrap" if "period" in motion.attrs else "edge"
     spread = np.lib.stride_tricks.sliding_window_view(np.pad(residual, half, mode=mode), width)

@@ -71,7 +71,10 @@ def loop(motion: xr.Dataset, row: int) -> Loop:
     at, count = motion.time.values - float(motion.time[0]), 1
     if "period" in motion.attrs:
         cycles, at = cut(motion.time.values, rows, float(motion.attrs["period"]), int(motion.attrs["cycle"]))
-        count, rows = cycles.shape[1], np.concatenate([cycles[:-1].mean(axis=1), cycles[-1:].min(axis=1)])
+        count, weight = cycles.shape[1], cycles[names.index("weight")]
+        share = np.where(weight.sum(axis=0) > 0.0, weight, 1.0)  # of each cycle in the mean: none of an outlier
+        rows = (cycles * share).sum(axis=1) / share.sum(axis=0)
+        rows[names.index("weight")] = weight.mean(axis=0)
     means = dict(zip(names, rows, strict=True))
     views = means["measured"], means["calibrated"], means.get("extended"), means["weight"]
     sigma, response = float(motion.sigma[row]) / math.sqrt(count), _response(motion, row) / math.sqrt(count)

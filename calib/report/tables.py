@@ -11,7 +11,7 @@ from calib.parameter import Window
 from calib.record import OK
 from calib.report import drawing
 from calib.report.words import measured_number, number
-from calib.units import MILLI
+from calib.units import MILLI, shown
 
 
 def terms(study, result) -> list[dict[str, Any]]:
@@ -169,10 +169,13 @@ def failures(trials) -> list[dict[str, Any]]:
 
 
 def nuisances(result) -> list[dict[str, Any]]:
-    """Record, name and value [SI] of each nuisance that was solved for."""
+    """Record, name and value of each nuisance that was solved for."""
     rows = []
     for record, found in (result.get("nuisances") or {}).items():
-        rows += [{"record": record, "name": name, "value": value} for name, value in (found or {}).items()]
+        for name, value in (found or {}).items():
+            rows.append(
+                {"record": record, "name": name, "value": shown(value, "s") if name == "trigger" else number(value)}
+            )
     return rows
 
 

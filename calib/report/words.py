@@ -3,7 +3,7 @@
 import math
 import re
 
-from calib.units import MILLI
+from calib.units import MICRO, MILLI, TINY
 
 
 def number(x: float | str | None, digits: int = 4) -> str:
@@ -38,12 +38,13 @@ def count(n: int, noun: str) -> str:
 
 
 def quantity(value: float | None, unit: str | None, digits: int = 3, half: float | None = None) -> str:
-    """Write an SI value with its unit, in mm and ms where people do, and its half interval."""
+    """Write an SI value with its unit, in mm, ms, µm and µs where people do, and its half interval."""
     if value is None:
         return "-"
-    factor, name = MILLI.get(unit or "1", (1.0, unit or "1"))
+    small = MICRO if 0.0 < max(abs(value), half or 0.0) < TINY else MILLI
+    factor, name = small.get(unit or "1", (1.0, unit or "1"))
     written = number(factor * value, digits) if half is None else with_error(factor * value, factor * half)
-    return written if name == "1" else f"{written} {raised(name)}"
+    return written if name == "1" else f"{written} {raised(name).replace('um', 'µm').replace('us', 'µs')}"
 
 
 def with_error(value: float | None, half: float | None) -> str:

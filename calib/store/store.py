@@ -14,6 +14,7 @@ from calib.store.lock import Lock
 from calib.store.optuna_view import ARTIFACTS, JOURNAL, OptunaView, told
 from calib.store.trial import Trial, best
 
+SAID = ("result.json", "report.html")  # what `calib.calibrate` says of the trials
 Picture = Callable[[Trial, Mapping[str, xr.Dataset]], bytes]
 
 
@@ -76,7 +77,7 @@ class Store:
         return trials
 
     def _set_aside(self) -> None:
-        names = [TRIALS, RESIDUALS, JOURNAL, ARTIFACTS, "records"]
+        names = [TRIALS, RESIDUALS, JOURNAL, ARTIFACTS, "records", *SAID]
         present = [path for name in names if (path := self.folder / name).exists()]
         present += self.folder.glob("best*.nc")
         if not present:

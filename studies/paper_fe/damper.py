@@ -104,7 +104,7 @@ def picture(found: dict) -> Figure:
             column[0].set_title("\n".join([f"Fig. {number} set, C = {c_con:g} C_crit", *failed]))
             column[1].set_xlabel("time since the largest force [ms]")
         panels[0, 0].set_ylabel("velocity of the layer's middle [m/s]")
-        panels[1, 0].set_ylabel("contact force of the whole layer [N]")
+        panels[1, 0].set_ylabel(f"contact force of the whole layer,\nmean over T/{SAMPLES} [N]")
         figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(LOOKS))
     return figure
 

@@ -29,6 +29,7 @@ from calib.study_toml import load
 
 HERE = Path(__file__).parent
 PERIODS = 70  # of the paper's windows, 2.64 s
+AXES = {False: (2.4, 0.75), True: (1.2, 0.20)}  # mm, m/s: of Figs. 9 to 11, and of 12 to 14
 LARGE = 2.0  # times the layer's amplitude of Fig. 14 is a large one
 YES, NO, OPEN = "yes", "no", "not told by the record"
 
@@ -244,11 +245,12 @@ def picture(records: dict[int, xr.Dataset], found: dict[int, Obtained], title: s
         figure.suptitle(title, x=0.01, horizontalalignment="left", fontsize=10)
         blocks = figure.subfigures(2, 3, hspace=0.04, wspace=0.03)
         for block, (number, record) in zip(blocks.flat, records.items(), strict=True):
-            _block(block, number, record, found)
+            _block(block, number, record, found, AXES[number in SETTLES])
     return figure
 
 
-def _block(block, number, record, found):
+def _block(block, number, record, found, scale):
+    reach, fastest = scale
     one = found[number]
     told = verdicts(number, one, found[14])
     agrees = "; ".join(f"{claim}: {word}" for claim, word in told.items())
@@ -271,14 +273,14 @@ def _block(block, number, record, found):
     for axes in (curves, section):
         axes.plot(1e3 * layer.section_displacement, layer.section_velocity, ".", color=MARK, markersize=4.0, zorder=4)
         axes.set(xlabel="displacement [mm]", ylabel="velocity [m/s]")
-    curves.set(xlim=(-2.4, 2.4), ylim=(-0.75, 0.75))
+    curves.set(xlim=(-reach, reach), ylim=(-fastest, fastest))
     curves.legend(loc="lower right", fontsize=7)
     section.set_title("section of the layer", fontsize=7.5)
     x, v = 1e3 * float(layer.section_displacement[-1]), float(layer.section_velocity[-1])
     section.set(xlim=(x - 0.15, x + 0.15), ylim=(v - 0.15, v + 0.15))
     contact.fill_between(np.abs(record.contact_place), 100.0 * record.contact_share, step="mid", color=SIMULATED)
     contact.set_title("closed [% of time]", fontsize=7.5)
-    contact.set(xlabel="place (0 middle, 1 end)", xlim=(0.0, 1.0))
+    contact.set(xlabel="place (0 middle, 1 end)", xlim=(-0.03, 1.03))
     contact.set_ylim(0.0, max(5.0, 110.0 * float(record.contact_share.max())))
 
 

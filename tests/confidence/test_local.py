@@ -7,7 +7,7 @@ import pytest
 
 from calib.confidence.covariance import sandwich
 from calib.confidence.local import local
-from calib.confidence.undetermined import SHARE, combination
+from calib.confidence.undetermined import SHARE, combination, undetermined
 from calib.errors import CalibError
 from calib.parameter import Space, Window
 
@@ -175,6 +175,16 @@ def test_a_parameter_without_influence_is_not_determined():
     assert c.standard_error["idle"] == np.inf
     assert c.as_dict()["standard_error"]["idle"] is None
     assert c.interval["idle"] == (0.0, 1.0)
+
+
+def test_what_moves_along_with_an_idle_parameter_is_not_determined_either():
+    space = cube("a", "idle", "follower")
+    errors, together = np.array([0.01, 300.0, 0.6]), 0.9  # the follower's part in that direction is 0.2 %
+    covariance = np.diag(errors**2)
+    covariance[1, 2] = covariance[2, 1] = together * errors[1] * errors[2]
+    groups = undetermined(space, np.full(3, 0.5), covariance)
+    assert [g.members for g in groups] == [("idle",), ("follower",)]
+    assert groups[1].text == "follower: not determined inside its window"
 
 
 def test_where_no_parameter_has_influence_none_is_determined():

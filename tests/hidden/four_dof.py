@@ -59,11 +59,17 @@ def plant(values, plan: Plan) -> Plant:
     )
 
 
-def system(calibrated: Iterable[str] = ("restitution", "damping", "layer_stiffness")) -> System:
-    """Return the minimal model; `calibrated` are the parameters that the study searches."""
+def system(
+    calibrated: Iterable[str] = ("restitution", "damping", "layer_stiffness"), steps: float | None = None
+) -> System:
+    """Return the minimal model; `calibrated` are the parameters that the study searches.
+
+    steps : a period, of a study whose model locates no impacts: its "time_step" is what is hidden
+    """
+    coarse = {"mode": "fixed_step", "steps_per_period": steps}
     return System(
         name="four_dof",
-        options={"drive": "spring"},
+        options={"drive": "spring"} | (coarse if steps else {}),
         truth=TRUTH,
         windows={name: WINDOWS[name] for name in calibrated},
         fixed={name: TRUTH[name] for name in TRUTH if TRUTH[name] != NOMINAL[name] and name not in calibrated},

@@ -3,7 +3,7 @@
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
@@ -57,20 +57,30 @@ class Bench:
         Refused : there is no motion that a record can be made of
         """
         values = {**self.system.truth, **changed}
-        system = self.system
-        facts = [system.name, plan, values, dict(hidden), shift, system.periods, system.samples, len(system.time)]
-        key = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
-        path = self.cache / f"{key}.npz"
+        path = self._path(plan, values, dict(hidden), shift)
         if path.exists():
             with np.load(path) as kept:
                 return Clean(**{name: kept[name] for name in Clean._fields})
         start = self.clean(plan).state if hidden or changed or shift else None
         motion = self.system.moved(plan, values, hidden, start)
         record = Clean(self.system.rows(plan, motion, hidden, shift), motion.impacts, motion.state)
-        temporary = path.with_suffix(f".{os.getpid()}.npz")
-        np.savez(temporary, **record._asdict())
-        os.replace(temporary, path)
+        _keep(path, **record._asdict())
         return record
+
+    def _path(self, *facts) -> Path:
+        """File of a result that depends on these facts, and on the system."""
+        system = self.system
+        facts = [*facts, system.name, system.periods, system.samples, len(system.time)]
+        return self.cache / f"{hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()}.npz"
+
+    def _number(self, make: Callable[[str, float], float], effect: str, x: float) -> float:
+        """Return make(effect, x), which is kept: it depends on the records, the noise and what is calibrated."""
+        knows = [self.system.plans, dict(self.system.truth), list(self.system.windows), self.trigger]
+        path = self._path(make.__name__, effect, x, self.noise, self.phi, knows)
+        if not path.exists():
+            _keep(path, number=make(effect, x))
+        with np.load(path) as kept:
+            return float(kept["number"])
 
     @property
     def plans(self) -> list[Plan]:
@@ -157,7 +167,14 @@ class Bench:
 
         The nearest ones: at other values of the calibrated parameters, by the method of Gauss and Newton with the
         derivatives at the truth.
+
+        Raises
+        ------
+        Refused : the motion is none that a record can be made of
         """
+        return self._number(self._distance, effect, size)
+
+    def _distance(self, effect: str, size: float) -> float:
         hidden, moved, before = {"hidden": self.hidden(effect, size)}, {}, np.inf
         lengths = np.linalg.norm(self.sensitivity, axis=0)
         for _ in range(REFITS):
@@ -178,6 +195,9 @@ class Bench:
         ------
         Refused : calibration absorbs it, nobody would overlook it, or the motion is another
         """
+        return self._number(self._size, effect, z)
+
+    def _size(self, effect: str, z: float) -> float:
         if effect not in self.system.effects:
             raise Refused(f"{self.system.name} has no site for {effect!r}")
         if effect == "outliers":
@@ -235,3 +255,10 @@ class Bench:
         table = np.array(table)
         table[:, absorbed] = np.nan
         return table
+
+
+def _keep(path: Path, **arrays) -> None:
+    """Write arrays so that the file is either whole or absent."""
+    temporary = path.with_suffix(f".{os.getpid()}.npz")
+    np.savez(temporary, **arrays)
+    os.replace(temporary, path)

@@ -21,10 +21,11 @@ TIME = np.arange(1500) * 1e-3  # s
 EFFECTS = (
     "linear_drag", "quadratic_drag", "coulomb_friction", "presliding", "cubic_stiffness", "quadratic_stiffness",
     "softening", "preload", "added_mass", "detuning_drift", "extra_mode", "drive_harmonic_2", "drive_harmonic_3",
-    "drive_modulation", "backlash", "channel_gain", "channel_offset", "channel_drift", "channel_lag",
+    "backlash", "channel_gain", "channel_offset", "channel_drift", "channel_lag",
     "velocity_lowpass", "velocity_differencing", "plot_shear", "plot_scale", "axis_tilt", "clipping", "quantisation",
     "outliers",
 )  # fmt: skip
+DRIVEN = ("drive_modulation",)  # of a drive that begins
 AT_STOP = ("gap_offset", "adhesion", "rate_restitution", "squeeze_film")
 
 
@@ -93,7 +94,7 @@ def system(
         quantity="force",
         feature="time_history",
         structure={"added_mass": "mass"},
-        effects=EFFECTS + (AT_STOP if stop else ()),
+        effects=EFFECTS + (AT_STOP if stop else ()) + (DRIVEN if transient == "multisine" else ()),
         length=5e-3,
         omega=2.0 * np.pi * 10.0,
         periods=8,

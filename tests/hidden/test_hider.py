@@ -18,6 +18,7 @@ from calib.study_toml import load
 
 CASES = [("four_dof", {}), ("oscillator", {}), ("oscillator", {"transient": "decay"}), ("oscillator", {"stop": True})]
 CHANGE = 200.0  # length of what an effect changes, in the noise
+CLOSE = {"coulomb_friction": 1e-2, "squeeze_film": 0.2}  # laws that turn about within a step of the simulators
 HERE = {"air_drag_quadratic": "quadratic_drag", "velocity_lag": "channel_lag"}  # names that differ here
 QUICK = [
     ("quadratic_drag", "four_dof", {}),
@@ -69,35 +70,42 @@ def test_with_nothing_hidden_the_motions_are_those_of_the_simulator(simulator, o
 
 
 def modest(at, effect):
-    """Size at which an effect changes the records by some hundred times their noise over all samples."""
+    """Size at which an effect changes the records by some hundred times their noise over all samples, or less."""
     if not CAUSES[effect].derived:
         return CAUSES[effect].step * natural(at.system, effect)
-    return CHANGE / np.linalg.norm(at.derivative(effect))
+    size = CHANGE / np.linalg.norm(at.derivative(effect))
+    while True:
+        try:
+            at.z_of(effect, size)
+        except Refused:
+            size *= 0.5
+        else:
+            return size
 
 
 def pairs():
-    """Each effect of calib with each system that can hide it; one each runs by default where it is quick."""
+    """Each effect of calib with each system that can hide it."""
     for module in pkgutil.iter_modules(calib.effects.__path__):
         name = HERE.get(module.name, module.name)
         for simulator, options in CASES:
-            if name in bench_effects(simulator, options):
+            if name in hideable(simulator, options):
                 quick = (name, simulator, options) in QUICK
                 yield pytest.param(module.name, name, simulator, options, marks=() if quick else pytest.mark.slow)
 
 
-def bench_effects(simulator, options):
+def hideable(simulator, options):
     return set(SYSTEMS[simulator](**options).effects) - {"outliers"}
 
 
 @pytest.mark.parametrize(("module", "name", "simulator", "options"), list(pairs()))
 def test_a_hidden_effect_is_the_effect_of_that_name(module, name, simulator, options, cache):
-    """Away from impacts: instruments are asked between samples there, and between no two samples here."""
+    """Away from impacts, and as closely as effects of instruments interpolate between samples; the hider does not."""
     effect = named("calib.effects", f"calib.effects.{module}:EFFECT")
     at = bench(simulator, cache, **options)
     hidden = at.hidden(name, modest(at, name))
     bodies = ("q3",) if simulator == "four_dof" and getattr(effect, "place", "body") == "body" else None
     effect = replace(effect, bodies=bodies) if effect.site == "force" and bodies else effect
-    close = 0.05 if effect.site == "sensor" else 1e-3
+    close = 0.05 if effect.site == "sensor" else CLOSE.get(name, 1e-3)
     for plan in at.plans:
         transient = getattr(effect, "transient", False)
         if transient and plan.kind == "harmonic":
@@ -190,6 +198,11 @@ def test_the_study_can_be_read_and_tells_nothing_of_what_is_hidden(simulator, op
     for name in (*effect, *study.values):
         assert name not in text
         assert not any(name in str(attrs) for attrs in told)
+
+
+def test_a_study_whose_model_steps_coarsely_is_a_time_step_to_be_found(cache, tmp_path):
+    study = hide("four_dof", None, None, 1, folder=tmp_path, cache=cache, steps=60.37)
+    assert load(study.folder).study.model.simulator.mode == "fixed_step"
 
 
 def test_outliers_are_as_many_as_asked_for(cache, tmp_path):

@@ -20,9 +20,9 @@ def study(measured):
 
 @pytest.fixture(scope="module")
 def best(study):
-    """Return the values (SI) of the best fit and the residual force (n,) [N] it leaves."""
+    """Return the values (SI) of the best fit, load included, and the residual force (n,) [N] it leaves."""
     (reference,) = study.study.objective.references.values()
-    names = study.study.space.names
+    names = (*study.study.space.names, "load")  # which the study leaves out, for a diagnosis to find
     assert names == ("mass", "damping", "load")
 
     def residual(x):
@@ -62,6 +62,19 @@ def test_what_remains_has_the_sign_of_the_velocity(study, best):
     basis = np.c_[v, a, np.ones(v.size)]
     sign = np.sign(v) - basis @ np.linalg.lstsq(basis, np.sign(v), rcond=None)[0]
     assert np.corrcoef(-best[1], sign)[0, 1] > 0.9
+
+
+def test_with_coulomb_friction_the_values_are_the_published_ones(study):
+    for reference, left in ((study.study.objective.references["estimation"], 0.047), (study.others["pulses"], 0.084)):
+        needed_by_1_kg = study.study.model.run({"mass": 1.0, "damping": 0.0, "stiffness": 0.0},
+                                               reference.excitation, reference.request)  # fmt: skip
+        a, v = needed_by_1_kg.force.values[0], needed_by_1_kg.velocity.values[0]
+        force = reference.record.force.values[0]
+        rows = np.c_[a, v, np.tanh(v / 1e-3), np.ones(v.size)]
+        found = np.linalg.lstsq(rows, force, rcond=None)[0]
+        assert relative(force - rows @ found, force) == pytest.approx(left, abs=0.002)
+        assert found[2:] == pytest.approx([20.39, -3.16], rel=0.05)
+        assert found[1] == pytest.approx(203.5, rel=0.03)
 
 
 def test_the_residual_is_the_same_where_the_values_were_not_fitted(study, best):

@@ -154,6 +154,7 @@ def document(verdict, values):
         "rounds": ROUNDS,
         "refused": {"glue_bond": "layer_stiffness is searched already"},
         "gates": GATES,
+        "outliers": 0.0,
         "misfit": MISFIT,
         "parameters": {},
         "gain": GAIN,

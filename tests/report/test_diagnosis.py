@@ -64,6 +64,22 @@ def test_a_cause_is_named_with_its_equation_its_size_and_its_unit():
     )
 
 
+def test_outliers_are_a_cause_of_the_records_and_not_of_the_model():
+    said = document("named", VALUES) | {"causes": ["outliers"], "outliers": 0.012}
+    assert headline(said) == "In the records: outliers, 1.2\u00a0% of the samples."
+    assert any("were taken out" in point for point in points(said))
+
+
+def test_an_outlier_does_not_take_part_in_the_mean_cycle():
+    record = motion(np.random.default_rng(8))
+    record.measured[2, 250] += 1.0
+    assert abs(loop(record, 2).measured - loop(record, 2).calibrated).max() > 0.1
+    record.weight[2, 250] = 0.0
+    own = loop(record, 2)
+    assert abs(own.measured - own.calibrated).max() < 1e-4
+    assert own.weight[50] == pytest.approx(5 / 6)
+
+
 def test_a_class_is_told_with_its_likeness_and_the_measurement_that_would_decide(page):
     text = words(page)
     assert "one of 2 that these records do not tell apart: quadratic_drag or linear_drag." in text
@@ -176,7 +192,7 @@ def test_what_a_diagnosis_leaves_in_its_folder_can_be_read_again(tmp_path):
     noise = (Noise(1e-5, np.zeros(0), ""), Noise(1e-3, np.array([0.5]), "")) * 2
     shape = np.ones(record.measured.shape)
     part = Part(
-        "clapping", pairs, record.time.values, record.measured.values, 0.04, 1, (), noise, shape[:, 0] > 0, shape
+        "clapping", pairs, record.time.values, record.measured.values, 0.04, 1, (), noise, shape > 0.0, shape
     )  # fmt: skip
     point = SimpleNamespace(seen={"clapping": Seen(record.calibrated.values, shape[0])})
     selection = SimpleNamespace(null=SimpleNamespace(point=point), causes=())

@@ -92,6 +92,10 @@ def test_it_says_what_is_at_an_edge_and_what_is_not_determined(found):
     assert "not determined on its own" in text
 
 
+def test_the_instant_at_which_a_record_starts_has_its_unit(found):
+    assert "clapping trigger 12.3 ms" in words(found)
+
+
 def test_records_that_are_not_measured_are_said_to_be_so(found):
     text = words(found)
     assert "clapping, louder, slower: not measured: &lt;computed&gt; outside this project" in text

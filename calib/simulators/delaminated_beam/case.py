@@ -60,7 +60,8 @@ class Case:
         """Say what the limit is."""
         return (
             f"a step of {self.step:.4g} s is above the stable one of {self.stable:.4g} s "
-            f"(critical step {self.critical:.4g} s, beta {self.beta / self.critical:.3g} of critical)"
+            f"(critical step {self.critical:.4g} s, beta {self.beta / self.critical:.3g} of critical); "
+            "lower dt, f_dt or beta"
         )
 
     def steps(self) -> dict:
@@ -139,10 +140,10 @@ def structure_of(shape: tuple[tuple[str, float], ...], arch: float, counts: Coun
     """Mesh of a beam with its matrices."""
     v = dict(shape)
     if not v["poisson_ratio"] < 0.5:
-        raise ValueError("a Poisson's ratio of 0.5 has no bulk modulus")
+        raise ValueError("a Poisson's ratio of 0.5 has no bulk modulus; take less")
     for name in ("young_modulus", "density", "width", "beam_thickness", "layer_thickness"):
         if not v[name] > 0.0:
-            raise ValueError(f"{name} is {v[name]:g}")
+            raise ValueError(f"{name} is {v[name]:g}; give it a positive value")
     geometry = Geometry(
         v["length"], v["delamination"], v["beam_thickness"], v["layer_thickness"], arch, v["support"]
     )

@@ -12,14 +12,14 @@ import xarray as xr
 
 from calib.errors import CalibError, nearest
 from calib.excitation import Excitation
-from calib.laws import BoundLaw, at_site
+from calib.laws import BoundLaw
 from calib.parameter import Parameter
 from calib.record import OK, STATE, failed, make, prescription, with_impacts, with_section
 from calib.simulators.delaminated_beam.case import Case, critical_step_of, modes_of, structure_of
 from calib.simulators.delaminated_beam.contact import Stiffness, clearance, critical_damping, penalty
 from calib.simulators.delaminated_beam.drive import Drive
 from calib.simulators.delaminated_beam.layout import BODIES, LONGEST, elastic_energy, stable_step
-from calib.simulators.delaminated_beam.mesh import Counts
+from calib.simulators.delaminated_beam.mesh import Counts, Geometry, mesh
 from calib.simulators.delaminated_beam.period_map import BeamMap
 from calib.simulators.delaminated_beam.reduction import Fineness
 from calib.simulators.delaminated_beam.stationary import Motion, stationary
@@ -58,6 +58,7 @@ PARAMETERS = (
     Parameter("poisson_ratio", "1", 0.3, "Poisson's ratio", low=0.0, high=0.5),
     Parameter("density", "kg/m^3", 2700.0, "density", low=0.0),
 )  # fmt: skip
+SHAPE = ("length", "delamination", "beam_thickness", "layer_thickness", "support")
 NOT_SHAPE = ("alpha", "beta", "beta_seconds", "f", "c_con", "dt", "f_dt", "s", "gap", "amplitude")
 
 
@@ -82,7 +83,8 @@ class DelaminatedBeam:
     clipped : whether the contact force cannot pull
     symmetric : whether the right half is computed, or the whole beam
     layer : "straight" (default), or "arched": its stress-free middle follows the gap's cubics
-    shift : "free" (default): s is a parameter, or "tied": s = gap - g_max
+    shift : "free" (default): s is a parameter, or "tied": s = gap - g_max, and in its place `gap` is one: the gap in
+        the middle, nominally 1 mm
     gap_table : [[place, gap], ...] instead of the cubics: places from 0 (or -1) to 1, the end of the delamination, and
         measured gaps [m], between which is interpolated; `s` is added, g_max has no say
     masters, slaves, outer, beam_rows, layer_rows : of the mesh, see `mesh.Counts`
@@ -113,7 +115,7 @@ class DelaminatedBeam:
     bodies = BODIES
     sites = frozenset({"force", "gap", "contact", "excitation"})
     places = MappingProxyType({"body": ("layer",)})
-    law_states = 0
+    law_states = 0  # each node would have its own
     numerics = frozenset({"time_step"})
     excitations = frozenset({(QUANTITY, PLACE)})
 
@@ -156,6 +158,9 @@ class DelaminatedBeam:
         for key, value in {**whole, **given, "settle_limit": settle_limit}.items():
             if isinstance(value, bool) or not isinstance(value, int) or value < 1:
                 raise CalibError(f"{key} is a whole number from 1 on, got {value!r}")
+        for key, value in (("clipped", clipped), ("symmetric", symmetric), ("balance", balance)):
+            if not isinstance(value, bool):
+                raise CalibError(f"{key} is true or false, got {value!r}")
         if masters % 2:
             raise CalibError(f"masters is even, half of them on each side of the middle; got {masters}")
         for key, rows in (("beam_rows", beam_rows), ("layer_rows", layer_rows)):
@@ -171,11 +176,11 @@ class DelaminatedBeam:
         if balance and fidelity == "reduced":
             raise CalibError("an energy balance is of the full kernel; take fidelity 'full' or 'auto', or drop balance")
         self.fidelity = fidelity
-        self.balance = bool(balance)
+        self.balance = balance
         self.contact_stiffness = contact_stiffness
         self.damper = damper
-        self.clipped = bool(clipped)
-        self.symmetric = bool(symmetric)
+        self.clipped = clipped
+        self.symmetric = symmetric
         self.layer = layer
         self.shift = shift
         self.gap_table = None if gap_table is None else _table(gap_table, symmetric)
@@ -190,6 +195,11 @@ class DelaminatedBeam:
                 "refinement, masters, slaves or outer, or set symmetric = true"
             )
         self.levels = tuple(replace(level, **{"every": math.gcd(level.every, pairs), **given}) for level in LEVELS)
+        nominal = Geometry(arch=0.0, **{p.name: p.nominal for p in PARAMETERS if p.name in SHAPE})
+        most = self.levels[0].modes  # finer levels are taken only where the tolerance asks for them
+        freedoms = mesh(nominal, self.counts, symmetric).freedoms
+        if fidelity != "full" and most >= freedoms:
+            raise CalibError(f"{most} modes of a mesh with {freedoms} freedoms; take fewer modes or a finer mesh")
         self.tolerance = tolerance
         self.settle_limit = settle_limit
         self.shorter = 1.0
@@ -220,10 +230,9 @@ class DelaminatedBeam:
 
         Raises
         ------
-        CalibError : an excitation that is not a harmonic displacement of the centre; force laws with internal states;
-            an initial state of the wrong size
+        CalibError : an excitation that is not a harmonic displacement of the centre; an initial state of the wrong size
         """
-        self._check(excitation, laws, request)
+        self._check(excitation, request)
         attrs = self._attrs(values, excitation)
         try:
             case = self._case(values, excitation, laws)
@@ -244,10 +253,10 @@ class DelaminatedBeam:
 
         Raises
         ------
-        CalibError : an excitation that is not a harmonic displacement of the centre; force laws with internal states
+        CalibError : an excitation that is not a harmonic displacement of the centre
         ValueError : these values give no beam, or a step that is not stable
         """
-        self._check(excitation, laws)
+        self._check(excitation)
         case = self._case(values, shifted(excitation, phase), laws)
         if case.step > case.stable:
             raise ValueError(case.why_unstable())
@@ -262,15 +271,10 @@ class DelaminatedBeam:
 
     # --- putting a case together
 
-    def _check(self, excitation: Excitation, laws: Sequence[BoundLaw], request=None) -> None:
+    def _check(self, excitation: Excitation, request=None) -> None:
         if (excitation.quantity, excitation.place) not in self.excitations or not excitation.harmonic:
             given = f"{'recorded ' if excitation.recorded else ''}{excitation.quantity} at {excitation.place!r}"
             raise CalibError(f"delaminated_beam takes a harmonic {QUANTITY} at {PLACE!r}, got {given}")
-        if any(law.states for law in at_site(laws, "force")):
-            raise CalibError(
-                "delaminated_beam takes no force laws with internal states, which each node would have its own of; "
-                "drop that effect from [model] effects, or take simulator 'four_dof'"
-            )
         if request is not None and request.times is not None:
             raise CalibError("output times are for excitations without a period; ask for periods and samples instead")
 
@@ -289,10 +293,15 @@ class DelaminatedBeam:
         step = values["f_dt"] * critical or values["dt"]
         step /= self.shorter
         if not step > 0.0:
-            raise ValueError(f"a time step of {step:g} s")
+            raise ValueError("the time step is 0 s; give dt, or f_dt as a share of the critical step, a positive value")
         count = math.ceil(excitation.period / step * (1.0 - 1e-12))
         step = excitation.period / count
         shift = values["gap"] - height if self.shift == "tied" else values["s"]
+        if self.shift == "tied" and shift < 0.0 and self.gap_table is None:
+            raise ValueError(
+                f"g_max of {1e3 * height:g} mm is above the gap of {1e3 * values['gap']:g} mm in the middle, so that "
+                "layer and beam would overlap at the ends; lower g_max, or take shift 'free' and give s"
+            )
         pairs = built.pairs
         stiffness = penalty(
             pairs, self.contact_stiffness, values["f"], built.material, built.width, values["layer_thickness"], step

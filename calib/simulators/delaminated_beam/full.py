@@ -49,7 +49,10 @@ class Full:
         rows = np.zeros((samples, 5))
         done = int(self.now.count[0])
         if done + self._steps > self._budget:
-            reason = f"{self._budget} steps were spent in period {done // self._steps + 1}, at {self._steps} a period"
+            reason = (
+                f"{self._budget} steps were spent in period {done // self._steps + 1}, at {self._steps} a period; "
+                "raise step_budget or dt, or lower settle_limit"
+            )
             return Period("step budget", reason, rows[:, :4], rows[:, 4])
         seen = self._seen._replace(at=step, shift=at - step, samples=rows)
         time = done // self._steps * self._period

@@ -72,11 +72,8 @@ class Structure:
 def structure(mesh: Mesh, material: Material, width: float, full: bool = False) -> Structure:
     """Work out the matrices of a mesh; see `Structure`."""
     mass = masses(mesh, material, width)
-    held = list(2 * mesh.supports + 1)
-    middle = np.flatnonzero(np.abs(mesh.nodes[:, 0]) < 1e-12) if mesh.symmetric else [mesh.driven]
-    held += [2 * node for node in middle]
     k = stiffness(mesh, material, width, full)
-    return Structure(mesh, material, width, mass, k, np.array(held), contact.pairs(mesh, mass), full)
+    return Structure(mesh, material, width, mass, k, mesh.held, contact.pairs(mesh, mass), full)
 
 
 def stable_step(critical: float, beta: float) -> float:

@@ -106,6 +106,17 @@ class Mesh:
         return np.linspace(0.0 if self.symmetric else -1.0, 1.0, self.slaves.size)
 
     @property
+    def held(self) -> np.ndarray:
+        """Freedoms that do not move: twice the node's number for x, and one more for y."""
+        middle = np.flatnonzero(np.abs(self.nodes[:, 0]) < 1e-12) if self.symmetric else [self.driven]
+        return np.array([*(2 * self.supports + 1), *(2 * node for node in middle)])
+
+    @property
+    def freedoms(self) -> int:
+        """How many neither are held nor follow the drive."""
+        return 2 * len(self.nodes) - len(self.held) - 1
+
+    @property
     def layer(self) -> np.ndarray:
         """Nodes of the layer but for those that it shares with the parts beside the delamination."""
         inner = slice(self.first + (not self.symmetric), self.last)
@@ -136,9 +147,15 @@ def mesh(geometry: Geometry, counts: Counts, symmetric: bool = True) -> Mesh:
     half, a = 0.5 * geometry.length, 0.5 * geometry.delamination
     height = geometry.beam_thickness + geometry.layer_thickness
     if not 0.0 < a < half:
-        raise ValueError(f"a delamination of {geometry.delamination:g} m in a beam of {geometry.length:g} m")
+        raise ValueError(
+            f"a delamination of {geometry.delamination:g} m does not lie inside a beam of {geometry.length:g} m; mend "
+            "delamination or length"
+        )
     if not a < geometry.support < half:
-        raise ValueError(f"supports {geometry.support:g} m from the middle are not between delamination and end")
+        raise ValueError(
+            f"supports {geometry.support:g} m from the middle do not lie between delamination ({a:g} m) and end "
+            f"({half:g} m); mend support"
+        )
     beyond = np.linspace(a, half, counts.outer + 1)[1:]
 
     def columns(within: int) -> np.ndarray:

@@ -189,7 +189,9 @@ class Reduced:
         """Go on by one period; see `stationary.Period`."""
         rows = np.zeros((samples, 5))
         if self.now.count[0] >= self._budget:
-            reason = f"{self._budget} steps were spent by period {self._done + 1}"
+            reason = (
+                f"{self._budget} steps were spent by period {self._done + 1}; raise step_budget, or lower settle_limit"
+            )
             return Period("step budget", reason, rows[:, :4], rows[:, 4])
         seen = self._seen._replace(times=np.arange(samples) * (self._period / samples), samples=rows)
         self.now.push[:] = 0.0  # no part of the state: what the modes left out yields anew

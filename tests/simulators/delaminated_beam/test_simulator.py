@@ -3,6 +3,7 @@
 import json
 import math
 import pickle
+import re
 import subprocess
 import sys
 
@@ -116,6 +117,10 @@ def amplitude(record):
         ({"gap_table": [[-0.5, 1e-3], [1.0, 0.0]]}, "from 0 .or -1. to 1"),
         ({"gap_table": [[-1.0, 0.0], [1.0, 0.0]]}, "symmetric = false"),
         ({"fidelity": "full", "refinement": 7}, "lower refinement"),
+        ({"symmetric": "no"}, "symmetric is true or false, got 'no'"),
+        ({"clipped": 0}, "clipped is true or false"),
+        ({"fidelity": "full", "balance": "yes"}, "balance is true or false"),
+        ({"modes": 945}, "945 modes of a mesh with 945 freedoms; take fewer"),
     ],
 )
 def test_an_option_that_cannot_be_is_refused_and_the_refusal_says_what_can(options, said):
@@ -124,8 +129,36 @@ def test_an_option_that_cannot_be_is_refused_and_the_refusal_says_what_can(optio
 
 
 def test_more_modes_than_the_mesh_has_freedoms_are_refused():
+    tiny = {"masters": 2, "outer": 1, "slaves": 1}
     with pytest.raises(CalibError, match="fewer modes or a finer mesh"):
-        attempt(beam(masters=2, outer=1, slaves=1))
+        beam(**tiny)
+    beam(**tiny, fidelity="full")  # has no use for modes
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"length": 0.0}, "inside a beam of 0 m; mend delamination or length"),
+        ({"delamination": 2.0}, "inside a beam of 1.386 m; mend"),
+        ({"support": 0.1}, r"between delamination .0.28 m. and end .0.693 m.; mend support"),
+        ({"width": 0.0}, "width is 0; give it a positive value"),
+        ({"dt": 0.0}, "give dt, or f_dt"),
+        ({"dt": 1e-3}, "lower dt, f_dt or beta"),
+    ],
+)
+def test_values_that_give_no_beam_fail_and_the_reason_says_what_to_mend(values, said):
+    record = attempt(beam(), **{"beta": 0.02, **values})
+    assert record.attrs["status"] != records.OK
+    assert re.search(said, record.attrs["reason"])
+
+
+def test_a_tied_shift_lets_no_layer_lie_within_the_beam():
+    tied = {"gap": 1e-3, "g_max": 1.5e-3}
+    values = {name: value for name, value in VALUES.items() if name not in ("s", "g_max")}
+    record = Model(beam(shift="tied")).run({**values, **tied}, EXCITATION, REQUEST)
+    assert record.attrs["status"] == "diverged"
+    assert "g_max of 1.5 mm is above the gap of 1 mm" in record.attrs["reason"]
+    assert "lower g_max" in record.attrs["reason"]
 
 
 def test_a_shift_that_is_tied_takes_the_gap_for_a_parameter():
@@ -402,11 +435,10 @@ def test_a_second_harmonic_shows_in_the_driven_point(fidelity):
     np.testing.assert_allclose(x, drive, rtol=0, atol=1e-4 * EXCITATION.amplitude)
 
 
-@BOTH
-def test_a_force_law_with_internal_states_is_refused(fidelity):
+def test_a_force_law_with_internal_states_is_refused_before_any_run():
     lag = Effect("falter", "force", force(states=1)(falter_plain), (Parameter("k", "1/s", 0.0, "k", null=0.0),), "lag")
     with pytest.raises(CalibError, match="internal states"):
-        run(beam(fidelity=fidelity), lag, k=1.0)
+        Model(beam(), [lag])
 
 
 def falter_plain(t, x, v, p, z, dz):

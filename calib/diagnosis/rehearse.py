@@ -1,0 +1,256 @@
+"""What an experiment could show: each candidate hidden in data of the study's own model, and sought.
+
+The data have the records' excitations, lengths and noise, and the calibrated values; they are made with the same solver
+as the search, so that what is found here is the best that can be hoped for.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from calib.diagnosis.bench import Run, Seen, simulated
+from calib.diagnosis.candidate import Candidate
+from calib.diagnosis.diagnose import NAMED, NONE, ONE_OF, UNEXPLAINED, bench_of, diagnose, prepared
+from calib.diagnosis.evidence import Evidence
+from calib.diagnosis.selection import scored
+from calib.effect import Effect
+from calib.errors import CalibError
+from calib.objective import Objective, Reference
+from calib.pool import Failure, InProcess, LocalPool
+from calib.study import Pool, Study
+
+STRENGTHS = (5.0, 10.0, 20.0, 40.0)  # sizes of a hidden effect, as the z that its information promises
+SEEDS = 3
+RELIABLE = 0.75  # share of the seeds in which an effect is named
+NOTHING = "nothing"
+
+
+@dataclass(frozen=True)
+class Case:
+    """One rehearsal.
+
+    Attributes
+    ----------
+    effect : that is hidden, NOTHING for none
+    strength : z that its size promises; NaN where it has no derivative, and 0 where nothing is hidden
+    values : of its parameters, in SI
+    seed : of the noise
+    units : of its parameters
+    """
+
+    effect: str
+    strength: float
+    values: Mapping[str, float]
+    seed: int
+    units: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def key(self) -> str:
+        """What tells it from the others."""
+        sizes = ",".join(f"{name}={value:.6g}" for name, value in self.values.items())
+        return f"{self.effect}({sizes})#{self.seed}"
+
+
+@dataclass(frozen=True)
+class Rehearsed:
+    """What became of a case.
+
+    Attributes
+    ----------
+    case : see there
+    verdict, causes, classes : of the diagnosis; the verdict is "failed" where there was none
+    reason : why it failed
+    """
+
+    case: Case
+    verdict: str
+    causes: tuple[str, ...] = ()
+    classes: tuple[tuple[str, ...], ...] = ()
+    reason: str = ""
+
+    @property
+    def detected(self) -> bool:
+        """Whether anything was found."""
+        return self.verdict in (NAMED, ONE_OF, UNEXPLAINED)
+
+    @property
+    def named(self) -> bool:
+        """Whether exactly what is hidden was named."""
+        return self.causes == (self.case.effect,)
+
+    @property
+    def covered(self) -> bool:
+        """Whether the class holds what is hidden."""
+        return any(set(names) == {self.case.effect} for names in self.classes)
+
+    @property
+    def answer(self) -> str:
+        """The answer in one word: the effect, "class", "unexplained", or nothing."""
+        if self.verdict == NAMED:
+            return " + ".join(self.causes)
+        return {ONE_OF: "class", NONE: NOTHING}.get(self.verdict, self.verdict)
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """What a child process needs to play a case: the study, and its records without noise.
+
+    Attributes
+    ----------
+    study, others, values, effects : as in `diagnose`
+    evidence : of the real records, whose noise is drawn
+    """
+
+    study: Study
+    others: Mapping[str, Reference]
+    values: Mapping[str, float]
+    effects: Sequence[Effect]
+    evidence: Evidence
+    hidden: Mapping[str, Candidate] = field(default_factory=dict)
+
+    def __call__(self, case: Case) -> Rehearsed:
+        """Hide, and seek."""
+        bench = bench_of(self.study, self.others)
+        effects = () if case.effect == NOTHING else (self.hidden[case.effect].effect,)
+        runs = [Run(name, {**self.values, **case.values}, effects) for name in self.evidence.names]
+        views = dict(zip(self.evidence.names, simulated(InProcess(bench), runs), strict=True))
+        bad = next((f"{name}: {view.status}" for name, view in views.items() if not view.usable), None)
+        if bad is not None:
+            return Rehearsed(case, "failed", reason=bad)
+        rng = np.random.default_rng([case.seed, 7])
+        known = {**self.study.objective.references, **self.others}
+        made = {part.name: _made(known[part.name], part, views[part.name], rng) for part in self.evidence.parts}
+        scored = {name: reference for name, reference in made.items() if reference.use == "calibrate"}
+        study = replace(self.study, objective=Objective(scored, self.study.objective.terms))
+        others = {name: reference for name, reference in made.items() if reference.use != "calibrate"}
+        found = diagnose(study, others, self.values, self.effects, seed=case.seed, pool=InProcess)
+        return Rehearsed(case, found.verdict, found.causes, found.classes)
+
+
+def _made(reference: Reference, part, view: Seen, rng: np.random.Generator) -> Reference:
+    """Return the reference with simulated rows and fresh noise in the place of what was measured."""
+    record = reference.record.copy(deep=True)
+    bodies = [str(body) for body in record.body.values]
+    for (body, channel), row, noise in zip(part.rows, view.rows, part.noise, strict=True):
+        record[channel].values[bodies.index(body)] = row + noise.drawn(rng, row.size)
+    return replace(reference, record=record)
+
+
+def rehearse(
+    study: Study,
+    others: Mapping[str, Reference],
+    values: Mapping[str, float],
+    effects: Sequence[Effect],
+    *,
+    strengths: Sequence[float] = STRENGTHS,
+    seeds: int = SEEDS,
+    done: Mapping[str, Rehearsed] | None = None,
+    pool: Callable[[Stage], Pool] | None = None,
+    on_case: Callable[[Rehearsed, int, int], None] = lambda found, number, of: None,
+) -> list[Rehearsed]:
+    """Hide each candidate at several sizes, several times, and seek it.
+
+    Parameters
+    ----------
+    study, others, values, effects : as in `calib.diagnosis.diagnose.diagnose`; records held out take no part
+    strengths : sizes, as the z that they promise
+    seeds : cases of each effect and size
+    done : cases that were played before, by their key
+    on_case : called as a case ends, with its number and how many there are
+
+    Raises
+    ------
+    CalibError : the study cannot be diagnosed at all
+    """
+    others = {name: reference for name, reference in others.items() if reference.use != "holdout"}
+    bench = bench_of(study, others)
+    with LocalPool(bench, study.jobs, study.timeout) as open_pool:
+        ready = prepared(open_pool, bench, study, values, effects, lambda text: None)
+        if ready.null is None:
+            failed = "; ".join(gate.said for gate in ready.gates if not gate.passed)
+            raise CalibError(f"the study cannot be rehearsed, for it cannot be diagnosed: {failed}")
+        suspects, _ = scored(ready.fitter, ready.null, ready.suspects, study.seed)
+    fitted = ready.null.point.values
+    hidden = {s.name: s.candidate for s in reversed(suspects)}
+    cases = [Case(NOTHING, 0.0, {}, seed) for seed in range(seeds * len(strengths))]
+    for name, candidate in hidden.items():
+        units = {p.name: p.unit for p in candidate.effect.parameters}
+        suspect = next(s for s in suspects if s.candidate is candidate)
+        for strength, sizes in _sizes(suspect, strengths):
+            cases += [Case(name, strength, candidate.values(sizes), seed, units) for seed in range(seeds)]
+    found = {case.key: done[case.key] for case in cases if done and case.key in done}
+    todo = [case for case in cases if case.key not in found]
+    stage = Stage(study.without_search(), others, fitted, list(effects), ready.fitter.evidence, hidden)
+    make = pool or (lambda function: LocalPool(function, study.jobs))
+    with make(stage) as stages:
+        for index, answer in stages.map(todo):
+            case = todo[index]
+            played = Rehearsed(case, "failed", reason=answer.reason) if isinstance(answer, Failure) else answer
+            found[case.key] = played
+            on_case(played, len(found), len(cases))
+    return [found[case.key] for case in cases]
+
+
+def _sizes(suspect, strengths: Sequence[float]) -> list[tuple[float, np.ndarray]]:
+    """Sizes (p,) to hide: of the first parameter that the records know, with the z that they promise."""
+    candidate = suspect.candidate
+    if suspect.test is None:
+        return [(np.nan, row) for row in candidate.sizes]
+    error = suspect.test.error
+    known = [k for k in range(error.size) if np.isfinite(error[k])]
+    if not known:
+        return []
+    found = []
+    for strength in strengths:
+        sizes = candidate.null.copy()
+        sizes[known[0]] += strength * error[known[0]] * (1.0 if sizes[known[0]] < candidate.high[known[0]] else -1.0)
+        found.append((float(strength), np.clip(sizes, candidate.low, candidate.high)))
+    return found
+
+
+def rates(played: Sequence[Rehearsed]) -> list[dict]:
+    """Share of the cases of each effect and strength that were detected, named, and covered by the class."""
+    groups: dict[tuple, list[Rehearsed]] = {}
+    for one in played:
+        groups.setdefault((one.case.effect, tuple(one.case.values.values())), []).append(one)
+    return [
+        {
+            "effect": effect,
+            "strength": members[0].case.strength,
+            "values": dict(members[0].case.values),
+            "units": dict(members[0].case.units),
+            "cases": len(members),
+            "detected": sum(one.detected for one in members) / len(members),
+            "named": sum(one.named for one in members) / len(members),
+            "covered": sum(one.covered or one.named for one in members) / len(members),
+        }
+        for (effect, _), members in groups.items()
+    ]
+
+
+def smallest(played: Sequence[Rehearsed]) -> dict[str, dict | None]:
+    """Smallest rehearsed size from which on each effect is reliably named; None where there is none."""
+    found: dict[str, dict | None] = {}
+    lost: set[str] = set()
+    for row in reversed(rates(played)):  # sizes rise
+        effect = row["effect"]
+        if effect == NOTHING or effect in lost:
+            continue
+        if row["named"] >= RELIABLE:
+            found[effect] = row
+        else:
+            lost.add(effect)
+            found.setdefault(effect, None)
+    return found
+
+
+def confusion(played: Sequence[Rehearsed]) -> tuple[list[str], list[str], np.ndarray]:
+    """Hidden effects, answers, and the share (hidden, answer) of the cases of each that were answered so."""
+    hidden = list(dict.fromkeys(one.case.effect for one in played))
+    answers = [*hidden, "class", UNEXPLAINED]
+    answers += [a for a in dict.fromkeys(one.answer for one in played) if a not in answers]
+    table = np.zeros((len(hidden), len(answers)))
+    for one in played:
+        table[hidden.index(one.case.effect), answers.index(one.answer)] += 1.0
+    return hidden, answers, table / table.sum(axis=1, keepdims=True)

@@ -1,0 +1,123 @@
+"""Two tanks, one above the other: a simulator of levels by a third party, and the effect that its upper tank spills."""
+
+import numpy as np
+from numba import njit
+
+from calib.effect import Effect
+from calib.errors import CalibError
+from calib.laws import STATES, force
+from calib.parameter import Parameter
+from calib.record import failed, make
+from calib.simulators.slots import acting, fill
+from calib.simulators.slots import force as force_law
+
+BODIES = ("upper", "lower")
+STEPS = 16  # Runge-Kutta steps from one sample of the pump to the next
+
+
+class CascadedTanks:
+    """A pump fills the upper tank, which empties into the lower one, which empties into the reservoir.
+
+    x1' = b u - k1 sqrt(x1),  x2' = k1 sqrt(x1) - k2 sqrt(x2), tanks of one cross-section; u is held between its
+    samples. The displacement of a body is its level and the velocity its rate. A law of force adds to that rate, its
+    m/s^2 counted as m/s; of what laws take out of the upper tank the lower one gets the `spill_share`.
+    """
+
+    name = "cascaded_tanks"
+    bodies = BODIES
+    places = {"body": ("lower",)}
+    excitations = frozenset({("force", "pump")})
+    sites = frozenset({"force"})
+    parameters = (
+        Parameter("outflow_upper", "m^0.5/s", 0.05, "outflow of the upper tank over the root of its level", low=0.0),
+        Parameter("outflow_lower", "m^0.5/s", 0.05, "outflow of the lower tank over the root of its level", low=0.0),
+        Parameter("pump", "m/(N s)", 0.05, "rise of the upper level per unit of the pump's input", low=0.0),
+        Parameter("initial_upper", "m", 5.0, "level of the upper tank at the first sample", low=0.0),
+        Parameter("initial_lower", "m", 5.0, "level of the lower tank at the first sample", low=0.0),
+        Parameter("spill_share", "1", 0.6, "share of what spills that falls into the lower tank", low=0.0, high=1.0),
+    )
+
+    def run(self, values, excitation, laws, request):
+        """Return the record of both levels at the instants of the pump's samples, or the times asked for."""
+        if (excitation.quantity, excitation.place) not in self.excitations or not excitation.recorded:
+            raise CalibError(f"the tanks take a recorded force at 'pump', got {excitation.quantity} {excitation.place}")
+        for name, value in values.items():
+            if not np.isfinite(value):
+                return failed(self.bodies, "impossible value", f"{name} is {value}")
+        if request.step_budget < STEPS * excitation.time.size:
+            return failed(self.bodies, "step budget", f"{STEPS * excitation.time.size} steps are needed")
+        states = np.array([law.states for law in laws] + [0] * STATES)
+        found = _levels(
+            excitation.time,
+            excitation.value,
+            np.array([values[p.name] for p in self.parameters]),
+            *fill(laws, "force"),
+            acting(laws, BODIES),
+            states,
+        )
+        if not np.isfinite(found).all():
+            return failed(self.bodies, "diverged", "the levels are not finite")
+        times = excitation.time if request.times is None else request.times
+        at = np.array([[np.interp(times, excitation.time, row) for row in kind] for kind in found])
+        attrs = {"place": excitation.place, "quantity": excitation.quantity}
+        return make(times, BODIES, {"displacement": at[0], "velocity": at[1]}, **attrs)
+
+
+@njit(cache=True)
+def _rates(t, x, u, values, functions, p, count, acts, z, dz, rate):
+    """Write the rates of both levels [m/s] and of the laws' states."""
+    out = values[0] * np.sqrt(max(x[0], 0.0)), values[1] * np.sqrt(max(x[1], 0.0))
+    rate[0] = values[2] * u - out[0]
+    rate[1] = out[0] - out[1]
+    plain, spilt = (rate[0], rate[1]), 0.0
+    for i in range(count):
+        for j in range(2):
+            if acts[i, j]:
+                change = force_law(functions[i], t, x[j], plain[j], p[i], z[i, j], dz[i, j])
+                rate[j] += change
+                spilt -= change if j == 0 else 0.0
+    rate[1] += values[5] * max(spilt, 0.0)
+
+
+@njit(cache=True)
+def _levels(time, pump, values, functions, p, count, acts, states):
+    """Levels and their rates (2, body, n) at the samples, by Runge and Kutta."""
+    found = np.zeros((2, 2, time.size))
+    x, rate = values[3:5].copy(), np.zeros((4, 2))
+    z, dz = np.zeros((p.shape[0], 2, STATES)), np.zeros((4, p.shape[0], 2, STATES))
+    for n in range(time.size):
+        _rates(time[n], x, pump[n], values, functions, p, count, acts, z, dz[0], rate[0])
+        found[0, :, n], found[1, :, n] = x, rate[0]
+        if n == time.size - 1:
+            break
+        h = (time[n + 1] - time[n]) / STEPS
+        for k in range(STEPS):
+            t, u = time[n] + k * h, pump[n]
+            _rates(t, x, u, values, functions, p, count, acts, z, dz[0], rate[0])
+            for s in range(1, 4):
+                part = h if s == 3 else 0.5 * h
+                xs, zs = x + part * rate[s - 1], z + part * dz[s - 1]
+                _rates(t + part, xs, u, values, functions, p, count, acts, zs, dz[s], rate[s])
+            x = np.maximum(x + h * (rate[0] + 2.0 * rate[1] + 2.0 * rate[2] + rate[3]) / 6.0, 0.0)
+            z = z + h * (dz[0] + 2.0 * dz[1] + 2.0 * dz[2] + dz[3]) / 6.0
+    return found
+
+
+@force
+def spill(t, x, v, p, z, dz):
+    """Return what spills [m/s] at the level x [m]: -p[0] (x - p[1]) above the brim p[1]."""
+    return -p[0] * max(0.0, x - p[1])
+
+
+OVERFLOW = Effect(
+    name="overflow",
+    site="force",
+    law=spill,
+    parameters=(
+        Parameter("spill_rate", "1/s", 0.0, "spill over the height above the brim", null=0.0, low=0.0, high=2.0),
+        Parameter("brim", "m", 10.0, "level from which on the tank spills", low=0.0),
+    ),
+    meaning="a tank that spills over its brim: what is pumped in beyond that is lost, or falls into the next tank",
+    bodies=("upper",),
+    cite="M. Schoukens, P. Mattson, T. Wigren, J.-P. Noel, Cascaded tanks benchmark (2016)",
+)
