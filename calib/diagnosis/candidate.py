@@ -78,13 +78,16 @@ class Scales:
 
     @classmethod
     def of(cls, references: Iterable[Reference]) -> "Scales":
-        """Read them off the measured records: the largest amplitude, and the rate at which displacement changes."""
+        """Read them off the measured records: the largest amplitude, and the rate at which displacement changes.
+
+        Where the motion is prescribed and the force measured, the prescribed motion is the displacement.
+        """
         length, time = [], []
         for reference in references:
             record, frequency = reference.record, reference.excitation.frequency
-            if "displacement" in channels(record):
-                swing = record["displacement"].values
-                swing = swing - swing.mean(axis=1, keepdims=True)
+            motion = _motion(reference)
+            if motion is not None:
+                swing = motion - motion.mean(axis=1, keepdims=True)
                 length.append(np.abs(swing).max())
                 if frequency is None and np.ptp(swing) > 0.0:
                     rate = np.gradient(swing, record.time.values, axis=1)
@@ -100,6 +103,16 @@ class Scales:
             return abs(nominal) or 1.0
         length, time = known
         return self.length**length * self.time**time
+
+
+def _motion(reference: Reference) -> np.ndarray | None:
+    """Displacement (body, n) [m] that a record holds or that its excitation prescribes; None without one."""
+    record, excitation = reference.record, reference.excitation
+    if "displacement" in channels(record):
+        return record["displacement"].values
+    if excitation.quantity == "displacement" and excitation.recorded:
+        return np.interp(record.time.values, excitation.time, excitation.value)[None]
+    return None
 
 
 def candidates(
@@ -122,7 +135,7 @@ def candidates(
     scales = Scales.of(references.values())
     found, refused = [], {}
     for effect in effects:
-        reason = _refusal(model, effect, references, searched)
+        reason = _refusal(model, effect, references, searched) or _unguessed(effect, references)
         if reason:
             refused[effect.name] = reason
         else:
@@ -162,8 +175,24 @@ def _refusal(model: Model, effect: Effect, references: Mapping[str, Reference], 
     return ""
 
 
+def _guesses(effect: Effect, references: Mapping[str, Reference]) -> list[dict[str, float]]:
+    """Sizes by parameter that the effect's guess reads off each record: of the channels that the record has."""
+    return [guess for guess in (effect.guess(reference.record) for reference in references.values()) if guess]
+
+
+def _unguessed(effect: Effect, references: Mapping[str, Reference]) -> str:
+    if effect.guess is None or _guesses(effect, references):
+        return ""
+    return "no record has a channel that it acts on"
+
+
 def _variants(effect: Effect, scales: Scales, references: Mapping[str, Reference]) -> list[Candidate]:
-    free = tuple(p.name for p in effect.parameters if p.null is not None)
+    absent = effect.null
+    if effect.guess is not None:  # what no record has a channel for stays absent
+        guessed = {name for guess in _guesses(effect, references) for name in guess}
+        absent = {name: null for name, null in absent.items() if name in guessed}
+    free = tuple(absent)
+    resting = {name: null for name, null in effect.null.items() if name not in absent}
     scale = {p.name: scales.scale(p.unit, p.nominal) for p in effect.parameters}
     grids = [
         [(p.name, multiple * scale[p.name]) for multiple in effect.natural[p.name]]
@@ -174,7 +203,7 @@ def _variants(effect: Effect, scales: Scales, references: Mapping[str, Reference
     ]
     sizes = _sizes(effect, free, scale, references)
     return [
-        Candidate(effect, free, dict(held), {name: scale[name] for name in free}, sizes)
+        Candidate(effect, free, {**resting, **dict(held)}, {name: scale[name] for name in free}, sizes)
         for held in itertools.product(*grids)
     ]
 
@@ -184,9 +213,8 @@ def _sizes(
 ) -> np.ndarray:
     """Values (k, free) at which a refit may start: guessed from the records, else typical ones."""
     if effect.guess is not None:
-        guesses = [effect.guess(reference.record) for reference in references.values()]
-        rows = [[guess[name] for name in free] for guess in guesses if guess]
-        return np.unique(np.array(rows, dtype=float), axis=0) if rows else np.zeros((0, len(free)))
+        rows = [[guess.get(name, effect.null[name]) for name in free] for guess in _guesses(effect, references)]
+        return np.unique(np.array(rows, dtype=float), axis=0)
     rows = []
     for index in range(len(SIZES)):
         row = []
