@@ -1,5 +1,6 @@
 """What has to hold before a residual can be given a cause."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -7,6 +8,7 @@ import numpy as np
 
 from calib.diagnosis.bench import Seen, simulated
 from calib.diagnosis.evidence import Evidence
+from calib.diagnosis.noise import STATED
 from calib.diagnosis.refit import Fit, Fitter
 from calib.effect import Effect
 
@@ -47,8 +49,9 @@ def same_kind(seen: Mapping[str, Seen]) -> Gate:
 
 
 def noise_known(evidence: Evidence) -> Gate:
-    """Every channel shows or states its noise."""
-    short = [part.name for part in evidence.parts if part.time.size < SHORT]
+    """Every channel shows or states its noise: a record that states it may be short."""
+    read_off = [p for p in evidence.parts if any(n.source != STATED for n in itertools.compress(p.noise, p.used))]
+    short = [part.name for part in read_off if part.time.size < SHORT]
     if short:
         return Gate("noise", False, f"{', '.join(short)}: fewer than {SHORT} samples show no noise level")
     said = []
