@@ -135,7 +135,7 @@ def candidates(
     scales = Scales.of(references.values())
     found, refused = [], {}
     for effect in effects:
-        reason = _refusal(model, effect, references, searched) or _unguessed(effect, references)
+        reason = _refusal(model, effect, references, searched)
         if reason:
             refused[effect.name] = reason
         else:

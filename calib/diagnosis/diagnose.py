@@ -14,6 +14,7 @@ from calib.diagnosis.gain import Gain, gained
 from calib.diagnosis.gates import Gate, converged, noise_known, same_kind, simulates
 from calib.diagnosis.misfit import Misfit, misfit
 from calib.diagnosis.next_measurement import Measurement, next_measurement
+from calib.diagnosis.noise import RESIDUAL
 from calib.diagnosis.refit import Fit, Fitter
 from calib.diagnosis.score import Projection
 from calib.diagnosis.selection import Selection, select

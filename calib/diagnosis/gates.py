@@ -50,7 +50,7 @@ def same_kind(seen: Mapping[str, Seen]) -> Gate:
 
 def noise_known(evidence: Evidence) -> Gate:
     """Every channel shows or states its noise: a record that states it may be short."""
-    read_off = [p for p in evidence.parts if any(n.source != STATED for n in itertools.compress(p.noise, p.used))]
+    read_off = [p for p in evidence.parts if any(n.source != STATED for n in itertools.compress(p.noise, p.used.any(axis=1)))]
     short = [part.name for part in read_off if part.time.size < SHORT]
     if short:
         return Gate("noise", False, f"{', '.join(short)}: fewer than {SHORT} samples show no noise level")
