@@ -56,7 +56,8 @@ def test_the_derivative_of_a_map_with_a_law_at_the_port_is_that_of_the_same_moti
 
 
 def test_inner_states_at_the_port_belong_to_the_state_of_the_map():
-    map = Model(Oscillator(stop=True), [effect(late, c=4.0, tau=0.01)]).period_map({**OWN, "c": 4.0, "tau": 0.01}, DRIVE)
+    model = Model(Oscillator(stop=True), [effect(late, c=4.0, tau=0.01)])
+    map = model.period_map({**OWN, "c": 4.0, "tau": 0.01}, DRIVE)
     assert map.names[2:] == ("interface.law 1 state 1",)
     assert map.orbit(map.initial, 3).states[-1, 2] != 0.0
 
