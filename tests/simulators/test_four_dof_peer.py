@@ -134,7 +134,7 @@ def test_the_collocation_is_of_high_order_for_a_smooth_law():
 
 def test_a_step_over_which_the_polynomial_misses_the_law_is_halved():
     values = {**NOMINAL, "restitution": 0.9}
-    assert errors_over_steps(bound(hardening, 2e10), [64], values)[0] < 1e-9
+    assert errors_over_steps(bound(hardening, 2e10), [64], values)[0] < 1e-7
 
 
 def test_the_collocation_carries_internal_states():
@@ -143,10 +143,10 @@ def test_the_collocation_carries_internal_states():
     assert errors[0] < 1e-9
 
 
-def test_friction_that_jumps_is_survived_at_reduced_order():
+def test_friction_that_jumps_is_survived_by_short_steps():
     values = {**NOMINAL, "restitution": 0.3}
-    coarse, fine = errors_over_steps(bound(friction, 2.0, bodies=("q3",)), [64, 1024], values, finest=4096)
-    assert fine < coarse < 1e-4
+    errors = errors_over_steps(bound(friction, 2.0, bodies=("q3",)), [64, 1024], values, finest=4096)
+    assert max(errors) < 1e-7
 
 
 def test_a_law_that_gives_nothing_gives_the_same_motion():

@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import expm
 
 from calib.simulators.impact.flow import REACH, impulse_response, load_motion
-from calib.simulators.impact.polynomial import FIT, INTEGRAL, NODES
+from calib.simulators.impact.polynomial import BETWEEN, FIT, INTEGRAL, NODES, POINTS, PROBE
 
 MODES = [(4.0, 0.1), (4.0, 2.0), (4.0, 2.0 + 1e-9), (4.0, 50.0), (0.0, 0.0), (0.0, 3.0), (-2.0, 0.3), (1e-12, 1e-3)]
 
@@ -35,7 +35,8 @@ def test_a_polynomial_load_moves_a_mode_as_the_matrix_exponential_of_its_jet(sti
 
 def test_the_nodes_integrate_polynomials_of_degree_seven_exactly():
     for degree in range(5):
-        assert INTEGRAL @ NODES**degree == pytest.approx(NODES ** (degree + 1) / (degree + 1), abs=1e-15)
+        assert INTEGRAL @ NODES**degree == pytest.approx(POINTS ** (degree + 1) / (degree + 1), abs=1e-15)
+        assert BETWEEN @ NODES**degree == pytest.approx(POINTS[PROBE] ** degree)
         assert FIT @ NODES**degree == pytest.approx(np.eye(5)[degree], abs=1e-13)
     for degree in range(8):
-        assert INTEGRAL[-1] @ NODES**degree == pytest.approx(1.0 / (degree + 1))
+        assert INTEGRAL[4] @ NODES**degree == pytest.approx(1.0 / (degree + 1))

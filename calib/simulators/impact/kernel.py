@@ -94,8 +94,8 @@ def fly(problem, state, w, ye, ve):
     r, time = state.count[REGIME], state.clock[0]
     step = _step_length(problem, state)
     wary = problem.exact and problem.counts[0] > 0
-    if wary:
-        step = min(step, 2.0 * w.trust[0])
+    if wary and 2.0 * w.trust[0] < 0.99 * step:  # no sliver is left of it, which rounding might make nothing of
+        step = 2.0 * w.trust[0]
     search = problem.exact and problem.stop
     halved, again = False, 0
     while True:
