@@ -70,8 +70,7 @@ class Diagnosis:
         """Alternatives of which one is the cause, each a tuple of effects that act together."""
         if self.verdict not in (NAMED, ONE_OF):
             return ()
-        earlier = tuple(c.name for c in self.selection.causes[:-1])
-        return tuple((*earlier, rival.name) for rival in self.selection.rivals)
+        return self.selection.classes
 
 
 def diagnose(
@@ -178,12 +177,12 @@ def _diagnosed(
     if ready.null is None:
         failed = "; ".join(f"{gate.name}: {gate.said}" for gate in ready.gates if not gate.passed)
         return Diagnosis(NOT_DIAGNOSABLE, failed, ready.gates)
-    fitter, null = ready.fitter, ready.null
-    selection = select(fitter, null, ready.suspects, seed, on_stage)
+    fitter = ready.fitter
+    selection = select(fitter, ready.null, ready.suspects, seed, on_stage)
     gain = None
     if selection.causes:
         on_stage("gain")
-        gain = gained(pool, bench, fitter, null, selection.final, selection.causes, seed)
+        gain = gained(pool, bench, fitter, selection.null, selection.final, selection.causes, seed)
     numerical = [effect for effect in effects if effect.site == "numerical"]
     gates = (*ready.gates, *converged(fitter, selection.final, numerical, selection.rounds[0].threshold))
     verdict, said = _verdict(selection, gates)
@@ -199,7 +198,7 @@ def _diagnosed(
         selection=selection,
         evidence=fitter.evidence,
         refused=ready.refused,
-        misfit=misfit(pool, bench, fitter.evidence, null, seed),
+        misfit=misfit(pool, bench, fitter.evidence, selection.null, seed),
         gain=gain,
         further=further,
         simulations=fitter.runs,
@@ -238,5 +237,10 @@ def _verdict(selection: Selection, gates: Sequence[Gate]) -> tuple[str, str]:
         return UNEXPLAINED, f"{names} comes closest, but explains only {share}"
     if len(selection.rivals) > 1:
         alike = f"; they explain {share} alike" if selection.marked else ""
-        return ONE_OF, "one of " + ", ".join(r.name for r in selection.rivals) + alike
+        ways = [_one_of([rival.name for rival in rivals]) for rivals in selection.alternatives]
+        return ONE_OF, " and ".join(ways) + alike
     return NAMED, f"{names}: explains {share}" if selection.marked else names
+
+
+def _one_of(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else "one of " + ", ".join(names)

@@ -22,7 +22,7 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         "causes": list(diagnosis.causes),
         "class": [list(names) for names in diagnosis.classes],
         "closest": [c.name for c in selection.causes] if selection and diagnosis.verdict == UNEXPLAINED else [],
-        "suspects": [] if first is None else [_suspect(s, selection.excess) for s in best_of_each(first.suspects)],
+        "suspects": [] if first is None else [_suspect(s, first.excess) for s in best_of_each(first.suspects)],
         "rounds": [] if selection is None else [_round(r) for r in selection.rounds],
         "refused": dict(diagnosis.refused),
         "gates": [asdict(gate) for gate in diagnosis.gates],
