@@ -26,7 +26,6 @@ from calib.study import Pool, Study
 
 NONE, NAMED, ONE_OF, UNEXPLAINED = "none", "named", "one_of", "unexplained"
 NOT_DIAGNOSABLE = "not_diagnosable"
-FEW = 0.1  # directions over samples: where a fit takes out more, what it leaves does not show the memory of the noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,11 +152,8 @@ def prepared(
     fitter = Fitter(pool, evidence, study.space, study.model)
     on_stage("calibrated model")
     null = fitter.fit(Point(values, (), seen))
-    noises = [noise for part in evidence.parts for noise in part.noise]
-    if any(noise.source == RESIDUAL or not noise.repeated for noise in noises):
-        left, taken = _left(fitter, null, [c for c in suspects if not c.effect.rough])
-        if taken > FEW and all(noise.source != RESIDUAL for noise in noises):
-            left = None
+    if any(noise.source == RESIDUAL for part in evidence.parts for noise in part.noise):
+        left = _left(fitter, null, [c for c in suspects if not c.effect.rough])
         fitter.evidence = gathered(named, bench.rows, cycle, null.point.seen, left)
         gates[-1] = noise_known(fitter.evidence)
         null = fitter.fit(null.point)
@@ -205,12 +201,8 @@ def _diagnosed(
     )
 
 
-def _left(fitter: Fitter, null: Fit, suspects: Sequence) -> tuple[dict[str, np.ndarray], float]:
-    """What is left of the measured rows when all candidates are fitted to them at once, by record (row, n).
-
-    With it the number of directions that this takes out, over that of the samples: where it is large, what is left has
-    the memory that the fit gave it.
-    """
+def _left(fitter: Fitter, null: Fit, suspects: Sequence) -> dict[str, np.ndarray]:
+    """What is left of the measured rows when all candidates are fitted to them at once, by record (row, n)."""
     slopes = [slope for own in fitter.suspected(null.point, suspects) for slope in own]
     columns = [slope.column for slope in slopes if slope.column is not None and slope.column.any()]
     everything = Projection(np.column_stack([null.columns, null.nuisances, *columns]))
@@ -218,7 +210,7 @@ def _left(fitter: Fitter, null: Fit, suspects: Sequence) -> tuple[dict[str, np.n
     for part in fitter.evidence.parts:
         rows = left[fitter.evidence.of(part.name)].reshape(part.measured.shape)
         found[part.name] = np.array([noise.coloured(row) for noise, row in zip(part.noise, rows, strict=True)])
-    return found, everything.rank / len(left)
+    return found
 
 
 def _verdict(selection: Selection, gates: Sequence[Gate]) -> tuple[str, str]:
