@@ -20,6 +20,7 @@ PROMISING = 0.5  # of the threshold's square: what such a size has to promise
 HALF = 0.5  # of the excess that causes must explain to be named
 MARKED = 3.0  # standard deviations by which a sum of squares must exceed the noise to be a misfit
 NIBBLE = 0.25  # of what is left: a further cause that explains less is none
+CRUMB = 0.01  # of what the calibrated model leaves: a further cause that explains less is none
 ABSORBED = 0.9999  # share of a signature beyond which calibration takes all of it
 
 Known = dict[int, tuple[np.ndarray, np.ndarray]]
@@ -174,7 +175,8 @@ def select(
 
     Where a cause brings the residual down to the noise that is stated, its memory is judged anew, and what follows is
     looked for in that noise. A further cause has to explain a quarter of what is left, where that is more than noise:
-    below, it nibbles at something else.
+    below, it nibbles at something else; and a hundredth of what the calibrated model left: below, it mends the form of
+    the causes before it, of which nobody knows more than that they explain the rest.
     """
     rounds, base, causes, known = [], null, [], {}
     for number in range(CAUSES):
@@ -184,7 +186,8 @@ def select(
         blur = float(np.sqrt(2.0 * fitter.evidence.counted()))
         found = search(fitter, base, left, seed + number, excess / blur, known)
         chosen = found.chosen
-        if number and chosen is not None and excess > MARKED * blur and chosen.drop < NIBBLE * excess:
+        least = max(NIBBLE * excess, CRUMB * _excess(fitter.evidence, null))
+        if number and chosen is not None and excess > MARKED * blur and chosen.drop < least:
             found = replace(found, chosen=None, rivals=())
         rounds.append(found)
         if found.chosen is None:
@@ -234,9 +237,11 @@ def search(
     """
     suspects, limit = scored(fitter, base, candidates, seed, known)
     guilty = [s for s in suspects if s.test is not None and not s.reason and abs(s.z) > limit]
-    if known and guilty:  # those derivatives are of another model: take them at this one
+    if known and guilty:  # those derivatives are of another model: take those that may lead at this one
+        most = max(s.test.drop for s in guilty)
         for suspect in guilty:
-            known.pop(id(suspect.candidate), None)
+            if suspect.test.drop >= 0.5 * WORTH * most:
+                known.pop(id(suspect.candidate), None)
         suspects, limit = scored(fitter, base, candidates, seed, known)
         guilty = [s for s in suspects if s.test is not None and not s.reason and abs(s.z) > limit]
     promised = max((s.test.drop for s in guilty), default=0.0)
