@@ -9,6 +9,7 @@ import numpy as np
 from calib.effect import SIZES, Effect
 from calib.model import Model
 from calib.objective import Reference
+from calib.parameter import Parameter
 from calib.record import channels
 from calib.units import powers
 
@@ -138,8 +139,11 @@ def candidates(
         reason = _refusal(model, effect, references, searched)
         if reason:
             refused[effect.name] = reason
-        else:
-            found += _variants(_placed(effect, model.simulator), scales, references)
+            continue
+        variants = _variants(_placed(effect, model.simulator), scales, references)
+        if not variants:
+            refused[effect.name] = "its frequencies are above half the sampling rate of every record"
+        found += variants
     return found, refused
 
 
@@ -180,9 +184,7 @@ def _variants(effect: Effect, scales: Scales, references: Mapping[str, Reference
     free = tuple(p.name for p in effect.parameters if p.null is not None)
     scale = {p.name: scales.scale(p.unit, p.nominal) for p in effect.parameters}
     grids = [
-        [(p.name, multiple * scale[p.name]) for multiple in effect.natural[p.name]]
-        if p.name in effect.natural
-        else [(p.name, p.nominal)]
+        [(p.name, value) for value in _held(p, effect, scale[p.name]) if p.unit != "Hz" or value < _seen(references)]
         for p in effect.parameters
         if p.null is None
     ]
@@ -195,6 +197,18 @@ def _variants(effect: Effect, scales: Scales, references: Mapping[str, Reference
                 continue  # no record has the channel, or none shows a trace of it
             found.append(Candidate(effect, own, {**dict(held), **absent}, {name: scale[name] for name in own}, sizes))
     return found
+
+
+def _held(parameter: Parameter, effect: Effect, scale: float) -> list[float]:
+    """Values at which a parameter without null is held in turn."""
+    multiples = effect.natural.get(parameter.name)
+    return [parameter.nominal] if multiples is None else [multiple * scale for multiple in multiples]
+
+
+def _seen(references: Mapping[str, Reference]) -> float:
+    """Half the sampling rate [Hz] of the record that is sampled fastest: what is faster shows as something else."""
+    times = [reference.record.time.values for reference in references.values()]
+    return max(0.5 * (time.size - 1) / (time[-1] - time[0]) for time in times)
 
 
 def _sizes(

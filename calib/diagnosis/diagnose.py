@@ -28,7 +28,6 @@ NONE, NAMED, ONE_OF, UNEXPLAINED = "none", "named", "one_of", "unexplained"
 NOT_DIAGNOSABLE = "not_diagnosable"
 OUTLIERS = "outliers"
 SPOILT = 3  # outliers that are taken out at least: fewer may be chance
-FEW = 0.1  # directions over samples: where a fit takes out more, what it leaves does not show the memory of the noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,10 +77,8 @@ class Diagnosis:
         """Alternatives of which one is the cause, each a tuple of effects that act together."""
         if self.verdict not in (NAMED, ONE_OF):
             return ()
-        if not self.selection.causes:
-            return (self._spoilt,)
-        earlier = (*self._spoilt, *(c.name for c in self.selection.causes[:-1]))
-        return tuple((*earlier, rival.name) for rival in self.selection.rivals)
+        found = self.selection.classes
+        return tuple((*self._spoilt, *names) for names in found) if found else (self._spoilt,)
 
 
 def diagnose(
@@ -175,11 +172,8 @@ def prepared(
         fitter.evidence = gathered(named, bench.rows, cycle, null.point.seen, spoilt=spoilt)
         gates[-1] = noise_known(fitter.evidence)
         null = fitter.fit(null.point)
-    noises = [noise for part in evidence.parts for noise in part.noise]
-    if not all(noise.repeated for noise in noises):
-        left, taken = _left(fitter, null, [c for c in suspects if not c.effect.rough])
-        if taken > FEW and all(noise.source != RESIDUAL for noise in noises):
-            left = None
+    if any(noise.source == RESIDUAL for part in evidence.parts for noise in part.noise):
+        left = _left(fitter, null, [c for c in suspects if not c.effect.rough])
         fitter.evidence = gathered(named, bench.rows, cycle, null.point.seen, left, spoilt)
         gates[-1] = noise_known(fitter.evidence)
         null = fitter.fit(null.point)
@@ -199,12 +193,12 @@ def _diagnosed(
     if ready.null is None:
         failed = "; ".join(f"{gate.name}: {gate.said}" for gate in ready.gates if not gate.passed)
         return Diagnosis(NOT_DIAGNOSABLE, failed, ready.gates)
-    fitter, null = ready.fitter, ready.null
-    selection = select(fitter, null, ready.suspects, seed, on_stage)
+    fitter = ready.fitter
+    selection = select(fitter, ready.null, ready.suspects, seed, on_stage)
     gain = None
     if selection.causes:
         on_stage("gain")
-        gain = gained(pool, bench, fitter, null, selection.final, selection.causes, seed)
+        gain = gained(pool, bench, fitter, selection.null, selection.final, selection.causes, seed)
     numerical = [effect for effect in effects if effect.site == "numerical"]
     gates = (*ready.gates, *converged(fitter, selection.final, numerical, selection.rounds[0].threshold))
     verdict, said = _verdict(selection, gates, ready.outliers)
@@ -221,19 +215,15 @@ def _diagnosed(
         evidence=fitter.evidence,
         refused=ready.refused,
         outliers=ready.outliers,
-        misfit=misfit(pool, bench, fitter.evidence, null, seed),
+        misfit=misfit(pool, bench, fitter.evidence, selection.null, seed),
         gain=gain,
         further=further,
         simulations=fitter.runs,
     )
 
 
-def _left(fitter: Fitter, null: Fit, suspects: Sequence) -> tuple[dict[str, np.ndarray], float]:
-    """What is left of the measured rows when all candidates are fitted to them at once, by record (row, n).
-
-    With it the number of directions that this takes out, over that of the samples: where it is large, what is left has
-    the memory that the fit gave it.
-    """
+def _left(fitter: Fitter, null: Fit, suspects: Sequence) -> dict[str, np.ndarray]:
+    """What is left of the measured rows when all candidates are fitted to them at once, by record (row, n)."""
     slopes = [slope for own in fitter.suspected(null.point, suspects) for slope in own]
     columns = [slope.column for slope in slopes if slope.column is not None and slope.column.any()]
     everything = Projection(np.column_stack([null.columns, null.nuisances, *columns]))
@@ -241,7 +231,7 @@ def _left(fitter: Fitter, null: Fit, suspects: Sequence) -> tuple[dict[str, np.n
     for part in fitter.evidence.parts:
         rows = left[fitter.evidence.of(part.name)].reshape(part.measured.shape)
         found[part.name] = np.array([noise.coloured(row) for noise, row in zip(part.noise, rows, strict=True)])
-    return found, everything.rank / len(left)
+    return found
 
 
 def _verdict(selection: Selection, gates: Sequence[Gate], spoilt: float) -> tuple[str, str]:
@@ -262,5 +252,10 @@ def _verdict(selection: Selection, gates: Sequence[Gate], spoilt: float) -> tupl
         return UNEXPLAINED, f"{names} comes closest, but explains only {share}"
     if len(selection.rivals) > 1:
         alike = f"; they explain {share} alike" if selection.marked else ""
-        return ONE_OF, "one of " + ", ".join(r.name for r in selection.rivals) + alike
+        ways = [_one_of([rival.name for rival in rivals]) for rivals in selection.alternatives]
+        return ONE_OF, " and ".join(ways) + alike
     return NAMED, f"{names}: explains {share}" if selection.marked else names
+
+
+def _one_of(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else "one of " + ", ".join(names)

@@ -8,7 +8,7 @@ from scipy.ndimage import median_filter, uniform_filter1d
 
 from calib.cycles import cut
 from calib.diagnosis.bench import Seen
-from calib.diagnosis.noise import Noise, from_cycles, from_residual, shared, with_memory
+from calib.diagnosis.noise import STATED, Noise, from_cycles, from_residual, shared, with_memory
 from calib.objective import Objective, Reference
 from calib.record import channels, prescribed
 
@@ -165,6 +165,21 @@ class Evidence:
             trust = np.prod([views[part.name].trust for views in seen], axis=0)
             parts.append(_weighted(part, trust))
         return Evidence(tuple(parts))
+
+    def heard(self, seen: Mapping[str, Seen]) -> "Evidence | None":
+        """Return the evidence with the memory of stated noise that was taken as white, now that it is left alone.
+
+        seen : simulations that may leave no more than that noise. None where no memory shows.
+        """
+        parts = []
+        for part in self.parts:
+            rows, noise = part.measured - seen[part.name].rows, list(part.noise)
+            for index, known in enumerate(part.noise):
+                if known.source == STATED and not known.repeated and not known.memory.size:
+                    noise[index] = from_residual(rows[index], part.weight[index], part.measured[index], known.sigma)
+            parts.append(replace(part, noise=tuple(noise)))
+        lengths = [[noise.memory.size for part in own for noise in part.noise] for own in (self.parts, parts)]
+        return Evidence(tuple(parts)) if lengths[0] != lengths[1] else None
 
 
 def _weighted(part: Part, trust: np.ndarray) -> Part:

@@ -15,9 +15,10 @@ from calib.model import Model
 from calib.parameter import Parameter, Space
 from calib.study import Pool
 
-MOST = 12  # steps of a fit
-ENOUGH = 0.1  # fall of the sum of squares: a step that promises less ends a fit
+MOST = 30  # steps of a fit
+ENOUGH = 0.1  # fall of the sum of squares, in units of the mean square: a step that promises less ends a fit
 WELL = 0.5  # of what a step promises: where it brings less, the derivatives are taken anew
+BENT = 0.1  # of what a step promises: where what it brings differs by more, old derivatives do not end a fit
 HALVINGS = 5  # of a step that does not lower the sum of squares
 RIDGE = 1e-10  # on the normal equations, of unit diagonal: directions that the data do not know stay where they are
 
@@ -112,7 +113,8 @@ class Fitter:
         """Fit calibrated parameters and those of the candidates `found`, from `start` and their `sizes` on.
 
         Gauss and Newton's steps within the windows of the calibrated parameters and the ranges of the others. The
-        derivatives are kept as long as a step brings half of what it promises, and taken anew where it does not.
+        derivatives are kept as long as a step brings half of what it promises, and taken anew where it does not. That
+        no step promises anything any more is believed of old ones only where all steps brought what they promised.
 
         Parameters
         ----------
@@ -126,10 +128,14 @@ class Fitter:
         if now is None:
             return self._failed(start, found)
         fresh = columns is None
-        now = self.sharpened(now) if fresh else replace(now, columns=columns)
+        now, bent = self.sharpened(now) if fresh else replace(now, columns=columns), False
         for _ in range(MOST):
             step, promise = _step(now, x, low, high)
-            if promise < ENOUGH:
+            done = promise < ENOUGH * max(1.0, now.square / now.residual.size)
+            if done and bent and not fresh:
+                now, fresh, bent = self.sharpened(now), True, False
+                continue
+            if done:
                 return replace(now, reason="")
             ahead = self._ahead(now, directions, x, step, found)
             if ahead is None:
@@ -138,7 +144,8 @@ class Fitter:
                 now, fresh = self.sharpened(now), True
                 continue
             x, fit = ahead
-            kept = now.square - fit.square > WELL * promise
+            brought = (now.square - fit.square) / promise
+            kept, bent = brought > WELL, bent or abs(brought - 1.0) > BENT
             now, fresh = (replace(fit, columns=now.columns, steps=now.steps), False) if kept else (
                 self.sharpened(fit), True
             )  # fmt: skip

@@ -15,10 +15,12 @@ REFITS = 8  # leaders that are refitted
 WORTH = 0.3  # of the largest fall of the sum of squares: candidates that promise less are no leaders
 CAUSES = 3  # that are named at most
 STARTS = 2  # sizes from which a candidate without derivative is refitted
+BENT = 0.25  # of what a derivative promises: a fit that brings so much more or less is of something far from linear
 PROMISING = 0.5  # of the threshold's square: what such a size has to promise
 HALF = 0.5  # of the excess that causes must explain to be named
 MARKED = 3.0  # standard deviations by which a sum of squares must exceed the noise to be a misfit
 NIBBLE = 0.25  # of what is left: a further cause that explains less is none
+CRUMB = 0.01  # of what the calibrated model leaves: a further cause that explains less is none
 ABSORBED = 0.9999  # share of a signature beyond which calibration takes all of it
 
 Known = dict[int, tuple[np.ndarray, np.ndarray]]
@@ -94,7 +96,8 @@ class Round:
     suspects : all candidates, the strongest first
     threshold : of |z|
     chosen : the suspect that explains most, None where none passes
-    rivals : suspects that cannot be told from the chosen one, itself included
+    rivals : suspects that cannot be told from the chosen one, which is the simplest of them
+    excess : by which the base's sum of squares exceeds what noise leaves
     """
 
     base: Fit
@@ -102,6 +105,7 @@ class Round:
     threshold: float
     chosen: Suspect | None
     rivals: tuple[Suspect, ...]
+    excess: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +117,7 @@ class Selection:
     rounds : searches one after the other; the last has no chosen one unless there were enough
     null, final : the calibrated model, and the one with the causes
     causes : that are in the final model
+    alternatives : of each cause, suspects that cannot be told from it beside the others, itself included
     excess : by how much the calibrated model's sum of squares exceeds what noise leaves, with its standard deviation
     left : the same of the final model
     """
@@ -121,6 +126,7 @@ class Selection:
     null: Fit
     final: Fit
     causes: tuple[Suspect, ...]
+    alternatives: tuple[tuple[Suspect, ...], ...]
     excess: float
     left: float
     blur: float
@@ -142,9 +148,20 @@ class Selection:
 
     @property
     def rivals(self) -> tuple[Suspect, ...]:
-        """Suspects that cannot be told from the last cause."""
-        named = [r for r in self.rounds if r.chosen is not None]
-        return named[-1].rivals if named else ()
+        """Suspects that cannot be told from a cause: from the last one that there are such of."""
+        several = [alike for alike in self.alternatives if len(alike) > 1]
+        return several[-1] if several else self.alternatives[-1] if self.alternatives else ()
+
+    @property
+    def classes(self) -> tuple[tuple[str, ...], ...]:
+        """Names of causes that act together, in each of the ways that cannot be told apart: one at a time exchanged."""
+        names = tuple(cause.name for cause in self.causes)
+        ways = [
+            (*names[:index], rival.name, *names[index + 1 :])
+            for index, alike in enumerate(self.alternatives)
+            for rival in alike
+        ]
+        return tuple(dict.fromkeys([names, *ways])) if names else ()
 
 
 def select(
@@ -154,10 +171,12 @@ def select(
     seed: int,
     on_stage: Callable[[str], None] = lambda text: None,
 ) -> Selection:
-    """Search for causes one after the other, at most three; then look whether the earlier ones are still needed.
+    """Search for causes one after the other, at most three; then look for each earlier one again beside the others.
 
-    A further cause has to explain a quarter of what is left, where that is more than noise: below, it nibbles at
-    something else.
+    Where a cause brings the residual down to the noise that is stated, its memory is judged anew, and what follows is
+    looked for in that noise. A further cause has to explain a quarter of what is left, where that is more than noise:
+    below, it nibbles at something else; and a hundredth of what the calibrated model left: below, it mends the form of
+    the causes before it, of which nobody knows more than that they explain the rest.
     """
     rounds, base, causes, known = [], null, [], {}
     for number in range(CAUSES):
@@ -167,21 +186,29 @@ def select(
         blur = float(np.sqrt(2.0 * fitter.evidence.counted()))
         found = search(fitter, base, left, seed + number, excess / blur, known)
         chosen = found.chosen
-        if number and chosen is not None and excess > MARKED * blur and chosen.drop < NIBBLE * excess:
+        least = max(NIBBLE * excess, CRUMB * _excess(fitter.evidence, null))
+        if number and chosen is not None and excess > MARKED * blur and chosen.drop < least:
             found = replace(found, chosen=None, rivals=())
         rounds.append(found)
         if found.chosen is None:
             break
         base = fitter.sharpened(found.chosen.fit)
         causes.append(replace(found.chosen, fit=base))
-    if len(causes) > 1:
-        causes, base = _still_needed(fitter, null, causes, base, rounds[-1].threshold)
+        heard = fitter.evidence.heard(base.point.seen)
+        if heard is not None:
+            fitter.evidence = heard
+            known.clear()
+            null, base = fitter.fit(null.point), fitter.fit(base.point, base.found)
+    named = [(cause, r.rivals) for cause, r in zip(causes, rounds, strict=False)]
+    if len(named) > 1:
+        named, base = _beside_the_others(fitter, named, base, candidates, seed, known)
     common = fitter.evidence.with_weights([null.point.seen, base.point.seen])
     return Selection(
         rounds=tuple(rounds),
         null=null,
         final=base,
-        causes=tuple(causes),
+        causes=tuple(replace(cause, fit=base) for cause, _ in named),
+        alternatives=tuple(rivals for _, rivals in named),
         excess=null.judged(common) - _expected(common, null),
         left=base.judged(common) - _expected(common, base),
         blur=float(np.sqrt(2.0 * common.counted())),
@@ -210,9 +237,11 @@ def search(
     """
     suspects, limit = scored(fitter, base, candidates, seed, known)
     guilty = [s for s in suspects if s.test is not None and not s.reason and abs(s.z) > limit]
-    if known and guilty:  # those derivatives are of another model: take them at this one
+    if known and guilty:  # those derivatives are of another model: take those that may lead at this one
+        most = max(s.test.drop for s in guilty)
         for suspect in guilty:
-            known.pop(id(suspect.candidate), None)
+            if suspect.test.drop >= 0.5 * WORTH * most:
+                known.pop(id(suspect.candidate), None)
         suspects, limit = scored(fitter, base, candidates, seed, known)
         guilty = [s for s in suspects if s.test is not None and not s.reason and abs(s.z) > limit]
     promised = max((s.test.drop for s in guilty), default=0.0)
@@ -231,7 +260,13 @@ def search(
     everyone.sort(key=lambda s: -(s.drop if s.fit is not None else (s.test.drop if s.test is not None else 0.0)))
     able = [s for s in refitted if _possible(s, limit)]
     chosen = min(able, key=lambda s: s.price - s.drop, default=None)
-    return Round(base, tuple(everyone), limit, chosen, () if chosen is None else _rivals(chosen, able))
+    whole = _excess(fitter.evidence, base)
+    if chosen is None:
+        return Round(base, tuple(everyone), limit, None, (), whole)
+    over = chosen.fit.square / max(1.0, _expected(fitter.evidence, chosen.fit))
+    rivals = _rivals(chosen, able, over)
+    chosen = min(rivals, key=lambda s: (s.price, -s.drop))  # of those that are alike, the simplest speaks for all
+    return Round(base, tuple(everyone), limit, chosen, rivals, whole)
 
 
 def _best_variants(suspects: Sequence[Suspect]) -> list[Suspect]:
@@ -242,9 +277,14 @@ def _best_variants(suspects: Sequence[Suspect]) -> list[Suspect]:
     return list(kept.values())
 
 
-def _rivals(chosen: Suspect, able: Sequence[Suspect]) -> tuple[Suspect, ...]:
-    """Suspects within reach of the chosen one, one of each effect, the best first."""
-    near = [s for s in able if (s.price - s.drop) - (chosen.price - chosen.drop) <= APART]
+def _rivals(chosen: Suspect, able: Sequence[Suspect], over: float) -> tuple[Suspect, ...]:
+    """Suspects within reach of the chosen one, one of each effect, the best first.
+
+    over : sum of squares that the chosen one leaves, over its expectation. Where a model leaves more than noise, sums
+        of squares of rivals differ by that much more without telling them apart (quasi-likelihood, Burnham & Anderson
+        2002, section 2.5).
+    """
+    near = [s for s in able if (s.price - s.drop) - (chosen.price - chosen.drop) <= APART * max(1.0, over)]
     return tuple(_best_variants(sorted(near, key=lambda s: s.price - s.drop)))
 
 
@@ -305,23 +345,25 @@ def _refitted(fitter: Fitter, base: Fit, suspect: Suspect, limit: float) -> Susp
     """Fit all parameters with the suspect in the model, from its estimated size or from several.
 
     A candidate without derivative is first tried at several sizes: the change of the records from nothing to that size,
-    scaled to fit the residual best, has to promise as much as the threshold asks for.
+    scaled to fit the residual best, has to promise as much as the threshold asks for. So is one whose fit does not
+    bring what the derivative promised: between nothing and its size it is far from linear, and its fit may have ended
+    beside its best.
     """
     candidate = suspect.candidate
-    columns = None if suspect.raw is None else np.column_stack([base.columns, suspect.raw])
+
+    def fitted(start: np.ndarray, columns: np.ndarray | None = None) -> Fit:
+        sizes = candidate.values(np.clip(start, candidate.low, candidate.high))
+        return fitter.fit(base.point, (*base.found, candidate), sizes, columns)
+
+    fits: list[Fit] = []
     if not suspect.reason:
-        starts = [candidate.null + suspect.test.size]
-    else:
+        fits.append(fitted(candidate.null + suspect.test.size, np.column_stack([base.columns, suspect.raw])))
+        drop = base.square - fits[0].square
+    if suspect.reason or abs(drop - suspect.test.drop) > BENT * suspect.test.drop:
         tried = [fitter.begun(base, candidate, np.clip(x, candidate.low, candidate.high)) for x in candidate.sizes]
         tried = sorted((t for t in tried if t is not None), key=lambda pair: -pair[0])
-        starts = [sizes for drop, sizes in tried if drop > PROMISING * limit**2][:STARTS]
-        columns = None
-    best: Fit | None = None
-    for start in starts:
-        sizes = candidate.values(np.clip(start, candidate.low, candidate.high))
-        fit = fitter.fit(base.point, (*base.found, candidate), sizes, columns)
-        if best is None or fit.square < best.square:
-            best = fit
+        fits += [fitted(sizes) for promise, sizes in tried if promise > PROMISING * limit**2][:STARTS]
+    best = min(fits, key=lambda fit: fit.square, default=None)
     return suspect if best is None else replace(suspect, fit=best, drop=base.square - best.square)
 
 
@@ -336,15 +378,38 @@ def _possible(suspect: Suspect, limit: float) -> bool:
     return deviate(max(0.0, suspect.drop), len(suspect.candidate.free)) > limit
 
 
-def _still_needed(
-    fitter: Fitter, null: Fit, causes: Sequence[Suspect], final: Fit, limit: float
-) -> tuple[list[Suspect], Fit]:
-    """Leave out each cause but the last in turn, where the others explain as much without it."""
-    kept = list(causes)
-    for cause in list(causes)[:-1]:
-        others = [c for c in kept if c is not cause]
-        sizes = {name: final.value(name) for c in others for name in c.candidate.values(c.candidate.null)}
-        without = fitter.fit(null.point, tuple(c.candidate for c in others), sizes)
-        if without.square - final.square < limit**2:
-            kept, final = others, without
+Named = list[tuple[Suspect, tuple[Suspect, ...]]]  # causes with their rivals
+
+
+def _beside_the_others(
+    fitter: Fitter, named: Named, final: Fit, candidates: Sequence[Candidate], seed: int, known: Known
+) -> tuple[Named, Fit]:
+    """Take out each cause but the last in turn and search again: what stood for two causes gives way to one of them.
+
+    The first cause was chosen while the later ones were missing, and may have explained part of theirs (sequential
+    replacement: Miller, Subset Selection in Regression, 2002, section 3). It is dropped where the others explain as
+    much without it, and exchanged where another explains more beside them; the last is then looked for again as well.
+    """
+    kept, exchanged = list(named), False
+    for cause, own in named:
+        if cause is named[-1][0] and not exchanged:
+            break
+        others = tuple(c.candidate for c, _ in kept if c is not cause)
+        sizes = {name: final.value(name) for candidate in others for name in candidate.values(candidate.null)}
+        own_values = cause.candidate.absent()
+        rest = {name: value for name, value in final.point.values.items() if name not in own_values}
+        without = fitter.fit(replace(final.point, values=rest), others, sizes)
+        taken = {candidate.name for candidate in others}
+        excess = _excess(fitter.evidence, without) / float(np.sqrt(2.0 * fitter.evidence.counted()))
+        found = search(fitter, without, [c for c in candidates if c.name not in taken], seed, excess, known)
+        index, worth = [c is cause for c, _ in kept].index(True), without.square - final.square
+        alike = cause.name in {rival.name for rival in found.rivals}
+        if alike or (found.chosen is not None and found.chosen.drop - found.chosen.price > worth - cause.price):
+            exchanged = exchanged or found.chosen.name != cause.name
+            final = fitter.sharpened(found.chosen.fit)
+            kept[index] = found.chosen, found.rivals
+        elif worth < found.threshold**2:
+            kept, final = [pair for pair in kept if pair[0] is not cause], without
+        else:
+            kept[index] = cause, own if cause is named[-1][0] else (cause,)
     return kept, final

@@ -26,7 +26,7 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         "closest": [c.name for c in selection.causes] if selection and diagnosis.verdict == UNEXPLAINED else [],
         "suspects": []
         if first is None
-        else [_suspect(s, selection.excess, first.chosen) for s in best_of_each(first.suspects)],
+        else [_suspect(s, first.excess, first.chosen) for s in best_of_each(first.suspects)],
         "rounds": [] if selection is None else [_round(r, selection.excess) for r in selection.rounds],
         "refused": dict(diagnosis.refused),
         "gates": [asdict(gate) for gate in diagnosis.gates],

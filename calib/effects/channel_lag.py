@@ -12,15 +12,20 @@ from calib.record import fills_periods
 def delayed(record, p):
     """Return the record with its velocity delayed by the lag [s]: v(t - lag).
 
-    A stationary motion that fills whole periods goes on before its first sample as it ended; any other record holds
-    its first (or last) velocity there.
+    A stationary motion that fills whole periods goes on before its first sample as it ended; any other record goes on
+    beyond its ends as straight as it begins and ends.
     """
     if "velocity" not in record:
         return record
     time, velocity = record.time.values, record["velocity"].values
     span = time.size * (time[-1] - time[0]) / (time.size - 1)
-    period = span if fills_periods(record) else None
-    seen = [np.interp(time - p["lag"], time, row, period=period) for row in velocity]
+    if fills_periods(record):
+        seen = [np.interp(time - p["lag"], time, row, period=span) for row in velocity]
+    else:
+        ends = np.array([time[0] - span, *time, time[-1] + span])
+        rise = span * np.diff(velocity[:, [0, 1, -2, -1]], axis=1)[:, ::2] / np.diff(time[[0, 1, -2, -1]])[::2]
+        beyond = velocity[:, [0, -1]] + rise * [-1.0, 1.0]
+        seen = [np.interp(time - p["lag"], ends, [b[0], *row, b[1]]) for row, b in zip(velocity, beyond, strict=True)]
     return record.assign(velocity=record["velocity"].copy(data=np.array(seen)))
 
 
