@@ -38,7 +38,7 @@ class Effect:
         over the angular frequency (a frequency in Hz: that of the drive). Of one without null, the values at which it
         is held in turn (nothing said: at its nominal value); of one with null, typical departures from it, from zero
         where it is infinite (nothing said: `SIZES`)
-    guess : (record) -> starting values by name, read off the measured record
+    guess : (record) -> parameter -> starting values, read off the measured record
     """
 
     name: str

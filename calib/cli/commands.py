@@ -301,6 +301,29 @@ def diagnose(study: Path, **options):
     diagnose_study(study, **options)
 
 
+@main.command(short_help="What the experiment could show: each effect hidden and sought.")
+@STUDY
+@OUT
+@click.option("--seeds", type=click.IntRange(min=1), default=3, show_default=True, help="Cases of each size.")
+@click.option("--strengths", default="5,10,20,40", show_default=True, help="Sizes, as the z that they promise.")
+@JOBS
+@FRESH
+@click.option("--quiet", "-q", is_flag=True, help="No progress, no summary; errors only.")
+@_mendable
+def rehearse(study: Path, **options):
+    """Hide each candidate in data of STUDY's own model, noise and records, and seek it.
+
+    Says which effects this experiment could show, from which size on, and which it cannot tell apart. Needs what
+    `calib run` has found. A rehearsal that was stopped or killed goes on with the same command.
+
+    \b
+    Example:  calib rehearse studies/minimal --seeds 5
+    """
+    from calib.cli.rehearse import rehearse_study  # see above
+
+    rehearse_study(study, **options)
+
+
 @main.command(short_help="Write report.html anew.")
 @STUDY
 @OUT

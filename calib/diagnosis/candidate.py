@@ -163,6 +163,7 @@ def _refusal(model: Model, effect: Effect, references: Mapping[str, Reference], 
 
 
 def _variants(effect: Effect, scales: Scales, references: Mapping[str, Reference]) -> list[Candidate]:
+    """Make a candidate of each combination of held values; of a rough effect, of each of its free parameters alone."""
     free = tuple(p.name for p in effect.parameters if p.null is not None)
     scale = {p.name: scales.scale(p.unit, p.nominal) for p in effect.parameters}
     grids = [
@@ -172,11 +173,13 @@ def _variants(effect: Effect, scales: Scales, references: Mapping[str, Reference
         for p in effect.parameters
         if p.null is None
     ]
-    sizes = _sizes(effect, free, scale, references)
-    return [
-        Candidate(effect, free, dict(held), {name: scale[name] for name in free}, sizes)
-        for held in itertools.product(*grids)
-    ]
+    found = []
+    for held in itertools.product(*grids):
+        for own in [(name,) for name in free] if effect.rough else [free]:
+            absent = {name: effect.null[name] for name in free if name not in own}
+            sizes = _sizes(effect, own, scale, references)
+            found.append(Candidate(effect, own, {**dict(held), **absent}, {name: scale[name] for name in own}, sizes))
+    return found
 
 
 def _sizes(
@@ -184,14 +187,11 @@ def _sizes(
 ) -> np.ndarray:
     """Values (k, free) at which a refit may start: guessed from the records, else typical ones."""
     if effect.guess is not None:
-        guesses = [effect.guess(reference.record) for reference in references.values()]
-        rows = [[guess[name] for name in free] for guess in guesses if guess]
-        return np.unique(np.array(rows, dtype=float), axis=0) if rows else np.zeros((0, len(free)))
-    rows = []
-    for index in range(len(SIZES)):
-        row = []
-        for name in free:
-            multiples = effect.natural.get(name, SIZES)
-            row.append(effect.null[name] + multiples[min(index, len(multiples) - 1)] * scale[name])
-        rows.append(row)
+        guessed = [effect.guess(reference.record).get(free[0], ()) for reference in references.values()]
+        return np.unique(np.concatenate([np.zeros(0), *guessed]))[:, None]
+    multiples = [effect.natural.get(name, SIZES) for name in free]
+    rows = [
+        [effect.null[name] + m[min(k, len(m) - 1)] * scale[name] for name, m in zip(free, multiples, strict=True)]
+        for k in range(max(map(len, multiples)))
+    ]
     return np.unique(np.array(rows), axis=0)

@@ -9,7 +9,7 @@ import numpy as np
 from calib.cycles import kind_of_motion
 from calib.diagnosis.bench import Bench, Run, simulated
 from calib.diagnosis.candidate import Candidate, candidates
-from calib.diagnosis.evidence import Evidence, gathered, looked_at
+from calib.diagnosis.evidence import Evidence, gathered, looked_at, outliers
 from calib.diagnosis.gain import Gain, gained
 from calib.diagnosis.gates import Gate, converged, noise_known, same_kind, simulates
 from calib.diagnosis.misfit import Misfit, misfit
@@ -26,6 +26,8 @@ from calib.study import Pool, Study
 
 NONE, NAMED, ONE_OF, UNEXPLAINED = "none", "named", "one_of", "unexplained"
 NOT_DIAGNOSABLE = "not_diagnosable"
+OUTLIERS = "outliers"
+SPOILT = 3  # outliers that are taken out at least: fewer may be chance
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +43,7 @@ class Diagnosis:
     evidence : the records of calibration and naming; None where nothing could be simulated
     refused : effect -> why it was no candidate
     misfit : of the calibrated model; None where a gate failed
+    outliers : share of the samples that were taken out as such  [1]
     gain : on records held out; None where there is nothing to try
     further : measurements that would separate the alternatives, the best first
     seconds : wall-clock time  [s]
@@ -54,6 +57,7 @@ class Diagnosis:
     evidence: Evidence | None = None
     refused: Mapping[str, str] = field(default_factory=dict)
     misfit: Misfit | None = None
+    outliers: float = 0.0
     gain: Gain | None = None
     further: tuple[Measurement, ...] = ()
     seconds: float = 0.0
@@ -62,14 +66,20 @@ class Diagnosis:
     @property
     def causes(self) -> tuple[str, ...]:
         """Names of the effects that are named."""
-        return tuple(c.name for c in self.selection.causes) if self.verdict == NAMED else ()
+        return (*self._spoilt, *(c.name for c in self.selection.causes)) if self.verdict == NAMED else ()
+
+    @property
+    def _spoilt(self) -> tuple[str, ...]:
+        return (OUTLIERS,) if self.outliers else ()
 
     @property
     def classes(self) -> tuple[tuple[str, ...], ...]:
         """Alternatives of which one is the cause, each a tuple of effects that act together."""
         if self.verdict not in (NAMED, ONE_OF):
             return ()
-        earlier = tuple(c.name for c in self.selection.causes[:-1])
+        if not self.selection.causes:
+            return (self._spoilt,)
+        earlier = (*self._spoilt, *(c.name for c in self.selection.causes[:-1]))
         return tuple((*earlier, rival.name) for rival in self.selection.rivals)
 
 
@@ -116,6 +126,7 @@ class Prepared:
     fitter : with the evidence; None where a gate failed
     null : the calibrated model, fitted to the evidence; None where a gate failed
     suspects, refused : candidates, and effect -> why it is none
+    outliers : share of the samples that are taken out as such  [1]
     """
 
     gates: tuple[Gate, ...]
@@ -123,6 +134,7 @@ class Prepared:
     null: Fit | None = None
     suspects: tuple[Candidate, ...] = ()
     refused: Mapping[str, str] = field(default_factory=dict)
+    outliers: float = 0.0
 
 
 def bench_of(study: Study, others: Mapping[str, Reference]) -> Bench:
@@ -153,12 +165,21 @@ def prepared(
     fitter = Fitter(pool, evidence, study.space, study.model)
     on_stage("calibrated model")
     null = fitter.fit(Point(values, (), seen))
-    if any(noise.source == RESIDUAL for part in evidence.parts for noise in part.noise):
-        left = _left(fitter, null, [c for c in suspects if not c.effect.rough])
-        fitter.evidence = gathered(named, bench.rows, cycle, null.point.seen, left)
+    spoilt = {part.name: outliers(part, null.point.seen[part.name]) for part in evidence.parts}
+    share = sum(s.sum() for s in spoilt.values()) / sum(s.size for s in spoilt.values())
+    sought = any(effect.noise for effect in effects)
+    if not sought or sum(s.sum() for s in spoilt.values()) < SPOILT:
+        spoilt, share = None, 0.0
+    if spoilt is not None:
+        fitter.evidence = gathered(named, bench.rows, cycle, null.point.seen, spoilt=spoilt)
         gates[-1] = noise_known(fitter.evidence)
         null = fitter.fit(null.point)
-    return Prepared(tuple(gates), fitter, null, tuple(suspects), refused)
+    if any(noise.source == RESIDUAL for part in evidence.parts for noise in part.noise):
+        left = _left(fitter, null, [c for c in suspects if not c.effect.rough])
+        fitter.evidence = gathered(named, bench.rows, cycle, null.point.seen, left, spoilt)
+        gates[-1] = noise_known(fitter.evidence)
+        null = fitter.fit(null.point)
+    return Prepared(tuple(gates), fitter, null, tuple(suspects), refused, float(share))
 
 
 def _diagnosed(
@@ -182,7 +203,7 @@ def _diagnosed(
         gain = gained(pool, bench, fitter, null, selection.final, selection.causes, seed)
     numerical = [effect for effect in effects if effect.site == "numerical"]
     gates = (*ready.gates, *converged(fitter, selection.final, numerical, selection.rounds[0].threshold))
-    verdict, said = _verdict(selection, gates)
+    verdict, said = _verdict(selection, gates, ready.outliers)
     further = ()
     if verdict == ONE_OF:
         on_stage("next measurement")
@@ -195,6 +216,7 @@ def _diagnosed(
         selection=selection,
         evidence=fitter.evidence,
         refused=ready.refused,
+        outliers=ready.outliers,
         misfit=misfit(pool, bench, fitter.evidence, null, seed),
         gain=gain,
         further=further,
@@ -214,7 +236,7 @@ def _left(fitter: Fitter, null: Fit, suspects: Sequence) -> dict[str, np.ndarray
     return found
 
 
-def _verdict(selection: Selection, gates: Sequence[Gate]) -> tuple[str, str]:
+def _verdict(selection: Selection, gates: Sequence[Gate], spoilt: float) -> tuple[str, str]:
     failed = [gate for gate in gates if not gate.passed]
     if failed:
         return NOT_DIAGNOSABLE, "; ".join(f"{gate.name}: {gate.said}" for gate in failed)
@@ -223,6 +245,8 @@ def _verdict(selection: Selection, gates: Sequence[Gate]) -> tuple[str, str]:
             closest = selection.rounds[0].suspects[0] if selection.rounds[0].suspects else None
             said = "the misfit is more than noise, and no candidate explains it"
             return UNEXPLAINED, said + ("" if closest is None else f"; {closest.name} comes closest")
+        if spoilt:
+            return NAMED, f"outliers, {spoilt:.1%} of the samples; beside them the residual is what noise leaves"
         return NONE, "the residual is what noise leaves; nothing that could be named is missing"
     names = " and ".join(c.name for c in selection.causes)
     share = f"{selection.share:.0%} of the excess misfit"

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import median_filter, uniform_filter1d
 
 from calib.cycles import cut
 from calib.diagnosis.bench import Seen
@@ -11,6 +12,9 @@ from calib.diagnosis.noise import Noise, from_cycles, from_residual, shared, wit
 from calib.objective import Objective, Reference
 from calib.record import channels, prescribed
 
+FAR = 8.0  # of an outlier, in standard deviations
+WIDE = 7  # samples about one that judge it
+MAD = 1.4826  # median absolute deviation to standard deviation
 SPAN = 20  # least number of segments of a record, whose scores are taken as independent
 
 
@@ -28,7 +32,7 @@ class Part:
     cycle : of the motion, in periods
     nuisance : names of what belongs to this measurement alone
     noise : of each row
-    used : (row,) whether a row is compared: not where the excitation prescribes it
+    used : (row, n) whether a sample is compared: not what the excitation prescribes, and no outlier
     weight : (row, n) in [0, 1], 0 where a sample is not compared
     """
 
@@ -170,7 +174,7 @@ def _weighted(part: Part, trust: np.ndarray) -> Part:
 def _weights(rows: Sequence[tuple[str, str]], used: np.ndarray, trust: np.ndarray) -> np.ndarray:
     """Weights (row, n): velocity is compared as far as it is to be trusted."""
     moving = np.array([channel == "velocity" for _, channel in rows])
-    return used[:, None] * np.where(moving[:, None], trust[None], 1.0)
+    return used * np.where(moving[:, None], trust[None], 1.0)
 
 
 def gathered(
@@ -179,6 +183,7 @@ def gathered(
     cycle: Mapping[str, int],
     seen: Mapping[str, Seen],
     left: Mapping[str, np.ndarray] | None = None,
+    spoilt: Mapping[str, np.ndarray] | None = None,
 ) -> Evidence:
     """Put measured records and their noise together.
 
@@ -189,17 +194,21 @@ def gathered(
     seen : simulations
     left : what no fit explains (row, n), by record: the noise of what does not repeat is judged by it; None: by what
         the simulations leave
+    spoilt : record -> (row, n) whether a sample is an outlier; None: none is
     """
     measured = {name: _measured(reference, rows[name]) for name, reference in references.items()}
-    repeating = {name: _repeating(r, rows[name], measured[name], cycle[name]) for name, r in references.items()}
+    good = {name: np.ones(m.shape, dtype=bool) if spoilt is None else ~spoilt[name] for name, m in measured.items()}
+    mended = {name: _mended(measured[name], seen[name].rows, good[name]) for name in measured}
+    repeating = {name: _repeating(r, rows[name], mended[name], cycle[name]) for name, r in references.items()}
     known: dict[tuple[str, str], Noise] = {}
     for noises in repeating.values():
         known = {**noises, **known}
     parts = []
     for name, reference in references.items():
-        used = np.array([row not in seen[name].given for row in rows[name]])
+        free = np.array([row not in seen[name].given for row in rows[name]], dtype=bool)
+        used = free[:, None] & good[name]
         weight = _weights(rows[name], used, seen[name].trust)
-        residual = measured[name] - seen[name].rows if left is None else left[name]
+        residual = mended[name] - seen[name].rows if left is None else left[name]
         noises = []
         for index, row in enumerate(rows[name]):
             noise = repeating[name].get(row)
@@ -226,6 +235,25 @@ def gathered(
             )
         )
     return Evidence(tuple(parts))
+
+
+def _mended(measured: np.ndarray, simulated: np.ndarray, good: np.ndarray) -> np.ndarray:
+    """Measured rows (row, n) with outliers replaced by what the samples about them say of the residual."""
+    residual = measured - simulated
+    return np.where(good, measured, simulated + median_filter(residual, (1, WIDE)))
+
+
+def outliers(part: Part, seen: Seen) -> np.ndarray:
+    """Whether a sample (row, n) departs from those about it as no noise does.
+
+    Its residual stands FAR times the usual departure beyond the median of its neighbours', and theirs do not.
+    """
+    residual = part.measured - seen.rows
+    apart = np.abs(residual - median_filter(residual, (1, WIDE)))
+    usual = MAD * np.median(apart, axis=1, keepdims=True)
+    far = (apart > FAR * np.maximum(usual, 1e-300)) & (part.weight == 1.0)
+    crowd = uniform_filter1d(far.astype(float), 3, axis=1) > 0.5  # a jump is no outlier
+    return far & ~crowd
 
 
 def _measured(reference: Reference, rows: Sequence[tuple[str, str]]) -> np.ndarray:

@@ -54,7 +54,7 @@ def noise_known(evidence: Evidence) -> Gate:
     said = []
     for part in evidence.parts:
         for (body, channel), noise, used in zip(part.rows, part.noise, part.used, strict=True):
-            if used:
+            if used.any():
                 memory = ", correlated" if noise.memory.size else ""
                 said.append(f"{part.name} {body} {channel}: {noise.sigma:.3g} ({noise.source}{memory})")
     return Gate("noise", True, "; ".join(said))

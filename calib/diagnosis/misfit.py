@@ -115,7 +115,7 @@ def _deviations(
 def _channels(part: Part, seen: Seen) -> list[Channel]:
     found = []
     for index, ((body, channel), noise) in enumerate(zip(part.rows, part.noise, strict=True)):
-        if not part.used[index]:
+        if not part.used[index].any():
             continue
         residual = part.measured[index] - seen.rows[index]
         weight = part.weight[index]

@@ -114,7 +114,7 @@ def _apart(part: Part, fit: Fit, one: tuple[Seen, list[Seen]], other: tuple[Seen
     level = np.sqrt((centre.rows**2).mean(axis=1) / (part.measured**2).mean(axis=1))
     noise = tuple(replace(n, sigma=n.sigma * max(f, 1e-12)) for n, f in zip(part.noise, level, strict=True))
     moving = np.array([channel == "velocity" for _, channel in part.rows])
-    trust = np.where(moving[:, None], centre.trust * other[0].trust, 1.0) * part.used[:, None]
+    trust = np.where(moving[:, None], centre.trust * other[0].trust, 1.0) * part.used.any(axis=1)[:, None]
     new = replace(part, noise=noise, weight=trust, measured=centre.rows)
     difference = new.white(other[0].rows - centre.rows)
     columns = [new.white(view.rows - centre.rows) / step for view, step in zip(beside, fit.steps, strict=True)]

@@ -36,12 +36,14 @@ class Case:
     strength : z that its size promises; NaN where it has no derivative, and 0 where nothing is hidden
     values : of its parameters, in SI
     seed : of the noise
+    units : of its parameters
     """
 
     effect: str
     strength: float
     values: Mapping[str, float]
     seed: int
+    units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def key(self) -> str:
@@ -173,9 +175,10 @@ def rehearse(
     hidden = {s.name: s.candidate for s in reversed(suspects)}
     cases = [Case(NOTHING, 0.0, {}, seed) for seed in range(seeds * len(strengths))]
     for name, candidate in hidden.items():
+        units = {p.name: p.unit for p in candidate.effect.parameters}
         suspect = next(s for s in suspects if s.candidate is candidate)
         for strength, sizes in _sizes(suspect, strengths):
-            cases += [Case(name, strength, candidate.values(sizes), seed) for seed in range(seeds)]
+            cases += [Case(name, strength, candidate.values(sizes), seed, units) for seed in range(seeds)]
     found = {case.key: done[case.key] for case in cases if done and case.key in done}
     todo = [case for case in cases if case.key not in found]
     stage = Stage(study.without_search(), others, fitted, list(effects), ready.fitter.evidence, hidden)
@@ -216,6 +219,7 @@ def rates(played: Sequence[Rehearsed]) -> list[dict]:
             "effect": effect,
             "strength": members[0].case.strength,
             "values": dict(members[0].case.values),
+            "units": dict(members[0].case.units),
             "cases": len(members),
             "detected": sum(one.detected for one in members) / len(members),
             "named": sum(one.named for one in members) / len(members),

@@ -26,6 +26,7 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         "rounds": [] if selection is None else [_round(r) for r in selection.rounds],
         "refused": dict(diagnosis.refused),
         "gates": [asdict(gate) for gate in diagnosis.gates],
+        "outliers": diagnosis.outliers,
         "misfit": _misfit(diagnosis),
         "parameters": {} if selection is None else _parameters(diagnosis),
         "gain": None if diagnosis.gain is None else _gain(diagnosis.gain),

@@ -8,6 +8,8 @@ from calib.effect import Effect
 from calib.laws import sensor
 from calib.parameter import Parameter
 
+QUANTILES = (1.0, 0.995, 0.98, 0.95)  # of the magnitudes: noise reaches beyond the level
+
 
 @sensor
 def clipped(record, p):
@@ -21,9 +23,9 @@ def clipped(record, p):
 
 
 def guess(record):
-    """Return the largest magnitude of each channel: where it is cut off, if it is."""
+    """Return high quantiles of each channel's magnitude: the highest is the level, where the record is cut off."""
     present = [channel for channel in ("displacement", "velocity") if channel in record]
-    return {f"clip_{channel}": float(np.nanmax(np.abs(record[channel].values))) for channel in present}
+    return {f"clip_{c}": tuple(np.nanquantile(np.abs(record[c].values), QUANTILES)) for c in present}
 
 
 EFFECT = Effect(

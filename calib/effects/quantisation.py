@@ -19,14 +19,14 @@ def stepped(record, p):
 
 
 def guess(record):
-    """Return the usual distance of neighbouring values where many samples share theirs, else 0."""
+    """Return the usual distance of neighbouring values where many samples share theirs."""
     found = {}
     for channel in ("displacement", "velocity"):
         if channel in record:
             values = record[channel].values
             levels = np.unique(values[np.isfinite(values)])
-            few = 1 < levels.size < values.size / 2
-            found[f"quantum_{channel}"] = float(np.median(np.diff(levels))) if few else 0.0
+            if 1 < levels.size < values.size / 2:
+                found[f"quantum_{channel}"] = (float(np.median(np.diff(levels))),)
     return found
 
 

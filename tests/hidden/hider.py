@@ -9,6 +9,7 @@ import numpy as np
 from hidden import four_dof, oscillator
 from hidden.information import Bench
 from hidden.motion import Refused
+from hidden.sensors import CONVERTER, converted
 from hidden.system import Plan
 from scipy.signal import lfilter
 
@@ -92,11 +93,13 @@ def hide(
     for index, plan in enumerate(at.system.plans):
         rng = np.random.default_rng([seed, index])
         late = rng.uniform() / plan.frequency if plan.name in at.trigger else 0.0
-        rows = at.clean(plan, acting, late).rows
+        before = {name: value for name, value in acting.items() if name not in CONVERTER}
+        rows = at.clean(plan, before, late).rows
         sigma = noise * np.sqrt((rows**2).mean(axis=1, keepdims=True))
         rows = rows + sigma * correlated(rng, rows.shape, phi)
         far = rng.uniform(size=rows.shape) < share
         rows = np.where(far, rows + FAR * sigma * rng.choice([-1.0, 1.0], size=rows.shape), rows)
+        rows = converted(rows, acting)
         write(_record(at, plan, rows, sigma if stated else None), folder / f"{plan.name}.nc")
     (folder / "study.toml").write_text(study(at))
     return Hidden(folder, values, z)

@@ -74,6 +74,16 @@ def _quantisation(times, a, b, look):
     return lambda t, x, v, look: (_rounded(x, a), _rounded(v, b))
 
 
+def converted(rows: np.ndarray, hidden: Mapping[str, float]) -> np.ndarray:
+    """Rows (2 b, n) with their noise as a converter gives them: cut off, then rounded."""
+    out = rows.copy()
+    for half, channel in zip(np.split(out, 2), ("displacement", "velocity"), strict=True):
+        level = hidden.get(f"clip_{channel}", np.inf)
+        half[:] = _rounded(np.clip(half, -level, level), hidden.get(f"quantum_{channel}", 0.0))
+    return out
+
+
+CONVERTER = ("clip_displacement", "clip_velocity", "quantum_displacement", "quantum_velocity")
 ABSENT = {"clip_displacement": np.inf, "clip_velocity": np.inf}
 LAWS = {  # in the order in which a signal meets them; the low-pass goes with the equations of motion
     ("lag",): _lag,

@@ -1,0 +1,69 @@
+"""`calib rehearse` from the command line: the cases, the picture, and the table."""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from calib.diagnosis.rehearse import NOTHING, Rehearsed, rates, smallest
+from calib.errors import CalibError
+from calib.inquiry import PICTURE, REHEARSAL, rehearsed
+from calib.progress import Count
+from calib.report.drawing import DPI
+from calib.report.rehearsal import rehearsal
+from calib.study_toml import load
+from calib.units import shown
+
+
+def rehearse_study(
+    study: Path, out: Path | None, seeds: int, strengths: str, jobs: int | None, fresh: bool, quiet: bool
+) -> None:
+    """Play the cases, write the picture, and print what the experiment could show."""
+    try:
+        sizes = [float(text) for text in strengths.split(",")]
+    except ValueError:
+        raise CalibError(f"--strengths takes numbers with commas between, such as 5,10,20; got {strengths!r}") from None
+    folder = out or load(study).folder
+    with Count("cases", quiet) as count:
+        played = rehearsed(study, out, seeds=seeds, strengths=sizes, jobs=jobs, fresh=fresh, on_case=count)
+    picture = folder / PICTURE
+    rehearsal(played).savefig(picture, dpi=DPI)
+    if not quiet:
+        show(played, Console(highlight=False))
+        click.echo(f"cases:   {folder / REHEARSAL}\npicture: {picture}")
+
+
+def show(played: Sequence[Rehearsed], console: Console) -> None:
+    """Print detection, naming and coverage by effect, and the smallest size that is reliably named."""
+    least, groups = smallest(played), {}
+    for row in rates(played):
+        groups.setdefault(row["effect"], []).append(row)
+    table = Table(title="rehearsal", title_justify="left")
+    table.add_column("hidden")
+    for heading in ("cases", "detected", "named", "in the class", "reliably named from"):
+        table.add_column(heading, justify="right")
+    for effect, rows in groups.items():
+        cases = sum(row["cases"] for row in rows)
+        mean = {key: sum(row[key] * row["cases"] for row in rows) / cases for key in ("detected", "named", "covered")}
+        right = [f"{mean[key]:.0%}" for key in ("detected", "named", "covered")]
+        if effect == NOTHING:
+            right[1:] = ["-", "-"]
+        table.add_row(escape(effect), str(cases), *right, _from(least.get(effect)))
+    console.print(table)
+    failed = [one for one in played if one.verdict == "failed"]
+    if failed:
+        console.print(f"{len(failed)} cases failed, such as {escape(failed[0].case.key)}: {escape(failed[0].reason)}")
+
+
+def _from(row: Mapping[str, Any] | None) -> str:
+    if row is None:
+        return "-"
+    name, value = next((n, v) for n, v in row["values"].items() if v)
+    z = "" if math.isnan(row["strength"]) else f" (z = {row['strength']:g})"
+    return f"{name} = {shown(value, row['units'].get(name, ''))}{z}"
+
