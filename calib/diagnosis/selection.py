@@ -305,7 +305,8 @@ def _refitted(fitter: Fitter, base: Fit, suspect: Suspect, limit: float) -> Susp
     """Fit all parameters with the suspect in the model, from its estimated size or from several.
 
     A candidate without derivative is first tried at several sizes: the change of the records from nothing to that size,
-    scaled to fit the residual best, has to promise as much as the threshold asks for.
+    scaled to fit the residual best, has to promise as much as the threshold asks for. Where the motion fails at the
+    estimated size, which a gross misfit makes large, the fit begins at nothing and goes as far as it can.
     """
     candidate = suspect.candidate
     columns = None if suspect.raw is None else np.column_stack([base.columns, suspect.raw])
@@ -320,6 +321,8 @@ def _refitted(fitter: Fitter, base: Fit, suspect: Suspect, limit: float) -> Susp
     for start in starts:
         sizes = candidate.values(np.clip(start, candidate.low, candidate.high))
         fit = fitter.fit(base.point, (*base.found, candidate), sizes, columns)
+        if not fit.names and columns is not None:
+            fit = fitter.fit(base.point, (*base.found, candidate), candidate.absent(), columns)
         if best is None or fit.square < best.square:
             best = fit
     return suspect if best is None else replace(suspect, fit=best, drop=base.square - best.square)
