@@ -1,7 +1,7 @@
-"""The paper's story, told by calib: calibrate, diagnose, extend, calibrate again; then the picture docs/paper_story.png.
+"""The paper's story, told by calib: calibrate, diagnose, extend, calibrate again, and draw docs/paper_story.png.
 
-    python studies/paper_story/story.py              # all of it
-    python studies/paper_story/story.py --picture    # the picture anew, from what lies in out/ and out.extended/
+`python studies/paper_story/story.py` tells all of it; with `--picture` the picture is drawn anew from what lies in out/
+and out.extended/.
 """
 
 import json
