@@ -13,6 +13,7 @@ import xarray as xr
 
 from calib import result
 from calib.confidence import Confidence, around_best, near_equal
+from calib.diagnosis import kept
 from calib.errors import CalibError
 from calib.files import whole
 from calib.model import Model
@@ -297,7 +298,8 @@ def _report(
         elif name != CALIBRATED:
             records[name] = failed(study.model.bodies, answer.status, answer.reason)
     shown = replace(study, objective=Objective(known, study.objective.terms))
-    page = render(shown, trials, records, said, f"calib run {file.path}", header)
+    diagnosis, motions = kept.read(folder), kept.read_motions(folder)
+    page = render(shown, trials, records, said, f"calib run {file.path}", header, diagnosis, motions)
     path = folder / "report.html"
     with whole(path) as temporary:
         temporary.write_text(page, encoding="utf-8")

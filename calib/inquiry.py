@@ -12,15 +12,14 @@ import tomlkit
 from calib import result
 from calib.calibrate import rebuild
 from calib.diagnosis.diagnose import NAMED, ONE_OF, Diagnosis, diagnose
+from calib.diagnosis.kept import write
 from calib.diagnosis.rehearse import SEEDS, STRENGTHS, Case, Rehearsed, rehearse
 from calib.diagnosis.selection import Suspect
-from calib.diagnosis.written import as_dict
 from calib.errors import CalibError
 from calib.files import whole
 from calib.store.plain import plain
 from calib.study_toml import StudyFile, load
 
-NAME = "diagnosis.json"
 REHEARSAL, PICTURE = "rehearsal.jsonl", "rehearsal.png"
 EXTENDED = "extended"
 WIDTH = 4.0  # standard errors on each side of a size: the window in which the extended study searches it
@@ -61,23 +60,10 @@ def inquire(
         file.study, file.others, values, file.suspects(),
         seed=file.study.seed if seed is None else seed, on_stage=on_stage,
     )  # fmt: skip
-    said = as_dict(found)
-    with whole(folder / NAME) as temporary:
-        temporary.write_text(json.dumps(said, indent=2, allow_nan=False), encoding="utf-8")
+    said = write(found, folder, values, {**file.study.objective.references, **file.others})
     rebuild(path, out)
     extended = _extended(file, found) if apply and found.verdict in (NAMED, ONE_OF) else None
     return said, extended
-
-
-def read(folder: Path) -> dict[str, Any] | None:
-    """What diagnosis.json in a folder says; None where there is none."""
-    path = folder / NAME
-    if not path.is_file():
-        return None
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise CalibError(f"{path} is no JSON document ({error}); delete it and run `calib diagnose` again") from error
 
 
 def _calibrated(file: StudyFile, folder: Path) -> Mapping[str, float]:

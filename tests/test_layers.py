@@ -12,8 +12,8 @@ STOREYS = [
         "errors interrupt files parameter units excitation record filter table cycles orbit laws effect",
         "simulators effects features optimisers",
         "plugins model objective pool store",
-        "study dynamics sweep confidence result",
-        "study_toml report progress calibrate dashboard cli __main__ testing",
+        "study dynamics sweep confidence diagnosis result",
+        "study_toml report progress calibrate inquiry dashboard cli __main__ testing",
     )
 ]
 FAMILIES = set(STOREYS[1])

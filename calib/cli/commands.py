@@ -291,6 +291,7 @@ def diagnose(study: Path, **options):
 
     \b
     Leaves in out/:  diagnosis.json   verdict, suspects, gain, next measurement
+                     diagnosis.nc     measured and simulated motions that it is about
                      report.html      the same as a page with pictures
 
     \b

@@ -78,7 +78,7 @@ def show(found: Mapping[str, Any], folder: Path, extended: Path | None, console:
         best = found["next_measurement"]
         console.print(f"next measurement: {escape(best['said'])} would separate them by z = {best['z']:.3g}")
     console.print(f"{found['simulations']} simulations in {found['seconds']:.1f} s")
-    console.print(f"files:  {escape(str(folder))}/ (diagnosis.json, report.html)", soft_wrap=True)
+    console.print(f"files:  {escape(str(folder))}/ (diagnosis.json, diagnosis.nc, report.html)", soft_wrap=True)
     if extended is not None:
         console.print(f"extended study:  {escape(str(extended))}   (calib run {escape(str(extended))})", soft_wrap=True)
 

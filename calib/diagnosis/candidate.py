@@ -78,13 +78,16 @@ class Scales:
 
     @classmethod
     def of(cls, references: Iterable[Reference]) -> "Scales":
-        """Read them off the measured records: the largest amplitude, and the rate at which displacement changes."""
+        """Read them off the measured records: the largest amplitude, and the rate at which displacement changes.
+
+        Where the motion is prescribed and the force measured, the prescribed motion is the displacement.
+        """
         length, time = [], []
         for reference in references:
             record, frequency = reference.record, reference.excitation.frequency
-            if "displacement" in channels(record):
-                swing = record["displacement"].values
-                swing = swing - swing.mean(axis=1, keepdims=True)
+            motion = _motion(reference)
+            if motion is not None:
+                swing = motion - motion.mean(axis=1, keepdims=True)
                 length.append(np.abs(swing).max())
                 if frequency is None and np.ptp(swing) > 0.0:
                     rate = np.gradient(swing, record.time.values, axis=1)
@@ -100,6 +103,16 @@ class Scales:
             return abs(nominal) or 1.0
         length, time = known
         return self.length**length * self.time**time
+
+
+def _motion(reference: Reference) -> np.ndarray | None:
+    """Displacement (body, n) [m] that a record holds or that its excitation prescribes; None without one."""
+    record, excitation = reference.record, reference.excitation
+    if "displacement" in channels(record):
+        return record["displacement"].values
+    if excitation.quantity == "displacement" and excitation.recorded:
+        return np.interp(record.time.values, excitation.time, excitation.value)[None]
+    return None
 
 
 def candidates(
@@ -178,6 +191,8 @@ def _variants(effect: Effect, scales: Scales, references: Mapping[str, Reference
         for own in [(name,) for name in free] if effect.rough else [free]:
             absent = {name: effect.null[name] for name in free if name not in own}
             sizes = _sizes(effect, own, scale, references)
+            if effect.guess is not None and not sizes.size:
+                continue  # no record has the channel, or none shows a trace of it
             found.append(Candidate(effect, own, {**dict(held), **absent}, {name: scale[name] for name in own}, sizes))
     return found
 

@@ -28,6 +28,7 @@ NONE, NAMED, ONE_OF, UNEXPLAINED = "none", "named", "one_of", "unexplained"
 NOT_DIAGNOSABLE = "not_diagnosable"
 OUTLIERS = "outliers"
 SPOILT = 3  # outliers that are taken out at least: fewer may be chance
+FEW = 0.1  # directions over samples: where a fit takes out more, what it leaves does not show the memory of the noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,8 +175,11 @@ def prepared(
         fitter.evidence = gathered(named, bench.rows, cycle, null.point.seen, spoilt=spoilt)
         gates[-1] = noise_known(fitter.evidence)
         null = fitter.fit(null.point)
-    if any(noise.source == RESIDUAL for part in evidence.parts for noise in part.noise):
-        left = _left(fitter, null, [c for c in suspects if not c.effect.rough])
+    noises = [noise for part in evidence.parts for noise in part.noise]
+    if not all(noise.repeated for noise in noises):
+        left, taken = _left(fitter, null, [c for c in suspects if not c.effect.rough])
+        if taken > FEW and all(noise.source != RESIDUAL for noise in noises):
+            left = None
         fitter.evidence = gathered(named, bench.rows, cycle, null.point.seen, left, spoilt)
         gates[-1] = noise_known(fitter.evidence)
         null = fitter.fit(null.point)
@@ -224,8 +228,12 @@ def _diagnosed(
     )
 
 
-def _left(fitter: Fitter, null: Fit, suspects: Sequence) -> dict[str, np.ndarray]:
-    """What is left of the measured rows when all candidates are fitted to them at once, by record (row, n)."""
+def _left(fitter: Fitter, null: Fit, suspects: Sequence) -> tuple[dict[str, np.ndarray], float]:
+    """What is left of the measured rows when all candidates are fitted to them at once, by record (row, n).
+
+    With it the number of directions that this takes out, over that of the samples: where it is large, what is left has
+    the memory that the fit gave it.
+    """
     slopes = [slope for own in fitter.suspected(null.point, suspects) for slope in own]
     columns = [slope.column for slope in slopes if slope.column is not None and slope.column.any()]
     everything = Projection(np.column_stack([null.columns, null.nuisances, *columns]))
@@ -233,7 +241,7 @@ def _left(fitter: Fitter, null: Fit, suspects: Sequence) -> dict[str, np.ndarray
     for part in fitter.evidence.parts:
         rows = left[fitter.evidence.of(part.name)].reshape(part.measured.shape)
         found[part.name] = np.array([noise.coloured(row) for noise, row in zip(part.noise, rows, strict=True)])
-    return found
+    return found, everything.rank / len(left)
 
 
 def _verdict(selection: Selection, gates: Sequence[Gate], spoilt: float) -> tuple[str, str]:

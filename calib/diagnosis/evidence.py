@@ -214,11 +214,13 @@ def gathered(
             noise = repeating[name].get(row)
             if noise is None:
                 stated, memory = _stated(reference.record, row), shared(known, row)
-                noise = (
-                    from_residual(residual[index], weight[index], measured[name][index], stated)
-                    if memory is None
-                    else with_memory(memory, residual[index], weight[index], measured[name][index], stated)
-                )
+                rest = residual[index], weight[index], measured[name][index], stated
+                if memory is not None:
+                    noise = with_memory(memory, *rest)
+                elif left is not None:
+                    noise = from_residual(*rest)
+                else:  # before anything is fitted to it a residual shows no memory of the noise
+                    noise = replace(with_memory(np.zeros(0), *rest), repeated=False)
             noises.append(noise)
         parts.append(
             Part(

@@ -1,12 +1,14 @@
 """What has to hold before a residual can be given a cause."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from calib.diagnosis.bench import Seen, simulated
-from calib.diagnosis.evidence import Evidence
+from calib.diagnosis.evidence import Evidence, Part
+from calib.diagnosis.noise import STATED, Noise
 from calib.diagnosis.refit import Fit, Fitter
 from calib.effect import Effect
 
@@ -47,8 +49,9 @@ def same_kind(seen: Mapping[str, Seen]) -> Gate:
 
 
 def noise_known(evidence: Evidence) -> Gate:
-    """Every channel shows or states its noise."""
-    short = [part.name for part in evidence.parts if part.time.size < SHORT]
+    """Every channel shows or states its noise: a record that states it may be short."""
+    read_off = [part for part in evidence.parts if any(n.source != STATED for n in _compared(part))]
+    short = [part.name for part in read_off if part.time.size < SHORT]
     if short:
         return Gate("noise", False, f"{', '.join(short)}: fewer than {SHORT} samples show no noise level")
     said = []
@@ -58,6 +61,11 @@ def noise_known(evidence: Evidence) -> Gate:
                 memory = ", correlated" if noise.memory.size else ""
                 said.append(f"{part.name} {body} {channel}: {noise.sigma:.3g} ({noise.source}{memory})")
     return Gate("noise", True, "; ".join(said))
+
+
+def _compared(part: Part) -> list[Noise]:
+    """Noise of the rows that are compared."""
+    return list(itertools.compress(part.noise, part.used.any(axis=1)))
 
 
 def converged(fitter: Fitter, fit: Fit, effects: Sequence[Effect], threshold: float) -> list[Gate]:

@@ -3,12 +3,15 @@
 Where a record holds several cycles of a motion that returns, what differs from cycle to cycle is noise, whatever the
 model gets wrong. Where it does not, the colour of the noise is taken from the records that do, and its level from the
 fastest part of the residual; where no record repeats, both are read off the residual that is left when everything that
-is known to the diagnosis has been fitted to it. A level that the record states comes before all of these.
+is known to the diagnosis has been fitted to it. A level that the record states comes before all of these. Where what is
+left is far above the stated level, it is error of the model and says nothing about the noise: to take its memory would
+whiten away what is looked for. Such noise is taken as white, and the scores over segments (see `score`) widen what
+memory of either would make too sure.
 """
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
@@ -17,6 +20,7 @@ from scipy.signal import lfilter
 ORDER = 12  # highest of the autoregression
 CYCLES = 3  # least number of cycles that show the noise
 LEAST = 1e-6  # of a channel's root mean square: noise below that is none, and the model's accuracy counts
+SAME = 1.5  # times the stated level: a residual that is larger is no noise
 QUICK = 0.6052697  # median |2 x_i - x_(i-2) - x_(i+2)| to standard deviation (Stoehr et al. 2008, DER_SNR)
 STATED, CYCLIC, RESIDUAL = "stated in the record", "cycle to cycle", "the residual"
 
@@ -30,11 +34,13 @@ class Noise:
     sigma : standard deviation  [unit of the channel]
     memory : (order,) coefficients of the autoregression  [1]
     source : where the level comes from
+    repeated : whether the memory is of cycles that repeat, not of what a fit leaves
     """
 
     sigma: float
     memory: np.ndarray
     source: str
+    repeated: bool = False
 
     @property
     def innovation(self) -> float:
@@ -62,12 +68,16 @@ def from_cycles(cycles: np.ndarray, stated: float | None = None) -> Noise | None
     if len(cycles) < CYCLES:
         return None
     apart = (cycles - cycles.mean(axis=0)) * math.sqrt(len(cycles) / (len(cycles) - 1.0))
-    return _noise(apart.ravel(), np.ones(apart.size), cycles, stated, CYCLIC)
+    noise = _noise(apart.ravel(), np.ones(apart.size), cycles, CYCLIC)
+    return replace(noise, repeated=True) if stated is None else Noise(stated, noise.memory, STATED, repeated=True)
 
 
 def from_residual(residual: np.ndarray, weight: np.ndarray, measured: np.ndarray, stated: float | None) -> Noise:
     """Noise of one channel from what no fit explains of it: residual, weight and measured (n,)."""
-    return _noise(residual, weight, measured, stated, RESIDUAL)
+    noise = _noise(residual, weight, measured, RESIDUAL)
+    if stated is None:
+        return noise
+    return Noise(stated, noise.memory if noise.sigma < SAME * stated else np.zeros(0), STATED)
 
 
 def with_memory(
@@ -75,18 +85,16 @@ def with_memory(
 ) -> Noise:
     """Noise of known memory; its level from the fastest part of the residual."""
     if stated is not None:
-        return Noise(stated, memory, STATED)
+        return Noise(stated, memory, STATED, repeated=True)
     new = lfilter(np.concatenate([[1.0], -memory]), [1.0], residual * weight)[memory.size :]
     quick = np.abs(2.0 * new[2:-2] - new[:-4] - new[4:])
     level = QUICK * float(np.median(quick)) / _innovation(memory)
     return Noise(max(level, _least(measured)), memory, RESIDUAL)
 
 
-def _noise(series, weight, measured, stated, source) -> Noise:
+def _noise(series, weight, measured, source) -> Noise:
     memory = _autoregression(series * weight, weight)
     sigma = math.sqrt(float(((series * weight) ** 2).sum() / max(1.0, (weight**2).sum())))
-    if stated is not None:
-        return Noise(stated, memory, STATED)
     return Noise(max(sigma, _least(measured)), memory, source)
 
 

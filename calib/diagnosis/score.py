@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-DRAWS = 1000  # of the noise
+DRAWS = 5000  # of the noise
 QUANTILE = 0.99
 CERTAIN = 3.0  # times its doubt: what is left of a signature that is less than that is none
 ROUNDING = 1e-5  # share of a signature that is left by rounding where calibration absorbs it

@@ -4,9 +4,11 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
+
 from calib.diagnosis.diagnose import UNEXPLAINED, Diagnosis
 from calib.diagnosis.gain import METRIC, Gain
-from calib.diagnosis.selection import Suspect
+from calib.diagnosis.selection import Round, Suspect
 from calib.store.plain import plain
 
 SURE = 1.96  # standard errors on each side of an interval
@@ -22,8 +24,10 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         "causes": list(diagnosis.causes),
         "class": [list(names) for names in diagnosis.classes],
         "closest": [c.name for c in selection.causes] if selection and diagnosis.verdict == UNEXPLAINED else [],
-        "suspects": [] if first is None else [_suspect(s, selection.excess) for s in best_of_each(first.suspects)],
-        "rounds": [] if selection is None else [_round(r) for r in selection.rounds],
+        "suspects": []
+        if first is None
+        else [_suspect(s, selection.excess, first.chosen) for s in best_of_each(first.suspects)],
+        "rounds": [] if selection is None else [_round(r, selection.excess) for r in selection.rounds],
         "refused": dict(diagnosis.refused),
         "gates": [asdict(gate) for gate in diagnosis.gates],
         "outliers": diagnosis.outliers,
@@ -47,17 +51,20 @@ def best_of_each(suspects) -> list[Suspect]:
     return list(kept.values())
 
 
-def _suspect(suspect: Suspect, excess: float) -> dict[str, Any]:
+def _suspect(suspect: Suspect, excess: float, chosen: Suspect | None) -> dict[str, Any]:
     names, null = suspect.candidate.free, suspect.candidate.null
     half = SURE * suspect.error
     drop = suspect.drop if suspect.fit is not None else (suspect.test.drop if suspect.test is not None else 0.0)
     return {
         "effect": suspect.name,
+        "meaning": suspect.candidate.effect.meaning,
+        "equation": suspect.candidate.effect.equation,
         "bodies": suspect.candidate.effect.bodies,
         "z": suspect.z,
         "size": dict(zip(names, suspect.size, strict=True)),
         "interval": {n: [x - h, x + h] for n, x, h in zip(names, suspect.size, half, strict=True)},
         "held": dict(suspect.candidate.held),
+        "limits": {p.name: [p.low, p.high] for p in suspect.candidate.parameters},
         "units": {p.name: p.unit for p in suspect.candidate.effect.parameters},
         "share": drop / excess if excess > 0.0 else None,
         "absorbed": suspect.absorbed,
@@ -65,15 +72,31 @@ def _suspect(suspect: Suspect, excess: float) -> dict[str, Any]:
         "drop": drop,
         "refitted": suspect.fit is not None,
         "null": dict(zip(names, null, strict=True)),
+        "alike": None if chosen is None else alike(suspect, chosen),
         "reason": suspect.reason,
     }
 
 
-def _round(found) -> dict[str, Any]:
+def alike(one: Suspect, other: Suspect) -> float | None:
+    """Cosine of the angle between what two suspects change in the records beyond calibration; None where unknown."""
+    bases = []
+    for suspect in (one, other):
+        columns = np.zeros((0, 0)) if suspect.signature is None else suspect.signature.columns
+        length = np.linalg.norm(columns, axis=0)
+        if not length.any():
+            return None
+        bases.append(np.linalg.qr(columns[:, length > 0.0] / length[length > 0.0])[0])
+    return float(min(1.0, np.linalg.norm(bases[0].T @ bases[1], 2)))
+
+
+def _round(found: Round, excess: float) -> dict[str, Any]:
+    chosen = found.chosen
     return {
         "threshold": found.threshold,
-        "chosen": None if found.chosen is None else found.chosen.name,
+        "chosen": None if chosen is None else chosen.name,
+        "share": None if chosen is None or not excess > 0.0 else chosen.drop / excess,
         "rivals": [rival.name for rival in found.rivals],
+        "alike": {rival.name: alike(rival, chosen) for rival in found.rivals if rival is not chosen},
     }
 
 

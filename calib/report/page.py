@@ -3,14 +3,14 @@
 import json
 import math
 from collections.abc import Mapping, Sequence
-from importlib import resources
 from typing import Any
 
 import xarray as xr
-from jinja2 import Environment, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from calib.report import drawing, figures, residuals, search, tables
+from calib.report.diagnosis import chapter
 from calib.report.verdict import verdict
 from calib.report.words import number
 from calib.result import confirmed
@@ -40,6 +40,8 @@ def render(
     result: Mapping[str, Any],
     command: str = "calib run study.toml",
     header: Mapping[str, Any] | None = None,
+    diagnosis: Mapping[str, Any] | None = None,
+    motions: Mapping[str, xr.Dataset] | None = None,
 ) -> str:
     """HTML of the report, self-contained.
 
@@ -51,10 +53,18 @@ def render(
     result : what result.json holds (see `calib.result`); what is not in it is left out of the page
     command : the command that makes it again
     header : of the ledger; read are versions and processor
+    diagnosis : what diagnosis.json holds; None where there was no diagnosis
+    motions : what diagnosis.nc holds (see `calib.report.remains`)
     """
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment = Environment(
+        loader=PackageLoader("calib.report", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
     environment.filters["number"] = number
-    template = environment.from_string(resources.files("calib.report").joinpath("report.html.j2").read_text("utf-8"))
+    template = environment.get_template("report.html.j2")
     best = next((t for t in trials if t.number == result.get("best_trial")), None)
     return template.render(
         study=study,
@@ -70,6 +80,7 @@ def render(
         unreachable=[tables.unreachable(entry) for entry in result.get("unreachable", ())],
         leaders=tables.leaders(result),
         confirmed=confirmed(result),
+        d=None if diagnosis is None else chapter(diagnosis, motions or {}, result, study),
         search=_search(study, trials, best),
         failures=tables.failures(trials),
         nuisances=tables.nuisances(result),

@@ -1,6 +1,9 @@
 """Numbers as a reader wants them."""
 
 import math
+import re
+
+from calib.units import MICRO, MILLI, TINY
 
 
 def number(x: float | str | None, digits: int = 4) -> str:
@@ -32,3 +35,56 @@ def measured_number(value: float, error: float | None) -> str:
 def count(n: int, noun: str) -> str:
     """Write so many of a thing: ``"1 trial"``, ``"2 trials"``."""
     return f"{n} {noun}{'' if n == 1 else 's'}"
+
+
+def quantity(value: float | None, unit: str | None, digits: int = 3, half: float | None = None) -> str:
+    """Write an SI value with its unit, in mm, ms, µm and µs where people do, and its half interval."""
+    if value is None:
+        return "-"
+    small = MICRO if 0.0 < max(abs(value), half or 0.0) < TINY else MILLI
+    factor, name = small.get(unit or "1", (1.0, unit or "1"))
+    written = number(factor * value, digits) if half is None else with_error(factor * value, factor * half)
+    return written if name == "1" else f"{written} {raised(name).replace('um', 'µm').replace('us', 'µs')}"
+
+
+def with_error(value: float | None, half: float | None) -> str:
+    """Write a value with its half interval, both to the same decimal place: ``"2.40 ± 0.16"``."""
+    if value is None or not half or not math.isfinite(half):
+        return number(value)
+    power = math.floor(math.log10(max(abs(value), half)))
+    if -4 <= power < 6:
+        places = max(0, 1 - math.floor(math.log10(half)))
+        return f"{value:.{places}f} ± {half:.{places}f}".replace("-", "−")
+    scale = 10.0**power
+    places = max(0, 1 - math.floor(math.log10(half / scale)))
+    ten = number(scale, 1).removeprefix("1·")
+    return f"({value / scale:.{places}f} ± {half / scale:.{places}f})·{ten}".replace("-", "−")
+
+
+def rounded(value: float | None, error: float | None) -> str:
+    """Write a value to the decimal place that twice its error has."""
+    if value is None or not error or not math.isfinite(error):
+        return number(value)
+    if not -4 <= math.floor(math.log10(max(abs(value), 2.0 * error))) < 6:
+        return number(value)
+    return f"{value:.{max(0, 1 - math.floor(math.log10(2.0 * error)))}f}".replace("-", "−")
+
+
+def percent(share: float | None, digits: int = 2) -> str:
+    """Write a share in per cent, the sign kept on its line."""
+    if share is None:
+        return "-"
+    hundred = 100.0 * share
+    written = f"{hundred:.0f}" if abs(hundred) >= 10.0 ** (digits - 1) else number(hundred, digits)
+    return f"{written}\u00a0%"
+
+
+def signed(z: float, plus: str = "") -> str:
+    """Write a z to one decimal place, nothing as 0.0."""
+    written = f"{abs(z):.1f}"
+    return written if written == "0.0" else f"{'−' if z < 0.0 else plus}{written}"
+
+
+def raised(unit: str) -> str:
+    """Write the powers of a unit: ``"m/s²"`` for ``"m/s^2"``."""
+    return re.sub(r"\^(-?\d+)", lambda m: m[1].translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")), unit)

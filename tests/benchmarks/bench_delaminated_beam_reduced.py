@@ -9,15 +9,15 @@ feature `phase_curve` has it), once over the amplitude (half of peak to peak). T
 to the stationary state, at 256 Sobol points of the windows of studies/fe_calibration. With more than one thread, BLAS
 counts its waiting as CPU time.
 
-Measured on two shared cores, the lowest level (40 modes):
+Measured on two shared cores, the lowest level (40 modes, with an arched layer 48):
 
-    Fig. 12   straight   117 times faster   1.26 % of rms, 0.72 % of amplitude
-              arched     162                3.00 %         1.59 %
-    Fig. 13   straight   247                0.81 %         0.51 %
-              arched     553                0.07 %         0.05 %
-    Fig. 14   straight   890                0.80 %         0.51 %
-              arched    1600                0.79 %         0.50 %
-    256 Sobol points     median 0.07 s, 95 % below 0.20 s, longest 0.28 s
+    Fig. 12   straight   129 times faster   0.87 % of rms, 0.50 % of amplitude
+              arched     129                0.81 %         0.43 %
+    Fig. 13   straight   303                0.90 %         0.57 %
+              arched     437                0.07 %         0.05 %
+    Fig. 14   straight  1856                0.89 %         0.56 %
+              arched    1248                0.62 %         0.39 %
+    256 Sobol points     median 0.10 s, 95 % below 0.30 s, longest 0.38 s
 """
 
 import time
@@ -78,7 +78,7 @@ def compare() -> None:
             reference = Model(full).run(values, DRIVE, REQUEST)
             whole = cpu_of_a_period(full, values, REPEATS["full"])
             print(f"Fig. {name}, {layer}: full {1e3 * whole:.0f} ms a period")
-            for level in LEVELS:
+            for level in LEVELS[layer]:
                 reduced = DelaminatedBeam(
                     layer=layer, modes=level.modes, steps=level.steps, parts=level.parts, every=level.every
                 )

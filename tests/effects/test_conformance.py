@@ -68,7 +68,7 @@ CASES = [
     Case("linear_drag", c1=1.0),
     Case("quadratic_drag", c2=0.5),
     Case("coulomb_friction", friction=0.1, friction_slip=3e-3),
-    Case("presliding", dahl_force=0.1, dahl_distance=2e-4),
+    Case("presliding", dahl_force=0.1, dahl_distance=1e-3),
     Case("cubic_stiffness", k3=1e9),
     Case("quadratic_stiffness", k2=1e6),
     Case("softening", kx=1e6),

@@ -4,13 +4,16 @@ A period is divided into equal steps, each of which may be divided again. In fli
 
     half a kick by the membrane force, exact drift of each mode under the drive, half a kick,
 
-and where contact is near, the drift goes in parts, with a kick by the contact forces after each. They are implicit: the
-closed pairs' forces F over a part of length h obey
+and where contact is near, the drift goes in parts, after each of which the contact forces move the modes. They are
+implicit: the closed pairs' forces F over a part of length h obey
 
     (1 / e + C / h + h W) F = (kappa p + (c / h) C F_before) / e + p',      e = c + kappa h,    W = B M^-1 B^T
 
 with p the penetrations, p' their rates, C the compliance that no mode carries; pairs that would pull are left out and
-the rest is solved again. So no part is too long for any stiffness or damping.
+the rest is solved again. They change the rates by h M^-1 B^T F, and the coordinates by `along` times that, half a part
+for slow modes: the forces are steady over a part, not blows at its end. With blows a closed pair would fall for a part
+before it is caught, and creep ahead by half of that, as if its damper gave way by h W / 2 more. No part is too long for
+any stiffness, damping or mode.
 """
 
 from typing import NamedTuple
@@ -22,7 +25,6 @@ from calib.simulators import slots
 from calib.simulators.delaminated_beam.impacts import note_impact, note_pass
 
 DONE, DIVERGED = 0, 1
-MOST = 64  # pairs that can be closed at a time, at most; of more, the least penetrated wait
 SCALAR = {"cache": True, "nogil": True, "error_model": "numpy"}
 # inlined, and without counting references: with them, handing the arrays of a plan over costs as much as the work
 WITHIN = {**SCALAR, "forceinline": True, "_nrt": False}
@@ -57,6 +59,7 @@ class Plan(NamedTuple):
     ----------
     step, parts : of a flight step [s], and how many parts it has where contact is near
     flight, near : over a step, over a part
+    along : (n,) displacement that goes with a change of rate by contact, see `reduction`  [s]
     quadratic : (n + 1, n + 1), tension : (n + 1,), kappa : see `modes`
     stretch : (n,) tension in the kicks, see `reduction`
     opening : (m, n + 1) of the pairs, per modal coordinate and per displacement of the driven node
@@ -81,6 +84,7 @@ class Plan(NamedTuple):
     parts: int
     flight: Drift
     near: Drift
+    along: np.ndarray
     quadratic: np.ndarray
     tension: np.ndarray
     stretch: np.ndarray
@@ -212,7 +216,7 @@ def find_near(plan, state, ahead):
     if not soon and plan.counts[1] == 0:
         return 0, nearest
     count = 0
-    for i in range(len(plan.clearance)):
+    for i in range(len(plan.clearance) - 1, -1, -1):  # from the tip, so that the factors change at their end
         if plan.stiffness[i] == 0.0:
             continue
         gap = plan.clearance[i] + dot(plan.opening, i, state.q)
@@ -226,60 +230,81 @@ def find_near(plan, state, ahead):
     return count, nearest
 
 
-@njit(**WITHIN)
-def solved(matrix, right, count):
-    """Solve a symmetric positive definite system in place (Cholesky); the solution stands in `right`."""
-    for j in range(count):
-        pivot = matrix[j, j]
-        for k in range(j):
-            pivot -= matrix[j, k] ** 2
-        pivot = np.sqrt(pivot)
-        matrix[j, j] = pivot
-        for i in range(j + 1, count):
+@njit(**VECTOR)
+def factorised(matrix, first, count):
+    """Replace the rows of a symmetric positive definite matrix, from `first` on, by those of its Cholesky factor."""
+    for i in range(first, count):
+        for j in range(i):
             total = matrix[i, j]
             for k in range(j):
                 total -= matrix[i, k] * matrix[j, k]
-            matrix[i, j] = total / pivot
-    for i in range(count):
+            matrix[i, j] = total / matrix[j, j]
+        pivot = matrix[i, i]
         for k in range(i):
-            right[i] -= matrix[i, k] * right[k]
-        right[i] /= matrix[i, i]
+            pivot -= matrix[i, k] ** 2
+        matrix[i, i] = np.sqrt(pivot)
+
+
+@njit(**VECTOR)
+def solved(factor, right, count):
+    """Solve a system whose Cholesky factor is given; the solution stands in `right`."""
+    for i in range(count):
+        total = right[i]
+        for k in range(i):
+            total -= factor[i, k] * right[k]
+        right[i] = total / factor[i, i]
     for i in range(count - 1, -1, -1):
-        for k in range(i + 1, count):
-            right[i] -= matrix[k, i] * right[k]
-        right[i] /= matrix[i, i]
+        right[i] /= factor[i, i]
+        for k in range(i):
+            right[k] -= factor[i, k] * right[i]
 
 
 @njit(**WITHIN)
-def push_apart(plan, state, near, part, gap, rate, active, matrix, push):
-    """Kick the modes by the contact forces over a part  [s]; return the number of closed pairs."""
+def prepared(plan, part, active, count, factor, of):
+    """See to it that `factor` is that of the closed pairs; `of` says whose it is, their number last."""
+    first, last = 0, len(of) - 1
+    while first < min(count, of[last]) and of[first] == active[first]:
+        first += 1
+    of[last] = count
+    for a in range(first, count):
+        i = active[a]
+        of[a] = i
+        for b in range(a + 1):
+            j = active[b]
+            factor[a, b] = plan.compliance[i, j] / part + part * plan.mobility[i, j]
+        factor[a, a] += 1.0 / (plan.damping[i] + plan.stiffness[i] * part)
+    factorised(factor, first, count)
+
+
+@njit(**VECTOR)
+def push_apart(plan, state, near, part, gap, rate, yielded, active, factors, of, push, change):
+    """Move the modes by the contact forces over a part  [s]; return the number of closed pairs.
+
+    Of the factors (2, m, m) the first is that of all closed pairs, the second of those that do not pull; `of`
+    (2, m + 1) says whose they are. They are kept from part to part, since few pairs change. `change` (n,) is zero.
+    """
     closed = 0
     for k in range(near):
         i = state.near[k]
         gap[i] = plan.clearance[i] + dot(plan.opening, i, state.q)
-        if (gap[i] < 0.0 and closed < MOST) or state.push[i] != 0.0:
+        if gap[i] < 0.0:
             rate[i] = dot(plan.opening, i, state.v)
-        if gap[i] < 0.0 and closed < MOST:
             active[closed] = i
             closed += 1
     if closed == 0:
         for k in range(near):
             state.push[state.near[k]] = 0.0
         return 0
-    count = closed
+    for a in range(closed):
+        yielded[active[a]] = dot(plan.compliance, active[a], state.push)
+    count, turn = closed, 0
     while count:
+        prepared(plan, part, active, count, factors[turn], of[turn])
         for a in range(count):
             i = active[a]
             e = plan.damping[i] + plan.stiffness[i] * part
-            before = 0.0
-            for b in range(count):
-                j = active[b]
-                before += plan.compliance[i, j] * state.push[j]
-                if b <= a:
-                    matrix[a, b] = plan.compliance[i, j] / part + part * plan.mobility[i, j]
-            matrix[a, a] += 1.0 / e
-            push[a] = (-plan.stiffness[i] * gap[i] + plan.damping[i] / part * before) / e - rate[i]
-        solved(matrix, push, count)
+            push[a] = yielded[i] / part - plan.stiffness[i] * (gap[i] + yielded[i]) / e - rate[i]
+        solved(factors[turn], push, count)
         left = 0
         if plan.clipped:
             for a in range(count):
@@ -290,15 +315,18 @@ def push_apart(plan, state, near, part, gap, rate, active, matrix, push):
             left = count
         if left == count:
             break
-        count = left
+        count, turn = left, 1
     for k in range(near):
         state.push[state.near[k]] = 0.0
     for a in range(count):
         i = active[a]
         state.push[i] = push[a]
-        impulse = part * push[a]
-        for k in range(len(state.kick)):
-            state.v[k] += impulse * plan.opening[i, k]
+        for k in range(len(change)):
+            change[k] += part * push[a] * plan.opening[i, k]
+    for k in range(len(change)):
+        state.v[k] += change[k]
+        state.q[k] += plan.along[k] * change[k]
+        change[k] = 0.0
     return closed
 
 
@@ -413,8 +441,10 @@ def advance(plan, state, time, drive, seen):
     n, parts = len(state.kick), plan.parts
     m = len(plan.clearance)
     part = plan.step / parts
-    gap, rate, push = np.zeros(m), np.zeros(m), np.zeros(MOST)
-    active, matrix = np.zeros(MOST, dtype=np.int64), np.zeros((MOST, MOST))
+    gap, rate, yielded = np.zeros(m), np.zeros(m), np.zeros(m)
+    push, change = np.zeros(m), np.zeros(n)
+    active, factors = np.zeros(m, dtype=np.int64), np.empty((2, m, m))
+    of = np.zeros((2, m + 1), dtype=np.int64)
     old, impulse, sample = np.zeros(4), np.zeros(1), 0
     state.q[n], state.v[n] = drive[0, 0], drive[0, 1]
     membrane(plan, state)
@@ -436,7 +466,7 @@ def advance(plan, state, time, drive, seen):
                     begun(plan, old, state)
                 drifted(plan.near, state.q, state.v, drive[at + k, 2], drive[at + k + 1, 2])
                 state.q[n], state.v[n] = drive[at + k + 1, 0], drive[at + k + 1, 1]
-                closed = push_apart(plan, state, near, part, gap, rate, active, matrix, push)
+                closed = push_apart(plan, state, near, part, gap, rate, yielded, active, factors, of, push, change)
                 if plan.counts[1] > 0:
                     push_by_contact_laws(plan, state, near, part, gap, rate)
                 if closed:

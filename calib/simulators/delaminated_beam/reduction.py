@@ -91,11 +91,13 @@ def plan(
     near_tip = np.abs(place) > 1.0 - WATCHED * np.diff(place).max()  # where the gap may be as small as one likes
     watched = near_tip | (np.arange(len(taken)) % max(1, WATCHED // fineness.every) == 0)
     centre = int(np.argmin(np.abs(place)))
+    near = drift(basis.omega, decay, basis.inertia, step / fineness.parts)
     return Plan(
         step=step,
         parts=fineness.parts,
         flight=drift(basis.omega, decay, basis.inertia, step),
-        near=drift(basis.omega, decay, basis.inertia, step / fineness.parts),
+        near=near,
+        along=_along(basis.omega, near, step / fineness.parts),
         quadratic=np.ascontiguousarray(basis.quadratic),
         tension=tension,
         stretch=stretch,
@@ -125,6 +127,19 @@ def plan(
         contact_p=contact_p,
         counts=np.array([forces, number]),
     )
+
+
+def _along(omega: np.ndarray, near: Drift, part: float) -> np.ndarray:
+    """Displacement that goes with a change of rate by a contact force which is steady over a part  [s].
+
+    A mode that such a force holds at rest off its place falls back over the part, by 1 - qq, and gathers the rate vq:
+    the force has to undo both. Without damping that is tan(omega h / 2) / omega, half a part where omega h is small. A
+    mode that goes through its place within the part, by more than a quarter of a turn, cannot be held so; from there on
+    it is sin(omega h) / omega, and nothing beyond half a turn, so that none ever grows in a closed contact.
+    """
+    turn = omega * part
+    fast = np.where(turn < np.pi, np.maximum(-near.vq, 0.0) / omega**2, 0.0)
+    return np.where(turn < 0.5 * np.pi, (near.qq - 1.0) / near.vq, fast)
 
 
 def _stretch(basis: Modes, step: float) -> tuple[np.ndarray, np.ndarray, float]:

@@ -2,8 +2,9 @@
 
 The linear part of the motion stays exact. What depends on the motion is collocated at the five Gauss-Lobatto nodes of
 the step and iterated to its fixed point: order 8 at the ends of steps (a step that an impact ends is taken anew up to
-the impact), order 5 for velocities within them. A law that jumps reduces that to the order of its jump; the step is
-then halved down to a limit.
+the impact), order 5 for velocities within them. A law that jumps reduces that to the order of its jump. Where the
+iteration does not converge, or a polynomial through the nodes misses the laws between them (a kink, a steep film of
+air), the step is halved down to a limit.
 """
 
 import math
@@ -13,12 +14,13 @@ from numba import njit
 from calib.laws import STATES
 from calib.simulators.impact.coordinates import to_coordinates
 from calib.simulators.impact.flow import impulse_response, load_responses
-from calib.simulators.impact.polynomial import FIT, INTEGRAL, NODES, polynomial, slope
+from calib.simulators.impact.polynomial import BETWEEN, FIT, INTEGRAL, NODES, POINTS, PROBE, polynomial, slope
 from calib.simulators.impact.problem import AT_PERIOD, CONTACT, PIECE
 from calib.simulators.slots import excitation, force
 
 SWEEPS = 15  # of the fixed point
 CLOSE = 1e-13  # relative change of the loads at which it has converged
+RESOLVED = 1e-8  # what the polynomial may miss, as a change of velocity over the step and a share of the velocities
 FAINT = 1e-15  # change of velocity over the step, as a share of the velocities, that is none
 
 
@@ -73,17 +75,17 @@ def _set_base(regimes, r, step, w):
 
 
 @njit(cache=True, error_model="numpy")
-def _set_answers(regimes, r, y, v, step, w):
-    """Write the unloaded motion at the nodes, and the motion there per unit of each coefficient of the load."""
+def _set_answers(regimes, r, y, v, step, first, end, w):
+    """Write the unloaded motion at some of the points, and the motion per unit of each coefficient of the load."""
     for i in range(w.y.size):
         stiffness, rate = regimes.stiffness[r, i], regimes.rate[r, i]
-        for j in range(5):
-            tau = NODES[j] * step
+        for j in range(first, end):
+            tau = POINTS[j] * step
             s, c = impulse_response(stiffness, rate, tau)
             w.free_y[i, j] = (c + 2.0 * rate * s) * y[i] + s * v[i]
             w.free_v[i, j] = c * v[i] - stiffness * s * y[i]
             q4, q3, q2, q1, q0, impulse = load_responses(stiffness, rate, tau)
-            x = NODES[j]
+            x = POINTS[j]
             scale = tau * tau
             w.answer_y[i, j, 0] = scale * q0
             w.answer_y[i, j, 1] = scale * x * q1
@@ -131,13 +133,13 @@ def _clearance(problem, r, y, v, time, u, du):
 
 @njit(cache=True, error_model="numpy")
 def _laws_at(problem, r, time, start, step, j, w):
-    """Write the accelerations by the laws and the rates of their internal states at node `j`."""
+    """Write the accelerations by the laws and the rates of their internal states at point `j`."""
     for i in range(w.y.size):
         w.y[i], w.v[i] = w.free_y[i, j], w.free_v[i, j]
         for k in range(5):
             w.y[i] += w.answer_y[i, j, k] * w.load[i, k]
             w.v[i] += w.answer_v[i, j, k] * w.load[i, k]
-    x, n = NODES[j], w.q.size
+    x, n = POINTS[j], w.q.size
     u, du = polynomial(w.input, x), slope(w.input, x) / step
     to_coordinates(problem.regimes, r, w.y, w.v, problem.omega, time + x * step, u, du, w.q, w.dq)
     t = start + x * step
@@ -151,12 +153,12 @@ def _laws_at(problem, r, time, start, step, j, w):
 
 
 @njit(cache=True, error_model="numpy")
-def _integrate_states(z, step, w):
-    """Write the internal states at the nodes from their rates there."""
+def _integrate_states(z, step, first, end, w):
+    """Write the internal states at some of the points from their rates at the nodes."""
     for i in range(z.shape[0]):
         for b in range(z.shape[1]):
             for k in range(z.shape[2]):
-                for j in range(5):
+                for j in range(first, end):
                     total = 0.0
                     for node in range(5):
                         total += INTEGRAL[j, node] * w.dz[i, b, k, node]
@@ -235,14 +237,42 @@ def _repeat_first(w):
 
 
 @njit(cache=True, error_model="numpy")
+def _is_resolved(problem, r, state, time, start, step, speed, w):
+    """Whether the polynomials through the nodes hold between them: of the laws, and of the rates of their states."""
+    _set_answers(problem.regimes, r, state.y, state.v, step, PROBE, PROBE + 1, w)
+    _integrate_states(state.z, step, PROBE, PROBE + 1, w)
+    _laws_at(problem, r, time, start, step, PROBE, w)
+    for b in range(w.q.size):
+        for j in range(5):
+            w.law[b, PROBE] -= BETWEEN[j] * w.law[b, j]
+    for i in range(w.y.size):
+        missed = 0.0
+        for b in range(w.q.size):
+            missed += problem.regimes.project[r, i, b] * w.law[b, PROBE]
+        if abs(missed) * step > RESOLVED * speed:
+            return False
+    if problem.counts[3] > 0:
+        for i in range(problem.counts[0]):
+            for b in range(w.dz.shape[1]):
+                for k in range(STATES):
+                    missed, size = w.dz[i, b, k, PROBE], 0.0
+                    for j in range(5):
+                        missed -= BETWEEN[j] * w.dz[i, b, k, j]
+                        size = max(size, abs(w.z[i, b, k, j]))
+                    if abs(missed) * step > RESOLVED * size:
+                        return False
+    return True
+
+
+@njit(cache=True, error_model="numpy")
 def collocate(problem, r, state, time, step, w):
-    """Work out all loads over a step from `time` [s] since the whole period; return whether they converged."""
+    """Work out all loads over a step from `time` [s] since the whole period; return whether they hold."""
     _set_input(problem, state, time, step, w)
     _set_base(problem.regimes, r, step, w)
     converged = True
     if problem.counts[0] > 0:
         start = state.count[AT_PERIOD] * problem.period + time
-        _set_answers(problem.regimes, r, state.y, state.v, step, w)
+        _set_answers(problem.regimes, r, state.y, state.v, step, 0, PROBE, w)
         _hold_states(state.z, w)
         speed = _modal_speed(problem.regimes, r, state.y, state.v)
         held = False
@@ -254,12 +284,14 @@ def collocate(problem, r, state, time, step, w):
                 _repeat_first(w)
             change, size = _refit(problem.regimes, r, w)
             if problem.counts[3] > 0:
-                _integrate_states(state.z, step, w)
+                _integrate_states(state.z, step, 0, PROBE, w)
             close = sweep > 0 and (change <= CLOSE * size or change * step <= FAINT * speed)
             # the loads follow internal states one sweep late, so with those they have to hold twice
             converged = close and (problem.counts[3] == 0 or held)
             held = close
             if converged:
                 break
+        if converged and problem.exact:
+            converged = _is_resolved(problem, r, state, time, start, step, speed, w)
     _set_added(problem, r, step, w)
     return converged

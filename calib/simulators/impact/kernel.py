@@ -15,7 +15,7 @@ from calib.simulators.impact.witness import BROKEN, FOUND, first_zero, witness
 DONE, SETTLED, DIVERGED, SPENT = 0, 1, 2, 3  # how a run ends
 UNLIMITED = 2**62  # steps
 LONGEST = 16  # periods of a motion that counts as settled
-HALVINGS = 6  # of a step whose loads do not converge
+SHORTEST = 1.0 / 512.0  # of the longest step: shorter ones are not halved, whether their loads hold or not
 AGAIN = 6  # times a step is taken anew up to the event in it
 
 
@@ -81,6 +81,7 @@ def _step_length(problem, state):
 def fly(problem, state, w, ye, ve):
     """Take one step: its loads are worked out and its end is found.
 
+    A step over which the loads do not hold is halved; the next ones are at most twice as long as the one before.
     A step that an event ends is taken anew up to the event where laws act: at its end the collocation is of order 8,
     within it only of order 5.
 
@@ -92,16 +93,22 @@ def fly(problem, state, w, ye, ve):
     """
     r, time = state.count[REGIME], state.clock[0]
     step = _step_length(problem, state)
+    wary = problem.exact and problem.counts[0] > 0
+    if wary:
+        step = min(step, 2.0 * w.trust[0])
     search = problem.exact and problem.stop
-    halvings, again = 0, 0
+    halved, again = False, 0
     while True:
         state.count[STEPS] += 1
         if problem.collocated:
             converged = collocate(problem, r, state, time, step, w)
-            if not converged and problem.exact and again == 0 and halvings < HALVINGS:
-                halvings += 1
+            if not converged and problem.exact and step > SHORTEST * problem.step:
+                halved = True
+                again = 0
                 step *= 0.5
                 continue
+        if wary and again == 0:
+            w.trust[0] = step if halved else max(w.trust[0], step)
         if again > 0:
             flow(problem.regimes, r, state.y, state.v, problem.collocated, w.load, step, step, ye, ve)
             value, first, _, _ = witness(

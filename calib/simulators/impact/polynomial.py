@@ -6,9 +6,12 @@ import numpy as np
 from numba import njit
 
 NODES = np.array([0.0, 0.5 - math.sqrt(3.0 / 28.0), 0.5, 0.5 + math.sqrt(3.0 / 28.0), 1.0])  # Gauss-Lobatto
-# values at the nodes -> coefficients; values at the nodes -> integrals up to each node, for a step of 1
+PROBE = 5  # index of a point between the nodes, where a polynomial through them is held against what it stands for
+POINTS = np.append(NODES, 0.5 * (NODES[1] + NODES[2]))
+# values at the nodes -> coefficients; -> integrals up to each point, for a step of 1; -> value at the probe
 FIT = np.ascontiguousarray(np.linalg.inv(np.vander(NODES, increasing=True)))
-INTEGRAL = np.ascontiguousarray((NODES[:, None] ** np.arange(1, 6) / np.arange(1, 6)) @ FIT)
+INTEGRAL = np.ascontiguousarray((POINTS[:, None] ** np.arange(1, 6) / np.arange(1, 6)) @ FIT)
+BETWEEN = POINTS[PROBE] ** np.arange(5) @ FIT
 
 
 @njit(cache=True, error_model="numpy")

@@ -8,21 +8,22 @@ from calib.laws import SLOTS, STATES
 
 
 class Scratch(NamedTuple):
-    """Arrays a step is worked out in; the last index counts coefficients in tau / step, or nodes."""
+    """Arrays a step is worked out in; the last index counts coefficients in tau / step (5) or nodes and probe (6)."""
 
     input: np.ndarray  # (5,) U
     load: np.ndarray  # (n, 5) modal
     base: np.ndarray  # (n, 5) modal load of what does not depend on the motion
     added: np.ndarray  # (5,) to the witness
-    law: np.ndarray  # (n, 5) accelerations by the laws at the nodes
+    law: np.ndarray  # (n, 6) accelerations by the laws
     modal: np.ndarray  # (n, 5) at the nodes
-    free_y: np.ndarray  # (n, 5) unloaded motion at the nodes
+    free_y: np.ndarray  # (n, 6) unloaded motion
     free_v: np.ndarray
-    answer_y: np.ndarray  # (n, 5, 5) node, coefficient: modal motion per unit load
+    answer_y: np.ndarray  # (n, 6, 5) point, coefficient: modal motion per unit load
     answer_v: np.ndarray
-    z: np.ndarray  # (SLOTS, n + 1, STATES, 5) internal states at the nodes
+    z: np.ndarray  # (SLOTS, n + 1, STATES, 6) internal states
     dz: np.ndarray  # their rates
     own: np.ndarray  # (2, STATES) internal states of one law at one place, and their rates
+    trust: np.ndarray  # (1,) length of step over which the laws held last  [s]
     y: np.ndarray  # (n,) modal motion at an instant
     v: np.ndarray
     q: np.ndarray  # (n,) coordinates
@@ -32,8 +33,8 @@ class Scratch(NamedTuple):
 def scratch(n: int) -> Scratch:
     """Allocate for n coordinates."""
     return Scratch(
-        np.zeros(5), np.zeros((n, 5)), np.zeros((n, 5)), np.zeros(5), np.zeros((n, 5)), np.zeros((n, 5)),
-        np.zeros((n, 5)), np.zeros((n, 5)), np.zeros((n, 5, 5)), np.zeros((n, 5, 5)),
-        np.zeros((SLOTS, n + 1, STATES, 5)), np.zeros((SLOTS, n + 1, STATES, 5)),
-        np.zeros((2, STATES)), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
+        np.zeros(5), np.zeros((n, 5)), np.zeros((n, 5)), np.zeros(5), np.zeros((n, 6)), np.zeros((n, 5)),
+        np.zeros((n, 6)), np.zeros((n, 6)), np.zeros((n, 6, 5)), np.zeros((n, 6, 5)),
+        np.zeros((SLOTS, n + 1, STATES, 6)), np.zeros((SLOTS, n + 1, STATES, 6)),
+        np.zeros((2, STATES)), np.full(1, np.inf), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
     )  # fmt: skip

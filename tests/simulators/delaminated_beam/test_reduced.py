@@ -36,10 +36,11 @@ def shaken(seed, **changes):
 def kicked(made, near, part=None):
     """Push apart once; return gaps and opening rates before and after, and the number of closed pairs."""
     plan, now = made.plan, made.now
-    m, most = len(plan.clearance), reduced.MOST
+    m, n = len(plan.clearance), len(now.kick)
     gap = plan.clearance + plan.opening @ now.q
     before = plan.opening @ now.v
-    room = np.zeros(m), np.zeros(m), np.zeros(most, dtype=np.int64), np.zeros((most, most)), np.zeros(most)
+    room = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m, dtype=np.int64), np.zeros((2, m, m))
+    room += np.zeros((2, m + 1), dtype=np.int64), np.zeros(m), np.zeros(n)
     closed = reduced.push_apart(plan, now, near, part or plan.step / plan.parts, *room)
     return gap, before, plan.opening @ now.v, closed
 
@@ -52,6 +53,9 @@ def test_the_solver_is_that_of_linear_algebra():
         expected = np.linalg.solve(matrix, right)
         room, solution = np.zeros((64, 64)), np.zeros(64)
         room[:count, :count], solution[:count] = np.tril(matrix), right
+        first = count // 2
+        reduced.factorised(room, 0, first)
+        reduced.factorised(room, first, count)
         reduced.solved(room, solution, count)
         np.testing.assert_allclose(solution[:count], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
@@ -74,6 +78,58 @@ def test_pushes_are_none_that_pull_and_fulfil_their_equations(seed, changes):
     rate = -(after[held] + yielded / part)
     expected = plan.stiffness[held] * depth + plan.damping[held] * rate
     np.testing.assert_allclose(push[held], expected, rtol=1e-6, atol=1e-6 * push.max())
+
+
+def test_factors_that_are_kept_are_those_that_would_be_made_anew():
+    made, near = shaken(2)
+    plan, now, start = made.plan, made.now, {}
+    m, n, part = len(plan.clearance), len(now.kick), plan.step / plan.parts
+
+    def room():
+        lists = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m, dtype=np.int64), np.zeros((2, m, m))
+        return *lists, np.zeros((2, m + 1), dtype=np.int64), np.zeros(m), np.zeros(n)
+
+    kept, closed = room(), set()
+    for _ in range(40):
+        reduced.drifted(plan.near, now.q, now.v, 0.0, 0.0)
+        start = {name: getattr(now, name).copy() for name in ("q", "v", "push")}
+        closed.add(reduced.push_apart(plan, now, near, part, *kept))
+        moved = now.q.copy()
+        for name, value in start.items():
+            getattr(now, name)[:] = value
+        reduced.push_apart(plan, now, near, part, *room())
+        np.testing.assert_allclose(now.q, moved, rtol=1e-12, atol=1e-12 * np.abs(moved).max())
+    assert len(closed) > 3
+
+
+@pytest.mark.parametrize("decay", [0.0, 1e3, 1e6])
+def test_a_mode_that_a_steady_force_holds_does_not_creep(decay):
+    omega, part = np.array([1e2, 1e4, 1e5, 3e5]), 5e-6
+    near = reduction.drift(omega, np.full(4, decay), np.zeros(4), part)
+    along = reduction._along(omega, near, part)
+    fallen, rate = near.qq - 1.0, near.vq  # from one beyond its place, at rest
+    np.testing.assert_allclose(fallen - along * rate, 0.0, atol=1e-9)
+    assert along[0] == pytest.approx(0.5 * part, rel=0.02 if decay < 1e6 else 2.0)
+
+
+def test_no_mode_that_is_held_grows_however_long_the_part():
+    omega = np.linspace(1e3, 1e7, 5000)
+    near = reduction.drift(omega, np.zeros(5000), np.zeros(5000), 5e-6)
+    along = reduction._along(omega, near, 5e-6)
+    assert (np.abs(near.qq - along * near.vq) <= 1.0 + 1e-9).all()  # its rate is taken at the end of each part
+
+
+@pytest.mark.parametrize("f", [0.001, 0.3])
+@pytest.mark.parametrize("c_con", [0.0, 0.1, 100.0])
+@pytest.mark.parametrize("fineness", [Fineness(40, 512, 12), Fineness(80, 256, 1)], ids=["fine", "coarse"])
+def test_contact_of_any_hardness_leaves_the_motion_bounded(fineness, f, c_con):
+    made = engine(fineness, masters=16, f=f, c_con=c_con, s=0.0)
+    made.period(1)
+    for _ in range(50):
+        period = made.period(64)
+        assert period.status == "ok"
+        assert np.abs(period.samples[:, :2]).max() < 1.05 * EXCITATION.amplitude
+    assert made.noted(50).fraction > 0.0
 
 
 @SEEDS

@@ -1,0 +1,145 @@
+"""What a diagnosis came to, in sentences."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from calib.report.words import number, percent, quantity, signed
+
+NAMED, ONE_OF, NONE, UNEXPLAINED = "named", "one_of", "none", "unexplained"  # verdicts, beside not_diagnosable
+OUTLIERS = "outliers"  # the cause that is taken out of the records, not added to the model
+SAME = 1e-9  # relative difference of values that are the same
+REMEDIES = {
+    "simulation": "find out why the simulation ends this way at the calibrated values (a larger step budget may do), "
+    "or calibrate again with narrower windows",
+    "kind of motion": "calibrate until the simulated motion is of the measured kind (wider windows, a larger budget): "
+    "differences between motions of different kinds name no cause",
+    "noise": "record more samples, best three cycles of the motion or more, or state the noise in the record "
+    "(displacement_sigma, velocity_sigma)",
+}
+REFINE = (
+    "make the simulator's step or tolerance finer in [model] and calibrate again: as it is, an error of the solver "
+    "would be taken for physics"
+)
+
+
+def headline(said: Mapping[str, Any]) -> str:
+    """Say the verdict in a sentence."""
+    verdict, known = said["verdict"], {suspect["effect"]: suspect for suspect in said["suspects"]}
+    if verdict == NAMED:
+        found = []
+        for name in said["causes"]:
+            if name == OUTLIERS:
+                found.append(f"{OUTLIERS}, {percent(said['outliers'])} of the samples")
+                continue
+            written = sizes(known[name]) if name in known else []
+            equation = known[name].get("equation") if name in known else ""
+            given = [f" ({equation})" if equation else "", f", {', '.join(written)}" if written else ""]
+            found.append(f"{name}{''.join(given)}")
+        return f"{'Missing in the model' if added(said) else 'In the records'}: {'; and '.join(found)}."
+    if verdict == ONE_OF:
+        names = [" with ".join(names) for names in said["class"]]
+        return f"Something is missing, and it is one of {len(names)} that these records do not tell apart: " + (
+            f"{', '.join(names[:-1])} or {names[-1]}."
+        )
+    if verdict == UNEXPLAINED:
+        nearest = f"; {' and '.join(said['closest'])} comes closest" if said["closest"] else ""
+        return f"The misfit is more than noise, and no effect that is known here explains it{nearest}."
+    if verdict == NONE:
+        return "Nothing that could be named is missing: what the calibrated model leaves is what noise leaves."
+    failed = [gate["name"] for gate in said["gates"] if not gate["passed"]]
+    return f"No diagnosis: a condition fails ({', '.join(failed)})." if failed else "No diagnosis."
+
+
+def points(said: Mapping[str, Any]) -> list[str]:
+    """Say what the verdict rests on, and what follows from it."""
+    found = [f"{_capital(g['name'])}: {g['said']}. What to do: {remedy(g)}." for g in said["gates"] if not g["passed"]]
+    misfit, gain = said["misfit"], said["gain"]
+    if misfit and not found:
+        found.append(_excess(misfit, said))
+    if said["verdict"] == NONE and said["suspects"]:
+        found.append("An effect as large as the smallest size seen in the table below would have been found.")
+    if said["verdict"] == UNEXPLAINED:
+        found.append(
+            "The pictures of the acceleration that the simulation lacks show what a law would have to look like; "
+            "an effect of your own is one file (calib list shows those there are)."
+        )
+    if said.get("outliers"):
+        taken = f"{percent(said['outliers'])} of the samples lie far from all others"
+        found.append(f"{_capital(taken)}: they were taken out before anything was fitted.")
+    if gain and gain["before"] is not None:
+        found.append(_gained(gain))
+    if gain and said["verdict"] in (NAMED, ONE_OF):
+        moved = [s for s in gain["shifts"] if s["errors"] is not None and abs(s["errors"]) > 2.0]
+        if moved:
+            listed = ", ".join(f"{s['parameter']} by {signed(s['errors'], '+')}" for s in moved)
+            found.append(f"Calibrated without it, values were biased; in standard errors they move: {listed}.")
+    if said["measurements"]:
+        best = said["measurements"][0]
+        found.append(f"To tell them apart, measure {best['said']}: they would differ by z = {number(best['z'], 3)}.")
+    return found
+
+
+def _excess(misfit, said):
+    excess, left, blur = (misfit[key] for key in ("excess", "left", "blur"))
+    side = "above" if excess >= 0 else "below"
+    text = f"What the calibrated model leaves: a sum of squares {number(abs(excess), 3)} {side} that of noise"
+    text += f", where ±{number(blur, 2)} is chance"
+    if not added(said):
+        return f"{text}."
+    explained = "all" if misfit["share"] >= 1.0 else percent(misfit["share"])
+    after = f"{number(abs(left), 3)} {'above' if left >= 0 else 'below'}"
+    return f"{text}; with {_which(said)} it is {after}: {explained} of the excess is explained."
+
+
+def added(said: Mapping[str, Any]) -> list[str]:
+    """Names of the effects in the extended model."""
+    best = said["class"][0] if said["verdict"] == ONE_OF else ()
+    return [name for name in said["causes"] or said["closest"] or best if name != OUTLIERS]
+
+
+def _which(said):
+    names = " and ".join(added(said))
+    return f"the best of them, {names}," if said["verdict"] == ONE_OF else names
+
+
+def named_extension(said: Mapping[str, Any]) -> str:
+    """Name the extended model."""
+    return f"with {_which(said).rstrip(',')}" if added(said) else "extended"
+
+
+def _gained(gain):
+    where = f"records held out ({', '.join(gain['records'])})"
+    if not gain["kind"].startswith("records"):
+        where = f"{gain['kind']} (weak evidence: no record was held out)"
+    text = f"On {where} the misfit goes from {percent(gain['before'], 3)} to {percent(gain['after'], 3)}"
+    if None in gain["interval"]:
+        return f"{text}."
+    low, high = gain["interval"]
+    text += f": less by {number(100 * low, 2)} to {number(100 * high, 2)} percentage points (95\u00a0% interval)"
+    return f"{text}{'.' if gain['proven'] else ', which includes zero: the gain is not proven.'}"
+
+
+def stale(said: Mapping[str, Any], result: Mapping[str, Any]) -> bool:
+    """Whether the values that were diagnosed are no longer the calibrated ones."""
+    then, now = said.get("values") or {}, result.get("values") or {}
+    return any(name in then and not math.isclose(then[name], value, rel_tol=SAME) for name, value in now.items())
+
+
+def remedy(gate: Mapping[str, Any]) -> str:
+    """What to do where a condition fails."""
+    return REMEDIES.get(gate["name"], REFINE)
+
+
+def sizes(suspect: Mapping[str, Any]) -> list[str]:
+    """Write the sizes of a suspect with their 95 % intervals and units."""
+    found = []
+    for name, size in suspect["size"].items():
+        low, high = suspect["interval"].get(name) or (None, None)
+        half = None if None in (low, high) else 0.5 * (high - low)
+        found.append("-" if size is None else f"{name} = {quantity(size, suspect['units'].get(name), half=half)}")
+    return found
+
+
+def _capital(text: str) -> str:
+    return f"{text[0].upper()}{text[1:]}"

@@ -1,0 +1,423 @@
+"""The chapter of a page that tells a diagnosis: what is wrong, who was suspected, why this one, what it brings."""
+
+import math
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from markupsafe import Markup
+
+from calib.report import causes, drawing, lacking, remains
+from calib.report.conclusion import (
+    NAMED,
+    NONE,
+    ONE_OF,
+    UNEXPLAINED,
+    headline,
+    named_extension,
+    points,
+    remedy,
+    sizes,
+    stale,
+)
+from calib.report.words import count, number, percent, quantity, raised, rounded, signed, with_error
+from calib.units import MILLI
+
+TONES = {NAMED: "good", NONE: "good", ONE_OF: "mind", UNEXPLAINED: "mind"}
+QUESTIONS = {NAMED: "Why this one", ONE_OF: "Why these", NONE: "Why nothing", UNEXPLAINED: "Why none of them"}
+MARKED = 3.0  # standard errors from which a feature is shown at once
+MOST = 12  # features shown at once
+ENOUGH = 10  # suspects shown at once
+PROPOSED = 8  # measurements shown
+
+RESIDUALS = (
+    "Measured less simulated: dots are samples, the blue line is the mean of the cycles, the grey band two standard "
+    "deviations of the noise, the darker one that of the mean{impacts}. Bars: amplitudes of the mean's harmonics; "
+    "blue ones stand clear of what noise leaves in 19 of 20 cases (grey)."
+)
+RESIDUALS_IN_TIME = "Measured less simulated over time; the grey band is two standard deviations of the noise."
+IMPACTS = "; where the ground is orange, next to impacts, velocity is not compared"
+LOOPS = (
+    "Measured phase curves, coloured by the local misfit: the residuals of displacement and velocity, each averaged "
+    "over a thirtieth of the mean cycle, root mean square over both, in standard deviations of such an average. About"
+    " 1 is noise."
+)
+FORCES = (
+    "Acceleration that the simulation of {body} lacks, measured less simulated at the same instant (derivative of the"
+    " residual velocity, by parabolas through neighbouring samples of the mean cycle; impacts left out): over the "
+    "plane of its states, and in bins of displacement and of velocity with two standard errors. It holds the missing "
+    "force per unit mass together with what the springs and dampers answer to the motion that differs, so near a "
+    "resonance a force is seen a quarter of a period late."
+)
+SUSPECTS = (
+    "How strongly each effect shows in the residuals, what calibrated parameters and nuisances absorb taken out. "
+    "Above the dashed line it is more than noise would make the strongest of them in 99 of 100 cases."
+)
+MAGNIFIED = (
+    "The extended model's phase curves (green), and how far from them the calibrated model (blue) and the measured "
+    "curve (grey, averaged over a thirtieth of the cycle) lie, magnified as the titles say: the extension is right "
+    "where the dots lie on the green line and not on the blue one."
+)
+GAIN = (
+    "Misfit of what had no part in finding the cause, before and after; only nuisances of those records were solved "
+    "for."
+)
+TRANSFERS = (
+    "Size of the effect as each record alone has it, with two standard errors. A law of nature has one size in all of"
+    " them; a size that differs from record to record, or that the records held out do not share, is a stand-in for "
+    "another cause."
+)
+SHIFTS = (
+    "By how many standard errors the calibrated parameters move once the cause is in the model; within the grey band "
+    "they stay. One that moves further was bent to stand in for what was missing."
+)
+
+
+def chapter(
+    said: Mapping[str, Any],
+    motions: Mapping[str, xr.Dataset],
+    result: Mapping[str, Any],
+    study: Any,
+) -> dict[str, Any]:
+    """Everything that the page shows of a diagnosis.
+
+    Parameters
+    ----------
+    said : what diagnosis.json holds
+    motions : what diagnosis.nc holds; may be empty
+    result : what result.json holds
+    study : read are its model's parameters and the attributes of its records
+    """
+    outcomes = {suspect["effect"]: outcome(suspect, said) for suspect in said["suspects"]}
+    return {
+        "verdict": said["verdict"].replace("_", " "),
+        "tone": TONES.get(said["verdict"], "bad"),
+        "headline": headline(said),
+        "points": points(said),
+        "stale": stale(said, result),
+        "gates": [_gate(gate, motions) for gate in said["gates"]],
+        "residuals": _residuals(motions),
+        "loops": _pictured(remains.misfit_loops(motions), "misfit-loops", LOOPS),
+        "forces": _forces(motions),
+        "features": _features(said),
+        "strengths": _strengths(said, outcomes),
+        "suspects": _suspects(said, outcomes),
+        "refused": said["refused"],
+        "rounds": _rounds(said),
+        "why": _why(said, outcomes),
+        "magnified": _pictured(remains.magnified_loops(motions, named_extension(said)), "magnified-loops", MAGNIFIED),
+        "measurements": _measurements(said, study.objective.references),
+        "question": QUESTIONS.get(said["verdict"], "How it was sought"),
+        "brings": _brings(said, study.model.parameters),
+        "effort": f"{count(said['simulations'], 'simulation')} in {said['seconds']:.0f} s",
+    }
+
+
+# --- what is wrong ---------------------------------------------------------------------------------------------------
+
+
+def _gate(gate, motions):
+    text = gate["said"]
+    if gate["name"] == "noise" and gate["passed"] and motions:
+        levels = [
+            float(motion.sigma[row]) / float(np.std(motion.measured.values[row]))
+            for motion in motions.values()
+            for row, *_ in remains.rows(motion)
+            if np.std(motion.measured.values[row]) > 0.0
+        ]
+        sources = " and ".join(dict.fromkeys(re.findall(r"\((stated in the record|cycle to cycle|the residual)", text)))
+        if levels:
+            ends = dict.fromkeys(percent(x, 2) for x in (min(levels), max(levels)))
+            text = f"{' to '.join(ends)} of the motion in {count(len(levels), 'channel')}"
+            text += f", from {sources}" if sources else ""
+    return {
+        "name": gate["name"],
+        "passed": gate["passed"],
+        "said": text,
+        "remedy": "" if gate["passed"] else remedy(gate),
+    }
+
+
+def _residuals(motions):
+    """Pictures of each record's residual, the worst record first."""
+    found = []
+    for name in sorted(motions, key=lambda name: -remains.strength(motions[name])):
+        motion = motions[name]
+        skipped = any(not motion.weight.values[row].all() for row, *_ in remains.rows(motion))
+        caption = RESIDUALS.format(impacts=IMPACTS if skipped else "")
+        caption = caption if "period" in motion.attrs else RESIDUALS_IN_TIME
+        picture = _pictured(remains.residuals(motion), f"diagnosed-{name}", caption)
+        if picture is not None:
+            found.append({"record": name, **picture})
+    return found
+
+
+def _forces(motions):
+    """Picture of what remains of each body, of the records in which it stands clear of noise, or else of all."""
+    found = []
+    for body in dict.fromkeys(body for motion in motions.values() for body in remains.pairs(motion)):
+        known = lacking.accelerations(motions, body)
+        clear = {name: force for name, force in known.items() if lacking.stands_clear(force)}
+        caption = FORCES.format(body=body)
+        hidden = [name for name in known if name not in clear]
+        if clear and hidden:
+            caption += f" In {', '.join(hidden)} nothing stands clear of noise."
+        picture = _pictured(lacking.forces(clear or known), f"force-{body}", caption)
+        if picture is not None:
+            found.append({"body": body, "telling": bool(clear), **picture})
+    return found
+
+
+def _features(said):
+    """Rows of the table of features: those shown at once, and the rest."""
+    rows = [_feature(feature) for feature in said["misfit"].get("features", ())]
+    marked = [row for row in rows if row["marked"]][:MOST] or rows[:3]
+    return {"marked": marked, "rest": rows[len(marked) :]}
+
+
+def _feature(feature):
+    factor, unit = MILLI.get(feature["unit"], (1.0, feature["unit"]))
+    values = [None if feature[key] is None else factor * feature[key] for key in ("measured", "simulated", "error")]
+    measured, simulated, error = values
+    return {
+        "label": feature["label"],
+        "record": feature["record"],
+        "body": feature["body"],
+        "unit": "" if unit == "1" else raised(unit),
+        "measured": with_error(measured, None if error is None else 2.0 * error),
+        "simulated": rounded(simulated, error),
+        "z": "-" if feature["z"] is None else signed(feature["z"], "+"),
+        "marked": feature["z"] is not None and abs(feature["z"]) > MARKED,
+    }
+
+
+# --- who was suspected -----------------------------------------------------------------------------------------------
+
+
+def outcome(suspect: Mapping[str, Any], said: Mapping[str, Any]) -> str:
+    """What became of a suspect: one of the words of `calib.report.causes`."""
+    name = suspect["effect"]
+    if name in said["causes"]:
+        return causes.NAMED
+    if said["verdict"] == ONE_OF and any(name in names for names in said["class"]):
+        return causes.CLASS
+    if name in said["closest"]:
+        return causes.CLOSEST
+    if suspect["z"] is None or said["threshold"] is None or abs(suspect["z"]) <= said["threshold"]:
+        return causes.BELOW
+    return causes.SENSELESS if suspect["z"] < 0.0 and _one_sided(suspect) else causes.LESS
+
+
+def _one_sided(suspect):
+    if len(suspect["null"]) != 1:
+        return False
+    [(name, null)] = suspect["null"].items()
+    return null is not None and null in suspect["limits"][name]
+
+
+def _suspects(said, outcomes):
+    """Rows of the table of suspects: those shown at once, and the rest."""
+    rank = {causes.NAMED: 0, causes.CLASS: 0, causes.CLOSEST: 0}
+    ordered = sorted(said["suspects"], key=lambda s: (rank.get(outcomes[s["effect"]], 1), -abs(s["z"] or 0.0)))
+    rows = [_suspect(suspect, outcomes[suspect["effect"]], said) for suspect in ordered]
+    shown = sum(row["fate"] != causes.BELOW for row in rows)
+    shown = len(rows) if said["verdict"] == NONE else min(max(shown, 3), ENOUGH)
+    return {"shown": rows[:shown], "rest": rows[shown:]}
+
+
+def _strengths(said, outcomes):
+    if said["threshold"] is None:
+        return None
+    strengths = [(s["effect"], abs(s["z"]), outcomes[s["effect"]]) for s in said["suspects"] if s["z"] is not None]
+    return _pictured(causes.suspects(strengths, said["threshold"]), "suspects", SUSPECTS)
+
+
+def _suspect(suspect, fate, said):
+    held = [f"{name} = {quantity(value, suspect['units'].get(name))}" for name, value in suspect["held"].items()]
+    untested = not suspect["refitted"] and all(x is None for x in suspect["detectable"].values())
+    misfit = said["misfit"]
+    explains = misfit["excess"] > MARKED * misfit["blur"] and suspect["share"] is not None
+    explains = explains and fate != causes.SENSELESS and suspect["drop"] > 0.0
+    return {
+        "effect": suspect["effect"],
+        "where": f"on {', '.join(suspect['bodies'])}" if suspect["bodies"] else "",
+        "equation": suspect.get("equation", ""),
+        "meaning": suspect.get("meaning", ""),
+        "fate": fate,
+        "colour": causes.COLOURS[fate],
+        "bold": fate in (causes.NAMED, causes.CLASS, causes.CLOSEST),
+        "z": "-" if untested or suspect["z"] is None else signed(suspect["z"]),
+        "sizes": ["-"] if untested else sizes(suspect),
+        "held": held,
+        "share": percent(min(1.0, suspect["share"])) if explains else "-",
+        "promised": explains and not suspect["refitted"],
+        "absorbed": "-" if untested else percent(suspect["absorbed"]),
+        "detectable": [
+            quantity(x, suspect["units"].get(name), 2) for name, x in suspect["detectable"].items() if x is not None
+        ],
+        "reason": _reason(suspect, fate, said),
+    }
+
+
+def _reason(suspect, fate, said):
+    if suspect["reason"] and fate not in (causes.NAMED, causes.CLASS):
+        return suspect["reason"]
+    if fate == causes.NAMED:
+        rounds = [k for k, found in enumerate(said["rounds"], 1) if found["chosen"] == suspect["effect"]]
+        return f"named in round {rounds[0]}" if rounds and len(said["causes"]) > 1 else "named"
+    if fate == causes.CLASS:
+        return "not told from the others of the class"
+    if fate == causes.SENSELESS:
+        [name] = suspect["null"]
+        low, high = suspect["limits"][name]
+        bound = "<" if suspect["null"][name] == low else ">"
+        return f"would need {name} {bound} {number(suspect['null'][name])}"
+    if fate == causes.LESS:
+        first = said["rounds"][0]["chosen"] if said["rounds"] else None
+        alike = suspect.get("alike")
+        return f"explains less; {percent(alike)} like {first}" if first and alike is not None else "explains less"
+    return {causes.CLOSEST: "comes closest"}.get(fate, "below the threshold")
+
+
+# --- why this one ----------------------------------------------------------------------------------------------------
+
+
+def _rounds(said):
+    rows, known = [], []
+    for found in said["rounds"]:
+        rivals = [name for name in found["rivals"] if name != found["chosen"]]
+        share = found.get("share")
+        rows.append(
+            {
+                "model": " + ".join(["calibrated", *known]),
+                "threshold": f"{found['threshold']:.2f}",
+                "chosen": found["chosen"] or "none passes",
+                "share": "-" if share is None else percent(min(1.0, share)),
+                "rivals": ", ".join(rivals) or "-",
+            }
+        )
+        known += [found["chosen"]] if found["chosen"] else []
+    return rows
+
+
+def _why(said, outcomes):
+    """Sentences: what distinguishes the cause from the others, or why nothing does."""
+    found = []
+    last = next((r for r in reversed(said["rounds"]) if r["chosen"]), None)
+    if last is None:
+        return found
+    for name, alike in (last.get("alike") or {}).items():
+        if alike is not None:
+            found.append(
+                f"What {last['chosen']} and {name} change in these records, beyond what calibration absorbs, is "
+                f"{percent(alike, 3)} alike (cosine of the angle between their signatures)."
+            )
+    if said["verdict"] == ONE_OF:
+        found.append("With both fitted, the sums of squares differ by less than chance: these records do not decide.")
+    if said["verdict"] == UNEXPLAINED and said["closest"]:
+        share = percent(max(0.0, said["misfit"]["share"]))
+        found.append(
+            f"{' and '.join(said['closest'])} explains {share} of the excess; to be named it would have to explain "
+            "half of it, or leave no more than noise."
+        )
+    others = [s for s in said["suspects"] if outcomes[s["effect"]] == causes.LESS and s["share"] is not None]
+    if said["verdict"] == NAMED and others:
+        best = max(others, key=lambda s: s["share"])
+        chosen, alike = said["rounds"][0]["chosen"], best.get("alike")
+        alike = "" if alike is None else f"; its signature is {percent(alike)} like that of {chosen}"
+        found.append(
+            f"The next best of the first round, {best['effect']}, explains {percent(min(1.0, best['share']))} of the "
+            f"excess on its own{alike}."
+        )
+    elif said["verdict"] == NAMED:
+        found.append("No other effect is above the threshold with a size that makes sense.")
+    return found
+
+
+def _measurements(said, references):
+    rows = []
+    for measurement in said["measurements"][:PROPOSED]:
+        reference = references.get(measurement["record"])
+        driven = "" if reference is None else reference.record.attrs.get("quantity", "")
+        factor, unit = (1.0, "N") if driven == "force" else MILLI["m"]
+        amplitude, frequency = measurement["amplitude"], measurement["frequency"]
+        rows.append(
+            {
+                "said": measurement["said"],
+                "amplitude": "-" if amplitude is None else f"{number(factor * amplitude)} {unit}",
+                "frequency": "-" if frequency is None else f"{number(frequency)} Hz",
+                "impacts": {True: "yes", False: "no"}.get(measurement["impacts"], "-"),
+                "z": f"{measurement['z']:.1f}",
+                "enough": said["threshold"] is not None and measurement["z"] > said["threshold"],
+            }
+        )
+    return rows
+
+
+# --- what the extension brings ---------------------------------------------------------------------------------------
+
+
+def _brings(said, parameters):
+    gain = said["gain"]
+    if gain is None:
+        return None
+    units = {name: unit for suspect in said["suspects"] for name, unit in suspect["units"].items()}
+    common = {}
+    for suspect in said["suspects"]:
+        for name, size in suspect["size"].items():
+            ends = suspect["interval"].get(name) or (None, None)
+            if None not in (size, *ends):
+                common[name] = (size, *ends)
+    if len(said["rounds"]) > 1 and said["rounds"][1]["chosen"]:
+        common = {}  # those of the first round are not those of the final model
+    known = [transfer for transfer in gain["transfers"] if None not in (transfer["size"], transfer["error"])]
+    return {
+        "kind": gain["kind"],
+        "failed": gain["failed"],
+        "gain": _pictured(causes.gain(gain), "gain", GAIN),
+        "transfers": _pictured(causes.transfers(known, common, units), "transfers", TRANSFERS),
+        "agreement": _agreement(known),
+        "shifts": _pictured(causes.shifts(gain["shifts"]), "shifts", SHIFTS),
+        "moved": [_shift(shift, parameters) for shift in gain["shifts"]],
+    }
+
+
+def _shift(shift, parameters):
+    name = shift["parameter"]
+    known = parameters.get(name.partition("@")[0])
+    factor, unit = drawing.shown_unit(known.unit if known else "1", max(abs(shift["before"]), abs(shift["after"])))
+    error = abs((shift["after"] - shift["before"]) / shift["errors"]) if shift["errors"] else None
+    return {
+        "parameter": name,
+        "before": rounded(factor * shift["before"], error and factor * error),
+        "after": with_error(factor * shift["after"], error and 2.0 * factor * error),
+        "unit": unit,
+        "errors": "-" if shift["errors"] is None else signed(shift["errors"], "+"),
+    }
+
+
+def _agreement(transfers):
+    """Whether the records agree on each size: chi square of the sizes about their weighted mean."""
+    found = []
+    for name in dict.fromkeys(t["parameter"] for t in transfers):
+        own = [t for t in transfers if t["parameter"] == name and t["error"] > 0.0]
+        if len(own) < 2:
+            continue
+        size, weight = (np.array([f(t) for t in own]) for f in (lambda t: t["size"], lambda t: t["error"] ** -2.0))
+        square = float((weight * (size - (weight @ size) / weight.sum()) ** 2).sum())
+        degrees = len(own) - 1
+        agree = square < degrees + 3.0 * math.sqrt(2.0 * degrees)
+        said = "agree" if agree else "do not agree"
+        found.append(
+            f"The records {said} on {name} (sum of squared departures {square:.1f}, where {degrees} is expected)."
+        )
+    return found
+
+
+# --- pictures --------------------------------------------------------------------------------------------------------
+
+
+def _pictured(figure, name: str, caption: str) -> dict[str, Any] | None:
+    return None if figure is None else {"svg": Markup(drawing.svg(figure, name)), "caption": caption}

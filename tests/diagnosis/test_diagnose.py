@@ -1,0 +1,152 @@
+"""The whole way: a small study with something missing, or nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.diagnosis.candidate import candidates
+from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.written import as_dict
+from calib.excitation import Excitation
+from calib.model import Model, Request
+from calib.objective import Objective, Reference, Term
+from calib.parameter import Space, Window
+from calib.plugins import load
+from calib.pool import InProcess
+from calib.study import Study
+
+OSCILLATOR = Model(load("calib.simulators", "oscillator")())
+TIMES = np.arange(500) / 500.0  # s
+FORCES = {"soft": 2.0, "loud": 6.0, "held": 12.0}  # N, of a swept force
+USES = {"soft": "calibrate", "loud": "name", "held": "holdout"}
+LIBRARY = ("cubic_stiffness", "quadratic_stiffness", "coulomb_friction", "channel_lag", "channel_offset", "time_step")
+TRUTH = {"mass": 1.0, "damping": 2.0, "stiffness": 4000.0}
+
+
+def effects(*names):
+    return [load("calib.effects", name) for name in names]
+
+
+def sweep(amplitude):
+    """A force that runs through the resonance."""
+    value = amplitude * np.sin(2.0 * np.pi * (4.0 * TIMES + 8.0 * TIMES**2))
+    return Excitation("mass", "force", time=TIMES, value=value)
+
+
+def references(hidden=(), noise=0.01, seed=0, **values):
+    """Measured records of a model with something hidden."""
+    rng, model, found = np.random.default_rng(seed), OSCILLATOR.extended(*effects(*hidden)), {}
+    for name, amplitude in FORCES.items():
+        record = model.run({**TRUTH, **values}, sweep(amplitude), Request(times=TIMES))
+        record = record[["displacement", "velocity"]]
+        for channel in ("displacement", "velocity"):
+            rows = record[channel].values
+            sigma = noise * np.sqrt((rows**2).mean())
+            record[channel] = record[channel].copy(data=rows + sigma * rng.standard_normal(rows.shape))
+            record[f"{channel}_sigma"] = ("body", [sigma], {"units": record[channel].attrs["units"]})
+        record.attrs["status"] = "ok"
+        found[name] = Reference(name, record, USES[name], excitation=sweep(amplitude), request=Request(times=TIMES))
+    return found
+
+
+def study(known):
+    scored = {name: reference for name, reference in known.items() if reference.use == "calibrate"}
+    space = Space({"damping": Window(0.5, 8.0), "stiffness": Window(3000.0, 5000.0)}, {"mass": 1.0})
+    term = Term(load("calib.features", "time_history")())
+    return Study("small", OSCILLATOR, space, Objective(scored, [term]), None, 9)
+
+
+def diagnosed(known, library=LIBRARY, **changed):
+    made = study(known)
+    others = {name: reference for name, reference in known.items() if reference.use != "calibrate"}
+    values = {**OSCILLATOR.nominal, **TRUTH, "damping": 2.5, "stiffness": 3950.0, **changed}
+    return diagnose(made, others, values, effects(*library), seed=3, pool=InProcess)
+
+
+@pytest.fixture(scope="module")
+def cubic():
+    return diagnosed(references(["cubic_stiffness"], k3=3e5))
+
+
+def test_the_missing_effect_is_named_with_its_size(cubic):
+    assert (cubic.verdict, cubic.causes) == ("named", ("cubic_stiffness",))
+    cause = cubic.selection.causes[0]
+    assert abs(cause.size[0] - 3e5) < 4.0 * cause.error[0]
+    assert cause.error[0] < 0.05 * 3e5
+
+
+def test_the_gain_is_measured_on_the_record_held_out(cubic):
+    gain = cubic.gain
+    assert gain.records == ("held",)
+    assert gain.proven
+    assert gain.after == pytest.approx(0.01, rel=0.1)  # the noise
+    assert gain.before > 2.0 * gain.after
+
+
+def test_the_size_transfers_between_the_records(cubic):
+    sizes = {t.record: t for t in cubic.gain.transfers}
+    assert set(sizes) == {"soft", "loud", "held"}
+    assert sizes["held"].held
+    assert all(abs(t.size - 3e5) < 4.0 * t.error for t in sizes.values())
+
+
+def test_the_bias_of_the_calibrated_values_is_told(cubic):
+    shifts = {s.parameter: s for s in cubic.gain.shifts}
+    assert abs(shifts["stiffness"].errors) > 3.0
+    assert abs(shifts["stiffness"].after - 4000.0) < abs(shifts["stiffness"].before - 4000.0)
+
+
+def test_the_document_says_all_that_and_is_plain_json(cubic):
+    import json
+
+    said = json.loads(json.dumps(as_dict(cubic), allow_nan=False))
+    assert said["verdict"] == "named"
+    assert said["suspects"][0]["effect"] == "cubic_stiffness"
+    assert said["suspects"][0]["share"] > 0.8
+    assert said["gain"]["interval"][0] > 0.0
+    assert said["misfit"]["features"][0]["z"] is not None
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nothing_is_found_where_nothing_is_hidden(seed):
+    found = diagnosed(references(seed=seed))
+    assert (found.verdict, found.causes, found.gain) == ("none", (), None)
+
+
+def test_two_causes_are_found_one_after_the_other():
+    found = diagnosed(references(["cubic_stiffness", "channel_lag"], k3=3e5, lag=1e-3))
+    assert found.verdict == "named"
+    assert set(found.causes) == {"cubic_stiffness", "channel_lag"}
+
+
+def test_what_is_not_in_the_library_is_not_explained():
+    found = diagnosed(references(["cubic_stiffness"], k3=1e6), library=("channel_offset", "coulomb_friction"))
+    assert found.verdict == "unexplained"
+    assert found.causes == ()
+
+
+def test_what_cannot_be_simulated_cannot_be_diagnosed():
+    found = diagnosed(references(), mass=-1.0)
+    assert found.verdict == "not_diagnosable"
+    assert "simulation" in found.said
+
+
+def test_outliers_are_named_and_taken_out():
+    known = references()
+    record = known["soft"].record.copy(deep=True)
+    record["displacement"].values[0, 50::97] += 0.5 * np.abs(record["displacement"].values).max()
+    known["soft"] = replace(known["soft"], record=record)
+    found = diagnosed(known, library=(*LIBRARY, "outliers"))
+    assert (found.verdict, found.causes) == ("named", ("outliers",))
+
+
+def test_effects_that_cannot_act_are_refused_with_the_reason():
+    library = effects("gap_offset", "support", "drive_harmonic_2", "added_mass", "clipping")
+    found, refused = candidates(OSCILLATOR, library, references(), ["mass"])
+    assert {c.name for c in found} == {"clipping"}
+    assert len(found) == 2  # one of each channel
+    assert "takes laws at" in refused["gap_offset"]
+    assert "support" in refused["support"]
+    assert "harmonic" in refused["drive_harmonic_2"]
+    assert "searched already" in refused["added_mass"]

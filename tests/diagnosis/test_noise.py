@@ -1,0 +1,65 @@
+"""The noise of measured channels."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from calib.diagnosis.noise import STATED, Noise, from_cycles, from_residual, with_memory
+
+
+def series(memory, size, seed=0, sigma=2.0):
+    """An autoregression of standard deviation sigma."""
+    return Noise(sigma, np.array(memory), "").drawn(np.random.default_rng(seed), size)
+
+
+@pytest.mark.parametrize("memory", [[], [0.8], [1.2, -0.5]])
+def test_drawn_noise_has_its_level(memory):
+    assert series(memory, 200_000).std() == pytest.approx(2.0, rel=0.03)
+
+
+@pytest.mark.parametrize("memory", [[], [0.8], [1.2, -0.5]])
+def test_level_and_memory_are_found_from_cycles_of_whatever_motion(memory):
+    loop = 30.0 * np.sin(np.linspace(0.0, 2.0 * np.pi, 500, endpoint=False))
+    noise = from_cycles(loop + series(memory, 10_000).reshape(20, 500))
+    assert noise.sigma == pytest.approx(2.0, rel=0.1)
+    np.testing.assert_allclose(noise.memory[: len(memory)], memory, atol=0.06)
+
+
+def test_two_cycles_show_no_noise():
+    assert from_cycles(np.zeros((2, 100))) is None
+
+
+@pytest.mark.parametrize("memory", [[], [0.8], [1.2, -0.5]])
+def test_whitened_noise_is_white_and_of_unit_variance(memory):
+    noise = Noise(2.0, np.array(memory), "")
+    white = noise.whitened(series(memory, 100_000), np.ones(100_000))[50:]
+    assert white.std() == pytest.approx(1.0, rel=0.02)
+    assert abs(np.corrcoef(white[1:], white[:-1])[0, 1]) < 0.02
+
+
+def test_colouring_undoes_whitening():
+    noise, row = Noise(2.0, np.array([0.8]), ""), series([0.8], 300)
+    np.testing.assert_allclose(noise.coloured(noise.whitened(row, np.ones(300))), row, atol=1e-12)
+
+
+def test_a_stated_level_comes_first():
+    noise = from_residual(series([], 1000), np.ones(1000), np.ones(1000), stated=0.5)
+    assert (noise.sigma, noise.source) == (0.5, STATED)
+
+
+def test_of_known_memory_the_fastest_part_of_a_residual_tells_the_level():
+    slow = 40.0 * np.sin(np.linspace(0.0, 20.0, 20_000))
+    noise = with_memory(np.array([0.8]), slow + series([0.8], 20_000), np.ones(20_000), np.ones(20_000), None)
+    assert noise.sigma == pytest.approx(2.0, rel=0.1)
+
+
+def test_samples_without_weight_do_not_count():
+    row, weight = series([], 4000), np.ones(4000)
+    row[::10], weight[::10] = 1e6, 0.0
+    assert from_residual(row, weight, np.ones(4000), None).sigma == pytest.approx(2.0, rel=0.1)
+
+
+def test_filter_and_draw_agree_with_scipy():
+    noise = Noise(1.0, np.array([0.5]), "")
+    row = np.random.default_rng(1).standard_normal(50)
+    np.testing.assert_allclose(noise.whitened(row, np.ones(50)), lfilter([1.0, -0.5], [1.0], row) / np.sqrt(0.75))

@@ -1,0 +1,214 @@
+"""Claims about the chapter of a diagnosis: each verdict is told with what speaks for it and what to do next."""
+
+import functools
+import re
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from report.diagnoses import GATES, document, motion, motions
+
+from calib.diagnosis import kept
+from calib.diagnosis.bench import Seen
+from calib.diagnosis.diagnose import Diagnosis
+from calib.diagnosis.evidence import Evidence, Part
+from calib.diagnosis.noise import Noise
+from calib.report import render
+from calib.report.conclusion import headline, points, stale
+from calib.report.diagnosis import chapter, outcome
+from calib.report.lacking import accelerations, stands_clear
+from calib.report.remains import loop, residuals, rows
+
+VERDICTS = ("named", "one_of", "none", "unexplained", "not_diagnosable")
+VALUES = {"restitution": 0.1, "gap": 1e-3}
+
+
+@pytest.fixture(scope="module")
+def study(periodic):
+    """A study without records, whose page is made quickly."""
+    objective = SimpleNamespace(references={}, terms=[])
+    return SimpleNamespace(**{**vars(periodic.study), "objective": objective})
+
+
+@pytest.fixture(scope="module")
+def page(study):
+    said = document("one_of", VALUES)
+    shown = {"clapping": motions("one_of")["clapping"]}
+    return render(study, [], {}, {"values": VALUES}, diagnosis=said, motions=shown)
+
+
+@pytest.fixture(scope="module")
+def told(study):
+    """Return the chapter of a verdict."""
+    return functools.cache(lambda verdict: chapter(document(verdict, VALUES), {}, {"values": VALUES}, study))
+
+
+def words(text):
+    text = re.sub(r"<svg.*?</svg>|<style.*?</style>", " ", text, flags=re.S)
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", text)).replace("\u00a0", " ")
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_every_verdict_is_a_sentence_in_a_box_of_its_colour(verdict, told):
+    found = told(verdict)
+    tones = {"named": "good", "none": "good", "not_diagnosable": "bad"}
+    assert found["tone"] == tones.get(verdict, "mind")
+    assert found["headline"].endswith(".")
+    assert found["points"]
+
+
+def test_a_cause_is_named_with_its_equation_its_size_and_its_unit():
+    assert (
+        headline(document("named", VALUES))
+        == "Missing in the model: quadratic_drag (-c2 f(x, v)), c2 = 2.40 ± 0.16 1/m."
+    )
+
+
+def test_outliers_are_a_cause_of_the_records_and_not_of_the_model():
+    said = document("named", VALUES) | {"causes": ["outliers"], "outliers": 0.012}
+    assert headline(said) == "In the records: outliers, 1.2\u00a0% of the samples."
+    assert any("were taken out" in point for point in points(said))
+
+
+def test_an_outlier_does_not_take_part_in_the_mean_cycle():
+    record = motion(np.random.default_rng(8))
+    record.measured[2, 250] += 1.0
+    assert abs(loop(record, 2).measured - loop(record, 2).calibrated).max() > 0.1
+    record.weight[2, 250] = 0.0
+    own = loop(record, 2)
+    assert abs(own.measured - own.calibrated).max() < 1e-4
+    assert own.weight[50] == pytest.approx(5 / 6)
+
+
+def test_a_class_is_told_with_its_likeness_and_the_measurement_that_would_decide(page):
+    text = words(page)
+    assert "one of 2 that these records do not tell apart: quadratic_drag or linear_drag." in text
+    assert "What quadratic_drag and linear_drag change in these records" in text
+    assert "97 % alike" in text
+    assert "measure clapping at 0.25 times its amplitude, without impacts: they would differ by z = 8.4" in text
+    assert "0.375 mm" in text
+
+
+def test_where_nothing_is_found_all_suspects_stand_with_the_sizes_that_would_have_been_seen(told):
+    found = told("none")
+    assert "smallest size seen" in " ".join(found["points"])
+    assert not found["suspects"]["rest"]
+    assert found["suspects"]["shown"][0]["detectable"] == ["0.28 1/m"]
+    assert {s["share"] for s in found["suspects"]["shown"]} == {"-"}
+
+
+def test_a_failed_gate_says_what_to_do(told):
+    found = told("not_diagnosable")
+    assert "kind of motion" in found["headline"]
+    assert "period 2 instead of period 1. What to do: calibrate until" in found["points"][0]
+    assert found["suspects"]["shown"] == []
+
+
+def test_a_solver_that_is_too_coarse_is_a_failed_gate_too():
+    said = document("named", VALUES) | {"verdict": "not_diagnosable", "gates": [GATES[3] | {"passed": False}]}
+    assert "finer" in points(said)[0]
+
+
+def test_what_became_of_each_suspect():
+    said = document("named", VALUES)
+    fates = {suspect["effect"]: outcome(suspect, said) for suspect in said["suspects"]}
+    assert fates == {
+        "quadratic_drag": "named",
+        "linear_drag": "explains less",
+        "coulomb_friction": "wrong sign",
+        "channel_lag": "explains less",
+        "cubic_stiffness": "below",
+        "clipping": "below",
+    }
+    said = document("unexplained", VALUES)
+    assert outcome(said["suspects"][0], said) == "comes closest"
+
+
+def test_a_suspect_that_could_not_be_tested_has_no_size(told):
+    [clipping] = [s for s in told("named")["suspects"]["rest"] if s["effect"] == "clipping"]
+    assert (clipping["z"], clipping["sizes"], clipping["detectable"]) == ("-", ["-"], [])
+    assert clipping["reason"] == "it has no derivative where it is absent"
+
+
+def test_features_stand_worst_first_in_the_units_of_a_reader(told):
+    first, *_ = told("named")["features"]["marked"]
+    assert (first["measured"], first["simulated"], first["unit"]) == ("2.4100 ± 0.0080", "2.4700", "mm")
+    assert first["z"] == "+15.0"
+
+
+def test_a_gain_that_may_be_none_is_said_to_be():
+    said = document("named", VALUES)
+    said["gain"] = said["gain"] | {"interval": [-0.001, 0.02], "proven": False}
+    assert any("the gain is not proven" in point for point in points(said))
+
+
+def test_a_diagnosis_of_other_values_is_out_of_date():
+    said = document("named", VALUES)
+    assert not stale(said, {"values": VALUES})
+    assert stale(said, {"values": VALUES | {"gap": 1.01e-3}})
+
+
+def test_a_page_without_a_diagnosis_has_no_such_chapter(page, study):
+    assert 'id="diagnosis"' in page
+    assert 'id="diagnosis"' not in render(study, [], {}, {"values": VALUES})
+
+
+def test_the_page_says_that_a_diagnosis_is_out_of_date(study):
+    said = document("not_diagnosable", {"gap": 2e-3})
+    assert "Out of date:" in words(render(study, [], {}, {"values": VALUES}, diagnosis=said))
+
+
+def test_the_chapter_closes_its_elements_and_has_its_pictures(page):
+    part = page[page.index('<h2 id="diagnosis">') : page.index("<h2>The search")]
+    for tag in ("table", "details", "figure", "div", "svg", "ul"):
+        assert len(re.findall(rf"<{tag}[\s>]", part)) == part.count(f"</{tag}>")
+    assert part.count("<figure>") == 9  # loops, residual, two forces, suspects, magnified, gain, transfers, shifts
+
+
+def test_noise_alone_stands_nowhere_clear_and_a_missing_force_does():
+    rng = np.random.default_rng(3)
+    quiet, lacking = motion(rng), motion(rng, lack=0.03)
+    assert not any(stands_clear(force) for body in ("q2", "q3") for force in accelerations({"a": quiet}, body).values())
+    assert stands_clear(accelerations({"a": lacking}, "q3")["a"])
+
+
+def test_a_record_without_a_period_is_drawn_over_time():
+    record = motion(np.random.default_rng(4))
+    record.attrs = {"cycle": 1}
+    figure = residuals(record)
+    assert figure.axes[-1].get_xlabel() == "Time [s]"
+    assert loop(record, 0).cycles == 1
+
+
+def test_the_mean_cycle_of_a_motion_is_less_noisy_than_its_samples():
+    own = loop(motion(np.random.default_rng(5)), 1)
+    assert own.cycles == 6
+    assert np.std((own.measured - own.calibrated)[own.weight > 0.5]) == pytest.approx(own.sigma, rel=0.2)
+
+
+def test_what_a_diagnosis_leaves_in_its_folder_can_be_read_again(tmp_path):
+    record = motion(np.random.default_rng(6))
+    pairs = tuple((body, channel) for _, body, channel, _ in rows(record))
+    noise = (Noise(1e-5, np.zeros(0), ""), Noise(1e-3, np.array([0.5]), "")) * 2
+    shape = np.ones(record.measured.shape)
+    part = Part(
+        "clapping", pairs, record.time.values, record.measured.values, 0.04, 1, (), noise, shape > 0.0, shape
+    )  # fmt: skip
+    point = SimpleNamespace(seen={"clapping": Seen(record.calibrated.values, shape[0])})
+    selection = SimpleNamespace(null=SimpleNamespace(point=point), causes=())
+    found = Diagnosis("not_diagnosable", "", (), evidence=Evidence((part,)))
+    reference = SimpleNamespace(record={c: SimpleNamespace(attrs={"units": "m"}) for c in ("displacement", "velocity")})
+    assert kept.read(tmp_path) is None
+    said = kept.write(found, tmp_path, VALUES, {})
+    assert kept.read(tmp_path) == said
+    assert said["values"] == VALUES
+    assert kept.read_motions(tmp_path) == {}
+    views = kept.motions(SimpleNamespace(selection=selection, evidence=found.evidence), {"clapping": reference})
+    assert set(views) == {"clapping"}
+    assert views["clapping"].memory.values[1] == pytest.approx(0.5)
+    assert views["clapping"].innovation.values[1] == pytest.approx(1e-3 * np.sqrt(0.75))
+    kept.write_motions({**views, "one more": motion(np.random.default_rng(7))}, tmp_path)
+    again = kept.read_motions(tmp_path)
+    assert list(again) == ["clapping", "one more"]
+    assert again["clapping"].identical(views["clapping"])
+    assert residuals(again["clapping"]) is not None
