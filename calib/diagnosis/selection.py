@@ -347,7 +347,8 @@ def _refitted(fitter: Fitter, base: Fit, suspect: Suspect, limit: float) -> Susp
     A candidate without derivative is first tried at several sizes: the change of the records from nothing to that size,
     scaled to fit the residual best, has to promise as much as the threshold asks for. So is one whose fit does not
     bring what the derivative promised: between nothing and its size it is far from linear, and its fit may have ended
-    beside its best.
+    beside its best. Where the motion fails at the estimated size, which a gross misfit makes large, the fit begins at
+    nothing and goes as far as it can.
     """
     candidate = suspect.candidate
 
@@ -357,7 +358,10 @@ def _refitted(fitter: Fitter, base: Fit, suspect: Suspect, limit: float) -> Susp
 
     fits: list[Fit] = []
     if not suspect.reason:
-        fits.append(fitted(candidate.null + suspect.test.size, np.column_stack([base.columns, suspect.raw])))
+        columns = np.column_stack([base.columns, suspect.raw])
+        fits.append(fitted(candidate.null + suspect.test.size, columns))
+        if not fits[0].names:
+            fits[0] = fitter.fit(base.point, (*base.found, candidate), candidate.absent(), columns)
         drop = base.square - fits[0].square
     if suspect.reason or abs(drop - suspect.test.drop) > BENT * suspect.test.drop:
         tried = [fitter.begun(base, candidate, np.clip(x, candidate.low, candidate.high)) for x in candidate.sizes]

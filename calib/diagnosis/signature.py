@@ -48,10 +48,13 @@ class Direction:
     values: Mapping[str, float] | None = None
 
     def step(self, size: float) -> float:
-        """Signed step of this size: away from the bound that it would cross."""
-        if self.at + size <= self.high:
+        """Signed step of this size: away from the bound that it would cross; where it crosses both, to the farther."""
+        above, below = self.high - self.at, self.at - self.low
+        if size <= above:
             return size
-        return -size if self.at - size >= self.low else 0.0
+        if size <= below:
+            return -size
+        return above if above >= below else -below
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +165,7 @@ def _compared(first: tuple[float, np.ndarray], step: float, moved: np.ndarray | 
     slope = change / small
     if np.linalg.norm(change) <= FAINT:
         return Slope(np.zeros_like(slope), small, True, "it does not show in any record")
-    if moved is None or step == 0.0:
+    if moved is None or abs(step) <= abs(small):
         return Slope(slope, small, False, reason or "there is no room for a second step")
     other = moved / step
     apart = np.linalg.norm(other - slope) / max(np.linalg.norm(slope), np.linalg.norm(other))
