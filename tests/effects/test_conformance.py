@@ -204,17 +204,21 @@ def test_what_has_a_memory_keeps_a_stationary_motion_periodic(name, values):
     np.testing.assert_allclose(v[:, :100], v[:, 100:], rtol=0, atol=1e-9 * np.abs(v).max())
 
 
-@pytest.mark.parametrize(
-    ("name", "values"),
-    [
-        ("channel_lag", {"lag": 2e-3}),
-        ("velocity_lowpass", {"lowpass": 5e-3}),
-        ("velocity_differencing", {"differencing": 0.7}),
-    ],
-)
-def test_what_has_a_memory_starts_with_the_first_sample_of_any_other_record(name, values):
-    found, plain = seen(name, cut=150, **values)
+def test_a_low_pass_starts_with_the_first_sample_of_any_other_record():
+    found, plain = seen("velocity_lowpass", cut=150, lowpass=5e-3)
     assert found.velocity.values[:, 0] == pytest.approx(plain.velocity.values[:, 0])
+
+
+def test_a_late_channel_of_any_other_record_goes_on_before_it_as_straight_as_it_begins():
+    found, plain = seen("channel_lag", cut=150, lag=2e-3)
+    v, dt = plain.velocity.values, float(plain.time[1] - plain.time[0])
+    assert found.velocity.values[:, 0] == pytest.approx(v[:, 0] - 2e-3 * (v[:, 1] - v[:, 0]) / dt)
+
+
+def test_differences_of_any_other_record_begin_as_straight_as_they_go_on():
+    found, plain = seen("velocity_differencing", cut=150, differencing=1.0)
+    slope = np.diff(plain.displacement.values, axis=1) / np.diff(plain.time.values)
+    assert found.velocity.values[:, 0] == pytest.approx(2.0 * slope[:, 0] - slope[:, 1])
 
 
 def test_the_low_pass_lags_and_weakens_a_harmonic_as_its_formula_has_it():
