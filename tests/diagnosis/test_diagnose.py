@@ -114,6 +114,7 @@ def test_nothing_is_found_where_nothing_is_hidden(seed):
     assert (found.verdict, found.causes, found.gain) == ("none", (), None)
 
 
+@pytest.mark.slow
 def test_two_causes_are_found_one_after_the_other():
     found = diagnosed(references(["cubic_stiffness", "channel_lag"], k3=3e5, lag=1e-3))
     assert found.verdict == "named"

@@ -98,6 +98,7 @@ def test_one_step_ahead_the_cube_of_the_output_is_what_a_linear_model_lacks(meas
     assert left[0].var() / left[1].var() == pytest.approx(5.1, abs=0.1)
 
 
+@pytest.mark.slow
 def test_a_cubic_spring_is_what_was_missing(study, best):
     """The cause is known: m y'' + d y' + k1 y + k3 y^3 = u."""
     values, output, reference = best
