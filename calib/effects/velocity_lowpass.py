@@ -21,11 +21,8 @@ def smoothed(record, p):
         return record
     time = np.array(record.time.values)  # of its own, since xarray's cannot be written
     velocity = np.ascontiguousarray(record["velocity"].values, dtype=float)
-    step = (time[-1] - time[0]) / (time.size - 1)
     if fills_periods(record):
-        spectrum = np.fft.rfft(velocity, axis=1)
-        frequency = np.fft.rfftfreq(time.size, step)
-        seen = np.fft.irfft(spectrum / (1.0 + 2j * np.pi * frequency * p["lowpass"]), time.size, axis=1)
+        seen = np.array([_follow_for_ever(time, row, p["lowpass"]) for row in velocity])
     else:
         seen = np.array([_follow(time, row, p["lowpass"]) for row in velocity])
     return record.assign(velocity=record["velocity"].copy(data=seen))
@@ -41,6 +38,15 @@ def _follow(time, values, lag):
         slope = (values[k] - values[k - 1]) / step
         seen[k] = values[k] - lag * slope + (seen[k - 1] - values[k - 1] + lag * slope) * left
     return seen
+
+
+def _follow_for_ever(time: np.ndarray, values: np.ndarray, lag: float) -> np.ndarray:
+    """Return what follows `values` (n,), which go round after the last sample, as `_follow` has it."""
+    span = time.size * (time[-1] - time[0]) / (time.size - 1)
+    seen = _follow(np.append(time, time[0] + span), np.append(values, values[0]), lag)
+    left = math.exp(-span / lag)
+    begin = (seen[-1] - values[0] * left) / (1.0 - left)  # returns to itself after the span
+    return seen[:-1] + (begin - values[0]) * np.exp((time[0] - time) / lag)
 
 
 EFFECT = Effect(

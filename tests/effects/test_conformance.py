@@ -225,7 +225,7 @@ def test_the_low_pass_lags_and_weakens_a_harmonic_as_its_formula_has_it():
     w, tau = 2.0 * np.pi * EffectSuite.excitation.frequency, 3e-3
     found, plain = seen("velocity_lowpass", periods=8, samples=400, lowpass=tau)
     ratio = np.fft.rfft(found.velocity.values[0])[8] / np.fft.rfft(plain.velocity.values[0])[8]
-    assert ratio == pytest.approx(1.0 / (1.0 + 1j * w * tau), rel=1e-9)
+    assert ratio == pytest.approx(1.0 / (1.0 + 1j * w * tau), rel=1e-4)  # linear between samples
     started, _ = seen("velocity_lowpass", periods=8, samples=400, cut=3199, lowpass=tau)
     np.testing.assert_allclose(
         started.velocity.values[:, 2800:],

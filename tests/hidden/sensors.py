@@ -57,7 +57,7 @@ def _scale(times, a, look):
 
 
 def _tilt(times, angle, look):
-    largest_x, largest_v = (np.abs(channel).max() for channel in look(times))
+    largest_x, largest_v = (np.abs(channel).max(axis=1, keepdims=True) for channel in look(times))
     ratio = largest_x / largest_v
     return lambda t, x, v, look: (x - angle * v * ratio, v + angle * x / ratio)
 

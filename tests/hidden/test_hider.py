@@ -18,7 +18,10 @@ from calib.study_toml import load
 
 CASES = [("four_dof", {}), ("oscillator", {}), ("oscillator", {"transient": "decay"}), ("oscillator", {"stop": True})]
 CHANGE = 200.0  # length of what an effect changes, in the noise
-CLOSE = {"coulomb_friction": 1e-2, "squeeze_film": 0.2}  # laws that turn about within a step of the simulators
+CLOSE = {
+    "coulomb_friction": 1e-2, "squeeze_film": 0.2,  # laws that turn about within a step of the simulators
+    "velocity_lowpass": 0.1,  # linear between samples
+}  # fmt: skip
 HERE = {"air_drag_quadratic": "quadratic_drag", "velocity_lag": "channel_lag"}  # names that differ here
 QUICK = [
     ("quadratic_drag", "four_dof", {}),
@@ -105,7 +108,7 @@ def test_a_hidden_effect_is_the_effect_of_that_name(module, name, simulator, opt
     hidden = at.hidden(name, modest(at, name))
     bodies = ("q3",) if simulator == "four_dof" and getattr(effect, "place", "body") == "body" else None
     effect = replace(effect, bodies=bodies) if effect.site == "force" and bodies else effect
-    close = 0.05 if effect.site == "sensor" else CLOSE.get(name, 1e-3)
+    close = CLOSE.get(name, 0.05 if effect.site == "sensor" else 1e-3)
     for plan in at.plans:
         transient = getattr(effect, "transient", False)
         if transient and plan.kind == "harmonic":
