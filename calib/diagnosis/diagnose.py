@@ -17,7 +17,7 @@ from calib.diagnosis.next_measurement import Measurement, next_measurement
 from calib.diagnosis.noise import RESIDUAL
 from calib.diagnosis.refit import Fit, Fitter
 from calib.diagnosis.score import Projection
-from calib.diagnosis.selection import Selection, select
+from calib.diagnosis.selection import NIBBLE, Selection, select
 from calib.diagnosis.signature import Point
 from calib.effect import Effect
 from calib.objective import Objective, Reference
@@ -169,6 +169,8 @@ def prepared(
     if not sought or sum(s.sum() for s in spoilt.values()) < SPOILT:
         spoilt, share = None, 0.0
     if spoilt is not None:
+        if _spoilt_part(fitter, null, spoilt) < NIBBLE:
+            share = 0.0  # taken out, but no cause to be named: the misfit is elsewhere
         fitter.evidence = gathered(named, bench.rows, cycle, null.point.seen, spoilt=spoilt)
         gates[-1] = noise_known(fitter.evidence)
         null = fitter.fit(null.point)
@@ -178,6 +180,13 @@ def prepared(
         gates[-1] = noise_known(fitter.evidence)
         null = fitter.fit(null.point)
     return Prepared(tuple(gates), fitter, null, tuple(suspects), refused, float(share))
+
+
+def _spoilt_part(fitter: Fitter, null: Fit, spoilt: Mapping[str, np.ndarray]) -> float:
+    """Share of the calibrated model's sum of squares that outliers make."""
+    residual = fitter.evidence.residual(null.point.seen)
+    mask = np.concatenate([spoilt[part.name].ravel() for part in fitter.evidence.parts])
+    return float((residual[mask] ** 2).sum() / max((residual**2).sum(), 1e-300))
 
 
 def _diagnosed(

@@ -263,12 +263,14 @@ def _mended(measured: np.ndarray, simulated: np.ndarray, good: np.ndarray) -> np
 def outliers(part: Part, seen: Seen) -> np.ndarray:
     """Whether a sample (row, n) departs from those about it as no noise does.
 
-    Its residual stands FAR times the usual departure beyond the median of its neighbours', and theirs do not.
+    Its residual stands FAR times the usual departure beyond the median of its neighbours', theirs do not, and so it is
+    with the measured channel itself: what the model lacks may leave spikes in the residual alone.
     """
-    residual = part.measured - seen.rows
-    apart = np.abs(residual - median_filter(residual, (1, WIDE)))
-    usual = MAD * np.median(apart, axis=1, keepdims=True)
-    far = (apart > FAR * np.maximum(usual, 1e-300)) & (part.weight == 1.0)
+    far = part.weight == 1.0
+    for rows in (part.measured - seen.rows, part.measured):
+        apart = np.abs(rows - median_filter(rows, (1, WIDE)))
+        usual = MAD * np.median(apart, axis=1, keepdims=True)
+        far &= apart > FAR * np.maximum(usual, 1e-300)
     crowd = uniform_filter1d(far.astype(float), 3, axis=1) > 0.5  # a jump is no outlier
     return far & ~crowd
 
