@@ -31,7 +31,8 @@ class Effect:
     borrowed : parameters of the simulator, whose values follow the effect's own in the law's p
     changes : of a law of the structure, alternatives of parameters of the simulator that it changes, of which the first
         that the simulator has entirely is taken; of a numerical law, alternatives of what it refines
-    transient : whether the law is explicit in time: no motion under it is periodic
+    transient : whether the law is explicit in time: no motion under it is periodic. It acts on motions that begin; one
+        that has settled under a harmonic excitation knows no beginning, and the law has no part in it
     rough : whether the record has no usable derivative by the parameters at their null
     noise : whether the effect belongs to the noise of a record, so that the simulated record does not change
     natural : parameter -> multiples of its natural scale, which its unit makes of the displacement amplitude and of one

@@ -12,6 +12,7 @@ import tomlkit
 from calib import result
 from calib.calibrate import rebuild
 from calib.diagnosis.diagnose import NAMED, ONE_OF, Diagnosis, diagnose
+from calib.diagnosis.gain import Transfer
 from calib.diagnosis.kept import write
 from calib.diagnosis.rehearse import SEEDS, STRENGTHS, Case, Rehearsed, rehearse
 from calib.diagnosis.selection import Suspect
@@ -164,7 +165,7 @@ def _extended(file: StudyFile, found: Diagnosis) -> Path:
         effects.append(_entry(cause))
         for name, value in cause.candidate.held.items():
             fixed[name] = float(value)
-        for name, low, high in _windows(cause):
+        for name, low, high in _windows(cause, () if found.gain is None else found.gain.transfers):
             if low < high:
                 window = tomlkit.inline_table()
                 window.update({"low": low, "high": high})
@@ -186,10 +187,15 @@ def _entry(cause: Suspect):
     return entry
 
 
-def _windows(cause: Suspect) -> list[tuple[str, float, float]]:
-    """Window of each parameter: so many standard errors about its size, within what makes sense."""
+def _windows(cause: Suspect, transfers: Sequence[Transfer]) -> list[tuple[str, float, float]]:
+    """Window of each parameter: so many standard errors about its size, within what makes sense.
+
+    Where records that the diagnosis had disagree by more than that, which noise does not explain, it holds their sizes.
+    """
     found = []
     for p, size, error in zip(cause.candidate.parameters, cause.size, cause.error, strict=True):
         half = WIDTH * error if error < 1e300 else abs(size)
-        found.append((p.name, float(max(p.low, size - half)), float(min(p.high, size + half))))
+        own = [t for t in transfers if t.parameter == p.name and not t.held]
+        sizes = [size - half, size + half, *(t.size for t in own if abs(t.size - size) > WIDTH * t.error)]
+        found.append((p.name, float(max(p.low, min(sizes))), float(min(p.high, max(sizes)))))
     return found

@@ -164,9 +164,11 @@ class Model:
         ------
         CalibError : an unknown parameter, or an excitation that the simulator cannot take
         """
-        values = self._complete(values)
+        values, request = self._complete(values), request or Request()
         own = self._own(values)
-        record = self._refined(values).run(own, excitation, self._laws(values, own), request or Request())
+        begins = not excitation.harmonic or request.settle == 0
+        laws = self._laws(values, own, begins)
+        record = self._refined(values).run(own, excitation, laws, request)
         if record.attrs["status"] == OK:
             for effect in self._acting(values):
                 if effect.site == "sensor":
@@ -202,7 +204,7 @@ class Model:
             if effect.transient:
                 raise CalibError(f"effect {effect.name!r} is explicit in time, and no period is like the one before")
         own = self._own(values)
-        return self._refined(values).period_map(own, excitation, self._laws(values, own), phase)
+        return self._refined(values).period_map(own, excitation, self._laws(values, own, begins=False), phase)
 
     def _complete(self, values: Mapping[str, float]) -> dict[str, float]:
         """Fill `values` up with nominal ones."""
@@ -233,6 +235,8 @@ class Model:
     def _acting(self, values: Mapping[str, float]) -> list[Effect]:
         return [effect for effect in self.effects if not effect.at_null(values)]
 
-    def _laws(self, values: Mapping[str, float], own: Mapping[str, float]) -> tuple[BoundLaw, ...]:
+    def _laws(self, values: Mapping[str, float], own: Mapping[str, float], begins: bool = True) -> tuple[BoundLaw, ...]:
+        """Laws that act at these values; those explicit in time only where the motion `begins`."""
         numbers, places = {**values, **own}, getattr(self.simulator, "places", {})
-        return tuple(effect.bound(numbers, places) for effect in self._acting(values) if effect.site not in PLAIN)
+        acting = [effect for effect in self._acting(values) if effect.site not in PLAIN]
+        return tuple(effect.bound(numbers, places) for effect in acting if begins or not effect.transient)

@@ -1,6 +1,7 @@
 """`calib diagnose` and `calib rehearse` on a small study, files and all."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,9 +9,11 @@ from click.testing import CliRunner
 
 from calib import inquiry
 from calib.cli import main
+from calib.diagnosis.gain import Transfer
 from calib.effects.cubic_stiffness import EFFECT as CUBIC
 from calib.excitation import Excitation
 from calib.model import Model, Request
+from calib.parameter import Parameter
 from calib.record import make, write
 from calib.simulators.oscillator import Oscillator
 from calib.study_toml import load
@@ -134,3 +137,14 @@ def test_a_rehearsal_goes_on_where_it_was_stopped(folder):
     again = inquiry.rehearsed(folder, **asked, on_case=lambda done, of: told.append((done, of)))
     assert told == [(len(played), len(played))]
     assert [one.case.key for one in again] == [one.case.key for one in played]
+
+
+def test_the_window_of_the_extended_study_holds_the_sizes_of_records_that_disagree():
+    cause = SimpleNamespace(
+        candidate=SimpleNamespace(parameters=[Parameter("k", "N/m", 0.0, "stiffness", null=0.0, low=0.0)]),
+        size=np.array([1.0]),
+        error=np.array([0.01]),
+    )
+    alone = [Transfer("clear", "k", 1.3, 0.01, False), Transfer("vague", "k", 9.0, 5.0, False)]
+    [(name, low, high)] = inquiry._windows(cause, [*alone, Transfer("held out", "k", 2.0, 0.01, True)])
+    assert (name, low, high) == ("k", pytest.approx(0.96), 1.3)

@@ -13,7 +13,7 @@ STOREYS = [
         "simulators effects features optimisers",
         "plugins model objective pool store",
         "study dynamics sweep confidence diagnosis result",
-        "study_toml report progress calibrate inquiry dashboard cli __main__ testing",
+        "study_toml digitise report progress calibrate inquiry dashboard cli __main__ testing",
     )
 ]
 FAMILIES = set(STOREYS[1])

@@ -325,6 +325,64 @@ def rehearse(study: Path, **options):
     rehearse_study(study, **options)
 
 
+@main.command(short_help="A printed figure, or another tool's export of one, as a record.")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--spec", type=click.Path(path_type=Path), metavar="TOML", help="What the figure shows: axes and curves.")
+@click.option("--list", "listed", is_flag=True, help="Name the curves of FILE, and do no more.")
+@click.option("--body", "bodies", multiple=True, metavar="NAME", help="Only this body. [default: all of the spec]")
+@_output("The record to write (.nc).")
+@_mendable
+def digitise(file: Path, spec: Path | None, listed: bool, bodies: tuple[str, ...], output: Path | None):
+    """Make a record of FILE, with its uncertainty and where it comes from.
+
+    FILE is a picture of a figure (.png, .jpg, .tif), a project of WebPlotDigitizer (.json, .tar), a document of Engauge
+    (.dig), or a table (.csv, .txt, .dat, .tsv). The spec says what its curves are; a table may begin with one, in
+    comments. The time along a phase curve is recovered from dq = v dt. Beside the record of a picture an overlay
+    (.overlay.png) shows what was traced.
+
+    \b
+    Example:  calib digitise figure2.png --spec figure2.toml -o clapping.nc
+              calib digitise project.tar --list
+    """
+    from calib.cli.digitise import digitise_figure, list_curves  # see above
+
+    if listed:
+        list_curves(file, spec)
+    elif output is None:
+        raise click.UsageError("Missing option '-o' / '--output': the record to write.")
+    else:
+        digitise_figure(file, spec, output, bodies)
+
+
+@main.group(short_help="What a reference record holds.")
+def reference():
+    """Look at reference records: those that simulations are compared with.
+
+    \b
+    Example:  calib reference show experiments_ref/clapping_beam/clapping.nc
+    """
+
+
+@reference.command(short_help="Draw a record, and say what it holds.")
+@click.argument("record", type=click.Path(path_type=Path))
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="The picture. [default: .png beside RECORD]"
+)
+@_mendable
+def show(record: Path, output: Path | None):
+    """Draw RECORD with its units and bands of two standard uncertainties, and say what it holds.
+
+    Said are its source, its kind of motion, the energy over its cycle, and what to be wary of: a velocity that is not
+    the derivative of the displacement, a loop that does not close, an impact that the samples do not resolve.
+
+    \b
+    Example:  calib reference show experiments_ref/clapping_beam/clapping.nc -o clapping.png
+    """
+    from calib.cli.digitise import show_reference  # see above
+
+    show_reference(record, output)
+
+
 @main.command(short_help="Write report.html anew.")
 @STUDY
 @OUT

@@ -13,9 +13,11 @@ from rich.table import Table
 
 from calib.cli.standing import folder_of
 from calib.inquiry import inquire
+from calib.report.conclusion import sizes
 from calib.units import shown
 
 MOST = 12  # suspects that are printed
+WIDE = 110  # columns of a terminal in which all that is known of them fits
 COLOURS = {"named": "green", "one_of": "yellow", "none": "green"}
 
 
@@ -71,38 +73,34 @@ def show(found: Mapping[str, Any], folder: Path, extended: Path | None, console:
         if not gate["passed"]:
             console.print(f"[red]gate {gate['name']}[/]: {escape(gate['said'])}", soft_wrap=True)
     if found["suspects"]:
-        console.print(_suspects(found))
+        console.print(_suspects(found, console.width))
     for line in _gain(found):
         console.print(line, soft_wrap=True)
     if found["next_measurement"]:
         best = found["next_measurement"]
-        console.print(f"next measurement: {escape(best['said'])} would separate them by z = {best['z']:.3g}")
+        console.print(f"next measurement: {escape(best['said'])} {best['helps']}", soft_wrap=True)
     console.print(f"{found['simulations']} simulations in {found['seconds']:.1f} s")
     console.print(f"files:  {escape(str(folder))}/ (diagnosis.json, diagnosis.nc, report.html)", soft_wrap=True)
     if extended is not None:
         console.print(f"extended study:  {escape(str(extended))}   (calib run {escape(str(extended))})", soft_wrap=True)
 
 
-def _suspects(found: Mapping[str, Any]) -> Table:
+def _suspects(found: Mapping[str, Any], width: int) -> Table:
     table = Table(title=f"suspects (threshold |z| = {found['threshold']:.2f})", title_justify="left")
-    table.add_column("effect")
-    for heading in ("z", "explains", "size", "± 1.96 s.e.", "detectable", "absorbed"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    wide = width >= WIDE
+    table.add_column("effect", no_wrap=True)
+    for heading in ("z", "explains", "size, ± 1.96 s.e.", *(("detectable", "absorbed") if wide else ())):
+        table.add_column(heading, justify="right", no_wrap=not heading.startswith("size"))
     for suspect in found["suspects"][:MOST]:
-        first = next(iter(suspect["size"]))
-        unit = suspect["units"][first]
-        ends = suspect["interval"][first]
-        half = None if None in ends else 0.5 * (ends[1] - ends[0])
-        share = suspect["share"]
-        table.add_row(
+        first, share = next(iter(suspect["size"])), suspect["share"]
+        row = (
             escape(suspect["effect"]),
             "-" if suspect["z"] is None else f"{suspect['z']:.1f}",
             "-" if share is None or not suspect["refitted"] else f"{share:.0%}",
-            f"{first} = {shown(suspect['size'][first], unit)}",
-            shown(half, unit, 2),
-            shown(suspect["detectable"][first], unit, 2),
-            f"{suspect['absorbed']:.0%}",
+            ", ".join(sizes(suspect)),
         )
+        further = shown(suspect["detectable"][first], suspect["units"][first], 2), f"{suspect['absorbed']:.0%}"
+        table.add_row(*row, *(further if wide else ()))
     return table
 
 

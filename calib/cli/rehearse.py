@@ -44,7 +44,7 @@ def show(played: Sequence[Rehearsed], console: Console) -> None:
     for row in rates(played):
         groups.setdefault(row["effect"], []).append(row)
     table = Table(title="rehearsal", title_justify="left")
-    table.add_column("hidden")
+    table.add_column("hidden", no_wrap=True, min_width=20)
     for heading in ("cases", "detected", "named", "in the class", "reliably named from"):
         table.add_column(heading, justify="right")
     for effect, rows in groups.items():

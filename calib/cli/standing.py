@@ -11,7 +11,7 @@ from calib.store import Trial, read
 from calib.store.lock import held
 from calib.store.optuna_view import ARTIFACTS, JOURNAL
 from calib.store.trial import best
-from calib.study_toml import located, shaped
+from calib.study_toml import StudyToml, located, read_toml
 
 MEMORY = 50  # trials over which the rate is taken
 
@@ -80,5 +80,5 @@ def view_of(study: Path, out: Path | None) -> tuple[str, Path]:
     """
     folder = folder_of(study, out)
     read(folder)  # says so where nothing was run
-    view = shaped(located(study))[0].store.view
+    view = read_toml(StudyToml, located(study))[0].store.view
     return str(folder / JOURNAL) if view == "journal" else view, folder / ARTIFACTS

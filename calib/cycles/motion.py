@@ -49,7 +49,8 @@ def kind_of_motion(record: xr.Dataset) -> Motion:
     that shrinks steadily, or falls to half from the first to the last third, belongs to a motion that still settles:
     undecided. Without a section the cycles of the record are compared with its noise (its sigma, otherwise estimated
     from the second differences of its samples): that tells a returning motion from one that does not, but a short
-    record is never called irregular.
+    record is never called irregular. A record that was read from a closed curve says itself after how many periods it
+    returns (attribute `returns_after`).
 
     A record alone cannot say more: what irregular motion is (chaotic, quasi-periodic, of a long period) takes the
     simulator's own map; see `calib.dynamics.motion`.
@@ -127,6 +128,8 @@ def _shrinks(difference: np.ndarray) -> bool:
 def _from_cycles(record):
     cycles, noise = _normalised_cycles(record)
     count = cycles.shape[1]
+    if count <= record.attrs.get("returns_after", 0):
+        return _stated(record)
     if count < 2:
         return Motion(UNDECIDED, None, "one cycle of the record cannot show whether it returns")
     recurrence = []
@@ -141,6 +144,12 @@ def _from_cycles(record):
     if count >= SECTION:
         return Motion(IRREGULAR, None, text + ALONE, tuple(recurrence))
     return Motion(UNDECIDED, None, f"{text}, and are too few to call it irregular", tuple(recurrence))
+
+
+def _stated(record):
+    """Kind of a record that is one closed curve: it returns after as many periods as the record says."""
+    n = int(record.attrs["returns_after"])
+    return Motion(f"period-{n}", n, f"the record is a closed curve, which returns after {n} period(s) by its source")
 
 
 def _normalised_cycles(record):

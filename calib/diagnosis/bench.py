@@ -14,7 +14,7 @@ from calib.pool import Failure, in_order
 from calib.record import OK, prescribed
 from calib.study import Pool
 
-STEPS = 100_000  # of a run that starts near its motion: one that takes more has left it
+STEPS = 50_000  # of a run that starts near its motion: one that takes more has left it
 MARK = "nuisance_"  # before the name of a nuisance among the attributes of an aligned record
 
 

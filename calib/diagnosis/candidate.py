@@ -13,7 +13,7 @@ from calib.parameter import Parameter
 from calib.record import channels
 from calib.units import powers
 
-STAYS = 1.0  # natural size of what has no null and no natural sizes: its nominal value
+REACH = 3.0  # factor by which the form of a cause may leave the values at which its effect is tried
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,8 +25,10 @@ class Candidate:
     effect : with the bodies it acts on
     free : parameters with a null value, which are fitted
     held : values of the others, in SI
-    scale : natural scale of each free parameter, in its unit
+    scale : natural scale of each free parameter and of each of the form, in its unit
     sizes : (k, free) values at which a refit may start, in SI
+    bounds : of the held parameters that give the effect its form, such as a width
+    form : names of those that are fitted too; their values are among the held ones
     """
 
     effect: Effect
@@ -34,6 +36,8 @@ class Candidate:
     held: Mapping[str, float] = field(default_factory=dict)
     scale: Mapping[str, float] = field(default_factory=dict)
     sizes: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    form: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -60,6 +64,10 @@ class Candidate:
         """The free parameters."""
         known = {parameter.name: parameter for parameter in self.effect.parameters}
         return [known[name] for name in self.free]
+
+    def at(self, values: Mapping[str, float]) -> "Candidate":
+        """Return the candidate with the form that a fit of these values by name has."""
+        return replace(self, held={**self.held, **{name: values[name] for name in self.form}})
 
     def values(self, sizes: np.ndarray) -> dict[str, float]:
         """Values by name where the free parameters have these sizes (free,)."""
@@ -188,6 +196,7 @@ def _variants(effect: Effect, scales: Scales, references: Mapping[str, Reference
         for p in effect.parameters
         if p.null is None
     ]
+    bounds = _bounds(effect, scale)
     found = []
     for held in itertools.product(*grids):
         for own in [(name,) for name in free] if effect.rough else [free]:
@@ -195,7 +204,19 @@ def _variants(effect: Effect, scales: Scales, references: Mapping[str, Reference
             sizes = _sizes(effect, own, scale, references)
             if effect.guess is not None and not sizes.size:
                 continue  # no record has the channel, or none shows a trace of it
-            found.append(Candidate(effect, own, {**dict(held), **absent}, {name: scale[name] for name in own}, sizes))
+            own_scale = {name: scale[name] for name in own} | {name: abs(x) for name, x in held if name in bounds}
+            found.append(Candidate(effect, own, {**dict(held), **absent}, own_scale, sizes, bounds))
+    return found
+
+
+def _bounds(effect: Effect, scale: Mapping[str, float]) -> dict[str, tuple[float, float]]:
+    """Bounds of the parameters that give an effect its form: those it is tried at, and somewhat beyond."""
+    found = {}
+    for p in effect.parameters:
+        if p.null is None and not effect.rough:
+            held = _held(p, effect, scale[p.name])
+            if min(held) > 0.0:
+                found[p.name] = max(p.low, min(held) / REACH), min(p.high, max(held) * REACH)
     return found
 
 

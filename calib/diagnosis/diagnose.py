@@ -9,15 +9,15 @@ import numpy as np
 from calib.cycles import kind_of_motion
 from calib.diagnosis.bench import Bench, Run, simulated
 from calib.diagnosis.candidate import Candidate, candidates
-from calib.diagnosis.evidence import Evidence, gathered, looked_at, outliers
+from calib.diagnosis.evidence import Evidence, gathered, looked_at, outliers, rounding
 from calib.diagnosis.gain import Gain, gained
-from calib.diagnosis.gates import Gate, converged, noise_known, same_kind, simulates
+from calib.diagnosis.gates import Gate, converged, fine_enough, noise_known, same_kind, simulates
 from calib.diagnosis.misfit import Misfit, misfit
 from calib.diagnosis.next_measurement import Measurement, next_measurement
 from calib.diagnosis.noise import RESIDUAL
 from calib.diagnosis.refit import Fit, Fitter
 from calib.diagnosis.score import Projection
-from calib.diagnosis.selection import NIBBLE, Selection, select
+from calib.diagnosis.selection import HALF, NIBBLE, Selection, select
 from calib.diagnosis.signature import Point
 from calib.effect import Effect
 from calib.objective import Objective, Reference
@@ -26,7 +26,7 @@ from calib.study import Pool, Study
 
 NONE, NAMED, ONE_OF, UNEXPLAINED = "none", "named", "one_of", "unexplained"
 NOT_DIAGNOSABLE = "not_diagnosable"
-OUTLIERS = "outliers"
+OUTLIERS, QUANTISATION = "outliers", "quantisation"  # seen in the records themselves
 SPOILT = 3  # outliers that are taken out at least: fewer may be chance
 
 
@@ -44,6 +44,7 @@ class Diagnosis:
     refused : effect -> why it was no candidate
     misfit : of the calibrated model; None where a gate failed
     outliers : share of the samples that were taken out as such  [1]
+    rounding : share of the noise of a channel that its converter's steps make, where that is a cause, else 0  [1]
     gain : on records held out; None where there is nothing to try
     further : measurements that would separate the alternatives, the best first
     seconds : wall-clock time  [s]
@@ -58,6 +59,7 @@ class Diagnosis:
     refused: Mapping[str, str] = field(default_factory=dict)
     misfit: Misfit | None = None
     outliers: float = 0.0
+    rounding: float = 0.0
     gain: Gain | None = None
     further: tuple[Measurement, ...] = ()
     seconds: float = 0.0
@@ -70,7 +72,7 @@ class Diagnosis:
 
     @property
     def _spoilt(self) -> tuple[str, ...]:
-        return (OUTLIERS,) if self.outliers else ()
+        return tuple(name for name, share in ((OUTLIERS, self.outliers), (QUANTISATION, self.rounding)) if share)
 
     @property
     def classes(self) -> tuple[tuple[str, ...], ...]:
@@ -124,7 +126,7 @@ class Prepared:
     fitter : with the evidence; None where a gate failed
     null : the calibrated model, fitted to the evidence; None where a gate failed
     suspects, refused : candidates, and effect -> why it is none
-    outliers : share of the samples that are taken out as such  [1]
+    outliers, rounding : as in `Diagnosis`
     """
 
     gates: tuple[Gate, ...]
@@ -133,6 +135,7 @@ class Prepared:
     suspects: tuple[Candidate, ...] = ()
     refused: Mapping[str, str] = field(default_factory=dict)
     outliers: float = 0.0
+    rounding: float = 0.0
 
 
 def bench_of(study: Study, others: Mapping[str, Reference]) -> Bench:
@@ -152,6 +155,8 @@ def prepared(
     gates = [simulates(seen)]
     if gates[0].passed:
         gates.append(same_kind(seen))
+        if not gates[-1].passed:
+            gates += fine_enough(pool, study.model, values, seen, _numerical(effects))
     if not all(gate.passed for gate in gates):
         return Prepared(tuple(gates))
     cycle = {name: kind_of_motion(reference.record).period or 1 for name, reference in named.items()}
@@ -179,7 +184,10 @@ def prepared(
         fitter.evidence = gathered(named, bench.rows, cycle, null.point.seen, left, spoilt)
         gates[-1] = noise_known(fitter.evidence)
         null = fitter.fit(null.point)
-    return Prepared(tuple(gates), fitter, null, tuple(suspects), refused, float(share))
+    steps = max(rounding(part) for part in fitter.evidence.parts)
+    if steps < NIBBLE or QUANTISATION not in {effect.name for effect in effects}:
+        steps = 0.0
+    return Prepared(tuple(gates), fitter, null, tuple(suspects), refused, float(share), steps)
 
 
 def _spoilt_part(fitter: Fitter, null: Fit, spoilt: Mapping[str, np.ndarray]) -> float:
@@ -208,9 +216,11 @@ def _diagnosed(
     if selection.causes:
         on_stage("gain")
         gain = gained(pool, bench, fitter, selection.null, selection.final, selection.causes, seed)
-    numerical = [effect for effect in effects if effect.site == "numerical"]
-    gates = (*ready.gates, *converged(fitter, selection.final, numerical, selection.rounds[0].threshold))
-    verdict, said = _verdict(selection, gates, ready.outliers)
+    limit = selection.rounds[0].threshold
+    gates = (*ready.gates, *converged(fitter, selection.final, _numerical(effects), limit))
+    if QUANTISATION in {cause.name for cause in selection.causes}:
+        ready = replace(ready, rounding=0.0)
+    verdict, said = _verdict(selection, gates, ready)
     further = ()
     if verdict == ONE_OF:
         on_stage("next measurement")
@@ -224,11 +234,16 @@ def _diagnosed(
         evidence=fitter.evidence,
         refused=ready.refused,
         outliers=ready.outliers,
+        rounding=ready.rounding,
         misfit=misfit(pool, bench, fitter.evidence, selection.null, seed),
         gain=gain,
         further=further,
         simulations=fitter.runs,
     )
+
+
+def _numerical(effects: Sequence[Effect]) -> list[Effect]:
+    return [effect for effect in effects if effect.site == "numerical"]
 
 
 def _left(fitter: Fitter, null: Fit, suspects: Sequence) -> dict[str, np.ndarray]:
@@ -243,22 +258,27 @@ def _left(fitter: Fitter, null: Fit, suspects: Sequence) -> dict[str, np.ndarray
     return found
 
 
-def _verdict(selection: Selection, gates: Sequence[Gate], spoilt: float) -> tuple[str, str]:
+def _verdict(selection: Selection, gates: Sequence[Gate], ready: Prepared) -> tuple[str, str]:
     failed = [gate for gate in gates if not gate.passed]
     if failed:
         return NOT_DIAGNOSABLE, "; ".join(f"{gate.name}: {gate.said}" for gate in failed)
     if not selection.causes:
+        spoilt = [f"outliers, {ready.outliers:.1%} of the samples"] if ready.outliers else []
+        spoilt += [f"quantisation, {ready.rounding:.0%} of the noise of a channel"] if ready.rounding else []
+        if ready.rounding and selection.marked:
+            return NAMED, f"{' and '.join(spoilt)}; no effect beside that explains what is left"
         if selection.marked:
             closest = selection.rounds[0].suspects[0] if selection.rounds[0].suspects else None
             said = "the misfit is more than noise, and no candidate explains it"
             return UNEXPLAINED, said + ("" if closest is None else f"; {closest.name} comes closest")
         if spoilt:
-            return NAMED, f"outliers, {spoilt:.1%} of the samples; beside them the residual is what noise leaves"
+            return NAMED, f"{' and '.join(spoilt)}; beside that the residual is what noise leaves"
         return NONE, "the residual is what noise leaves; nothing that could be named is missing"
     names = " and ".join(c.name for c in selection.causes)
     share = f"{selection.share:.0%} of the excess misfit"
     if not selection.material:
-        return UNEXPLAINED, f"{names} comes closest, but explains only {share}"
+        few = "explains only" if selection.share < HALF else "leaves more than noise: it explains"
+        return UNEXPLAINED, f"{names} comes closest, but {few} {share}"
     if len(selection.rivals) > 1:
         alike = f"; they explain {share} alike" if selection.marked else ""
         ways = [_one_of([rival.name for rival in rivals]) for rivals in selection.alternatives]

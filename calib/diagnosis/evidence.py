@@ -16,6 +16,8 @@ FAR = 8.0  # of an outlier, in standard deviations
 WIDE = 7  # samples about one that judge it
 MAD = 1.4826  # median absolute deviation to standard deviation
 SPAN = 20  # least number of segments of a record, whose scores are taken as independent
+FEW = 0.5  # levels over samples: fewer are steps of a converter
+ALIGNED = 1e-3  # of a step: distance from its multiples that is rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +123,17 @@ class Evidence:
     def difference(self, one: Mapping[str, Seen], other: Mapping[str, Seen]) -> np.ndarray:
         """Simulation `other` less simulation `one`, in units of the noise (N,)."""
         return np.concatenate([part.white(other[part.name].rows - one[part.name].rows) for part in self.parts])
+
+    def carried(self, columns: np.ndarray, other: "Evidence") -> np.ndarray:
+        """Columns (N, k) in units of the noise of `other`, which weighs the same samples, in units of this noise."""
+        rows, first = [], 0
+        for part, old in zip(self.parts, other.parts, strict=True):
+            size = part.measured.shape[1]
+            for noise, known in zip(part.noise, old.noise, strict=True):
+                plain = known.coloured(columns[first : first + size].T)
+                rows.append(noise.whitened(plain, np.ones(size)).T)
+                first += size
+        return np.concatenate(rows)
 
     def tangents(self, seen: Mapping[str, Seen]) -> np.ndarray:
         """Change of the simulations with each nuisance of each record, in units of the noise (N, k)."""
@@ -273,6 +286,23 @@ def outliers(part: Part, seen: Seen) -> np.ndarray:
         far &= apart > FAR * np.maximum(usual, 1e-300)
     crowd = uniform_filter1d(far.astype(float), 3, axis=1) > 0.5  # a jump is no outlier
     return far & ~crowd
+
+
+def rounding(part: Part) -> float:
+    """Largest share of the variance of a row's noise that a converter's steps make; 0 where none is seen  [1].
+
+    The steps are seen where the samples lie on few levels that are whole steps apart; theirs is a twelfth of the
+    step squared (Widrow & Kollar, Quantization Noise, 2008, chapter 4).
+    """
+    shares = [0.0]
+    for row, noise, used in zip(part.measured, part.noise, part.used, strict=True):
+        levels = np.unique(row[used])
+        if 1 < levels.size < FEW * used.sum():
+            step = np.median(np.diff(levels))
+            steps = (levels - levels[0]) / step
+            aligned = np.abs(steps - np.round(steps)).max() < ALIGNED
+            shares.append(step**2 / 12.0 / noise.sigma**2 if aligned else 0.0)
+    return float(min(1.0, max(shares)))
 
 
 def _measured(reference: Reference, rows: Sequence[tuple[str, str]]) -> np.ndarray:

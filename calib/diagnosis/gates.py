@@ -1,19 +1,22 @@
 """What has to hold before a residual can be given a cause."""
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from calib.diagnosis.bench import Seen, simulated
+from calib.diagnosis.bench import Run, Seen, simulated
 from calib.diagnosis.evidence import Evidence, Part
 from calib.diagnosis.noise import STATED, Noise
 from calib.diagnosis.refit import Fit, Fitter
 from calib.effect import Effect
+from calib.model import Model
+from calib.study import Pool
 
 FINER = 2.0  # step and tolerance are divided by this
 SHORT = 32  # samples: fewer say nothing about noise
+COARSE = 0.01  # change of a channel by a finer solver, relative to its rms: less does not make another kind of motion
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,33 @@ def same_kind(seen: Mapping[str, Seen]) -> Gate:
     return Gate("kind of motion", not wrong, said or "simulated motions have the period of the measured ones")
 
 
+def fine_enough(
+    pool: Pool, model: Model, values: Mapping[str, float], seen: Mapping[str, Seen], effects: Sequence[Effect]
+) -> list[Gate]:
+    """Where a motion is of the wrong kind: whether solver steps and tolerances may be why.
+
+    values : of the calibrated model
+    seen : its records
+    effects : those of site "numerical"
+    """
+    tried = [effect for effect in effects if not effect.offered(model.simulator)]
+    runs = [[Run(name, {**values, **_finer(effect)}, (effect,)) for name in seen] for effect in tried]
+    gates = []
+    for effect, views in _answers(pool, tried, runs):
+        change = max((_change(seen[name], view) for name, view in views.items() if view.usable), default=0.0)
+        said = f"made {FINER:g} times finer, it changes a channel by {change:.1%}"
+        coarse = f"{said} of its rms: it may be what makes the motion of the wrong kind; make it finer"
+        gates.append(Gate(effect.name, change < COARSE, said if change < COARSE else coarse))
+    return gates
+
+
+def _change(one: Seen, other: Seen) -> float:
+    """Largest change of a row, relative to its rms."""
+    size = np.sqrt((one.rows**2).mean(axis=1))
+    change = np.sqrt(((other.rows - one.rows) ** 2).mean(axis=1))
+    return float((change / np.where(size > 0.0, size, np.inf)).max(initial=0.0))
+
+
 def noise_known(evidence: Evidence) -> Gate:
     """Every channel shows or states its noise: a record that states it may be short."""
     read_off = [part for part in evidence.parts if any(n.source != STATED for n in _compared(part))]
@@ -76,21 +106,27 @@ def converged(fitter: Fitter, fit: Fit, effects: Sequence[Effect], threshold: fl
     """
     simulator_lacks = {effect.name: effect.offered(fitter.model.simulator) for effect in effects}
     tried = [effect for effect in effects if not simulator_lacks[effect.name]]
-    names, point = fitter.evidence.names, fit.point
-    runs = [run for effect in tried for run in point.runs(names, _finer(effect), (effect,))]
-    answers = iter(simulated(fitter.pool, runs))
+    runs = [fit.point.runs(fitter.evidence.names, _finer(effect), (effect,)) for effect in tried]
     gates = []
-    for effect in tried:
-        views = {name: next(answers) for name in names}
+    for effect, views in _answers(fitter.pool, tried, runs):
         bad = next((view for view in views.values() if not view.usable), None)
         if bad is not None:
             gates.append(Gate(effect.name, False, f"made {FINER:g} times finer, the simulation ends {bad.status}"))
             continue
-        z = float(np.linalg.norm(fit.absorbing(fitter.evidence.difference(point.seen, views))))
+        z = float(np.linalg.norm(fit.absorbing(fitter.evidence.difference(fit.point.seen, views))))
         said = f"made {FINER:g} times finer, it changes the records by z = {z:.2g} (threshold {threshold:.2g})"
         gates.append(Gate(effect.name, z < threshold, said, z))
     gates += [Gate(name, True, f"not tried: {reason}") for name, reason in simulator_lacks.items() if reason]
     return gates
+
+
+def _answers(
+    pool: Pool, effects: Sequence[Effect], runs: Sequence[Sequence[Run]]
+) -> Iterator[tuple[Effect, dict[str, Seen]]]:
+    """Run what each effect asks for, all side by side; its records by name."""
+    answers = iter(simulated(pool, list(itertools.chain.from_iterable(runs))))
+    for effect, asked in zip(effects, runs, strict=True):
+        yield effect, {run.record: next(answers) for run in asked}
 
 
 def _finer(effect: Effect) -> dict[str, float]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from calib.diagnosis.bench import Bench, Run, Seen, simulated
 from calib.diagnosis.evidence import Part
@@ -14,8 +15,9 @@ from calib.excitation import Excitation
 from calib.study import Pool
 
 AMPLITUDES = (0.1, 0.25, 0.5, 0.75, 1.25, 1.5)  # times that of a record
-FREQUENCIES = (0.95, 0.98, 1.02, 1.05)
+FREQUENCIES = (0.5, 0.8, 0.95, 0.98, 1.02, 1.05, 1.25, 2.0)
 MOST = 4  # rivals that are compared
+SURE = 3.0  # standard deviations by which two models have to differ to be told apart
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,8 @@ class Measurement:
     record : beside which it would be made
     amplitude, frequency : of the excitation  [its unit], [Hz]; None for a free decay
     impacts : whether it has any; None where the simulator does not tell
-    z : by which the two most alike of the rivals would differ, both fitted to everything, at the record's noise
+    z : by which the two most alike of the rivals would differ, both fitted to it too, at the record's noise
+    most : the same of the two least alike
     """
 
     said: str
@@ -37,12 +40,22 @@ class Measurement:
     frequency: float | None
     impacts: bool | None
     z: float
+    most: float
+
+    @property
+    def helps(self) -> str:
+        """What it would bring, as the end of a sentence."""
+        if self.z >= SURE:
+            return f"would tell them apart (z = {self.z:.3g})"
+        if self.most >= SURE:
+            return f"would tell some of them apart (z = {self.z:.2g} to {self.most:.3g})"
+        return f"would not tell them apart (z = {self.most:.2g}), nor would another amplitude or frequency tried"
 
 
 def next_measurement(
     pool: Pool, bench: Bench, fitter: Fitter, rivals: Sequence[Suspect]
 ) -> tuple[Measurement, ...]:
-    """Measurements beside the first record that is driven harmonically, those that separate the rivals best first."""
+    """Measurements beside the first record that is driven harmonically, the most separating first."""
     fits = [fitter.sharpened(rival.fit) for rival in rivals if rival.fit is not None][:MOST]
     if len(fits) < 2:
         return ()
@@ -60,13 +73,13 @@ def next_measurement(
             views.append((centre, beside))
         if not all(view.usable and all(b.usable for b in beside) for view, beside in views):
             continue
-        z = min(
-            _apart(proposal.part, fits[i], views[i], views[j])
-            for i, j in combinations(range(len(fits)), 2)
-        )
+        pairs = combinations(range(len(fits)), 2)
+        z = [_apart(proposal.part, (fits[i], fits[j]), (views[i], views[j])) for i, j in pairs]
         impacts = views[0][0].impacts
-        found.append(_said(proposal, None if impacts is None else impacts > 0, z))
-    return tuple(sorted(found, key=lambda measurement: -measurement.z))
+        told = sum(one >= SURE for one in z)
+        found.append((told, _said(proposal, None if impacts is None else impacts > 0, z)))
+    found.sort(key=lambda pair: (-pair[0], -pair[1].z, -pair[1].most))
+    return tuple(measurement for _, measurement in found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,30 +118,34 @@ def _runs(proposal: _Proposal, fit: Fit) -> list[Run]:
     return runs
 
 
-def _apart(part: Part, fit: Fit, one: tuple[Seen, list[Seen]], other: tuple[Seen, list[Seen]]) -> float:
-    """By how many standard deviations two models differ there, when the first is fitted to that record too.
+def _apart(part: Part, fits: tuple[Fit, Fit], seen: tuple[tuple[Seen, list[Seen]], tuple[Seen, list[Seen]]]) -> float:
+    """By how many standard deviations two models differ there, when both are fitted to that record too.
 
-    one, other : simulations of the two models, and beside them along each parameter; `fit` is the first one's
+    seen : simulations of each model, and beside it along each of its parameters
     """
-    centre, beside = one
-    level = np.sqrt((centre.rows**2).mean(axis=1) / (part.measured**2).mean(axis=1))
+    (one, _), (other, _) = seen
+    level = np.sqrt((one.rows**2).mean(axis=1) / (part.measured**2).mean(axis=1))
     noise = tuple(replace(n, sigma=n.sigma * max(f, 1e-12)) for n, f in zip(part.noise, level, strict=True))
     moving = np.array([channel == "velocity" for _, channel in part.rows])
-    trust = np.where(moving[:, None], centre.trust * other[0].trust, 1.0) * part.used.any(axis=1)[:, None]
-    new = replace(part, noise=noise, weight=trust, measured=centre.rows)
-    difference = new.white(other[0].rows - centre.rows)
-    columns = [new.white(view.rows - centre.rows) / step for view, step in zip(beside, fit.steps, strict=True)]
-    fresh = np.column_stack(columns)
-    absorbed = fit.free(fit.columns)
-    stacked = np.vstack([fresh, absorbed])
-    target = np.concatenate([difference, np.zeros(len(absorbed))])
+    trust = np.where(moving[:, None], one.trust * other.trust, 1.0) * part.used.any(axis=1)[:, None]
+    new = replace(part, noise=noise, weight=trust, measured=one.rows)
+
+    def columns(fit: Fit, centre: Seen, beside: list[Seen]) -> np.ndarray:
+        moved = zip(beside, fit.steps, strict=True)
+        return np.column_stack([new.white(view.rows - centre.rows) / step for view, step in moved])
+
+    fresh = [columns(fit, *views) for fit, views in zip(fits, seen, strict=True)]
+    stacked = np.vstack([np.column_stack([fresh[0], -fresh[1]]), block_diag(*(fit.free(fit.columns) for fit in fits))])
+    target = np.zeros(len(stacked))
+    difference = new.white(other.rows - one.rows)
+    target[: difference.size] = difference
     scale = np.linalg.norm(stacked, axis=0)
     scale[scale == 0.0] = 1.0
     move = np.linalg.lstsq(stacked / scale, target, rcond=1e-10)[0]
     return float(np.linalg.norm(target - (stacked / scale) @ move))
 
 
-def _said(proposal: _Proposal, impacts: bool | None, z: float) -> Measurement:
+def _said(proposal: _Proposal, impacts: bool | None, z: Sequence[float]) -> Measurement:
     contact = {True: ", with impacts", False: ", without impacts", None: ""}[impacts]
     e = proposal.excitation
-    return Measurement(proposal.words + contact, proposal.part.name, e.amplitude, e.frequency, impacts, z)
+    return Measurement(proposal.words + contact, proposal.part.name, e.amplitude, e.frequency, impacts, min(z), max(z))

@@ -53,7 +53,7 @@ class Noise:
         return lfilter(np.concatenate([[1.0], -self.memory]), [1.0], scaled, axis=-1)
 
     def coloured(self, white: np.ndarray) -> np.ndarray:
-        """Give a white row (n,) its memory and unit back: the inverse of `whitened` with weights of 1."""
+        """Give white rows (..., n) their memory and unit back: the inverse of `whitened` with weights of 1."""
         return lfilter([1.0], np.concatenate([[1.0], -self.memory]), white) * self.sigma * self.innovation
 
     def drawn(self, rng: np.random.Generator, size: int) -> np.ndarray:

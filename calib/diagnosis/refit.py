@@ -16,6 +16,8 @@ from calib.parameter import Parameter, Space
 from calib.study import Pool
 
 MOST = 30  # steps of a fit
+PATIENCE = 5  # steps after which a fit that promises no more than another one has is ended
+TRUST = 2.0  # times what fresh derivatives promise: a fit that may bring no more is not gone on with
 ENOUGH = 0.1  # fall of the sum of squares, in units of the mean square: a step that promises less ends a fit
 WELL = 0.5  # of what a step promises: where it brings less, the derivatives are taken anew
 BENT = 0.1  # of what a step promises: where what it brings differs by more, old derivatives do not end a fit
@@ -88,6 +90,12 @@ def direction(point: Point, candidate: Candidate, parameter: Parameter) -> Direc
     return Direction(name, point.values[name], candidate.scale[name], parameter.low, parameter.high)
 
 
+def _own(point: Point, candidate: Candidate) -> list[Direction]:
+    """Directions of a candidate in the model: of its parameters, then of its form."""
+    form = [Direction(n, point.values[n], candidate.scale[n], *candidate.bounds[n]) for n in candidate.form]
+    return [direction(point, candidate, p) for p in candidate.parameters] + form
+
+
 class Fitter:
     """Fit models to evidence, from a calibrated point on.
 
@@ -109,6 +117,7 @@ class Fitter:
         found: Sequence[Candidate] = (),
         sizes: Mapping[str, float] | None = None,
         columns: np.ndarray | None = None,
+        rival: float = np.inf,
     ) -> Fit:
         """Fit calibrated parameters and those of the candidates `found`, from `start` and their `sizes` on.
 
@@ -119,6 +128,8 @@ class Fitter:
         Parameters
         ----------
         columns : (N, k) derivatives near the start by the parameters in the order of `directions`; None: taken there
+        rival : sum of squares that another model reaches: a fit that promises no better after a few steps is not gone
+            on with
         """
         point = _extended(start, found, sizes or {})
         directions = self.directions(point, found)
@@ -129,8 +140,13 @@ class Fitter:
             return self._failed(start, found)
         fresh = columns is None
         now, bent = self.sharpened(now) if fresh else replace(now, columns=columns), False
-        for _ in range(MOST):
+        for number in range(MOST):
             step, promise = _step(now, x, low, high)
+            if number >= PATIENCE and now.square - TRUST * promise > rival:
+                if fresh or not bent:
+                    return replace(now, reason=f"after {number} steps it promises less than another explanation brings")
+                now, fresh, bent = self.sharpened(now), True, False
+                continue
             done = promise < ENOUGH * max(1.0, now.square / now.residual.size)
             if done and bent and not fresh:
                 now, fresh, bent = self.sharpened(now), True, False
@@ -232,7 +248,7 @@ class Fitter:
             Direction(name, values[name], window.slope(values[name]), window.low, window.high)
             for name, window in self.space.windows.items()
         ]
-        return searched + [direction(point, candidate, p) for candidate in found for p in candidate.parameters]
+        return searched + [d for candidate in found for d in _own(point, candidate)]
 
     def suspected(self, point: Point, candidates: Sequence[Candidate]) -> list[list[Slope]]:
         """Slopes of each candidate's parameters at null, all side by side."""

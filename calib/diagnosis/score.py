@@ -99,32 +99,26 @@ def tested(residual: np.ndarray, signature: Signature, segments: np.ndarray) -> 
     alive = scale > 0.0
     if not alive.any():
         return Tested(0.0, size, error, 0.0)
-    form = _Form(signature.columns[:, alive] / scale[alive], segments)
-    scores = form.summed(residual)
-    theta, drop, wider = form.solved(scores[None])
+    unit = signature.columns[:, alive] / scale[alive]
+    form = _Form(_products(unit, unit, segments))
+    theta, drop, wider = form.solved(_products(unit, residual[:, None], segments)[None, :, :, 0])
     size[alive] = theta[0] / scale[alive]
     error[alive] = np.sqrt(wider[0] * np.diag(form.inverse)) / scale[alive]
     sign = np.sign(theta[0, 0]) if alive.sum() == 1 else 1.0
-    return Tested(sign * deviate(drop[0] / wider[0], form.rank), size, error, float(drop[0]))
+    return Tested(float(sign * deviate(drop[0] / wider[0], form.rank)), size, error, float(drop[0]))
 
 
 class _Form:
-    """The columns of a signature, of unit length, summed over segments."""
+    """The products of unit columns, summed over segments.
 
-    def __init__(self, unit: np.ndarray, segments: np.ndarray):
-        self.unit, self.segments = unit, segments
-        order = np.argsort(segments, kind="stable")
-        starts = np.searchsorted(segments[order], np.arange(int(segments.max()) + 1))
-        self._order, self._starts = order, starts
-        products = unit[:, :, None] * unit[:, None, :]
-        self.parts = np.add.reduceat(products[order], starts, axis=0)  # (segment, p, p)
-        gram = self.parts.sum(axis=0)
+    parts : (segment, p, p)
+    """
+
+    def __init__(self, parts: np.ndarray):
+        self.parts = parts
+        gram = parts.sum(axis=0)
         self.inverse = np.linalg.pinv(gram, rcond=1e-6, hermitian=True)
         self.rank = max(1, int(np.linalg.matrix_rank(gram, tol=1e-6, hermitian=True)))
-
-    def summed(self, residual: np.ndarray) -> np.ndarray:
-        """Scores (segment, p) of a residual (N,)."""
-        return np.add.reduceat((self.unit * residual[:, None])[self._order], self._starts, axis=0)
 
     def solved(self, scores: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Estimates (draw, p), fall of the sum of squares (draw,), and how much wider the noise is than white (draw,).
@@ -134,18 +128,26 @@ class _Form:
         total = scores.sum(axis=1)
         theta = total @ self.inverse
         left = scores - np.einsum("bij,dj->dbi", self.parts, theta)
-        spread = np.einsum("dbi,dbj,ij->d", left, left, self.inverse) / self.rank
+        spread = np.einsum("dbi,dbi->d", left @ self.inverse, left) / self.rank
         return theta, (theta * total).sum(axis=1), np.maximum(1.0, spread)
 
 
-def deviate(square: float, freedom: int) -> float:
-    """Normal deviate of the same two-sided probability as a chi-square of `freedom` degrees."""
+def _products(one: np.ndarray, other: np.ndarray, segments: np.ndarray) -> np.ndarray:
+    """Products (segment, p, q) of the columns (N, p) and (N, q), summed over each segment."""
+    order = np.argsort(segments, kind="stable")
+    inner = np.split(order, np.searchsorted(segments[order], np.arange(1, int(segments.max()) + 1)))
+    return np.array([one[own].T @ other[own] for own in inner])
+
+
+def deviate(square: np.ndarray, freedom: int) -> np.ndarray:
+    """Normal deviate of the same two-sided probability as a chi-square of `freedom` degrees, one by one."""
+    square = np.maximum(0.0, square)
     if freedom == 1:
-        return float(np.sqrt(max(0.0, square)))
+        return np.sqrt(square)
     log = stats.chi2.logsf(square, freedom)
-    if not np.isfinite(log) or log < -600.0:
-        return float(np.sqrt(max(0.0, square - (freedom - 1) * np.log(max(square, 2.0)))))
-    return float(stats.norm.isf(0.5 * np.exp(log)))
+    far = ~(log > -600.0)
+    beyond = np.sqrt(np.maximum(0.0, square - (freedom - 1) * np.log(np.maximum(square, 2.0))))
+    return np.where(far, beyond, stats.norm.isf(0.5 * np.exp(np.where(far, 0.0, log))))
 
 
 def threshold(signatures: Sequence[Signature], segments: np.ndarray, seed: int, signs: Sequence[int]) -> float:
@@ -164,17 +166,18 @@ def threshold(signatures: Sequence[Signature], segments: np.ndarray, seed: int, 
     kept = [(c / np.linalg.norm(c, axis=0), sign) for c, sign in kept if c.shape[1]]
     if not kept:
         return float(stats.norm.isf(0.5 * (1.0 - QUANTILE)))
-    whole = _Form(np.column_stack([c for c, _ in kept]), segments)
-    values, vectors = np.linalg.eigh(whole.parts)
+    whole = np.column_stack([c for c, _ in kept])
+    parts = _products(whole, whole, segments)
+    values, vectors = np.linalg.eigh(parts)
     roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
     drawn = np.einsum("bij,dbj->dbi", roots, rng.standard_normal((DRAWS, len(roots), roots.shape[-1])))
     largest, first = np.zeros(DRAWS), 0
     for columns, sign in kept:
         own = slice(first, first + columns.shape[1])
         first = own.stop
-        form = _Form(columns, segments)
+        form = _Form(parts[:, own, own])
         theta, drop, wider = form.solved(drawn[:, :, own])
-        z = np.sqrt(drop / wider) if form.rank == 1 else np.array([deviate(x, form.rank) for x in drop / wider])
+        z = deviate(drop / wider, form.rank)
         if sign and columns.shape[1] == 1:
             z = np.where(theta[:, 0] * sign > 0.0, z, 0.0)
         largest = np.maximum(largest, z)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -18,9 +19,10 @@ STARTS = 2  # sizes from which a candidate without derivative is refitted
 BENT = 0.25  # of what a derivative promises: a fit that brings so much more or less is of something far from linear
 PROMISING = 0.5  # of the threshold's square: what such a size has to promise
 HALF = 0.5  # of the excess that causes must explain to be named
+GROSS = 0.5  # of the variance of the noise's sum of squares, which is as much as its mean: more is mostly not noise
 MARKED = 3.0  # standard deviations by which a sum of squares must exceed the noise to be a misfit
 NIBBLE = 0.25  # of what is left: a further cause that explains less is none
-CRUMB = 0.01  # of what the calibrated model leaves: a further cause that explains less is none
+CRUMB = 0.01  # of what the calibrated model leaves: what so little is left or gained says nothing of a cause
 ABSORBED = 0.9999  # share of a signature beyond which calibration takes all of it
 
 Known = dict[int, tuple[np.ndarray, np.ndarray]]
@@ -59,10 +61,10 @@ class Suspect:
 
     @property
     def z(self) -> float:
-        """Normal deviate: of the test, or of the refit where there is no derivative."""
-        if self.test is not None:
+        """Normal deviate: of the test, or of the refit where there is no derivative that is relied on."""
+        if self.test is not None and not (self.reason and self.fit is not None):
             return self.test.z
-        return deviate(max(0.0, self.drop), len(self.candidate.free))
+        return float(deviate(self.drop, len(self.candidate.free)))
 
     @property
     def size(self) -> np.ndarray:
@@ -83,7 +85,10 @@ class Suspect:
     @property
     def price(self) -> float:
         """What its parameters are worth: two each, as Akaike has it."""
-        return 2.0 * len(self.candidate.free)
+        return 2.0 * (len(self.candidate.free) + len(self.candidate.form))
+
+
+Named = list[tuple[Suspect, tuple[Suspect, ...]]]  # causes with their rivals
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,8 +148,14 @@ class Selection:
 
     @property
     def material(self) -> bool:
-        """Whether the causes explain at least half of the excess, or what is left cannot be told from noise."""
-        return self.share >= HALF or self.left < MARKED * self.blur
+        """Whether the causes leave no more than noise or a crumb; where what is left is gross, at least explain half.
+
+        Where noise is the larger part of what is left it is known so well that the right causes would leave nothing
+        beside it; a gross misfit is only ever explained in part.
+        """
+        little = max(MARKED * self.blur, CRUMB * self.excess)
+        gross = self.left > GROSS * self.blur**2
+        return self.left < little or (gross and self.share >= HALF)
 
     @property
     def rivals(self) -> tuple[Suspect, ...]:
@@ -176,14 +187,14 @@ def select(
     Where a cause brings the residual down to the noise that is stated, its memory is judged anew, and what follows is
     looked for in that noise. A further cause has to explain a quarter of what is left, where that is more than noise:
     below, it nibbles at something else; and a hundredth of what the calibrated model left: below, it mends the form of
-    the causes before it, of which nobody knows more than that they explain the rest.
+    the causes before it, of which nobody knows more than that they explain the rest. Where causes found in this way
+    leave more than noise, one of them may be a compromise between two: then the best pair is tried in their place.
     """
     rounds, base, causes, known = [], null, [], {}
     for number in range(CAUSES):
         left = [c for c in candidates if c.name not in {cause.name for cause in causes}]
         on_stage(f"suspects {number + 1}")
-        excess = _excess(fitter.evidence, base)
-        blur = float(np.sqrt(2.0 * fitter.evidence.counted()))
+        excess, blur = _excess(fitter.evidence, base), _blur(fitter.evidence)
         found = search(fitter, base, left, seed + number, excess / blur, known)
         chosen = found.chosen
         least = max(NIBBLE * excess, CRUMB * _excess(fitter.evidence, null))
@@ -196,23 +207,60 @@ def select(
         causes.append(replace(found.chosen, fit=base))
         heard = fitter.evidence.heard(base.point.seen)
         if heard is not None:
+            known.update({key: (heard.carried(raw, fitter.evidence), doubts) for key, (raw, doubts) in known.items()})
             fitter.evidence = heard
-            known.clear()
             null, base = fitter.fit(null.point), fitter.fit(base.point, base.found)
     named = [(cause, r.rivals) for cause, r in zip(causes, rounds, strict=False)]
     if len(named) > 1:
         named, base = _beside_the_others(fitter, named, base, candidates, seed, known)
+    blur = _blur(fitter.evidence)
+    if MARKED * blur < _excess(fitter.evidence, base) < GROSS * blur**2:
+        on_stage("pairs")
+        pair = _paired(fitter, null, rounds[0].suspects)
+        if pair is not None and _worth(*pair) > _worth(named, base) + APART:
+            named, base = _beside_the_others(fitter, *pair, candidates, seed, {}, last=True)
     common = fitter.evidence.with_weights([null.point.seen, base.point.seen])
     return Selection(
         rounds=tuple(rounds),
         null=null,
         final=base,
-        causes=tuple(replace(cause, fit=base) for cause, _ in named),
+        causes=tuple(replace(cause, candidate=cause.candidate.at(base.point.values), fit=base) for cause, _ in named),
         alternatives=tuple(rivals for _, rivals in named),
         excess=null.judged(common) - _expected(common, null),
         left=base.judged(common) - _expected(common, base),
-        blur=float(np.sqrt(2.0 * common.counted())),
+        blur=_blur(common),
     )
+
+
+def _paired(fitter: Fitter, null: Fit, suspects: Sequence[Suspect]) -> tuple[Named, Fit] | None:
+    """The two causes that together promise most at the calibrated model, fitted; None where there are no two.
+
+    What they promise is linear: the fall of the sum of squares along both signatures.
+    """
+    able = [s for s in suspects if s.test is not None and not s.reason and s.signature.columns.any()]
+    residual, best = null.absorbing(null.residual), (0.0, None)
+    for one, other in combinations(able, 2):
+        columns = np.column_stack([one.signature.columns, other.signature.columns])
+        columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        score = columns.T @ residual
+        theta = np.linalg.lstsq(columns.T @ columns, score, rcond=1e-6)[0]
+        split = len(one.candidate.free)
+        right = all(_sign(s.candidate) * part[0] >= 0.0 for s, part in ((one, theta[:split]), (other, theta[split:])))
+        promise = float(score @ theta) - one.price - other.price
+        if one.name != other.name and right and promise > best[0]:
+            best = promise, (one, other)
+    if best[1] is None:
+        return None
+    found = tuple(s.candidate for s in best[1])
+    fit = fitter.fit(null.point, found, {name: x for c in found for name, x in c.absent().items()})
+    if not fit.names:
+        return None
+    return [(replace(s, fit=fit), (s,)) for s in best[1]], fitter.sharpened(fit)
+
+
+def _worth(named: Named, final: Fit) -> float:
+    """Minus the sum of squares that causes leave, less their price."""
+    return -final.square - sum(cause.price for cause, _ in named)
 
 
 def _expected(evidence: Evidence, fit: Fit) -> float:
@@ -222,6 +270,11 @@ def _expected(evidence: Evidence, fit: Fit) -> float:
 def _excess(evidence: Evidence, fit: Fit) -> float:
     """By how much the sum of squares exceeds what noise leaves."""
     return fit.square - _expected(evidence, fit)
+
+
+def _blur(evidence: Evidence) -> float:
+    """Standard deviation of the sum of squares of noise alone."""
+    return float(np.sqrt(2.0 * evidence.counted()))
 
 
 def search(
@@ -235,38 +288,47 @@ def search(
         where others are above the threshold
     known : derivatives of candidates and their doubts by id, from an earlier search; those found here are added
     """
+    other = set(known)  # whose derivatives are of another model: they are taken anew of those that may lead at this one
     suspects, limit = scored(fitter, base, candidates, seed, known)
-    guilty = [s for s in suspects if s.test is not None and not s.reason and abs(s.z) > limit]
-    if known and guilty:  # those derivatives are of another model: take those that may lead at this one
-        most = max(s.test.drop for s in guilty)
-        for suspect in guilty:
-            if suspect.test.drop >= 0.5 * WORTH * most:
-                known.pop(id(suspect.candidate), None)
-        suspects, limit = scored(fitter, base, candidates, seed, known)
-        guilty = [s for s in suspects if s.test is not None and not s.reason and abs(s.z) > limit]
+    guilty = _guilty(suspects, limit)
     promised = max((s.test.drop for s in guilty), default=0.0)
+    old = [s for s in guilty if id(s.candidate) in other and s.test.drop >= 0.5 * WORTH * promised]
+    if old:
+        for suspect in old:
+            del known[id(suspect.candidate)]
+        suspects, limit = scored(fitter, base, candidates, seed, known)
+        guilty = _guilty(suspects, limit)
+        promised = max((s.test.drop for s in guilty), default=0.0)
     leaders = [s for s in _best_variants(guilty) if s.test.drop >= WORTH * promised][:REFITS]
-    refitted = [_refitted(fitter, base, suspect, limit) for suspect in leaders]
     if guilty or excess > MARKED:
-        doubtful = [s for s in suspects if s.reason and not s.candidate.effect.noise and s.absorbed < ABSORBED]
-        refitted += [_refitted(fitter, base, suspect, limit) for suspect in doubtful]
-    refitted = [s for s in refitted if s.fit is not None]
+        leaders += [s for s in suspects if s.reason and not s.candidate.effect.noise and s.absorbed < ABSORBED]
+    refitted, best = [], np.inf
+    for suspect in leaders:
+        alike = 2.0 * APART * max(1.0, best / base.residual.size)  # the difference of prices included
+        found = _refitted(fitter, base, suspect, limit, best + alike)
+        if found.fit is not None:
+            refitted.append(found)
+            best = min(best, found.fit.square)
     if refitted:
         common = fitter.evidence.with_weights([base.point.seen, *(s.fit.point.seen for s in refitted)])
         before = base.judged(common)
         refitted = [replace(s, drop=before - s.fit.judged(common)) for s in refitted]
     again = {id(s.candidate): s for s in refitted}
+    rivals = _rivals(fitter, [s for s in refitted if _possible(s, limit)])
+    if rivals:  # what cannot be told apart is compared again, each with the form that suits it best
+        formed = {id(s.candidate): _formed(fitter, s, before, common) for s in rivals}
+        again |= formed
+        rivals = _rivals(fitter, list(formed.values()))
     everyone = [again.get(id(s.candidate), s) for s in suspects]
     everyone.sort(key=lambda s: -(s.drop if s.fit is not None else (s.test.drop if s.test is not None else 0.0)))
-    able = [s for s in refitted if _possible(s, limit)]
-    chosen = min(able, key=lambda s: s.price - s.drop, default=None)
-    whole = _excess(fitter.evidence, base)
-    if chosen is None:
-        return Round(base, tuple(everyone), limit, None, (), whole)
-    over = chosen.fit.square / max(1.0, _expected(fitter.evidence, chosen.fit))
-    rivals = _rivals(chosen, able, over)
-    chosen = min(rivals, key=lambda s: (s.price, -s.drop))  # of those that are alike, the simplest speaks for all
-    return Round(base, tuple(everyone), limit, chosen, rivals, whole)
+    chosen = min(rivals, key=lambda s: (s.price, -s.drop), default=None)  # the simplest speaks for all
+    return Round(base, tuple(everyone), limit, chosen, rivals, _excess(fitter.evidence, base))
+
+
+def _guilty(suspects: Sequence[Suspect], limit: float) -> list[Suspect]:
+    """Suspects above the threshold of |z| whose sizes have a possible sign; the suspects' order is kept."""
+    relied = [s for s in suspects if s.test is not None and not s.reason and abs(s.z) > limit]
+    return [s for s in relied if not _sign(s.candidate) * s.test.size[0] < 0.0]
 
 
 def _best_variants(suspects: Sequence[Suspect]) -> list[Suspect]:
@@ -277,15 +339,19 @@ def _best_variants(suspects: Sequence[Suspect]) -> list[Suspect]:
     return list(kept.values())
 
 
-def _rivals(chosen: Suspect, able: Sequence[Suspect], over: float) -> tuple[Suspect, ...]:
-    """Suspects within reach of the chosen one, one of each effect, the best first.
+def _rivals(fitter: Fitter, able: Sequence[Suspect]) -> tuple[Suspect, ...]:
+    """Suspects within reach of the one that explains most for its price, one of each effect, the best first.
 
-    over : sum of squares that the chosen one leaves, over its expectation. Where a model leaves more than noise, sums
-        of squares of rivals differ by that much more without telling them apart (quasi-likelihood, Burnham & Anderson
-        2002, section 2.5).
+    Where that leaves more than noise, sums of squares of rivals differ by that much more without telling them apart
+    (quasi-likelihood, Burnham & Anderson 2002, section 2.5).
     """
-    near = [s for s in able if (s.price - s.drop) - (chosen.price - chosen.drop) <= APART * max(1.0, over)]
-    return tuple(_best_variants(sorted(near, key=lambda s: s.price - s.drop)))
+    ordered = sorted(able, key=lambda s: s.price - s.drop)
+    if not ordered:
+        return ()
+    best = ordered[0]
+    over = best.fit.square / max(1.0, _expected(fitter.evidence, best.fit))
+    near = [s for s in ordered if (s.price - s.drop) - (best.price - best.drop) <= APART * max(1.0, over)]
+    return tuple(_best_variants(near))
 
 
 def scored(
@@ -341,7 +407,7 @@ def _sign(candidate: Candidate) -> int:
     return -1 if candidate.high[0] == candidate.null[0] else 0
 
 
-def _refitted(fitter: Fitter, base: Fit, suspect: Suspect, limit: float) -> Suspect:
+def _refitted(fitter: Fitter, base: Fit, suspect: Suspect, limit: float, rival: float) -> Suspect:
     """Fit all parameters with the suspect in the model, from its estimated size or from several.
 
     A candidate without derivative is first tried at several sizes: the change of the records from nothing to that size,
@@ -349,19 +415,21 @@ def _refitted(fitter: Fitter, base: Fit, suspect: Suspect, limit: float) -> Susp
     bring what the derivative promised: between nothing and its size it is far from linear, and its fit may have ended
     beside its best. Where the motion fails at the estimated size, which a gross misfit makes large, the fit begins at
     nothing and goes as far as it can.
+
+    rival : sum of squares at which the suspect would still be an alternative
     """
     candidate = suspect.candidate
 
     def fitted(start: np.ndarray, columns: np.ndarray | None = None) -> Fit:
         sizes = candidate.values(np.clip(start, candidate.low, candidate.high))
-        return fitter.fit(base.point, (*base.found, candidate), sizes, columns)
+        return fitter.fit(base.point, (*base.found, candidate), sizes, columns, rival)
 
     fits: list[Fit] = []
     if not suspect.reason:
         columns = np.column_stack([base.columns, suspect.raw])
         fits.append(fitted(candidate.null + suspect.test.size, columns))
         if not fits[0].names:
-            fits[0] = fitter.fit(base.point, (*base.found, candidate), candidate.absent(), columns)
+            fits[0] = fitter.fit(base.point, (*base.found, candidate), candidate.absent(), columns, rival)
         drop = base.square - fits[0].square
     if suspect.reason or abs(drop - suspect.test.drop) > BENT * suspect.test.drop:
         tried = [fitter.begun(base, candidate, np.clip(x, candidate.low, candidate.high)) for x in candidate.sizes]
@@ -369,6 +437,24 @@ def _refitted(fitter: Fitter, base: Fit, suspect: Suspect, limit: float) -> Susp
         fits += [fitted(sizes) for promise, sizes in tried if promise > PROMISING * limit**2][:STARTS]
     best = min(fits, key=lambda fit: fit.square, default=None)
     return suspect if best is None else replace(suspect, fit=best, drop=base.square - best.square)
+
+
+def _formed(fitter: Fitter, suspect: Suspect, before: float, common: Evidence) -> Suspect:
+    """Return the suspect with its form fitted too, where that brings more than its parameters are worth.
+
+    What an effect is tried at is a guess of its form: what a poor one leaves would be taken for a further cause.
+
+    before : sum of squares of the model without the suspect, over the evidence `common`
+    """
+    candidate, fit = suspect.candidate, suspect.fit
+    if not candidate.bounds or not fit.names:
+        return suspect
+    formed = replace(candidate, form=tuple(candidate.bounds))
+    best = fitter.fit(fit.point, tuple(formed if c is candidate else c for c in fit.found))
+    if not best.names:
+        return suspect
+    better = replace(suspect, candidate=formed.at(best.point.values), fit=best, drop=before - best.judged(common))
+    return better if better.drop - better.price > suspect.drop - suspect.price else suspect
 
 
 def _possible(suspect: Suspect, limit: float) -> bool:
@@ -379,22 +465,26 @@ def _possible(suspect: Suspect, limit: float) -> bool:
     sign = _sign(suspect.candidate)
     if sign and not (size[0] - null[0]) * sign > 0.0:
         return False
-    return deviate(max(0.0, suspect.drop), len(suspect.candidate.free)) > limit
-
-
-Named = list[tuple[Suspect, tuple[Suspect, ...]]]  # causes with their rivals
+    return deviate(suspect.drop, len(suspect.candidate.free)) > limit
 
 
 def _beside_the_others(
-    fitter: Fitter, named: Named, final: Fit, candidates: Sequence[Candidate], seed: int, known: Known
+    fitter: Fitter,
+    named: Named,
+    final: Fit,
+    candidates: Sequence[Candidate],
+    seed: int,
+    known: Known,
+    last: bool = False,
 ) -> tuple[Named, Fit]:
     """Take out each cause but the last in turn and search again: what stood for two causes gives way to one of them.
 
     The first cause was chosen while the later ones were missing, and may have explained part of theirs (sequential
     replacement: Miller, Subset Selection in Regression, 2002, section 3). It is dropped where the others explain as
-    much without it, and exchanged where another explains more beside them; the last is then looked for again as well.
+    much without it, and exchanged where another explains more beside them; the last is then looked for again as well,
+    or anyway.
     """
-    kept, exchanged = list(named), False
+    kept, exchanged = list(named), last
     for cause, own in named:
         if cause is named[-1][0] and not exchanged:
             break

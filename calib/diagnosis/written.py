@@ -8,6 +8,7 @@ import numpy as np
 
 from calib.diagnosis.diagnose import UNEXPLAINED, Diagnosis
 from calib.diagnosis.gain import METRIC, Gain
+from calib.diagnosis.next_measurement import Measurement
 from calib.diagnosis.selection import Round, Suspect
 from calib.store.plain import plain
 
@@ -31,11 +32,12 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         "refused": dict(diagnosis.refused),
         "gates": [asdict(gate) for gate in diagnosis.gates],
         "outliers": diagnosis.outliers,
+        "rounding": diagnosis.rounding,
         "misfit": _misfit(diagnosis),
         "parameters": {} if selection is None else _parameters(diagnosis),
         "gain": None if diagnosis.gain is None else _gain(diagnosis.gain),
-        "next_measurement": asdict(diagnosis.further[0]) if diagnosis.further else None,
-        "measurements": [asdict(measurement) for measurement in diagnosis.further],
+        "next_measurement": _measurement(diagnosis.further[0]) if diagnosis.further else None,
+        "measurements": [_measurement(measurement) for measurement in diagnosis.further],
         "threshold": None if first is None else first.threshold,
         "simulations": diagnosis.simulations,
         "seconds": diagnosis.seconds,
@@ -51,6 +53,15 @@ def best_of_each(suspects) -> list[Suspect]:
     return list(kept.values())
 
 
+def _measurement(measurement: Measurement) -> dict[str, Any]:
+    return {**asdict(measurement), "helps": measurement.helps}
+
+
+def _about(size: float, half: float) -> list[float]:
+    """Ends of an interval; of a size that is infinite where the effect is absent, none."""
+    return [size - half, size + half] if np.isfinite(size) else [np.nan, np.nan]
+
+
 def _suspect(suspect: Suspect, excess: float, chosen: Suspect | None) -> dict[str, Any]:
     names, null = suspect.candidate.free, suspect.candidate.null
     half = SURE * suspect.error
@@ -62,7 +73,7 @@ def _suspect(suspect: Suspect, excess: float, chosen: Suspect | None) -> dict[st
         "bodies": suspect.candidate.effect.bodies,
         "z": suspect.z,
         "size": dict(zip(names, suspect.size, strict=True)),
-        "interval": {n: [x - h, x + h] for n, x, h in zip(names, suspect.size, half, strict=True)},
+        "interval": {n: _about(x, h) for n, x, h in zip(names, suspect.size, half, strict=True)},
         "held": dict(suspect.candidate.held),
         "limits": {p.name: [p.low, p.high] for p in suspect.candidate.parameters},
         "units": {p.name: p.unit for p in suspect.candidate.effect.parameters},

@@ -156,7 +156,7 @@ def _within(axes, own, factor, size):
     wide = 12.0 * errors[len(errors) // 2]
     centre = size[0] if size else sorted(t["size"] for t in own)[len(own) // 2]
     ends = [x for t in own for x in (t["size"] - 2.0 * t["error"], t["size"] + 2.0 * t["error"])] + [0.0, centre]
-    near = [t["size"] for t in own if abs(t["size"] - centre) < 3.0 * wide]
+    near = [t["size"] for t in own if t["error"] < wide]
     low, high = max(min(ends), min(centre - wide, 0.0, *near)), min(max(ends), max(centre + wide, 0.0, *near))
     room = 0.05 * (high - low) or 1.0
     axes.set_xlim(factor * (low - room), factor * (high + room))

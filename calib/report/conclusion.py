@@ -4,10 +4,9 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from calib.diagnosis.diagnose import NAMED, NONE, ONE_OF, OUTLIERS, QUANTISATION, UNEXPLAINED
 from calib.report.words import number, percent, quantity, signed
 
-NAMED, ONE_OF, NONE, UNEXPLAINED = "named", "one_of", "none", "unexplained"  # verdicts, beside not_diagnosable
-OUTLIERS = "outliers"  # the cause that is taken out of the records, not added to the model
 SAME = 1e-9  # relative difference of values that are the same
 REMEDIES = {
     "simulation": "find out why the simulation ends this way at the calibrated values (a larger step budget may do), "
@@ -32,16 +31,16 @@ def headline(said: Mapping[str, Any]) -> str:
             if name == OUTLIERS:
                 found.append(f"{OUTLIERS}, {percent(said['outliers'])} of the samples")
                 continue
+            if name == QUANTISATION and said.get("rounding"):
+                found.append(f"{QUANTISATION}, {percent(said['rounding'])} of the noise of a channel")
+                continue
             written = sizes(known[name]) if name in known else []
             equation = known[name].get("equation") if name in known else ""
             given = [f" ({equation})" if equation else "", f", {', '.join(written)}" if written else ""]
             found.append(f"{name}{''.join(given)}")
         return f"{'Missing in the model' if added(said) else 'In the records'}: {'; and '.join(found)}."
     if verdict == ONE_OF:
-        names = [" with ".join(names) for names in said["class"]]
-        return f"Something is missing, and it is one of {len(names)} that these records do not tell apart: " + (
-            f"{', '.join(names[:-1])} or {names[-1]}."
-        )
+        return f"Something is missing, and these records do not tell alternatives apart: {said['said']}."
     if verdict == UNEXPLAINED:
         nearest = f"; {' and '.join(said['closest'])} comes closest" if said["closest"] else ""
         return f"The misfit is more than noise, and no effect that is known here explains it{nearest}."
@@ -67,6 +66,11 @@ def points(said: Mapping[str, Any]) -> list[str]:
     if said.get("outliers"):
         taken = f"{percent(said['outliers'])} of the samples lie far from all others"
         found.append(f"{_capital(taken)}: they were taken out before anything was fitted.")
+    if said.get("rounding"):
+        found.append(
+            f"The samples of a channel lie on the steps of its converter, which make {percent(said['rounding'])} of "
+            "its noise: a finer range would measure better; the model needs no change for it."
+        )
     if gain and gain["before"] is not None:
         found.append(_gained(gain))
     if gain and said["verdict"] in (NAMED, ONE_OF):
@@ -76,7 +80,7 @@ def points(said: Mapping[str, Any]) -> list[str]:
             found.append(f"Calibrated without it, values were biased; in standard errors they move: {listed}.")
     if said["measurements"]:
         best = said["measurements"][0]
-        found.append(f"To tell them apart, measure {best['said']}: they would differ by z = {number(best['z'], 3)}.")
+        found.append(f"To measure next: {best['said']} {best['helps']}.")
     return found
 
 
@@ -95,7 +99,8 @@ def _excess(misfit, said):
 def added(said: Mapping[str, Any]) -> list[str]:
     """Names of the effects in the extended model."""
     best = said["class"][0] if said["verdict"] == ONE_OF else ()
-    return [name for name in said["causes"] or said["closest"] or best if name != OUTLIERS]
+    seen = {OUTLIERS, *([QUANTISATION] if said.get("rounding") else [])}
+    return [name for name in said["causes"] or said["closest"] or best if name not in seen]
 
 
 def _which(said):

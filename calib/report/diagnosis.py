@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 from markupsafe import Markup
 
+from calib.diagnosis.next_measurement import SURE
 from calib.report import causes, drawing, lacking, remains
 from calib.report.conclusion import (
     NAMED,
@@ -308,12 +309,12 @@ def _why(said, outcomes):
     last = next((r for r in reversed(said["rounds"]) if r["chosen"]), None)
     if last is None:
         return found
-    for name, alike in (last.get("alike") or {}).items():
-        if alike is not None:
-            found.append(
-                f"What {last['chosen']} and {name} change in these records, beyond what calibration absorbs, is "
-                f"{percent(alike, 3)} alike (cosine of the angle between their signatures)."
-            )
+    alike = [f"{name} {percent(x, 3)}" for name, x in (last.get("alike") or {}).items() if x is not None]
+    if alike:
+        found.append(
+            f"How far what {last['chosen']} changes in these records, beyond what calibration absorbs, is like what "
+            f"others change (cosine of the angle between signatures): {', '.join(alike)}."
+        )
     if said["verdict"] == ONE_OF:
         found.append("With both fitted, the sums of squares differ by less than chance: these records do not decide.")
     if said["verdict"] == UNEXPLAINED and said["closest"]:
@@ -350,7 +351,8 @@ def _measurements(said, references):
                 "frequency": "-" if frequency is None else f"{number(frequency)} Hz",
                 "impacts": {True: "yes", False: "no"}.get(measurement["impacts"], "-"),
                 "z": f"{measurement['z']:.1f}",
-                "enough": said["threshold"] is not None and measurement["z"] > said["threshold"],
+                "most": f"{measurement['most']:.1f}",
+                "enough": measurement["z"] >= SURE,
             }
         )
     return rows
@@ -409,10 +411,9 @@ def _agreement(transfers):
         square = float((weight * (size - (weight @ size) / weight.sum()) ** 2).sum())
         degrees = len(own) - 1
         agree = square < degrees + 3.0 * math.sqrt(2.0 * degrees)
-        said = "agree" if agree else "do not agree"
-        found.append(
-            f"The records {said} on {name} (sum of squared departures {square:.1f}, where {degrees} is expected)."
-        )
+        said = f"{'agree' if agree else 'do not agree'} on {name}"
+        departures = f"sum of squared departures {number(square, 3)}, where {degrees} is expected"
+        found.append(f"The records {said} ({departures}).")
     return found
 
 

@@ -64,7 +64,13 @@ def shown_unit(unit: str, largest: float) -> tuple[float, str]:
 def dots(axes, x: np.ndarray, y: np.ndarray) -> None:
     """Measured samples: at most DOTS grey dots."""
     keep = thin(x.size, DOTS)
-    axes.plot(x[keep], y[keep], ".", color=MEASURED, markersize=5.0, markeredgewidth=0, alpha=0.7, zorder=2)
+    look = {"color": MEASURED, "markersize": spot(keep.size, 5.0), "markeredgewidth": 0, "alpha": 0.7}
+    axes.plot(x[keep], y[keep], ".", zorder=2, **look)
+
+
+def spot(count: int, small: float = 2.0) -> float:
+    """Size of `count` dots [points]: `small` where there are many, larger where so few would hardly be seen."""
+    return float(np.clip(small * math.sqrt(300.0 / max(1, count)), small, 8.0))
 
 
 def line(axes, x: np.ndarray, y: np.ndarray, colour: str = SIMULATED, width: float = 1.0) -> None:

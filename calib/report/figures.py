@@ -102,7 +102,7 @@ def histories(measured: xr.Dataset, simulated: xr.Dataset | None) -> Figure:
         grid = figure.subplots(rows, columns, squeeze=False, sharex="all" if period else "none")
         if period:
             for (body, channel), axes in zip(pairs, grid.flat, strict=True):
-                _history(axes, measured, simulated, body, channel, _two_periods(measured, period))
+                _history(axes, measured, simulated, body, channel, two_periods(measured, period))
                 axes.set_title(_title(body, simulated, (channel,)))
         else:
             for (body, channel), row in zip(pairs, grid, strict=False):
@@ -111,14 +111,14 @@ def histories(measured: xr.Dataset, simulated: xr.Dataset | None) -> Figure:
                     _history(axes, measured, simulated, body, channel, span)
                     axes.set_title(title)
         for axes in grid[-1]:
-            axes.set_xlabel(f"Time [{_clock(measured)[1]}]")
+            axes.set_xlabel(f"Time [{clock(measured)[1]}]")
         legend(figure, simulated is not None)
     return figure
 
 
 def _history(axes, measured, simulated, body, channel, span):
     label, scale, unit = quantity(measured, body, channel)
-    stretch = _clock(measured)[0]
+    stretch = clock(measured)[0]
     start = float(measured.time[0])
     one = measured.sel(body=body).isel(time=span)
     times = stretch * (one.time.values - start)
@@ -161,7 +161,7 @@ def picture(trial: Trial, records: Mapping[str, xr.Dataset], objective) -> bytes
             _loop(axes, measured, aligned, body, impacts=False)
         else:
             _history(axes, measured, aligned, body, channel, _worst(measured, aligned, body, channel))
-            axes.set_xlabel(f"Time [{_clock(measured)[1]}]")
+            axes.set_xlabel(f"Time [{clock(measured)[1]}]")
         score = f"{trial.total:.4g}" if trial.scored else trial.status
         axes.set_title(f"trial {trial.number}: {score}, {trial.kind or trial.status} ({name}, {body})")
         return png(figure)
@@ -174,7 +174,7 @@ def simulation_picture(record: xr.Dataset, path: str | Path) -> None:
     """
     bodies, shown = [str(b) for b in record.body.values], channels(record)
     loops = set(STATE) <= set(shown)
-    stretch, clock = _clock(record)
+    stretch, unit_of_time = clock(record)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH * 1.2, 2.3 * len(bodies)), dpi=DPI, layout="constrained")
         grid = figure.subplots(len(bodies), len(shown) + loops, squeeze=False)
@@ -184,7 +184,7 @@ def simulation_picture(record: xr.Dataset, path: str | Path) -> None:
             for channel, axes in zip(shown, row[loops:], strict=True):
                 label, scale, unit = quantity(record, body, channel)
                 line(axes, times, scale * one[channel].values)
-                axes.set_xlabel(f"Time [{clock}]")
+                axes.set_xlabel(f"Time [{unit_of_time}]")
                 axes.set_ylabel(f"{label} [{unit}]")
             if loops:
                 _, scale, unit = quantity(record, body, "displacement")
@@ -260,13 +260,15 @@ def _title(body, simulated, shown):
     return f"{body} (prescribed by the excitation)" if given else body
 
 
-def _clock(record):
+def clock(record: xr.Dataset) -> tuple[float, str]:
+    """Factor and unit of time axes: ms where less than 2 s are shown."""
     period = stated_period(record)
     span = 2.0 * period if period else float(record.time[-1] - record.time[0])
     return (1e3, "ms") if span < 2.0 else (1.0, "s")
 
 
-def _two_periods(record, period):
+def two_periods(record: xr.Dataset, period: float) -> slice:
+    """Samples of the first two periods [s]."""
     inside = np.flatnonzero(record.time.values <= float(record.time[0]) + 2.0 * period)
     return slice(0, int(inside[-1]) + 1)
 

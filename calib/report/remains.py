@@ -28,6 +28,7 @@ from calib.report.drawing import (
     WIDTH,
     line,
     shown_unit,
+    spot,
     thin,
 )
 
@@ -158,7 +159,7 @@ def _residual(axes, motion, row, own, factor):
         time = motion.time.values / float(motion.attrs["period"]) % int(motion.attrs["cycle"])
     place, residual = time[counts], residual[counts]
     keep = thin(place.size, CLOUD)
-    look = {"color": "#777777", "markersize": 2.4, "markeredgewidth": 0, "alpha": 0.7, "rasterized": True}
+    look = {"color": "#777777", "markersize": spot(keep.size), "markeredgewidth": 0, "alpha": 0.7, "rasterized": True}
     axes.plot(place[keep], residual[keep], ".", zorder=2, **look)
     if "period" in motion.attrs:
         axes.axhspan(-2.0 * factor * own.sigma, 2.0 * factor * own.sigma, color=MEANS, linewidth=0, zorder=1)

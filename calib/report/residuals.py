@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from scipy import signal
 
 from calib.record import stated_period
-from calib.report.drawing import LINE, MEASURED, OTHER, SIMULATED, STYLE, WIDTH, line, marks, shown_unit, thin
+from calib.report.drawing import LINE, MEASURED, OTHER, SIMULATED, STYLE, WIDTH, line, marks, shown_unit, spot, thin
 from calib.report.figures import has, impact_times, judged, quantity
 
 CLOUD = 6000  # samples drawn as a (rasterised) cloud
@@ -127,7 +127,7 @@ def _against(axes, values, origin, x_unit, residual, channel, unit):
     factor, x_unit = shown_unit(x_unit, np.max(np.abs(values)))
     x = factor * values
     keep = thin(x.size, CLOUD)
-    cloud = {"color": MEASURED, "markersize": 2.0, "markeredgewidth": 0, "alpha": 0.5, "rasterized": True}
+    cloud = {"color": MEASURED, "markersize": spot(keep.size), "markeredgewidth": 0, "alpha": 0.5, "rasterized": True}
     axes.plot(x[keep], residual[keep], ".", **cloud)
     edges = np.linspace(*np.quantile(x, [0.002, 0.998]), 26)
     which = np.digitize(x, edges) - 1

@@ -3,7 +3,7 @@
 import math
 import re
 
-from calib.units import MICRO, MILLI, TINY
+from calib.units import reading
 
 
 def number(x: float | str | None, digits: int = 4) -> str:
@@ -41,10 +41,9 @@ def quantity(value: float | None, unit: str | None, digits: int = 3, half: float
     """Write an SI value with its unit, in mm, ms, µm and µs where people do, and its half interval."""
     if value is None:
         return "-"
-    small = MICRO if 0.0 < max(abs(value), half or 0.0) < TINY else MILLI
-    factor, name = small.get(unit or "1", (1.0, unit or "1"))
+    factor, name = reading(unit or "1", max(abs(value), half or 0.0))
     written = number(factor * value, digits) if half is None else with_error(factor * value, factor * half)
-    return written if name == "1" else f"{written} {raised(name).replace('um', 'µm').replace('us', 'µs')}"
+    return f"{written} {raised(name).replace('um', 'µm').replace('us', 'µs')}".rstrip()
 
 
 def with_error(value: float | None, half: float | None) -> str:

@@ -15,7 +15,7 @@ from calib.objective import Objective, Reference, Term
 from calib.parameter import Parameter, Space, Window, values_for
 from calib.store.plain import plain
 from calib.study import Study
-from calib.study_toml.mistakes import Mistakes, located, shaped
+from calib.study_toml.mistakes import Mistakes, located, read_toml
 from calib.study_toml.references import OWN, digest, references
 from calib.study_toml.schema import OptimiserTable, StudyToml, TermTable
 from calib.units import to_si
@@ -101,7 +101,7 @@ def load(path: str | Path, budget: int | None = None, jobs: int | None = None) -
     CalibError : every mistake of the file with its line and key, what was expected, and the nearest right name
     """
     path = located(path)
-    shape, mistakes = shaped(path)
+    shape, mistakes = read_toml(StudyToml, path)
     model = _model(shape, mistakes)
     known = references(shape, model, mistakes)
     calibrated = {name: reference for name, reference in known.items() if reference and reference.use == "calibrate"}

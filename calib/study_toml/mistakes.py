@@ -1,10 +1,10 @@
-"""What is wrong in a study file: every mistake with its line, told at once."""
+"""What is wrong in a study file, or another one in TOML: every mistake with its line, told at once."""
 
 import tomllib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
@@ -12,6 +12,7 @@ from calib.errors import CalibError, nearest
 from calib.study_toml.lines import dotted, line_of, lines
 from calib.study_toml.schema import StudyToml
 
+Tables = TypeVar("Tables", bound=BaseModel)
 _EXPECTED = {
     "int_type": "expected a whole number",
     "float_type": "expected a number",
@@ -23,10 +24,17 @@ _EXPECTED = {
 
 
 class Mistakes:
-    """Collects mistakes; each names file, line and key."""
+    """Collects mistakes; each names file, line and key.
 
-    def __init__(self, path: Path, text: str):
+    Parameters
+    ----------
+    path, text : of the TOML file, or of another file that begins with such a text
+    schema : its shape, from which known keys are named
+    """
+
+    def __init__(self, path: Path, text: str, schema: type[BaseModel] = StudyToml):
         self.path = path
+        self.schema = schema
         self._lines = lines(text)
         self._messages: list[str] = []
 
@@ -74,8 +82,8 @@ def located(path: str | Path) -> Path:
     return path
 
 
-def shaped(path: Path) -> tuple[StudyToml, Mistakes]:
-    """Read a study file into its schema.
+def read_toml(schema: type[Tables], path: Path) -> tuple[Tables, Mistakes]:
+    """Read a TOML file into a schema.
 
     Returns
     -------
@@ -89,16 +97,34 @@ def shaped(path: Path) -> tuple[StudyToml, Mistakes]:
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         raise CalibError(f"{path}: not a text in UTF-8 (byte {error.start}); save it as UTF-8") from error
+    return read_as(schema, path, text)
+
+
+def read_as(schema: type[Tables], path: Path, text: str) -> tuple[Tables, Mistakes]:
+    """Read a TOML text into a schema.
+
+    Parameters
+    ----------
+    path : of the file that the text is, or begins
+
+    Returns
+    -------
+    the checked tables and the (still empty) list of mistakes
+
+    Raises
+    ------
+    CalibError : no TOML, unknown or missing keys, values of another kind; each with file, line and key
+    """
     try:
         tables = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise CalibError(f"{path}:{_line_said(str(error), text)}: this is not TOML: {error}") from error
-    mistakes = Mistakes(path, text)
+    mistakes = Mistakes(path, text, schema)
     try:
-        return StudyToml.model_validate(tables), mistakes
+        return schema.model_validate(tables), mistakes
     except ValidationError as invalid:
         for error in invalid.errors():
-            mistakes.add(error["loc"], _phrase(error))
+            mistakes.add(error["loc"], _phrase(error, schema))
         mistakes.tell()
         raise
 
@@ -109,10 +135,10 @@ def _line_said(message: str, text: str) -> int:
     return int(line) if line else text.rstrip("\n").count("\n") + 1
 
 
-def _phrase(error: dict[str, Any]) -> str:
+def _phrase(error: dict[str, Any], schema: type[BaseModel]) -> str:
     *above, name = error["loc"]
     if error["type"] == "extra_forbidden":
-        known = list(_table(above).model_fields)
+        known = list(_table(above, schema).model_fields)
         return f"unknown key{nearest(str(name), known)}; known here are {', '.join(known)}"
     if error["type"] == "missing":
         return f"this is required in [{dotted(above)}]" if above else f"the table [{name}] is missing"
@@ -124,8 +150,7 @@ def _phrase(error: dict[str, Any]) -> str:
     return f"{text}, got {got if len(got) < 60 else got[:57] + '...'}{hint}"
 
 
-def _table(key: Sequence[str | int]) -> type[BaseModel]:
-    table: type[BaseModel] = StudyToml
+def _table(key: Sequence[str | int], table: type[BaseModel]) -> type[BaseModel]:
     for part in key:
         if part in table.model_fields:  # not an index, nor the free name of a window
             table = _inside(table.model_fields[part].annotation) or table

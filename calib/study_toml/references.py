@@ -66,11 +66,18 @@ def _reference(
             name=entry.name,
             record=record,
             use=entry.use,
-            nuisance=tuple(entry.nuisance),
+            nuisance=_nuisance(entry, record),
             excitation=excitation,
             request=_request(shape, entry, excitation, record),
         )
     return None
+
+
+def _nuisance(entry: RecordTable, record: xr.Dataset) -> tuple[str, ...]:
+    """Nuisances that the study file names, else those that the record states of itself."""
+    if entry.nuisance is not None:
+        return tuple(entry.nuisance)
+    return tuple(name.strip() for name in str(record.attrs.get("nuisance", "")).split(",") if name.strip())
 
 
 def _file(entry: RecordTable, folder: Path) -> Path:

@@ -52,11 +52,13 @@ Column = Annotated[int | str, PlainValidator(_column, json_schema_input_type=int
 Count = Annotated[int, Field(ge=1)]
 
 
-class _Table(BaseModel):
+class Table(BaseModel):
+    """A table in which nothing stands but what is known, and of the kind that is expected."""
+
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
-class _Open(_Table):
+class _Open(Table):
     """A table whose further keys are the options of what it names."""
 
     model_config = ConfigDict(extra="allow")
@@ -67,7 +69,7 @@ class _Open(_Table):
         return dict(self.model_extra or {})
 
 
-class Request(_Table):
+class Request(Table):
     """What is computed of every record."""
 
     periods: Count = 6  # kept of a periodic motion
@@ -87,7 +89,7 @@ class StudyTable(Request):
     screen: Annotated[int, Field(ge=0)] | None = None  # trials; not given: the study's own choice
 
 
-class ChannelTable(_Table):
+class ChannelTable(Table):
     """One column of a table file."""
 
     column: Column
@@ -98,14 +100,14 @@ class ChannelTable(_Table):
     sigma: Quantity | None = None
 
 
-class ClockTable(_Table):
+class ClockTable(Table):
     """The column that is time."""
 
     column: Column
     unit: str
 
 
-class TableTable(_Table):
+class TableTable(Table):
     """[record.table]: how a table file becomes a record."""
 
     channels: Annotated[list[ChannelTable], Field(min_length=1)]
@@ -118,7 +120,7 @@ class TableTable(_Table):
     decimate: Count = 1
 
 
-class ExcitationTable(_Table):
+class ExcitationTable(Table):
     """[record.excitation]: how the bodies were driven."""
 
     place: str | None = None
@@ -132,7 +134,7 @@ class ExcitationTable(_Table):
     cutoff: Quantity | None = None
 
 
-class RecordTable(_Table):
+class RecordTable(Table):
     """[[record]]."""
 
     name: Annotated[str, AfterValidator(_record_name)]
@@ -141,7 +143,7 @@ class RecordTable(_Table):
     sha256: Annotated[str, AfterValidator(_digest)] | None = None
     use: Use = "calibrate"
     bodies: dict[str, str] | None = None  # record body = simulator body
-    nuisance: list[str] = []
+    nuisance: list[str] | None = None  # not given: those that the record itself states, of a digitised figure
     table: TableTable | None = None
     excitation: ExcitationTable | None = None
     periods: Count | None = None
@@ -150,14 +152,14 @@ class RecordTable(_Table):
     step_budget: Count | None = None
 
 
-class EffectTable(_Table):
+class EffectTable(Table):
     """An effect that acts on some bodies only."""
 
     name: str
     bodies: list[str] | None = None
 
 
-class ModelTable(_Table):
+class ModelTable(Table):
     """[model]."""
 
     simulator: str
@@ -168,7 +170,7 @@ class ModelTable(_Table):
     fixed: dict[str, Quantity] = {}
 
 
-class WindowTable(_Table):
+class WindowTable(Table):
     """The window of one parameter."""
 
     low: Quantity
@@ -192,14 +194,14 @@ class OptimiserTable(_Open):
     batch: Count = 1  # points asked for at a time
 
 
-class StoreTable(_Table):
+class StoreTable(Table):
     """[store]."""
 
     view: Annotated[str, AfterValidator(_view)] = "journal"
     keep: Keep = "improving"
 
 
-class DiagnosisTable(_Table):
+class DiagnosisTable(Table):
     """[diagnosis]."""
 
     candidates: Annotated[
@@ -208,7 +210,7 @@ class DiagnosisTable(_Table):
     ] = None  # effects; None: all
 
 
-class StudyToml(_Table):
+class StudyToml(Table):
     """A whole study file."""
 
     study: StudyTable

@@ -11,6 +11,7 @@ The suite needs pytest.
 
 import math
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -26,8 +27,9 @@ class EffectSuite:
     """Subclass it, name the effect and values at which it is `present`, and pytest does the rest.
 
     The effect is tried on the simulator `four_dof` in a motion with impacts, unless `make` gives another one (with its
-    own `excitation` and `values`). An effect of the noise is looked for in no record, and one that is rough, without a
-    derivative at its null, need not fade in proportion.
+    own `excitation` and `values`); one that is explicit in time is tried in a motion that begins. An effect of the
+    noise is looked for in no record, and one that is rough, without a derivative at its null, need not fade in
+    proportion.
     """
 
     effect: Effect
@@ -43,7 +45,8 @@ class EffectSuite:
 
     def run(self, *effects, **values):
         """Return the record with some effects."""
-        return Model(self.make(), effects).run({**self.values, **values}, self.excitation, self.request)
+        request = replace(self.request, settle=0) if self.effect.transient else self.request
+        return Model(self.make(), effects).run({**self.values, **values}, self.excitation, request)
 
     def largest_change(self, **values):
         """Return the largest change of any channel against the model without the effect, in units of its range [1]."""

@@ -14,6 +14,7 @@ from calib.objective import Objective, Reference, Term
 from calib.parameter import Space, Window
 from calib.plugins import load
 from calib.pool import InProcess
+from calib.record import make
 from calib.study import Study
 
 OSCILLATOR = Model(load("calib.simulators", "oscillator")())
@@ -50,17 +51,46 @@ def references(hidden=(), noise=0.01, seed=0, **values):
     return found
 
 
-def study(known):
+class Stepped:
+    """The oscillator by semi-implicit Euler steps, so many a sample."""
+
+    name = "stepped"
+    bodies = ("mass",)
+    places = {"body": bodies}
+    excitations = frozenset({("force", "mass")})
+    sites = frozenset()
+    numerics = frozenset({"time_step"})
+    parameters = tuple(p for p in OSCILLATOR.simulator.parameters if p.name in TRUTH)
+
+    def __init__(self, steps):
+        self.steps = steps
+
+    def finer(self, what, factor):
+        return Stepped(round(self.steps * factor))
+
+    def run(self, values, excitation, laws, request):
+        step = (TIMES[1] - TIMES[0]) / self.steps
+        force = np.interp(step * np.arange(TIMES.size * self.steps), excitation.time, excitation.value)
+        x, v, rows = 0.0, 0.0, []
+        for given in force:
+            rows.append((x, v))
+            v += step * (given - values["damping"] * v - values["stiffness"] * x) / values["mass"]
+            x += step * v
+        displacement, velocity = np.array(rows[:: self.steps]).T[:, None]
+        return make(TIMES, self.bodies, {"displacement": displacement, "velocity": velocity})
+
+
+def study(known, model=OSCILLATOR):
     scored = {name: reference for name, reference in known.items() if reference.use == "calibrate"}
     space = Space({"damping": Window(0.5, 8.0), "stiffness": Window(3000.0, 5000.0)}, {"mass": 1.0})
     term = Term(load("calib.features", "time_history")())
-    return Study("small", OSCILLATOR, space, Objective(scored, [term]), None, 9)
+    return Study("small", model, space, Objective(scored, [term]), None, 9)
 
 
-def diagnosed(known, library=LIBRARY, **changed):
-    made = study(known)
+def diagnosed(known, library=LIBRARY, model=OSCILLATOR, **changed):
+    made = study(known, model)
     others = {name: reference for name, reference in known.items() if reference.use != "calibrate"}
-    values = {**OSCILLATOR.nominal, **TRUTH, "damping": 2.5, "stiffness": 3950.0, **changed}
+    values = {**model.nominal, **TRUTH, "damping": 2.5, "stiffness": 3950.0, **changed}
     return diagnose(made, others, values, effects(*library), seed=3, pool=InProcess)
 
 
@@ -151,3 +181,48 @@ def test_effects_that_cannot_act_are_refused_with_the_reason():
     assert "support" in refused["support"]
     assert "harmonic" in refused["drive_harmonic_2"]
     assert "searched already" in refused["added_mass"]
+
+
+@pytest.mark.slow
+def test_the_form_of_a_cause_is_found_with_its_size():
+    truth = {"friction": 1.0, "friction_slip": 0.02}
+    found = diagnosed(references(["coulomb_friction"], noise=0.002, **truth))
+    assert (found.verdict, found.causes) == ("named", ("coulomb_friction",))
+    cause = found.selection.causes[0]
+    assert cause.candidate.form == ("friction_slip",)
+    assert cause.candidate.held["friction_slip"] == pytest.approx(0.02, rel=0.1)
+    assert cause.size[0] == pytest.approx(1.0, rel=0.02)
+
+
+@pytest.mark.parametrize(("share", "named"), [(0.7, ("quantisation",)), (0.05, ())])
+def test_steps_of_a_converter_are_named_where_they_make_a_good_part_of_the_noise(share, named):
+    known = references()
+    for name, reference in known.items():
+        record = reference.record.copy(deep=True)
+        sigma = float(record["displacement_sigma"][0])
+        step = np.sqrt(12.0 * share) * sigma
+        record["displacement"].values[:] = step * np.round(record["displacement"].values / step)
+        record["displacement_sigma"].values[:] = np.sqrt(1.0 + share) * sigma
+        known[name] = replace(reference, record=record)
+    found = diagnosed(known, library=(*LIBRARY, "quantisation"))
+    assert found.causes == named
+    assert found.rounding == pytest.approx(share / (1.0 + share) if named else 0.0, rel=1e-6)
+
+
+def test_an_effect_whose_size_would_have_an_impossible_sign_is_neither_fitted_nor_named():
+    found = diagnosed(references(["coulomb_friction"], friction=-0.3), library=("coulomb_friction",))
+    assert found.verdict == "unexplained"
+    suspect = max(found.selection.rounds[0].suspects, key=lambda s: abs(s.z))
+    assert suspect.name == "coulomb_friction"
+    assert suspect.z < -found.selection.rounds[0].threshold
+    assert suspect.fit is None
+
+
+@pytest.mark.parametrize(("steps", "verdict"), [(1, "not_diagnosable"), (200, "none")])
+def test_a_step_that_changes_the_records_by_more_than_an_effect_would_is_the_reason_for_no_diagnosis(steps, verdict):
+    found = diagnosed(references(), library=("channel_offset", "time_step"), model=Model(Stepped(steps)))
+    assert found.verdict == verdict
+    [gate] = [gate for gate in found.gates if gate.name == "time_step"]
+    assert gate.passed == (verdict == "none")
+    assert "made 2 times finer, it changes the records by z = " in gate.said
+    assert ("time_step" in found.said) == (verdict == "not_diagnosable")

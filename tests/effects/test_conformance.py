@@ -119,6 +119,15 @@ def test_every_registered_effect_is_tried():
     assert {case.effect.name for case in CASES} == set(plugins.names("calib.effects"))
 
 
+@pytest.mark.parametrize("name", [name for name, effect in EFFECTS.items() if effect.transient])
+def test_what_is_explicit_in_time_has_no_part_in_a_motion_that_has_settled(name):
+    excitation = Excitation("end", "displacement", frequency=26.24, amplitude=1.5e-3)
+    (case,) = (case for case in CASES if case.effect.name == name)
+    plain = Model(FourDof()).run({}, excitation, SHORT)
+    settled = Model(FourDof(), [EFFECTS[name]]).run(case.present, excitation, SHORT)
+    np.testing.assert_array_equal(settled.velocity, plain.velocity)
+
+
 def test_the_file_of_an_effect_has_its_name_and_what_it_is_confused_with_is_known():
     for name, effect in EFFECTS.items():
         assert effect.name == name

@@ -130,6 +130,7 @@ def oscillate(own, drive, laws, times):
     return np.concatenate(rows, axis=1), hits
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("names", MIXED, ids="-".join)
 def test_the_motion_of_an_oscillator_with_a_stop(names):
     simulator = Oscillator(stop=True).finer("time_step", 8.0)

@@ -60,7 +60,9 @@ def plant(values, plan: Plan) -> Plant:
 
 
 def system(
-    calibrated: Iterable[str] = ("restitution", "damping", "layer_stiffness"), steps: float | None = None
+    calibrated: Iterable[str] = ("restitution", "damping", "layer_stiffness"),
+    steps: float | None = None,
+    plans: tuple[Plan, ...] = PLANS,
 ) -> System:
     """Return the minimal model; `calibrated` are the parameters that the study searches.
 
@@ -73,7 +75,7 @@ def system(
         truth=TRUTH,
         windows={name: WINDOWS[name] for name in calibrated},
         fixed={name: TRUTH[name] for name in TRUTH if TRUTH[name] != NOMINAL[name] and name not in calibrated},
-        plans=PLANS,
+        plans=plans,
         plant=plant,
         measured={"q2": 1, "q3": 2},
         place="end",

@@ -21,6 +21,7 @@ ABSURD = 0.5  # change of a channel by an effect, relative to its rms, that nobo
 CLOSE = 0.02  # of the wanted z
 REFITS, REFITTED = 6, 0.003  # steps of a calibration, and the relative change of z at which it ends
 ROUNDS = 16
+HARMONICS = 40  # of the mean of what is rounded
 
 
 class Clean(NamedTuple):
@@ -114,9 +115,28 @@ class Bench:
         """Difference of all records at two sets of arguments of `clean`, flat."""
         parts = []
         for plan in self.plans:
-            a, b = self.clean(plan, **one), self.clean(plan, **other)
+            a, b = self._expected(plan, **one), self._expected(plan, **other)
             parts.append(self._column(plan, a.rows - b.rows, np.concatenate([a.impacts, b.impacts])))
         return np.concatenate(parts)
+
+    def _expected(self, plan: Plan, hidden: Mapping[str, float] = {}, **rest: float) -> Clean:
+        """Mean of a record over its noise, which is there before a converter rounds: steps below the noise are lost.
+
+        The mean of what is rounded: Widrow & Kollar, Quantization Noise (2008), chapter 4.
+        """
+        quanta = [hidden.get(f"quantum_{channel}", 0.0) for channel in ("displacement", "velocity")]
+        if not any(quanta):
+            return self.clean(plan, hidden, **rest)
+        record = self.clean(plan, {k: v for k, v in hidden.items() if not k.startswith("quantum_")}, **rest)
+        sigma = self.noise * np.sqrt((self.clean(plan).rows ** 2).mean(axis=1, keepdims=True))
+        rows = record.rows.copy()
+        for half, deep, q in zip(np.split(rows, 2), np.split(sigma, 2), quanta, strict=True):
+            half += sum(
+                q / (np.pi * k) * (-1.0) ** k * np.sin(2.0 * np.pi * k * half / q)
+                * np.exp(-2.0 * (np.pi * k * deep / q) ** 2)
+                for k in (range(1, HARMONICS) if q else ())
+            )  # fmt: skip
+        return record._replace(rows=rows)
 
     @cached_property
     def sensitivity(self) -> np.ndarray:

@@ -63,10 +63,12 @@ def system(
     calibrated: Iterable[str] | None = None,
     transient: Literal["multisine", "decay"] = "multisine",
     stop: bool = False,
+    tones: Iterable[Plan] = (),
 ) -> System:
     """Return the oscillator; `calibrated` are the parameters that the study searches.
 
     transient : the record that does not repeat, beside two harmonic ones
+    tones : harmonic records in the place of all these
     """
     if calibrated is None:
         calibrated = ("damping", "stiffness", "amplitude", *(("restitution",) if stop else ()))
@@ -82,7 +84,8 @@ def system(
         windows={name: WINDOWS[name] for name in calibrated},
         fixed={name: truth[name] for name in truth if name not in calibrated}
         | ({"initial_displacement@decay": last.amplitude} if transient == "decay" else {}),
-        plans=(
+        plans=tuple(tones)
+        or (
             Plan("soft", "calibrate", "harmonic", 2.0, soft),
             Plan("loud", "calibrate", "harmonic", 4.0, loud),
             last,

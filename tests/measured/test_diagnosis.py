@@ -14,6 +14,7 @@ from calib.study import evaluate
 from calib.study_toml import load
 
 STUDIES = Path(__file__).parents[2] / "studies"
+DAMPER = [f"backlash_damper/{rate}Hz36lbtension1amplitude.json" for rate in ("1", "0.5")]
 
 
 @pytest.fixture
@@ -111,19 +112,18 @@ def test_the_ground_under_the_cube_lies_lower(diagnosed, measured, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_friction_device_has_play(diagnosed):
-    files = [f"backlash_damper/{rate}Hz36lbtension1amplitude.json" for rate in ("1", "0.5")]
-    found = diagnosed(STUDIES / "backlash_damper" / "study.toml", *files)
+def test_the_friction_device_has_play_and_stiffness_before_it_slips(diagnosed):
+    found = diagnosed(STUDIES / "backlash_damper" / "study.toml", *DAMPER)
     assert found.verdict == NAMED
-    assert found.causes == ("gap_offset",)
-    assert transfers(found, "dg") == pytest.approx(2 * [2.3e-3], abs=0.1e-3)  # the same where it was not fitted
+    assert found.causes == ("gap_offset", "presliding")
+    assert transfers(found, "dg") == pytest.approx(2 * [2.84e-3], abs=0.1e-3)  # the same where it was not fitted
+    assert transfers(found, "dahl_force") == pytest.approx(2 * [6.48], rel=0.03)
     assert found.gain.proven
 
 
 @pytest.mark.slow
 def test_spring_and_damper_in_the_place_of_the_friction_device_lack_friction(diagnosed):
-    files = [f"backlash_damper/{rate}Hz36lbtension1amplitude.json" for rate in ("1", "0.5")]
-    found = diagnosed(STUDIES / "backlash_damper" / "viscous.toml", *files)
+    found = diagnosed(STUDIES / "backlash_damper" / "viscous.toml", *DAMPER)
     assert found.verdict == NAMED
     assert set(found.causes) & {"presliding", "coulomb_friction", "backlash"}
     assert found.gain.proven

@@ -56,6 +56,7 @@ def test_the_study_files_hold_the_paper_s_sets():
 # --- Figures 9 to 11: small alpha
 
 
+@pytest.mark.slow
 def test_figure_9_does_not_return():
     assert kind_of_motion(figures.motion(9)).kind == "irregular"
 

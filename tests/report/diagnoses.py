@@ -1,7 +1,11 @@
 """Diagnoses made up for the report: one of each verdict."""
 
+from dataclasses import asdict
+
 import numpy as np
 import xarray as xr
+
+from calib.diagnosis.next_measurement import Measurement
 
 CYCLES, SAMPLES, PERIOD = 6, 200, 0.04  # periods of the records; samples a period; s
 SIGMA = {"displacement": 2e-5, "velocity": 4e-3}
@@ -168,16 +172,15 @@ def document(verdict, values):
     return said | CHANGES[verdict]
 
 
-def measurement(words, amplitude, impacts, z):
+def measurement(words, amplitude, impacts, z, most):
     """Make a proposed measurement."""
-    return {
-        "said": words, "record": "clapping", "amplitude": amplitude, "frequency": 25.0, "impacts": impacts, "z": z
-    }  # fmt: skip
+    made = Measurement(words, "clapping", amplitude, 25.0, impacts, z, most)
+    return {**asdict(made), "helps": made.helps}
 
 
 FURTHER = [
-    measurement("clapping at 0.25 times its amplitude, without impacts", 3.75e-4, False, 8.4),
-    measurement("clapping at 1.5 times its amplitude, with impacts", 2.25e-3, True, 2.1),
+    measurement("clapping at 0.25 times its amplitude, without impacts", 3.75e-4, False, 8.4, 9.1),
+    measurement("clapping at 1.5 times its amplitude, with impacts", 2.25e-3, True, 2.1, 4.0),
 ]
 LEFT = MISFIT | {"excess": 30.0, "left": 30.0, "share": 0.0, "features": MISFIT["features"][3:]}
 FAILED = [
@@ -187,6 +190,7 @@ FAILED = [
 CHANGES = {
     "named": {},
     "one_of": {
+        "said": "one of quadratic_drag, linear_drag; they explain 100% of the excess misfit alike",
         "causes": [],
         "class": [["quadratic_drag"], ["linear_drag"]],
         "rounds": [{**ROUNDS[0], "rivals": ["quadratic_drag", "linear_drag"], "alike": {"linear_drag": 0.97}}],

@@ -82,10 +82,10 @@ def test_an_outlier_does_not_take_part_in_the_mean_cycle():
 
 def test_a_class_is_told_with_its_likeness_and_the_measurement_that_would_decide(page):
     text = words(page)
-    assert "one of 2 that these records do not tell apart: quadratic_drag or linear_drag." in text
-    assert "What quadratic_drag and linear_drag change in these records" in text
-    assert "97 % alike" in text
-    assert "measure clapping at 0.25 times its amplitude, without impacts: they would differ by z = 8.4" in text
+    assert "these records do not tell alternatives apart: one of quadratic_drag, linear_drag; they explain" in text
+    assert "How far what quadratic_drag changes in these records" in text
+    assert "is like what others change (cosine of the angle between signatures): linear_drag 97 %." in text
+    assert "clapping at 0.25 times its amplitude, without impacts would tell them apart (z = 8.4)" in text
     assert "0.375 mm" in text
 
 

@@ -19,9 +19,10 @@ from calib.simulators.impact.problem import AT_PERIOD, CONTACT, PIECE
 from calib.simulators.slots import excitation, force
 
 SWEEPS = 15  # of the fixed point
+SLOW = 0.5  # of the change two sweeps before: loads that still change by more do not converge in so many sweeps
 CLOSE = 1e-13  # relative change of the loads at which it has converged
 # what a polynomial may miss between the nodes, as a change of velocity over the step and a share of the velocities;
-# laws on bodies, without states, are mostly smooth, and then good at the ends of steps before they are in between
+# laws on bodies are mostly smooth, and then good at the ends of steps before they are in between
 RESOLVED, RESOLVED_ON_BODIES = 1e-8, 1e-6
 FAINT = 1e-15  # change of velocity over the step, as a share of the velocities, that is none
 
@@ -244,7 +245,7 @@ def _is_resolved(problem, r, state, time, start, step, speed, w):
     _set_answers(problem.regimes, r, state.y, state.v, step, PROBE, PROBE + 1, w)
     _integrate_states(state.z, step, PROBE, PROBE + 1, w)
     _laws_at(problem, r, time, start, step, PROBE, w)
-    share = RESOLVED if problem.counts[3] > 0 or problem.counts[4] > 0 else RESOLVED_ON_BODIES
+    share = RESOLVED if problem.counts[4] > 0 else RESOLVED_ON_BODIES
     for b in range(w.q.size):
         for j in range(5):
             w.law[b, PROBE] -= BETWEEN[j] * w.law[b, j]
@@ -278,7 +279,7 @@ def collocate(problem, r, state, time, step, w):
         _set_answers(problem.regimes, r, state.y, state.v, step, 0, PROBE, w)
         _hold_states(state.z, w)
         speed = _modal_speed(problem.regimes, r, state.y, state.v)
-        held = False
+        held, before, earlier = False, math.inf, math.inf
         for sweep in range(SWEEPS):
             for j in range(5):
                 if (j == 0) == (sweep == 0):  # the first node does not change
@@ -292,8 +293,9 @@ def collocate(problem, r, state, time, step, w):
             # the loads follow internal states one sweep late, so with those they have to hold twice
             converged = close and (problem.counts[3] == 0 or held)
             held = close
-            if converged:
+            if converged or (sweep > 2 and not close and change > SLOW * earlier):
                 break
+            before, earlier = change, before
         if converged and problem.exact:
             converged = _is_resolved(problem, r, state, time, start, step, speed, w)
     _set_added(problem, r, step, w)

@@ -236,18 +236,20 @@ def simulate(
     sections : that the motion gives at least; where `settle` is given, the run goes on after the recorded periods for
         those that are missing
     capacity : impacts that are kept
-    near : whether the state lies near a motion that returns after one period: where shooting finds that motion it is
-        recorded at once, and there are no more sections than recorded periods
+    near : whether the state lies near a motion that returns after one period: where shooting finds that motion, one
+        period of it stands for all, whose `times` are alike, and there are no more sections than recorded periods
     """
     n = len(state.y)
+    if near and problem.exact:
+        returning = approach(problem, start, *_coordinates(problem, state), state.z, scratch(n), budget)
+        if returning is not None:
+            first = times[: len(times) // periods]
+            one = simulate(problem, returning, first, 1, 0, 1, budget, capacity)
+            return _repeated(one, periods, problem.period)
     none = np.zeros((0, 2 * n + 2))
     no_impacts, no_times = np.zeros((0, 2 + 2 * n)), np.zeros(0)
     samples = np.zeros((len(times), 2 * n + 2))
     dropped, w = [none], scratch(n)
-    if near and problem.exact:
-        returning = approach(problem, start, *_coordinates(problem, state), state.z, w, budget)
-        if returning is not None:
-            state, settle, sections = returning, 0, periods
 
     def advance(periods, tolerance=0.0, times=no_times, samples=none, impacts=no_impacts):
         rows = np.zeros((periods, 2 * n + 2))
@@ -291,3 +293,11 @@ def simulate(
         np.concatenate([dropped, recorded, after])[-max(sections, periods, 1) :],
         impacts, contact, int(state.count[STEPS]), state.z.ravel() if problem.counts[3] else np.zeros(0),
     )  # fmt: skip
+
+
+def _repeated(one: Motion, periods: int, period: float) -> Motion:
+    """Return the motion of so many periods that a motion of one makes when it returns."""
+    impacts = np.tile(one.impacts, (periods, 1))
+    impacts[:, 0] += np.repeat(np.arange(periods) * period, len(one.impacts))
+    samples, sections = np.tile(one.samples, (periods, 1)), np.tile(one.sections, (periods, 1))
+    return one._replace(samples=samples, sections=sections, impacts=impacts)

@@ -1,0 +1,371 @@
+"""A record out of the curves of a figure."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import xarray as xr
+from scipy.optimize import isotonic_regression, minimize_scalar
+
+from calib import record as records
+from calib.digitise.clock import Clock, Loop, clock, loop
+from calib.digitise.reading import Reading
+from calib.digitise.spec import FigureToml
+from calib.digitise.uncertainty import propagated
+from calib.errors import CalibError
+from calib.excitation import unit_of
+from calib.units import shown, to_si
+
+OFF_PERIOD = 0.1  # share by which the time once round may differ from whole periods of the excitation
+SURE = 3.0  # standard uncertainties: a larger difference is said
+WHOLE = 0.97  # of a period: what a diagram over time has to show
+LENGTH = 0.002  # of the period: a difference that is never said to be one
+BACK = 0.01  # of the period: running against time that is said
+UNSCALED = 0.01  # standard uncertainty of a scale from which on it is freed
+REST = 0.01  # of the greatest speed: a velocity at turning points that is none
+SHIFTS = 400  # instants tried for the start of a loop within a diagram over time
+
+
+@dataclass(frozen=True, eq=False)
+class Timed:
+    """A phase curve with its time.
+
+    Attributes
+    ----------
+    reading : it was made from
+    loop : its nodes
+    sigma : (2, node) standard uncertainty of displacement and velocity at a node's time  [m], [m/s]
+    time : (node + 1,) from 0 at the greatest displacement, stretched to the period that it is given  [s]
+    """
+
+    reading: Reading
+    loop: Loop
+    sigma: np.ndarray
+    time: np.ndarray
+
+    def at(self, instants: np.ndarray) -> np.ndarray:
+        """Displacement, velocity and their uncertainty (4, n) at instants (n,) [s]."""
+        period = self.time[-1]
+        rows = np.array([self.loop.displacement, self.loop.velocity, *self.sigma])
+        return np.array([np.interp(instants % period, self.time, np.append(row, row[0])) for row in rows])
+
+
+@dataclass
+class Findings:
+    """What was found on the way: figures for the record's attributes, and notes and warnings for its reader."""
+
+    attrs: dict[str, float | int | str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+
+def assembled(readings: Sequence[Reading], spec: FigureToml) -> tuple[xr.Dataset, Findings]:
+    """Make a record of what was read off a figure.
+
+    Raises
+    ------
+    CalibError : curves that contradict one another, or of which no common clock can be told
+    """
+    given = _by_body(readings)
+    findings = Findings()
+    for reading in readings:
+        findings.notes += [f"{reading.body}, {reading.kind}: {note}" for note in reading.notes]
+    period, excitation = _excitation(spec)
+    loops = {body: kinds["phase curve"] for body, kinds in given.items() if "phase curve" in kinds}
+    timeless = [body for body, kinds in given.items() if set(kinds) == {"phase curve"}]
+    if len(timeless) > 1 or (timeless and len(given) > 1):
+        raise CalibError(
+            f"phase curves show no time, so that nothing tells when {timeless[0]!r} moves against "
+            f"{next(b for b in given if b != timeless[0])!r}; give the displacement over time of each, "
+            f"or make a record of each: --body {timeless[0]}"
+        )
+    if not loops:
+        record = _of_diagrams(given, period, spec.samples)
+    else:
+        record = _of_loops(given, loops, period, spec.samples, findings)
+    attrs = {**excitation, **findings.attrs, "source": spec.source}
+    if "frequency" in findings.attrs:
+        findings.warnings.append("no frequency of the excitation was stated; that of the loop itself was taken")
+    return record.assign_attrs(attrs), findings
+
+
+def _by_body(readings: Sequence[Reading]) -> dict[str, dict[str, Reading]]:
+    given: dict[str, dict[str, Reading]] = {}
+    for reading in readings:
+        kinds = given.setdefault(reading.body, {})
+        if reading.kind in kinds:
+            raise CalibError(f"two curves are the {reading.kind} of body {reading.body!r}; keep one")
+        kinds[reading.kind] = reading
+    return given
+
+
+def _excitation(spec: FigureToml) -> tuple[float | None, dict[str, float | str]]:
+    """Period [s], and attributes of the record."""
+    if spec.excitation is None:
+        return None, {}
+    attrs: dict[str, float | str] = {"place": spec.excitation.place, "quantity": spec.excitation.quantity}
+    unit = unit_of(spec.excitation.quantity)
+    if spec.excitation.amplitude is not None:
+        attrs["amplitude"] = to_si(spec.excitation.amplitude, unit)
+    if spec.excitation.frequency is None:
+        return None, attrs
+    attrs["frequency"] = to_si(spec.excitation.frequency, "Hz")
+    return 1.0 / attrs["frequency"], attrs
+
+
+# --- phase curves
+
+
+def _timed(reading: Reading, period: float | None, samples: int, findings: Findings) -> Timed:
+    """Find the time along a phase curve; `period` is that of the excitation, None where it is not known."""
+    where = f"phase curve of {reading.body}"
+    try:
+        drawn = loop(reading.points)
+        noise = float(np.sqrt(np.mean(reading.sigma[:, 0] ** 2)))
+        found = clock(drawn, noise)
+    except CalibError as error:
+        raise CalibError(f"{where}: {error}") from error
+    modes = drawn.carried(reading.modes)
+    once = found.period
+    cycles = 1
+    if period is not None:
+        cycles = max(1, round(once / period))
+        off = once / (cycles * period) - 1.0
+        if abs(off) > OFF_PERIOD:
+            raise CalibError(
+                f"{where}: going round it takes {shown(once, 's')}, which is {once / period:.2f} periods of the "
+                f"excitation of {shown(period, 's')}; expected whole ones: check units, axis points and frequency"
+            )
+        once = cycles * period
+    displaced, quickened, lasting = propagated(drawn, found, modes, once, once / (cycles * samples))
+    local = drawn.carried(reading.sigma[None] ** 2)[0]
+    sigma = np.sqrt(np.array([displaced**2 + local[:, 0], quickened**2 + local[:, 1]]))
+    _closure(where, reading, found, lasting, once, period, findings)
+    findings.attrs["returns_after"] = cycles
+    if period is None:
+        findings.attrs["frequency"] = 1.0 / once
+    start = int(np.argmax(drawn.displacement))
+    time = np.diff(found.time)
+    time = np.concatenate([[0.0], np.cumsum(np.roll(time, -start))]) * (once / found.period)
+    rolled = Loop(*(np.roll(row, -start) for row in (drawn.displacement, drawn.velocity, drawn.place)), drawn.reversed)
+    return Timed(reading, rolled, np.roll(sigma, -start, axis=1), time)
+
+
+def _closure(
+    where: str, reading: Reading, found: Clock, lasting: float, once: float, period: float | None, findings: Findings
+) -> None:
+    """Say how well the loop closes in time."""
+    body = reading.body
+    findings.attrs[f"closure_drift_{body}"] = found.drift
+    findings.attrs[f"closure_backwards_{body}"] = found.backwards
+    findings.attrs[f"closure_period_sigma_{body}"] = lasting
+    said = f"{where}: once round in {shown(found.period, 's', 5)} +- {100.0 * lasting:.2g} %"
+    if period is not None:
+        off = found.period / once - 1.0
+        findings.attrs[f"closure_period_{body}"] = off
+        said += f", {100.0 * off:+.2g} % off {round(once / period)} period(s) of the excitation, then stretched to them"
+        if abs(off) > max(SURE * lasting, LENGTH):
+            findings.warnings.append(
+                f"{where}: its own time once round is {100.0 * off:+.2g} % off the period of the excitation, with an "
+                f"uncertainty of {100.0 * lasting:.2g} %; are units, axis points and frequency right?"
+            )
+    findings.notes.append(said)
+    if np.isfinite(found.zero):
+        findings.attrs[f"closure_zero_{body}"] = found.zero
+    if abs(found.zero) > REST:
+        findings.warnings.append(
+            f"{where}: displacement turns where velocity is {100.0 * found.zero:+.2g} % of its greatest, not zero; "
+            "is the zero of the velocity axis where it should be, and does the page stand straight?"
+        )
+    if found.backwards > BACK:
+        findings.warnings.append(
+            f"{where}: over {100.0 * found.backwards:.2g} % of the period the curve runs against time; is the zero of "
+            "the velocity axis where it should be, and is the page calibrated?"
+        )
+
+
+def _of_loops(
+    given: Mapping[str, Mapping[str, Reading]],
+    loops: Mapping[str, Reading],
+    period: float | None,
+    samples: int,
+    findings: Findings,
+) -> xr.Dataset:
+    """Record of one cycle of bodies with phase curves, and of others with diagrams over time."""
+    timed = {}
+    for body, reading in loops.items():
+        timed[body] = _timed(reading, period, samples, findings)
+        period = period or float(timed[body].time[-1])
+    spans = {body: round(one.time[-1] / period) for body, one in timed.items()}
+    if len(set(spans.values())) > 1:
+        raise CalibError(f"the phase curves close after different numbers of periods of the excitation, {spans}")
+    cycles = next(iter(spans.values()))
+    count = samples * cycles
+    grid = np.arange(count) * (cycles * period / count)
+    rows: dict[str, dict[str, tuple[np.ndarray, np.ndarray]]] = {}
+    for body, kinds in given.items():
+        own: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+        diagrams = [kinds[k] for k in ("displacement over time", "velocity over time") if k in kinds]
+        if body in timed:
+            start = _start(timed[body], diagrams, findings) if diagrams else 0.0
+            x, v, sigma_x, sigma_v = timed[body].at(grid - start)
+            own = {"displacement": (x, sigma_x), "velocity": (v, sigma_v)}
+        for diagram in diagrams:
+            channel = diagram.kind.partition(" ")[0]
+            folded = _folded(diagram, grid, cycles * period)
+            own[channel] = _mean(own[channel], folded) if channel in own else folded
+        rows[body] = own
+    _nuisances(timed, findings)
+    return _made(grid, rows)
+
+
+def _made(time: np.ndarray, rows: Mapping[str, Mapping[str, tuple[np.ndarray, np.ndarray]]]) -> xr.Dataset:
+    shared = [c for c in records.STATE if all(c in own for own in rows.values())]
+    if not shared:
+        raise CalibError(f"the bodies {list(rows)} share no channel; give displacement, or velocity, of all of them")
+    channels = {c: np.array([own[c][0] for own in rows.values()]) for c in shared}
+    channels |= {f"{c}_sigma": np.array([own[c][1] for own in rows.values()]) for c in shared}
+    return records.make(time, list(rows), channels)
+
+
+def _nuisances(timed: Mapping[str, Timed], findings: Findings) -> None:
+    """State what a study should solve for beside its parameters, and what the axes may be off.
+
+    The zero of the displacement is seldom that of the model, and shear costs nothing. A free scale gives the amplitude
+    away, so it is freed only where the axes do not tell it.
+    """
+    found: dict[str, float] = {}
+    for body, one in timed.items():
+        points, modes = one.reading.points, one.reading.modes[: one.reading.axes]
+        design = np.column_stack([points, np.ones(len(points))])
+        for mode in modes:
+            across = np.linalg.lstsq(design, mode[:, 0], rcond=None)[0]
+            up = np.linalg.lstsq(design, mode[:, 1], rcond=None)[0]
+            for name, value in (("scale.displacement", across[0]), ("shear", across[1]), (f"offset.{body}", across[2]),
+                                ("scale.velocity", up[1])):  # fmt: skip
+                found[name] = found.get(name, 0.0) + value**2 / (1 if name.startswith("offset") else len(timed))
+    sure = {name: float(f"{np.sqrt(value):.4g}") for name, value in found.items()}
+    freed = ["trigger", "offset", *(["shear"] if "shear" in sure else [])]
+    if max(sure.get("scale.displacement", 0.0), sure.get("scale.velocity", 0.0)) > UNSCALED:
+        freed.append("scale")
+    findings.attrs["nuisance"] = ", ".join(freed)
+    if sure:
+        findings.attrs["nuisance_sigma"] = json.dumps(sure)
+
+
+# --- diagrams over time
+
+
+def _in_time(reading: Reading) -> tuple[np.ndarray, np.ndarray]:
+    """Time (n,), never falling, and values (n,) of a diagram."""
+    time, values = reading.points.T
+    if time[-1] < time[0]:
+        time, values = time[::-1], values[::-1]
+    steady = np.asarray(isotonic_regression(time).x)
+    return steady + np.arange(time.size) * 1e-12 * np.ptp(time), values
+
+
+def _errors(reading: Reading, time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Standard uncertainty (n,) of the values, that of their time included."""
+    turned = reading.points[-1, 0] < reading.points[0, 0]
+    every = np.concatenate([reading.modes, np.zeros((1, *reading.sigma.shape))])
+    spread = np.sqrt((every**2).sum(axis=0) + reading.sigma**2)
+    spread = spread[::-1] if turned else spread
+    late = spread[:, 0]
+    reach = np.maximum(late, 1e-9 * np.ptp(time))
+    slope = (np.interp(time + reach, time, values) - np.interp(time - reach, time, values)) / (2.0 * reach)
+    return np.hypot(spread[:, 1], slope * late)
+
+
+def _of_diagrams(given: Mapping[str, Mapping[str, Reading]], period: float | None, samples: int) -> xr.Dataset:
+    """Record of diagrams over time alone: all whole periods that all of them show, or all of it without a period."""
+    readings = [reading for kinds in given.values() for reading in kinds.values()]
+    drawn = {id(r): _in_time(r) for r in readings}
+    first = max(time[0] for time, _ in drawn.values())
+    last = min(time[-1] for time, _ in drawn.values())
+    span = last - first
+    if span <= 0.0:
+        raise CalibError("the diagrams share no time; are their units right?")
+    if period is not None:
+        cycles = int(span / period + 1.0 - WHOLE)
+        if cycles < 1:
+            raise CalibError(
+                f"the diagrams share {shown(span, 's')}, less than the period of {shown(period, 's')} that the "
+                "excitation has; a record needs one at least: are the units of time right?"
+            )
+        grid = first + np.arange(samples * cycles) * period / samples
+    else:
+        grid = np.linspace(first, last, samples)
+    rows: dict[str, dict[str, tuple[np.ndarray, np.ndarray]]] = {}
+    for body, kinds in given.items():
+        for reading in kinds.values():
+            time, values = drawn[id(reading)]
+            errors = _errors(reading, time, values)
+            row = np.interp(grid, time, values), np.interp(grid, time, errors)
+            rows.setdefault(body, {})[reading.kind.partition(" ")[0]] = row
+    record = _made(grid - grid[0], rows)
+    return record.assign_attrs(nuisance="trigger, offset" if period else "offset")
+
+
+def _folded(reading: Reading, grid: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:
+    """Mean cycle of a diagram at instants within `length` [s], with its uncertainty."""
+    time, values = _in_time(reading)
+    if time[-1] - time[0] < WHOLE * length:
+        raise CalibError(
+            f"{reading.kind} of {reading.body}: it shows {shown(time[-1] - time[0], 's')}, less than the "
+            f"{shown(length, 's')} after which the motion returns; are the units of time right?"
+        )
+    errors = _errors(reading, time, values)
+    turns = np.arange(np.floor(time[0] / length) - 1, np.ceil(time[-1] / length) + 1)
+    instants = grid[None] + length * turns[:, None]
+    tolerance = (1.0 - WHOLE) * length
+    inside = (instants >= time[0] - tolerance) & (instants <= time[-1] + tolerance)
+    counts = np.maximum(inside.sum(axis=0), 1)
+    mean = (np.interp(instants, time, values) * inside).sum(axis=0) / counts
+    return mean, (np.interp(instants, time, errors) * inside).sum(axis=0) / counts
+
+
+def _mean(
+    one: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean of two readings of one channel, weighed by their variances."""
+    weights = 1.0 / np.array([one[1], other[1]]) ** 2
+    mean = (weights * np.array([one[0], other[0]])).sum(axis=0) / weights.sum(axis=0)
+    return mean, np.sqrt(1.0 / weights.sum(axis=0))
+
+
+def _start(timed: Timed, diagrams: Sequence[Reading], findings: Findings) -> float:
+    """Instant [s] of the diagrams' time at which the loop begins, and how well both agree."""
+    first = diagrams[0]
+    row = 0 if first.kind.startswith("displacement") else 1
+    time, values = _in_time(first)
+    errors = _errors(first, time, values)
+    length = float(timed.time[-1])
+    even = np.linspace(time[0], time[-1], 2000)
+    drawn, error = np.interp(even, time, values), np.interp(even, time, errors)
+
+    def left(start):
+        return float(np.mean((drawn - timed.at(even - start)[row]) ** 2))
+
+    tried = np.arange(SHIFTS) * length / SHIFTS
+    best = float(tried[np.argmin([left(start) for start in tried])])
+    step = length / SHIFTS
+    start = float(minimize_scalar(left, bounds=(best - step, best + step), method="bounded").x)
+    of_loop = timed.at(even - start)
+    scale, offset = np.linalg.lstsq(np.column_stack([of_loop[row], np.ones(even.size)]), drawn, rcond=None)[0]
+    size = float(np.ptp(timed.loop.displacement if row == 0 else timed.loop.velocity)) / 2.0
+    rest = float(np.sqrt(left(start)))
+    expected = float(np.sqrt(np.mean(of_loop[2 + row] ** 2 + error**2)))
+    body, kind = timed.reading.body, first.kind
+    findings.attrs[f"reconciled_scale_{body}"] = float(scale)
+    findings.attrs[f"reconciled_offset_{body}"] = float(offset)
+    findings.attrs[f"reconciled_rest_{body}"] = rest / size
+    said = (
+        f"{body}: {kind} and phase curve differ by {100.0 * rest / size:.2g} % of the amplitude (root mean square; "
+        f"{100.0 * expected / size:.2g} % expected), scale {scale:.4f}, offset {100.0 * offset / size:+.2g} %"
+    )
+    findings.notes.append(said)
+    if rest > SURE * expected:
+        findings.warnings.append(f"{said}: more than {SURE:g} times their uncertainty; is it the same motion?")
+    return start

@@ -1,0 +1,31 @@
+"""How much of each pixel is covered by the ink of one colour."""
+
+import numpy as np
+
+APART = 0.3  # of the difference between a pixel and paper: how far its colour may be off the mixtures of ink and paper
+GRAIN = 0.04  # of the difference between ink and paper, the same: what compression leaves
+THICKEST = 1.25  # coverage above which a pixel is of a darker ink
+FAINT = 0.08  # difference of colours [0, sqrt 3] below which ink cannot be told from paper
+
+
+def paper(light: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """Colour (3,) of most of the panel."""
+    return np.median(light[inside], axis=0)
+
+
+def coverage(light: np.ndarray, ink: np.ndarray, paper: np.ndarray) -> np.ndarray:
+    """Share (row, column) of each pixel that is ink: 1 within a line, between 0 and 1 at its edges, 0 elsewhere.
+
+    A pixel's colour is paper + share (ink - paper) where nothing else is; the colour of another ink lies off that line.
+
+    Parameters
+    ----------
+    light : (row, column, 3) in [0, 1]
+    ink, paper : (3,)
+    """
+    along = ink - paper
+    length = np.linalg.norm(along)
+    away = light - paper
+    share = away @ along / length**2
+    off = np.linalg.norm(away - share[:, :, None] * along, axis=2) / length
+    return np.where((off < APART * share + GRAIN) & (share < THICKEST), np.clip(share, 0.0, 1.0), 0.0)

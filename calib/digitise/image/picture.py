@@ -1,0 +1,49 @@
+"""The picture of a figure, as light."""
+
+import struct
+import warnings
+import zlib
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, UnidentifiedImageError
+
+from calib.errors import CalibError
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+FORMATS = ("PNG", "JPEG", "TIFF", "BMP")
+MOST = 60_000_000  # pixels: a page at 600 dots per inch has 35 million
+
+
+def read_picture(path: str | Path) -> np.ndarray:
+    """Read a picture: red, green and blue (row, column, 3) in [0, 1]; what is transparent is white.
+
+    Raises
+    ------
+    CalibError : no such file, no picture of a known kind, damaged, or too large
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise CalibError(f"{path}: no such file")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # Pillow warns of what it may be bombed with, or cannot make out
+            with Image.open(path, formats=FORMATS) as picture:
+                columns, rows = picture.size
+                if columns * rows > MOST:
+                    raise CalibError(
+                        f"{path}: {columns} x {rows} pixels are more than the {MOST} that are read; cut out the figure"
+                    )
+                if picture.mode.startswith("I") or picture.mode == "F":
+                    grey = np.asarray(picture, dtype=float)
+                    return np.repeat((grey / max(float(grey.max()), 1.0))[:, :, None], 3, axis=2)
+                whole = np.asarray(picture.convert("RGBA"), dtype=float) / 255.0
+    except UnidentifiedImageError as error:
+        raise CalibError(f"{path}: not a readable picture; expected {', '.join(FORMATS)}") from error
+    except (OSError, ValueError, SyntaxError, EOFError, TypeError, IndexError, KeyError, OverflowError, MemoryError,
+            struct.error, zlib.error, Warning, Image.DecompressionBombError) as error:  # fmt: skip
+        raise CalibError(f"{path}: a damaged picture ({error}); make it again") from error
+    light = whole[:, :, :3] * whole[:, :, 3:] + 1.0 - whole[:, :, 3:]
+    if min(light.shape[:2]) < 8:
+        raise CalibError(f"{path}: a picture of {columns} x {rows} pixels shows no curve; give a larger one")
+    return light

@@ -1,0 +1,292 @@
+"""The curves of a figure, read off and brought to SI."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from skimage.draw import polygon2mask
+
+from calib.digitise.axes import Calibration, calibrated
+from calib.digitise.curve import Curve
+from calib.digitise.image import Traced, Wanted, read_picture, traced
+from calib.digitise.image.picture import SUFFIXES as PICTURES
+from calib.digitise.importers import Imported
+from calib.digitise.importers import read as read_export
+from calib.digitise.order import ordered
+from calib.digitise.spec import PERIOD, CurveTable, FigureToml, PanelTable
+from calib.digitise.uncertainty import ASSUMED, hats, leaning
+from calib.errors import CalibError, nearest
+from calib.study_toml.mistakes import Mistakes
+from calib.units import to_si
+
+LARGEST = 1e100  # in SI: the squares of such numbers still are numbers
+AXES = {"phase curve": ("m", "m/s"), "displacement over time": ("s", "m"), "velocity over time": ("s", "m/s")}
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """One curve in SI, with what its points may be off.
+
+    Attributes
+    ----------
+    body, kind : what it shows; "phase curve", "displacement over time" or "velocity over time"
+    points : (n, 2) along the curve; displacement [m] and velocity [m/s], or time [s] and one of them
+    sigma : (n, 2) standard uncertainty of each point, independent from point to point
+    modes : (k, n, 2) what independent errors do that reach over many points, one standard deviation large
+    axes : how many of the modes, the first ones, are errors of the axes
+    notes : what its reader should know
+    """
+
+    body: str
+    kind: str
+    points: np.ndarray
+    sigma: np.ndarray
+    modes: np.ndarray
+    axes: int
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """A curve on its picture.
+
+    Attributes
+    ----------
+    body, kind : what it shows
+    trace : the middle of its line
+    calibration : of its panel
+    points, numbers : (m, 2) pixels of the panel's axis points, and the numbers (x, y) that they carry, None for none
+    """
+
+    body: str
+    kind: str
+    trace: Traced
+    calibration: Calibration
+    points: np.ndarray
+    numbers: Sequence[tuple[float | None, float | None]]
+
+
+@dataclass(frozen=True, eq=False)
+class Figure:
+    """All that was read off.
+
+    Attributes
+    ----------
+    readings : the curves
+    shown : the same on the picture; empty of an export
+    light : (row, column, 3) the picture, None of an export
+    form : what kind of file it was
+    """
+
+    readings: Sequence[Reading]
+    shown: Sequence[Shown]
+    light: np.ndarray | None
+    form: str
+
+
+def is_picture(path: Path) -> bool:
+    """Whether a file is a picture, by its suffix."""
+    return path.suffix.lower() in PICTURES
+
+
+def read_figure(path: Path, spec: FigureToml, mistakes: Mistakes, bodies: Sequence[str] | None = None) -> Figure:
+    """Read the curves that a description names off a picture or an export.
+
+    Parameters
+    ----------
+    bodies : the bodies that are wanted, None for all
+
+    Raises
+    ------
+    CalibError : every mistake of the description, and every curve that cannot be read, with file, line and key
+    """
+    wanted = [(i, entry) for i, entry in enumerate(spec.curve) if bodies is None or entry.body in bodies]
+    known = list(dict.fromkeys(entry.body for entry in spec.curve))
+    for body in bodies or ():
+        if body not in known:
+            raise CalibError(f"{mistakes.path} has no curve of body {body!r}{nearest(body, known)}; it has {known}")
+    period = _period(spec, mistakes)
+    if is_picture(path):
+        return _off_picture(path, spec, wanted, period, mistakes)
+    found = read_export(path)
+    readings = []
+    for index, entry in wanted:
+        with mistakes.at("curve", index):
+            readings.append(_off_export(found, entry, period))
+    mistakes.tell()
+    return Figure(readings, (), None, found.form)
+
+
+def _period(spec: FigureToml, mistakes: Mistakes) -> float | None:
+    """Period of the excitation [s], None where it is not stated."""
+    if spec.excitation is None or spec.excitation.frequency is None:
+        return None
+    frequency = None
+    with mistakes.at("excitation", "frequency"):
+        frequency = to_si(spec.excitation.frequency, "Hz")
+        if not 0.0 < frequency < np.inf:
+            raise CalibError(f"expected a frequency above 0, got {spec.excitation.frequency!r}")
+    mistakes.tell()
+    return 1.0 / frequency
+
+
+# --- exports
+
+
+def _off_export(found: Imported, entry: CurveTable, period: float | None) -> Reading:
+    for key in ("panel", "colour", "dashed"):
+        if getattr(entry, key) is not None:
+            raise CalibError(f"{key} belongs to a curve in a picture; drop it, for {found.path.name} holds numbers")
+    if entry.units is None:
+        raise CalibError(f"units are missing: those of the two numbers of a point, such as {_example(entry)}")
+    curve = found.curve(entry.name) if entry.columns is None else found.pair(*entry.columns)
+    return _in_si(curve, entry, entry.units, period)
+
+
+def _example(entry: CurveTable) -> str:
+    return {"phase curve": '["mm", "m/s"]', "displacement over time": '["ms", "mm"]'}.get(entry.kind, '["ms", "m/s"]')
+
+
+def _in_si(curve: Curve, entry: CurveTable, units: Sequence[str], period: float | None) -> Reading:
+    """Return a curve in SI, its points in order."""
+    factors = np.array([_factor(u, si, period) for u, si in zip(units, AXES[entry.kind], strict=True)])
+    points, notes = curve.points * factors, list(curve.notes)
+    closed = entry.kind == "phase curve"
+    sigma = None if curve.sigma is None else curve.sigma * factors
+    if entry.sigma is not None:
+        each = zip(entry.sigma, units, factors, AXES[entry.kind], strict=True)
+        stated = [_sigma(sigma, unit, factor, si) for sigma, unit, factor, si in each]
+        sigma = np.tile(stated, (len(points), 1))
+    if sigma is None:
+        sigma = np.tile(ASSUMED * np.ptp(points, axis=0), (len(points), 1))
+        notes.append(f"its uncertainty is assumed as {ASSUMED:g} of its extent; state sigma where you know it")
+    sigma = np.maximum(sigma, 1e-9 * np.ptp(points, axis=0))
+    if not (np.abs(points).max() < LARGEST and sigma.max() < LARGEST):
+        raise CalibError(f"its numbers exceed {LARGEST:g} in SI; check its units and axes")
+    known = [m * factors for m in (curve.modes, curve.lean) if len(m)]
+    modes = np.concatenate([np.empty((0, len(points), 2)), *known])
+    if not len(curve.lean):  # a trace is in order; points that were clicked or exported need not be
+        order, said = ordered(points, closed)
+        points, sigma, modes = points[order], sigma[order], modes[:, order]
+        notes += said
+        modes = np.concatenate([modes, leaning(sigma, closed)])
+    return Reading(entry.body, entry.kind, points, sigma, modes, len(curve.modes), tuple(notes))
+
+
+def _factor(unit: str, si: str, period: float | None) -> float:
+    if si == "s" and unit == PERIOD:
+        if period is None:
+            raise CalibError("time in periods needs the frequency of the excitation; state it in [excitation]")
+        return period
+    return to_si(f"1 {unit}", si)
+
+
+def _sigma(stated: float | str, unit: str, factor: float, si: str) -> float:
+    value = factor * stated if unit == PERIOD and not isinstance(stated, str) else to_si(stated, si)
+    if not 0.0 < value < np.inf:
+        raise CalibError(f"sigma is a standard uncertainty above 0, got {stated!r}")
+    return value
+
+
+# --- pictures
+
+
+def _off_picture(
+    path: Path,
+    spec: FigureToml,
+    wanted: Sequence[tuple[int, CurveTable]],
+    period: float | None,
+    mistakes: Mistakes,
+) -> Figure:
+    light = read_picture(path)
+    panels = {}
+    for index, panel in enumerate(spec.panel):
+        with mistakes.at("panel", index):
+            if panel.name in panels:
+                raise CalibError(f"a second panel {panel.name!r}; give each its own name")
+            panels[panel.name] = panel, *_calibrated(panel, light.shape)
+    if not spec.panel:
+        mistakes.add(("panel",), f"{path.name} is a picture: it needs a [[panel]] with axis points")
+    mistakes.tell()
+    readings, shown = [], []
+    for index, entry in wanted:
+        with mistakes.at("curve", index):
+            panel, calibration, inside = _panel(entry, panels)
+            trace = traced(light, inside, _wanted(entry, calibration))
+            curve = _curve(entry, trace, calibration)
+            readings.append(_in_si(curve, entry, (panel.x.unit, panel.y.unit), period))
+            pixels = np.array([point.pixel for point in panel.points])
+            numbers = [(point.x, point.y) for point in panel.points]
+            shown.append(Shown(entry.body, entry.kind, trace, calibration, pixels, numbers))
+    mistakes.tell()
+    return Figure(readings, shown, light, "picture")
+
+
+def _panel(entry: CurveTable, panels: dict):
+    for key in ("name", "columns", "units"):
+        if getattr(entry, key) is not None:
+            raise CalibError(f"{key} belongs to a curve of an export; of a picture, name its panel and colour")
+    if entry.colour is None:
+        raise CalibError("colour is missing: that of the line, such as '#0072B2' or 'black'")
+    if entry.panel is None and len(panels) == 1:
+        return next(iter(panels.values()))
+    if entry.panel not in panels:
+        names = list(panels)
+        raise CalibError(f"there is no panel {entry.panel!r}{nearest(str(entry.panel), names)}; there are {names}")
+    return panels[entry.panel]
+
+
+def _calibrated(panel: PanelTable, shape: Sequence[int]) -> tuple[Calibration, np.ndarray]:
+    """Calibration of a panel, and the pixels (row, column) between its limits."""
+    calibration = calibrated(
+        [point.pixel for point in panel.points],
+        [point.x for point in panel.points],
+        [point.y for point in panel.points],
+        (panel.x.scale == "log", panel.y.scale == "log"),
+        panel.reading,
+    )
+    corners = [(panel.x.low, panel.y.low), (panel.x.high, panel.y.low), (panel.x.high, panel.y.high),
+               (panel.x.low, panel.y.high)]  # fmt: skip
+    outline = calibration.pixels(np.array(corners))
+    inside = polygon2mask(shape[:2], outline[:, ::-1])
+    for left, top, right, bottom in panel.erase:
+        inside[max(0, int(top)) : max(0, int(bottom) + 1), max(0, int(left)) : max(0, int(right) + 1)] = False
+    if inside.sum() < 100:
+        raise CalibError(
+            f"between its limits lie {int(inside.sum())} pixels of the picture of {shape[1]} x {shape[0]}; "
+            "check limits and axis points (column first, counted from the top left corner)"
+        )
+    return calibration, inside
+
+
+def _wanted(entry: CurveTable, calibration: Calibration) -> Wanted:
+    code = "#000000" if entry.colour == "black" else entry.colour
+    colour = np.array([int(code[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
+    through = calibration.pixels(np.array(entry.through)) if entry.through else np.empty((0, 2))
+    return Wanted(entry.body, colour, entry.kind == "phase curve", entry.dashed, through)
+
+
+def _curve(entry: CurveTable, trace: Traced, calibration: Calibration) -> Curve:
+    """Return a trace in the units of the axes, with its uncertainty."""
+    pixels = trace.path
+    rates = calibration.rates(pixels)
+    along = np.gradient(pixels, axis=0)
+    normal = along[:, ::-1] * (1.0, -1.0) / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+    across = np.einsum("nij,nj->ni", rates, normal)  # what one pixel across the line is on the axes
+    closed = entry.kind == "phase curve"
+    lean = hats(len(pixels), closed)[:, :, None] * (trace.lean[:, None] * across)[None]
+    sigma = np.maximum(trace.noise * np.abs(across), 1e-12)
+    notes = (*trace.notes, _posture(calibration))
+    return Curve(entry.body, calibration(pixels), sigma, calibration.modes(pixels), lean, notes)
+
+
+def _posture(calibration: Calibration) -> str:
+    """Say how the page lies, and how well the axis points agree with one another."""
+    turn, shear = calibration.posture
+    left = calibration.residual
+    agree = "no axis point is over to check them by"
+    if len(left) > 3:
+        rms = np.sqrt(np.mean(left**2))
+        agree = f"axis points are {rms:.2f} pixels off it (root mean square), {left.max():.2f} at most"
+    return f"the page is turned by {turn:.2f} and sheared by {shear:.2f} degrees; {agree}"

@@ -1,0 +1,115 @@
+"""What is said of a reference record, and the commands that make and show one."""
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from digitise.figures import cases, description, motion
+from digitise.rendered import draw
+from phase_loops import clapping, noisy
+from PIL import Image
+
+from calib.cli import main
+from calib.record import write
+from calib.report.reference import described, wary
+
+
+def calib(*arguments, code=0):
+    ended = CliRunner().invoke(main, [str(a) for a in arguments])
+    assert ended.exit_code == code, ended.output
+    return ended
+
+
+def said(record):
+    return "\n".join(wary(record))
+
+
+def test_a_sound_record_gives_no_cause_for_care():
+    assert said(noisy(clapping(jump=0.0))) == ""
+
+
+def test_a_velocity_that_is_not_the_derivative_is_said():
+    record = noisy(clapping(jump=0.0))
+    record["velocity"] = record.velocity.copy(data=1.1 * record.velocity.values)
+    assert "layer: the velocity is not the derivative of the displacement" in said(record)
+    assert "1.100 times as large" in said(record) or "1.10" in said(record)
+
+
+def test_a_loop_that_is_not_closed_is_said():
+    record = noisy(clapping(jump=0.0, periods=1))
+    drift = 1e-3 * record.time.values / float(record.time[-1])
+    record["displacement"] = record.displacement.copy(data=record.displacement.values + drift)
+    assert "the loop is not closed: displacement" in said(record)
+
+
+def test_an_impact_that_the_samples_do_not_resolve_is_said():
+    assert "layer: the impact at phase 0.30" in said(noisy(clapping()))
+    assert "impact" not in said(noisy(clapping(jump=0.0)))
+
+
+def test_a_record_without_uncertainty_is_said():
+    assert "displacement states no uncertainty" in said(clapping(jump=0.0))
+
+
+def test_the_energy_of_the_impact_comes_back_over_the_cycle():
+    [line] = [text for text in described(clapping(jump=0.4, samples=4000)) if text.startswith("energy of layer")]
+    lost, regained = (float(part.split()[0]) for part in line.split(" by ")[2:4])
+    assert lost == pytest.approx(-regained, abs=1e-3)
+    before, after = clapping(jump=0.4, samples=4000).velocity.sel(body="layer").values[[1203, 1206]]
+    assert lost == pytest.approx(0.5 * (after**2 - before**2), abs=0.01)
+
+
+def test_the_picture_and_the_words_of_a_record(tmp_path):
+    write(noisy(clapping()), tmp_path / "r.nc")
+    text = calib("reference", "show", tmp_path / "r.nc").stdout
+    for part in ("2400 samples", "25 Hz", "period-1", "displacement of layer", "energy of beam", "warning: layer"):
+        assert part in text
+    with Image.open(tmp_path / "r.png") as picture:
+        assert np.asarray(picture.convert("L")).std() > 10.0
+
+
+def test_a_figure_from_the_command_line(tmp_path):
+    case, drawn = cases()[0], motion(cases()[0])
+    one = drawn.sel(body="layer")
+    loop = np.column_stack([1e3 * one.displacement.values, one.velocity.values])
+    figure = draw(tmp_path / "figure", [np.vstack([loop, loop[:1]])], case.look)
+    (tmp_path / "spec.toml").write_text(description(figure, case, "layer"))
+    listed = calib("digitise", figure.path, "--spec", tmp_path / "spec.toml", "--list").stdout
+    assert "layer: phase curve" in listed
+    text = calib("digitise", figure.path, "--spec", tmp_path / "spec.toml", "-o", tmp_path / "out" / "r.nc").stdout
+    assert "once round in" in text
+    with Image.open(tmp_path / "out" / "r.overlay.png") as overlay:
+        pixels = np.asarray(overlay.convert("RGB")).astype(int)
+    assert ((pixels[:, :, 0] - pixels[:, :, 2]) > 120).sum() > 500  # the trace is there, in its colour
+
+
+def test_the_curves_of_a_file_are_listed(tmp_path):
+    (tmp_path / "t.csv").write_text("a,,b,\nX,Y,Label,Y\n1,2,,5\n3,4,,6\n")
+    text = calib("digitise", tmp_path / "t.csv", "--list").stdout
+    assert "a: 2 points, x 1 .. 3, y 2 .. 4" in text
+    assert "b: not read: it is a bar chart" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "text"),
+    [
+        (["t.csv"], 2, "Missing option '-o'"),
+        (["t.csv", "-o", "r.nc"], 1, "nothing says what its numbers are"),
+        (["none.csv", "-o", "r.nc"], 1, "none.csv: no such file"),
+        (["p.png", "-o", "r.nc"], 1, "a picture needs a description"),
+        (["t.csv", "-o", "r.png"], 2, "is the name of a picture"),
+    ],
+)
+def test_what_is_missing_is_said(tmp_path, monkeypatch, arguments, code, text):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "t.csv").write_text("1,2\n3,4\n")
+    assert text in calib("digitise", *arguments, code=code).stderr
+
+
+def test_a_curve_in_another_colour_is_refused_with_the_place(tmp_path):
+    case, drawn = cases()[0], motion(cases()[0])
+    one = drawn.sel(body="layer")
+    figure = draw(tmp_path / "f", [np.column_stack([1e3 * one.displacement.values, one.velocity.values])], case.look)
+    spec = description(figure, case, "layer").replace(case.look.colours[0], "#00ff00")
+    (tmp_path / "spec.toml").write_text(spec)
+    ended = calib("digitise", figure.path, "--spec", tmp_path / "spec.toml", "-o", tmp_path / "r.nc", code=1)
+    assert "curve[1]: curve 'layer': no line of its colour in the panel" in ended.stderr

@@ -1,0 +1,77 @@
+"""Hide and seek, a handful of cases; `python -m hidden.table` plays them all."""
+
+import pytest
+from hidden.four_dof import PLANS
+from hidden.hider import hide
+from hidden.seeker import seek
+from hidden.system import Plan
+
+pytestmark = pytest.mark.slow
+
+CLAPPING = PLANS[:1]
+TONE = Plan("tone", "calibrate", "harmonic", 8.0, 3.4)  # its third harmonic is near the resonance
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    return tmp_path_factory.mktemp("clean")
+
+
+@pytest.mark.parametrize(
+    ("simulator", "effect"),
+    [
+        ("oscillator", "coulomb_friction"),
+        ("oscillator", "drive_harmonic_2"),
+        ("four_dof", "quadratic_drag"),
+        ("four_dof", "gap_offset"),
+    ],
+)
+def test_what_the_records_tell_apart_is_named(simulator, effect, cache, tmp_path):
+    hide(simulator, effect, 40.0, 0, folder=tmp_path, cache=cache)
+    found = seek(tmp_path)
+    assert (found.verdict, found.causes) == ("named", (effect,))
+    assert found.gain.proven
+
+
+@pytest.mark.parametrize("simulator", ["oscillator", "four_dof"])
+@pytest.mark.parametrize("phi", [0.0, 0.8])
+def test_nothing_is_found_where_nothing_is_hidden(simulator, phi, cache, tmp_path):
+    hide(simulator, None, None, 5, phi=phi, folder=tmp_path, cache=cache)
+    assert seek(tmp_path).verdict == "none"
+
+
+@pytest.mark.parametrize(("simulator", "effect"), [("oscillator", "channel_gain"), ("four_dof", "preload")])
+def test_what_is_taken_out_of_the_library_and_like_nothing_in_it_is_not_explained(simulator, effect, cache, tmp_path):
+    hide(simulator, effect, 80.0, 0, folder=tmp_path, cache=cache)
+    assert seek(tmp_path, without=(effect,)).verdict == "unexplained"
+
+
+def test_a_solver_that_steps_too_coarsely_is_the_reason_for_no_diagnosis(cache, tmp_path):
+    hide("four_dof", None, None, 1, folder=tmp_path, cache=cache, steps=60.37, plans=CLAPPING)
+    found = seek(tmp_path)
+    assert found.verdict == "not_diagnosable"
+    assert "time_step: made 2 times finer" in found.said
+
+
+def test_of_one_steady_tone_the_class_is_told_and_what_to_measure_next_gives_the_name(cache, tmp_path):
+    one = {"calibrated": ("damping", "stiffness"), "tones": (TONE,)}
+    told = hide("oscillator", "coulomb_friction", 15.0, 0, folder=tmp_path / "one", cache=cache, **one)
+    found = seek(told.folder)
+    assert found.verdict == "one_of"
+    assert ("coulomb_friction",) in found.classes
+    best = found.further[0]
+    assert best.z > 3.0
+    more = Plan("further", "name", "harmonic", best.amplitude, best.frequency)
+    size = told.values["friction"]
+    hide(
+        "oscillator", "coulomb_friction", None, 1, folder=tmp_path / "two", cache=cache, size=size,
+        **{**one, "tones": (TONE, more)},
+    )  # fmt: skip
+    assert seek(tmp_path / "two").causes == ("coulomb_friction",)
+
+
+def test_where_no_measurement_of_the_kind_tells_the_alternatives_apart_it_says_so(cache, tmp_path):
+    one = {"calibrated": ("damping", "stiffness"), "tones": (TONE,)}
+    found = seek(hide("oscillator", "preload", 15.0, 0, folder=tmp_path, cache=cache, **one).folder)
+    assert set(found.classes) == {("preload",), ("channel_offset",)}
+    assert found.further[0].helps.startswith("would not tell them apart")
