@@ -217,7 +217,7 @@ def _diagnosed(
         on_stage("gain")
         gain = gained(pool, bench, fitter, selection.null, selection.final, selection.causes, seed)
     limit = selection.rounds[0].threshold
-    gates = (*ready.gates, *converged(fitter, selection.final, _numerical(effects), limit))
+    gates = (*ready.gates, *converged(fitter, selection.final, _numerical(effects), limit, selection.margin))
     if QUANTISATION in {cause.name for cause in selection.causes}:
         ready = replace(ready, rounding=0.0)
     verdict, said = _verdict(selection, gates, ready)

@@ -16,6 +16,7 @@ from calib.study import Pool
 
 FINER = 2.0  # step and tolerance are divided by this
 SHORT = 32  # samples: fewer say nothing about noise
+TENTH = 0.1  # of the z that the answer rests on: less does not change it
 COARSE = 0.01  # change of a channel by a finer solver, relative to its rms: less does not make another kind of motion
 
 
@@ -98,12 +99,19 @@ def _compared(part: Part) -> list[Noise]:
     return list(itertools.compress(part.noise, part.used.any(axis=1)))
 
 
-def converged(fitter: Fitter, fit: Fit, effects: Sequence[Effect], threshold: float) -> list[Gate]:
+def converged(
+    fitter: Fitter, fit: Fit, effects: Sequence[Effect], threshold: float, margin: float
+) -> list[Gate]:
     """Solver steps and tolerances do not matter: made finer, they change less than an effect that could be named.
+
+    Or less than a tenth of what the answer rests on: then they bias sizes by that z at most, but not the answer.
 
     fit : the calibrated model with what was found to be missing
     effects : those of site "numerical"
+    threshold : of |z|
+    margin : fall of the sum of squares that the answer rests on
     """
+    told = TENTH * float(np.sqrt(margin))
     simulator_lacks = {effect.name: effect.offered(fitter.model.simulator) for effect in effects}
     tried = [effect for effect in effects if not simulator_lacks[effect.name]]
     runs = [fit.point.runs(fitter.evidence.names, _finer(effect), (effect,)) for effect in tried]
@@ -115,7 +123,9 @@ def converged(fitter: Fitter, fit: Fit, effects: Sequence[Effect], threshold: fl
             continue
         z = float(np.linalg.norm(fit.absorbing(fitter.evidence.difference(fit.point.seen, views))))
         said = f"made {FINER:g} times finer, it changes the records by z = {z:.2g} (threshold {threshold:.2g})"
-        gates.append(Gate(effect.name, z < threshold, said, z))
+        if threshold <= z < told:
+            said += f"; sizes may be off by so many standard errors, but the answer rests on z = {told / TENTH:.2g}"
+        gates.append(Gate(effect.name, z < max(threshold, told), said, z))
     gates += [Gate(name, True, f"not tried: {reason}") for name, reason in simulator_lacks.items() if reason]
     return gates
 

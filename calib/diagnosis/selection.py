@@ -112,6 +112,13 @@ class Round:
     rivals: tuple[Suspect, ...]
     excess: float
 
+    @property
+    def margin(self) -> float:
+        """By how much more the chosen one lowers the sum of squares than the best that was told from it, or nothing."""
+        alike = {rival.name for rival in self.rivals}
+        others = (s.drop for s in self.suspects if s.fit is not None and s.name not in alike)
+        return self.chosen.drop - max(others, default=0.0)
+
 
 @dataclass(frozen=True, eq=False)
 class Selection:
@@ -156,6 +163,19 @@ class Selection:
         little = max(MARKED * self.blur, CRUMB * self.excess)
         gross = self.left > GROSS * self.blur**2
         return self.left < little or (gross and self.share >= HALF)
+
+    @property
+    def margin(self) -> float:
+        """Fall of the sum of squares that the answer rests on: an error that moves less of it does not change it.
+
+        Of each cause what it explains, and explains more than the best that was told from it; the excess where there is
+        no cause; nothing where causes gave way to others.
+        """
+        chosen = [r for r in self.rounds if r.chosen is not None]
+        if [r.chosen.name for r in chosen] != [cause.name for cause in self.causes]:
+            return 0.0
+        margins = [r.margin for r in chosen]
+        return max(0.0, min(margins if self.material and margins else [self.left, *margins]))
 
     @property
     def rivals(self) -> tuple[Suspect, ...]:

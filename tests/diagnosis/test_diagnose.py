@@ -226,3 +226,12 @@ def test_a_step_that_changes_the_records_by_more_than_an_effect_would_is_the_rea
     assert gate.passed == (verdict == "none")
     assert "made 2 times finer, it changes the records by z = " in gate.said
     assert ("time_step" in found.said) == (verdict == "not_diagnosable")
+
+
+def test_a_step_whose_error_is_small_beside_what_is_missing_hinders_no_diagnosis():
+    known = references(["channel_offset"], offset_displacement=1e-3)
+    found = diagnosed(known, library=("channel_offset", "time_step"), model=Model(Stepped(20)))
+    assert (found.verdict, found.causes) == ("named", ("channel_offset",))
+    [gate] = [gate for gate in found.gates if gate.name == "time_step"]
+    assert found.selection.rounds[0].threshold < gate.z < 0.1 * np.sqrt(found.selection.margin)
+    assert "sizes may be off by so many standard errors" in gate.said
