@@ -1,6 +1,8 @@
 """The record: channels of named bodies over time, measured or simulated, in one schema."""
 
+import json
 from collections.abc import Mapping, Sequence
+from numbers import Real
 from pathlib import Path
 
 import numpy as np
@@ -87,6 +89,21 @@ def prescribed(record: xr.Dataset) -> tuple[tuple[str, str], ...]:
     return tuple((body, channel) for body, _, channel in parts)
 
 
+def nuisance_sigma(record: xr.Dataset) -> dict[str, float]:
+    """Return how well a digitised figure's axes know shear, scale and offset, by name: `nuisance_sigma`, taken apart.
+
+    Raises
+    ------
+    CalibError : no JSON object of numbers
+    """
+    stated = record.attrs.get("nuisance_sigma", "{}")
+    try:
+        return {name: float(sigma) for name, sigma in json.loads(stated).items()}
+    except (TypeError, ValueError, AttributeError) as error:
+        wanted = 'expected a JSON object of standard uncertainties in SI, such as {"scale.velocity": 0.004}'
+        raise CalibError(f"attribute nuisance_sigma: {wanted}, got {stated!r}") from error
+
+
 def with_impacts(record: xr.Dataset, time: np.ndarray, speed: np.ndarray) -> xr.Dataset:
     """Return a simulated record with its impacts: instants (m,) [s] and closing speeds (m,) [m/s]."""
     return record.assign(
@@ -137,6 +154,14 @@ def check(record: xr.Dataset, name: str = "record") -> xr.Dataset:
         )
     for channel in present:
         _check_channel(record, channel, name)
+    for attribute in ("amplitude", "frequency"):
+        stated = record.attrs.get(attribute, 0.0)
+        if not isinstance(stated, Real):
+            raise CalibError(f"{name}: attribute {attribute}: expected a number in SI, got {stated!r}")
+    try:
+        nuisance_sigma(record)
+    except CalibError as error:
+        raise CalibError(f"{name}: {error}") from error
     return record
 
 

@@ -56,6 +56,10 @@ def broken(r, what):
         r = r.drop_vars(["displacement", "velocity"])
     if what == "sigma":
         r["velocity_sigma"] = ("body", [0.1, 0.0])
+    if what == "axes":
+        r.attrs["nuisance_sigma"] = "shear: 1e-6"
+    if what == "frequency":
+        r.attrs["frequency"] = "26 Hz"
     return r
 
 
@@ -63,7 +67,9 @@ def broken(r, what):
     ("what", "said"),
     [("nan", "displacement of body 'layer' is not a number at sample 7"), ("time", "time must increase"),
      ("turned", "transpose it"), ("unit", "velocity is expected in 'm/s', got 'mm/s'"), ("no unit", "states no unit"),
-     ("empty", "no channel"), ("sigma", "must be positive")],
+     ("empty", "no channel"), ("sigma", "must be positive"),
+     ("axes", "record: attribute nuisance_sigma: expected a JSON object"),
+     ("frequency", "frequency: expected a number in SI, got '26 Hz'")],
 )
 def test_what_breaks_the_schema_is_named(what, said):
     with pytest.raises(CalibError, match=said):

@@ -1,6 +1,5 @@
 """What a reference record holds: its picture, its figures, and what to be wary of."""
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from matplotlib.figure import Figure
 from calib.cycles import impact, kind_of_motion, phase_curve
 from calib.errors import CalibError
 from calib.files import whole
-from calib.record import STATE, channels, fills_periods, prescribed, stated_period
+from calib.record import STATE, channels, fills_periods, nuisance_sigma, prescribed, stated_period
 from calib.report.drawing import DPI, MARK, MEASURED, STYLE, WIDTH, line, png, thin
 from calib.report.figures import clock, quantity, two_periods
 from calib.units import shown
@@ -152,7 +151,7 @@ def _left_open(record: xr.Dataset) -> Iterator[str]:
     if "nuisance" in record.attrs:
         yield f"a study solves for {record.attrs['nuisance']}, unless it states its own nuisances"
     known = []
-    for name, sigma in json.loads(record.attrs.get("nuisance_sigma", "{}")).items():
+    for name, sigma in nuisance_sigma(record).items():
         what, _, where = name.partition(".")
         size = f"{100.0 * sigma:.2g} %" if what == "scale" else shown(sigma, "s" if what == "shear" else "m", 2)
         known.append(f"{what}{f' of {where}' if where else ''} to {size}")

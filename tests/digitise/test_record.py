@@ -1,6 +1,5 @@
 """Curves of a figure become a record: one clock, its closure, its uncertainty, its nuisances."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ from calib.cycles import kind_of_motion
 from calib.digitise import digitise
 from calib.digitise.spec import read_spec
 from calib.errors import CalibError
-from calib.record import write
+from calib.record import nuisance_sigma, write
 from calib.report.reference import described
 from calib.study_toml import load
 
@@ -194,7 +193,7 @@ def test_a_study_solves_for_what_the_record_leaves_open(tmp_path):
 def test_the_record_states_what_its_axes_leave_open(tmp_path):
     record = round_trip(cases()[0], tmp_path)[0].record
     assert record.attrs["nuisance"] == "trigger, offset, shear"
-    sure = json.loads(record.attrs["nuisance_sigma"])
+    sure = nuisance_sigma(record)
     assert set(sure) == {"scale.displacement", "scale.velocity", "shear", "offset.layer"}
     assert 1e-4 < sure["scale.displacement"] < 5e-3
     text = "\n".join(described(record))
