@@ -96,6 +96,9 @@ class Bench:
             request = replace(request, initial_state=run.state, near=True, step_budget=budget)
         model = self.model.extended(*run.effects)
         excitation = run.excitation or reference.excitation
+        if excitation.quantity == "free decay" and request.times is None:
+            time = reference.record.time.values
+            request = replace(request, times=time - time[0])
         record = model.run(values_for(run.values, run.record), excitation, request)
         status = record.attrs["status"]
         if status != OK:

@@ -1,7 +1,7 @@
 """Which further measurement would tell two explanations apart."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
@@ -12,10 +12,15 @@ from calib.diagnosis.evidence import Part
 from calib.diagnosis.refit import Fit, Fitter
 from calib.diagnosis.selection import Suspect
 from calib.excitation import Excitation
+from calib.record import STATE
 from calib.study import Pool
+from calib.units import shown
 
 AMPLITUDES = (0.1, 0.25, 0.5, 0.75, 1.25, 1.5)  # times that of a record
 FREQUENCIES = (0.5, 0.8, 0.95, 0.98, 1.02, 1.05, 1.25, 2.0)
+RELEASED = (0.5, 1.0, 2.0)  # times the largest displacement of a record: where a free decay begins
+BEGIN = ("initial_displacement", "initial_velocity")  # parameters of simulators that can be released
+NUDGE = 1e-3  # of the largest displacement and velocity: steps of the initial state
 MOST = 4  # rivals that are compared
 SURE = 3.0  # standard deviations by which two models have to differ to be told apart
 
@@ -28,7 +33,7 @@ class Measurement:
     ----------
     said : in words
     record : beside which it would be made
-    amplitude, frequency : of the excitation  [its unit], [Hz]; None for a free decay
+    amplitude, frequency : of a harmonic excitation  [its unit], [Hz]; None for another
     impacts : whether it has any; None where the simulator does not tell
     z : by which the two most alike of the rivals would differ, both fitted to it too, at the record's noise
     most : the same of the two least alike
@@ -49,32 +54,32 @@ class Measurement:
             return f"would tell them apart (z = {self.z:.3g})"
         if self.most >= SURE:
             return f"would tell some of them apart (z = {self.z:.2g} to {self.most:.3g})"
-        return f"would not tell them apart (z = {self.most:.2g}), nor would another amplitude or frequency tried"
+        return f"would not tell them apart (z = {self.most:.2g}), nor would any other that was tried"
 
 
 def next_measurement(
     pool: Pool, bench: Bench, fitter: Fitter, rivals: Sequence[Suspect]
 ) -> tuple[Measurement, ...]:
-    """Measurements beside the first record that is driven harmonically, the most separating first."""
+    """Measurements beside the first record that is driven harmonically, or beside the first, the best first.
+
+    Another amplitude, another frequency, and a free decay where the simulator can be released.
+    """
     fits = [fitter.sharpened(rival.fit) for rival in rivals if rival.fit is not None][:MOST]
     if len(fits) < 2:
         return ()
-    parts = [p for p in fitter.evidence.parts if bench.objective.references[p.name].excitation.harmonic]
-    proposals = _proposals(bench, parts[0]) if parts else []
-    if not proposals:
-        return ()
-    found = []
+    parts = sorted(fitter.evidence.parts, key=lambda p: not bench.objective.references[p.name].excitation.harmonic)
+    proposals, found = _proposals(bench, parts[0]), []
     answers = iter(simulated(pool, [run for p in proposals for fit in fits for run in _runs(p, fit)]))
     for proposal in proposals:
         views = []
         for fit in fits:
             centre = next(answers)
-            beside = [next(answers) for _ in fit.names]
+            beside = [next(answers) for _ in (*fit.names, *proposal.begin)]
             views.append((centre, beside))
         if not all(view.usable and all(b.usable for b in beside) for view, beside in views):
             continue
         pairs = combinations(range(len(fits)), 2)
-        z = [_apart(proposal.part, (fits[i], fits[j]), (views[i], views[j])) for i, j in pairs]
+        z = [_apart(proposal, (fits[i], fits[j]), (views[i], views[j])) for i, j in pairs]
         impacts = views[0][0].impacts
         told = sum(one >= SURE for one in z)
         found.append((told, _said(proposal, None if impacts is None else impacts > 0, z)))
@@ -84,45 +89,95 @@ def next_measurement(
 
 @dataclass(frozen=True, eq=False)
 class _Proposal:
+    """A measurement to be tried.
+
+    Attributes
+    ----------
+    part : the record beside which it would be made
+    excitation : of it
+    words : what it is
+    begin : the initial state it is released from, by parameter: a number that its record would have to tell  [SI]
+    nudges : steps of that
+    """
+
     part: Part
     excitation: Excitation
     words: str
+    begin: Mapping[str, float] = field(default_factory=dict)
+    nudges: tuple[float, ...] = ()
 
 
 def _proposals(bench: Bench, part: Part) -> list[_Proposal]:
-    """Excitations near that of a record which is driven harmonically, and unlike those of all records."""
+    """Excitations near that of a record, and unlike those of all records; releases."""
     excitation = bench.objective.references[part.name].excitation
-    known = [r.excitation for r in bench.objective.references.values() if r.excitation.harmonic]
+    known = [r.excitation for r in bench.objective.references.values()]
     found = []
-    for factor in AMPLITUDES:
-        changed = replace(excitation, amplitude=factor * excitation.amplitude)
-        found.append(_Proposal(part, changed, f"{part.name} at {factor:g} times its amplitude"))
-    for factor in FREQUENCIES:
-        changed = replace(excitation, frequency=factor * excitation.frequency)
-        found.append(_Proposal(part, changed, f"{part.name} at {factor:g} times its frequency"))
-    return [p for p in found if not any(_same(p.excitation, other) for other in known)]
+    if excitation.harmonic or excitation.recorded:
+        for factor in AMPLITUDES:
+            words = f"{part.name} at {factor:g} times its amplitude"
+            found.append(_Proposal(part, excitation.scaled(factor), words))
+    if excitation.harmonic:
+        for factor in FREQUENCIES:
+            changed = replace(excitation, frequency=factor * excitation.frequency)
+            found.append(_Proposal(part, changed, f"{part.name} at {factor:g} times its frequency"))
+    return [p for p in found if not any(_same(p.excitation, other) for other in known)] + _releases(bench, part)
+
+
+def _releases(bench: Bench, part: Part) -> list[_Proposal]:
+    """Free decays from rest, at displacements such as those of a record; none where the simulator takes none."""
+    simulator = bench.model.simulator
+    place = next((p for quantity, p in getattr(simulator, "excitations", ()) if quantity == "free decay"), None)
+    largest = {
+        channel: max(np.abs(row).max() for (_, c), row in zip(part.rows, part.measured, strict=True) if c == channel)
+        for channel in {channel for _, channel in part.rows}
+    }
+    if place is None or not set(BEGIN) <= set(bench.model.nominal) or not set(STATE) <= set(largest):
+        return []
+    nudges = tuple(NUDGE * largest[channel] for channel in STATE)
+    free, found = Excitation(place, "free decay"), []
+    for factor in RELEASED:
+        begin = factor * largest["displacement"]
+        words = f"a free decay, released from {shown(begin, 'm')}"
+        found.append(_Proposal(part, free, words, dict(zip(BEGIN, (begin, 0.0), strict=True)), nudges))
+    return found
 
 
 def _same(one: Excitation, other: Excitation) -> bool:
+    if one.recorded and other.recorded:
+        alike = one.value.shape == other.value.shape
+        return alike and np.abs(one.value - other.value).max() < 0.05 * np.abs(other.value).max()
+    if not (one.harmonic and other.harmonic):
+        return False
     near = abs(one.amplitude - other.amplitude) < 0.05 * other.amplitude
     return near and abs(one.frequency - other.frequency) < 0.005 * other.frequency
 
 
 def _runs(proposal: _Proposal, fit: Fit) -> list[Run]:
-    """The fitted model under the proposed excitation, and beside it along each parameter."""
+    """The fitted model under the proposed excitation, beside it along each parameter, and along its initial state."""
     point, name = fit.point, proposal.part.name
-    runs = [Run(name, point.values, point.effects, point.seen[name].state, proposal.excitation)]
+    state = None if proposal.begin else point.seen[name].state
+    own = {f"{parameter}@{name}" for parameter in proposal.begin}
+
+    def run(values: Mapping[str, float], begin: Mapping[str, float]) -> Run:
+        rest = {parameter: value for parameter, value in values.items() if parameter not in own}
+        return Run(name, {**rest, **begin}, point.effects, state, proposal.excitation)
+
+    runs = [run(point.values, proposal.begin)]
     for parameter, step in zip(fit.names, fit.steps, strict=True):
-        values = {**point.values, parameter: point.values[parameter] + step}
-        runs.append(Run(name, values, point.effects, point.seen[name].state, proposal.excitation))
+        runs.append(run({**point.values, parameter: point.values[parameter] + step}, proposal.begin))
+    for parameter, step in zip(proposal.begin, proposal.nudges, strict=True):
+        runs.append(run(point.values, {**proposal.begin, parameter: proposal.begin[parameter] + step}))
     return runs
 
 
-def _apart(part: Part, fits: tuple[Fit, Fit], seen: tuple[tuple[Seen, list[Seen]], tuple[Seen, list[Seen]]]) -> float:
+def _apart(
+    proposal: _Proposal, fits: tuple[Fit, Fit], seen: tuple[tuple[Seen, list[Seen]], tuple[Seen, list[Seen]]]
+) -> float:
     """By how many standard deviations two models differ there, when both are fitted to that record too.
 
-    seen : simulations of each model, and beside it along each of its parameters
+    seen : simulations of each model, beside it along each of its parameters, and along the initial state
     """
+    part = proposal.part
     (one, _), (other, _) = seen
     level = np.sqrt((one.rows**2).mean(axis=1) / (part.measured**2).mean(axis=1))
     noise = tuple(replace(n, sigma=n.sigma * max(f, 1e-12)) for n, f in zip(part.noise, level, strict=True))
@@ -131,11 +186,15 @@ def _apart(part: Part, fits: tuple[Fit, Fit], seen: tuple[tuple[Seen, list[Seen]
     new = replace(part, noise=noise, weight=trust, measured=one.rows)
 
     def columns(fit: Fit, centre: Seen, beside: list[Seen]) -> np.ndarray:
-        moved = zip(beside, fit.steps, strict=True)
+        moved = zip(beside, (*fit.steps, *proposal.nudges), strict=True)
         return np.column_stack([new.white(view.rows - centre.rows) / step for view, step in moved])
 
+    def known(fit: Fit) -> np.ndarray:
+        """Derivatives of the records there are: they tell nothing of the initial state of another."""
+        return np.pad(fit.free(fit.columns), ((0, 0), (0, len(proposal.nudges))))
+
     fresh = [columns(fit, *views) for fit, views in zip(fits, seen, strict=True)]
-    stacked = np.vstack([np.column_stack([fresh[0], -fresh[1]]), block_diag(*(fit.free(fit.columns) for fit in fits))])
+    stacked = np.vstack([np.column_stack([fresh[0], -fresh[1]]), block_diag(*(known(fit) for fit in fits))])
     target = np.zeros(len(stacked))
     difference = new.white(other.rows - one.rows)
     target[: difference.size] = difference
@@ -148,4 +207,5 @@ def _apart(part: Part, fits: tuple[Fit, Fit], seen: tuple[tuple[Seen, list[Seen]
 def _said(proposal: _Proposal, impacts: bool | None, z: Sequence[float]) -> Measurement:
     contact = {True: ", with impacts", False: ", without impacts", None: ""}[impacts]
     e = proposal.excitation
-    return Measurement(proposal.words + contact, proposal.part.name, e.amplitude, e.frequency, impacts, min(z), max(z))
+    driven = (e.amplitude, e.frequency) if e.harmonic else (None, None)
+    return Measurement(proposal.words + contact, proposal.part.name, *driven, impacts, min(z), max(z))

@@ -144,6 +144,14 @@ def test_nothing_is_found_where_nothing_is_hidden(seed):
     assert (found.verdict, found.causes, found.gain) == ("none", (), None)
 
 
+def test_beside_a_recorded_input_another_amplitude_and_a_free_decay_are_proposed():
+    found = diagnosed(references(["cubic_stiffness"], k3=1e5), library=("cubic_stiffness", "softening"))
+    assert found.verdict == "one_of"
+    enough = {m.said.partition(" from ")[0] for m in found.further if m.z > 3.0}
+    assert enough >= {"soft at 0.1 times its amplitude, without impacts", "a free decay, released"}
+    assert found.further[0].z == max(m.z for m in found.further)
+
+
 @pytest.mark.slow
 def test_two_causes_are_found_one_after_the_other():
     found = diagnosed(references(["cubic_stiffness", "channel_lag"], k3=3e5, lag=1e-3))
