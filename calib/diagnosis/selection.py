@@ -232,13 +232,13 @@ def select(
             null, base = fitter.fit(null.point), fitter.fit(base.point, base.found)
     named = [(cause, r.rivals) for cause, r in zip(causes, rounds, strict=False)]
     if len(named) > 1:
-        named, base = _beside_the_others(fitter, named, base, candidates, seed, known)
+        named, base = _beside_the_others(fitter, null, named, base, candidates, seed, known)
     blur = _blur(fitter.evidence)
     if MARKED * blur < _excess(fitter.evidence, base) < GROSS * blur**2:
         on_stage("pairs")
         pair = _paired(fitter, null, rounds[0].suspects)
         if pair is not None and _worth(*pair) > _worth(named, base) + APART:
-            named, base = _beside_the_others(fitter, *pair, candidates, seed, {}, last=True)
+            named, base = _beside_the_others(fitter, null, *pair, candidates, seed, {}, last=True)
     common = fitter.evidence.with_weights([null.point.seen, base.point.seen])
     return Selection(
         rounds=tuple(rounds),
@@ -490,6 +490,7 @@ def _possible(suspect: Suspect, limit: float) -> bool:
 
 def _beside_the_others(
     fitter: Fitter,
+    null: Fit,
     named: Named,
     final: Fit,
     candidates: Sequence[Candidate],
@@ -512,7 +513,7 @@ def _beside_the_others(
         sizes = {name: final.value(name) for candidate in others for name in candidate.values(candidate.null)}
         own_values = cause.candidate.absent()
         rest = {name: value for name, value in final.point.values.items() if name not in own_values}
-        without = fitter.fit(replace(final.point, values=rest), others, sizes)
+        without = fitter.fit(replace(final.point, values=rest), others, sizes) if others else null
         taken = {candidate.name for candidate in others}
         excess = _excess(fitter.evidence, without) / float(np.sqrt(2.0 * fitter.evidence.counted()))
         found = search(fitter, without, [c for c in candidates if c.name not in taken], seed, excess, known)
