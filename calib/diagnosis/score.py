@@ -65,7 +65,8 @@ class Signature:
         whole = np.linalg.norm(columns, axis=0)
         share = np.divide(np.linalg.norm(left, axis=0), whole, out=np.zeros_like(whole), where=whole > 0.0)
         left = left * (share > np.maximum(CERTAIN * doubt, ROUNDING))
-        return cls(left, 1.0 - float(share.max(initial=0.0)))
+        absorbed = 1.0 - float(share.max(initial=0.0))
+        return cls(left, absorbed if absorbed > ROUNDING else 0.0)
 
 
 @dataclass(frozen=True, eq=False)
