@@ -509,15 +509,16 @@ def _beside_the_others(
     for cause, own in named:
         if cause is named[-1][0] and not exchanged:
             break
+        index = [c is cause for c, _ in kept].index(True)
         others = tuple(c.candidate for c, _ in kept if c is not cause)
-        sizes = {name: final.value(name) for candidate in others for name in candidate.values(candidate.null)}
-        own_values = cause.candidate.absent()
-        rest = {name: value for name, value in final.point.values.items() if name not in own_values}
-        without = fitter.fit(replace(final.point, values=rest), others, sizes) if others else null
+        without = _without(fitter, null, final, cause, others) if others else null
+        if not without.names:  # no motion without it
+            kept[index] = cause, own if cause is named[-1][0] else (cause,)
+            continue
         taken = {candidate.name for candidate in others}
         excess = _excess(fitter.evidence, without) / float(np.sqrt(2.0 * fitter.evidence.counted()))
         found = search(fitter, without, [c for c in candidates if c.name not in taken], seed, excess, known)
-        index, worth = [c is cause for c, _ in kept].index(True), without.square - final.square
+        worth = without.square - final.square
         alike = cause.name in {rival.name for rival in found.rivals}
         if alike or (found.chosen is not None and found.chosen.drop - found.chosen.price > worth - cause.price):
             exchanged = exchanged or found.chosen.name != cause.name
@@ -528,3 +529,12 @@ def _beside_the_others(
         else:
             kept[index] = cause, own if cause is named[-1][0] else (cause,)
     return kept, final
+
+
+def _without(fitter: Fitter, null: Fit, final: Fit, cause: Suspect, others: Sequence[Candidate]) -> Fit:
+    """Fit the other causes alone, from the calibrated values beside all, or else from those beside none."""
+    own = cause.candidate.absent()
+    rest = {name: value for name, value in final.point.values.items() if name not in own}
+    sizes = {name: final.value(name) for candidate in others for name in candidate.values(candidate.null)}
+    fit = fitter.fit(replace(final.point, values=rest), others, sizes)
+    return fit if fit.names else fitter.fit(null.point, others, sizes)
