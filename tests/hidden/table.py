@@ -5,8 +5,9 @@
 writes a line a case (and goes on from those that are there), then prints the table. What may be asked of the seeker:
 the truth in its class in 95 % of the cases; the one right name in 75 % at z >= 8 and 90 % at z >= 40, of effects that
 the records tell from every other (|cos| < 0.9); "unexplained" in 90 % where the effect is not in the library, and
-nothing that is in it is like it (|cos| < 0.7); both of two effects in 80 %; 5 false alarms in 100 where nothing is
-hidden; a misfit on the records held out that is at most 20 % above that of a model which was told what is hidden.
+nothing that is in it is like it, neither one nor two together (|cos| < 0.7: more is half of what there is to explain,
+which is to be named); both of two effects in 80 %; 5 false alarms in 100 where nothing is hidden; a misfit on the
+records held out that is at most 20 % above that of a model which was told what is hidden.
 """
 
 import argparse
@@ -88,6 +89,8 @@ def played(case: dict, cache: Path) -> dict:
         found = seek(Path(folder), without=tuple(case["effect"]) if case["kind"] == "absent" else ())
         ratio = _beside_the_told(Path(folder), found, effect) if case["kind"] in ("one", "two") else None
     clear = {"nearest": list(_nearest(case["simulator"], cache, case["effect"][0]))} if case["kind"] == "one" else {}
+    if case["kind"] == "absent":
+        clear = {"imitated": _imitated(case["simulator"], cache, case["effect"][0])}
     suspects = [] if found.selection is None else found.selection.rounds[0].suspects
     return {
         **case, **clear,
@@ -140,6 +143,12 @@ def _nearest(simulator: str, cache: Path, effect: str) -> tuple[str, float]:
     return effects[int(row.argmax())], float(row.max())
 
 
+def _imitated(simulator: str, cache: Path, effect: str) -> float:
+    """|cos| between an effect and the best two others together, after calibration."""
+    effects, _ = _cosines(simulator, cache)
+    return bench(simulator, cache).imitated(effect, tuple(e for e in effects if e != effect))
+
+
 def safely(case: dict, cache: Path) -> dict:
     """Play a case; a bug in it is an answer too."""
     try:
@@ -175,12 +184,15 @@ def table(rows: list[dict]) -> str:
     if ratios:
         near = sum(ratio <= NEAR for ratio in ratios)
         lines.append(f"held out: within {NEAR - 1.0:.0%} of the model that was told {_share(near, len(ratios))}")
-    for kind, said in (("two", "both found"), ("absent", "called unexplained")):
-        group = [r for r in rows if r["kind"] == kind and r["verdict"] != "refused"]
+    two = [r for r in rows if r["kind"] == "two" and r["verdict"] != "refused"]
+    if two:
+        both = sum(set(r["effect"]) in (set(r["causes"]), *map(set, r["class"])) for r in two)
+        lines.append(f"two: both found {both}/{len(two)}")
+    absent = [r for r in rows if r["kind"] == "absent" and r["verdict"] != "refused"]
+    for group, said in ((absent, "no other"), ([r for r in absent if r["imitated"] < UNLIKE], "no two others")):
         if group:
-            both = [set(r["effect"]) in (set(r["causes"]), *map(set, r["class"])) for r in group]
-            good = sum(both) if kind == "two" else sum(r["verdict"] == "unexplained" for r in group)
-            lines.append(f"{kind}: {said} {good}/{len(group)}")
+            unexplained = sum(r["verdict"] == "unexplained" for r in group)
+            lines.append(f"absent, and {said} like it: called unexplained {_share(unexplained, len(group))}")
     failed = [r for r in rows if r["verdict"] == "failed"]
     refused = sorted({r["effect"][0] for r in rows if r["verdict"] == "refused"})
     lines.append(f"failed {len(failed)}; not hideable at some strength: {', '.join(refused) or 'none'}")

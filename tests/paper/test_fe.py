@@ -72,6 +72,7 @@ def test_figure_9_does_not_return_in_full_fidelity_either():
     assert amplitude == pytest.approx(reduced, rel=0.02)
 
 
+@pytest.mark.slow
 def test_figure_11_has_a_large_amplitude_of_the_layer_in_a_narrow_band():
     record, calibrated = figures.motion(11), figures.motion(14)
     large = figures.obtained(record).displacement
