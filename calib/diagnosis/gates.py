@@ -99,17 +99,15 @@ def _compared(part: Part) -> list[Noise]:
     return list(itertools.compress(part.noise, part.used.any(axis=1)))
 
 
-def converged(
-    fitter: Fitter, fit: Fit, effects: Sequence[Effect], threshold: float, margin: float
-) -> list[Gate]:
+def converged(fitter: Fitter, fit: Fit, effects: Sequence[Effect], threshold: float, margin: float) -> list[Gate]:
     """Solver steps and tolerances do not matter: made finer, they change less than an effect that could be named.
 
     Or less than a tenth of what the answer rests on: then they bias sizes by that z at most, but not the answer.
 
     fit : the calibrated model with what was found to be missing
     effects : those of site "numerical"
-    threshold : of |z|
-    margin : fall of the sum of squares that the answer rests on
+    threshold : of |z|  [1]
+    margin : fall of the sum of squares that the answer rests on  [1]
     """
     told = TENTH * float(np.sqrt(margin))
     simulator_lacks = {effect.name: effect.offered(fitter.model.simulator) for effect in effects}

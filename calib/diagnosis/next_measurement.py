@@ -127,10 +127,9 @@ def _releases(bench: Bench, part: Part) -> list[_Proposal]:
     """Free decays from rest, at displacements such as those of a record; none where the simulator takes none."""
     simulator = bench.model.simulator
     place = next((p for quantity, p in getattr(simulator, "excitations", ()) if quantity == "free decay"), None)
-    largest = {
-        channel: max(np.abs(row).max() for (_, c), row in zip(part.rows, part.measured, strict=True) if c == channel)
-        for channel in {channel for _, channel in part.rows}
-    }
+    largest: dict[str, float] = {}
+    for (_, channel), row in zip(part.rows, part.measured, strict=True):
+        largest[channel] = max(largest.get(channel, 0.0), float(np.abs(row).max()))
     if place is None or not set(BEGIN) <= set(bench.model.nominal) or not set(STATE) <= set(largest):
         return []
     nudges = tuple(NUDGE * largest[channel] for channel in STATE)

@@ -505,18 +505,19 @@ def _beside_the_others(
     much without it, and exchanged where another explains more beside them; the last is then looked for again as well,
     or anyway.
     """
-    kept, exchanged = list(named), last
+    kept, exchanged, latest = list(named), last, named[-1][0]
     for cause, own in named:
-        if cause is named[-1][0] and not exchanged:
+        if cause is latest and not exchanged:
             break
         index = [c is cause for c, _ in kept].index(True)
+        as_it_was = cause, own if cause is latest else (cause,)
         others = tuple(c.candidate for c, _ in kept if c is not cause)
         without = _without(fitter, null, final, cause, others) if others else null
         if not without.names:  # no motion without it
-            kept[index] = cause, own if cause is named[-1][0] else (cause,)
+            kept[index] = as_it_was
             continue
         taken = {candidate.name for candidate in others}
-        excess = _excess(fitter.evidence, without) / float(np.sqrt(2.0 * fitter.evidence.counted()))
+        excess = _excess(fitter.evidence, without) / _blur(fitter.evidence)
         found = search(fitter, without, [c for c in candidates if c.name not in taken], seed, excess, known)
         worth = without.square - final.square
         alike = cause.name in {rival.name for rival in found.rivals}
@@ -527,7 +528,7 @@ def _beside_the_others(
         elif worth < found.threshold**2:
             kept, final = [pair for pair in kept if pair[0] is not cause], without
         else:
-            kept[index] = cause, own if cause is named[-1][0] else (cause,)
+            kept[index] = as_it_was
     return kept, final
 
 

@@ -48,7 +48,7 @@ def cases(
 ) -> list[dict]:
     """What is hidden, each as the arguments of `played`."""
     found = []
-    effects = bench(simulator, Path(tempfile.gettempdir()) / "hidden").system.effects
+    effects = bench(simulator, cache).system.effects
     if "one" in kinds:
         found += [
             {"simulator": simulator, "kind": "one", "effect": [name], "strength": z, "seed": seed}
