@@ -19,9 +19,23 @@ def ran(name, out):
     return json.loads((out / "result.json").read_text())
 
 
+def diagnosed(study, out):
+    answer = CliRunner().invoke(main, ["diagnose", str(study), "--out", str(out), "--quiet"])
+    assert answer.exit_code == 0, answer.output
+    return json.loads((out / "diagnosis.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def minimal(tmp_path_factory):
+    """Folder of the results of studies/minimal."""
+    folder = tmp_path_factory.mktemp("minimal")
+    ran("minimal", folder)
+    return folder
+
+
 @pytest.mark.slow
-def test_the_minimal_model_predicts_the_records_held_out(tmp_path):
-    result = ran("minimal", tmp_path)
+def test_the_minimal_model_predicts_the_records_held_out(minimal):
+    result = json.loads((minimal / "result.json").read_text())
     calibrated = result["score"]["terms"]["phase_curve of q2, q3"]
     assert calibrated < 0.02
     assert result["motion"]["kind"] == "period-1"
@@ -32,11 +46,31 @@ def test_the_minimal_model_predicts_the_records_held_out(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_layer_jumps_where_the_record_changes_fast_but_continuously(tmp_path):
-    ran("minimal", tmp_path)
+def test_the_minimal_model_lacks_a_wider_gap_or_a_larger_scale_of_the_records_which_are_alike(minimal):
+    found = diagnosed(STUDIES / "minimal", minimal)
+    assert found["verdict"] == "one_of"
+    assert set(map(tuple, found["class"])) == {("gap_offset",), ("plot_scale",), ("channel_gain",)}
+    assert found["measurements"]
+    assert all(m["most"] < 3.0 for m in found["measurements"])  # all lengths of the model may be scaled alike
+
+
+@pytest.mark.slow
+def test_with_the_drive_as_stated_it_is_the_gap(tmp_path):
+    study = tmp_path / "study.toml"
+    text = (STUDIES / "minimal" / "study.toml").read_text().replace("../..", str(STUDIES.parent))
+    lines = [line for line in text.splitlines() if not line.startswith("amplitude =")]
+    study.write_text("\n".join(lines).replace('gap = "1 mm"', 'gap = "1 mm", amplitude = 1.0'))
+    ran(study, tmp_path / "out")
+    found = diagnosed(study, tmp_path / "out")
+    assert found["causes"] == ["gap_offset"]
+    assert found["parameters"]["dg"]["after"] == pytest.approx(4.8e-5, rel=0.05)
+
+
+@pytest.mark.slow
+def test_the_layer_jumps_where_the_record_changes_fast_but_continuously(minimal):
     steepest = {}
     for name, record in (("recorded", STUDIES.parent / "experiments_ref/clapping_minimal/clapping.nc"),
-                         ("simulated", tmp_path / "best.nc")):  # fmt: skip
+                         ("simulated", minimal / "best.nc")):  # fmt: skip
         velocity = read(record).velocity.values[-1 if name == "recorded" else 2]
         rise = np.abs(np.diff(velocity))
         steepest[name] = rise.max() / (velocity.max() - velocity.min())

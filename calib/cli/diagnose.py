@@ -13,7 +13,7 @@ from rich.table import Table
 
 from calib.cli.standing import folder_of
 from calib.inquiry import inquire
-from calib.report.conclusion import sizes
+from calib.report.conclusion import proposal, sizes
 from calib.units import shown
 
 MOST = 12  # suspects that are printed
@@ -76,9 +76,8 @@ def show(found: Mapping[str, Any], folder: Path, extended: Path | None, console:
         console.print(_suspects(found, console.width))
     for line in _gain(found):
         console.print(line, soft_wrap=True)
-    if found["next_measurement"]:
-        best = found["next_measurement"]
-        console.print(f"next measurement: {escape(best['said'])} {best['helps']}", soft_wrap=True)
+    if found["measurements"]:
+        console.print(escape(proposal(found["measurements"])), soft_wrap=True)
     console.print(f"{found['simulations']} simulations in {found['seconds']:.1f} s")
     console.print(f"files:  {escape(str(folder))}/ (diagnosis.json, diagnosis.nc, report.html)", soft_wrap=True)
     if extended is not None:

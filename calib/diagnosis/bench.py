@@ -4,11 +4,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import xarray as xr
 
+from calib.cycles import NOT_PERIODIC, kind_of_motion
 from calib.effect import Effect
 from calib.excitation import Excitation
 from calib.model import Model, Request
-from calib.objective import FeatureValue, Objective
+from calib.objective import FeatureValue, Objective, trusted
 from calib.parameter import values_for
 from calib.pool import Failure, in_order
 from calib.record import OK, prescribed
@@ -51,7 +53,8 @@ class Seen:
     given : (body, channel) pairs that the simulation prescribes
     impacts : how many there are in the record; None where the simulator does not tell
     features : scalar features, measured and simulated; only of a run without `state`
-    wrong : how its kind of motion differs from the measured one; "" where it does not, or was not asked for
+    wrong : how its kind of motion differs from the measured one, or where nothing was measured, that it is not periodic
+        though its excitation is; "" where that is not so, or was not asked for
     status, reason : "ok", or why there is nothing
     """
 
@@ -104,7 +107,7 @@ class Bench:
         if status != OK:
             return _nothing(status, str(record.attrs.get("reason", "")))
         asked = run.excitation is None
-        seen = self.objective.aligned(run.record, record) if asked else record
+        seen = self.objective.aligned(run.record, record) if asked else record.assign(trust=("time", trusted(record)))
         pairs = self.rows[run.record]
         missing = [channel for _, channel in pairs if channel not in seen.variables]
         if missing:
@@ -116,14 +119,20 @@ class Bench:
         first = asked and run.state is None
         return Seen(
             rows=rows,
-            trust=seen["trust"].values if asked else np.ones(rows.shape[1]),
+            trust=seen["trust"].values,
             state=record["state"].values if "state" in record.variables else None,
             nuisances={k.removeprefix(MARK): v for k, v in seen.attrs.items() if k.startswith(MARK)},
             given=prescribed(record),
             impacts=record.sizes.get("impact"),
             features=tuple(self.objective.features(run.record, record)) if first else (),
-            wrong=self.objective.wrong_kind(run.record, record) if first else "",
+            wrong=_irregular(record) if not asked else self.objective.wrong_kind(run.record, record) if first else "",
         )
+
+
+def _irregular(record: xr.Dataset) -> str:
+    """Why a motion under a periodic excitation is not periodic; "" where it is, or the excitation is not."""
+    motion = kind_of_motion(record)
+    return "" if motion.period is not None or motion.kind == NOT_PERIODIC else motion.evidence
 
 
 def _nothing(status: str, reason: str) -> Seen:

@@ -54,12 +54,10 @@ class Measurement:
             return f"would tell them apart (z = {self.z:.3g})"
         if self.most >= SURE:
             return f"would tell some of them apart (z = {self.z:.2g} to {self.most:.3g})"
-        return f"would not tell them apart (z = {self.most:.2g}), nor would any other that was tried"
+        return f"would not tell them apart (z = {self.most:.2g})"
 
 
-def next_measurement(
-    pool: Pool, bench: Bench, fitter: Fitter, rivals: Sequence[Suspect]
-) -> tuple[Measurement, ...]:
+def next_measurement(pool: Pool, bench: Bench, fitter: Fitter, rivals: Sequence[Suspect]) -> tuple[Measurement, ...]:
     """Measurements beside the first record that is driven harmonically, or beside the first, the best first.
 
     Another amplitude, another frequency, and a free decay where the simulator can be released.
@@ -76,7 +74,7 @@ def next_measurement(
             centre = next(answers)
             beside = [next(answers) for _ in (*fit.names, *proposal.begin)]
             views.append((centre, beside))
-        if not all(view.usable and all(b.usable for b in beside) for view, beside in views):
+        if not all(view.usable and not view.wrong for centre, beside in views for view in (centre, *beside)):
             continue
         pairs = combinations(range(len(fits)), 2)
         z = [_apart(proposal, (fits[i], fits[j]), (views[i], views[j])) for i, j in pairs]
@@ -172,7 +170,7 @@ def _runs(proposal: _Proposal, fit: Fit) -> list[Run]:
 def _apart(
     proposal: _Proposal, fits: tuple[Fit, Fit], seen: tuple[tuple[Seen, list[Seen]], tuple[Seen, list[Seen]]]
 ) -> float:
-    """By how many standard deviations two models differ there, when both are fitted to that record too.
+    """By how many standard deviations two models differ there, when both are fitted to that record and its nuisances.
 
     seen : simulations of each model, beside it along each of its parameters, and along the initial state
     """
@@ -193,7 +191,9 @@ def _apart(
         return np.pad(fit.free(fit.columns), ((0, 0), (0, len(proposal.nudges))))
 
     fresh = [columns(fit, *views) for fit, views in zip(fits, seen, strict=True)]
-    stacked = np.vstack([np.column_stack([fresh[0], -fresh[1]]), block_diag(*(known(fit) for fit in fits))])
+    nuisances = new.tangents(one.rows)
+    told = block_diag(*(known(fit) for fit in fits), np.zeros((0, nuisances.shape[1])))
+    stacked = np.vstack([np.column_stack([fresh[0], -fresh[1], nuisances]), told])
     target = np.zeros(len(stacked))
     difference = new.white(other.rows - one.rows)
     target[: difference.size] = difference

@@ -83,9 +83,14 @@ class Suspect:
         return self.test.error if self.test is not None else np.full(len(self.candidate.free), np.inf)
 
     @property
+    def parameters(self) -> int:
+        """How many parameters were fitted for it."""
+        return len(self.candidate.free) + len(self.candidate.form)
+
+    @property
     def price(self) -> float:
         """What its parameters are worth: two each, as Akaike has it."""
-        return 2.0 * (len(self.candidate.free) + len(self.candidate.form))
+        return 2.0 * self.parameters
 
 
 Named = list[tuple[Suspect, tuple[Suspect, ...]]]  # causes with their rivals
@@ -102,7 +107,7 @@ class Round:
     threshold : of |z|
     chosen : the suspect that explains most, None where none passes
     rivals : suspects that cannot be told from the chosen one, which is the simplest of them
-    excess : by which the base's sum of squares exceeds what noise leaves
+    excess : by which the base's sum of squares exceeds what noise leaves, where refitted suspects are compared
     """
 
     base: Fit
@@ -297,9 +302,7 @@ def _blur(evidence: Evidence) -> float:
     return float(np.sqrt(2.0 * evidence.counted()))
 
 
-def search(
-    fitter: Fitter, base: Fit, candidates: Sequence[Candidate], seed: int, excess: float, known: Known
-) -> Round:
+def search(fitter: Fitter, base: Fit, candidates: Sequence[Candidate], seed: int, excess: float, known: Known) -> Round:
     """Find the candidate that explains most of what the model `base` leaves.
 
     Parameters
@@ -322,7 +325,7 @@ def search(
     leaders = [s for s in _best_variants(guilty) if s.test.drop >= WORTH * promised][:REFITS]
     if guilty or excess > MARKED:
         leaders += [s for s in suspects if s.reason and not s.candidate.effect.noise and s.absorbed < ABSORBED]
-    refitted, best = [], np.inf
+    refitted, best, left = [], np.inf, _excess(fitter.evidence, base)
     for suspect in leaders:
         alike = 2.0 * APART * max(1.0, best / base.residual.size)  # the difference of prices included
         found = _refitted(fitter, base, suspect, limit, best + alike)
@@ -332,17 +335,18 @@ def search(
     if refitted:
         common = fitter.evidence.with_weights([base.point.seen, *(s.fit.point.seen for s in refitted)])
         before = base.judged(common)
+        left = before - _expected(common, base)
         refitted = [replace(s, drop=before - s.fit.judged(common)) for s in refitted]
     again = {id(s.candidate): s for s in refitted}
-    rivals = _rivals(fitter, [s for s in refitted if _possible(s, limit)])
+    rivals = _rivals(fitter, [s for s in refitted if _possible(s, limit)], limit)
     if rivals:  # what cannot be told apart is compared again, each with the form that suits it best
         formed = {id(s.candidate): _formed(fitter, s, before, common) for s in rivals}
         again |= formed
-        rivals = _rivals(fitter, list(formed.values()))
+        rivals = _rivals(fitter, list(formed.values()), limit)
     everyone = [again.get(id(s.candidate), s) for s in suspects]
     everyone.sort(key=lambda s: -(s.drop if s.fit is not None else (s.test.drop if s.test is not None else 0.0)))
     chosen = min(rivals, key=lambda s: (s.price, -s.drop), default=None)  # the simplest speaks for all
-    return Round(base, tuple(everyone), limit, chosen, rivals, _excess(fitter.evidence, base))
+    return Round(base, tuple(everyone), limit, chosen, rivals, left)
 
 
 def _guilty(suspects: Sequence[Suspect], limit: float) -> list[Suspect]:
@@ -359,19 +363,24 @@ def _best_variants(suspects: Sequence[Suspect]) -> list[Suspect]:
     return list(kept.values())
 
 
-def _rivals(fitter: Fitter, able: Sequence[Suspect]) -> tuple[Suspect, ...]:
+def _rivals(fitter: Fitter, able: Sequence[Suspect], limit: float) -> tuple[Suspect, ...]:
     """Suspects within reach of the one that explains most for its price, one of each effect, the best first.
 
-    Where that leaves more than noise, sums of squares of rivals differ by that much more without telling them apart
-    (quasi-likelihood, Burnham & Anderson 2002, section 2.5).
+    A simpler one is within reach too where the further parameters of the best bring less than the threshold of |z| asks
+    for: beside it they would be no cause either. Where the best leaves more than noise, sums of squares of rivals
+    differ by that much more without telling them apart (quasi-likelihood, Burnham & Anderson 2002, section 2.5).
     """
     ordered = sorted(able, key=lambda s: s.price - s.drop)
     if not ordered:
         return ()
     best = ordered[0]
-    over = best.fit.square / max(1.0, _expected(fitter.evidence, best.fit))
-    near = [s for s in ordered if (s.price - s.drop) - (best.price - best.drop) <= APART * max(1.0, over)]
-    return tuple(_best_variants(near))
+    over = max(1.0, best.fit.square / max(1.0, _expected(fitter.evidence, best.fit)))
+
+    def reaches(other: Suspect) -> bool:
+        behind, further = (best.drop - other.drop) / over, best.parameters - other.parameters
+        return behind - 2.0 * further <= APART or (further > 0 and deviate(behind, further) <= limit)
+
+    return tuple(_best_variants([s for s in ordered if reaches(s)]))
 
 
 def scored(

@@ -153,9 +153,7 @@ def slopes(
     second = {k: directions[k].step(TRIPLE * abs(step)) for k, (step, _) in found.items()}
     again = responses(second)
     return [
-        _compared(found[k], second[k], again[k], reasons.get(k, ""))
-        if k in found
-        else lost[k]
+        _compared(found[k], second[k], again[k], reasons.get(k, "")) if k in found else lost[k]
         for k in range(len(directions))
     ]
 

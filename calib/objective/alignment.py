@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 from calib.cycles import cut, sampled
 from calib.errors import CalibError
-from calib.record import STATE
+from calib.record import STATE, stated_period
 from calib.record import channels as channels_of
 
 # Catmull-Rom interpolation: weights of samples j - 1 .. j + 2 as polynomials in the share f of the step after sample j
@@ -101,7 +101,7 @@ class Alignment:
         present = [c for c in self.channels if c in simulated.variables]
         values = {c: sampled(simulated, c)[index] for c in present}
         time = simulated.variables["time"].values
-        impacts = simulated.variables["impact_time"].values if "impact_time" in simulated.variables else np.empty(0)
+        impacts = _impacts(simulated)
         shift, theta = 0.0, {}
         if self.solves:
             shift, theta = self._solved(time, values, present, impacts)
@@ -116,11 +116,9 @@ class Alignment:
 
     def _trust(self, time, impacts, shift) -> np.ndarray:
         """Trust (time,) in the velocity at each instant of the reference, the simulation `shift` periods ahead."""
-        step = (self.time[-1] - self.time[0]) / (self.time.size - 1)
         if self.period is None:
-            return _trusted((self.time - impacts[:, None]) / step)
-        length = round((time[-1] - time[0]) / self.period) * self.period  # the simulation goes round after it
-        return _trusted(_around(self.time + shift * self.period - impacts[:, None], length) / step)
+            return _trusted(self.time, impacts)
+        return _trusted(self.time + shift * self.period, impacts, _length(time, self.period))
 
     def _solved(self, time, values, present, impacts) -> tuple[float, dict[str, float]]:
         """Return the trigger in periods, and the linear nuisances by name."""
@@ -186,14 +184,29 @@ class Alignment:
         return seen
 
 
-def _around(distance: np.ndarray, length: float) -> np.ndarray:
-    """Signed distance on a circle of that length."""
-    return (distance + 0.5 * length) % length - 0.5 * length
+def trusted(simulated: xr.Dataset) -> np.ndarray:
+    """Trust (time,) in a simulated velocity at its own instants: 0 next to an impact, 1 away from all of them."""
+    time = simulated.variables["time"].values
+    period = stated_period(simulated)
+    return _trusted(time, _impacts(simulated), None if period is None else _length(time, period))
 
 
-def _trusted(distance: np.ndarray) -> np.ndarray:
-    """Trust (n,) in samples whose distances (impact, n) from each impact are given in samples; smooth in them."""
-    nearest = np.abs(distance).min(axis=0, initial=np.inf)
+def _impacts(simulated: xr.Dataset) -> np.ndarray:
+    """Instants of the impacts (impact,), none where the simulator does not tell  [s]."""
+    return simulated.variables["impact_time"].values if "impact_time" in simulated.variables else np.empty(0)
+
+
+def _length(time: np.ndarray, period: float) -> float:
+    """Whole periods after which a simulation goes round  [s]."""
+    return round((time[-1] - time[0]) / period) * period
+
+
+def _trusted(time: np.ndarray, impacts: np.ndarray, length: float | None = None) -> np.ndarray:
+    """Trust (n,) at these instants, smooth in them; the simulation goes round after `length` where it does."""
+    distance = time - impacts[:, None]
+    if length is not None:
+        distance = (distance + 0.5 * length) % length - 0.5 * length
+    nearest = np.abs(distance).min(axis=0, initial=np.inf) * (time.size - 1) / (time[-1] - time[0])  # in samples
     share = np.clip((nearest - BLIND) / (SEEING - BLIND), 0.0, 1.0)
     return share**2 * (3.0 - 2.0 * share)
 
@@ -296,7 +309,7 @@ class _Fit:
         unknowns = np.array([*theta.values(), 1.0])
         velocity = np.array([channel == "velocity" for _, channel in self.rows])
         for _ in range(POLISH):
-            trust = _trusted(_around(samples + place - impacts[:, None], self.size))
+            trust = _trusted(samples + place, impacts, self.size)
             weight = np.sqrt(self._weight)[:, None] * np.where(velocity[:, None], trust, 1.0)
             before = int(np.floor(place))
             powers = (place - before) ** np.arange(4)

@@ -1,10 +1,11 @@
 """What a diagnosis came to, in sentences."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from calib.diagnosis.diagnose import NAMED, NONE, ONE_OF, OUTLIERS, QUANTISATION, UNEXPLAINED
+from calib.diagnosis.next_measurement import SURE
 from calib.report.words import number, percent, quantity, signed
 
 SAME = 1e-9  # relative difference of values that are the same
@@ -79,9 +80,17 @@ def points(said: Mapping[str, Any]) -> list[str]:
             listed = ", ".join(f"{s['parameter']} by {signed(s['errors'], '+')}" for s in moved)
             found.append(f"Calibrated without it, values were biased; in standard errors they move: {listed}.")
     if said["measurements"]:
-        best = said["measurements"][0]
-        found.append(f"To measure next: {best['said']} {best['helps']}.")
+        found.append(f"{proposal(said['measurements'])}.")
     return found
+
+
+def proposal(measurements: Sequence[Mapping[str, Any]]) -> str:
+    """What to measure next; where none of the measurements that were tried tells anything, that it is so."""
+    best = measurements[0]
+    if best["most"] >= SURE:
+        return f"To measure next: {best['said']} {best['helps']}"
+    most = max(m["most"] for m in measurements)
+    return f"To measure next: none of the {len(measurements)} that were tried would tell them apart (z = {most:.2g})"
 
 
 def _excess(misfit, said):

@@ -89,6 +89,13 @@ def test_a_class_is_told_with_its_likeness_and_the_measurement_that_would_decide
     assert "0.375 mm" in text
 
 
+def test_where_no_measurement_would_decide_it_says_so():
+    said = document("one_of", {})
+    tried = [found | {"most": most} for found, most in zip(said["measurements"], (2.0, 2.2), strict=True)]
+    sentence = "To measure next: none of the 2 that were tried would tell them apart (z = 2.2)."
+    assert sentence in points(said | {"measurements": tried})
+
+
 def test_where_nothing_is_found_all_suspects_stand_with_the_sizes_that_would_have_been_seen(told):
     found = told("none")
     assert "smallest size seen" in " ".join(found["points"])
