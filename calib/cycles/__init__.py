@@ -11,10 +11,11 @@ from calib.cycles.loop import (
     rows,
     sampled,
 )
-from calib.cycles.motion import NO_CONTACT, NOT_PERIODIC, UNDECIDED, Motion, kind_of_motion
+from calib.cycles.motion import IRREGULAR, NO_CONTACT, NOT_PERIODIC, UNDECIDED, Motion, kind_of_motion
 from calib.cycles.strobe import poincare, section
 
 __all__ = [
+    "IRREGULAR",
     "NOT_PERIODIC",
     "NO_CONTACT",
     "UNDECIDED",

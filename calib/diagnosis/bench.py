@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import xarray as xr
 
-from calib.cycles import NOT_PERIODIC, kind_of_motion
+from calib.cycles import IRREGULAR, kind_of_motion
 from calib.effect import Effect
 from calib.excitation import Excitation
 from calib.model import Model, Request
@@ -53,8 +53,9 @@ class Seen:
     given : (body, channel) pairs that the simulation prescribes
     impacts : how many there are in the record; None where the simulator does not tell
     features : scalar features, measured and simulated; only of a run without `state`
-    wrong : how its kind of motion differs from the measured one, or where nothing was measured, that it is not periodic
-        though its excitation is; "" where that is not so, or was not asked for
+    wrong : how its kind of motion differs from the measured one, or where nothing was measured, that it is irregular;
+        "" where that is not so, or was not asked for
+    time : (n,) instants of the simulation where nothing was measured  [s]
     status, reason : "ok", or why there is nothing
     """
 
@@ -66,6 +67,7 @@ class Seen:
     impacts: int | None = None
     features: tuple[FeatureValue, ...] = ()
     wrong: str = ""
+    time: np.ndarray = field(default_factory=lambda: np.zeros(0))
     status: str = OK
     reason: str = ""
 
@@ -126,13 +128,14 @@ class Bench:
             impacts=record.sizes.get("impact"),
             features=tuple(self.objective.features(run.record, record)) if first else (),
             wrong=_irregular(record) if not asked else self.objective.wrong_kind(run.record, record) if first else "",
+            time=np.zeros(0) if asked else record["time"].values,
         )
 
 
 def _irregular(record: xr.Dataset) -> str:
-    """Why a motion under a periodic excitation is not periodic; "" where it is, or the excitation is not."""
+    """Why a motion under a periodic excitation is irregular; "" where it is not, or not known to be."""
     motion = kind_of_motion(record)
-    return "" if motion.period is not None or motion.kind == NOT_PERIODIC else motion.evidence
+    return motion.evidence if motion.kind == IRREGULAR else ""
 
 
 def _nothing(status: str, reason: str) -> Seen:

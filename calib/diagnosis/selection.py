@@ -11,7 +11,7 @@ from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.refit import Fit, Fitter
 from calib.diagnosis.score import Signature, Tested, deviate, tested, threshold
 
-APART = 6.0  # sums of squares that differ by less do not tell two models from each other
+APART = 6.0  # sums of squares, the price of parameters added, that differ by less do not tell two models apart
 REFITS = 8  # leaders that are refitted
 WORTH = 0.3  # of the largest fall of the sum of squares: candidates that promise less are no leaders
 CAUSES = 3  # that are named at most
@@ -119,10 +119,10 @@ class Round:
 
     @property
     def margin(self) -> float:
-        """By how much more the chosen one lowers the sum of squares than the best that was told from it, or nothing."""
+        """By how much more the best rival lowers the sum of squares than the best that was told from it, or nothing."""
         alike = {rival.name for rival in self.rivals}
         others = (s.drop for s in self.suspects if s.fit is not None and s.name not in alike)
-        return self.chosen.drop - max(others, default=0.0)
+        return max(rival.drop for rival in self.rivals) - max(others, default=0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -327,7 +327,7 @@ def search(fitter: Fitter, base: Fit, candidates: Sequence[Candidate], seed: int
         leaders += [s for s in suspects if s.reason and not s.candidate.effect.noise and s.absorbed < ABSORBED]
     refitted, best, left = [], np.inf, _excess(fitter.evidence, base)
     for suspect in leaders:
-        alike = 2.0 * APART * max(1.0, best / base.residual.size)  # the difference of prices included
+        alike = (2.0 * APART + limit**2) * max(1.0, best / base.residual.size)  # as far as a rival may be behind
         found = _refitted(fitter, base, suspect, limit, best + alike)
         if found.fit is not None:
             refitted.append(found)
@@ -366,9 +366,9 @@ def _best_variants(suspects: Sequence[Suspect]) -> list[Suspect]:
 def _rivals(fitter: Fitter, able: Sequence[Suspect], limit: float) -> tuple[Suspect, ...]:
     """Suspects within reach of the one that explains most for its price, one of each effect, the best first.
 
-    A simpler one is within reach too where the further parameters of the best bring less than the threshold of |z| asks
-    for: beside it they would be no cause either. Where the best leaves more than noise, sums of squares of rivals
-    differ by that much more without telling them apart (quasi-likelihood, Burnham & Anderson 2002, section 2.5).
+    A simpler one is within reach too where what the further parameters of the best bring is below the threshold of |z|:
+    beside it they would be no cause either. Where the best leaves more than noise, sums of squares of rivals differ by
+    that much more without telling them apart (quasi-likelihood, Burnham & Anderson 2002, section 2.5).
     """
     ordered = sorted(able, key=lambda s: s.price - s.drop)
     if not ordered:
@@ -377,8 +377,9 @@ def _rivals(fitter: Fitter, able: Sequence[Suspect], limit: float) -> tuple[Susp
     over = max(1.0, best.fit.square / max(1.0, _expected(fitter.evidence, best.fit)))
 
     def reaches(other: Suspect) -> bool:
-        behind, further = (best.drop - other.drop) / over, best.parameters - other.parameters
-        return behind - 2.0 * further <= APART or (further > 0 and deviate(behind, further) <= limit)
+        behind, further = best.drop - other.drop, best.parameters - other.parameters
+        near = behind + other.price - best.price <= APART * over
+        return near or (further > 0 and deviate(behind / over, further) <= limit)
 
     return tuple(_best_variants([s for s in ordered if reaches(s)]))
 

@@ -90,7 +90,7 @@ def proposal(measurements: Sequence[Mapping[str, Any]]) -> str:
     if best["most"] >= SURE:
         return f"To measure next: {best['said']} {best['helps']}"
     most = max(m["most"] for m in measurements)
-    return f"To measure next: none of the {len(measurements)} that were tried would tell them apart (z = {most:.2g})"
+    return f"To measure next: nothing that was tried would tell them apart (z = {most:.2g} at most)"
 
 
 def _excess(misfit, said):

@@ -316,7 +316,7 @@ def _why(said, outcomes):
             f"others change (cosine of the angle between signatures): {', '.join(alike)}."
         )
     if said["verdict"] == ONE_OF:
-        found.append("With both fitted, the sums of squares differ by less than chance: these records do not decide.")
+        found.append("With any one of them fitted, sums of squares differ too little: these records do not decide.")
     if said["verdict"] == UNEXPLAINED and said["closest"]:
         share = percent(max(0.0, said["misfit"]["share"]))
         found.append(
