@@ -3,8 +3,8 @@
     PYTHONPATH=tests python tests/benchmarks/bench_diagnosis.py
 
 A cubic spring is hidden in the four-degree-of-freedom model (five records, one of them held out) and sought among the
-first 7, 14, ... effects that the study may be missing, that one included. Wall-clock seconds of `calib diagnose` from its files,
-report included, after a first one that compiles; beside them the calibration that it judges, in the same run.
+first 7, 14, ... effects that the study may be missing, that one included. Wall-clock seconds of `calib diagnose` from
+its files, report included, after a first one that compiles; beside them, in the same run, the calibration it judges.
 """
 
 import json
