@@ -12,13 +12,14 @@ from rich.markup import escape
 from rich.table import Table
 
 from calib.cli.standing import folder_of
+from calib.diagnosis.diagnose import NAMED, NONE, ONE_OF
 from calib.inquiry import inquire
 from calib.report.conclusion import proposal, sizes
 from calib.units import shown
 
 MOST = 12  # suspects that are printed
 WIDE = 110  # columns of a terminal in which all that is known of them fits
-COLOURS = {"named": "green", "one_of": "yellow", "none": "green"}
+COLOURS = {NAMED: "green", ONE_OF: "yellow", NONE: "green"}
 
 
 def diagnose_study(
@@ -76,7 +77,7 @@ def show(found: Mapping[str, Any], folder: Path, extended: Path | None, console:
         console.print(_suspects(found, console.width))
     for line in _gain(found):
         console.print(line, soft_wrap=True)
-    if found["measurements"]:
+    if found["verdict"] == ONE_OF:
         console.print(escape(proposal(found["measurements"])), soft_wrap=True)
     console.print(f"{found['simulations']} simulations in {found['seconds']:.1f} s")
     console.print(f"files:  {escape(str(folder))}/ (diagnosis.json, diagnosis.nc, report.html)", soft_wrap=True)

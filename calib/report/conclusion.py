@@ -79,13 +79,15 @@ def points(said: Mapping[str, Any]) -> list[str]:
         if moved:
             listed = ", ".join(f"{s['parameter']} by {signed(s['errors'], '+')}" for s in moved)
             found.append(f"Calibrated without it, values were biased; in standard errors they move: {listed}.")
-    if said["measurements"]:
+    if said["verdict"] == ONE_OF:
         found.append(f"{proposal(said['measurements'])}.")
     return found
 
 
 def proposal(measurements: Sequence[Mapping[str, Any]]) -> str:
-    """What to measure next; where none of the measurements that were tried tells anything, that it is so."""
+    """What to measure next to tell alternatives apart, or that nothing that was tried does."""
+    if not measurements:
+        return "To measure next: unknown, for the models could not be simulated in any other measurement"
     best = measurements[0]
     if best["most"] >= SURE:
         return f"To measure next: {best['said']} {best['helps']}"

@@ -94,6 +94,7 @@ def test_where_no_measurement_would_decide_it_says_so():
     tried = [found | {"most": most} for found, most in zip(said["measurements"], (2.0, 2.2), strict=True)]
     sentence = "To measure next: nothing that was tried would tell them apart (z = 2.2 at most)."
     assert sentence in points(said | {"measurements": tried})
+    assert points(said | {"measurements": []})[-1].startswith("To measure next: unknown, ")
 
 
 def test_where_nothing_is_found_all_suspects_stand_with_the_sizes_that_would_have_been_seen(told):
