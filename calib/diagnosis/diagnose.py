@@ -276,14 +276,15 @@ def _verdict(selection: Selection, gates: Sequence[Gate], ready: Prepared) -> tu
         return NONE, "the residual is what noise leaves; nothing that could be named is missing"
     names = " and ".join(c.name for c in selection.causes)
     share = f"{selection.share:.0%} of the excess misfit"
+    s = "s" if len(selection.causes) == 1 else ""
     if not selection.material:
-        few = "explains only" if selection.share < HALF else "leaves more than noise: it explains"
-        return UNEXPLAINED, f"{names} comes closest, but {few} {share}"
+        few = f"explain{s} only {share}" if selection.share < HALF else f"leave{s} more than noise besides {share}"
+        return UNEXPLAINED, f"{names} come{s} closest, but {few}"
     if len(selection.rivals) > 1:
         alike = f"; they explain {share} alike" if selection.marked else ""
         ways = [_one_of([rival.name for rival in rivals]) for rivals in selection.alternatives]
         return ONE_OF, " and ".join(ways) + alike
-    return NAMED, f"{names}: explains {share}" if selection.marked else names
+    return NAMED, f"{names}: explain{s} {share}" if selection.marked else names
 
 
 def _one_of(names: Sequence[str]) -> str:

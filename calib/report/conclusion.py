@@ -43,7 +43,7 @@ def headline(said: Mapping[str, Any]) -> str:
     if verdict == ONE_OF:
         return f"Something is missing, and these records do not tell alternatives apart: {said['said']}."
     if verdict == UNEXPLAINED:
-        nearest = f"; {' and '.join(said['closest'])} comes closest" if said["closest"] else ""
+        nearest = f"; closest: {' and '.join(said['closest'])}" if said["closest"] else ""
         return f"The misfit is more than noise, and no effect that is known here explains it{nearest}."
     if verdict == NONE:
         return "Nothing that could be named is missing: what the calibrated model leaves is what noise leaves."

@@ -320,8 +320,8 @@ def _why(said, outcomes):
     if said["verdict"] == UNEXPLAINED and said["closest"]:
         share = percent(max(0.0, said["misfit"]["share"]))
         found.append(
-            f"{' and '.join(said['closest'])} explains {share} of the excess; to be named it would have to explain "
-            "half of it, or leave no more than noise."
+            f"Of the excess, {share} is explained by {' and '.join(said['closest'])}. Named is what leaves no more "
+            "than noise, or explains half where far more than noise is left."
         )
     others = [s for s in said["suspects"] if outcomes[s["effect"]] == causes.LESS and s["share"] is not None]
     if said["verdict"] == NAMED and others:
