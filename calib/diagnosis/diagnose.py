@@ -212,6 +212,8 @@ def _diagnosed(
         return Diagnosis(NOT_DIAGNOSABLE, failed, ready.gates)
     fitter = ready.fitter
     selection = select(fitter, ready.null, ready.suspects, seed, on_stage)
+    if ready.rounding and not selection.material:  # steps that are seen are a cause; what explains little is none
+        selection = replace(selection, final=selection.null, causes=(), alternatives=(), left=selection.excess)
     gain = None
     if selection.causes:
         on_stage("gain")

@@ -217,6 +217,18 @@ def test_steps_of_a_converter_are_named_where_they_make_a_good_part_of_the_noise
     assert found.rounding == pytest.approx(share / (1.0 + share) if named else 0.0, rel=1e-6)
 
 
+def test_steps_beyond_the_noise_that_is_stated_are_the_cause_where_effects_explain_little():
+    known = references()
+    for reference in known.values():
+        for channel in ("displacement", "velocity"):
+            step = 10.0 * float(reference.record[f"{channel}_sigma"][0])
+            reference.record[channel].values[:] = step * np.round(reference.record[channel].values / step)
+    found = diagnosed(known, library=(*LIBRARY, "quantisation"))
+    assert found.selection.marked
+    assert found.causes == ("quantisation",)
+    assert found.rounding > 0.9
+
+
 def test_an_effect_whose_size_would_have_an_impossible_sign_is_neither_fitted_nor_named():
     found = diagnosed(references(["coulomb_friction"], friction=-0.3), library=("coulomb_friction",))
     assert found.verdict == "unexplained"
