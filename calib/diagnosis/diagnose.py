@@ -280,8 +280,9 @@ def _verdict(selection: Selection, gates: Sequence[Gate], ready: Prepared) -> tu
     share = f"{selection.share:.0%} of the excess misfit"
     s = "s" if len(selection.causes) == 1 else ""
     if not selection.material:
-        few = f"explain{s} only {share}" if selection.share < HALF else f"leave{s} more than noise besides {share}"
-        return UNEXPLAINED, f"{names} come{s} closest, but {few}"
+        if selection.share < HALF:
+            return UNEXPLAINED, f"{names} come{s} closest, but explain{s} only {share}"
+        return UNEXPLAINED, f"{names} come{s} closest and explain{s} {share}, but leave{s} more than noise"
     if len(selection.rivals) > 1:
         alike = f"; they explain {share} alike" if selection.marked else ""
         ways = [_one_of([rival.name for rival in rivals]) for rivals in selection.alternatives]
