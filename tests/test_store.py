@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import warnings
+from contextlib import closing
 
 import numpy as np
 import optuna
@@ -474,7 +475,8 @@ def test_the_dashboard_serves_the_picture(tmp_path):
     told = {}
     path = f"/artifacts/0/0/{meta.artifact_id}"
     environ = {"REQUEST_METHOD": "GET", "PATH_INFO": path, "SERVER_NAME": "x", "SERVER_PORT": "80", "wsgi.input": None}
-    body = b"".join(app(environ, lambda status, headers, *_: told.update(status=status, headers=dict(headers))))
+    with closing(app(environ, lambda status, headers, *_: told.update(status=status, headers=dict(headers)))) as answer:
+        body = b"".join(answer)
     assert told["status"].startswith("200")
     assert told["headers"]["Content-Type"] == "image/png"
     assert body == picture(None, None)

@@ -2,7 +2,7 @@
 
 Ten minutes of it, with new examples every time:
 
-    CALIB_FUZZ_SECONDS=600 pytest -m slow tests/digitise/test_fuzz.py -s
+    CALIB_FUZZ_SECONDS=600 pytest -m slow tests/digitise/test_fuzz.py -n 0 -s
 """
 
 import io
