@@ -111,7 +111,6 @@ def test_a_finished_study_run_again_makes_no_trial_and_finds_the_same(tmp_path):
     assert {**first, "seconds": 0} == {**second, "seconds": 0}
 
 
-@pytest.mark.slow
 def test_two_jobs_find_what_one_finds(tmp_path):
     path = write_study(tmp_path)
     one = json.loads(calib("run", path, "--json", "--out", tmp_path / "one").stdout)

@@ -205,7 +205,6 @@ def test_the_best_record_is_the_confirmed_one(confirmed):
     assert provenance["values"] == found["values"]
 
 
-@pytest.mark.slow
 def test_a_study_stopped_while_it_confirms_and_run_again_finds_the_same(confirmed, tmp_path, monkeypatch, drawn):
     path, uninterrupted = confirmed
 

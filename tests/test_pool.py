@@ -65,7 +65,7 @@ def test_an_exception_is_reported_with_the_line_that_raised_it():
     assert "pool_functions.py" in failure.reason
 
 
-@pytest.mark.parametrize("how", ["hang", pytest.param("hang with a deaf interpreter", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("how", ["hang", "hang with a deaf interpreter"])
 def test_a_call_beyond_its_limit_is_killed_and_only_that_one(how):
     with LocalPool(f.misbehave, 2, timeout=2.0, startup=10.0) as pool:
         results(pool, ["a", "b", "c", "d"])

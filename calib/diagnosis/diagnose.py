@@ -184,7 +184,7 @@ def prepared(
         fitter.evidence = gathered(named, bench.rows, cycle, null.point.seen, left, spoilt)
         gates[-1] = noise_known(fitter.evidence)
         null = fitter.fit(null.point)
-    steps = max(rounding(part) for part in fitter.evidence.parts)
+    steps = min(1.0, max(float(rounding(part).max(initial=0.0)) for part in fitter.evidence.parts))
     if steps < NIBBLE or QUANTISATION not in {effect.name for effect in effects}:
         steps = 0.0
     return Prepared(tuple(gates), fitter, null, tuple(suspects), refused, float(share), steps)
@@ -195,6 +195,15 @@ def _spoilt_part(fitter: Fitter, null: Fit, spoilt: Mapping[str, np.ndarray]) ->
     residual = fitter.evidence.residual(null.point.seen)
     mask = np.concatenate([spoilt[part.name].ravel() for part in fitter.evidence.parts])
     return float((residual[mask] ** 2).sum() / max((residual**2).sum(), 1e-300))
+
+
+def _rounded(evidence: Evidence) -> float:
+    """Sum of squares that the steps of converters add to the residual."""
+    return sum(
+        float(share * (1.0 + noise.memory @ noise.memory) / noise.innovation**2 * (weight**2).sum())
+        for part in evidence.parts
+        for share, noise, weight in zip(rounding(part), part.noise, part.weight, strict=True)
+    )
 
 
 def _diagnosed(
@@ -212,8 +221,11 @@ def _diagnosed(
         return Diagnosis(NOT_DIAGNOSABLE, failed, ready.gates)
     fitter = ready.fitter
     selection = select(fitter, ready.null, ready.suspects, seed, on_stage)
-    if ready.rounding and not selection.material:  # steps that are seen are a cause; what explains little is none
-        selection = replace(selection, final=selection.null, causes=(), alternatives=(), left=selection.excess)
+    if ready.rounding and not selection.material:
+        if _rounded(fitter.evidence) < HALF * selection.excess:
+            ready = replace(ready, rounding=0.0)  # seen, but no cause to be named: the misfit is elsewhere
+        else:
+            selection = selection.without_causes()
     gain = None
     if selection.causes:
         on_stage("gain")

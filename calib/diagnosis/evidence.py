@@ -288,21 +288,21 @@ def outliers(part: Part, seen: Seen) -> np.ndarray:
     return far & ~crowd
 
 
-def rounding(part: Part) -> float:
-    """Largest share of the variance of a row's noise that a converter's steps make; 0 where none is seen  [1].
+def rounding(part: Part) -> np.ndarray:
+    """Variance (row,) that a converter's steps make, over that of the row's noise; 0 where none are seen  [1].
 
     The steps are seen where the samples lie on few levels that are whole steps apart; theirs is a twelfth of the
     step squared (Widrow & Kollar, Quantization Noise, 2008, chapter 4).
     """
-    shares = [0.0]
-    for row, noise, used in zip(part.measured, part.noise, part.used, strict=True):
+    shares = np.zeros(len(part.rows))
+    for index, (row, noise, used) in enumerate(zip(part.measured, part.noise, part.used, strict=True)):
         levels = np.unique(row[used])
         if 1 < levels.size < FEW * used.sum():
             step = np.median(np.diff(levels))
             steps = (levels - levels[0]) / step
-            aligned = np.abs(steps - np.round(steps)).max() < ALIGNED
-            shares.append(step**2 / 12.0 / noise.sigma**2 if aligned else 0.0)
-    return float(min(1.0, max(shares)))
+            if np.abs(steps - np.round(steps)).max() < ALIGNED:
+                shares[index] = step**2 / 12.0 / noise.sigma**2
+    return shares
 
 
 def _measured(reference: Reference, rows: Sequence[tuple[str, str]]) -> np.ndarray:

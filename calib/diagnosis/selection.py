@@ -148,6 +148,10 @@ class Selection:
     left: float
     blur: float
 
+    def without_causes(self) -> "Selection":
+        """Return the same search with the calibrated model as its answer."""
+        return replace(self, final=self.null, causes=(), alternatives=(), left=self.excess)
+
     @property
     def share(self) -> float:
         """Share of the excess that the causes explain; 1 where there is none  [1]."""

@@ -64,7 +64,7 @@ def test_the_ball_has_the_multipliers_of_the_closed_form(ball):
     assert cycle.stable == (ball.drive < ball.flip)
 
 
-@pytest.mark.parametrize("ball", [BALLS[0], *(pytest.param(ball, marks=pytest.mark.slow) for ball in BALLS[1:])])
+@pytest.mark.parametrize("ball", BALLS)
 def test_fold_and_flip_of_the_ball_are_those_of_the_closed_form(ball):
     def maps(drive):
         return Ball(drive, ball.e, ball.k).map()

@@ -47,7 +47,6 @@ def branches():
     return figure_4.branches()
 
 
-@pytest.mark.slow
 def test_period_1_ends_by_grazing_between_0_168_and_0_170(branches):
     [end] = branches[0].points
     assert end.kind == "grazing"
@@ -59,7 +58,6 @@ def test_period_1_ends_by_grazing_between_0_168_and_0_170(branches):
     assert np.abs(branches[0].multipliers).max() < 0.87
 
 
-@pytest.mark.slow
 def test_the_period_2_motion_comes_out_of_the_same_grazing(branches):
     start = branches[1].points[0]
     assert start.kind == "grazing"
@@ -100,7 +98,6 @@ def test_a_window_of_period_2_opens_at_0_73():
     assert motion(0.73).label == "4/2"
 
 
-@pytest.mark.slow
 def test_the_windows_are_those_stretches_of_the_branches_that_are_stable(branches):
     flips = [point.parameter for point in branches[1].points if point.kind == "flip"]
     assert flips[-2:] == pytest.approx([0.36520, 0.58066], abs=1e-5)
