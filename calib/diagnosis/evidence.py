@@ -154,6 +154,11 @@ class Evidence:
             first += int(own.max()) + 1
         return np.concatenate(numbers)
 
+    def rows(self) -> np.ndarray:
+        """Number (N,) of the row, among those of all records, that each residual belongs to."""
+        lengths = [part.time.size for part in self.parts for _ in part.rows]
+        return np.repeat(np.arange(len(lengths)), lengths)
+
     def counted(self) -> float:
         """Number of residuals that count."""
         return float(sum((part.weight**2).sum() for part in self.parts))

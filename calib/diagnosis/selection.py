@@ -7,6 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from calib.diagnosis.candidate import Candidate
+from calib.diagnosis.constancy import inconstancy
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.refit import Fit, Fitter
 from calib.diagnosis.score import Signature, Tested, deviate, tested, threshold
@@ -137,6 +138,7 @@ class Selection:
     alternatives : of each cause, suspects that cannot be told from it beside the others, itself included
     excess : by how much the calibrated model's sum of squares exceeds what noise leaves, with its standard deviation
     left : the same of the final model
+    inconstancy : normal deviate by which sizes of several causes differ among the channels of the records; 0 for one
     """
 
     rounds: tuple[Round, ...]
@@ -147,10 +149,11 @@ class Selection:
     excess: float
     left: float
     blur: float
+    inconstancy: float = 0.0
 
     def without_causes(self) -> "Selection":
         """Return the same search with the calibrated model as its answer."""
-        return replace(self, final=self.null, causes=(), alternatives=(), left=self.excess)
+        return replace(self, final=self.null, causes=(), alternatives=(), left=self.excess, inconstancy=0.0)
 
     @property
     def share(self) -> float:
@@ -163,7 +166,7 @@ class Selection:
         return self.excess > MARKED * self.blur
 
     @property
-    def material(self) -> bool:
+    def explained(self) -> bool:
         """Whether the causes leave no more than noise or a crumb; where what is left is gross, at least explain half.
 
         Where noise is the larger part of what is left it is known so well that the right causes would leave nothing
@@ -174,13 +177,26 @@ class Selection:
         return self.left < little or (gross and self.share >= HALF)
 
     @property
+    def constant(self) -> bool:
+        """Whether several causes have one size each in all channels of all records; one cause speaks for itself.
+
+        Several that do not, imitate something else: together they are a flexible model.
+        """
+        return self.inconstancy <= self.rounds[0].threshold
+
+    @property
+    def material(self) -> bool:
+        """Whether the causes explain enough to be named, with one size each."""
+        return self.explained and self.constant
+
+    @property
     def margin(self) -> float:
         """Fall of the sum of squares that the answer rests on: an error that moves less of it does not change it.
 
         Of each cause what it explains, and explains more than the best that was told from it; the excess where there is
         no cause; nothing where causes gave way to others.
         """
-        chosen = [r for r in self.rounds if r.chosen is not None]
+        chosen = [r for r in self.rounds if r.chosen is not None][: len(self.causes)]
         if [r.chosen.name for r in chosen] != [cause.name for cause in self.causes]:
             return 0.0
         margins = [r.margin for r in chosen]
@@ -218,6 +234,8 @@ def select(
     below, it nibbles at something else; and a hundredth of what the calibrated model left: below, it mends the form of
     the causes before it, of which nobody knows more than that they explain the rest. Where causes found in this way
     leave more than noise, one of them may be a compromise between two: then the best pair is tried in their place.
+    Where the sizes of several causes differ among the channels of the records, the last give way as long as those
+    before them explain enough alone.
     """
     rounds, base, causes, known = [], null, [], {}
     for number in range(CAUSES):
@@ -248,16 +266,26 @@ def select(
         pair = _paired(fitter, null, rounds[0].suspects)
         if pair is not None and _worth(*pair) > _worth(named, base) + APART:
             named, base = _beside_the_others(fitter, null, *pair, candidates, seed, {}, last=True)
-    common = fitter.evidence.with_weights([null.point.seen, base.point.seen])
+    found = fewer = _selection(fitter, rounds, null, named, base)
+    while len(fewer.causes) > 1 and not fewer.constant:
+        (last, _), named = named[-1], named[:-1]
+        base = fitter.sharpened(_without(fitter, null, base, last, [cause.candidate for cause, _ in named]))
+        fewer = _selection(fitter, rounds, null, named, base)
+    return fewer if fewer.material else found
+
+
+def _selection(fitter: Fitter, rounds: Sequence[Round], null: Fit, named: Named, final: Fit) -> Selection:
+    common = fitter.evidence.with_weights([null.point.seen, final.point.seen])
     return Selection(
         rounds=tuple(rounds),
         null=null,
-        final=base,
-        causes=tuple(replace(cause, candidate=cause.candidate.at(base.point.values), fit=base) for cause, _ in named),
+        final=final,
+        causes=tuple(replace(cause, candidate=cause.candidate.at(final.point.values), fit=final) for cause, _ in named),
         alternatives=tuple(rivals for _, rivals in named),
         excess=null.judged(common) - _expected(common, null),
-        left=base.judged(common) - _expected(common, base),
+        left=final.judged(common) - _expected(common, final),
         blur=_blur(common),
+        inconstancy=inconstancy(fitter.evidence, final) if len(named) > 1 else 0.0,
     )
 
 
