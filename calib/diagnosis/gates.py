@@ -42,7 +42,7 @@ def simulates(seen: Mapping[str, Seen]) -> Gate:
     """Every record can be simulated at the calibrated values."""
     bad = {name: view for name, view in seen.items() if not view.usable}
     said = "; ".join(f"{name}: {view.status} {view.reason}".strip() for name, view in bad.items())
-    return Gate("simulation", not bad, said or f"all {len(seen)} records are simulated")
+    return Gate("simulation", not bad, said or "every record is simulated")
 
 
 def same_kind(seen: Mapping[str, Seen]) -> Gate:

@@ -75,8 +75,8 @@ def motions(found: Diagnosis, references: Mapping[str, Reference]) -> dict[str, 
     Datasets over (row, time): measured, calibrated and, where there are causes, extended, each row in its unit; weight
     in [0, 1], 0 where a sample is not compared. Over row: sigma and innovation (standard deviations of the noise and of
     what is new in each of its samples, in the row's unit), memory (row, lag; coefficients of its autoregression), and
-    the coordinates body, channel, unit. time [s]. Attributes: cycle (of the motion, in periods) and, where the
-    excitation has one, period [s].
+    the coordinates body, channel, unit and source (what sigma is known from). time [s]. Attributes: cycle (of the
+    motion, in periods) and, where the excitation has one, period [s].
     """
     if found.selection is None or found.evidence is None:
         return {}
@@ -104,6 +104,7 @@ def _motion(part: Part, found: Diagnosis, record: xr.Dataset) -> xr.Dataset:
             "body": ("row", [body for body, _ in part.rows]),
             "channel": ("row", channels),
             "unit": ("row", [record[channel].attrs.get("units", "1") for channel in channels]),
+            "source": ("row", [noise.source for noise in part.noise]),
         },
         attrs={"cycle": part.cycle} | ({} if part.period is None else {"period": part.period}),
     )

@@ -173,8 +173,12 @@ class Selection:
         beside it; a gross misfit is only ever explained in part.
         """
         little = max(MARKED * self.blur, CRUMB * self.excess)
-        gross = self.left > GROSS * self.blur**2
-        return self.left < little or (gross and self.share >= HALF)
+        return self.left < little or (self.gross and self.share >= HALF)
+
+    @property
+    def gross(self) -> bool:
+        """Whether more of what is left is a misfit than noise."""
+        return self.left > GROSS * self.blur**2
 
     @property
     def constant(self) -> bool:
@@ -234,8 +238,8 @@ def select(
     below, it nibbles at something else; and a hundredth of what the calibrated model left: below, it mends the form of
     the causes before it, of which nobody knows more than that they explain the rest. Where causes found in this way
     leave more than noise, one of them may be a compromise between two: then the best pair is tried in their place.
-    Where the sizes of several causes differ among the channels of the records, the last give way as long as those
-    before them explain enough alone.
+    Where the sizes of several causes differ among the channels of the records, the last give way if those before them
+    explain half of a gross misfit without them.
     """
     rounds, base, causes, known = [], null, [], {}
     for number in range(CAUSES):
@@ -271,7 +275,7 @@ def select(
         (last, _), named = named[-1], named[:-1]
         base = fitter.sharpened(_without(fitter, null, base, last, [cause.candidate for cause, _ in named]))
         fewer = _selection(fitter, rounds, null, named, base)
-    return fewer if fewer.material else found
+    return fewer if fewer.gross and fewer.material else found
 
 
 def _selection(fitter: Fitter, rounds: Sequence[Round], null: Fit, named: Named, final: Fit) -> Selection:

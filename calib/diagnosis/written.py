@@ -120,6 +120,7 @@ def _misfit(diagnosis: Diagnosis) -> dict[str, Any]:
         "left": selection.left,
         "blur": selection.blur,
         "share": selection.share if selection.causes else 0.0,
+        "inconstancy": selection.inconstancy,
         "features": [asdict(deviation) for deviation in said.features],
         "channels": [{**asdict(channel), "orders": channel.orders.tolist()} for channel in said.channels],
     }

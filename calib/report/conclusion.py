@@ -44,6 +44,7 @@ def headline(said: Mapping[str, Any]) -> str:
         return f"Something is missing, and these records do not tell alternatives apart: {said['said']}."
     if verdict == UNEXPLAINED:
         nearest = f"; closest: {' and '.join(said['closest'])}" if said["closest"] else ""
+        nearest += ", whose sizes differ among the channels of the records" if inconstant(said) else ""
         return f"The misfit is more than noise, and no effect that is known here explains it{nearest}."
     if verdict == NONE:
         return "Nothing that could be named is missing: what the calibrated model leaves is what noise leaves."
@@ -105,6 +106,11 @@ def _excess(misfit, said):
     explained = "all" if misfit["share"] >= 1.0 else percent(misfit["share"])
     after = f"{number(abs(left), 3)} {'above' if left >= 0 else 'below'}"
     return f"{text}; with {_which(said)} it is {after}: {explained} of the excess is explained."
+
+
+def inconstant(said: Mapping[str, Any]) -> bool:
+    """Whether several causes were found, of which the sizes differ among the channels of the records."""
+    return bool(said["closest"]) and said["misfit"].get("inconstancy", 0.0) > said["threshold"]
 
 
 def added(said: Mapping[str, Any]) -> list[str]:

@@ -1,7 +1,6 @@
 """The chapter of a page that tells a diagnosis: what is wrong, who was suspected, why this one, what it brings."""
 
 import math
-import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -16,7 +15,9 @@ from calib.report.conclusion import (
     NONE,
     ONE_OF,
     UNEXPLAINED,
+    added,
     headline,
+    inconstant,
     named_extension,
     points,
     remedy,
@@ -122,17 +123,17 @@ def chapter(
 def _gate(gate, motions):
     text = gate["said"]
     if gate["name"] == "noise" and gate["passed"] and motions:
-        levels = [
-            float(motion.sigma[row]) / float(np.std(motion.measured.values[row]))
+        known = [
+            (float(motion.sigma[row]) / float(np.std(motion.measured.values[row])), str(motion.source.values[row]))
             for motion in motions.values()
             for row, *_ in remains.rows(motion)
             if np.std(motion.measured.values[row]) > 0.0
         ]
-        sources = " and ".join(dict.fromkeys(re.findall(r"\((stated in the record|cycle to cycle|the residual)", text)))
-        if levels:
+        if known:
+            levels, sources = zip(*known, strict=True)
             ends = dict.fromkeys(percent(x, 2) for x in (min(levels), max(levels)))
             text = f"{' to '.join(ends)} of the motion in {count(len(levels), 'channel')}"
-            text += f", from {sources}" if sources else ""
+            text += f" ({', '.join(dict.fromkeys(sources))})"
     return {
         "name": gate["name"],
         "passed": gate["passed"],
@@ -322,6 +323,13 @@ def _why(said, outcomes):
         found.append(
             f"Of the excess, {share} is explained by {' and '.join(said['closest'])}. Named is what leaves no more "
             "than noise, or explains half where far more than noise is left."
+        )
+    if said["misfit"].get("inconstancy"):
+        differ = "differ" if inconstant(said) else "do not differ"
+        found.append(
+            f"The sizes of {' and '.join(added(said))} {differ} among the channels of the records (z = "
+            f"{number(said['misfit']['inconstancy'], 2)}, threshold {number(said['threshold'], 2)}). Several effects "
+            "together may imitate another one, but hardly with the same sizes everywhere."
         )
     others = [s for s in said["suspects"] if outcomes[s["effect"]] == causes.LESS and s["share"] is not None]
     if said["verdict"] == NAMED and others:

@@ -258,3 +258,29 @@ def test_a_step_whose_error_is_small_beside_what_is_missing_hinders_no_diagnosis
     [gate] = [gate for gate in found.gates if gate.name == "time_step"]
     assert found.selection.rounds[0].threshold < gate.z < 0.1 * np.sqrt(found.selection.margin)
     assert "sizes may be off by so many standard errors" in gate.said
+
+
+def changing(k3, soft, loud):
+    """Records of a hardening spring whose displacement channel has another offset in each."""
+    known = {}
+    for name, offset in (("soft", soft), ("loud", loud)):
+        known[name] = references(["cubic_stiffness", "channel_offset"], k3=k3, offset_displacement=offset)[name]
+    return known
+
+
+def test_several_causes_of_which_one_changes_between_records_are_not_named():
+    same, other = diagnosed(changing(2e4, 2.5e-5, 2.5e-5)), diagnosed(changing(2e4, 2.5e-5, 1e-5))
+    assert (same.verdict, set(same.causes)) == ("named", {"cubic_stiffness", "channel_offset"})
+    assert same.selection.constant
+    assert other.verdict == "unexplained"
+    assert other.selection.explained
+    assert other.selection.inconstancy > other.selection.rounds[0].threshold
+    assert "their sizes differ among the channels of the records" in other.said
+    assert as_dict(other)["misfit"]["inconstancy"] == other.selection.inconstancy
+
+
+def test_the_one_cause_that_explains_most_of_a_gross_misfit_is_named_without_those_that_change_between_records():
+    found = diagnosed(changing(3e6, 1e-4, 5e-4))
+    assert len([r for r in found.selection.rounds if r.chosen]) > 1
+    assert (found.verdict, found.causes) == ("named", ("cubic_stiffness",))
+    assert 0.8 < found.selection.share < 1.0

@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 
 from calib.diagnosis.next_measurement import Measurement
+from calib.diagnosis.noise import CYCLIC
 
 CYCLES, SAMPLES, PERIOD = 6, 200, 0.04  # periods of the records; samples a period; s
 SIGMA = {"displacement": 2e-5, "velocity": 4e-3}
@@ -41,6 +42,7 @@ def motion(rng, amplitude=2.5e-3, lack=0.0, shape=np.square, extended=True):
             "body": ("row", ["q2", "q2", "q3", "q3"]),
             "channel": ("row", channels),
             "unit": ("row", [UNITS[c] for c in channels]),
+            "source": ("row", [CYCLIC] * len(channels)),
         },
         attrs={"cycle": 1, "period": PERIOD},
     )
@@ -102,7 +104,7 @@ def feature(label, unit, measured, simulated, error):
 
 
 GATES = [
-    {"name": "simulation", "passed": True, "said": "all 2 records are simulated", "z": None},
+    {"name": "simulation", "passed": True, "said": "every record is simulated", "z": None},
     {"name": "kind of motion", "passed": True, "said": "simulated motions have the measured period", "z": None},
     {"name": "noise", "passed": True, "said": "clapping q3 displacement: 2e-05 (cycle to cycle)", "z": None},
     {"name": "time_step", "passed": True, "said": "made 2 times finer, it changes the records by z = 0.1", "z": 0.1},

@@ -105,6 +105,12 @@ def test_where_nothing_is_found_all_suspects_stand_with_the_sizes_that_would_hav
     assert {s["share"] for s in found["suspects"]["shown"]} == {"-"}
 
 
+def test_what_the_level_of_the_noise_is_known_from_is_said(study):
+    found = chapter(document("named", VALUES), motions("named"), {"values": VALUES}, study)
+    [noise] = [gate for gate in found["gates"] if gate["name"] == "noise"]
+    assert noise["said"].endswith(" of the motion in 8 channels (cycle to cycle)")
+
+
 def test_a_failed_gate_says_what_to_do(told):
     found = told("not_diagnosable")
     assert "kind of motion" in found["headline"]
@@ -130,6 +136,16 @@ def test_what_became_of_each_suspect():
     }
     said = document("unexplained", VALUES)
     assert outcome(said["suspects"][0], said) == "comes closest"
+
+
+@pytest.mark.parametrize(("z", "differ"), [(0.7, False), (5.3, True)])
+def test_whether_several_causes_have_one_size_everywhere_is_said(z, differ, study):
+    said = document("unexplained", VALUES)
+    said |= {"closest": ["quadratic_drag", "channel_lag"], "misfit": said["misfit"] | {"inconstancy": z}}
+    assert ("whose sizes differ among the channels of the records" in headline(said)) == differ
+    [told] = [text for text in chapter(said, {}, {"values": VALUES}, study)["why"] if "threshold" in text]
+    how = "differ" if differ else "do not differ"
+    assert told.startswith(f"The sizes of quadratic_drag and channel_lag {how} among the channels of the records")
 
 
 def test_a_suspect_that_could_not_be_tested_has_no_size(told):
