@@ -20,11 +20,12 @@ def inconstancy(evidence: Evidence, fit: Fit) -> float:
     Parameters
     ----------
     evidence : that the fit was made to
-    fit : with its derivatives where it ends
+    fit : with its derivatives
     """
     sizes = [fit.names.index(name) for c in fit.found for name in (*c.free, *c.form)]
     rows = evidence.rows()
     alone = rows[:, None] == np.arange(rows.max() + 1)
     columns = np.column_stack([fit.columns[:, [index]] * alone for index in sizes])
-    signature = Signature.of(columns, fit.absorbing, np.zeros(columns.shape[1]))
-    return tested(fit.absorbing(fit.residual), signature, evidence.segments()).z
+    absorbing = fit.absorbing
+    signature = Signature.of(columns, absorbing, np.zeros(columns.shape[1]))
+    return abs(tested(absorbing(fit.residual), signature, evidence.segments()).z)

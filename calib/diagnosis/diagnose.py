@@ -295,9 +295,10 @@ def _verdict(selection: Selection, gates: Sequence[Gate], ready: Prepared) -> tu
         if selection.share < HALF:
             return UNEXPLAINED, f"{names} come{s} closest, but explain{s} only {share}"
         if selection.explained:
+            explain = f" and explain {share}" if selection.marked else ""
             differ = f"their sizes differ among the channels of the records (z = {selection.inconstancy:.2g})"
             why = "one of them changes, or they imitate another cause"
-            return UNEXPLAINED, f"{names} come closest and explain {share}, but {differ}: {why}"
+            return UNEXPLAINED, f"{names} come closest{explain}, but {differ}: {why}"
         return UNEXPLAINED, f"{names} come{s} closest and explain{s} {share}, but leave{s} more than noise"
     if len(selection.rivals) > 1:
         alike = f"; they explain {share} alike" if selection.marked else ""

@@ -173,18 +173,14 @@ class Selection:
         beside it; a gross misfit is only ever explained in part.
         """
         little = max(MARKED * self.blur, CRUMB * self.excess)
-        return self.left < little or (self.gross and self.share >= HALF)
-
-    @property
-    def gross(self) -> bool:
-        """Whether more of what is left is a misfit than noise."""
-        return self.left > GROSS * self.blur**2
+        gross = self.left > GROSS * self.blur**2
+        return self.left < little or (gross and self.share >= HALF)
 
     @property
     def constant(self) -> bool:
-        """Whether several causes have one size each in all channels of all records; one cause speaks for itself.
+        """Whether several causes have one size each in all channels of all records.
 
-        Several that do not, imitate something else: together they are a flexible model.
+        Several that do not may imitate any other: together they are a flexible model. One cause speaks for itself.
         """
         return self.inconstancy <= self.rounds[0].threshold
 
@@ -198,9 +194,12 @@ class Selection:
         """Fall of the sum of squares that the answer rests on: an error that moves less of it does not change it.
 
         Of each cause what it explains, and explains more than the best that was told from it; the excess where there is
-        no cause; nothing where causes gave way to others.
+        no cause; nothing where causes gave way to others. Of causes that explain enough, but not everywhere alike, what
+        shows that.
         """
-        chosen = [r for r in self.rounds if r.chosen is not None][: len(self.causes)]
+        if self.explained and not self.constant:
+            return (self.inconstancy - self.rounds[0].threshold) ** 2
+        chosen = [r for r in self.rounds if r.chosen is not None]
         if [r.chosen.name for r in chosen] != [cause.name for cause in self.causes]:
             return 0.0
         margins = [r.margin for r in chosen]
@@ -234,12 +233,8 @@ def select(
     """Search for causes one after the other, at most three; then look for each earlier one again beside the others.
 
     Where a cause brings the residual down to the noise that is stated, its memory is judged anew, and what follows is
-    looked for in that noise. A further cause has to explain a quarter of what is left, where that is more than noise:
-    below, it nibbles at something else; and a hundredth of what the calibrated model left: below, it mends the form of
-    the causes before it, of which nobody knows more than that they explain the rest. Where causes found in this way
-    leave more than noise, one of them may be a compromise between two: then the best pair is tried in their place.
-    Where the sizes of several causes differ among the channels of the records, the last give way if those before them
-    explain half of a gross misfit without them.
+    looked for in that noise. Where causes found in this way leave more than noise, one of them may be a compromise
+    between two: then the best pair is tried in their place.
     """
     rounds, base, causes, known = [], null, [], {}
     for number in range(CAUSES):
@@ -247,9 +242,7 @@ def select(
         on_stage(f"suspects {number + 1}")
         excess, blur = _excess(fitter.evidence, base), _blur(fitter.evidence)
         found = search(fitter, base, left, seed + number, excess / blur, known)
-        chosen = found.chosen
-        least = max(NIBBLE * excess, CRUMB * _excess(fitter.evidence, null))
-        if number and chosen is not None and excess > MARKED * blur and chosen.drop < least:
+        if number and found.chosen is not None and not _further(fitter, null, base, found):
             found = replace(found, chosen=None, rivals=())
         rounds.append(found)
         if found.chosen is None:
@@ -270,27 +263,35 @@ def select(
         pair = _paired(fitter, null, rounds[0].suspects)
         if pair is not None and _worth(*pair) > _worth(named, base) + APART:
             named, base = _beside_the_others(fitter, null, *pair, candidates, seed, {}, last=True)
-    found = fewer = _selection(fitter, rounds, null, named, base)
-    while len(fewer.causes) > 1 and not fewer.constant:
-        (last, _), named = named[-1], named[:-1]
-        base = fitter.sharpened(_without(fitter, null, base, last, [cause.candidate for cause, _ in named]))
-        fewer = _selection(fitter, rounds, null, named, base)
-    return fewer if fewer.gross and fewer.material else found
-
-
-def _selection(fitter: Fitter, rounds: Sequence[Round], null: Fit, named: Named, final: Fit) -> Selection:
-    common = fitter.evidence.with_weights([null.point.seen, final.point.seen])
+    common = fitter.evidence.with_weights([null.point.seen, base.point.seen])
     return Selection(
         rounds=tuple(rounds),
         null=null,
-        final=final,
-        causes=tuple(replace(cause, candidate=cause.candidate.at(final.point.values), fit=final) for cause, _ in named),
+        final=base,
+        causes=tuple(replace(cause, candidate=cause.candidate.at(base.point.values), fit=base) for cause, _ in named),
         alternatives=tuple(rivals for _, rivals in named),
         excess=null.judged(common) - _expected(common, null),
-        left=final.judged(common) - _expected(common, final),
+        left=base.judged(common) - _expected(common, base),
         blur=_blur(common),
-        inconstancy=inconstancy(fitter.evidence, final) if len(named) > 1 else 0.0,
+        inconstancy=inconstancy(fitter.evidence, base) if len(named) > 1 else 0.0,
     )
+
+
+def _further(fitter: Fitter, null: Fit, base: Fit, found: Round) -> bool:
+    """Whether what was found beside the causes of `base` is another cause.
+
+    It has to explain a quarter of what is left, where that is more than noise: below, it nibbles at something else; and
+    a hundredth of what the calibrated model left: below, it mends the form of the causes before it, of which nobody
+    knows more than that they explain the rest. Where these explain half of a gross misfit, it must not leave a gross
+    one with sizes that differ among the channels of the records: both are bent by what has no name.
+    """
+    evidence, blur = fitter.evidence, _blur(fitter.evidence)
+    whole, left = _excess(evidence, null), _excess(evidence, base)
+    if left > MARKED * blur and found.chosen.drop < max(NIBBLE * left, CRUMB * whole):
+        return False
+    if whole - left < HALF * whole or _excess(evidence, found.chosen.fit) < GROSS * blur**2:
+        return True
+    return inconstancy(evidence, fitter.sharpened(found.chosen.fit)) <= found.threshold
 
 
 def _paired(fitter: Fitter, null: Fit, suspects: Sequence[Suspect]) -> tuple[Named, Fit] | None:

@@ -109,8 +109,8 @@ def _excess(misfit, said):
 
 
 def inconstant(said: Mapping[str, Any]) -> bool:
-    """Whether several causes were found, of which the sizes differ among the channels of the records."""
-    return bool(said["closest"]) and said["misfit"].get("inconstancy", 0.0) > said["threshold"]
+    """Whether several effects come closest, of which the sizes differ among the channels of the records."""
+    return said["verdict"] == UNEXPLAINED and (said["misfit"].get("inconstancy") or 0.0) > said["threshold"]
 
 
 def added(said: Mapping[str, Any]) -> list[str]:

@@ -124,16 +124,17 @@ def _gate(gate, motions):
     text = gate["said"]
     if gate["name"] == "noise" and gate["passed"] and motions:
         known = [
-            (float(motion.sigma[row]) / float(np.std(motion.measured.values[row])), str(motion.source.values[row]))
+            (motion, row)
             for motion in motions.values()
             for row, *_ in remains.rows(motion)
             if np.std(motion.measured.values[row]) > 0.0
         ]
+        sources = [str(motion.source.values[row]) for motion, row in known if "source" in motion.coords]
         if known:
-            levels, sources = zip(*known, strict=True)
+            levels = [float(motion.sigma[row]) / float(np.std(motion.measured.values[row])) for motion, row in known]
             ends = dict.fromkeys(percent(x, 2) for x in (min(levels), max(levels)))
             text = f"{' to '.join(ends)} of the motion in {count(len(levels), 'channel')}"
-            text += f" ({', '.join(dict.fromkeys(sources))})"
+            text += f" ({', '.join(dict.fromkeys(sources))})" if sources else ""
     return {
         "name": gate["name"],
         "passed": gate["passed"],
@@ -322,9 +323,9 @@ def _why(said, outcomes):
         share = percent(max(0.0, said["misfit"]["share"]))
         found.append(
             f"Of the excess, {share} is explained by {' and '.join(said['closest'])}. Named is what leaves no more "
-            "than noise, or explains half where far more than noise is left."
+            "than noise, or explains half where far more than noise is left; of several, what has one size everywhere."
         )
-    if said["misfit"].get("inconstancy"):
+    if said["misfit"].get("inconstancy") and added(said):
         differ = "differ" if inconstant(said) else "do not differ"
         found.append(
             f"The sizes of {' and '.join(added(said))} {differ} among the channels of the records (z = "

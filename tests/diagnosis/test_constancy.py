@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from calib.diagnosis.constancy import inconstancy
 from calib.diagnosis.score import Projection
@@ -16,13 +17,13 @@ EVIDENCE = SimpleNamespace(
 
 
 def fitted(sizes, memory=0.0, seed=0):
-    """A linear model with two effects of sizes (row, 2) and one calibrated parameter, fitted with one size each."""
+    """A linear model with two effects of sizes (row, 2) and one calibrated parameter, fitted with one size each.
+
+    memory : of the noise, and of what the effects do, from sample to sample
+    """
     rng = np.random.default_rng(seed)
-    columns = rng.standard_normal((ROWS * LENGTH, 3))
-    columns /= np.linalg.norm(columns, axis=0)
-    noise = rng.standard_normal(ROWS * LENGTH)
-    for index in range(1, noise.size):
-        noise[index] = memory * noise[index - 1] + np.sqrt(1.0 - memory**2) * noise[index]
+    drawn = lfilter([1.0], [1.0, -memory], rng.standard_normal((ROWS * LENGTH, 4)), axis=0)
+    columns, noise = drawn[:, :3] / np.linalg.norm(drawn[:, :3], axis=0), drawn[:, 3]
     data = (columns[:, 1:] * sizes[EVIDENCE.rows()]).sum(axis=1) + noise
     return SimpleNamespace(
         columns=columns,
@@ -37,6 +38,12 @@ def test_noise_makes_one_size_differ_as_often_as_it_should():
     z = np.array([inconstancy(EVIDENCE, fitted(np.tile(SIZES, (ROWS, 1)), seed=seed)) for seed in range(400)])
     for limit, share in ((1.0, 0.317), (2.0, 0.0455)):
         assert (z > limit).mean() == pytest.approx(share, abs=3.0 * np.sqrt(share * (1.0 - share) / z.size))
+
+
+def test_what_is_left_in_stretches_does_not_pass_for_sizes_that_differ():
+    even = np.tile(SIZES, (ROWS, 1))
+    z = np.array([inconstancy(EVIDENCE, fitted(even, memory=0.8, seed=seed)) for seed in range(100)])
+    assert (z > 3.0).mean() <= 0.03
 
 
 @pytest.mark.parametrize("effect", [0, 1])

@@ -37,3 +37,13 @@ def test_columns_are_carried_to_noise_that_was_judged_anew():
     columns = np.column_stack([white.difference(one, other), white.difference(one, third)])
     expected = np.column_stack([anew.difference(one, other), anew.difference(one, third)])
     assert anew.carried(columns, white) == pytest.approx(expected, abs=1e-9)
+
+
+def test_residuals_know_the_row_that_they_are_of():
+    long, short = part("long", [], []), part("short", [], [])
+    one = {name: getattr(short, name)[:1, :100] for name in ("measured", "used", "weight")}
+    short = replace(short, rows=ROWS[:1], time=short.time[:100], noise=short.noise[:1], **one)
+    rows = Evidence((long, short)).rows()
+    assert rows[Evidence((long, short)).of("short")] == pytest.approx(np.full(100, 2))
+    assert np.bincount(rows).tolist() == [SIZE, SIZE, 100]
+    assert (np.diff(rows) >= 0).all()
