@@ -5,7 +5,6 @@ import json
 import os
 from collections.abc import Callable, Mapping
 from functools import cached_property
-from itertools import combinations
 from pathlib import Path
 from typing import NamedTuple
 
@@ -260,21 +259,6 @@ class Bench:
 
         (n, n) in [0, 1]; NaN where calibration absorbs the effect.
         """
-        changes, spans = self._beyond_all(effects)
-        table = np.array([[np.linalg.norm(span.T @ change) for span in spans] for change in changes])
-        table[:, np.isnan(np.diag(table))] = np.nan
-        return table
-
-    def imitated(self, effect: str, others: tuple[str, ...]) -> float:
-        """How well the best two of the others together imitate what an effect changes, in [0, 1]."""
-        [change, *_], [_, *spans] = self._beyond_all((effect, *others))
-        seen = [span for span in spans if np.isfinite(span).all()]
-        return max(
-            float(np.linalg.norm(np.linalg.qr(np.column_stack(two))[0].T @ change)) for two in combinations(seen, 2)
-        )
-
-    def _beyond_all(self, effects: tuple[str, ...]) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Unit change of each effect beyond calibration, NaN where that absorbs it, and what its parameters span."""
         changes, spans = [], []
         for effect in effects:
             names = tuple(CAUSES[effect].grows)
@@ -286,7 +270,9 @@ class Bench:
             changes.append(change / np.linalg.norm(change) if seen else np.full_like(change, np.nan))
             span = np.column_stack([self.beyond(column) for column in columns] or [change])
             spans.append(np.linalg.qr(span / np.linalg.norm(span, axis=0))[0])
-        return changes, spans
+        table = np.array([[np.linalg.norm(span.T @ change) for span in spans] for change in changes])
+        table[:, np.isnan(np.diag(table))] = np.nan
+        return table
 
 
 def _keep(path: Path, **arrays) -> None:

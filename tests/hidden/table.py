@@ -4,10 +4,9 @@
 
 writes a line a case (and goes on from those that are there), then prints the table. What may be asked of the seeker:
 the truth in its class in 95 % of the cases; the one right name in 75 % at z >= 8 and 90 % at z >= 40, of effects that
-the records tell from every other (|cos| < 0.9); "unexplained" in 90 % where the effect is not in the library, and
-nothing that is in it is like it, neither one nor two together (|cos| < 0.7: more is half of what there is to explain,
-which is to be named); both of two effects in 80 %; 5 false alarms in 100 where nothing is hidden; a misfit on the
-records held out that is at most 20 % above that of a model which was told what is hidden.
+the records tell from every other (|cos| < 0.9); "unexplained" in 90 % where such an effect is not in the library; both
+of two effects in 80 %; 5 false alarms in 100 where nothing is hidden; a misfit on the records held out that is at most
+20 % above that of a model which was told what is hidden.
 """
 
 import argparse
@@ -32,7 +31,6 @@ from calib.diagnosis.diagnose import OUTLIERS, QUANTISATION, Diagnosis
 STRENGTHS = (8.0, 40.0)
 PHI = 0.8  # correlation of the noise of every other case with nothing hidden
 CLEAR = 0.9  # |cos| after calibration above which two effects are not to be told apart
-UNLIKE = 0.7  # |cos| below which no other effect explains half of what one does, which is what naming asks for
 IN_RECORDS = (OUTLIERS, QUANTISATION)  # seen in the samples themselves, not in what a model leaves
 NEAR = 1.2  # misfit of the records held out, over that of a model which was told the effect
 PAIRS = {
@@ -67,7 +65,7 @@ def cases(
     if "absent" in kinds:
         found += [
             {"simulator": simulator, "kind": "absent", "effect": [name], "strength": 80.0, "seed": seed}
-            for name in effects if name not in IN_RECORDS and 0.0 < _nearest(simulator, cache, name)[1] < UNLIKE
+            for name in effects if name not in IN_RECORDS and 0.0 < _nearest(simulator, cache, name)[1] < CLEAR
             for seed in range(seeds)
         ]  # fmt: skip
     return found
@@ -88,9 +86,7 @@ def played(case: dict, cache: Path) -> dict:
             return {**case, "verdict": "refused", "reason": str(error)}
         found = seek(Path(folder), without=tuple(case["effect"]) if case["kind"] == "absent" else ())
         ratio = _beside_the_told(Path(folder), found, effect) if case["kind"] in ("one", "two") else None
-    clear = {"nearest": list(_nearest(case["simulator"], cache, case["effect"][0]))} if case["kind"] == "one" else {}
-    if case["kind"] == "absent":
-        clear = {"imitated": _imitated(case["simulator"], cache, case["effect"][0])}
+    clear = {"nearest": list(_nearest(case["simulator"], cache, case["effect"][0]))} if len(case["effect"]) == 1 else {}
     suspects = [] if found.selection is None else found.selection.rounds[0].suspects
     return {
         **case, **clear,
@@ -143,12 +139,6 @@ def _nearest(simulator: str, cache: Path, effect: str) -> tuple[str, float]:
     return effects[int(row.argmax())], float(row.max())
 
 
-def _imitated(simulator: str, cache: Path, effect: str) -> float:
-    """|cos| between an effect and the best two others together, after calibration."""
-    effects, _ = _cosines(simulator, cache)
-    return bench(simulator, cache).imitated(effect, tuple(e for e in effects if e != effect))
-
-
 def safely(case: dict, cache: Path) -> dict:
     """Play a case; a bug in it is an answer too."""
     try:
@@ -187,12 +177,11 @@ def table(rows: list[dict]) -> str:
     two = [r for r in rows if r["kind"] == "two" and r["verdict"] != "refused"]
     if two:
         both = sum(set(r["effect"]) in (set(r["causes"]), *map(set, r["class"])) for r in two)
-        lines.append(f"two: both found {both}/{len(two)}")
+        lines.append(f"two: both found {_share(both, len(two))}")
     absent = [r for r in rows if r["kind"] == "absent" and r["verdict"] != "refused"]
-    for group, said in ((absent, "no other"), ([r for r in absent if r["imitated"] < UNLIKE], "no two others")):
-        if group:
-            unexplained = sum(r["verdict"] == "unexplained" for r in group)
-            lines.append(f"absent, and {said} like it: called unexplained {_share(unexplained, len(group))}")
+    if absent:
+        unexplained = sum(r["verdict"] == "unexplained" for r in absent)
+        lines.append(f"absent: called unexplained {_share(unexplained, len(absent))}")
     failed = [r for r in rows if r["verdict"] == "failed"]
     refused = sorted({r["effect"][0] for r in rows if r["verdict"] == "refused"})
     lines.append(f"failed {len(failed)}; not hideable at some strength: {', '.join(refused) or 'none'}")

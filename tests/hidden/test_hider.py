@@ -155,14 +155,6 @@ def test_what_nobody_would_overlook_is_refused(cache):
         bench("oscillator", cache).size_for("preload", 1e4)
 
 
-def test_two_effects_together_imitate_what_neither_does_alone(cache):
-    at, two = bench("oscillator", cache), ("channel_lag", "axis_tilt")
-    alone = at.cosines(("plot_shear", *two))[0, 1:]
-    assert alone.max() < 0.7
-    assert at.imitated("plot_shear", (*two, "drive_harmonic_3")) > 0.99
-    assert at.imitated("drive_harmonic_3", two) < 0.3
-
-
 def test_an_effect_imitates_itself_and_is_told_from_another(cache):
     table = bench("oscillator", cache).cosines(("channel_offset", "drive_harmonic_3", "linear_drag"))
     assert np.diag(table)[:2] == pytest.approx(1.0)
