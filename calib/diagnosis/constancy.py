@@ -13,7 +13,7 @@ from calib.diagnosis.score import Signature, tested
 
 
 def inconstancy(evidence: Evidence, fit: Fit) -> float:
-    """Normal deviate by which the sizes of the effects in a fit differ among the channels of the records.
+    """Normal deviate by which the sizes of the effects in a fit differ among the channels of the records  [1].
 
     0 where there is but one channel that they act on.
 
@@ -28,4 +28,5 @@ def inconstancy(evidence: Evidence, fit: Fit) -> float:
     columns = np.column_stack([fit.columns[:, [index]] * alone for index in sizes])
     absorbing = fit.absorbing
     signature = Signature.of(columns, absorbing, np.zeros(columns.shape[1]))
+    # of a single column z has the sign of its size
     return abs(tested(absorbing(fit.residual), signature, evidence.segments()).z)

@@ -118,6 +118,10 @@ class Round:
     rivals: tuple[Suspect, ...]
     excess: float
 
+    def without_cause(self) -> "Round":
+        """Return the same search with no cause found."""
+        return replace(self, chosen=None, rivals=())
+
     @property
     def margin(self) -> float:
         """By how much more the best rival lowers the sum of squares than the best that was told from it, or nothing."""
@@ -149,7 +153,7 @@ class Selection:
     excess: float
     left: float
     blur: float
-    inconstancy: float = 0.0
+    inconstancy: float
 
     def without_causes(self) -> "Selection":
         """Return the same search with the calibrated model as its answer."""
@@ -242,12 +246,15 @@ def select(
         on_stage(f"suspects {number + 1}")
         excess, blur = _excess(fitter.evidence, base), _blur(fitter.evidence)
         found = search(fitter, base, left, seed + number, excess / blur, known)
-        if number and found.chosen is not None and not _further(fitter, null, base, found):
-            found = replace(found, chosen=None, rivals=())
+        if number and found.chosen is not None and _nibbles(fitter.evidence, null, base, found.chosen):
+            found = found.without_cause()
+        ahead = None if found.chosen is None else fitter.sharpened(found.chosen.fit)
+        if number and ahead is not None and _bent(fitter.evidence, null, base, ahead, found.threshold):
+            found = found.without_cause()
         rounds.append(found)
         if found.chosen is None:
             break
-        base = fitter.sharpened(found.chosen.fit)
+        base = ahead
         causes.append(replace(found.chosen, fit=base))
         heard = fitter.evidence.heard(base.point.seen)
         if heard is not None:
@@ -277,21 +284,27 @@ def select(
     )
 
 
-def _further(fitter: Fitter, null: Fit, base: Fit, found: Round) -> bool:
-    """Whether what was found beside the causes of `base` is another cause.
+def _nibbles(evidence: Evidence, null: Fit, base: Fit, cause: Suspect) -> bool:
+    """Whether what was found beside the causes of `base` explains too little to be another one.
 
     It has to explain a quarter of what is left, where that is more than noise: below, it nibbles at something else; and
     a hundredth of what the calibrated model left: below, it mends the form of the causes before it, of which nobody
-    knows more than that they explain the rest. Where these explain half of a gross misfit, it must not leave a gross
-    one with sizes that differ among the channels of the records: both are bent by what has no name.
+    knows more than that they explain the rest.
     """
-    evidence, blur = fitter.evidence, _blur(fitter.evidence)
-    whole, left = _excess(evidence, null), _excess(evidence, base)
-    if left > MARKED * blur and found.chosen.drop < max(NIBBLE * left, CRUMB * whole):
-        return False
-    if whole - left < HALF * whole or _excess(evidence, found.chosen.fit) < GROSS * blur**2:
-        return True
-    return inconstancy(evidence, fitter.sharpened(found.chosen.fit)) <= found.threshold
+    left = _excess(evidence, base)
+    return left > MARKED * _blur(evidence) and cause.drop < max(NIBBLE * left, CRUMB * _excess(evidence, null))
+
+
+def _bent(evidence: Evidence, null: Fit, base: Fit, ahead: Fit, limit: float) -> bool:
+    """Whether a further cause, in the model `ahead`, is bent by what has no name, as those before it then are.
+
+    They explain half of a gross misfit without it; with it the misfit is still gross, and sizes differ among the
+    channels of the records by more than the threshold `limit` of |z|.
+    """
+    whole = _excess(evidence, null)
+    half = whole - _excess(evidence, base) >= HALF * whole
+    gross = _excess(evidence, ahead) >= GROSS * _blur(evidence) ** 2
+    return half and gross and inconstancy(evidence, ahead) > limit
 
 
 def _paired(fitter: Fitter, null: Fit, suspects: Sequence[Suspect]) -> tuple[Named, Fit] | None:

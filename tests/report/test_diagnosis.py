@@ -148,6 +148,13 @@ def test_whether_several_causes_have_one_size_everywhere_is_said(z, differ, stud
     assert told.startswith(f"The sizes of quadratic_drag and channel_lag {how} among the channels of the records")
 
 
+def test_where_a_gate_fails_after_several_causes_were_found_nothing_is_said_of_their_sizes(study):
+    said = document("named", VALUES) | {"verdict": "not_diagnosable", "causes": [], "class": []}
+    said |= {"gates": [GATES[3] | {"passed": False}], "misfit": said["misfit"] | {"inconstancy": 5.3}}
+    assert not [text for text in chapter(said, {}, {"values": VALUES}, study)["why"] if "The sizes of" in text]
+    assert "sizes differ" not in headline(said)
+
+
 def test_a_suspect_that_could_not_be_tested_has_no_size(told):
     [clipping] = [s for s in told("named")["suspects"]["rest"] if s["effect"] == "clipping"]
     assert (clipping["z"], clipping["sizes"], clipping["detectable"]) == ("-", ["-"], [])
