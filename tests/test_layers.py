@@ -12,7 +12,7 @@ STOREYS = [
         "errors interrupt files parameter units excitation record filter table cycles orbit laws effect",
         "simulators effects features optimisers",
         "plugins model objective pool store",
-        "study dynamics sweep confidence diagnosis result",
+        "dynamics study sweep confidence diagnosis result",
         "study_toml digitise report progress calibrate inquiry dashboard cli __main__ testing",
     )
 ]

@@ -9,6 +9,7 @@ import xarray as xr
 
 from calib.cli.given import settings
 from calib.cycles import kind_of_motion
+from calib.dynamics.stationary import stationary_record
 from calib.errors import CalibError
 from calib.model import Model
 from calib.objective import Reference
@@ -52,7 +53,7 @@ def simulate_once(study: Path, given: Sequence[str], record: str | None, output:
 
 
 def _run(model: Model, reference: Reference, values: Mapping[str, float]) -> xr.Dataset:
-    return model.run(values, reference.excitation, reference.request)
+    return stationary_record(model, values, reference.excitation, reference.request)
 
 
 def _described(record: xr.Dataset) -> Iterator[str]:

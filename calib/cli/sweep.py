@@ -10,7 +10,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from calib.cli.given import bodies_drawn, grid, setting, state, windows
-from calib.dynamics.motion import FAILED
+from calib.dynamics.single_run import FAILED
 from calib.errors import CalibError
 from calib.progress import Count
 from calib.report.diagrams import bifurcation_diagram, impact_diagram
@@ -104,15 +104,20 @@ def described(found: xr.Dataset) -> Iterator[str]:
         yield f"failed: {failed} of {found.kind.size} ({', '.join(reasons)})"
 
 
-def _label(kind: str, impacts: int) -> str:
-    return f"{kind}, {impacts} impact(s) a return" if kind.startswith("period-") and impacts > 0 else kind
+def _label(branch: xr.Dataset, at: int) -> str:
+    """What was found at one value: kind and impacts, what lies beside it, and whether rounding could change it."""
+    kind, impacts = str(branch.kind.values[at]), int(branch.impacts.values[at])
+    text = f"{kind}, {impacts} impact(s) a return" if kind.startswith("period-") and impacts > 0 else kind
+    beside = sorted({str(other) for other in branch.other_kind.values[:, at] if other})
+    text += f"; beside it {' and '.join(beside)}" if beside else ""
+    return text if branch.certain.values[at] else f"{text} (uncertain: another rounding may lead to another kind)"
 
 
 def _stretches(branch: xr.Dataset) -> Iterator[str]:
     [name] = parameters(branch)
     values, unit, said = branch[name].values, branch[name].attrs["units"], branch[name].attrs["name"]
     order = np.argsort(values)
-    labels = [_label(str(branch.kind.values[k]), int(branch.impacts.values[k])) for k in order]
+    labels = [_label(branch, k) for k in order]
     first = 0
     for k in range(1, len(labels) + 1):
         if k == len(labels) or labels[k] != labels[first]:
@@ -125,3 +130,6 @@ def _counted(branch: xr.Dataset) -> Iterator[str]:
     kinds, counts = np.unique(branch.kind.values, return_counts=True)
     for kind, count in sorted(zip(kinds, counts, strict=True), key=lambda pair: -pair[1]):
         yield f"  {kind}: {count} of {branch.kind.size}"
+    doubtful = int((~branch.certain.values).sum())
+    if doubtful:
+        yield f"  uncertain, as another rounding may lead to another kind: {doubtful} of {branch.kind.size}"

@@ -15,6 +15,7 @@ LAGS = 16  # the longest motion that is told from an irregular one, in periods
 TOLERANCE = 1e-3  # how well a periodic motion returns, as a share of its amplitude
 NOISE = 1.5  # a measured cycle returns where it differs by less than this many standard deviations of its noise
 ALONE = "; a record alone does not tell chaotic from quasi-periodic motion or a period beyond that"
+BESIDE = "beside"  # attribute of a simulated record: what is known of other motions at the same parameters
 IRREGULAR, UNDECIDED, NO_CONTACT, NOT_PERIODIC = "irregular", "undecided", "no contact", "not periodic"
 
 
@@ -50,7 +51,7 @@ def kind_of_motion(record: xr.Dataset) -> Motion:
     undecided. Without a section the cycles of the record are compared with its noise (its sigma, otherwise estimated
     from the second differences of its samples): that tells a returning motion from one that does not, but a short
     record is never called irregular. A record that was read from a closed curve says itself after how many periods it
-    returns (attribute `returns_after`).
+    returns (attribute `returns_after`), and a simulated one what lies beside its motion (attribute `beside`).
 
     A record alone cannot say more: what irregular motion is (chaotic, quasi-periodic, of a long period) takes the
     simulator's own map; see `calib.dynamics.motion`.
@@ -74,6 +75,8 @@ def kind_of_motion(record: xr.Dataset) -> Motion:
         kind, evidence = NO_CONTACT, f"no impact in the record; {evidence}"
     elif np.isfinite(impacts):
         evidence = f"{evidence}; {impacts:.3g} impact(s) a period"
+    if BESIDE in record.attrs:
+        evidence = f"{evidence}; {record.attrs[BESIDE]}"
     return Motion(kind, motion.period, evidence, motion.recurrence, motion.likely, impacts)
 
 

@@ -11,8 +11,8 @@ import xarray as xr
 
 from calib.dynamics.contract import PeriodMap
 from calib.dynamics.exponents import largest_exponent
-from calib.dynamics.motion import FAILED, PATIENCE, SIGMAS, UNDECIDED, OrbitKind, kind_of_orbit, settled_orbit
 from calib.dynamics.setting import Setting
+from calib.dynamics.single_run import FAILED, PATIENCE, SIGMAS, UNDECIDED, OrbitKind, kind_of_run, settled_orbit
 from calib.errors import CalibError, nearest
 from calib.pool import REFUSED, Failure, LocalPool
 from calib.store.chunks import Chunks, join, joined
@@ -208,7 +208,7 @@ def _dataset(plane: Plane, found: Mapping[str, np.ndarray]) -> xr.Dataset:
         attractor[point] = index = next(same, len(members))
         if index == len(members):
             members.append((period, map.orbit(state, max(1, period)).states))
-    kinds = [kind_of_orbit(map, states[-1], plane.settle) for _, states in members]
+    kinds = [kind_of_run(map, states[-1], plane.settle) for _, states in members]
     sections = [kind.orbit.states[: period or None] for kind, (period, _) in zip(kinds, members, strict=True)]
     # one of those that did not return has done so after all: what the others are is not known
     names = [

@@ -144,8 +144,13 @@ def follow(
 
     Raises
     ------
-    CalibError : a window without width or without `parameter`, a guess that is no state, or less than one period
+    CalibError : a window without width or without `parameter`, a guess that is no state, or a motion without a period
     """
+    if periods < 1:
+        raise CalibError(
+            f"a branch consists of periodic motions, got the period {periods} at {parameter:g}, which stands for a "
+            "motion that does not return; begin at another value, or from a state on a periodic motion"
+        )
     low, high = window
     if not np.isfinite([low, high]).all() or not low < high or not low <= parameter <= high:
         raise CalibError(

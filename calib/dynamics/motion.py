@@ -1,403 +1,271 @@
-"""The kind of motion that a period map settles to: periodic, quasi-periodic or chaotic."""
+"""The kind of motion that a period map settles to, as far as rounding does not decide it."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.cycles.motion import NO_CONTACT, UNDECIDED
+from calib.cycles.motion import UNDECIDED
 from calib.dynamics.contract import PeriodMap
-from calib.dynamics.exponents import Exponent, extended, largest_exponent
-from calib.dynamics.orbits import Cycle, reduced, shoot
-from calib.dynamics.tangent import jacobian
-from calib.dynamics.zero_one import zero_one
-from calib.errors import CalibError
-from calib.orbit import Orbit
-from calib.record import OK
+from calib.dynamics.escape import EscapeTime
+from calib.dynamics.orbits import Cycle, attracting_cycle
+from calib.dynamics.single_run import (
+    BLOCKS,
+    CHAOTIC,
+    DRIFT,
+    FAILED,
+    QUASI_PERIODIC,
+    OrbitKind,
+    kind_of_cycle,
+    kind_of_run,
+    settled_orbit,
+)
+from calib.dynamics.tangent import newton_is_affordable, tangent
+from calib.dynamics.zero_one import SHORTEST, zero_one
 
-QUASI_PERIODIC, CHAOTIC, FAILED = "quasi-periodic", "chaotic", "failed"
-
-LAGS = 64  # the longest motion that is called periodic, in periods
-CYCLES = 96  # a return after 64 periods is then seen by a third of the cycles
-CHUNK = 64  # periods at once while the motion settles
-CONVERGED = 1e-9  # a motion that returns so well has no transient left; a share of its size, above a map's rounding
-TOLERANCE = 1e-6  # how well a periodic motion returns, as a share of its size
-NEARBY = 1e-2  # how near a stable cycle has to be, as a share of the motion's size, for a motion to be led to it
-NEWTON = 6  # steps to that cycle at most
-NEUTRAL_MULTIPLIER = 1e-5  # by how much the multipliers of a cycle that attracts are below 1 at least
-REST = 1e-6  # of the map's scale: a smaller motion is at rest, and is measured as if it had this size
-TO_GO = 0.05  # how far a motion may yet move, as a share of what tells its period from a shorter one
-NEUTRAL = 1e-3  # an exponent that cannot be told from zero: some 1/n of a torus over n = 3200 periods  [1/period]
-GROWING = 1e-3  # the least exponent of chaos, where the 0-1 test agrees  [1/period]
-SIGMAS = 3.0  # standard errors that an exponent has to differ by
-IRREGULAR, REGULAR = 0.5, 0.2  # K of the 0-1 test above which a series is chaotic, below which it is not
-PERIODS, LONGEST = 400, 3200  # over which the exponent is taken: at first; at most, and for quasi-periodic motion
-POINTS = 1000  # of the section for the 0-1 test, at least
-PATIENCE = 5  # times `settle` that a motion gets to settle before it is given up as undecided
-BLOCKS = 8  # falling maxima of so many blocks of a section are hardly chance: 1 in 8!
-DRIFT = 0.02  # by how much they have to fall, or to rise: those of a torus that is all but filled differ by less
+RUNS = 6  # from starts that differ by rounding, the given one among them
+PERTURBATION = 1e-9  # by which those starts differ, as a share of the map's scale
+SHORT_LAGS = 8  # periods; the 8 / n closest returns after n of them are guesses of a stable cycle
+PASSAGE = 30  # periods, in which close returns belong to one passage by a cycle
+LONG_LAGS, LONG_GUESSES = 64, 3  # longer lags, in periods, of whose closest returns the best three are guesses too
+FIRST_RETURN = 0.5  # of the distance after a part of the lag, that a return after the lag has to be below
+MAX_SHIFT = 0.15  # of a return by Newton's method, as a share of the motion's extent: what lies beyond is not near
+RETURNED = 1e-6  # of the size of a motion, which its section may leave open where it has all but returned
+SAME = 1e-4  # how near a state is to a motion that it belongs to, as a share of the map's scale
+TORUS = 0.05  # K of the 0-1 test over the kept cycles below which a run may have come to a quasi-periodic motion
+SIGHTINGS = 3  # independent ones of a motion, so that the chance to have missed it, exp(-3), is 5 %
 
 
-@dataclass(frozen=True, eq=False)
-class OrbitKind:
-    """Kind of the motion that a map settles to from a state, with what tells it.
+def kind_of_orbit(
+    map: PeriodMap, state: np.ndarray | None = None, settle: int = 1000, cycles: int = 100, runs: int = RUNS
+) -> OrbitKind:
+    """Say what kind of motion the map settles to from a state, and which others rounding could have led to.
 
-    Attributes
-    ----------
-    kind : "no contact" (period-1, at a stop it never touches), "period-1" (2, ... 64), "quasi-periodic", "chaotic",
-        "undecided" or "failed"
-    evidence : one sentence with the numbers
-    orbit : the kept cycles; of a failed motion, the piece that failed
-    state : (dimension,) the last one; of a failed motion, the one that the piece that failed begins with
-    dropped : periods before the kept ones
-    period : periods of the excitation after which the motion returns, 0 where it does not
-    impacts : in one return, the mean rounded where it varies; -1 where it does not return
-    exponent : largest one; of a periodic motion from its multipliers; NaN where unknown, -inf where a phase of contact
-        wipes all differences out  [1/period]
-    error : standard error of the exponent, 0 for a periodic motion  [1/period]
-    zero_one : K of the 0-1 test, NaN where it was not needed  [1]
-    status, reason : of the orbit
-    """
+    A periodic motion of one run (`calib.dynamics.single_run.kind_of_run`), or one that fails, is that. Beside any other
+    a stable motion is looked for, at a cost that falls only there:
 
-    kind: str
-    evidence: str
-    orbit: Orbit
-    state: np.ndarray
-    dropped: int
-    period: int = 0
-    impacts: int = -1
-    exponent: float = math.nan
-    error: float = math.nan
-    zero_one: float = math.nan
-    status: str = OK
-    reason: str = ""
+    1. Newton's method starts from the 8 / n closest returns of the motion after n = 1..8 periods, and from the three
+       closest ones after 9..64. A motion that is not chaotic and comes ever closer to a cycle found so has its kind.
+    2. Where the motion is irregular, `runs` - 1 more runs of half of `settle` periods, from starts that differ by 1e-9
+       of the scale, may leave it.
 
-    @property
-    def impacts_per_period(self) -> float:
-        """Impacts per period of the excitation over the kept cycles, in whole returns; NaN without any cycle."""
-        if not len(self.orbit.states):
-            return math.nan
-        return _impacts(self.orbit, max(1, self.period))
-
-    @property
-    def contact(self) -> float:
-        """Share of the kept cycles spent in permanent contact [1]."""
-        return self.orbit.contact
-
-    @property
-    def label(self) -> str:
-        """Impacts over periods of one return, such as "3/2"; the kind where the motion does not return."""
-        return f"{self.impacts}/{self.period}" if self.period else self.kind
-
-
-def kind_of_orbit(map: PeriodMap, state: np.ndarray | None = None, settle: int = 1000, cycles: int = 100) -> OrbitKind:
-    """Say what kind of motion the map settles to from a state.
-
-    1. The transient is dropped: until the state returns after 1..64 periods within 1e-9 of the motion's size, at most
-       `settle` periods. A motion that comes ever closer to a stable cycle is taken there by Newton's method.
-    2. `cycles` periods are kept. The smallest n = 1..64 after which all of them return within 1e-6 is the period,
-       unless the multipliers say that what is left of the transient could still lead to a shorter one.
-    3. Otherwise the largest exponent over 400 periods (up to 3200 while it decides nothing) and the 0-1 test on the
-       section have to agree: chaotic above zero, quasi-periodic at zero. A motion that still settles, or that returns
-       after more than 64 periods, is neither.
-    4. What neither says gets 5 times `settle` periods more, and is undecided after that.
-
-    The size of a motion is the largest component of its section in units of the map's scale.
+    The kind is that of the stable periodic motion of the shortest period that was found, else of a quasi-periodic one,
+    else that of the irregular motion, which lasts "for at least" the periods that all runs together have seen. All
+    others are in `coexisting`, and `escape` holds the mean time in which runs leave the irregular motion.
 
     Parameters
     ----------
     state : (dimension,) to start from, None for the map's `initial`
-    settle : periods dropped at most before the first verdict
+    settle : periods dropped at most before the first verdict of a run
     cycles : periods kept, 96 or more
+    runs : from starts that differ by rounding, the given one among them
 
     Raises
     ------
     CalibError : fewer than 96 cycles
     """
-    if cycles < CYCLES:
-        raise CalibError(f"expected at least {CYCLES} cycles to keep, got {cycles}; a return after {LAGS} needs them")
     state = np.asarray(map.initial if state is None else state, dtype=float)
-    found = settled_orbit(map, state, settle, cycles)
-    if found.kind != UNDECIDED:
-        return found
-    found = _irregular(map, found)
-    if found.kind != UNDECIDED:
-        return found
-    found = settled_orbit(map, found.state, PATIENCE * settle, cycles, found.dropped + cycles)
-    return found if found.kind != UNDECIDED else _irregular(map, found)
+    first = kind_of_run(map, state, settle, cycles)
+    if first.kind == FAILED or first.period:
+        return first
+    met = Met(map, [Sighted(first, first.visited, 1, 1)])
+    for cycle in stable_cycles(map, first.visited):
+        met.add_cycle(cycle, cycles)
+    if first.kind != CHAOTIC and (cycle := met.settled_to()) is not None:
+        return cycle
+    if first.regular:
+        return met.verdict(1, None)
+    observed, escapes = first.dropped + len(first.visited), 0
+    for start in perturbed(map, state, runs - 1):
+        found, lasted = _member(map, start, settle // 2, cycles)
+        observed += lasted
+        if found is None:
+            met.motions[0].runs += 1
+        elif found.kind != FAILED:
+            escapes += 1
+            met.add(found)
+    return met.verdict(runs, EscapeTime(observed, escapes))
 
 
-def settled_orbit(
-    map: PeriodMap, state: np.ndarray, settle: int = 1000, cycles: int = 100, dropped: int = 0
-) -> OrbitKind:
-    """Drop at most `settle` periods and keep `cycles`; a motion that does not return then is undecided.
+def perturbed(map: PeriodMap, state: np.ndarray, count: int) -> Iterator[np.ndarray]:
+    """Starts (dimension,) that differ from `state` by a share of 1e-9 of the scale, each in another direction."""
+    for k in range(1, count + 1):
+        yield state + PERTURBATION * map.scale * np.cos(k * np.arange(1.0, state.size + 1.0))
+
+
+def stable_cycles(map: PeriodMap, visited: np.ndarray) -> Iterator[Cycle]:
+    """Stable cycles beside the closest returns of an irregular motion; the same one may come several times.
+
+    Parameters
+    ----------
+    visited : (n, dimension) its states at the section, one a period
+
+    Source: Auerbach et al., Physical Review Letters 58 (1987) 2387-2389 (close returns as guesses of cycles).
+    """
+    if len(visited) <= LONG_LAGS:
+        return
+    section = visited / map.scale
+    reach = max(MAX_SHIFT * float(np.ptp(section, axis=0).max()), RETURNED * float(np.abs(section).max()))
+    for lag, at in _closest_returns(section):
+        if not newton_is_affordable(map, visited[at], lag):
+            continue
+        cycle = attracting_cycle(map, visited[at], lag, reach)
+        if cycle is not None:
+            yield cycle
+
+
+def _closest_returns(section: np.ndarray) -> list[tuple[int, int]]:
+    """Lag and index of the returns of a section (n, dimension) that Newton's method starts from.
+
+    A state beside a cycle of a part of the lag returns after that part already, and is no guess of a longer one.
+    """
+    apart = [np.abs(section[lag:] - section[:-lag]).max(axis=1) for lag in range(1, LONG_LAGS + 1)]
+    short, long = [], []
+    for lag, distance in enumerate(apart, 1):
+        parts = [apart[part - 1][: distance.size] for part in range(1, lag) if lag % part == 0]
+        later = np.any([distance >= FIRST_RETURN * part for part in parts], axis=0) if parts else False
+        distance = np.where(later, np.inf, distance)
+        for _ in range(max(1, SHORT_LAGS // lag)):  # so that each lag costs alike
+            at = int(np.argmin(distance))
+            if distance[at] < np.inf:
+                (short if lag <= SHORT_LAGS else long).append((float(distance[at]), lag, at))
+                distance[max(0, at - PASSAGE) : at + PASSAGE] = np.inf
+    return [(lag, at) for _, lag, at in (*short, *sorted(long)[:LONG_GUESSES])]
+
+
+def _member(map: PeriodMap, start: np.ndarray, settle: int, cycles: int) -> tuple[OrbitKind | None, int]:
+    """Regular motion that a further run comes to, None where it stays irregular; and how long it was irregular."""
+    cycles = max(cycles, SHORTEST)
+    found = settled_orbit(map, start, settle, cycles)
+    if found.kind == FAILED or found.regular:
+        return found, found.dropped
+    lasted = found.dropped + cycles
+    section = found.orbit.states / map.scale
+    if zero_one(section[:, np.argmax(np.ptp(section, axis=0))]) < TORUS:
+        torus = kind_of_run(map, found.state, 0, cycles)
+        if torus.regular:
+            return torus, lasted
+    return None, lasted
+
+
+@dataclass(eq=False)
+class Sighted:
+    """A motion that was met.
+
+    Attributes
+    ----------
+    states : (n, dimension) of it at the section
+    runs : that led to it
+    sightings : by runs, by Newton's method from different returns, and from neighbouring values of a sweep
+    """
+
+    motion: OrbitKind
+    states: np.ndarray
+    runs: int
+    sightings: int
+
+
+@dataclass(eq=False)
+class Met:
+    """The motions of one map that were met, the one that the first run led to in front."""
+
+    map: PeriodMap
+    motions: list[Sighted]
+
+    def add(self, motion: OrbitKind) -> None:
+        """Count a regular motion that a run led to."""
+        one = self._known(motion.kind, motion.period, motion.state)
+        if one is None:
+            self.motions.append(Sighted(motion, motion.orbit.states, 1, 1))
+        else:
+            one.runs += 1
+            one.sightings += 1
+
+    def add_cycle(self, cycle: Cycle, cycles: int) -> OrbitKind | None:
+        """Count a stable cycle that Newton's method found; its motion, where it is new and rounding does not end it."""
+        one = self._known(f"period-{cycle.periods}", cycle.periods, cycle.state)
+        if one is not None:
+            one.sightings += 1
+            return None
+        motion = kind_of_cycle(self.map, cycle, cycles)
+        if not motion.regular:
+            return None
+        self.motions.append(Sighted(motion, motion.orbit.states, 0, 1))
+        return motion
+
+    def _known(self, kind: str, period: int, state: np.ndarray) -> Sighted | None:
+        return next((one for one in self.motions if self._same(one, kind, period, state)), None)
+
+    def _same(self, one: Sighted, kind: str, period: int, state: np.ndarray) -> bool:
+        if kind == QUASI_PERIODIC:  # a section does not tell two tori apart
+            return one.motion.kind == kind
+        if one.motion.period != period:
+            return False
+        apart = np.abs((one.states[-period:] - state) / self.map.scale)
+        return bool(apart.max(axis=1).min() < SAME)
+
+    def settled_to(self) -> OrbitKind | None:
+        """Stable cycle that the first run, which has not returned, comes ever closer to; None where it does not."""
+        first, *cycles = self.motions
+        for one in sorted(cycles, key=lambda one: rank(one.motion)):
+            if self._settles_to(first.motion.visited, one.motion):
+                gone = first.motion.dropped + len(first.motion.visited)
+                text = f"{one.motion.evidence}; a run comes closer to it for {gone} periods and has not reached it"
+                return replace(one.motion, evidence=text, dropped=gone)
+        return None
+
+    def _settles_to(self, visited: np.ndarray, cycle: OrbitKind) -> bool:
+        """Whether states at the section (n, dimension) come closer to a cycle from each of 8 blocks to the next."""
+        places = cycle.orbit.states[-cycle.period :]
+        place = places[np.argmin(np.abs((places - visited[-1]) / self.map.scale).max(axis=1))]
+        apart = np.abs((visited[:: -cycle.period] - place) / self.map.scale).max(axis=1)
+        if len(apart) < BLOCKS:
+            return False
+        back = np.array([block.max() for block in np.array_split(apart, BLOCKS)])
+        return bool((np.diff(back) > 0.0).all() and np.ptp(back) > DRIFT * back.max())
+
+    def verdict(self, runs: int, escape: EscapeTime | None) -> OrbitKind:
+        """Give the kind to the most regular motion, with all others beside it.
+
+        escape : from the irregular motion that the first run stayed on; None where that is quasi-periodic
+        """
+        first = self.motions[0]
+        chosen = min(self.motions, key=lambda one: rank(one.motion))
+        others = sorted((one for one in self.motions if one is not chosen), key=lambda one: rank(one.motion))
+        left = f"; {escape}" if escape and (escape.escapes or first.motion.kind == CHAOTIC) else ""
+        if chosen is first:
+            text, certain = f"{first.motion.evidence}{left}", first.motion.kind != UNDECIDED
+        else:
+            led = f"{chosen.runs} of {runs} runs that differ by rounding lead to it, the first is {first.motion.kind}"
+            text, certain = f"{chosen.motion.evidence}; {led}{left}", chosen.sightings >= SIGHTINGS
+        return replace(
+            chosen.motion,
+            evidence=text,
+            runs=runs,
+            share=chosen.runs / runs,
+            coexisting=tuple(replace(one.motion, runs=runs, share=one.runs / runs) for one in others),
+            escape=escape,
+            certain=certain,
+            run_state=None if chosen is first else first.motion.state,
+        )
+
+
+def rank(motion: OrbitKind) -> tuple[bool, float, int]:
+    """What is preferred as the kind where rounding decides: the shortest stable period, a torus, what is irregular."""
+    return not motion.regular, motion.period or math.inf, motion.impacts
+
+
+def rounding_decides(map: PeriodMap, state: np.ndarray, dropped: int) -> bool:
+    """Whether starts that differ by 1e-9 of the scale part on the way to a motion: its transient is chaotic.
 
     Parameters
     ----------
     state : (dimension,) to start from
-    dropped : periods that were dropped before
+    dropped : length of the transient  [periods]
     """
-    last = dropped + settle
-    while True:
-        state, more, broken = _converged(map, state, last - dropped)
-        dropped += more
-        orbit = broken or _run(map, state, cycles)
-        if orbit.status != OK:
-            return _failed(orbit, state, dropped)
-        found = _periodic(map, state, orbit, dropped)
-        # a chance return ends by itself, and so does rest on an unstable cycle: they get all the time to do so
-        if dropped >= last or (found.period and not found.exponent > NEUTRAL):
-            return found
-        state, dropped = found.state, dropped + cycles
-
-
-def _converged(map: PeriodMap, state: np.ndarray, periods: int) -> tuple[np.ndarray, int, Orbit | None]:
-    """Go on until the state returns, at most `periods` periods: the state, the periods gone, the piece that failed.
-
-    Where the motion comes closer and closer to a stable cycle, what is left of the way is left out.
-    """
-    gone, tried, wait, cycle = 0, 0, 0, None
-    while gone < periods:
-        orbit = _run(map, state, min(CHUNK, periods - gone))
-        if orbit.status != OK:
-            return state, gone, orbit
-        gone += len(orbit.states)
-        section = np.vstack([state, orbit.states]) / map.scale
-        back = _largest(section[:-1] - section[-1])[::-1] / _size(section)
-        if back.min() <= CONVERGED:
-            return orbit.states[-1], gone, None
-        if cycle is not None and _approached(section, cycle.state / map.scale, cycle.periods):
-            return cycle.state, gone, None
-        state, cycle, wait = orbit.states[-1], None, wait - 1
-        if wait < 0 and (lag := _closing_in(section, back)):
-            cycle = _attracting(map, section, lag)
-            tried, wait = tried + 1, tried  # ever seldomer where it is not led there
-    return state, gone, None
-
-
-def _closing_in(section: np.ndarray, back: np.ndarray) -> int:
-    """Smallest lag at which a section (n, dimension) returns nearly, and ever better; 0 where it does not.
-
-    back : (n - 1,) difference of the last state from those 1, 2, ... before it, as a share of the motion's size
-    """
-    near = np.flatnonzero(back[: len(back) // 3] <= NEARBY)
-    if not near.size:
-        return 0
-    lag = int(near[0]) + 1
-    returns = _largest(section[lag:] - section[:-lag])
-    return lag if returns[-lag:].max() < returns[:lag].max() else 0
-
-
-def _attracting(map: PeriodMap, section: np.ndarray, lag: int) -> Cycle | None:
-    """Stable cycle of `lag` periods beside the end of a section (n, dimension); None where there is none."""
-    cycle = reduced(map, shoot(map, section[-1] * map.scale, lag, NEWTON))
-    attracts = cycle.converged and abs(cycle.multipliers[0]) < 1.0 - NEUTRAL_MULTIPLIER
-    near = _largest(cycle.state[None] / map.scale - section[-1:])[0] <= NEARBY * _size(section)
-    return cycle if attracts and near else None
-
-
-def _approached(section: np.ndarray, place: np.ndarray, periods: int) -> bool:
-    """Whether a section (n, dimension) that begins beside `place` is closer to it after each third of its returns."""
-    distance = _largest(section[::periods] - place)
-    thirds = np.linspace(0, len(distance) - 1, 4).astype(int)
-    return len(distance) > 3 and bool((np.diff(distance[thirds]) < 0.0).all())
-
-
-def _run(map: PeriodMap, state: np.ndarray, periods: int) -> Orbit:
-    orbit = map.orbit(state, periods)
-    if orbit.status == OK and not np.isfinite(orbit.states).all():
-        return orbit._replace(status="diverged", reason="the state is no longer finite")
-    return orbit
-
-
-def _failed(orbit: Orbit, state: np.ndarray, dropped: int) -> OrbitKind:
-    text = f"{orbit.status} within {len(orbit.states) + 1} period(s) after {dropped}: {orbit.reason}"
-    return OrbitKind(FAILED, text, orbit, state, dropped, status=orbit.status, reason=orbit.reason)
-
-
-def _periodic(map: PeriodMap, state: np.ndarray, orbit: Orbit, dropped: int) -> OrbitKind:
-    """Period of the kept cycles that begin at `state`; undecided where they do not return."""
-    section = np.vstack([state, orbit.states]) / map.scale
-    recurrence, end = _recurrence(section), orbit.states[-1]
-    returning = np.flatnonzero(recurrence <= TOLERANCE)
-    if not returning.size:
-        return OrbitKind(UNDECIDED, "", orbit, end, dropped)
-    n = int(returning[0]) + 1
-    radius = _spectral_radius(jacobian(map, end, n)[1])
-    # a slow return within the tolerance may yet go far: d, d r, d r^2, ... add up to d / (1 - r)
-    to_go = recurrence[n - 1] / max(1.0 - radius, TOLERANCE)
-    apart = min((recurrence[m - 1] for m in range(1, n) if n % m == 0), default=math.inf)
-    if to_go > TO_GO * apart:
-        return OrbitKind(UNDECIDED, "", orbit, end, dropped)
-    exponent = math.log(radius) / n if radius != 0.0 else -math.inf
-    free = map.impacting and len(orbit.impacts) == 0 and orbit.contact == 0.0
-    impacts = round(n * _impacts(orbit, n))
-    text = (
-        f"returns after {n} period(s) within {recurrence[n - 1]:.1e} of the motion's size over {len(orbit.states)} "
-        f"periods, {dropped} dropped; {impacts} impact(s) a return; exponent {exponent:.3g} a period"
-    )
-    if exponent > NEUTRAL:
-        text += ": unstable, the slightest push ends it"
-    kind = NO_CONTACT if free and n == 1 else f"period-{n}"
-    return OrbitKind(kind, text, orbit, end, dropped, n, impacts, exponent, 0.0)
-
-
-def _irregular(map: PeriodMap, found: OrbitKind) -> OrbitKind:
-    """Call a motion that does not return by its exponent, over ever more periods until it decides, and by K."""
-    exponent = largest_exponent(map, found.state, PERIODS)
-    while exponent.complete:
-        orbit = _run(map, exponent.states[-1], max(1, POINTS - len(found.orbit.states) - len(exponent.states)))
-        if orbit.status != OK:
-            return _failed(orbit, exponent.states[-1], found.dropped + len(exponent.states))
-        signs = _signs(np.concatenate([found.orbit.states, exponent.states, orbit.states]) / map.scale, exponent)
-        if signs.kind != UNDECIDED or _shrinking(exponent) or len(exponent.logarithms) >= LONGEST:
-            return replace(
-                found,
-                kind=signs.kind,
-                evidence=signs.evidence,
-                exponent=exponent.value,
-                error=exponent.error,
-                zero_one=signs.zero_one,
-            )
-        exponent = extended(map, exponent, len(exponent.logarithms))
-    orbit = _run(map, found.state, len(exponent.states) + 1)
-    if orbit.status != OK:
-        return _failed(orbit, found.state, found.dropped + len(found.orbit.states))
-    return replace(found, evidence="small differences from the orbit fail: no exponent to tell its kind by")
-
-
-@dataclass(frozen=True, eq=False)
-class _Signs:
-    """What tells the kind of a motion that does not return.
-
-    Attributes
-    ----------
-    exponent : with its error
-    zero_one : K of the section, NaN where the motion plainly settles still
-    lag, recurrence : the return that is best, and the largest difference there as a share of the motion's size
-    returned : periods after which the end of the section does return, 0 where it does not
-    drifting : whether returns become better, or worse, all along the section: the motion is still settling
-    likely : period that it is settling to, 0 where that cannot be seen
-    """
-
-    exponent: Exponent
-    zero_one: float
-    lag: int
-    recurrence: float
-    returned: int
-    drifting: bool
-    likely: int
-
-    @property
-    def kind(self) -> str:
-        value, least = self.exponent.value, max(SIGMAS * self.exponent.error, GROWING)
-        if self.returned:
-            return UNDECIDED
-        if value > least and self.zero_one > IRREGULAR:
-            return CHAOTIC
-        neutral = abs(value) <= NEUTRAL and len(self.exponent.logarithms) >= LONGEST  # chaos may pause for long
-        if neutral and self.zero_one < REGULAR and not self.drifting:
-            return QUASI_PERIODIC
-        return UNDECIDED
-
-    @property
-    def evidence(self) -> str:
-        e = self.exponent
-        text = f"exponent {e.value:.3g} +- {e.error:.1g} a period over {len(e.logarithms)} periods"
-        if not math.isnan(self.zero_one):
-            text += f", K = {self.zero_one:.2f} in the 0-1 test"
-        text += f"; best return within {LAGS} periods after {self.lag}: {self.recurrence:.1e} of the motion's size"
-        if self.drifting:
-            text += ", still settling"
-        if self.likely:
-            text += f": likely period-{self.likely}"
-        elif self.returned:
-            text += f"; at the end it returns after {self.returned} period(s)"
-        return text
-
-
-def _signs(section: np.ndarray, exponent: Exponent) -> _Signs:
-    """Read the signs of a section (n, dimension) in units of the scale."""
-    recurrence = _recurrence(section)
-    lag = int(np.argmin(recurrence)) + 1
-    maxima = _maxima(section, lag)
-    one_way = abs(np.sign(np.diff(maxima)).sum()) == BLOCKS - 1
-    drifting = bool(one_way and np.ptp(maxima) > DRIFT * maxima[0])
-    settling = _shrinking(exponent) or (drifting and exponent.value <= GROWING)
-    return _Signs(
-        exponent,
-        math.nan if settling else _second_opinion(section, lag),
-        lag,
-        float(recurrence[lag - 1]),
-        _returned(section),
-        drifting,
-        _likely(section, lag, exponent.value) if drifting else 0,
-    )
-
-
-def _returned(section: np.ndarray) -> int:
-    """Smallest n, long ones too, after which the last n states of a section return, 0 where there is none."""
-    near = TOLERANCE * np.ptp(section, axis=0).max()  # of its spread: a small torus about a cycle is no return to it
-    # one state alone comes back by chance, the sooner the longer the section
-    for n in np.flatnonzero(_largest(section[:-1] - section[-1])[::-1] <= near) + 1:
-        if 2 * n <= len(section) and _largest(section[-n:] - section[-2 * n : -n]).max() <= near:
-            return int(n)
-    return 0
-
-
-def _maxima(section: np.ndarray, lag: int) -> np.ndarray:
-    """Largest differences (8,) of states `lag` periods apart in 8 blocks of the section."""
-    count = (len(section) - lag) // BLOCKS
-    return _largest(section[lag:] - section[:-lag])[-count * BLOCKS :].reshape(BLOCKS, count).max(axis=1)
-
-
-def _likely(section: np.ndarray, lag: int, exponent: float) -> int:
-    """Period that a drifting motion is settling to, 0 where its returns do not fall as its exponent says.
-
-    Returns after a multiple of the period fall with the exponent; those that are none fall to what they will be.
-    """
-    maxima = np.maximum([_maxima(section, n) for n in range(1, lag + 1)], np.finfo(float).tiny)
-    fall = np.log(maxima[:, -1] / maxima[:, 0])
-    due = exponent * len(section) * (1.0 - 1.0 / BLOCKS)
-    if not 2.0 * due < fall[-1] < 0.5 * due < 0.0:
-        return 0
-    return int(np.flatnonzero(fall <= 0.5 * fall[-1])[0]) + 1
-
-
-def _shrinking(exponent: Exponent) -> bool:
-    return exponent.value < -max(SIGMAS * exponent.error, NEUTRAL)
-
-
-def _second_opinion(section: np.ndarray, lag: int) -> float:
-    """K of the component that moves most, the mean of each of its `lag` bands taken out.
-
-    A chaotic motion that visits bands in turn is a periodic one, which the 0-1 test sees, with a small chaotic one on
-    it, which it would miss.
-    """
-    series = section[:, np.argmax(np.ptp(section, axis=0))].copy()
-    for band in range(lag):
-        series[band::lag] -= series[band::lag].mean()
-    return zero_one(series)
-
-
-def _recurrence(section: np.ndarray) -> np.ndarray:
-    """Differences (64,) of the states (n, dimension) 1..64 periods apart, the largest, as a share of the size."""
-    return np.array([np.abs(section[n:] - section[:-n]).max() for n in range(1, LAGS + 1)]) / _size(section)
-
-
-def _largest(differences: np.ndarray) -> np.ndarray:
-    return np.abs(differences).max(axis=1)
-
-
-def _size(section: np.ndarray) -> float:
-    return max(float(np.abs(section).max()), REST)
-
-
-def _spectral_radius(matrix: np.ndarray) -> float:
-    return float(np.abs(np.linalg.eigvals(matrix)).max()) if np.isfinite(matrix).all() else math.nan
-
-
-def _impacts(orbit: Orbit, period: int) -> float:
-    """Impacts per period of the excitation, over the whole returns."""
-    whole = len(orbit.states) // period * period
-    return float((orbit.impacts[:, 0] < whole).sum()) / whole
+    if not dropped:
+        return False
+    growth = tangent(map, state, np.ones((state.size, 1)), dropped).growth[:, 0, 0]
+    with np.errstate(divide="ignore"):
+        return bool(np.cumsum(np.log(growth)).max(initial=0.0) > math.log(MAX_SHIFT / PERTURBATION))

@@ -16,6 +16,9 @@ TOLERANCE = 1e-11  # of the residual, in units of the scale
 ROUNDING = 1e-8  # residual that is accepted where rounding does not let it fall further
 HALVINGS = 8  # of a Newton step that does not lower the residual
 GRAZING = 1e-3  # margin below which the derivative says little: it has a square root singularity at margin 0
+QUICK_STEPS = 6  # of Newton's method from a close return
+CLOSE = 1e-6  # residual, in units of the scale, from which Newton's method converges
+NEUTRAL_MULTIPLIER = 1e-5  # by how much the multipliers of a cycle that attracts are below 1 at least
 SAME = 1e-7  # distance of states that are one, in units of the scale
 
 
@@ -114,6 +117,37 @@ def shoot(map: PeriodMap, guess: np.ndarray, periods: int = 1, most: int = 20) -
     unknown = np.full((xi.size, xi.size), np.nan)
     derivative = unknown if reason else jacobian(map, xi * map.scale, periods)[1]
     return cycle_at(map, xi * map.scale, periods, derivative, steps, reason)
+
+
+def attracting_cycle(map: PeriodMap, guess: np.ndarray, periods: int, reach: float) -> Cycle | None:
+    """Stable cycle next to a guess (dimension,), with its least period; None where there is none to be had at once.
+
+    Newton's steps are not damped: a guess that is no close return is given up soon, at a tenth of the cost of `shoot`.
+
+    Parameters
+    ----------
+    reach : how far from the guess the cycle may be, in units of the scale
+    """
+    state, identity = np.asarray(guess, dtype=float), np.eye(len(guess))
+    for _ in range(QUICK_STEPS):
+        end, derivative = jacobian(map, state, periods)
+        departure = (end - state) / map.scale
+        step = _newton_step(derivative - identity, departure)
+        if step is None or np.abs((state - guess) / map.scale + step).max() > reach:
+            return None
+        state = state + step * map.scale
+        if np.linalg.norm(departure) <= CLOSE:
+            break
+    else:
+        return None
+    if not _attracts(np.linalg.eigvals(derivative)):
+        return None
+    cycle = reduced(map, shoot(map, state, periods))
+    return cycle if cycle.converged and _attracts(cycle.multipliers) else None
+
+
+def _attracts(multipliers: np.ndarray) -> bool:
+    return bool(np.abs(multipliers).max() < 1.0 - NEUTRAL_MULTIPLIER)
 
 
 def reduced(map: PeriodMap, cycle: Cycle) -> Cycle:

@@ -7,6 +7,8 @@ from calib.orbit import Tangent
 from calib.record import OK
 
 STEP = 1e-6  # of the central differences, in units of the scale
+NEWTON_STEPS = 5  # that a close return takes to its cycle, about
+MAX_NEWTON_COST = 2500  # periods of the map that one attempt to find a cycle may take
 
 
 def tangent(map: PeriodMap, state: np.ndarray, vectors: np.ndarray, periods: int) -> Tangent:
@@ -16,6 +18,17 @@ def tangent(map: PeriodMap, state: np.ndarray, vectors: np.ndarray, periods: int
     """
     own = map.tangent(state, vectors, periods)
     return own if own is not None else _by_differences(map, state, vectors, periods)
+
+
+def knows_derivative(map: PeriodMap, state: np.ndarray) -> bool:
+    """Whether the map knows its derivative, rather than being differenced, two runs a component of the state."""
+    return map.tangent(state, np.ones((len(state), 1)), 1) is not None
+
+
+def newton_is_affordable(map: PeriodMap, state: np.ndarray, periods: int) -> bool:
+    """Whether Newton's method to a cycle of so many periods costs at most 2500 periods of the map."""
+    runs = 1 if knows_derivative(map, state) else 1 + 2 * len(state)
+    return NEWTON_STEPS * periods * runs <= MAX_NEWTON_COST
 
 
 def jacobian(map: PeriodMap, state: np.ndarray, periods: int = 1) -> tuple[np.ndarray, np.ndarray]:

@@ -11,7 +11,9 @@ from matplotlib.transforms import ScaledTranslation
 from calib.report.drawing import LINE, OTHER, STYLE
 from calib.report.sweeps import (
     BESIDE,
+    COEXISTING,
     FAILED,
+    UNCERTAIN,
     WIDE,
     Swept,
     along_one,
@@ -20,6 +22,7 @@ from calib.report.sweeps import (
     branch_size,
     branches,
     channel_scale,
+    coexisting,
     dot,
     in_order,
     kind_colour,
@@ -29,6 +32,7 @@ from calib.report.sweeps import (
     plain_kind,
     points,
     title,
+    uncertain,
 )
 
 GAP = "#e2e2e2"  # where runs failed
@@ -41,12 +45,15 @@ def bifurcation_diagram(sweep: xr.Dataset, bodies: Sequence[str] | None = None) 
     """Section of each body over the parameter, and beneath it the largest exponent by kind of motion.
 
     Above stands what each wide stretch of one periodic motion is: impacts over periods of a return, or the periods
-    alone where impacts are not told. Where a run of any branch failed is a grey vertical mark.
+    alone where impacts are not told. Where a run of any branch failed is a grey vertical mark. Motions that were met at
+    a value beside the one that gives its kind are light grey; where another rounding could have led to another kind,
+    a mark stands at the bottom.
 
     Parameters
     ----------
     sweep : of one parameter, with displacement (branch, body, cycle, parameter) [m], and over (branch, parameter) kind,
-        period [1], impacts [1] and exponent [1/period]; branch is optional
+        period [1], impacts [1] and exponent [1/period]; branch is optional, and so are certain (branch, parameter) and
+        the other_ variables with the dimension other
     bodies : which to draw; None draws all
 
     Raises
@@ -62,6 +69,7 @@ def bifurcation_diagram(sweep: xr.Dataset, bodies: Sequence[str] | None = None) 
         for body, axes in zip(shown, rows, strict=False):
             values = ordered.displacement.sel(body=body)
             scale, unit = channel_scale(values)
+            _beside(axes, ordered.sel(body=body), "displacement", over, scale)
             _cloud(axes, scale * values, over)
             axes.set(ylabel=f"{body}\ndisplacement [{unit}]", ylim=limits(scale * values.values))
         _period_labels(rows[0], ordered, over)
@@ -88,8 +96,10 @@ def impact_diagram(sweep: xr.Dataset) -> Figure | None:
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(WIDE, 5.4), layout="constrained")
         rows = figure.subplots(2, 1, sharex=True)
+        _beside(rows[0], ordered, "impact_phase", over)
         _cloud(rows[0], ordered.impact_phase, over)
         rows[0].set(ylabel="Impact phase [periods]", ylim=(0.0, 1.0))
+        _beside(rows[1], ordered, "impact_speed", over)
         _cloud(rows[1], ordered.impact_speed, over)
         rows[1].set(ylabel="Closing speed [m/s]", ylim=(0.0, 1.05 * float(np.nanmax(sweep.impact_speed.values)) or 1.0))
         if (sweep.kind == FAILED).any():
@@ -108,16 +118,33 @@ def _cloud(axes, values, over: Swept):
         axes.plot(x, y, "o", markeredgewidth=0, rasterized=True, zorder=2 + 0.01 * i, **look)
 
 
+def _beside(axes, sweep, name, over: Swept, scale: float = 1.0):
+    """The same of the motions beside, as smaller dots underneath."""
+    others = coexisting(sweep, name)
+    if others is not None:
+        look = {"color": COEXISTING, "markersize": float(np.clip(450.0 / over.places.size, 1.0, 1.4))}
+        axes.plot(*points(scale * others, over), "o", markeredgewidth=0, rasterized=True, zorder=1.5, **look)
+
+
 def _finish(figure, rows, sweep, over):
-    """Marks of failed runs, the legend of branches, the axis of the parameter and the title."""
+    """Marks of failed runs and of uncertain kinds, the legend, the axis of the parameter and the title."""
     failed = (sweep.kind == FAILED).any([d for d in sweep.kind.dims if d != over.dim]).values
     edges = over.edges()
     spans = [(edges[first], edges[last + 1]) for _, first, last in _stretches(np.where(failed, FAILED, ""))]
     for axes in rows:
         for span in spans:
             axes.axvspan(*span, facecolor=GAP, edgecolor=OTHER, linewidth=0.6, zorder=1)
-    if "branch" in sweep.dims:
-        rows[0].legend(handles=branch_entries(sweep), **BESIDE)
+    handles = branch_entries(sweep)
+    if coexisting(sweep, "kind") is not None:
+        handles.append(dot(COEXISTING, "coexisting motion", size=3.5))
+    doubtful = uncertain(sweep).reshape(-1, over.places.size).any(axis=0)
+    if doubtful.any():
+        at = rows[0].get_xaxis_transform()
+        look = {"color": UNCERTAIN, "markersize": 4.5, "markeredgewidth": 0, "clip_on": False, "zorder": 4}
+        rows[0].plot(over.places[doubtful], np.zeros(doubtful.sum()), "^", transform=at, **look)
+        handles.append(dot(UNCERTAIN, "uncertain kind", "^"))
+    if handles and rows[0].get_legend() is None:
+        rows[0].legend(handles=handles, **BESIDE)
     over.lay(rows[-1].xaxis, *edges[[0, -1]])
     figure.align_ylabels(rows)
     figure.suptitle(title(sweep), x=0.01, horizontalalignment="left", fontsize=9.5)
@@ -131,6 +158,10 @@ def _exponents(axes, sweep, over):
     for i, (_, part) in enumerate(parts):
         exponent, kind = part.exponent.values, plain_kind(part.kind)
         axes.plot(over.places, np.maximum(exponent, low), color=branch_colour(i), linewidth=0.4, alpha=0.45, zorder=2)
+        others = coexisting(part, "exponent")
+        if others is not None:
+            x, y = points(others, over)
+            axes.plot(x, np.maximum(y, low), "o", color=COEXISTING, markersize=2.2, markeredgewidth=0, zorder=1.8)
         for name in in_order(kind[kind != FAILED]):
             look = {"color": kind_colour(name), "markeredgewidth": 0, "linestyle": "none", "zorder": 3}
             mine = (kind == name) & (exponent >= low)

@@ -12,6 +12,7 @@ from calib.errors import CalibError
 from calib.report.drawing import LINE, STYLE
 from calib.report.sweeps import (
     FAILED,
+    UNCERTAIN,
     WIDE,
     binned_kind,
     branches,
@@ -23,6 +24,7 @@ from calib.report.sweeps import (
     patch,
     swept,
     title,
+    uncertain,
 )
 
 BELOW = {"loc": "outside lower center", "columnspacing": 1.4, "handletextpad": 0.5, "handlelength": 1.2}
@@ -31,7 +33,8 @@ BELOW = {"loc": "outside lower center", "columnspacing": 1.4, "handletextpad": 0
 def kind_map(sweep: xr.Dataset) -> Figure:
     """Kind of motion and largest exponent over two parameters, a row for each branch.
 
-    A grid is drawn as cells, a Latin hypercube as dots. What failed is black, in both panels.
+    A grid is drawn as cells, a Latin hypercube as dots. What failed is black, in both panels. A dot marks a kind that
+    another rounding could have changed.
 
     Parameters
     ----------
@@ -56,12 +59,14 @@ def kind_map(sweep: xr.Dataset) -> Figure:
             row[1].set_title(f"{name}: largest exponent" if name else "largest exponent")
             draw = _as_dots if scattered else _as_cells
             colours = draw(row, plane, binned_kind(part.kind), part.exponent.values, present, norm)
+            _mark(row[0], plane, uncertain(part), scattered)
         for axes in grid.flat:
             for axis, over in zip((axes.xaxis, axes.yaxis), plane, strict=True):
                 over.lay(axis, *(over.surroundings() if scattered else over.edges()[[0, -1]]))
             axes.label_outer()
         figure.colorbar(colours, ax=list(grid[:, 1]), label="Largest exponent [1/period]", extend="min", aspect=30)
-        _legend(figure, [_entry(kind, scattered) for kind in present])
+        doubt = [dot(UNCERTAIN, "uncertain", size=3.0)] if uncertain(sweep).any() else []
+        _legend(figure, [_entry(kind, scattered) for kind in present] + doubt)
         figure.suptitle(title(sweep), x=0.01, horizontalalignment="left", fontsize=9.5)
     return figure
 
@@ -102,6 +107,12 @@ def _as_dots(row, plane, kinds, exponent, present, norm):
         axes.plot(x[~good], y[~good], "x", color=kind_colour(FAILED), markersize=3.5, markeredgewidth=0.8)
     values = np.maximum(exponent[good], -norm.halfrange)
     return row[1].scatter(x[good], y[good], c=values, cmap=_signed(), norm=norm, **look)
+
+
+def _mark(axes, plane, doubtful, scattered):
+    """Dots on what is uncertain: over (second, first), or (point,)."""
+    x, y = (over.places for over in plane) if scattered else np.meshgrid(*(over.places for over in plane))
+    axes.plot(x[doubtful], y[doubtful], "o", color=UNCERTAIN, markersize=2.5, markeredgewidth=0)
 
 
 def _signed():

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from calib.report.drawing import LINE, OTHER, STYLE
 from calib.report.sweeps import (
+    COEXISTING,
     FAILED,
     WIDE,
     branch_colour,
@@ -17,6 +18,7 @@ from calib.report.sweeps import (
     branches,
     cells,
     channel_scale,
+    coexisting,
     dot,
     kind_colour,
     limits,
@@ -37,7 +39,7 @@ def sections(sweep: xr.Dataset, most: int = 6) -> Figure | None:
     Parameters
     ----------
     sweep : displacement [m] and velocity [m/s] over (branch, body, cycle, *parameters), kind (branch, *parameters);
-        branch is optional
+        branch is optional, and so are other_displacement and other_velocity, with the dimension other
     most : values, or combinations of values of several parameters, that are still drawn
     """
     dims = [d for d in sweep.kind.dims if d != "branch"]
@@ -45,7 +47,8 @@ def sections(sweep: xr.Dataset, most: int = 6) -> Figure | None:
     if count > most:
         return None
     names = parameters(sweep)
-    drawn = sweep[["displacement", "velocity", "kind"]]  # what has no impacts cannot be stacked
+    wanted = ("displacement", "velocity", "kind", "other_displacement", "other_velocity")
+    drawn = sweep[[name for name in wanted if name in sweep]]  # what has no impacts cannot be stacked
     runs = drawn.sortby([d for d in dims if d != "point"]).stack(run=dims, create_index=False)
     bodies = [str(body) for body in sweep.body.values]
     columns, blocks = min(count, COLUMNS), math.ceil(count / COLUMNS)
@@ -58,8 +61,11 @@ def sections(sweep: xr.Dataset, most: int = 6) -> Figure | None:
             _panels(panels, runs.sel(body=body), body)
             for k in range(count):
                 panels[k].set_title(_heading(runs.isel(run=k), names), fontsize=8)
-        if "branch" in sweep.dims:
-            figure.legend(handles=branch_entries(sweep), loc="outside lower center", ncols=6, handletextpad=0.3)
+        handles = branch_entries(sweep)
+        if coexisting(sweep, "kind") is not None:
+            handles.append(dot(COEXISTING, "coexisting motion", size=3.5))
+        if handles:
+            figure.legend(handles=handles, loc="outside lower center", ncols=6, handletextpad=0.3)
         figure.suptitle(title(sweep), x=0.01, horizontalalignment="left", fontsize=9.5)
     return figure
 
@@ -73,6 +79,12 @@ def _panels(panels, runs, body):
         if k >= runs.sizes["run"]:
             axes.set_visible(False)
             continue
+        for _, part in parts:
+            others = [coexisting(part, name) for name in ("displacement", "velocity")]
+            if others[0] is not None:
+                x, v = (values.isel(run=k).values.ravel() for values in others)
+                look = {"markersize": 1.6, "markeredgewidth": 0, "rasterized": True, "zorder": 1.5}
+                axes.plot(scale * x, v, "o", color=COEXISTING, **look)
         for i, (_, part) in enumerate(parts):
             x, v = scale * part.displacement.isel(run=k).values, part.velocity.isel(run=k).values
             finite = np.isfinite(x) & np.isfinite(v)

@@ -31,6 +31,8 @@ KIND_COLOURS = {  # in the order of a legend: from regular to irregular, then wh
     FAILED: "#000000",
 }
 BRANCH_COLOURS = ("#0072B2", "#D55E00", "#000000", "#56B4E9", "#009E73", "#CC79A7")
+COEXISTING = "#a6a6a6"  # motions that were met at a value beside the one that gives its kind
+UNCERTAIN = "#CC79A7"  # values at which another rounding could have led to another kind
 BESIDE = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0), "borderaxespad": 0.0, "handletextpad": 0.5}
 
 
@@ -140,6 +142,17 @@ def points(values: xr.DataArray, over: Swept) -> tuple[np.ndarray, np.ndarray]:
     table = values.transpose(..., over.dim).values
     finite = np.isfinite(table)
     return np.broadcast_to(over.places, table.shape)[finite], table[finite]
+
+
+def coexisting(sweep: xr.Dataset, name: str) -> xr.DataArray | None:
+    """Return `name` of the motions beside those that give the kinds, with the dimension other; None without any."""
+    has_some = sweep.sizes.get("other", 0) and f"other_{name}" in sweep
+    return sweep[f"other_{name}"] if has_some else None
+
+
+def uncertain(sweep: xr.Dataset) -> np.ndarray:
+    """Whether another rounding could have led to another kind, in the shape of the kinds."""
+    return ~sweep.certain.values.astype(bool) if "certain" in sweep else np.zeros(sweep.kind.shape, dtype=bool)
 
 
 def branch_colour(index: int) -> str:

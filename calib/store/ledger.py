@@ -41,12 +41,12 @@ def read(folder: str | Path, definition: Mapping[str, Any] | None = None) -> tup
 class Ledger:
     """`trials.jsonl` and `residuals.f64` of one folder, open for one writer.
 
-    `trials.jsonl` holds a header line, then one line a trial. A later header line begins a new segment (other libraries
-    or processor) or states a new budget. Keys of a header:
+    `trials.jsonl` holds a header line, then one line a trial. A later header line begins a new segment (other
+    libraries, another processor or BLAS kernel) or states a new budget. Keys of a header:
 
     format, id (of this ledger), segment (from 0), name, definition, digest (of the definition), screen (points of the
     screen), first (number of the segment's first search trial), hint (budget when the segment began), budget, versions,
-    processor, cpu, time.
+    processor, cpu, blas, time.
 
     A line counts when its line end is there. Residuals are synced before the line that points at them, and the line
     before the call returns.
@@ -105,14 +105,14 @@ class Ledger:
         os.close(folder)
 
     def _go_on(self, content: "_Content", header: Mapping[str, Any], here: dict) -> None:
-        """Take up the last segment, or begin a new one where libraries or processor are others now."""
+        """Take up the last segment, or begin a new one where libraries, processor or BLAS are others now."""
         last = content.headers[-1]
         self.header = last
         self._next = max((trial.number for trial in content.trials), default=-1) + 1
-        changes = differences({key: last[key] for key in here}, here)
+        changes = differences({key: last.get(key, {}) for key in here}, here)
         if changes:
             warnings.warn(
-                "this study was begun with other libraries or on another processor:\n  "
+                "this study was begun with other libraries, or on another processor or BLAS kernel:\n  "
                 + "\n  ".join(changes)
                 + f"\nthe {len(content.trials)} trials logged stay valid; a new segment goes on from them",
                 stacklevel=4,

@@ -141,7 +141,7 @@ class Store:
         self._ledger.begin_segment(budget)
 
     def _provenance(self, trial: Trial) -> dict:
-        header = {key: self.header[key] for key in ("name", "digest", "id", "versions", "processor", "cpu")}
+        header = {key: self.header[key] for key in ("name", "digest", "id", "versions", "processor", "cpu", "blas")}
         score = {"total": trial.total, "terms": {k: v for k, v in trial.terms.items() if v < float("inf")}}
         return {"trial": trial.number, "values": trial.values, "score": score, "kind": trial.kind, "study": header}
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from calib.dynamics.stationary import stationary_record
 from calib.objective import Score
 from calib.parameter import values_for
 from calib.pool import Failure
@@ -47,11 +48,10 @@ def evaluate(study, values: Mapping[str, float]) -> Evaluation:
     """
     start = time.perf_counter()
     objective = study.objective
+    references = {name: objective.references[name] for name in objective.scored}
     records = {
-        name: study.model.run(
-            values_for(values, name), objective.references[name].excitation, objective.references[name].request
-        )
-        for name in objective.scored
+        name: stationary_record(study.model, values_for(values, name), reference.excitation, reference.request)
+        for name, reference in references.items()
     }
     score, features = objective.judged(records)
     return Evaluation(score, records, [asdict(feature) for feature in features], time.perf_counter() - start)

@@ -1,12 +1,15 @@
 """The motions of some points of a sweep, as arrays: what a child process is asked for."""
 
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from calib.dynamics.contract import PeriodMap
-from calib.dynamics.motion import FAILED, OrbitKind, kind_of_orbit
+from calib.dynamics.motion import kind_of_orbit
+from calib.dynamics.single_run import FAILED, OrbitKind
 from calib.sweep.plan import Sweep
 
 IMPOSSIBLE = "impossible value"
@@ -20,10 +23,27 @@ class Task(NamedTuple):
     carried: bool
 
 
+MOTION = {  # what is told of each motion at a value: name -> what it is where there is none
+    "kind": FAILED,
+    "period": 0,
+    "impacts": -1,
+    "impacts_per_period": math.nan,
+    "exponent": math.nan,
+    "exponent_error": math.nan,
+    "zero_one": math.nan,
+    "contact": math.nan,
+    "dropped": 0,
+    "share": math.nan,
+    "evidence": "",
+}
+OTHER = "other_"  # prefix of what is told of the motions beside the one that gives the kind
+
+
 def motions(sweep: Sweep, task: Task) -> dict[str, np.ndarray]:
     """Arrays by name, the point leading, of the points of a task; see `calib.sweep.run.run`.
 
-    Beside what a sweep holds: `names` and `units` of the state's components.
+    Beside what a sweep holds: `names` and `units` of the state's components, and `run_state`, the last state of the
+    run itself, from which the next value starts where states are carried.
     """
     rows, state = [], dict(task.state)
     for point in task.points:
@@ -32,64 +52,93 @@ def motions(sweep: Sweep, task: Task) -> dict[str, np.ndarray]:
         except ValueError as error:
             rows.append(failed_row(sweep, IMPOSSIBLE, str(error)))
             continue
-        found = kind_of_orbit(map, _begun(map, state), sweep.settle, sweep.cycles)
+        found = kind_of_orbit(map, begun(map, state), sweep.settle, sweep.cycles, sweep.runs)
+        if task.carried:
+            found = as_run(found)
         rows.append(_row(sweep, map, found))
         if task.carried and found.kind != FAILED:
             state = dict(zip(map.names, found.state.tolist(), strict=True))
     return stacked(rows)
 
 
-def _begun(map: PeriodMap, state: Mapping[str, float]) -> np.ndarray:
+def begun(map: PeriodMap, state: Mapping[str, float]) -> np.ndarray:
     """State of the map with the components that are given; the others are its own."""
     return np.array([state.get(name, own) for name, own in zip(map.names, map.initial.tolist(), strict=True)])
+
+
+def as_run(found: OrbitKind) -> OrbitKind:
+    """Return the motion that the run itself stayed on, with a stable one that was found beside it among the others."""
+    if found.run_state is None:
+        return found
+    [run] = [one for one in found.coexisting if not one.regular]
+    others = tuple(one for one in found.coexisting if one is not run)
+    stable = replace(found, coexisting=(), run_state=None)
+    text = f"{run.evidence}; a stable motion lies beside it; {found.escape}"
+    return replace(
+        run, evidence=text, coexisting=(stable, *others), escape=found.escape, certain=False, run_state=None
+    )
+
+
+def motion_arrays(sweep: Sweep, found: OrbitKind) -> dict[str, np.ndarray]:
+    """Arrays of one motion by name."""
+    impacts = found.orbit.impacts
+    told = {
+        "impacts_per_period": found.impacts_per_period,
+        "exponent": found.exponent,
+        "exponent_error": found.error,
+        **{name: getattr(found, name) for name in ("kind", "period", "impacts", "zero_one", "contact", "dropped")},
+        **{name: getattr(found, name) for name in ("share", "evidence")},
+    }
+    return {
+        **{name: np.array(value) for name, value in told.items()},
+        "displacement": found.orbit.displacement,
+        "velocity": found.orbit.velocity,
+        "impact_phase": (impacts[:, 1] + sweep.setting.phase) % 1.0,
+        "impact_speed": impacts[:, 2],
+        "state": found.state,
+    }
 
 
 def _row(sweep: Sweep, map: PeriodMap, found: OrbitKind) -> dict[str, np.ndarray]:
     if found.kind == FAILED:
         return failed_row(sweep, found.status, found.reason)
-    impacts = found.orbit.impacts
+    low, high = found.escape.interval if found.escape else (math.nan, math.nan)
+    others = stacked([no_motion(sweep), *(motion_arrays(sweep, one) for one in found.coexisting)])
     return {
-        "displacement": found.orbit.displacement,
-        "velocity": found.orbit.velocity,
-        "kind": np.array(found.kind),
-        "period": np.array(found.period),
-        "impacts": np.array(found.impacts),
-        "impacts_per_period": np.array(found.impacts_per_period),
-        "exponent": np.array(found.exponent),
-        "exponent_error": np.array(found.error),
-        "zero_one": np.array(found.zero_one),
-        "contact": np.array(found.contact),
-        "dropped": np.array(found.dropped),
+        **motion_arrays(sweep, found),
+        **{f"{OTHER}{name}": array[1:] for name, array in others.items()},
         "status": np.array(found.status),
-        "evidence": np.array(found.evidence),
-        "impact_phase": (impacts[:, 1] + sweep.setting.phase) % 1.0,
-        "impact_speed": impacts[:, 2],
-        "state": found.state,
+        "certain": np.array(found.certain),
+        "runs": np.array(found.runs),
+        "escape_mean": np.array(found.escape.mean if found.escape else math.nan),
+        "escape_low": np.array(low),
+        "escape_high": np.array(high),
+        "run_state": found.state if found.run_state is None else found.run_state,
         "names": np.array(map.names),
         "units": np.array(map.units),
     }
 
 
+def no_motion(sweep: Sweep) -> dict[str, np.ndarray]:
+    """Arrays of a motion that is not there, by the names of those of one that is."""
+    nothing = np.full((len(sweep.setting.model.bodies), sweep.cycles), np.nan)
+    empty = dict.fromkeys(("impact_phase", "impact_speed", "state"), np.zeros(0))
+    told = {name: np.array(value) for name, value in MOTION.items()}
+    return {**told, "displacement": nothing, "velocity": nothing, **empty}
+
+
 def failed_row(sweep: Sweep, status: str, reason: str) -> dict[str, np.ndarray]:
     """Arrays of a point without a motion."""
-    none, nothing = np.array(np.nan), np.full((len(sweep.setting.model.bodies), sweep.cycles), np.nan)
+    none = no_motion(sweep)
     return {
-        "displacement": nothing,
-        "velocity": nothing,
-        "kind": np.array(FAILED),
-        "period": np.array(0),
-        "impacts": np.array(-1),
-        "impacts_per_period": none,
-        "exponent": none,
-        "exponent_error": none,
-        "zero_one": none,
-        "contact": none,
-        "dropped": np.array(0),
-        "status": np.array(status),
+        **none,
         "evidence": np.array(reason),
-        "impact_phase": np.zeros(0),
-        "impact_speed": np.zeros(0),
-        "state": np.zeros(0),
+        **{f"{OTHER}{name}": np.zeros((0, *array.shape), array.dtype) for name, array in none.items()},
+        "status": np.array(status),
+        "certain": np.array(True),
+        "runs": np.array(0),
+        **dict.fromkeys(("escape_mean", "escape_low", "escape_high"), np.array(math.nan)),
+        "run_state": np.zeros(0),
         "names": np.array([], dtype=str),
         "units": np.array([], dtype=str),
     }

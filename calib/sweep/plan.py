@@ -8,8 +8,8 @@ import numpy as np
 from scipy.stats import qmc
 
 from calib.dynamics.contract import PeriodMap
-from calib.dynamics.motion import CYCLES
 from calib.dynamics.setting import Setting
+from calib.dynamics.single_run import CYCLES
 from calib.errors import CalibError, nearest
 from calib.parameter import Window
 from calib.store.environment import environment
@@ -43,6 +43,7 @@ class Sweep:
     starts : states to start from, name of the state's component -> value in SI; what is not named is the simulator's
     settle : periods dropped at most before the first verdict; an undecided motion gets 5 times as many more
     cycles : periods of the section that is kept
+    runs : from starts that differ by rounding, where the first is irregular; neighbouring values stand in for more
     """
 
     setting: Setting
@@ -52,6 +53,7 @@ class Sweep:
     starts: Sequence[Mapping[str, float]] = ({},)
     settle: int = 1000
     cycles: int = 100
+    runs: int = 2
 
     def __post_init__(self):
         arrays = {name: np.atleast_1d(np.asarray(values, dtype=float)) for name, values in self.over.items()}
@@ -95,6 +97,22 @@ class Sweep:
             for row in range(0, count, first.size):
                 yield Track(branch, tuple((row + order).tolist()), start, True)
 
+    def chains(self) -> Iterator[tuple[int, ...]]:
+        """Neighbouring points in the order in which regular motions are taken on: both ways along each axis.
+
+        None where states are carried, which is a continuation itself, or where the points are a list.
+        """
+        if self.paired or self.carry != NONE:
+            return
+        sizes = [values.size for values in self.over.values()]
+        grid = np.arange(len(self.points)).reshape(sizes[::-1])  # the first parameter runs fastest
+        for axis, values in enumerate(self.over.values()):
+            order = np.argsort(values, kind="stable")
+            for row in np.moveaxis(grid, grid.ndim - 1 - axis, -1).reshape(-1, values.size):
+                if values.size > 1:
+                    yield tuple(row[order].tolist())
+                    yield tuple(row[order[::-1]].tolist())
+
     def map_at(self, point: int) -> PeriodMap:
         """Period map of one point.
 
@@ -117,7 +135,7 @@ class Sweep:
 
     def definition(self) -> dict[str, Any]:
         """All that decides what comes out, as JSON takes it; where it is the same, so are the bits."""
-        own = {name: getattr(self, name) for name in ("over", "paired", "carry", "starts", "settle", "cycles")}
+        own = {name: getattr(self, name) for name in ("over", "paired", "carry", "starts", "settle", "cycles", "runs")}
         return plain({"sweep": own, **self.setting.definition(), "environment": environment()})
 
 
@@ -150,6 +168,8 @@ def _check(sweep: Sweep) -> None:
         raise CalibError(f"expected settle >= 0 periods, got {sweep.settle}")
     if sweep.cycles < CYCLES:
         raise CalibError(f"expected at least {CYCLES} cycles to keep, got {sweep.cycles}")
+    if sweep.runs < 1:
+        raise CalibError(f"expected at least 1 run a value, got {sweep.runs}")
     if not sweep.starts:
         raise CalibError("a sweep needs a state to start from; {} is the simulator's own")
     named = {name for start in sweep.starts for name in start}

@@ -10,13 +10,16 @@ import xarray as xr
 from calib.errors import CalibError
 from calib.pool import REFUSED, Failure, LocalPool
 from calib.store.chunks import Chunks, join, joined
-from calib.sweep.compute import Task, failed_row, motions, stacked
+from calib.sweep.compute import OTHER, Task, failed_row, motions, stacked
+from calib.sweep.continuation import Chain, Known, continued, nothing_continued
 from calib.sweep.plan import Sweep, Track
+from calib.sweep.verdict import Rows, arrivals, judged, known, regular_at_end
 
 CHUNK = 8  # points run, and lost by a kill, at a time
 TIMEOUT = 600.0  # s, wall clock of that many points
 UNITS = {"displacement": "m", "velocity": "m/s", "impact_speed": "m/s"} | dict.fromkeys(
-    ("impact_phase", "contact", "exponent", "exponent_error", "zero_one", "impacts_per_period", "dropped"), "1"
+    ("impact_phase", "contact", "exponent", "exponent_error", "zero_one", "impacts_per_period", "dropped", "share",
+     "escape_mean", "escape_low", "escape_high"), "1"
 )
 NAMES = {
     "displacement": "section displacement",
@@ -33,10 +36,18 @@ NAMES = {
     "impact_phase": "phase of each impact, in periods from phase zero of the excitation",
     "impact_speed": "closing speed of each impact",
     "state": "last state, each component in component_unit",
+    "share": "share of the runs from starts that differ by rounding which led to the motion",
+    "runs": "runs from starts that differ by rounding",
+    "certain": "whether another rounding would have led to the same kind",
+    "escape_mean": "mean time in which runs leave the irregular motion for a regular one, inf where none did",
+    "escape_low": "lower bound of the mean escape time, 95 % confidence",
+    "escape_high": "upper bound of the mean escape time, 95 % confidence",
 }
 INSIDE = {"displacement": ("body", "cycle"), "velocity": ("body", "cycle"), "impact_phase": ("impact",),
           "impact_speed": ("impact",), "state": ("component",)}  # fmt: skip
-TAKEN = {*NAMES, "status", "evidence", "branch", "point", "body", "cycle", "impact", "component", "component_unit"}
+IMPACT_ARRAYS = [f"{prefix}{name}" for prefix in ("", OTHER) for name in ("impact_phase", "impact_speed")]
+INNER = {"branch", "point", "body", "cycle", "impact", "component", "component_unit", "other"}
+TAKEN = {*NAMES, "status", "evidence", *INNER}
 
 
 def run(
@@ -66,6 +77,12 @@ def run(
     [m/s] (impact, P), NaN where there are fewer impacts; state (component, P). Two parameters that are a list of
     points have the dimension point.
 
+    The kind is that of the motion which the start leads to; where rounding decides what it leads to, that of the most
+    regular motion known there (see `calib.dynamics.motion.kind_of_orbit`), neighbouring values included. All others
+    that were met have the same variables with the prefix other_ and the dimension other in front. share of the `runs`
+    from starts that differ by rounding [1], certain (P), and escape_mean, escape_low, escape_high (P) [periods], the
+    time in which runs leave an irregular motion. Where states are carried, the kind is that of the carried motion.
+
     Raises
     ------
     CalibError : `path` holds something else, or another process works for it; a value or an excitation that the
@@ -79,8 +96,12 @@ def run(
         return found
 
     def make(chunks: Chunks) -> xr.Dataset:
-        with LocalPool(partial(motions, sweep), jobs, timeout) as pool:
-            return _dataset(sweep, _pieces(sweep, pool, chunks, lambda done: on_done(done, total)))
+        with LocalPool(partial(_made, sweep), jobs, timeout) as pool:
+            pieces = _pieces(sweep, pool, chunks, lambda done: on_done(done, total))
+            rows = _rows(sweep, pieces)
+            chains = list(sweep.chains())
+            brought = _chained(sweep, pool, chunks, chains, known(sweep, rows))
+        return _dataset(sweep, judged(sweep, rows, arrivals(chains, brought, CHUNK)))
 
     return join(path, definition, fresh, make)
 
@@ -90,10 +111,14 @@ def run(
 Pieces = dict[str, dict[str, np.ndarray]]  # name of the piece -> arrays
 
 
+def _made(sweep: Sweep, task: Task | Chain) -> dict[str, np.ndarray]:
+    return continued(sweep, task) if isinstance(task, Chain) else motions(sweep, task)
+
+
 def _pieces(sweep: Sweep, pool, chunks: Chunks, on_done: Callable[[int], None]) -> Pieces:
     """Run what has not been run; a track whose state is carried has one piece under way at a time."""
     tracks = list(sweep.tracks())
-    found = chunks.kept(_name(t, c) for t, track in enumerate(tracks) for c in range(len(_parts(track))))
+    found = chunks.kept(_name(t, c) for t, track in enumerate(tracks) for c in range(len(_parts(track.points))))
     on_done(_points(found))
     while tasks := _ready(sweep, tracks, found):
         for name, arrays in chunks.made(pool, tasks, partial(_singly, sweep, pool)):
@@ -106,7 +131,7 @@ def _ready(sweep: Sweep, tracks: list[Track], found: Pieces) -> dict[str, Task]:
     """Pieces that are missing and whose start is known."""
     tasks = {}
     for t, track in enumerate(tracks):
-        for c, points in enumerate(_parts(track)):
+        for c, points in enumerate(_parts(track.points)):
             if _name(t, c) not in found:
                 tasks[_name(t, c)] = Task(points, _before(sweep, track, found, t, c), track.carried)
                 if track.carried:
@@ -114,8 +139,29 @@ def _ready(sweep: Sweep, tracks: list[Track], found: Pieces) -> dict[str, Task]:
     return tasks
 
 
-def _parts(track: Track) -> list[tuple[int, ...]]:
-    return [track.points[first : first + CHUNK] for first in range(0, len(track.points), CHUNK)]
+def _chained(
+    sweep: Sweep, pool, chunks: Chunks, chains: list[tuple[int, ...]], at: Mapping[int, Known]
+) -> list[list[dict[str, np.ndarray]]]:
+    """Pieces of each chain, in which regular motions are taken from value to value; one piece of a chain at a time."""
+    parts = [_parts(chain) for chain in chains]
+    done: list[list[dict[str, np.ndarray]]] = [[] for _ in chains]
+    while any(len(ended) < len(part) for ended, part in zip(done, parts, strict=True)):
+        tasks = {}
+        for k, (part, ended) in enumerate(zip(parts, done, strict=True)):
+            if len(ended) < len(part):
+                brought = regular_at_end(at, parts[k][len(ended) - 1], ended[-1]) if ended else ()
+                points = part[len(ended)]
+                tasks[f"chain-{k}-{len(ended)}"] = Chain(points, tuple(at[point] for point in points), brought)
+        pieces = chunks.kept(tasks)
+        missing = {key: task for key, task in tasks.items() if key not in pieces}
+        pieces |= dict(chunks.made(pool, missing, partial(nothing_continued, sweep)))
+        for key, arrays in pieces.items():
+            done[int(key.split("-")[1])].append(arrays)
+    return done
+
+
+def _parts(points: tuple[int, ...]) -> list[tuple[int, ...]]:
+    return [points[first : first + CHUNK] for first in range(0, len(points), CHUNK)]
 
 
 def _name(track: int, part: int) -> str:
@@ -167,15 +213,31 @@ def _singly(sweep: Sweep, pool, task: Task) -> dict[str, np.ndarray]:
 # --- joining ---------------------------------------------------------------------------------------------------------
 
 
-def _dataset(sweep: Sweep, pieces: Pieces) -> xr.Dataset:
-    rows: dict[tuple[int, int], dict[str, np.ndarray]] = {}
+def _rows(sweep: Sweep, pieces: Pieces) -> Rows:
+    """Arrays of each point of each branch."""
+    rows: Rows = {}
     for t, track in enumerate(sweep.tracks()):
-        for c, points in enumerate(_parts(track)):
+        for c, points in enumerate(_parts(track.points)):
             for k, point in enumerate(points):
                 rows[track.branch, point] = {name: array[k] for name, array in pieces[_name(t, c)].items()}
+    return rows
+
+
+def _dataset(sweep: Sweep, rows: Rows) -> xr.Dataset:
     branches, size = sweep.branches, len(sweep.points)
     arrays = stacked([rows[branch, point] for branch in range(len(branches)) for point in range(size)])
-    arrays["state"], components, units = _by_component(arrays.pop("names"), arrays.pop("units"), arrays["state"])
+    names, units = arrays.pop("names"), arrays.pop("units")
+    others = np.moveaxis(arrays[f"{OTHER}state"], 1, 0)
+    arrays["state"], components, component_units = _by_component(names, units, arrays["state"])
+    sorted_others = [_by_component(names, units, states)[0] for states in others]
+    none = np.zeros((len(names), 0, len(components)))
+    arrays[f"{OTHER}state"] = np.stack(sorted_others, 1) if sorted_others else none
+    del arrays["run_state"]
+    longest = max(arrays[name].shape[-1] for name in IMPACT_ARRAYS)
+    for name in IMPACT_ARRAYS:
+        array = arrays[name]
+        missing = [(0, 0)] * (array.ndim - 1) + [(0, longest - array.shape[-1])]
+        arrays[name] = np.pad(array, missing, constant_values=np.nan)
 
     dims = ("point",) if sweep.paired else tuple(_dimension(name) for name in sweep.over)
     sizes = (size,) if sweep.paired else tuple(values.size for values in sweep.over.values())
@@ -185,10 +247,17 @@ def _dataset(sweep: Sweep, pieces: Pieces) -> xr.Dataset:
         array = array.reshape(len(branches), *sizes[::-1], *array.shape[1:])  # the first parameter runs fastest
         places = range(1, 1 + len(sizes))
         array = np.moveaxis(array, places, [-k for k in places])
-        attrs = {"long_name": NAMES[name]} if name in NAMES else {}
-        attrs |= {"units": UNITS[name]} if name in UNITS else {}
-        variables[name] = ((*outer, *INSIDE.get(name, ()), *dims), array if outer else array[0], attrs)
-    coords = {"body": list(sweep.setting.model.bodies), "component": components, "component_unit": ("component", units)}
+        own = name.removeprefix(OTHER)
+        beside = ", of a motion beside" if own != name else ""
+        attrs = {"long_name": f"{NAMES[own]}{beside}"} if own in NAMES else {}
+        attrs |= {"units": UNITS[own]} if own in UNITS else {}
+        inside = (*(("other",) if own != name else ()), *INSIDE.get(own, ()))
+        variables[name] = ((*outer, *inside, *dims), array if outer else array[0], attrs)
+    coords = {
+        "body": list(sweep.setting.model.bodies),
+        "component": components,
+        "component_unit": ("component", component_units),
+    }
     if outer:
         coords["branch"] = branches
     for name, values in sweep.over.items():

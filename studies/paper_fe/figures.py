@@ -19,8 +19,9 @@ from matplotlib.figure import Figure
 
 from calib.cycles import kind_of_motion
 from calib.cycles.motion import NO_CONTACT
-from calib.dynamics.motion import OrbitKind, kind_of_orbit
+from calib.dynamics.motion import kind_of_orbit
 from calib.dynamics.setting import Setting
+from calib.dynamics.single_run import OrbitKind
 from calib.model import Model, Request
 from calib.record import OK, read, write
 from calib.report.drawing import MARK, MEASURED, SIMULATED, STYLE

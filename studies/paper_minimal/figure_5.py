@@ -8,7 +8,8 @@ from pathlib import Path
 import xarray as xr
 from matplotlib.figure import Figure
 
-from calib.dynamics.motion import OrbitKind, kind_of_orbit
+from calib.dynamics.motion import kind_of_orbit
+from calib.dynamics.single_run import OrbitKind
 from calib.model import Request
 from calib.study_toml import load
 

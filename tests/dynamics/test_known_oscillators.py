@@ -19,9 +19,10 @@ from scipy.optimize import root
 
 from calib.dynamics.branch import follow
 from calib.dynamics.exponents import spectrum, standard_error
-from calib.dynamics.motion import CHAOTIC, NO_CONTACT, QUASI_PERIODIC, kind_of_orbit
+from calib.dynamics.motion import kind_of_orbit
 from calib.dynamics.orbits import shoot
 from calib.dynamics.setting import Setting
+from calib.dynamics.single_run import CHAOTIC, NO_CONTACT, QUASI_PERIODIC
 from calib.excitation import Excitation
 from calib.model import Model
 from calib.simulators.four_dof import FourDof

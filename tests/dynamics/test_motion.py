@@ -7,7 +7,8 @@ import pytest
 from dynamics.plain_maps import PlainMap, delayed_logistic, henon, logistic
 from dynamics.quasi_periodic_maps import GOLDEN, Struck, circle, spiral, torus
 
-from calib.dynamics.motion import CHAOTIC, FAILED, QUASI_PERIODIC, _returned, kind_of_orbit
+from calib.dynamics.motion import kind_of_orbit
+from calib.dynamics.single_run import CHAOTIC, FAILED, QUASI_PERIODIC, _returned
 from calib.errors import CalibError
 
 # the returns of the circle by 0.35... all but stand still, yet fall in each block of its section

@@ -79,7 +79,7 @@ def test_the_section_is_the_orbit_of_the_map(grid):
 
 def test_coordinates_and_variables_have_names_and_units(grid):
     found = grid[1]
-    assert found.sizes == {"a": 11, "b": 2, "body": 1, "cycle": 96, "component": 2, "impact": 0}
+    assert found.sizes == {"a": 11, "b": 2, "body": 1, "cycle": 96, "component": 2, "impact": 0, "other": 0}
     assert found.a.values.tolist() == A.tolist()
     assert found.a.attrs["units"] == "1"
     assert "nonlinearity" in found.a.attrs["long_name"]
@@ -136,10 +136,16 @@ def test_carried_states_find_both_edges_of_the_hysteresis(loop):
     np.testing.assert_array_equal(end.sel(branch="backward") > 0.0, loads > -FOLDS)
 
 
-def test_without_carrying_the_other_cycle_is_not_seen(tmp_path):
-    found = run(hysteresis(), tmp_path / "sweep.nc")
+def test_without_carrying_the_other_cycle_lies_beside(tmp_path, loop):
+    found = run(hysteresis(), tmp_path / "sweep.nc", jobs=2)
     assert found.kind.dims == ("push",)
     np.testing.assert_array_equal(found.displacement.values[0, -1] > 0.0, found.push.values > FOLDS)
+    beside = np.isin(found.other_kind.values, ["period-1"]).any(axis=0)
+    np.testing.assert_array_equal(beside, np.abs(found.push.values) < FOLDS)
+    upper = loop.displacement.sel(branch="backward").isel(body=0, cycle=-1).values[beside]
+    np.testing.assert_allclose(found.other_displacement.values[0, 0, -1, beside], upper, atol=1e-6)
+    assert (found.other_share.values[0, beside] == 0.0).all()
+    assert found.certain.values.all()
 
 
 def test_several_starts_are_branches(tmp_path):

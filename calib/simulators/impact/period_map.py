@@ -67,7 +67,8 @@ class ImpactMap:
         now = self._started(state)
         rows, inner = np.zeros((periods, 2 * n + 2)), np.zeros((periods, len(self.inner)))
         at_once = 1 if self.inner else PIECE  # the kernel's rows do not hold internal states
-        noted, impacts = np.zeros((CAPACITY * at_once, 2 + 2 * n)), [np.zeros((0, 2 + 2 * n))]
+        noted = np.empty((CAPACITY * min(at_once, periods), 2 + 2 * n))
+        impacts = [np.zeros((0, 2 + 2 * n))]
         w, none, code = scratch(n), np.zeros((0, 2 * n + 2)), kernel.DONE
         for first in range(0, periods, at_once):
             part = rows[first : first + at_once]

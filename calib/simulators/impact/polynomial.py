@@ -1,18 +1,51 @@
 """Polynomials of degree 4 over a step, in x = tau / step, and the nodes they are fitted at."""
 
-import math
+from decimal import Decimal, localcontext
 
 import numpy as np
 from numba import njit
 
-NODES = np.array([0.0, 0.5 - math.sqrt(3.0 / 28.0), 0.5, 0.5 + math.sqrt(3.0 / 28.0), 1.0])  # Gauss-Lobatto
 PROBE = 5  # index of a point between the nodes, where a polynomial through them is held against what it stands for
-POINTS = np.append(NODES, 0.5 * (NODES[1] + NODES[2]))
-# values at the nodes -> coefficients; -> integrals up to each point, for a step of 1; -> value at the probe
-FIT = np.ascontiguousarray(np.linalg.inv(np.vander(NODES, increasing=True)))
-INTEGRAL = np.ascontiguousarray((POINTS[:, None] ** np.arange(1, 6) / np.arange(1, 6)) @ FIT)
-BETWEEN = POINTS[PROBE] ** np.arange(5) @ FIT
+DIGITS = 50  # of the decimals in which nodes and weights are worked out, so that every processor has the same ones
 
+
+def _worked_out() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Points, fit, integrals and values at the probe, from Lagrange's polynomials in decimals, rounded once.
+
+    The nodes are those of Gauss and Lobatto on [0, 1]: 0, 1/2 - sqrt(3/28), 1/2, 1/2 + sqrt(3/28), 1.
+    """
+    with localcontext(prec=DIGITS):
+        half, inner = Decimal("0.5"), (Decimal(3) / 28).sqrt()
+        nodes = [Decimal(0), half - inner, half, half + inner, Decimal(1)]
+        points = [*nodes, (nodes[1] + nodes[2]) / 2]
+        bases = [_lagrange(nodes, k) for k in range(len(nodes))]
+        fit = list(zip(*bases, strict=True))  # coefficient, node
+        integrals = [[Decimal(0), *(c / (j + 1) for j, c in enumerate(basis))] for basis in bases]
+        integral = [[_value(basis, point) for basis in integrals] for point in points]
+        between = [_value(basis, points[PROBE]) for basis in bases]
+        return tuple(np.array(table, dtype=float) for table in (points, fit, integral, between))
+
+
+def _lagrange(nodes: list[Decimal], k: int) -> list[Decimal]:
+    """Coefficients, of x^0 first, of the polynomial that is 1 at node k and 0 at the others."""
+    coefficients = [Decimal(1)]
+    for node in nodes[:k] + nodes[k + 1 :]:
+        raised, lowered = [Decimal(0), *coefficients], [*coefficients, Decimal(0)]
+        coefficients = [(a - node * b) / (nodes[k] - node) for a, b in zip(raised, lowered, strict=True)]
+    return coefficients
+
+
+def _value(coefficients: list[Decimal], x: Decimal) -> Decimal:
+    total = Decimal(0)
+    for c in reversed(coefficients):
+        total = c + x * total
+    return total
+
+
+# FIT: values at the nodes -> coefficients; INTEGRAL: -> integrals up to each point, for a step of 1; BETWEEN: -> value
+# at the probe
+POINTS, FIT, INTEGRAL, BETWEEN = _worked_out()
+NODES = POINTS[:PROBE].copy()
 
 @njit(cache=True, error_model="numpy")
 def polynomial(coefficients, x):

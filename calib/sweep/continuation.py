@@ -1,0 +1,184 @@
+"""Regular motions taken from one value of a sweep to the next, so that what one start met by chance all others show."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import zip_longest
+from typing import NamedTuple
+
+import numpy as np
+
+from calib.dynamics.contract import PeriodMap
+from calib.dynamics.motion import SAME, rounding_decides
+from calib.dynamics.orbits import attracting_cycle
+from calib.dynamics.single_run import OrbitKind, kind_of_cycle, kind_of_run
+from calib.dynamics.tangent import newton_is_affordable
+from calib.sweep.compute import begun, motion_arrays, no_motion, stacked
+from calib.sweep.plan import Sweep
+
+REACH = 0.2  # how far the state of one motion may lie from one value to the next, as a share of its largest component
+SAME_BRANCH = 0.05  # how near its section lies where it is taken for a known motion of the same period and impacts
+
+
+class Regular(NamedTuple):
+    """A stable periodic or quasi-periodic motion of a value.
+
+    Attributes
+    ----------
+    period : 0 of a torus
+    impacts : of one return
+    state : the last one, by component
+    displacement, velocity : (body, period) of one return  [m], [m/s]
+    """
+
+    period: int
+    impacts: int
+    state: Mapping[str, float]
+    displacement: np.ndarray
+    velocity: np.ndarray
+
+    def apart(self, other: "Regular") -> float:
+        """How far another motion of the same period is, as a share of the largest displacement and velocity.
+
+        A return that is longer than the section kept tells nothing: 0.
+        """
+        if self.displacement.shape[1] < self.period:
+            return 0.0
+        apart = []
+        for mine, its in ((self.displacement, other.displacement), (self.velocity, other.velocity)):
+            size = max(float(np.abs(mine).max()), np.finfo(float).tiny)
+            apart.append(np.abs(mine - its[:, -1:]).max(axis=0) / size)
+        return float(np.maximum(*apart).min())
+
+
+class Known(NamedTuple):
+    """What is known of a value before motions are brought to it.
+
+    Attributes
+    ----------
+    regular : its stable motions, of all starts
+    starts : (start, periods dropped) of the starts from which a run came to one of them
+    failed : whether no start led to any motion: the point is passed over
+    """
+
+    regular: tuple[Regular, ...]
+    starts: tuple[tuple[Mapping[str, float], int], ...]
+    failed: bool
+
+
+class Chain(NamedTuple):
+    """Neighbouring points, what is known of each, and the motions that the point before them brings."""
+
+    points: tuple[int, ...]
+    known: tuple[Known, ...]
+    brought: tuple[Regular, ...]
+
+
+def continued(sweep: Sweep, chain: Chain) -> dict[str, np.ndarray]:
+    """Take the regular motions of each point of a chain to the next.
+
+    A stable cycle goes on by Newton's method; where that fails, and from a torus, a run begins at its state if no
+    start has led to a regular motion there.
+
+    Returns
+    -------
+    at : (m,) place in the chain at which a motion is new, and the arrays of those motions (m, ...), with the `names` of
+        their states' components
+    confirmed : (points, n) periods of the motions that came from the point before, known there or not; 0 is a torus, -1
+        fills up
+    sensitive : (points,) whether rounding decides which of several regular motions a run comes to
+    """
+    at, rows, confirmed, sensitive = [], [_nothing(sweep)], [], []
+    brought = chain.brought
+    for place, (point, known) in enumerate(zip(chain.points, chain.known, strict=True)):
+        staying = [one for one in brought if any(_same_branch(one, other) for other in known.regular)]
+        leaving = [one for one in brought if not any(one is other for other in staying)]
+        new, again, decides = [], [], False
+        if not known.failed and (leaving or len(known.regular) > 1):
+            map = sweep.map_at(point)
+            new, again = _taken_on(sweep, map, known, leaving)
+            decides = len(known.regular) + len(new) > 1 and _sensitive(map, known)
+            at += [place] * len(new)
+            rows += [{**motion_arrays(sweep, motion), "names": np.array(map.names)} for motion in new]
+        confirmed.append([*(one.period for one in staying), *again, *(motion.period for motion in new)])
+        sensitive.append(decides)
+        if not known.failed:
+            brought = (*known.regular, *(regular_of(motion, map) for motion in new))
+    return {
+        "at": np.array(at, dtype=int),
+        **{name: array[1:] for name, array in stacked(rows).items()},
+        "confirmed": np.array(list(zip_longest(*confirmed, fillvalue=-1)), dtype=int).reshape(-1, len(confirmed)).T,
+        "sensitive": np.array(sensitive, dtype=bool),
+    }
+
+
+def nothing_continued(sweep: Sweep, chain: Chain) -> dict[str, np.ndarray]:
+    """Arrays of a chain through which no motion could be taken: a process of the simulator died or hung on the way."""
+    count = len(chain.points)
+    return {
+        "at": np.zeros(0, dtype=int),
+        **{name: array[1:] for name, array in stacked([_nothing(sweep)]).items()},
+        "confirmed": np.full((count, 0), -1),
+        "sensitive": np.zeros(count, dtype=bool),
+    }
+
+
+def _nothing(sweep: Sweep) -> dict[str, np.ndarray]:
+    return {**no_motion(sweep), "names": np.array([], dtype=str)}
+
+
+def regular_of(motion: OrbitKind, map: PeriodMap) -> Regular:
+    """Return a regular motion as the next value needs it."""
+    last = motion.period or 1
+    return Regular(
+        motion.period,
+        motion.impacts,
+        dict(zip(map.names, motion.state.tolist(), strict=True)),
+        motion.orbit.displacement[:, -last:],
+        motion.orbit.velocity[:, -last:],
+    )
+
+
+def _taken_on(
+    sweep: Sweep, map: PeriodMap, known: Known, brought: Sequence[Regular]
+) -> tuple[list[OrbitKind], list[int]]:
+    """Motions that others lead to at this value and that are new there, and the periods of those that were known."""
+    new: list[OrbitKind] = []
+    again: list[int] = []
+    for one in sorted(brought, key=lambda regular: regular.period or np.inf):
+        motion = _next(sweep, map, one, bool(known.starts or new))
+        if motion is None:
+            continue
+        regular = regular_of(motion, map)
+        if any(_same(regular, other) for other in (*known.regular, *(regular_of(other, map) for other in new))):
+            again.append(motion.period)
+        else:
+            new.append(motion)
+    return new, again
+
+
+def _next(sweep: Sweep, map: PeriodMap, one: Regular, settled: bool) -> OrbitKind | None:
+    """Motion at this value that a neighbour's leads to, None without one; a run is tried where none has settled here."""
+    state = begun(map, one.state)
+    motion = None
+    if one.period and newton_is_affordable(map, state, one.period):
+        size = float(np.abs(state / map.scale).max()) or 1.0
+        cycle = attracting_cycle(map, state, one.period, REACH * size)
+        motion = kind_of_cycle(map, cycle, sweep.cycles) if cycle is not None else None
+    if motion is None and not settled:
+        motion = kind_of_run(map, state, sweep.settle, sweep.cycles)
+    return replace(motion, share=0.0) if motion is not None and motion.regular else None
+
+
+def _same_branch(one: Regular, other: Regular) -> bool:
+    """Whether two motions of neighbouring values go over into each other, as far as can be told without a run."""
+    alike = (one.period, one.impacts) == (other.period, other.impacts)
+    return alike and (not one.period or one.apart(other) <= SAME_BRANCH)
+
+
+def _same(one: Regular, other: Regular) -> bool:
+    """Whether two motions of one value are the same; a section does not tell two tori apart."""
+    return one.period == other.period and (not one.period or one.apart(other) < SAME)
+
+
+def _sensitive(map: PeriodMap, known: Known) -> bool:
+    return any(rounding_decides(map, begun(map, state), dropped) for state, dropped in known.starts)

@@ -1,0 +1,163 @@
+"""Which of the motions of a value gives its kind, once neighbouring values have brought theirs."""
+
+from collections.abc import Mapping, Sequence, Set
+from typing import NamedTuple
+
+import numpy as np
+
+from calib.dynamics.motion import SAME
+from calib.dynamics.single_run import FAILED, NEUTRAL, QUASI_PERIODIC
+from calib.sweep.compute import OTHER, no_motion, stacked
+from calib.sweep.continuation import Known, Regular
+from calib.sweep.plan import NONE, Sweep
+
+Motion = dict[str, np.ndarray]  # arrays of one motion by name
+Rows = dict[tuple[int, int], dict[str, np.ndarray]]  # branch, point -> arrays
+
+
+NO_NAMES = np.array([], dtype=str)
+
+
+class Arrivals(NamedTuple):
+    """What neighbouring values brought to a point: new motions, periods of all, and whether rounding decides there."""
+
+    motions: list[Motion]
+    confirmed: set[int]
+    sensitive: bool
+
+
+def known(sweep: Sweep, rows: Rows) -> dict[int, Known]:
+    """Regular motions of each point, of all starts; none where states are carried, and nothing is taken on."""
+    if sweep.carry != NONE:
+        return {}
+    return {point: _known(sweep, rows, point) for point in range(len(sweep.points))}
+
+
+def _known(sweep: Sweep, rows: Rows, point: int) -> Known:
+    regular, starts = [], []
+    for branch, start in enumerate(sweep.starts):
+        row = rows[branch, point]
+        for motion in _motions(sweep, row):
+            if _regular(motion):
+                regular.append(_as_regular(motion, row["names"]))
+        if _regular(row) and row["share"] > 0.0:
+            starts.append((dict(start), int(row["dropped"])))
+    failed = all(rows[branch, point]["kind"] == FAILED for branch in range(len(sweep.branches)))
+    return Known(tuple(regular), tuple(starts), failed)
+
+
+def regular_at_end(
+    at: Mapping[int, Known], points: Sequence[int], arrays: Mapping[str, np.ndarray]
+) -> tuple[Regular, ...]:
+    """Motions that the last of some points brings to the next: those known there, and those brought to it."""
+    brought = _unstacked(arrays, np.flatnonzero(arrays["at"] == len(points) - 1))
+    return (*at[points[-1]].regular, *(_as_regular(motion, motion["names"]) for motion in brought))
+
+
+def arrivals(
+    chains: Sequence[tuple[int, ...]], pieces: Sequence[Sequence[Mapping[str, np.ndarray]]], chunk: int
+) -> dict[int, Arrivals]:
+    """What all chains brought to each point.
+
+    Parameters
+    ----------
+    pieces : of each chain, of `chunk` points each
+    """
+    found: dict[int, Arrivals] = {}
+    for chain, parts in zip(chains, pieces, strict=True):
+        for c, arrays in enumerate(parts):
+            for place, point in enumerate(chain[c * chunk : (c + 1) * chunk]):
+                before = found.get(point, Arrivals([], set(), False))
+                found[point] = Arrivals(
+                    before.motions + _unstacked(arrays, np.flatnonzero(arrays["at"] == place)),
+                    before.confirmed | set(arrays["confirmed"][place].tolist()),
+                    before.sensitive or bool(arrays["sensitive"][place]),
+                )
+    return found
+
+
+def judged(sweep: Sweep, rows: Rows, found: Mapping[int, Arrivals]) -> Rows:
+    """Rows with all motions of each point, the kind given to the one that the rule of a sweep says."""
+    return {
+        (branch, point): _judged(sweep, row, found[point], _of_other_starts(sweep, rows, branch, point))
+        if point in found and row["kind"] != FAILED
+        else row
+        for (branch, point), row in rows.items()
+    }
+
+
+def _of_other_starts(sweep: Sweep, rows: Rows, branch: int, point: int) -> list[Motion]:
+    others = [rows[b, point] for b in range(len(sweep.branches)) if b != branch]
+    met = [motion for row in others for motion in _motions(sweep, row) if _regular(motion)]
+    return [{**motion, "share": np.array(0.0)} for motion in met]
+
+
+def _judged(sweep: Sweep, row: Motion, brought: Arrivals, elsewhere: Sequence[Motion]) -> Motion:
+    own = _motions(sweep, row)
+    motions = list(own)
+    for motion in (*brought.motions, *elsewhere):
+        if not any(_same(motion, other) for other in motions):
+            motions.append(motion)
+    chosen, certain = own[0], bool(row["certain"])
+    if not _regular(own[0]) or own[0]["share"] < 1.0 or brought.sensitive:
+        chosen = min(motions, key=lambda motion: (*_rank(motion, brought.confirmed), motion is not own[0]))
+        if _regular(chosen):
+            confirmed = int(chosen["period"]) in brought.confirmed
+            certain = confirmed or (certain and chosen is own[0] and not brought.sensitive)
+    others = sorted((motion for motion in motions if motion is not chosen), key=_rank)
+    if chosen is not own[0]:
+        how = "met at this value too" if any(chosen is motion for motion in own) else "found from a neighbouring value"
+        text = f"{chosen['evidence']}; {how}, beside {own[0]['kind']} ({own[0]['evidence']})"
+        chosen = {**chosen, "evidence": np.array(text)}
+    beside = stacked([no_motion(sweep), *(_told(sweep, motion) for motion in others)])
+    return {
+        **row,
+        **_told(sweep, chosen),
+        **{f"{OTHER}{name}": array[1:] for name, array in beside.items()},
+        "certain": np.array(certain),
+    }
+
+
+def _motions(sweep: Sweep, row: Motion) -> list[Motion]:
+    """Motions of a row, the one that gives the kind in front; what pads the others is left out."""
+    if row["kind"] == FAILED:
+        return []
+    others = {name: row[f"{OTHER}{name}"] for name in no_motion(sweep)}
+    present = [k for k, kind in enumerate(others["kind"]) if kind not in ("", FAILED)]
+    return [_told(sweep, row), *_unstacked(others, present)]
+
+
+def _unstacked(arrays: Mapping[str, np.ndarray], which: Sequence[int]) -> list[Motion]:
+    return [{name: array[k] for name, array in arrays.items() if array.ndim and len(array) > k} for k in which]
+
+
+def _told(sweep: Sweep, motion: Motion) -> Motion:
+    return {name: motion[name] for name in no_motion(sweep)}
+
+
+def _as_regular(motion: Motion, names: np.ndarray) -> Regular:
+    named = zip(names, motion["state"], strict=False)  # both may be padded at their ends
+    state = {str(name): float(value) for name, value in named if name}
+    period = int(motion["period"])
+    last = period or 1
+    return Regular(
+        period, int(motion["impacts"]), state, motion["displacement"][:, -last:], motion["velocity"][:, -last:]
+    )
+
+
+def _regular(motion: Motion) -> bool:
+    periodic = motion["period"] > 0 and not motion["exponent"] > NEUTRAL
+    return bool(periodic or motion["kind"] == QUASI_PERIODIC)
+
+
+def _rank(motion: Motion, confirmed: Set[int] = frozenset()) -> tuple[bool, bool, float, int]:
+    """As `calib.dynamics.motion.rank`; what neighbouring values have too is preferred to what one value has alone."""
+    period = int(motion["period"])
+    return not _regular(motion), period not in confirmed, period or np.inf, int(motion["impacts"])
+
+
+def _same(one: Motion, other: Motion) -> bool:
+    """Whether two rows are of one motion: a section does not tell two tori, or two irregular motions, apart."""
+    if one["kind"] != other["kind"] or one["impacts"] != other["impacts"]:
+        return False
+    return not one["period"] or _as_regular(one, NO_NAMES).apart(_as_regular(other, NO_NAMES)) < SAME
