@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.dynamics.contract import PeriodMap
+from calib.dynamics.pseudo_orbit import pseudo_tangent
 from calib.dynamics.tangent import tangent
 
 ALIGNMENT = 50  # periods in which vectors turn towards what grows most, before growth counts
@@ -48,7 +49,7 @@ def largest_exponent(map: PeriodMap, state: np.ndarray, periods: int) -> Exponen
     Source: Benettin et al. (1980), Meccanica 15, 9-20.
     """
     size = len(state)
-    aligned = tangent(map, state, _start(size, 1), ALIGNMENT)
+    aligned = pseudo_tangent(map, state, _start(size, 1), ALIGNMENT)
     if len(aligned.states) < ALIGNMENT:
         return _exponent(np.zeros(0), aligned.states, aligned.vectors, complete=False)
     return extended(map, _exponent(np.zeros(0), aligned.states, aligned.vectors, complete=True), periods)
@@ -61,7 +62,7 @@ def extended(map: PeriodMap, exponent: Exponent, periods: int) -> Exponent:
     ----------
     exponent : of a complete orbit
     """
-    carried = tangent(map, exponent.states[-1], exponent.vector, periods)
+    carried = pseudo_tangent(map, exponent.states[-1], exponent.vector, periods)
     return _exponent(
         np.concatenate([exponent.logarithms, _logarithms(carried.growth)[:, 0]]),
         np.concatenate([exponent.states, carried.states]),

@@ -21,12 +21,12 @@ from calib.dynamics.single_run import (
     kind_of_run,
     settled_orbit,
 )
-from calib.dynamics.tangent import newton_is_affordable, tangent
+from calib.dynamics.tangent import longest_affordable, tangent
 from calib.dynamics.zero_one import SHORTEST, zero_one
 
-RUNS = 6  # from starts that differ by rounding, the given one among them
-PERTURBATION = 1e-9  # by which those starts differ, as a share of the map's scale
-SHORT_LAGS = 8  # periods; the 8 / n closest returns after n of them are guesses of a stable cycle
+RUNS = 6  # from starts that differ imperceptibly, the given one among them
+PERTURBATION = 1e-6  # by which those starts differ, as a share of the map's scale
+SHORT_LAGS = 6  # periods; the 6 / n closest returns after n of them are guesses of a stable cycle
 PASSAGE = 30  # periods, in which close returns belong to one passage by a cycle
 LONG_LAGS, LONG_GUESSES = 64, 3  # longer lags, in periods, of whose closest returns the best three are guesses too
 FIRST_RETURN = 0.5  # of the distance after a part of the lag, that a return after the lag has to be below
@@ -38,16 +38,21 @@ SIGHTINGS = 3  # independent ones of a motion, so that the chance to have missed
 
 
 def kind_of_orbit(
-    map: PeriodMap, state: np.ndarray | None = None, settle: int = 1000, cycles: int = 100, runs: int = RUNS
+    map: PeriodMap,
+    state: np.ndarray | None = None,
+    settle: int = 1000,
+    cycles: int = 100,
+    runs: int = RUNS,
+    explore: bool = True,
 ) -> OrbitKind:
     """Say what kind of motion the map settles to from a state, and which others rounding could have led to.
 
     A periodic motion of one run (`calib.dynamics.single_run.kind_of_run`), or one that fails, is that. Beside any other
     a stable motion is looked for, at a cost that falls only there:
 
-    1. Newton's method starts from the 8 / n closest returns of the motion after n = 1..8 periods, and from the three
-       closest ones after 9..64. A motion that is not chaotic and comes ever closer to a cycle found so has its kind.
-    2. Where the motion is irregular, `runs` - 1 more runs of half of `settle` periods, from starts that differ by 1e-9
+    1. Newton's method starts from the 6 / n closest returns of the motion after n = 1..6 periods, and from the three
+       closest ones after 7..64. A motion that is not chaotic and comes ever closer to a cycle found so has its kind.
+    2. Where the motion is irregular, `runs` - 1 more runs of half of `settle` periods, from starts that differ by 1e-6
        of the scale, may leave it.
 
     The kind is that of the stable periodic motion of the shortest period that was found, else of a quasi-periodic one,
@@ -59,7 +64,8 @@ def kind_of_orbit(
     state : (dimension,) to start from, None for the map's `initial`
     settle : periods dropped at most before the first verdict of a run
     cycles : periods kept, 96 or more
-    runs : from starts that differ by rounding, the given one among them
+    runs : from starts that differ imperceptibly, the given one among them
+    explore : whether they are made where Newton's method has found no stable cycle
 
     Raises
     ------
@@ -76,6 +82,7 @@ def kind_of_orbit(
         return cycle
     if first.regular:
         return met.verdict(1, None)
+    runs = runs if explore or len(met.motions) > 1 else 1
     observed, escapes = first.dropped + len(first.visited), 0
     for start in perturbed(map, state, runs - 1):
         found, lasted = _member(map, start, settle // 2, cycles)
@@ -89,7 +96,7 @@ def kind_of_orbit(
 
 
 def perturbed(map: PeriodMap, state: np.ndarray, count: int) -> Iterator[np.ndarray]:
-    """Starts (dimension,) that differ from `state` by a share of 1e-9 of the scale, each in another direction."""
+    """Starts (dimension,) that differ from `state` by a share of 1e-6 of the scale, each in another direction."""
     for k in range(1, count + 1):
         yield state + PERTURBATION * map.scale * np.cos(k * np.arange(1.0, state.size + 1.0))
 
@@ -107,20 +114,18 @@ def stable_cycles(map: PeriodMap, visited: np.ndarray) -> Iterator[Cycle]:
         return
     section = visited / map.scale
     reach = max(MAX_SHIFT * float(np.ptp(section, axis=0).max()), RETURNED * float(np.abs(section).max()))
-    for lag, at in _closest_returns(section):
-        if not newton_is_affordable(map, visited[at], lag):
-            continue
+    for lag, at in _closest_returns(section, min(LONG_LAGS, longest_affordable(map, visited[-1]))):
         cycle = attracting_cycle(map, visited[at], lag, reach)
         if cycle is not None:
             yield cycle
 
 
-def _closest_returns(section: np.ndarray) -> list[tuple[int, int]]:
+def _closest_returns(section: np.ndarray, longest: int = LONG_LAGS) -> list[tuple[int, int]]:
     """Lag and index of the returns of a section (n, dimension) that Newton's method starts from.
 
     A state beside a cycle of a part of the lag returns after that part already, and is no guess of a longer one.
     """
-    apart = [np.abs(section[lag:] - section[:-lag]).max(axis=1) for lag in range(1, LONG_LAGS + 1)]
+    apart = [np.abs(section[lag:] - section[:-lag]).max(axis=1) for lag in range(1, longest + 1)]
     short, long = [], []
     for lag, distance in enumerate(apart, 1):
         parts = [apart[part - 1][: distance.size] for part in range(1, lag) if lag % part == 0]
@@ -257,7 +262,7 @@ def rank(motion: OrbitKind) -> tuple[bool, float, int]:
 
 
 def rounding_decides(map: PeriodMap, state: np.ndarray, dropped: int) -> bool:
-    """Whether starts that differ by 1e-9 of the scale part on the way to a motion: its transient is chaotic.
+    """Whether starts that differ by 1e-6 of the scale part on the way to a motion: its transient is chaotic.
 
     Parameters
     ----------

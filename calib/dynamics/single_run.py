@@ -10,7 +10,8 @@ from calib.dynamics.contract import PeriodMap
 from calib.dynamics.escape import EscapeTime
 from calib.dynamics.exponents import Exponent, extended, largest_exponent
 from calib.dynamics.orbits import Cycle, attracting_cycle
-from calib.dynamics.tangent import jacobian, newton_is_affordable
+from calib.dynamics.pseudo_orbit import pseudo_orbit
+from calib.dynamics.tangent import jacobian, longest_affordable
 from calib.dynamics.zero_one import zero_one
 from calib.errors import CalibError
 from calib.orbit import Orbit
@@ -21,6 +22,7 @@ QUASI_PERIODIC, CHAOTIC, FAILED = "quasi-periodic", "chaotic", "failed"
 LAGS = 64  # the longest return that is called periodic by its section alone, in periods
 CYCLES = 96  # a return after 64 periods is then seen by a third of the cycles
 CHUNK = 64  # periods at once while the motion settles
+RETURNING = 1e-4  # of its size, within which a motion returns that forgets its last digits by itself
 TAIL = 448  # periods of a motion that has not settled after twice as many, which count as its own
 CONVERGED = 1e-9  # a motion that returns so well has no transient left; a share of its size, above a map's rounding
 TOLERANCE = 1e-6  # how well a periodic motion returns, as a share of its size
@@ -126,6 +128,9 @@ def kind_of_run(map: PeriodMap, state: np.ndarray, settle: int = 1000, cycles: i
        its multipliers show that it attracts.
     4. What neither says gets 5 times `settle` periods more, and is undecided after that.
 
+    A motion that does not return is followed as a pseudo-orbit (`calib.dynamics.pseudo_orbit`), which is the same one
+    on all processors though it is chaotic.
+
     The size of a motion is the largest component of its section in units of the map's scale.
 
     Parameters
@@ -164,7 +169,7 @@ def settled_orbit(
     while True:
         state, more, before, broken = _converged(map, state, last - dropped)
         dropped += more
-        orbit = broken or _run(map, state, cycles)
+        orbit = broken or (_run_irregular if len(before) else _run)(map, state, cycles)
         if orbit.status != OK:
             return _failed(orbit, state, dropped)
         found = _periodic(map, state, orbit, dropped)
@@ -194,22 +199,24 @@ def _converged(map: PeriodMap, state: np.ndarray, periods: int) -> tuple[np.ndar
     """
     gone, tried, wait, cycle = 0, 0, 0, None
     last, none = [], np.zeros((0, state.size))
+    run = _run_irregular
     while gone < periods:
-        orbit = _run(map, state, min(CHUNK, periods - gone))
+        orbit = run(map, state, min(CHUNK, periods - gone))
         if orbit.status != OK:
             return state, gone, none, orbit
         gone += len(orbit.states)
         last = [*last[-(TAIL // CHUNK) :], orbit.states]
         section = np.vstack([state, orbit.states]) / map.scale
         back = _largest(section[:-1] - section[-1])[::-1] / _size(section)
+        run = _run if back.min() <= RETURNING else _run_irregular
         if back.min() <= CONVERGED:
             return orbit.states[-1], gone, none, None
         if cycle is not None and _approached(section, cycle.state / map.scale, cycle.periods):
             return cycle.state, gone, none, None
         state, cycle, wait = orbit.states[-1], None, wait - 1
-        if wait < 0 and (lag := _closing_in(section, back)) and newton_is_affordable(map, state, lag):
+        if wait < 0 and (lag := _closing_in(section, back)) and lag <= longest_affordable(map, state):
             cycle = _attracting(map, section, lag)
-            tried, wait = tried + 1, tried  # ever seldomer where it is not led there
+            tried, wait = tried + 1, 2**tried  # ever seldomer where it is not led there
     return state, gone, np.concatenate(last)[-TAIL:] if gone >= 2 * TAIL else none, None
 
 
@@ -241,7 +248,14 @@ def _approached(section: np.ndarray, place: np.ndarray, periods: int) -> bool:
 
 
 def _run(map: PeriodMap, state: np.ndarray, periods: int) -> Orbit:
-    orbit = map.orbit(state, periods)
+    return _finite(map.orbit(state, periods))
+
+
+def _run_irregular(map: PeriodMap, state: np.ndarray, periods: int) -> Orbit:
+    return _finite(pseudo_orbit(map, state, periods))
+
+
+def _finite(orbit: Orbit) -> Orbit:
     if orbit.status == OK and not np.isfinite(orbit.states).all():
         return orbit._replace(status="diverged", reason="the state is no longer finite")
     return orbit
@@ -283,13 +297,15 @@ def _irregular(map: PeriodMap, found: OrbitKind) -> OrbitKind:
     """Call a motion that does not return by its exponent, over ever more periods until it decides, and by K."""
     exponent = largest_exponent(map, found.state, PERIODS)
     while exponent.complete:
-        orbit = _run(map, exponent.states[-1], max(1, POINTS - len(found.visited) - len(exponent.states)))
+        missing = max(1, POINTS - len(found.visited) - len(exponent.states))
+        orbit = _run_irregular(map, exponent.states[-1], missing)
         if orbit.status != OK:
             return _failed(orbit, exponent.states[-1], found.dropped + len(exponent.states))
         visited = np.concatenate([found.visited, exponent.states, orbit.states])
         signs = _signs(visited / map.scale, exponent)
         longest = INTERMITTENT if signs.interrupted else LONGEST
-        if signs.returned > LAGS and (cycle := _long_cycle(map, found, visited, signs.returned)) is not None:
+        long = _returned(visited / map.scale, RETURNING)
+        if long > LAGS and (cycle := _long_cycle(map, found, visited, long)) is not None:
             return cycle
         if signs.kind != UNDECIDED or _shrinking(exponent) or len(exponent.logarithms) >= longest:
             return replace(
@@ -311,7 +327,7 @@ def _irregular(map: PeriodMap, found: OrbitKind) -> OrbitKind:
 def _long_cycle(map: PeriodMap, found: OrbitKind, visited: np.ndarray, periods: int) -> OrbitKind | None:
     """Motion that returns after more than 64 periods, where its multipliers show that it attracts; None elsewhere."""
     end = visited[-1]
-    if not newton_is_affordable(map, end, periods):
+    if periods > longest_affordable(map, end):
         return None
     cycle = attracting_cycle(map, end, periods, NEARBY * _size(visited / map.scale))
     if cycle is None or cycle.periods != periods:
@@ -320,8 +336,9 @@ def _long_cycle(map: PeriodMap, found: OrbitKind, visited: np.ndarray, periods: 
     if orbit.status != OK:
         return None
     text = (
-        f"returns after {periods} period(s) within {TOLERANCE:.0e} of the motion's extent, {len(visited)} periods seen "
-        f"after {found.dropped}; {cycle.impacts} impact(s) a return; exponent {cycle.exponent:.3g} a period"
+        f"returns after {periods} period(s), by Newton's method to {cycle.residual:.0e} of the scale, {len(visited)} "
+        f"periods seen after {found.dropped}; {cycle.impacts} impact(s) a return; exponent {cycle.exponent:.3g} a "
+        "period"
     )
     dropped = found.dropped + len(visited)
     return OrbitKind(
@@ -403,9 +420,12 @@ def _signs(section: np.ndarray, exponent: Exponent) -> _Signs:
     )
 
 
-def _returned(section: np.ndarray) -> int:
-    """Smallest n, long ones too, after which the last n states of a section return, 0 where there is none."""
-    near = TOLERANCE * np.ptp(section, axis=0).max()  # of its spread: a small torus about a cycle is no return to it
+def _returned(section: np.ndarray, within: float = TOLERANCE) -> int:
+    """Smallest n, long ones too, after which the last n states of a section return, 0 where there is none.
+
+    within : how well, as a share of the section's extent
+    """
+    near = within * np.ptp(section, axis=0).max()  # of its spread: a small torus about a cycle is no return to it
     # one state alone comes back by chance, the sooner the longer the section
     for n in np.flatnonzero(_largest(section[:-1] - section[-1])[::-1] <= near) + 1:
         if 2 * n <= len(section) and _largest(section[-n:] - section[-2 * n : -n]).max() <= near:

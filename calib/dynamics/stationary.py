@@ -9,6 +9,7 @@ import xarray as xr
 from calib.cycles.motion import BESIDE, IRREGULAR, UNDECIDED, kind_of_motion
 from calib.dynamics.contract import PeriodMap
 from calib.dynamics.motion import rank, stable_cycles
+from calib.dynamics.pseudo_orbit import pseudo_orbit
 from calib.dynamics.single_run import kind_of_cycle
 from calib.dynamics.tangent import knows_derivative
 from calib.errors import CalibError
@@ -66,7 +67,7 @@ def stable_state(map: PeriodMap) -> np.ndarray | None:
 
     Of several it is that of the shortest period.
     """
-    orbit = map.orbit(map.initial, SETTLE + LOOKED)
+    orbit = pseudo_orbit(map, map.initial, SETTLE + LOOKED)
     if orbit.status != OK:
         return None
     found = [kind_of_cycle(map, cycle) for cycle in stable_cycles(map, orbit.states[SETTLE:])]

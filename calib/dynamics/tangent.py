@@ -25,10 +25,10 @@ def knows_derivative(map: PeriodMap, state: np.ndarray) -> bool:
     return map.tangent(state, np.ones((len(state), 1)), 1) is not None
 
 
-def newton_is_affordable(map: PeriodMap, state: np.ndarray, periods: int) -> bool:
-    """Whether Newton's method to a cycle of so many periods costs at most 2500 periods of the map."""
+def longest_affordable(map: PeriodMap, state: np.ndarray) -> int:
+    """Longest period of a cycle to which Newton's method costs at most 2500 periods of the map."""
     runs = 1 if knows_derivative(map, state) else 1 + 2 * len(state)
-    return NEWTON_STEPS * periods * runs <= MAX_NEWTON_COST
+    return MAX_NEWTON_COST // (NEWTON_STEPS * runs)
 
 
 def jacobian(map: PeriodMap, state: np.ndarray, periods: int = 1) -> tuple[np.ndarray, np.ndarray]:

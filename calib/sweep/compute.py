@@ -52,7 +52,7 @@ def motions(sweep: Sweep, task: Task) -> dict[str, np.ndarray]:
         except ValueError as error:
             rows.append(failed_row(sweep, IMPOSSIBLE, str(error)))
             continue
-        found = kind_of_orbit(map, begun(map, state), sweep.settle, sweep.cycles, sweep.runs)
+        found = kind_of_orbit(map, begun(map, state), sweep.settle, sweep.cycles, sweep.runs, explore=False)
         if task.carried:
             found = as_run(found)
         rows.append(_row(sweep, map, found))

@@ -11,7 +11,7 @@ from calib.dynamics.contract import PeriodMap
 from calib.dynamics.motion import SAME, rounding_decides
 from calib.dynamics.orbits import attracting_cycle
 from calib.dynamics.single_run import OrbitKind, kind_of_cycle, kind_of_run
-from calib.dynamics.tangent import newton_is_affordable
+from calib.dynamics.tangent import longest_affordable
 from calib.sweep.compute import begun, motion_arrays, no_motion, stacked
 from calib.sweep.plan import Sweep
 
@@ -76,8 +76,8 @@ class Chain(NamedTuple):
 def continued(sweep: Sweep, chain: Chain) -> dict[str, np.ndarray]:
     """Take the regular motions of each point of a chain to the next.
 
-    A stable cycle goes on by Newton's method; where that fails, and from a torus, a run begins at its state if no
-    start has led to a regular motion there.
+    A stable cycle goes on by Newton's method; a torus, and a cycle too long for that, by a run from its state where no
+    start has led to a regular motion.
 
     Returns
     -------
@@ -145,7 +145,7 @@ def _taken_on(
     new: list[OrbitKind] = []
     again: list[int] = []
     for one in sorted(brought, key=lambda regular: regular.period or np.inf):
-        motion = _next(sweep, map, one, bool(known.starts or new))
+        motion = _next(sweep, map, one, settled=bool(known.starts or new))
         if motion is None:
             continue
         regular = regular_of(motion, map)
@@ -157,15 +157,14 @@ def _taken_on(
 
 
 def _next(sweep: Sweep, map: PeriodMap, one: Regular, settled: bool) -> OrbitKind | None:
-    """Motion at this value that a neighbour's leads to, None without one; a run is tried where none has settled here."""
+    """Motion at this value that a neighbour's leads to; None without one, and for a torus where a start has settled."""
     state = begun(map, one.state)
-    motion = None
-    if one.period and newton_is_affordable(map, state, one.period):
+    if 0 < one.period <= longest_affordable(map, state):
         size = float(np.abs(state / map.scale).max()) or 1.0
         cycle = attracting_cycle(map, state, one.period, REACH * size)
         motion = kind_of_cycle(map, cycle, sweep.cycles) if cycle is not None else None
-    if motion is None and not settled:
-        motion = kind_of_run(map, state, sweep.settle, sweep.cycles)
+    else:
+        motion = None if settled else kind_of_run(map, state, sweep.settle // 2, sweep.cycles)
     return replace(motion, share=0.0) if motion is not None and motion.regular else None
 
 

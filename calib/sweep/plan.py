@@ -43,7 +43,7 @@ class Sweep:
     starts : states to start from, name of the state's component -> value in SI; what is not named is the simulator's
     settle : periods dropped at most before the first verdict; an undecided motion gets 5 times as many more
     cycles : periods of the section that is kept
-    runs : from starts that differ by rounding, where the first is irregular; neighbouring values stand in for more
+    runs : from starts that differ imperceptibly, where the first is irregular and a stable cycle is found beside it
     """
 
     setting: Setting
@@ -53,7 +53,7 @@ class Sweep:
     starts: Sequence[Mapping[str, float]] = ({},)
     settle: int = 1000
     cycles: int = 100
-    runs: int = 2
+    runs: int = 3
 
     def __post_init__(self):
         arrays = {name: np.atleast_1d(np.asarray(values, dtype=float)) for name, values in self.over.items()}
