@@ -11,6 +11,7 @@ import xarray as xr
 
 from calib.dynamics.contract import PeriodMap
 from calib.dynamics.exponents import largest_exponent
+from calib.dynamics.pseudo_orbit import pseudo_tangent
 from calib.dynamics.setting import Setting
 from calib.dynamics.single_run import FAILED, PATIENCE, SIGMAS, UNDECIDED, OrbitKind, kind_of_run, settled_orbit
 from calib.errors import CalibError, nearest
@@ -191,7 +192,7 @@ def _motion(map: PeriodMap, state: np.ndarray, settle: int) -> OrbitKind:
     found = settled_orbit(map, state, settle, CYCLES)
     if found.kind != UNDECIDED:
         return found
-    exponent = largest_exponent(map, found.state, PERIODS)
+    exponent = largest_exponent(map, found.state, PERIODS, pseudo_tangent)
     if exponent.value > SIGMAS * exponent.error:
         return found
     return settled_orbit(map, found.state, PATIENCE * settle, CYCLES, found.dropped + CYCLES)

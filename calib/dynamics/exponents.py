@@ -1,16 +1,18 @@
 """Exponents of Lyapunov: how fast small differences grow or shrink along an orbit."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from calib.dynamics.contract import PeriodMap
-from calib.dynamics.pseudo_orbit import pseudo_tangent
 from calib.dynamics.tangent import tangent
+from calib.orbit import Tangent
 
 ALIGNMENT = 50  # periods in which vectors turn towards what grows most, before growth counts
 BLOCKS = (10, 20)  # growth of neighbouring periods is correlated; that of blocks hardly is
+Carry = Callable[[PeriodMap, np.ndarray, np.ndarray, int], Tangent]
 FEWEST = 40  # periods whose growth says anything about its scatter
 
 
@@ -37,7 +39,7 @@ class Exponent:
     complete: bool
 
 
-def largest_exponent(map: PeriodMap, state: np.ndarray, periods: int) -> Exponent:
+def largest_exponent(map: PeriodMap, state: np.ndarray, periods: int, carry: Carry = tangent) -> Exponent:
     """Largest exponent over `periods` periods, after 50 in which the difference turns towards what grows most.
 
     The mean of ln R_k, with R_k the growth of one difference in period k, made a unit vector after each.
@@ -45,24 +47,26 @@ def largest_exponent(map: PeriodMap, state: np.ndarray, periods: int) -> Exponen
     Parameters
     ----------
     state : (dimension,) to start from, on the attractor
+    carry : along which orbit: `calib.dynamics.pseudo_orbit.pseudo_tangent` for one that is the same on all processors
 
     Source: Benettin et al. (1980), Meccanica 15, 9-20.
     """
     size = len(state)
-    aligned = pseudo_tangent(map, state, _start(size, 1), ALIGNMENT)
+    aligned = carry(map, state, _start(size, 1), ALIGNMENT)
     if len(aligned.states) < ALIGNMENT:
         return _exponent(np.zeros(0), aligned.states, aligned.vectors, complete=False)
-    return extended(map, _exponent(np.zeros(0), aligned.states, aligned.vectors, complete=True), periods)
+    return extended(map, _exponent(np.zeros(0), aligned.states, aligned.vectors, complete=True), periods, carry)
 
 
-def extended(map: PeriodMap, exponent: Exponent, periods: int) -> Exponent:
+def extended(map: PeriodMap, exponent: Exponent, periods: int, carry: Carry = tangent) -> Exponent:
     """Return the exponent of an orbit that goes on by `periods` periods, with all that was found so far.
 
     Parameters
     ----------
     exponent : of a complete orbit
+    carry : as in `largest_exponent`
     """
-    carried = pseudo_tangent(map, exponent.states[-1], exponent.vector, periods)
+    carried = carry(map, exponent.states[-1], exponent.vector, periods)
     return _exponent(
         np.concatenate([exponent.logarithms, _logarithms(carried.growth)[:, 0]]),
         np.concatenate([exponent.states, carried.states]),

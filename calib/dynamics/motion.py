@@ -10,6 +10,7 @@ from calib.cycles.motion import UNDECIDED
 from calib.dynamics.contract import PeriodMap
 from calib.dynamics.escape import EscapeTime
 from calib.dynamics.orbits import Cycle, attracting_cycle
+from calib.dynamics.pseudo_orbit import pseudo_orbit
 from calib.dynamics.single_run import (
     BLOCKS,
     CHAOTIC,
@@ -52,6 +53,7 @@ def kind_of_orbit(
 
     1. Newton's method starts from the 6 / n closest returns of the motion after n = 1..6 periods, and from the three
        closest ones after 7..64. A motion that is not chaotic and comes ever closer to a cycle found so has its kind.
+       Where none is found they start again from twice `settle` periods more.
     2. Where the motion is irregular, `runs` - 1 more runs of half of `settle` periods, from starts that differ by 1e-6
        of the scale, may leave it.
 
@@ -65,7 +67,7 @@ def kind_of_orbit(
     settle : periods dropped at most before the first verdict of a run
     cycles : periods kept, 96 or more
     runs : from starts that differ imperceptibly, the given one among them
-    explore : whether they are made where Newton's method has found no stable cycle
+    explore : whether the search goes on where Newton's method has found no stable cycle at first
 
     Raises
     ------
@@ -82,6 +84,10 @@ def kind_of_orbit(
         return cycle
     if first.regular:
         return met.verdict(1, None)
+    if explore and len(met.motions) == 1:
+        longer = pseudo_orbit(map, first.state, 2 * settle)
+        for cycle in stable_cycles(map, longer.states):
+            met.add_cycle(cycle, cycles)
     runs = runs if explore or len(met.motions) > 1 else 1
     observed, escapes = first.dropped + len(first.visited), 0
     for start in perturbed(map, state, runs - 1):

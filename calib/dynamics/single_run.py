@@ -10,7 +10,7 @@ from calib.dynamics.contract import PeriodMap
 from calib.dynamics.escape import EscapeTime
 from calib.dynamics.exponents import Exponent, extended, largest_exponent
 from calib.dynamics.orbits import Cycle, attracting_cycle
-from calib.dynamics.pseudo_orbit import pseudo_orbit
+from calib.dynamics.pseudo_orbit import pseudo_orbit, pseudo_tangent
 from calib.dynamics.tangent import jacobian, longest_affordable
 from calib.dynamics.zero_one import zero_one
 from calib.errors import CalibError
@@ -169,12 +169,13 @@ def settled_orbit(
     while True:
         state, more, before, broken = _converged(map, state, last - dropped)
         dropped += more
-        orbit = broken or (_run_irregular if len(before) else _run)(map, state, cycles)
+        orbit = broken or (_run if before is None else _run_irregular)(map, state, cycles)
         if orbit.status != OK:
             return _failed(orbit, state, dropped)
         found = _periodic(map, state, orbit, dropped)
         if not found.period:
-            found = replace(found, visited=np.concatenate([before, orbit.states]))
+            earlier = [] if before is None else [before]
+            found = replace(found, visited=np.concatenate([*earlier, orbit.states]))
         # a chance return ends by itself, and so does rest on an unstable cycle: they get all the time to do so
         if dropped >= last or (found.period and not found.exponent > NEUTRAL):
             return found
@@ -187,37 +188,39 @@ def kind_of_cycle(map: PeriodMap, cycle: Cycle, cycles: int = 100) -> OrbitKind:
     return _periodic(map, cycle.state, orbit, 0) if orbit.status == OK else _failed(orbit, cycle.state, 0)
 
 
-def _converged(map: PeriodMap, state: np.ndarray, periods: int) -> tuple[np.ndarray, int, np.ndarray, Orbit | None]:
+def _converged(map: PeriodMap, state: np.ndarray, periods: int) -> tuple[np.ndarray, int, np.ndarray | None, Orbit | None]:
     """Go on until the state returns, at most `periods` periods.
 
     Where the motion comes closer and closer to a stable cycle, what is left of the way is left out.
 
     Returns
     -------
-    the state, the periods gone, the last states (n, dimension) before it of a motion that has not returned after twice
-    as many periods, the piece that failed
+    the state, the periods gone, the piece that failed; and before that the last states (n, dimension) of a motion that
+    does not return after twice as many periods, None of one that does return
     """
     gone, tried, wait, cycle = 0, 0, 0, None
-    last, none = [], np.zeros((0, state.size))
+    last: list[np.ndarray] = []
     run = _run_irregular
     while gone < periods:
         orbit = run(map, state, min(CHUNK, periods - gone))
         if orbit.status != OK:
-            return state, gone, none, orbit
+            return state, gone, None, orbit
         gone += len(orbit.states)
         last = [*last[-(TAIL // CHUNK) :], orbit.states]
         section = np.vstack([state, orbit.states]) / map.scale
         back = _largest(section[:-1] - section[-1])[::-1] / _size(section)
         run = _run if back.min() <= RETURNING else _run_irregular
         if back.min() <= CONVERGED:
-            return orbit.states[-1], gone, none, None
+            return orbit.states[-1], gone, None, None
         if cycle is not None and _approached(section, cycle.state / map.scale, cycle.periods):
-            return cycle.state, gone, none, None
+            return cycle.state, gone, None, None
         state, cycle, wait = orbit.states[-1], None, wait - 1
         if wait < 0 and (lag := _closing_in(section, back)) and lag <= longest_affordable(map, state):
             cycle = _attracting(map, section, lag)
             tried, wait = tried + 1, 2**tried  # ever seldomer where it is not led there
-    return state, gone, np.concatenate(last)[-TAIL:] if gone >= 2 * TAIL else none, None
+    if run is _run:
+        return state, gone, None, None
+    return state, gone, np.concatenate(last)[-TAIL:] if gone >= 2 * TAIL else np.zeros((0, state.size)), None
 
 
 def _closing_in(section: np.ndarray, back: np.ndarray) -> int:
@@ -295,7 +298,7 @@ def _periodic(map: PeriodMap, state: np.ndarray, orbit: Orbit, dropped: int) -> 
 
 def _irregular(map: PeriodMap, found: OrbitKind) -> OrbitKind:
     """Call a motion that does not return by its exponent, over ever more periods until it decides, and by K."""
-    exponent = largest_exponent(map, found.state, PERIODS)
+    exponent = largest_exponent(map, found.state, PERIODS, pseudo_tangent)
     while exponent.complete:
         missing = max(1, POINTS - len(found.visited) - len(exponent.states))
         orbit = _run_irregular(map, exponent.states[-1], missing)
@@ -317,7 +320,7 @@ def _irregular(map: PeriodMap, found: OrbitKind) -> OrbitKind:
                 error=exponent.error,
                 zero_one=signs.zero_one,
             )
-        exponent = extended(map, exponent, len(exponent.logarithms))
+        exponent = extended(map, exponent, len(exponent.logarithms), pseudo_tangent)
     orbit = _run(map, found.state, len(exponent.states) + 1)
     if orbit.status != OK:
         return _failed(orbit, found.state, found.dropped + len(found.orbit.states))

@@ -48,7 +48,7 @@ def sections(sweep: xr.Dataset, most: int = 6) -> Figure | None:
         return None
     names = parameters(sweep)
     wanted = ("displacement", "velocity", "kind", "other_displacement", "other_velocity")
-    drawn = sweep[[name for name in wanted if name in sweep]]  # what has no impacts cannot be stacked
+    drawn = sweep[[name for name in wanted if name in sweep and sweep[name].size]]  # what is empty cannot be stacked
     runs = drawn.sortby([d for d in dims if d != "point"]).stack(run=dims, create_index=False)
     bodies = [str(body) for body in sweep.body.values]
     columns, blocks = min(count, COLUMNS), math.ceil(count / COLUMNS)

@@ -31,7 +31,7 @@ def environment() -> dict:
 
 def _blas() -> dict[str, str]:
     """Kernel and threads of each BLAS in this process, by the folder it was loaded from."""
-    return {
+    found = {
         Path(blas["filepath"]).parent.name: (
             f"{blas['internal_api']} {blas['version']}, kernel {blas.get('architecture', 'unknown')}, "
             f"{blas['num_threads']} thread(s)"
@@ -39,6 +39,7 @@ def _blas() -> dict[str, str]:
         for blas in threadpool_info()
         if blas["user_api"] == "blas"
     }
+    return dict(sorted(found.items()))  # they are listed in the order in which they were loaded
 
 
 def _processor() -> str:

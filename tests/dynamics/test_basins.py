@@ -9,6 +9,7 @@ from dynamics.plain_maps import henon
 from tiny_simulators import DRIVE, MEMORY, Echo, Mapped
 
 from calib.dynamics.basins import Plane, _motion, basins
+from calib.dynamics.pseudo_orbit import on_lattice
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError
 from calib.model import Model
@@ -144,7 +145,8 @@ def test_another_plane_is_refused_and_fresh_replaces(tmp_path):
 
 @pytest.mark.parametrize(("fault", "status", "reason"), [("dies", "crashed", "code 11"), ("raises", "raised", "broke")])
 def test_a_state_that_fails_costs_no_other(tmp_path, fault, status, reason, found):
-    simulator = Mapped("bistable", traps={fault: (X[1][4], Y[1][1])})
+    start = on_lattice(plane().map(), np.array([X[1][4], Y[1][1]]))
+    simulator = Mapped("bistable", traps={fault: tuple(start.tolist())})
     broken = basins(plane(simulator=simulator), tmp_path / "basins.nc", jobs=2)
     assert broken.attractor[1, 4] == -1
     assert broken.status[1, 4] == status

@@ -8,6 +8,7 @@ from dynamics.plain_maps import PlainMap, delayed_logistic, henon, logistic
 from dynamics.quasi_periodic_maps import GOLDEN, Struck, circle, spiral, torus
 
 from calib.dynamics.motion import kind_of_orbit
+from calib.dynamics.pseudo_orbit import pseudo_orbit
 from calib.dynamics.single_run import CHAOTIC, FAILED, QUASI_PERIODIC, _returned
 from calib.errors import CalibError
 
@@ -187,10 +188,10 @@ def test_rest_on_an_unstable_cycle_is_called_so():
     assert found.kind == "period-1"
     assert found.exponent == pytest.approx(math.log(3.9))
     assert "unstable" in found.evidence
-    assert "unstable" in kind_of_orbit(logistic(3.01), np.array([1.0 - 1.0 / 3.01])).evidence
 
 
 def test_a_start_next_to_an_unstable_cycle_is_left():
+    assert kind_of_orbit(logistic(3.01), np.array([1.0 - 1.0 / 3.01])).kind == "period-2"
     assert kind_of_orbit(logistic(3.9), np.array([1.0 - 1.0 / 3.9])).kind == CHAOTIC
     assert kind_of_orbit(logistic(3.2), np.array([1.0 - 1.0 / 3.2 + 1e-15])).kind == "period-2"
     assert kind_of_orbit(logistic(3.05), np.array([1.0 - 1.0 / 3.05 + 1e-13])).kind == "period-2"
@@ -265,7 +266,10 @@ def test_the_kept_orbit_goes_on_from_the_dropped_one():
     map = logistic(3.9)
     found = kind_of_orbit(map, settle=300, cycles=120)
     assert found.dropped == 300
-    np.testing.assert_array_equal(found.orbit.states, map.orbit(map.initial, 420).states[300:])
+    state = map.initial
+    for periods in (64, 64, 64, 64, 44):  # as the transient is dropped
+        state = pseudo_orbit(map, state, periods).states[-1]
+    np.testing.assert_array_equal(found.orbit.states, pseudo_orbit(map, state, 120).states)
     np.testing.assert_array_equal(found.state, found.orbit.states[-1])
 
 

@@ -100,7 +100,7 @@ def test_between_0_37_and_0_57_the_motion_is_irregular(e):
     assert found.zero_one > 0.8
 
 
-@pytest.mark.parametrize(("e", "label"), [(0.59, "3/2"), (0.62, "3/2"), (0.72, "4/2"), (0.74, "4/2")])
+@pytest.mark.parametrize(("e", "label"), [(0.59, "3/2"), (0.62, "3/2"), (0.73, "4/2"), (0.74, "4/2")])
 def test_in_its_window_the_stable_motion_gives_the_kind_though_chaos_leads_to_it(e, label):
     map = load(STUDY).setting({"restitution": e}).map()
     for start in (map.initial, *perturbed(map, map.initial, 3)):

@@ -51,8 +51,7 @@ def test_a_motion_is_near_another_at_whatever_phase_of_its_return():
 
 def test_a_cycle_is_taken_to_where_it_ends_in_a_fold():
     sweep = bistable()
-    left = Regular(1, 0, {"body.displacement": -1.0, "body.velocity": -0.3}, np.array([[-1.0]]), np.array([[-0.3]]))
-    nothing = Known((), (), False)
+    left, nothing = run_of(sweep, 0), Known((), (), False)
     found = continued(sweep, Chain(tuple(range(13)), (nothing,) * 13, (left,)))
     np.testing.assert_array_equal(PUSH[found["at"]], PUSH[PUSH < FOLDS])
     assert (found["displacement"][:, 0, -1] < 0.0).all()
