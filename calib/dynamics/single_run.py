@@ -188,7 +188,9 @@ def kind_of_cycle(map: PeriodMap, cycle: Cycle, cycles: int = 100) -> OrbitKind:
     return _periodic(map, cycle.state, orbit, 0) if orbit.status == OK else _failed(orbit, cycle.state, 0)
 
 
-def _converged(map: PeriodMap, state: np.ndarray, periods: int) -> tuple[np.ndarray, int, np.ndarray | None, Orbit | None]:
+def _converged(
+    map: PeriodMap, state: np.ndarray, periods: int
+) -> tuple[np.ndarray, int, np.ndarray | None, Orbit | None]:
     """Go on until the state returns, at most `periods` periods.
 
     Where the motion comes closer and closer to a stable cycle, what is left of the way is left out.
