@@ -382,3 +382,8 @@ def test_the_dataset_is_the_branch_after_a_file(tmp_path):
         assert (read.parameter.values[read.special_index.values] == read.special_parameter.values).all()
         assert (read.stable.values == branch.stable).all()
         assert read.attrs["last_end"] == branch.ends[1]
+
+
+def test_a_motion_without_a_period_is_refused_before_it_is_followed():
+    with pytest.raises(CalibError, match=r"got the period 0 at 3\.9.*does not return; begin at another value"):
+        follow(logistic, [0.3], 3.9, (3.5, 4.0), periods=0)
