@@ -193,17 +193,15 @@ class Met:
             one.runs += 1
             one.sightings += 1
 
-    def add_cycle(self, cycle: Cycle, cycles: int) -> OrbitKind | None:
-        """Count a stable cycle that Newton's method found; its motion, where it is new and rounding does not end it."""
+    def add_cycle(self, cycle: Cycle, cycles: int) -> None:
+        """Count a stable cycle that Newton's method found, unless rounding ends its motion."""
         one = self._known(f"period-{cycle.periods}", cycle.periods, cycle.state)
         if one is not None:
             one.sightings += 1
-            return None
+            return
         motion = kind_of_cycle(self.map, cycle, cycles)
-        if not motion.regular:
-            return None
-        self.motions.append(Sighted(motion, motion.orbit.states, 0, 1))
-        return motion
+        if motion.regular:
+            self.motions.append(Sighted(motion, motion.orbit.states, 0, 1))
 
     def _known(self, kind: str, period: int, state: np.ndarray) -> Sighted | None:
         return next((one for one in self.motions if self._same(one, kind, period, state)), None)

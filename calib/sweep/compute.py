@@ -42,8 +42,7 @@ OTHER = "other_"  # prefix of what is told of the motions beside the one that gi
 def motions(sweep: Sweep, task: Task) -> dict[str, np.ndarray]:
     """Arrays by name, the point leading, of the points of a task; see `calib.sweep.run.run`.
 
-    Beside what a sweep holds: `names` and `units` of the state's components, and `run_state`, the last state of the
-    run itself, from which the next value starts where states are carried.
+    Beside what a sweep holds: `names` and `units` of the state's components.
     """
     rows, state = [], dict(task.state)
     for point in task.points:
@@ -70,10 +69,11 @@ def as_run(found: OrbitKind) -> OrbitKind:
     """Return the motion that the run itself stayed on, with a stable one that was found beside it among the others."""
     if found.run_state is None:
         return found
-    [run] = [one for one in found.coexisting if not one.regular]
+    [run] = [one for one in found.coexisting if one.state is found.run_state]
     others = tuple(one for one in found.coexisting if one is not run)
     stable = replace(found, coexisting=(), run_state=None)
-    text = f"{run.evidence}; a stable motion lies beside it; {found.escape}"
+    text = f"{run.evidence}; a stable motion lies beside it"
+    text += f"; {found.escape}" if found.escape else ""
     return replace(
         run, evidence=text, coexisting=(stable, *others), escape=found.escape, certain=False, run_state=None
     )
@@ -113,7 +113,6 @@ def _row(sweep: Sweep, map: PeriodMap, found: OrbitKind) -> dict[str, np.ndarray
         "escape_mean": np.array(found.escape.mean if found.escape else math.nan),
         "escape_low": np.array(low),
         "escape_high": np.array(high),
-        "run_state": found.state if found.run_state is None else found.run_state,
         "names": np.array(map.names),
         "units": np.array(map.units),
     }
@@ -138,7 +137,6 @@ def failed_row(sweep: Sweep, status: str, reason: str) -> dict[str, np.ndarray]:
         "certain": np.array(True),
         "runs": np.array(0),
         **dict.fromkeys(("escape_mean", "escape_low", "escape_high"), np.array(math.nan)),
-        "run_state": np.zeros(0),
         "names": np.array([], dtype=str),
         "units": np.array([], dtype=str),
     }

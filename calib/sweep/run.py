@@ -232,7 +232,6 @@ def _dataset(sweep: Sweep, rows: Rows) -> xr.Dataset:
     sorted_others = [_by_component(names, units, states)[0] for states in others]
     none = np.zeros((len(names), 0, len(components)))
     arrays[f"{OTHER}state"] = np.stack(sorted_others, 1) if sorted_others else none
-    del arrays["run_state"]
     longest = max(arrays[name].shape[-1] for name in IMPACT_ARRAYS)
     for name in IMPACT_ARRAYS:
         array = arrays[name]

@@ -7,11 +7,14 @@ import pytest
 from dynamics.plain_maps import FOLDS
 from tiny_simulators import DRIVE, Mapped
 
+from calib.dynamics.escape import EscapeTime
 from calib.dynamics.setting import Setting
+from calib.dynamics.single_run import CHAOTIC, QUASI_PERIODIC, OrbitKind
 from calib.errors import CalibError
 from calib.model import Model
 from calib.pool import InProcess
 from calib.sweep import Sweep, run
+from calib.sweep.compute import as_run
 from calib.sweep.continuation import Chain, Known, Regular, continued
 
 PUSH = np.linspace(-0.6, 0.6, 13)
@@ -104,3 +107,22 @@ def test_a_chain_that_breaks_costs_no_point(tmp_path, monkeypatch):
 def test_a_sweep_without_runs_is_refused():
     with pytest.raises(CalibError, match="expected at least 1 run a value, got 0"):
         bistable(runs=0)
+
+
+@pytest.mark.parametrize("kind", [QUASI_PERIODIC, CHAOTIC])
+def test_a_carried_motion_stays_the_run_s_own_beside_a_stable_one(kind):
+    """Whatever the run is on: a torus has no escape time."""
+    orbit = bistable().map_at(0).orbit(np.zeros(2), 96)
+    run = OrbitKind(kind, "the run", orbit, orbit.states[-1], 0, share=0.5)
+    escape = EscapeTime(1000, 1) if kind == CHAOTIC else None
+    stable = OrbitKind(
+        "period-1", "a cycle", orbit, orbit.states[0], 0, 1, 0, -1.0,
+        coexisting=(run,), escape=escape, run_state=run.state,
+    )  # fmt: skip
+    carried = as_run(stable)
+    assert (carried.kind, carried.certain) == (kind, False)
+    assert [one.kind for one in carried.coexisting] == ["period-1"]
+    assert carried.state is run.state
+    assert ("escape time" in carried.evidence) == (kind == CHAOTIC)
+    assert "None" not in carried.evidence
+    assert as_run(run) is run
