@@ -246,7 +246,8 @@ class Met:
         if chosen is first:
             text, certain = f"{first.motion.evidence}{left}", first.motion.kind != UNDECIDED
         else:
-            led = f"{chosen.runs} of {runs} runs that differ by rounding lead to it, the first is {first.motion.kind}"
+            led = f"{chosen.runs} of {runs} runs lead to it, from starts {PERTURBATION:.0e} of the scale apart"
+            led += f", the first is {first.motion.kind}"
             text, certain = f"{chosen.motion.evidence}; {led}{left}", chosen.sightings >= SIGHTINGS
         return replace(
             chosen.motion,

@@ -62,7 +62,7 @@ class OrbitKind:
     zero_one : K of the 0-1 test, NaN where it was not needed  [1]
     status, reason : of the orbit
     visited : (n, dimension) states at the section, one a period, by which an irregular motion was judged
-    runs, share : from starts that differ by rounding, and the share of them that led to this motion; 0 where it was
+    runs, share : from starts that differ imperceptibly, and the share of them that led to this motion; 0 where it was
         found by Newton's method, or from a neighbouring value of a sweep, alone  [1]
     coexisting : the other motions that were met
     escape : lifetime of the irregular motion that leads to this one or lies beside it; None where there is none
