@@ -33,6 +33,7 @@ from calib.report.sweeps import (
     points,
     title,
     uncertain,
+    with_coexisting,
 )
 
 GAP = "#e2e2e2"  # where runs failed
@@ -71,7 +72,7 @@ def bifurcation_diagram(sweep: xr.Dataset, bodies: Sequence[str] | None = None) 
             scale, unit = channel_scale(values)
             _beside(axes, ordered.sel(body=body), "displacement", over, scale)
             _cloud(axes, scale * values, over)
-            axes.set(ylabel=f"{body}\ndisplacement [{unit}]", ylim=limits(scale * values.values))
+            axes.set(ylabel=f"{body}\ndisplacement [{unit}]", ylim=limits(scale * with_coexisting(ordered.sel(body=body), "displacement")))
         _period_labels(rows[0], ordered, over)
         _exponents(rows[-1], ordered, over)
         _finish(figure, rows, ordered, over)
@@ -101,7 +102,8 @@ def impact_diagram(sweep: xr.Dataset) -> Figure | None:
         rows[0].set(ylabel="Impact phase [periods]", ylim=(0.0, 1.0))
         _beside(rows[1], ordered, "impact_speed", over)
         _cloud(rows[1], ordered.impact_speed, over)
-        rows[1].set(ylabel="Closing speed [m/s]", ylim=(0.0, 1.05 * float(np.nanmax(sweep.impact_speed.values)) or 1.0))
+        fastest = float(np.nanmax(with_coexisting(sweep, "impact_speed")))
+        rows[1].set(ylabel="Closing speed [m/s]", ylim=(0.0, 1.05 * fastest or 1.0))
         if (sweep.kind == FAILED).any():
             rows[1].legend(handles=[_kind_entry(FAILED)], **BESIDE)
         _finish(figure, rows, ordered, over)

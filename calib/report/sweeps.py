@@ -150,6 +150,13 @@ def coexisting(sweep: xr.Dataset, name: str) -> xr.DataArray | None:
     return sweep[f"other_{name}"] if has_some else None
 
 
+def with_coexisting(sweep: xr.Dataset, name: str) -> np.ndarray:
+    """Values (n,) of `name` of all motions, those beside included: what an axis has to show."""
+    others = coexisting(sweep, name)
+    own = sweep[name].values.ravel()
+    return own if others is None else np.concatenate([own, others.values.ravel()])
+
+
 def uncertain(sweep: xr.Dataset) -> np.ndarray:
     """Whether another rounding could have led to another kind, in the shape of the kinds."""
     return ~sweep.certain.values.astype(bool) if "certain" in sweep else np.zeros(sweep.kind.shape, dtype=bool)
