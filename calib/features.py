@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from calib.cycles import cut, harmonics, impact, loop_sigma, period_of, poincare, rows
+from calib.cycles import harmonics, impact, loop_sigma, mean_cycle, period_of, poincare, rows
 from calib.errors import CalibError
 from calib.filter import low_pass
 from calib.record import CHANNELS, STATE
@@ -32,8 +32,8 @@ def _labelled(values: np.ndarray, record: xr.Dataset, bodies, channels, *dims: s
 
 def _loops(record: xr.Dataset, bodies, channels, periods: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """Mean closed loops (body, channel, phase) and their phase [1, in periods]."""
-    cycles, phase = cut(record.variables["time"].values, rows(record, bodies, channels), period_of(record), periods)
-    return cycles.mean(axis=1).reshape(-1, len(channels), phase.size), phase
+    mean = mean_cycle(record.variables["time"].values, rows(record, bodies, channels), period_of(record), periods)
+    return mean.loop.reshape(-1, len(channels), mean.phase.size), mean.phase
 
 
 def _size(reference: xr.DataArray) -> xr.DataArray:
@@ -85,8 +85,8 @@ class PhaseCurve:
     def trust(self, record: xr.Dataset) -> np.ndarray:
         """Trust (channel, phase) in the values of a simulated record."""
         time, trust = record.variables["time"].values, record.variables["trust"].values[None]
-        cycles, _ = cut(time, trust, period_of(record), self.periods)
-        return _of_velocity(cycles.mean(axis=1), self.channels)
+        mean = mean_cycle(time, trust, period_of(record), self.periods)
+        return _of_velocity(np.clip(mean.loop, 0.0, 1.0), self.channels)
 
     def scale(self, reference: xr.DataArray) -> xr.DataArray:
         """Root mean square (body, channel) of the reference's loop about its mean."""

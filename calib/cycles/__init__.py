@@ -1,16 +1,8 @@
 """A record cut by the period of its excitation."""
 
 from calib.cycles.impacts import impact, impacts_per_period
-from calib.cycles.loop import (
-    averaged_at_impacts,
-    cut,
-    harmonics,
-    loop_sigma,
-    period_of,
-    phase_curve,
-    rows,
-    sampled,
-)
+from calib.cycles.loop import averaged_at_impacts, cut, harmonics, period_of, rows, sampled
+from calib.cycles.mean_cycle import MeanCycle, loop_sigma, mean_cycle, phase_curve
 from calib.cycles.motion import IRREGULAR, NO_CONTACT, NOT_PERIODIC, UNDECIDED, Motion, kind_of_motion
 from calib.cycles.strobe import poincare, section
 
@@ -19,6 +11,7 @@ __all__ = [
     "NOT_PERIODIC",
     "NO_CONTACT",
     "UNDECIDED",
+    "MeanCycle",
     "Motion",
     "averaged_at_impacts",
     "cut",
@@ -27,6 +20,7 @@ __all__ = [
     "impacts_per_period",
     "kind_of_motion",
     "loop_sigma",
+    "mean_cycle",
     "period_of",
     "phase_curve",
     "poincare",

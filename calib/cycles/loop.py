@@ -4,10 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
+from scipy.interpolate import CubicSpline
 
 from calib.errors import CalibError
 from calib.record import channels as channels_of
 from calib.record import stated_period
+
+STEP_TOLERANCE = 0.05  # of a sample interval, by which samples may miss the phases on which those of a cycle fall
 
 
 def period_of(record: xr.Dataset) -> float:
@@ -48,8 +51,9 @@ def cut(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Cut rows into cycles of `periods` periods on one grid of phases.
 
-    Samples that fall on the same phases in every cycle are taken as they are, and others are interpolated linearly. A
-    record that lacks the last sample of its last cycle is closed by the first sample of that cycle.
+    Samples that fall on the same phases in every cycle are taken as they are, and others are interpolated by a cubic
+    spline, which changes the noise of the samples: for means and for the noise itself there is `mean_cycle`. A record
+    that lacks the last sample of its last cycle is closed by the first sample of that cycle.
 
     Parameters
     ----------
@@ -68,22 +72,38 @@ def cut(
     ------
     CalibError : the record is shorter than one cycle
     """
+    count, own, _ = cycles_in(time, period, periods)
+    if samples in (None, own) and samples_in_step(time, period, own, count * periods, STEP_TOLERANCE):
+        offset = time[0] / period * own
+        if samples is None or abs(offset - round(offset)) < 0.01:
+            return _as_sampled(values, offset, own, periods, count)
+    return _interpolated(time, values, period, periods, count, samples or own)
+
+
+def cycles_in(time: np.ndarray, period: float, periods: int) -> tuple[int, int, float]:
+    """Whole cycles of a record (n,) [s], its samples per period, rounded, and the cycles that it lasts.
+
+    Raises
+    ------
+    CalibError : the record is shorter than one cycle
+    """
     step = (time[-1] - time[0]) / (time.size - 1)
-    length = period * periods
-    count = int((time[-1] - time[0] + step) / length + 1e-4)
+    cycles = (time[-1] - time[0] + step) / (period * periods)
+    count = int(cycles + 1e-4)
     if count < 1:
         raise CalibError(
             f"at least {periods} period(s) of {period:.6g} s are needed, but the record lasts "
             f"{time[-1] - time[0]:.6g} s; record more, or compare it over time instead"
         )
-    own = max(1, round(period / step))
-    drift = abs(period / step - own) * periods * count
-    uniform = np.abs(time - (time[0] + step * np.arange(time.size))).max() < 0.05 * step
-    if samples in (None, own) and uniform and drift < 0.05:
-        offset = time[0] / period * own
-        if samples is None or abs(offset - round(offset)) < 0.01:
-            return _as_sampled(values, offset, own, periods, count)
-    return _interpolated(time, values, period, periods, count, samples or own)
+    return count, max(1, round(period / step)), cycles
+
+
+def samples_in_step(time: np.ndarray, period: float, samples: int, periods: int, tolerance: float) -> bool:
+    """Whether the samples (n,) [s] of so many periods fall on the same phases in each, within a share of a sample."""
+    step = (time[-1] - time[0]) / (time.size - 1)
+    drift = abs(period / step - samples) * periods
+    uniform = np.abs(time - (time[0] + step * np.arange(time.size))).max() < tolerance * step
+    return bool(uniform and drift < tolerance)
 
 
 def _as_sampled(values, offset, own, periods, count):
@@ -105,66 +125,8 @@ def _interpolated(time, values, period, periods, count, samples):
     size = samples * periods
     first = int(np.ceil(time[0] / period * samples - 1e-6))
     at = (first + np.arange(count * size)) * (period / samples)
-    cycles = np.array([np.interp(at, time, row) for row in values]).reshape(len(values), count, size)
+    cycles = CubicSpline(time, values, axis=1)(at).reshape(len(values), count, size)
     return np.roll(cycles, first % size, axis=-1), np.arange(size) / samples
-
-
-def phase_curve(record: xr.Dataset, periods: int = 1, samples: int | None = None) -> xr.Dataset:
-    """Closed loop of each body: mean of the cycles, with its standard uncertainty.
-
-    The uncertainty is sigma / sqrt(cycles) where the record has a sigma, otherwise the standard deviation between the
-    cycles over sqrt(cycles); it is left out where neither is known. Where the record tells the instants of its impacts,
-    velocity is averaged over one sample there (see `averaged_at_impacts`).
-
-    Parameters
-    ----------
-    record : Dataset with channels over (body, time), time [s] uniform or not, attribute frequency [Hz]
-    periods : length of the loop, in periods
-    samples : per period; None takes the record's own number
-
-    Returns
-    -------
-    Dataset with the record's channels over (body, phase), ``<channel>_sigma`` (body, phase), and phase in
-    [0, periods) [1, in periods of the excitation, counted from time zero]; attribute cycles
-
-    Raises
-    ------
-    CalibError : no period, or a record shorter than the loop
-    """
-    period, time = period_of(record), record.time.values
-    variables = {}
-    for channel in channels_of(record):
-        values = sampled(record, channel)
-        cycles, phase = cut(time, values, period, periods, samples)
-        unit = {"units": record[channel].attrs.get("units", "")}
-        variables[channel] = (("body", "phase"), cycles.mean(axis=1), unit)
-        sigma = _uncertainty(record, channel, cycles, periods, samples)
-        if sigma is not None:
-            variables[f"{channel}_sigma"] = (("body", "phase"), sigma, unit)
-    return xr.Dataset(
-        variables,
-        coords={"body": record.body.values, "phase": ("phase", phase, {"units": "1"})},
-        attrs={"cycles": cycles.shape[1], "frequency": 1.0 / period},
-    )
-
-
-def loop_sigma(record: xr.Dataset, channel: str, periods: int = 1, samples: int | None = None) -> np.ndarray | None:
-    """Standard uncertainty (body, phase) of the mean loop from the record's own sigma, None where it has none."""
-    name = f"{channel}_sigma"
-    if name not in record.variables:
-        return None
-    time, sigma = record.variables["time"].values, record.variables[name].values
-    if sigma.ndim == 1:
-        sigma = np.repeat(sigma[:, None], time.size, axis=1)
-    variance, _ = cut(time, sigma**2, period_of(record), periods, samples)
-    return np.sqrt(variance.mean(axis=1) / variance.shape[1])
-
-
-def _uncertainty(record, channel, cycles, periods, samples):
-    sigma = loop_sigma(record, channel, periods, samples)
-    if sigma is None and cycles.shape[1] > 1:
-        sigma = cycles.std(axis=1, ddof=1) / np.sqrt(cycles.shape[1])
-    return sigma
 
 
 def sampled(record: xr.Dataset, channel: str) -> np.ndarray:

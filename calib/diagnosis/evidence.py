@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import median_filter, uniform_filter1d
 
-from calib.cycles import cut
+from calib.cycles import mean_cycle
 from calib.diagnosis.bench import Seen
-from calib.diagnosis.noise import STATED, Noise, from_cycles, from_residual, shared, with_memory
+from calib.diagnosis.noise import LEAST_CYCLES, STATED, Noise, from_cycles, from_residual, shared, with_memory
 from calib.objective import Objective, Reference
 from calib.record import channels, prescribed
 
@@ -55,9 +55,13 @@ class Part:
         return np.concatenate(parts)
 
     def tangents(self, rows: np.ndarray) -> np.ndarray:
-        """Change of the simulated rows with each nuisance, in units of the noise (row * n, k)."""
+        """Change of the simulated rows with each nuisance, in units of the noise (row * n, k).
+
+        The rate of the recorder's clock against that of the drive is one in every record of a steady tone: nobody
+        knows it to better than some 50 ppm, and nothing that repeats looks like it.
+        """
         channel = [c for _, c in self.rows]
-        columns = []
+        columns = [_clock_rate(self.time, rows)] if self.period is not None else []
         if "trigger" in self.nuisance:
             columns.append(np.gradient(rows, self.time, axis=1))
         if "offset" in self.nuisance:
@@ -80,6 +84,11 @@ class Part:
         n = self.time.size
         length = max(8, n // SPAN)
         return np.tile(np.minimum(np.arange(n) // length, max(1, n // length) - 1), len(self.rows))
+
+
+def _clock_rate(time: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Change of rows (row, n) with the rate of the clock, its zero in the middle of the record  [per unit rate]."""
+    return np.gradient(rows, time, axis=1) * (time - time.mean())
 
 
 def _only(rows: np.ndarray, index: int, value: float) -> np.ndarray:
@@ -232,15 +241,18 @@ def gathered(
     measured = {name: _measured(reference, rows[name]) for name, reference in references.items()}
     good = {name: np.ones(m.shape, dtype=bool) if spoilt is None else ~spoilt[name] for name, m in measured.items()}
     mended = {name: _mended(measured[name], seen[name].rows, good[name]) for name in measured}
-    repeating = {name: _repeating(r, rows[name], mended[name], cycle[name]) for name, r in references.items()}
+    used = {name: _used(seen[name], rows[name], good[name]) for name in measured}
+    weights = {name: _weights(rows[name], used[name], seen[name].trust) for name in measured}
+    repeating = {
+        name: _repeating(reference, rows[name], mended[name], seen[name].rows, weights[name], cycle[name])
+        for name, reference in references.items()
+    }
     known: dict[tuple[str, str], Noise] = {}
     for noises in repeating.values():
         known = {**noises, **known}
     parts = []
     for name, reference in references.items():
-        free = np.array([row not in seen[name].given for row in rows[name]], dtype=bool)
-        used = free[:, None] & good[name]
-        weight = _weights(rows[name], used, seen[name].trust)
+        weight = weights[name]
         residual = mended[name] - seen[name].rows if left is None else left[name]
         noises = []
         for index, row in enumerate(rows[name]):
@@ -265,11 +277,16 @@ def gathered(
                 cycle=cycle[name],
                 nuisance=tuple(reference.nuisance),
                 noise=tuple(noises),
-                used=used,
+                used=used[name],
                 weight=weight,
             )
         )
     return Evidence(tuple(parts))
+
+
+def _used(seen: Seen, rows: Sequence[tuple[str, str]], good: np.ndarray) -> np.ndarray:
+    """Whether samples (row, n) are compared: those that are good, of rows that the excitation does not prescribe."""
+    return np.array([row not in seen.given for row in rows], dtype=bool)[:, None] & good
 
 
 def _mended(measured: np.ndarray, simulated: np.ndarray, good: np.ndarray) -> np.ndarray:
@@ -317,15 +334,31 @@ def _measured(reference: Reference, rows: Sequence[tuple[str, str]]) -> np.ndarr
 
 
 def _repeating(
-    reference: Reference, rows: Sequence[tuple[str, str]], measured: np.ndarray, cycle: int
+    reference: Reference,
+    rows: Sequence[tuple[str, str]],
+    measured: np.ndarray,
+    simulated: np.ndarray,
+    weight: np.ndarray,
+    cycle: int,
 ) -> dict[tuple[str, str], Noise]:
-    """Noise of the rows whose cycles show it."""
-    period = reference.excitation.period
-    if period is None or not rows:
+    """Noise of the rows (row, n) whose cycles show it: what the mean cycle of the residual and the clock's rate leave.
+
+    What the model lacks repeats, and is in the mean cycle.
+    """
+    residual = measured - simulated
+    period, time = reference.excitation.period, reference.record.time.values
+    if period is None or not rows or time[-1] - time[0] < LEAST_CYCLES * 0.999 * cycle * period:
         return {}
-    cycles, _ = cut(reference.record.time.values, measured, period, cycle)
-    found = {row: from_cycles(own, _stated(reference.record, row)) for row, own in zip(rows, cycles, strict=True)}
-    return {row: noise for row, noise in found.items() if noise is not None}
+    clock = _clock_rate(time, simulated)
+    mean, drift = (mean_cycle(time, values, period, cycle, weight=weight) for values in (residual, clock))
+    precision = weight / np.maximum((weight * mean.residual**2).sum(axis=1, keepdims=True), 1e-300)
+    rate = (precision * drift.residual * mean.residual).sum() / max((precision * drift.residual**2).sum(), 1e-300)
+    noises = zip(rows, mean.residual - rate * drift.residual, weight, measured, strict=True)
+    return {
+        row: from_cycles(left, w, values, mean.parameters, _stated(reference.record, row))
+        for row, left, w, values in noises
+        if w.any()
+    }
 
 
 def _stated(record, row: tuple[str, str]) -> float | None:

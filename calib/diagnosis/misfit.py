@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.cycles import cut, harmonics
+from calib.cycles import harmonics, mean_cycle
 from calib.diagnosis.bench import Bench, Run, Seen, simulated
 from calib.diagnosis.evidence import Evidence, Part
 from calib.diagnosis.refit import Fit
@@ -121,8 +121,7 @@ def _channels(part: Part, seen: Seen) -> list[Channel]:
         weight = part.weight[index]
         orders, floor = np.zeros(0), 0.0
         if part.period is not None:
-            cycles, _ = cut(part.time, (residual * weight)[None], part.period, 1)
-            loop = cycles[0].mean(axis=0)
+            loop = mean_cycle(part.time, (residual * weight)[None], part.period).loop[0]
             orders = np.concatenate([[abs(loop.mean())], np.abs(harmonics(loop, ORDERS))])
             floor = float(noise.sigma * np.sqrt(2.0 / part.time.size))
         rms = float(np.sqrt(((residual * weight) ** 2).sum() / max(1.0, (weight**2).sum())))

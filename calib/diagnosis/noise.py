@@ -18,7 +18,7 @@ from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
 ORDER = 12  # highest of the autoregression
-CYCLES = 3  # least number of cycles that show the noise
+LEAST_CYCLES = 2.5  # of a record that shows its noise from cycle to cycle
 LEAST = 1e-6  # of a channel's root mean square: noise below that is none, and the model's accuracy counts
 SAME = 1.5  # times the stated level: a residual that is larger is no noise
 QUICK = 0.6052697  # median |2 x_i - x_(i-2) - x_(i+2)| to standard deviation (Stoehr et al. 2008, DER_SNR)
@@ -63,12 +63,18 @@ class Noise:
         return lfilter([1.0], np.concatenate([[1.0], -self.memory]), new)[lead:]
 
 
-def from_cycles(cycles: np.ndarray, stated: float | None = None) -> Noise | None:
-    """Noise of one channel from its cycles (cycle, n), None where there are too few."""
-    if len(cycles) < CYCLES:
-        return None
-    apart = (cycles - cycles.mean(axis=0)) * math.sqrt(len(cycles) / (len(cycles) - 1.0))
-    noise = _noise(apart.ravel(), np.ones(apart.size), cycles, CYCLIC)
+def from_cycles(
+    residual: np.ndarray, weight: np.ndarray, measured: np.ndarray, parameters: int, stated: float | None
+) -> Noise:
+    """Noise of one channel from what its cycles leave about their mean.
+
+    Parameters
+    ----------
+    residual, weight, measured : (n,)
+    parameters : of the mean cycle, which take as many degrees of freedom
+    """
+    free = 1.0 - parameters / max(float(weight.sum()), parameters + 1.0)
+    noise = _noise(residual / math.sqrt(free), weight, measured, CYCLIC)
     return replace(noise, repeated=True) if stated is None else Noise(stated, noise.memory, STATED, repeated=True)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 from scipy.optimize import brentq
 
-from calib.cycles import cut, sampled
+from calib.cycles import cut, mean_cycle, sampled
 from calib.errors import CalibError
 from calib.record import STATE, stated_period
 from calib.record import channels as channels_of
@@ -75,9 +75,9 @@ class Alignment:
         values = np.array([record[c].sel(body=b).values for b, c in used])
         self.offset = 0.0
         if period is not None:
-            cycles, phase = cut(self.time, values, period, periods)
-            values, self.per_period = cycles.mean(axis=1), phase.size // periods
-            self.offset = phase[0] * self.per_period
+            mean = mean_cycle(self.time, values, period, periods)
+            values, self.per_period = mean.loop, mean.phase.size // periods
+            self.offset = mean.phase[0] * self.per_period
         self._all = _Fit(values, used, linear)
         self._trigger = None
         if "trigger" in nuisance:

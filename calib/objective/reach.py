@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.cycles import cut, harmonics, impact
+from calib.cycles import harmonics, impact, mean_cycle
 
 SHARE = 0.02  # tolerance, as a share of the measured value
 PHASE = 0.01  # tolerance of an impact's phase, in periods
@@ -81,12 +81,12 @@ def scalars(
             found[f"{channel} amplitude"] = Scalar(0.5 * float(np.ptp(row)), unit, 2.0 * sigma)
             found[f"{channel} rms"] = Scalar(float(np.sqrt(np.mean(row**2))), unit, 2.0 * sigma / np.sqrt(row.size))
             continue
-        cycles, phase = cut(time, row[None], period)
-        loop, sigma = cycles[0].mean(axis=0), sigma / np.sqrt(cycles.shape[1])
+        mean = mean_cycle(time, row[None], period)
+        loop, sigma = mean.loop[0], sigma / np.sqrt(mean.cycles)
         found[f"{channel} amplitude"] = Scalar(0.5 * float(np.ptp(loop)), unit, 2.0 * sigma)
         found |= _harmonics(channel, loop, sigma)
         if channel == "velocity":
-            found |= _impact(phase, loop, sigma)
+            found |= _impact(mean.phase, loop, sigma)
     return found
 
 

@@ -16,7 +16,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 from scipy.signal import lfilter
 
-from calib.cycles import cut, harmonics
+from calib.cycles import harmonics, mean_cycle
 from calib.record import STATE
 from calib.report.drawing import (
     LINE,
@@ -62,7 +62,7 @@ class Loop(NamedTuple):
     weight: np.ndarray
     sigma: float
     response: np.ndarray
-    cycles: int
+    cycles: float
 
 
 def loop(motion: xr.Dataset, row: int) -> Loop:
@@ -71,11 +71,11 @@ def loop(motion: xr.Dataset, row: int) -> Loop:
     rows = np.array([motion[name].values[row] for name in names])
     at, count = motion.time.values - float(motion.time[0]), 1
     if "period" in motion.attrs:
-        cycles, at = cut(motion.time.values, rows, float(motion.attrs["period"]), int(motion.attrs["cycle"]))
-        count, weight = cycles.shape[1], cycles[names.index("weight")]
-        share = np.where(weight.sum(axis=0) > 0.0, weight, 1.0)  # of each cycle in the mean: none of an outlier
-        rows = (cycles * share).sum(axis=1) / share.sum(axis=0)
-        rows[names.index("weight")] = weight.mean(axis=0)
+        period, length = float(motion.attrs["period"]), int(motion.attrs["cycle"])
+        weight = np.array([np.ones(at.size) if name == "weight" else motion.weight.values[row] for name in names])
+        mean = mean_cycle(motion.time.values, rows, period, length, weight=weight)
+        at, rows, count = mean.phase, mean.loop, mean.cycles
+        rows[names.index("weight")] = np.clip(rows[names.index("weight")], 0.0, 1.0)
     means = dict(zip(names, rows, strict=True))
     views = means["measured"], means["calibrated"], means.get("extended"), means["weight"]
     sigma, response = float(motion.sigma[row]) / math.sqrt(count), _response(motion, row) / math.sqrt(count)

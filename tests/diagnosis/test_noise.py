@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from calib.cycles import mean_cycle
 from calib.diagnosis.noise import STATED, Noise, from_cycles, from_residual, with_memory
 
 
@@ -18,15 +19,15 @@ def test_drawn_noise_has_its_level(memory):
 
 
 @pytest.mark.parametrize("memory", [[], [0.8], [1.2, -0.5]])
-def test_level_and_memory_are_found_from_cycles_of_whatever_motion(memory):
-    loop = 30.0 * np.sin(np.linspace(0.0, 2.0 * np.pi, 500, endpoint=False))
-    noise = from_cycles(loop + series(memory, 10_000).reshape(20, 500))
+@pytest.mark.parametrize("per_cycle", [500.0, 487.35, 20.7])
+def test_level_and_memory_are_found_from_cycles_of_whatever_motion(memory, per_cycle):
+    time = np.arange(10_000) / per_cycle
+    motion = 30.0 * np.sin(2.0 * np.pi * time) + 5.0 * np.cos(6.0 * np.pi * time + 1.0)
+    row, weight = motion + series(memory, time.size), np.ones(time.size)
+    mean = mean_cycle(time, row[None], 1.0)
+    noise = from_cycles(mean.residual[0], weight, row, mean.parameters, None)
     assert noise.sigma == pytest.approx(2.0, rel=0.1)
     np.testing.assert_allclose(noise.memory[: len(memory)], memory, atol=0.06)
-
-
-def test_two_cycles_show_no_noise():
-    assert from_cycles(np.zeros((2, 100))) is None
 
 
 @pytest.mark.parametrize("memory", [[], [0.8], [1.2, -0.5]])
