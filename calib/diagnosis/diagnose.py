@@ -11,7 +11,7 @@ from calib.diagnosis.bench import Bench, Run, simulated
 from calib.diagnosis.candidate import Candidate, candidates
 from calib.diagnosis.evidence import Evidence, gathered, looked_at, outliers, rounding
 from calib.diagnosis.gain import Gain, gained
-from calib.diagnosis.gates import Gate, converged, fine_enough, noise_known, same_kind, simulates
+from calib.diagnosis.gates import Gate, above_noise, converged, fine_enough, noise_known, same_kind, simulates
 from calib.diagnosis.misfit import Misfit, misfit
 from calib.diagnosis.next_measurement import Measurement, next_measurement
 from calib.diagnosis.noise import RESIDUAL
@@ -184,6 +184,9 @@ def prepared(
         fitter.evidence = gathered(named, bench.rows, cycle, null.point.seen, left, spoilt)
         gates[-1] = noise_known(fitter.evidence)
         null = fitter.fit(null.point)
+    gates.append(above_noise(fitter.evidence, null))
+    if not gates[-1].passed:
+        return Prepared(tuple(gates), refused=refused)
     steps = min(1.0, max(float(rounding(part).max(initial=0.0)) for part in fitter.evidence.parts))
     if steps < NIBBLE or QUANTISATION not in {effect.name for effect in effects}:
         steps = 0.0

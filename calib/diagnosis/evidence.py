@@ -87,8 +87,8 @@ class Part:
 
 
 def _clock_rate(time: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Change of rows (row, n) with the rate of the clock, its zero in the middle of the record  [per unit rate]."""
-    return np.gradient(rows, time, axis=1) * (time - time.mean())
+    """Change of rows (row, n) with the rate of the clock, which is right at time zero  [per unit rate]."""
+    return np.gradient(rows, time, axis=1) * time
 
 
 def _only(rows: np.ndarray, index: int, value: float) -> np.ndarray:
@@ -347,7 +347,7 @@ def _repeating(
     """
     residual = measured - simulated
     period, time = reference.excitation.period, reference.record.time.values
-    if period is None or not rows or time[-1] - time[0] < LEAST_CYCLES * 0.999 * cycle * period:
+    if period is None or not rows or time[-1] - time[0] < LEAST_CYCLES * cycle * period:
         return {}
     clock = _clock_rate(time, simulated)
     mean, drift = (mean_cycle(time, values, period, cycle, weight=weight) for values in (residual, clock))

@@ -203,9 +203,9 @@ def _transfers(
 
 
 def _shifts(null: Fit, final: Fit) -> tuple[Shift, ...]:
-    errors = dict(zip(final.names, np.sqrt(np.maximum(0.0, np.diag(final.covariance))), strict=True))
+    errors = dict(zip(final.names, final.error(final.names), strict=True))
     return tuple(
         Shift(name, null.value(name), final.value(name), (final.value(name) - null.value(name)) / errors[name])
         for name in null.names
-        if errors.get(name, 0.0) > 0.0
+        if 0.0 < errors.get(name, 0.0) < np.inf
     )

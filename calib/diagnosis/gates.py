@@ -17,6 +17,8 @@ from calib.study import Pool
 FINER = 2.0  # step and tolerance are divided by this
 SHORT = 32  # samples: fewer say nothing about noise
 TENTH = 0.1  # of the z that the answer rests on: less does not change it
+LEAST_VARIANCE = 0.7  # of a residual's mean square over the noise's: less is no residual of such noise
+LEAST_DEVIATION = 5.0  # standard deviations of white noise by which it has to be below
 COARSE = 0.01  # change of a channel by a finer solver, relative to its rms: less does not make another kind of motion
 
 
@@ -92,6 +94,38 @@ def noise_known(evidence: Evidence) -> Gate:
                 memory = ", correlated" if noise.memory.size else ""
                 said.append(f"{part.name} {body} {channel}: {noise.sigma:.3g} ({noise.source}{memory})")
     return Gate("noise", True, "; ".join(said))
+
+
+def above_noise(evidence: Evidence, fit: Fit) -> Gate:
+    """The residual is not far smaller than the noise.
+
+    Where it is, the noise is not what it was taken for: what differs from cycle to cycle is a motion that changes
+    within the record, or the uncertainty that the record states is too large. Judged by the mean square of the residual
+    in units of the noise, over each row's degrees of freedom.
+    """
+    said = []
+    for part in evidence.parts:
+        own = fit.residual[evidence.of(part.name)].reshape(part.measured.shape)
+        for (body, channel), noise, row, weight in zip(part.rows, part.noise, own, part.weight, strict=True):
+            counted = float((weight**2).sum())
+            if counted < SHORT:
+                continue
+            ratio = float(row @ row) / counted
+            deviation = (ratio - 1.0) * np.sqrt(0.5 * counted)
+            if ratio < LEAST_VARIANCE and deviation < -LEAST_DEVIATION:
+                said.append(
+                    f"{part.name} {body} {channel}: the residual is {np.sqrt(ratio):.2g} times the noise of "
+                    f"{noise.sigma:.3g} ({noise.source}), {-deviation:.0f} standard deviations below it"
+                )
+    if not said:
+        return Gate("noise level", True, "no residual is far below its noise")
+    text = "; ".join(said)
+    return Gate(
+        "noise level",
+        False,
+        f"{text}: the motion changes from cycle to cycle, or the stated uncertainty is too large; record a motion that "
+        "has settled, or state the noise as it is",
+    )
 
 
 def _compared(part: Part) -> list[Noise]:

@@ -18,7 +18,7 @@ from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
 ORDER = 12  # highest of the autoregression
-LEAST_CYCLES = 2.5  # of a record that shows its noise from cycle to cycle
+LEAST_CYCLES = 2.25  # of a record that shows its noise from cycle to cycle
 LEAST = 1e-6  # of a channel's root mean square: noise below that is none, and the model's accuracy counts
 SAME = 1.5  # times the stated level: a residual that is larger is no noise
 QUICK = 0.6052697  # median |2 x_i - x_(i-2) - x_(i+2)| to standard deviation (Stoehr et al. 2008, DER_SNR)
@@ -73,9 +73,15 @@ def from_cycles(
     residual, weight, measured : (n,)
     parameters : of the mean cycle, which take as many degrees of freedom
     """
-    free = 1.0 - parameters / max(float(weight.sum()), parameters + 1.0)
-    noise = _noise(residual / math.sqrt(free), weight, measured, CYCLIC)
-    return replace(noise, repeated=True) if stated is None else Noise(stated, noise.memory, STATED, repeated=True)
+    counted = float((weight**2).sum())
+    free = max(counted - parameters, 1.0)
+    noise = _noise(residual * math.sqrt(counted / free), weight, measured, CYCLIC)
+    # level at which what is new in each sample, the residual once whitened, has unit variance, without bias
+    freedom = max(free - noise.memory.size - 2.0, 1.0)
+    new = noise.whitened(residual, weight)[noise.memory.size :]
+    sigma = max(noise.sigma * math.sqrt(float(new @ new) / freedom), _least(measured))
+    noise = replace(noise, sigma=sigma, repeated=True)
+    return noise if stated is None else replace(noise, sigma=stated, source=STATED)
 
 
 def from_residual(residual: np.ndarray, weight: np.ndarray, measured: np.ndarray, stated: float | None) -> Noise:

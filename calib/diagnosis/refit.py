@@ -2,10 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from scipy import stats
 from scipy.optimize import lsq_linear
 
+from calib.confidence.covariance import sandwich
 from calib.diagnosis.bench import simulated
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.evidence import Evidence
@@ -22,6 +25,7 @@ ENOUGH = 0.1  # fall of the sum of squares, in units of the mean square: a step 
 WELL = 0.5  # of what a step promises: where it brings less, the derivatives are taken anew
 BENT = 0.1  # of what a step promises: where what it brings differs by more, old derivatives do not end a fit
 HALVINGS = 5  # of a step that does not lower the sum of squares
+LEVEL = 0.95  # of intervals
 RIDGE = 1e-10  # on the normal equations, of unit diagonal: directions that the data do not know stay where they are
 
 
@@ -38,6 +42,7 @@ class Fit:
     names : of these parameters
     steps : that the derivatives were taken with  [units of the parameters]
     nuisances : (N, m) tangents of the nuisances
+    rows : (N,) number of the row, among those of all records, that each residual belongs to
     reason : why it is not to be trusted; "" where it converged
     """
 
@@ -48,6 +53,7 @@ class Fit:
     names: tuple[str, ...]
     steps: tuple[float, ...]
     nuisances: np.ndarray
+    rows: np.ndarray
     reason: str = ""
 
     @property
@@ -64,14 +70,37 @@ class Fit:
         """Return columns (N, k) without what the nuisances absorb."""
         return Projection(self.nuisances)(columns)
 
-    @property
-    def covariance(self) -> np.ndarray:
-        """Covariance (k, k) of the parameters `names`, in their units, where the noise is what it is taken for."""
+    @cached_property
+    def _sandwich(self) -> tuple[np.ndarray, np.ndarray]:
+        """Covariance (k, k) of the parameters `names`, in their units, and degrees of freedom (k,) of its variances.
+
+        What the model leaves beside the noise has a level and an autocorrelation of its own in each channel of each
+        record, as in the intervals of a calibration; no variance is less than what the noise alone makes.
+        """
         free = self.free(self.columns)
+        counted = (self.residual != 0.0) | free.any(axis=1)
+        covariance, freedom = sandwich(free[counted], self.residual[counted], self.rows[counted])
         scale = np.linalg.norm(free, axis=0)
         scale[scale == 0.0] = 1.0
-        inverse = np.linalg.pinv((free / scale).T @ (free / scale), rcond=1e-12, hermitian=True)
-        return inverse / np.outer(scale, scale)
+        noise = np.diag(np.linalg.pinv((free / scale).T @ (free / scale), rcond=1e-12, hermitian=True)) / scale**2
+        wider = np.sqrt(np.maximum(1.0, noise / np.diag(covariance)))
+        return covariance * np.outer(wider, wider), freedom
+
+    def error(self, names: Sequence[str]) -> np.ndarray:
+        """Standard errors of these parameters, jointly with all others; infinite where no derivative tells."""
+        if not self.names:
+            return np.full(len(names), np.inf)
+        covariance, _ = self._sandwich
+        known = np.where(self.columns.any(axis=0), np.sqrt(np.maximum(0.0, np.diag(covariance))), np.inf)
+        return known[[self.names.index(name) for name in names]]
+
+    def half_width(self, names: Sequence[str]) -> np.ndarray:
+        """Half widths of the 95 % intervals of these parameters, by Student's t."""
+        if not self.names:
+            return np.full(len(names), np.inf)
+        _, freedom = self._sandwich
+        index = [self.names.index(name) for name in names]
+        return self.error(names) * stats.t.isf(0.5 * (1.0 - LEVEL), freedom[index])
 
     def value(self, name: str) -> float:
         """Value of a parameter, in SI."""
@@ -207,13 +236,15 @@ class Fitter:
         residual = Projection(nuisances)(self.evidence.residual(views))
         none = np.zeros((residual.size, 0))
         parameters = tuple(d.name for d in directions)
-        return Fit(Point(values, origin.effects, views), tuple(found), residual, none, parameters, (), nuisances)
+        rows = self.evidence.rows()
+        return Fit(Point(values, origin.effects, views), tuple(found), residual, none, parameters, (), nuisances, rows)
 
     def _failed(self, start: Point, found: Sequence[Candidate]) -> Fit:
         nuisances = self.evidence.tangents(start.seen)
         residual = self.evidence.residual(start.seen)
         none = np.zeros((residual.size, 0))
-        return Fit(start, tuple(found), residual, none, (), (), nuisances, "the motion fails there")
+        rows = self.evidence.rows()
+        return Fit(start, tuple(found), residual, none, (), (), nuisances, rows, "the motion fails there")
 
     def begun(self, base: Fit, candidate: Candidate, sizes: np.ndarray) -> tuple[float, np.ndarray] | None:
         """What a candidate of these sizes (p,) promises: a fall of the sum of squares, and the sizes for it.

@@ -5,11 +5,12 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
+from scipy import stats
 
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.constancy import inconstancy
 from calib.diagnosis.evidence import Evidence
-from calib.diagnosis.refit import Fit, Fitter
+from calib.diagnosis.refit import LEVEL, Fit, Fitter
 from calib.diagnosis.score import Signature, Tested, deviate, tested, threshold
 
 APART = 6.0  # sums of squares, the price of parameters added, that differ by less do not tell two models apart
@@ -79,9 +80,15 @@ class Suspect:
     def error(self) -> np.ndarray:
         """Standard errors (p,) of the sizes."""
         if self.fit is not None and self.fit.names:
-            index = [self.fit.names.index(name) for name in self.candidate.free]
-            return np.sqrt(np.maximum(0.0, np.diag(self.fit.covariance)[index]))
+            return self.fit.error(self.candidate.free)
         return self.test.error if self.test is not None else np.full(len(self.candidate.free), np.inf)
+
+    @property
+    def half_width(self) -> np.ndarray:
+        """Half widths (p,) of the 95 % intervals of the sizes."""
+        if self.fit is not None and self.fit.names:
+            return self.fit.half_width(self.candidate.free)
+        return float(stats.norm.isf(0.5 * (1.0 - LEVEL))) * self.error
 
     @property
     def parameters(self) -> int:
@@ -249,6 +256,8 @@ def select(
         if number and found.chosen is not None and _nibbles(fitter.evidence, null, base, found.chosen):
             found = found.without_cause()
         ahead = None if found.chosen is None else fitter.sharpened(found.chosen.fit)
+        if ahead is not None and _indistinct(ahead, found.chosen):
+            found = found.without_cause()
         if number and ahead is not None and _bent(fitter.evidence, null, base, ahead, found.threshold):
             found = found.without_cause()
         rounds.append(found)
@@ -287,12 +296,26 @@ def select(
 def _nibbles(evidence: Evidence, null: Fit, base: Fit, cause: Suspect) -> bool:
     """Whether what was found beside the causes of `base` explains too little to be another one.
 
-    It has to explain a quarter of what is left, where that is more than noise: below, it nibbles at something else; and
-    a hundredth of what the calibrated model left: below, it mends the form of the causes before it, of which nobody
-    knows more than that they explain the rest.
+    It has to explain a hundredth of what the calibrated model left: below, it mends the form of the causes before it,
+    of which nobody knows more than that they explain the rest; and a quarter of what is left, where that is more than
+    noise: below, it nibbles at something else.
     """
-    left = _excess(evidence, base)
-    return left > MARKED * _blur(evidence) and cause.drop < max(NIBBLE * left, CRUMB * _excess(evidence, null))
+    left, clear = _excess(evidence, base), MARKED * _blur(evidence)
+    whole = _excess(evidence, null)
+    return (whole > clear and cause.drop < CRUMB * whole) or (left > clear and cause.drop < NIBBLE * left)
+
+
+def _indistinct(fit: Fit, cause: Suspect) -> bool:
+    """Whether the size of a cause, beside all other parameters of the model with it, may be its null.
+
+    Its joint 95 % interval holds the null; of several parameters, that of each. Where no derivative tells the interval
+    there is none to judge by.
+    """
+    names, null = cause.candidate.free, cause.candidate.null
+    half = fit.half_width(names)
+    known = np.isfinite(half) & np.isfinite(null)
+    size = np.array([fit.value(name) for name in names])
+    return bool(known.all() and (np.abs(size - null) < half).all())
 
 
 def _bent(evidence: Evidence, null: Fit, base: Fit, ahead: Fit, limit: float) -> bool:

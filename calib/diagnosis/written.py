@@ -12,8 +12,6 @@ from calib.diagnosis.next_measurement import Measurement
 from calib.diagnosis.selection import Round, Suspect
 from calib.store.plain import plain
 
-SURE = 1.96  # standard errors on each side of an interval
-
 
 def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
     """Everything that diagnosis.json holds, in SI; what is not finite is None."""
@@ -64,7 +62,7 @@ def _about(size: float, half: float) -> list[float]:
 
 def _suspect(suspect: Suspect, excess: float, chosen: Suspect | None) -> dict[str, Any]:
     names, null = suspect.candidate.free, suspect.candidate.null
-    half = SURE * suspect.error
+    half = suspect.half_width
     drop = suspect.drop if suspect.fit is not None else (suspect.test.drop if suspect.test is not None else 0.0)
     return {
         "effect": suspect.name,
