@@ -2,16 +2,19 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from math import ceil
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from hidden import four_dof, oscillator
 from hidden.information import Bench
+from hidden.laboratory import Laboratory
 from hidden.motion import Refused
+from hidden.noise import coloured
 from hidden.sensors import CONVERTER, converted
 from hidden.system import Plan
-from scipy.signal import lfilter
 
 from calib.record import make, write
 
@@ -27,20 +30,36 @@ class Hidden(NamedTuple):
     folder : with the records and study.toml
     values : parameters of the hidden effects by name, SI
     z : of each hidden effect alone, by name; NaN for outliers
+    laboratory : that was drawn, as `Laboratory.facts`; empty where none was
     """
 
     folder: Path
     values: Mapping[str, float]
     z: Mapping[str, float]
+    laboratory: Mapping[str, object] = {}
 
 
 def bench(
-    simulator: str, cache: Path, noise: float = 0.01, phi: float = 0.0, nuisance: Sequence[str] = (), **options
+    simulator: str,
+    cache: Path,
+    noise: float = 0.01,
+    phi: float = 0.0,
+    nuisance: Sequence[str] = (),
+    laboratory: int | Laboratory | None = None,
+    **options,
 ) -> Bench:
-    """Return the system of a simulator with its records; `options` of `four_dof.system` or `oscillator.system`."""
+    """Return the system of a simulator with its records; `options` of `four_dof.system` or `oscillator.system`.
+
+    laboratory : that takes the records, or the seed that it is drawn from; its noise is then that of the records
+    """
     system = SYSTEMS[simulator](**options)
-    trigger = [p.name for p in system.plans if p.kind == "harmonic"] if "trigger" in nuisance else []
-    return Bench(system, cache, noise, phi, tuple(trigger))
+    trigger = tuple(p.name for p in system.plans if p.kind == "harmonic") if "trigger" in nuisance else ()
+    if laboratory is None:
+        return Bench(system, cache, noise, phi, trigger)
+    if not isinstance(laboratory, Laboratory):
+        laboratory = Laboratory.drawn(laboratory, system)
+    system = replace(system, clocks=laboratory.clocks)
+    return Bench(system, cache, laboratory.noise, 0.0, trigger, laboratory.memory)
 
 
 def hide(
@@ -56,6 +75,7 @@ def hide(
     size: float | None = None,
     stated: bool = False,
     nuisance: Sequence[str] = (),
+    laboratory: int | Laboratory | None = None,
     **options,
 ) -> Hidden:
     """Write records with hidden effects, and a study that calibrates without them.
@@ -71,13 +91,18 @@ def hide(
     size : of the effect, SI, in place of its strength
     stated : whether the records state the noise of their channels
     nuisance : "trigger" where the beginning of periodic records is not told
+    laboratory : that takes the records, or the seed that it is drawn from; it has its own clock, lengths of records and
+        noise, in place of `noise`, `phi` and `stated`
     options : of `four_dof.system` or `oscillator.system`
 
     Raises
     ------
     Refused : see `Bench.size_for`
     """
-    at = bench(simulator, cache, noise, phi, nuisance, **options)
+    if laboratory is not None and not isinstance(laboratory, Laboratory):
+        laboratory = Laboratory.drawn(laboratory, SYSTEMS[simulator](**options))
+    at = bench(simulator, cache, noise, phi, nuisance, laboratory, **options)
+    stated = stated if laboratory is None else laboratory.stated
     effects = () if effect is None else (effect,) if isinstance(effect, str) else tuple(effect)
     values, z = {}, {}
     for name in effects:
@@ -95,25 +120,18 @@ def hide(
         late = rng.uniform() / plan.frequency if plan.name in at.trigger else 0.0
         before = {name: value for name, value in acting.items() if name not in CONVERTER}
         rows = at.clean(plan, before, late).rows
-        sigma = noise * np.sqrt((rows**2).mean(axis=1, keepdims=True))
-        rows = rows + sigma * correlated(rng, rows.shape, phi)
+        sigma = at.noise * np.sqrt((rows**2).mean(axis=1, keepdims=True))
+        rows = rows + sigma * coloured(rng, rows.shape, np.array(at.memory[plan.name]))
         far = rng.uniform(size=rows.shape) < share
         rows = np.where(far, rows + FAR * sigma * rng.choice([-1.0, 1.0], size=rows.shape), rows)
         rows = converted(rows, acting)
         write(_record(at, plan, rows, sigma if stated else None), folder / f"{plan.name}.nc")
     (folder / "study.toml").write_text(study(at))
-    return Hidden(folder, values, z)
-
-
-def correlated(rng: np.random.Generator, shape: tuple[int, int], phi: float) -> np.ndarray:
-    """Gaussian noise of unit variance, each row an AR(1) series of correlation phi between neighbours."""
-    white = rng.standard_normal(shape)
-    white[:, 1:] *= np.sqrt(1.0 - phi**2)
-    return lfilter([1.0], [1.0, -phi], white, axis=1)
+    return Hidden(folder, values, z, {} if laboratory is None else laboratory.facts)
 
 
 def _record(at: Bench, plan: Plan, rows: np.ndarray, sigma: np.ndarray | None):
-    system, times = at.system, at.system.times(plan)
+    system, clock = at.system, at.system.clock(plan)
     displacement, velocity = np.split(rows, 2)
     channels = {"displacement": displacement, "velocity": velocity}
     if sigma is not None:
@@ -123,24 +141,24 @@ def _record(at: Bench, plan: Plan, rows: np.ndarray, sigma: np.ndarray | None):
         attrs |= {"frequency": plan.frequency, "amplitude": plan.amplitude, "phase": 0.0}
     elif plan.kind == "decay":
         attrs["quantity"] = "free decay"
-    record = make(times, list(system.measured), channels, **attrs)
+    record = make(clock.stamps, list(system.measured), channels, **attrs)
     if plan.kind != "multisine":
         return record
     tones = system.plant({**system.truth, "amplitude": 1.0}, plan).tones
-    value = (tones[:, :1] * np.cos(tones[:, 1:2] * times + tones[:, 2:])).sum(axis=0)
+    value = (tones[:, :1] * np.cos(tones[:, 1:2] * clock.true + tones[:, 2:])).sum(axis=0)
     return record.assign(excitation=("time", value, {"units": "N"}))
 
 
 def study(at: Bench, budget: int = 60) -> str:
     """Text of the study file."""
     system = at.system
-    lines = [
-        "[study]", f'name = "{system.name}"', "seed = 1", f"budget = {budget}",
-        f"periods = {system.periods}", f"samples = {system.samples}",
-    ]  # fmt: skip
+    lines = ["[study]", f'name = "{system.name}"', "seed = 1", f"budget = {budget}"]
+    lines += [] if system.clocks else [f"periods = {system.periods}", f"samples = {system.samples}"]
     for plan in system.plans:
         lines += ["", "[[record]]", f'name = "{plan.name}"', f'path = "{plan.name}.nc"', f'use = "{plan.use}"']
         lines += ['nuisance = ["trigger"]'] if plan.name in at.trigger else []
+        if system.clocks and plan.kind == "harmonic":  # a simulation that goes round within the record has no drift
+            lines += [f"periods = {ceil(system.clocks[plan.name].stamps[-1] * plan.frequency) + 1}"]
     options = ", ".join(f"{name} = {json.dumps(value)}" for name, value in system.options.items())
     fixed = ", ".join(f'"{name}" = {value!r}' for name, value in system.fixed.items())
     lines += ["", "[model]", f'simulator = "{system.name}"', f"options = {{ {options} }}", f"fixed = {{ {fixed} }}"]

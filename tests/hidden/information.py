@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from hidden.causes import CAUSES, natural, parameters
 from hidden.motion import Refused
+from hidden.noise import whitened
 from hidden.system import Plan, System
 
 STEP = 1e-5  # of derivatives by calibrated parameters, relative
@@ -42,10 +43,20 @@ class Bench:
     noise : standard deviation, relative to the rms of each channel of each body
     phi : correlation of the noise between neighbouring samples
     trigger : records whose beginning is not known
+    memory : of the noise in place of `phi`: record -> coefficients of the autoregression
     """
 
-    def __init__(self, system: System, cache: Path, noise: float = 0.01, phi: float = 0.0, trigger: tuple = ()):
+    def __init__(
+        self,
+        system: System,
+        cache: Path,
+        noise: float = 0.01,
+        phi: float = 0.0,
+        trigger: tuple = (),
+        memory: Mapping[str, tuple[float, ...]] | None = None,
+    ):
         self.system, self.cache, self.noise, self.phi, self.trigger = system, Path(cache), noise, phi, tuple(trigger)
+        self.memory = {plan.name: (phi,) for plan in system.plans} if memory is None else dict(memory)
         self.cache.mkdir(parents=True, exist_ok=True)
 
     # --- records ---------------------------------------------------------------------------------------------------
@@ -72,11 +83,13 @@ class Bench:
         """File of a result that depends on these facts, and on the system."""
         system = self.system
         facts = [*facts, system.name, system.periods, system.samples, len(system.time)]
+        facts += [system.fingerprint] if system.clocks else []
         return self.cache / f"{hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()}.npz"
 
     def _number(self, make: Callable[[str, float], float], effect: str, x: float) -> float:
         """Return make(effect, x), which is kept: it depends on the records, the noise and what is calibrated."""
         knows = [self.system.plans, dict(self.system.truth), list(self.system.windows), self.trigger]
+        knows += [self.memory, [clock.jitter for clock in self.system.clocks.values()]] if self.system.clocks else []
         path = self._path(make.__name__, effect, x, self.noise, self.phi, knows)
         if not path.exists():
             _keep(path, number=make(effect, x))
@@ -99,9 +112,7 @@ class Bench:
 
     def _column(self, plan: Plan, difference: np.ndarray, impacts: np.ndarray) -> np.ndarray:
         """Independent parts of a difference of records (2 b, n) over their noise; flat."""
-        sigma = self.noise * np.sqrt((self.clean(plan).rows ** 2).mean(axis=1, keepdims=True))
-        whole = difference / sigma
-        whole[:, 1:] = (whole[:, 1:] - self.phi * whole[:, :-1]) / np.sqrt(1.0 - self.phi**2)
+        whole = whitened(difference / self._deviation(plan), np.array(self.memory[plan.name]))
         times = self.system.times(plan)
         step = times[1] - times[0]
         apart = times - impacts[:, None]
@@ -110,6 +121,23 @@ class Bench:
         blind = np.abs(apart).min(axis=0, initial=np.inf) < BLIND * step
         whole[len(whole) // 2 :, blind] = 0.0
         return whole.ravel()
+
+    def _sigma(self, plan: Plan) -> np.ndarray:
+        """Standard deviation (2 b, 1) of the noise of a record."""
+        return self.noise * np.sqrt((self.clean(plan).rows ** 2).mean(axis=1, keepdims=True))
+
+    def _deviation(self, plan: Plan) -> np.ndarray:
+        """Standard deviation (2 b, 1) or (2 b, n) of the noise with what errors of the stamps make of the motion.
+
+        These are white, but taken as coloured as the noise is: they matter at few samples per period, where neither
+        has much memory.
+        """
+        sigma, clock = self._sigma(plan), self.system.clock(plan)
+        if not clock.jitter:
+            return sigma
+        velocity = np.split(self.clean(plan).rows, 2)[1]
+        rate = np.concatenate([velocity, np.gradient(velocity, clock.true, axis=1)])
+        return np.sqrt(sigma**2 + (clock.jitter * rate) ** 2)
 
     def _between(self, one: Mapping, other: Mapping) -> np.ndarray:
         """Difference of all records at two sets of arguments of `clean`, flat."""
@@ -128,7 +156,7 @@ class Bench:
         if not any(quanta):
             return self.clean(plan, hidden, **rest)
         record = self.clean(plan, {k: v for k, v in hidden.items() if not k.startswith("quantum_")}, **rest)
-        sigma = self.noise * np.sqrt((self.clean(plan).rows ** 2).mean(axis=1, keepdims=True))
+        sigma = self._sigma(plan)
         rows = record.rows.copy()
         for half, deep, q in zip(np.split(rows, 2), np.split(sigma, 2), quanta, strict=True):
             half += sum(

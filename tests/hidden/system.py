@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
+from hashlib import sha256
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +32,20 @@ class Plan(NamedTuple):
     frequency: float = 0.0
 
 
+class Clock(NamedTuple):
+    """When the samples of a record were taken.
+
+    Attributes
+    ----------
+    true, stamps : (n,) instants, as they were and as the record has them  [s]
+    jitter : standard deviation of the true ones about the stamps, beside a drift  [s]
+    """
+
+    true: np.ndarray
+    stamps: np.ndarray
+    jitter: float = 0.0
+
+
 @dataclass(frozen=True)
 class System:
     """A plant that records are made of.
@@ -50,6 +66,7 @@ class System:
     length, omega : natural scales  [m], [rad/s]
     periods, samples : of a harmonic record
     time : (n,) of another record  [s]
+    clocks : of the records, by name; None: all sample in step with the drive, at `samples` per period, or at `time`
     """
 
     name: str
@@ -70,9 +87,27 @@ class System:
     periods: int
     samples: int
     time: np.ndarray
+    clocks: Mapping[str, Clock] | None = None
+
+    def clock(self, plan: Plan) -> Clock:
+        """Clock of a record."""
+        if self.clocks is not None:
+            return self.clocks[plan.name]
+        times = self._in_step(plan)
+        return Clock(times, times)
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """What tells these clocks from others; empty where all sample in step with the drive."""
+        if self.clocks is None:
+            return ""
+        return sha256(b"".join(clock.true.tobytes() for clock in self.clocks.values())).hexdigest()
 
     def times(self, plan: Plan) -> np.ndarray:
-        """Instants of a record (n,)  [s]."""
+        """Instants at which a record was sampled (n,)  [s]."""
+        return self.clock(plan).true
+
+    def _in_step(self, plan: Plan) -> np.ndarray:
         if plan.kind == "harmonic":
             return np.arange(self.periods * self.samples) / (plan.frequency * self.samples)
         return self.time
@@ -90,7 +125,7 @@ class System:
             return repeating(plant, laws, 1.0 / plan.frequency, state)
         start = np.zeros(2 * plant.load.size)
         start[0] = plan.amplitude if plan.kind == "decay" else 0.0
-        return starting(plant, laws, self.time[-1], start)
+        return starting(plant, laws, self.times(plan)[-1], start)
 
     def rows(self, plan: Plan, motion: Motion, hidden: Mapping[str, float], shift: float = 0.0) -> np.ndarray:
         """What the instruments show: displacements, then velocities of the measured bodies (2 b, n).

@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hidden.causes import CAUSES, natural
-from hidden.hider import SYSTEMS, bench, correlated, hide
+from hidden.hider import SYSTEMS, bench, hide
 from hidden.motion import Refused
+from hidden.noise import coloured
 
 import calib.effects
 from calib.excitation import Excitation
@@ -178,7 +179,7 @@ def test_noise_has_the_stated_size_and_correlation(phi, cache, tmp_path):
 
 
 def test_correlated_noise_is_stationary_from_its_first_sample():
-    rows = correlated(np.random.default_rng(1), (20_000, 5), 0.9)
+    rows = coloured(np.random.default_rng(1), (20_000, 5), np.array([0.9]))
     assert rows.var(axis=0) == pytest.approx(1.0, rel=0.05)
 
 
