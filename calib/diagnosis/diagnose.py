@@ -14,7 +14,6 @@ from calib.diagnosis.gain import Gain, gained
 from calib.diagnosis.gates import Gate, above_noise, converged, fine_enough, noise_known, same_kind, simulates
 from calib.diagnosis.misfit import Misfit, misfit
 from calib.diagnosis.next_measurement import Measurement, next_measurement
-from calib.diagnosis.noise import RESIDUAL
 from calib.diagnosis.refit import Fit, Fitter
 from calib.diagnosis.score import Projection
 from calib.diagnosis.selection import HALF, NIBBLE, Selection, select
@@ -179,7 +178,7 @@ def prepared(
         fitter.evidence = gathered(named, bench.rows, cycle, null.point.seen, spoilt=spoilt)
         gates[-1] = noise_known(fitter.evidence)
         null = fitter.fit(null.point)
-    if any(noise.source == RESIDUAL for part in evidence.parts for noise in part.noise):
+    if any(not noise.repeated for part in evidence.parts for noise in part.noise):
         left = _left(fitter, null, [c for c in suspects if not c.effect.rough])
         fitter.evidence = gathered(named, bench.rows, cycle, null.point.seen, left, spoilt)
         gates[-1] = noise_known(fitter.evidence)
@@ -268,7 +267,9 @@ def _left(fitter: Fitter, null: Fit, suspects: Sequence) -> dict[str, np.ndarray
     slopes = [slope for own in fitter.suspected(null.point, suspects) for slope in own]
     columns = [slope.column for slope in slopes if slope.column is not None and slope.column.any()]
     everything = Projection(np.column_stack([null.columns, null.nuisances, *columns]))
+    counted = fitter.evidence.counted()
     left, found = everything(null.residual), {}
+    left *= np.sqrt(counted / max(1.0, counted - everything.rank))  # as large as the noise, on average
     for part in fitter.evidence.parts:
         rows = left[fitter.evidence.of(part.name)].reshape(part.measured.shape)
         found[part.name] = np.array([noise.coloured(row) for noise, row in zip(part.noise, rows, strict=True)])

@@ -8,7 +8,16 @@ from scipy.ndimage import median_filter, uniform_filter1d
 
 from calib.cycles import mean_cycle
 from calib.diagnosis.bench import Seen
-from calib.diagnosis.noise import LEAST_CYCLES, STATED, Noise, from_cycles, from_residual, shared, with_memory
+from calib.diagnosis.noise import (
+    LEAST_CYCLES,
+    STATED,
+    Noise,
+    Repeating,
+    from_cycles,
+    from_residual,
+    shared,
+    with_memory,
+)
 from calib.objective import Objective, Reference
 from calib.record import channels, prescribed
 
@@ -247,9 +256,7 @@ def gathered(
         name: _repeating(reference, rows[name], mended[name], seen[name].rows, weights[name], cycle[name])
         for name, reference in references.items()
     }
-    known: dict[tuple[str, str], Noise] = {}
-    for noises in repeating.values():
-        known = {**noises, **known}
+    known = [Repeating(_step(references[name]), noise) for name, noise in repeating.items()]
     parts = []
     for name, reference in references.items():
         weight = weights[name]
@@ -258,7 +265,7 @@ def gathered(
         for index, row in enumerate(rows[name]):
             noise = repeating[name].get(row)
             if noise is None:
-                stated, memory = _stated(reference.record, row), shared(known, row)
+                stated, memory = _stated(reference.record, row), shared(known, row, _step(reference))
                 rest = residual[index], weight[index], measured[name][index], stated
                 if memory is not None:
                     noise = with_memory(memory, *rest)
@@ -359,6 +366,12 @@ def _repeating(
         for row, left, w, values in noises
         if w.any()
     }
+
+
+def _step(reference: Reference) -> float:
+    """Mean interval between the samples of a record  [s]."""
+    time = reference.record.time.values
+    return float((time[-1] - time[0]) / (time.size - 1))
 
 
 def _stated(record, row: tuple[str, str]) -> float | None:

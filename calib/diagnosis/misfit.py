@@ -1,5 +1,6 @@
 """What the calibrated model gets wrong, in numbers."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -25,7 +26,8 @@ class Deviation:
     label, record, body, unit : what, of which record and body, in which unit
     measured, simulated, error : values, and the standard error of the measured one by the noise; simulated None where
         the simulation shows no such thing
-    z : simulated less measured, in standard errors; None where one of the three is missing
+    z : what the simulation predicts of it, noise and sampling included, less measured, in standard errors; None where
+        one of the three is missing
     """
 
     label: str
@@ -78,38 +80,43 @@ def misfit(pool: Pool, bench: Bench, evidence: Evidence, null: Fit, seed: int) -
     runs = [Run(name, null.point.values) for name in evidence.names]
     views = dict(zip(evidence.names, simulated(pool, runs), strict=True))
     rng = np.random.default_rng(seed)
-    features = [d for part in evidence.parts for d in _deviations(bench, part, views[part.name].features, rng)]
+    features = [d for part in evidence.parts for d in features_beside(bench, part, views[part.name], rng)]
     features.sort(key=lambda deviation: -abs(deviation.z or 0.0))
     channels = [c for part in evidence.parts for c in _channels(part, null.point.seen[part.name])]
     return Misfit(tuple(features), tuple(channels))
 
 
-def _deviations(
-    bench: Bench, part: Part, features: Sequence[FeatureValue], rng: np.random.Generator
-) -> list[Deviation]:
-    """Features with their standard errors: how much they change when more such noise is laid over the record."""
+def features_beside(bench: Bench, part: Part, view: Seen, rng: np.random.Generator) -> list[Deviation]:
+    """Features of a record beside those that the model predicts of it, noise and sampling included.
+
+    Noise is laid over the simulation at the record's own instants, and features are taken of that as they are of the
+    record. Their mean is what the model predicts of the measured value - a magnitude gains by noise, a peak between two
+    samples is missed by both - and their standard deviation its standard error.
+
+    Parameters
+    ----------
+    view : simulated, with its features
+    """
     record = bench.objective.references[part.name].record
     bodies = [str(body) for body in record.body.values]
     drawn: dict[tuple[str, str], list[float]] = {}
     for _ in range(DRAWS):
-        noisy = record.copy(deep=True)
-        for (body, channel), noise in zip(part.rows, part.noise, strict=True):
-            noisy[channel].values[bodies.index(body)] += noise.drawn(rng, part.time.size)
-        for feature in bench.objective.features(part.name, noisy):
+        predicted = record.copy(deep=True)
+        for (body, channel), noise, row in zip(part.rows, part.noise, view.rows, strict=True):
+            predicted[channel].values[bodies.index(body)] = row + noise.drawn(rng, part.time.size)
+        for feature in bench.objective.features(part.name, predicted):
             if feature.simulated is not None:
                 drawn.setdefault((feature.label, feature.body), []).append(feature.simulated - feature.measured)
-    found = []
-    for feature in features:
-        apart = drawn.get((feature.label, feature.body), [])
-        error = float(np.std(apart)) if len(apart) > DRAWS // 2 else np.nan
-        known = feature.simulated is not None and error > 0.0
-        z = (feature.simulated - feature.measured) / error if known else None
-        found.append(
-            Deviation(
-                feature.label, feature.record, feature.body, feature.unit, feature.measured, feature.simulated, error, z
-            )
-        )
-    return found
+    return [_deviation(feature, drawn.get((feature.label, feature.body), [])) for feature in view.features]
+
+
+def _deviation(feature: FeatureValue, apart: Sequence[float]) -> Deviation:
+    """Compare a feature by what draws of its prediction lie `apart` from the measured value."""
+    error = math.hypot(np.std(apart), feature.resolution) if len(apart) > DRAWS // 2 else np.nan
+    z = float(np.mean(apart)) / error if feature.simulated is not None and error > 0.0 else None
+    return Deviation(
+        feature.label, feature.record, feature.body, feature.unit, feature.measured, feature.simulated, error, z
+    )
 
 
 def _channels(part: Part, seen: Seen) -> list[Channel]:

@@ -10,7 +10,7 @@ memory of either would make too sure.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,6 +22,7 @@ LEAST_CYCLES = 2.25  # of a record that shows its noise from cycle to cycle
 LEAST = 1e-6  # of a channel's root mean square: noise below that is none, and the model's accuracy counts
 SAME = 1.5  # times the stated level: a residual that is larger is no noise
 QUICK = 0.6052697  # median |2 x_i - x_(i-2) - x_(i+2)| to standard deviation (Stoehr et al. 2008, DER_SNR)
+SAME_STEP = 0.01  # relative difference of two sampling intervals that count as one
 STATED, CYCLIC, RESIDUAL = "stated in the record", "cycle to cycle", "the residual"
 
 
@@ -61,6 +62,14 @@ class Noise:
         lead = 20 * (self.memory.size + 1)
         new = self.sigma * self.innovation * rng.standard_normal(size + lead)
         return lfilter([1.0], np.concatenate([[1.0], -self.memory]), new)[lead:]
+
+
+@dataclass(frozen=True, eq=False)
+class Repeating:
+    """Noise of a record whose cycles show it, by row, and the interval between its samples [s]."""
+
+    step: float
+    noise: Mapping[tuple[str, str], Noise]
 
 
 def from_cycles(
@@ -151,8 +160,17 @@ def _innovation(memory: np.ndarray) -> float:
     return math.sqrt(max(1e-12, 1.0 - float(memory @ rho)))
 
 
-def shared(noises: Mapping[tuple[str, str], Noise], row: tuple[str, str]) -> np.ndarray | None:
-    """Memory of the same channel of the same body in another record, else of the same channel of another body."""
-    if row in noises:
-        return noises[row].memory
-    return next((noise.memory for (_, channel), noise in noises.items() if channel == row[1]), None)
+def shared(noises: Iterable[Repeating], row: tuple[str, str], step: float) -> np.ndarray | None:
+    """Memory of the same channel of the same body in another record, else of the same channel of another body.
+
+    An autoregression belongs to the interval between its samples: only records that are sampled as fast share it.
+
+    Parameters
+    ----------
+    noises : of the rows of each record that repeats
+    step : interval between the samples of the record that needs one  [s]
+    """
+    alike = [known.noise for known in noises if abs(known.step - step) <= SAME_STEP * step]
+    own = [noise[row].memory for noise in alike if row in noise]
+    others = [n.memory for noise in alike for (_, channel), n in noise.items() if channel == row[1]]
+    return next(iter((*own, *others)), None)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.cycles import harmonics, impact, mean_cycle
+from calib.cycles.impacts import PULSE_FOOT
 
 SHARE = 0.02  # tolerance, as a share of the measured value
 PHASE = 0.01  # tolerance of an impact's phase, in periods
@@ -21,6 +22,7 @@ class FeatureValue:
     label, record, body, unit : what, of which record and body, in which unit
     measured, simulated : values; simulated None where the simulation shows no such thing (no impact)  [unit]
     tolerance : 2 % of the measured value, or twice its standard uncertainty where that is more  [unit]
+    resolution : standard uncertainty of a difference that the samples leave, of both records alike  [unit]
     """
 
     label: str
@@ -30,16 +32,21 @@ class FeatureValue:
     measured: float
     simulated: float | None
     tolerance: float
+    resolution: float = 0.0
 
 
 @dataclass(frozen=True)
 class Scalar:
-    """A number with its unit, the least difference that matters, and the turn if it is an angle."""
+    """A number with its unit, the least difference that matters, and the turn if it is an angle.
+
+    resolution : standard uncertainty of a difference between two such numbers that finite sampling leaves  [unit]
+    """
 
     value: float
     unit: str
     floor: float = 0.0
     turn: float | None = None
+    resolution: float = 0.0
 
     @property
     def tolerance(self) -> float:
@@ -105,10 +112,11 @@ def _impact(phase, loop, sigma):
     at, change, contact = impact(phase, loop)
     if np.isnan(at):
         return {}
+    sampling = float(phase[1] - phase[0]) / np.sqrt(6.0)  # of a difference of two instants known to a sample each
     return {
-        "impact phase": Scalar(at, "1", PHASE, turn=1.0),
-        "velocity change at impact": Scalar(change, "m/s", 4.0 * sigma),
-        "contact time": Scalar(contact, "1", float(phase[1] - phase[0])),
+        "impact phase": Scalar(at, "1", PHASE, turn=1.0, resolution=sampling),
+        "velocity change at impact": Scalar(change, "m/s", 4.0 * sigma, resolution=PULSE_FOOT * abs(change)),
+        "contact time": Scalar(contact, "1", float(phase[1] - phase[0]), resolution=sampling),
     }
 
 
@@ -125,6 +133,7 @@ def compared(
             measured=scalar.value,
             simulated=scalar.near(simulated[label].value) if label in simulated else None,
             tolerance=scalar.tolerance,
+            resolution=scalar.resolution,
         )
         for label, scalar in measured.items()
     ]
