@@ -70,6 +70,14 @@ class Diagnosis:
         return (*self._spoilt, *(c.name for c in self.selection.causes)) if self.verdict == NAMED else ()
 
     @property
+    def stand_ins(self) -> tuple[str, ...]:
+        """Effects that explain the misfit, but with sizes that differ: each acts like a cause that is not known."""
+        selection = self.selection
+        if self.verdict != UNEXPLAINED or selection is None or not selection.explained:
+            return ()
+        return tuple(cause.name for cause in selection.causes)
+
+    @property
     def _spoilt(self) -> tuple[str, ...]:
         return tuple(name for name, share in ((OUTLIERS, self.outliers), (QUANTISATION, self.rounding)) if share)
 
@@ -286,9 +294,12 @@ def _verdict(selection: Selection, gates: Sequence[Gate], ready: Prepared) -> tu
         if ready.rounding and selection.marked:
             return NAMED, f"{' and '.join(spoilt)}; no effect beside that explains what is left"
         if selection.marked:
-            closest = selection.rounds[0].suspects[0] if selection.rounds[0].suspects else None
+            first = selection.rounds[0]
             said = "the misfit is more than noise, and no candidate explains it"
-            return UNEXPLAINED, said + ("" if closest is None else f"; {closest.name} comes closest")
+            if first.hindered is not None:
+                return UNEXPLAINED, f"{said}; {first.hindered.name} comes closest, but {first.hindrance}"
+            closest = f"; {first.suspects[0].name} comes closest" if first.suspects else ""
+            return UNEXPLAINED, said + closest
         if spoilt:
             return NAMED, f"{' and '.join(spoilt)}; beside that the residual is what noise leaves"
         return NONE, "the residual is what noise leaves; nothing that could be named is missing"

@@ -10,6 +10,7 @@ from scipy import stats
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.constancy import inconstancy
 from calib.diagnosis.evidence import Evidence
+from calib.diagnosis.prediction import Prediction, predicted
 from calib.diagnosis.refit import LEVEL, Fit, Fitter
 from calib.diagnosis.score import Signature, Tested, deviate, tested, threshold
 
@@ -116,6 +117,9 @@ class Round:
     chosen : the suspect that explains most, None where none passes
     rivals : suspects that cannot be told from the chosen one, which is the simplest of them
     excess : by which the base's sum of squares exceeds what noise leaves, where refitted suspects are compared
+    prediction : of the chosen suspect, or of the one that was hindered; None where it was not or cannot be tested
+    hindered : the suspect that explains most where it is no cause, None where it is one or there is none
+    hindrance : why it is none
     """
 
     base: Fit
@@ -124,10 +128,13 @@ class Round:
     chosen: Suspect | None
     rivals: tuple[Suspect, ...]
     excess: float
+    prediction: Prediction | None = None
+    hindered: Suspect | None = None
+    hindrance: str = ""
 
-    def without_cause(self) -> "Round":
+    def without_cause(self, why: str) -> "Round":
         """Return the same search with no cause found."""
-        return replace(self, chosen=None, rivals=())
+        return replace(self, chosen=None, rivals=(), hindered=self.chosen, hindrance=why)
 
     @property
     def margin(self) -> float:
@@ -184,16 +191,28 @@ class Selection:
         beside it; a gross misfit is only ever explained in part.
         """
         little = max(MARKED * self.blur, CRUMB * self.excess)
-        gross = self.left > GROSS * self.blur**2
-        return self.left < little or (gross and self.share >= HALF)
+        return self.left < little or (self.gross and self.share >= HALF)
 
     @property
     def constant(self) -> bool:
         """Whether several causes have one size each in all channels of all records.
 
         Several that do not may imitate any other: together they are a flexible model. One cause speaks for itself.
+        Where what is left is mostly not noise it bends every size, and noise is no measure of how much: there causes
+        have to predict records that had no part in their fit.
         """
-        return self.inconstancy <= self.rounds[0].threshold
+        return self.inconstancy <= self.rounds[0].threshold or (self.gross and self.predicts)
+
+    @property
+    def gross(self) -> bool:
+        """Whether what the causes leave is mostly not noise."""
+        return self.left > GROSS * self.blur**2
+
+    @property
+    def predicts(self) -> bool:
+        """Whether each cause lowers the misfit of data that had no part in its fit."""
+        tests = [r.prediction for r in self.rounds if r.chosen is not None]
+        return all(test is not None and test.succeeds for test in tests)
 
     @property
     def material(self) -> bool:
@@ -253,13 +272,11 @@ def select(
         on_stage(f"suspects {number + 1}")
         excess, blur = _excess(fitter.evidence, base), _blur(fitter.evidence)
         found = search(fitter, base, left, seed + number, excess / blur, known)
-        if number and found.chosen is not None and _nibbles(fitter.evidence, null, base, found.chosen):
-            found = found.without_cause()
         ahead = None if found.chosen is None else fitter.sharpened(found.chosen.fit)
-        if ahead is not None and _indistinct(ahead, found.chosen):
-            found = found.without_cause()
-        if number and ahead is not None and _bent(fitter.evidence, null, base, ahead, found.threshold):
-            found = found.without_cause()
+        if ahead is not None:
+            found = replace(found, prediction=_prediction(fitter.evidence, base, ahead, found.chosen))
+            why = _hindrance(fitter.evidence, null, base, ahead, found, further=number > 0)
+            found = found.without_cause(why) if why else found
         rounds.append(found)
         if found.chosen is None:
             break
@@ -291,6 +308,35 @@ def select(
         blur=_blur(common),
         inconstancy=inconstancy(fitter.evidence, base) if len(named) > 1 else 0.0,
     )
+
+
+def _prediction(evidence: Evidence, base: Fit, ahead: Fit, cause: Suspect) -> Prediction | None:
+    """Cross-validate a cause; None where that cannot be done, or no derivative tells how."""
+    own = (*cause.candidate.free, *cause.candidate.form)
+    index = [ahead.names.index(name) for name in own if name in ahead.names]
+    if len(index) < len(own) or not ahead.columns[:, index].any(axis=0).all():
+        return None
+    return predicted(evidence, base, ahead, own)
+
+
+def _hindrance(evidence: Evidence, null: Fit, base: Fit, ahead: Fit, found: Round, further: bool) -> str:
+    """Why the chosen suspect of a search, in the model `ahead`, is no cause; "" where it is one.
+
+    further : whether there are causes before it
+    """
+    cause, test = found.chosen, found.prediction
+    if further and _nibbles(evidence, null, base, cause):
+        return "it explains a negligible share of what the calibrated model leaves"
+    if _indistinct(ahead, cause):
+        return "its interval beside all other parameters holds the size at which it is absent"
+    if test is not None and not test.succeeds:
+        return (
+            f"it does not predict what had no part in its fit ({', '.join(test.folds)} left out in turn): the sum of "
+            f"squares there falls by {test.reduction:.3g} +- {test.error:.2g}"
+        )
+    if further and test is None and _bent(evidence, null, base, ahead, found.threshold):
+        return "sizes differ among the channels of the records, and a large misfit is left"
+    return ""
 
 
 def _nibbles(evidence: Evidence, null: Fit, base: Fit, cause: Suspect) -> bool:

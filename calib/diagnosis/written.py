@@ -9,7 +9,7 @@ import numpy as np
 from calib.diagnosis.diagnose import UNEXPLAINED, Diagnosis
 from calib.diagnosis.gain import METRIC, Gain
 from calib.diagnosis.next_measurement import Measurement
-from calib.diagnosis.selection import Round, Suspect
+from calib.diagnosis.selection import MARKED, Round, Suspect
 from calib.store.plain import plain
 
 
@@ -22,6 +22,8 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         "said": diagnosis.said,
         "causes": list(diagnosis.causes),
         "class": [list(names) for names in diagnosis.classes],
+        "stand_ins": list(diagnosis.stand_ins),
+        "remains": None if selection is None else _remains(diagnosis),
         "closest": [c.name for c in selection.causes] if selection and diagnosis.verdict == UNEXPLAINED else [],
         "suspects": []
         if first is None
@@ -105,6 +107,9 @@ def _round(found: Round, excess: float) -> dict[str, Any]:
         "chosen": None if chosen is None else chosen.name,
         "share": None if chosen is None or not excess > 0.0 else chosen.drop / excess,
         "rivals": [rival.name for rival in found.rivals],
+        "prediction": None if found.prediction is None else asdict(found.prediction),
+        "hindered": None if found.hindered is None else found.hindered.name,
+        "hindrance": found.hindrance,
         "alike": {rival.name: alike(rival, chosen) for rival in found.rivals if rival is not chosen},
     }
 
@@ -121,6 +126,22 @@ def _misfit(diagnosis: Diagnosis) -> dict[str, Any]:
         "inconstancy": selection.inconstancy,
         "features": [asdict(deviation) for deviation in said.features],
         "channels": [{**asdict(channel), "orders": channel.orders.tolist()} for channel in said.channels],
+    }
+
+
+def _remains(diagnosis: Diagnosis) -> dict[str, Any]:
+    """What is left of the misfit: its share, whether it is above the noise, and the share of each row in it."""
+    selection = diagnosis.selection
+    final, rows = selection.final, []
+    for part in diagnosis.evidence.parts:
+        residual = final.residual[diagnosis.evidence.of(part.name)].reshape(part.measured.shape)
+        for (body, channel), row, weight in zip(part.rows, residual, part.weight, strict=True):
+            beyond = max(0.0, float(row @ row) - float((weight**2).sum()))
+            rows.append({"record": part.name, "body": body, "channel": channel, "beyond_noise": beyond})
+    return {
+        "share": selection.left / selection.excess if selection.marked else None,
+        "above_noise": selection.left > MARKED * selection.blur,
+        "rows": rows,
     }
 
 

@@ -296,13 +296,20 @@ def _rounds(said):
             {
                 "model": " + ".join(["calibrated", *known]),
                 "threshold": f"{found['threshold']:.2f}",
-                "chosen": found["chosen"] or "none passes",
+                "chosen": found["chosen"] or _none(found),
                 "share": "-" if share is None else percent(min(1.0, share)),
                 "rivals": ", ".join(rivals) or "-",
             }
         )
         known += [found["chosen"]] if found["chosen"] else []
     return rows
+
+
+def _none(found):
+    """Why a search named nothing."""
+    if not found.get("hindered"):
+        return "none is above the threshold"
+    return f"none: {found['hindered']} explains most, but {found['hindrance']}"
 
 
 def _why(said, outcomes):

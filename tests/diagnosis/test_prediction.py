@@ -1,0 +1,86 @@
+"""Prediction of data left out, on linear models with Gaussian noise and known answers."""
+
+import numpy as np
+import pytest
+
+from calib.diagnosis.evidence import Evidence, Part
+from calib.diagnosis.noise import STATED, Noise
+from calib.diagnosis.prediction import predicted
+from calib.diagnosis.refit import Fit
+
+SIZE = 400
+TIME = np.linspace(0.0, 1.0, SIZE, endpoint=False)
+
+
+def evidence(count, period=None):
+    one = np.ones((1, SIZE))
+    noise = (Noise(1.0, np.zeros(0), STATED),)
+    return Evidence(tuple(
+        Part(f"r{k}", (("mass", "displacement"),), TIME, 0.0 * one, period, 1, (), noise, one > 0.0, one)
+        for k in range(count)
+    ))  # fmt: skip
+
+
+def fitted(measured, columns, names):
+    """Least squares of the stacked records (N,) by the columns (N, k)."""
+    values = np.linalg.lstsq(columns, measured, rcond=None)[0]
+    none = np.zeros((measured.size, 0))
+    rows = np.arange(measured.size) // SIZE
+    return Fit(None, (), measured - columns @ values, columns, names, (), none, rows)
+
+
+def case(seed, size, count=2, period=None, shape=None):
+    """Evidence and fits without and with a cause of this size in units of the noise of a sample."""
+    rng = np.random.default_rng(seed)
+    base = np.tile(np.column_stack([np.ones(SIZE), TIME]), (count, 1))
+    shape = np.tile(np.sin(40.0 * TIME), count) if shape is None else shape
+    measured = base @ [3.0, -1.0] + size * shape + rng.standard_normal(base.shape[0])
+    known = evidence(count, period)
+    return known, fitted(measured, base, ("a", "b")), fitted(measured, np.column_stack([base, shape]), ("a", "b", "c"))
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_cause_that_is_there_predicts(count):
+    for seed in range(5):
+        assert predicted(*case(seed, 1.0, count), ("c",)).succeeds
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_what_is_not_there_predicts_seldom(count):
+    found = [predicted(*case(seed, 0.0, count), ("c",)).succeeds for seed in range(60)]
+    assert np.mean(found) < 0.2
+
+
+def test_a_size_that_differs_from_record_to_record_does_not_predict():
+    one = np.sin(40.0 * TIME)
+    rng = np.random.default_rng(0)
+    base = np.tile(np.column_stack([np.ones(SIZE), TIME]), (2, 1))
+    measured = base @ [3.0, -1.0] + np.concatenate([one, -0.6 * one]) + rng.standard_normal(2 * SIZE)
+    without = fitted(measured, base, ("a", "b"))
+    with_it = fitted(measured, np.column_stack([base, np.tile(one, 2)]), ("a", "b", "c"))
+    assert not predicted(evidence(2), without, with_it, ("c",)).succeeds
+
+
+def test_one_steady_tone_cannot_test_a_prediction():
+    assert predicted(*case(0, 0.5, 1, period=0.1), ("c",)) is None
+
+
+def test_a_cause_that_one_record_alone_shows_is_not_tested_on_it():
+    shape = np.concatenate([np.sin(40.0 * TIME), np.zeros(SIZE)])
+    found = predicted(*case(0, 0.5, 2, shape=shape), ("c",))
+    assert found.folds == ("r1",)
+
+
+def test_the_fall_is_that_of_least_squares_refitted_without_the_record():
+    known, without, with_it = case(3, 0.5)
+    found = predicted(known, without, with_it, ("c",))
+    falls = 0.0
+    for own in (slice(0, SIZE), slice(SIZE, 2 * SIZE)):
+        rest = np.ones(2 * SIZE, dtype=bool)
+        rest[own] = False
+        squares = []
+        for fit in (without, with_it):
+            values = np.linalg.lstsq(fit.columns[rest], fit.residual[rest], rcond=None)[0]
+            squares.append(np.sum((fit.residual[own] - fit.columns[own] @ values) ** 2))
+        falls += squares[0] - squares[1]
+    assert found.reduction == pytest.approx(falls, rel=1e-9)
