@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import tomlkit
-from tomlkit.items import AbstractTable
+from tomlkit.items import AbstractTable, Table
 
 from calib import result
 from calib.calibrate import rebuild
@@ -169,8 +169,9 @@ def _extended(file: StudyFile, found: Diagnosis) -> Path:
     final = found.selection.final
     _widened(document["windows"], file.study.space, file.study.model.parameters, final)
     _with_causes(document, file.effect_references(), found)
-    for name, window in document["windows"].items():
-        window["start"] = final.value(name)
+    sizes = [name for cause in found.selection.causes for name in cause.candidate.free]
+    for name in (*file.study.space.names, *sizes):
+        document["windows"][name]["start"] = final.value(name)
     path = file.path.with_name(f"{file.path.stem}.{EXTENDED}.toml")
     with whole(path) as temporary:
         temporary.write_text(tomlkit.dumps(document), encoding="utf-8")
@@ -188,10 +189,9 @@ def _with_causes(document: tomlkit.TOMLDocument, references: Mapping[str, str], 
         for name, value in cause.candidate.held.items():
             fixed[name] = float(value)
         for name, window in _windows(cause, found.selection.final, alone).items():
-            entry = tomlkit.inline_table()
-            entry.update({"low": window.low, "high": window.high})
-            entry.comment(f"{WIDTH:g} standard errors of the joint fit on each side, and what each record has alone")
-            document["windows"][name] = entry
+            document["windows"][name] = tomlkit.inline_table()
+            document["windows"][name].update({"low": window.low, "high": window.high})
+            _remark(document["windows"], name, f"{WIDTH:g} joint standard errors on each side; sizes of the records")
 
 
 def _entry(cause: Suspect, reference: str):
@@ -222,7 +222,10 @@ def _windows(cause: Suspect, final: Fit, alone: Sequence[Transfer]) -> dict[str,
 
 
 def joint_error(final: Fit, name: str) -> float:
-    """Standard error of a parameter where all of a fit are free, wider where it leaves more than noise; inf: unknown."""
+    """Standard error of a parameter where all of a fit are free, wider where it leaves more than noise; inf: unknown.
+
+    [unit of the parameter]
+    """
     index = final.names.index(name)
     left = max(1, final.residual.size - final.columns.shape[1] - final.nuisances.shape[1])
     error = math.sqrt(max(0.0, final.covariance[index, index]) * max(1.0, final.square / left))
@@ -231,9 +234,9 @@ def joint_error(final: Fit, name: str) -> float:
 
 def _rounded(low: float, high: float, half: float, parameter: Parameter) -> Window:
     """Window rounded outwards to a hundredth of its half width, as far as the parameter's bounds let it."""
-    digits = 2 - math.floor(math.log10(half))
-    low = float(Decimal(low).quantize(Decimal(10) ** -digits, ROUND_FLOOR))
-    high = float(Decimal(high).quantize(Decimal(10) ** -digits, ROUND_CEILING))
+    step = Decimal(1).scaleb(math.floor(math.log10(half)) - 2)
+    low = float(Decimal(str(float(low))).quantize(step, ROUND_FLOOR))
+    high = float(Decimal(str(float(high))).quantize(step, ROUND_CEILING))
     return Window(float(max(parameter.low, low)), float(min(parameter.high, high)))
 
 
@@ -246,7 +249,14 @@ def _widened(windows: AbstractTable, space: Space, parameters: Mapping[str, Para
         changed = {end: value for end, value in ends.items() if value != getattr(window, end)}
         if changed:
             windows[name].update(changed)
-            windows[name].comment(f"{' and '.join(changed)} widened: the diagnosis ended there")
+            _remark(windows, name, f"{' and '.join(changed)} widened: the diagnosis ended there")
+
+
+def _remark(windows: AbstractTable, name: str, text: str) -> None:
+    """Write a comment behind a window and what stands there already, where TOML has room for one."""
+    if isinstance(windows, Table) and isinstance(windows[name], AbstractTable):
+        known = windows[name].trivia.comment.removeprefix("#").strip()
+        windows[name].comment("; ".join(filter(None, [known, text])))
 
 
 def _widened_end(window: Window, end: float, bound: float, final: Fit, name: str) -> float:
