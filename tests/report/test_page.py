@@ -81,7 +81,7 @@ def test_it_says_kind_distance_agreement_and_what_was_not_reached(found):
     assert "period 1, as measured" in text
     assert "6 of 8 starts" in text
     assert "amplitude of q3 in clapping (measured 2.41 mm, nearest 3.02 mm, +25.3 %)" in text
-    assert "louder 2.80 % (period 1)" in text
+    assert "louder 2.8 % (period 1)" in text
     assert MISFIT in text
     assert "slower failed (diverged)" in text
 
