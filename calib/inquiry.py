@@ -212,24 +212,13 @@ def _windows(cause: Suspect, final: Fit, alone: Sequence[Transfer]) -> dict[str,
     """
     windows = {}
     for p in cause.candidate.parameters:
-        size, error = final.value(p.name), joint_error(final, p.name)
+        size, error = final.value(p.name), final.errors[p.name]
         departure = abs(size - (p.null if p.null is not None and np.isfinite(p.null) else 0.0))
         least = LEAST_HALF_WIDTH * (departure or cause.candidate.scale[p.name])
         half = max(WIDTH * error, least) if np.isfinite(error) else max(departure, least)
         own = [t.size for t in alone if t.parameter == p.name and not t.held and t.error <= departure]
         windows[p.name] = _rounded(min([size - half, *own]), max([size + half, *own]), half, p)
     return windows
-
-
-def joint_error(final: Fit, name: str) -> float:
-    """Standard error of a parameter where all of a fit are free, wider where it leaves more than noise; inf: unknown.
-
-    [unit of the parameter]
-    """
-    index = final.names.index(name)
-    left = max(1, final.residual.size - final.columns.shape[1] - final.nuisances.shape[1])
-    error = math.sqrt(max(0.0, final.covariance[index, index]) * max(1.0, final.square / left))
-    return error if error > 0.0 else math.inf
 
 
 def _rounded(low: float, high: float, half: float, parameter: Parameter) -> Window:
@@ -265,7 +254,7 @@ def _widened_end(window: Window, end: float, bound: float, final: Fit, name: str
     Near is within `WIDTH` joint standard errors, and within a tenth of the window.
     """
     edge, value = window.value(end), final.value(name)
-    near = abs(value - edge) <= WIDTH * joint_error(final, name) and abs(window.position(value) - end) <= NEAR_EDGE
+    near = abs(value - edge) <= WIDTH * final.errors[name] and abs(window.position(value) - end) <= NEAR_EDGE
     if not near:
         return edge
     factor = window.high / window.low if window.scale == "log" else 1.0

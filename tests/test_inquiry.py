@@ -1,6 +1,7 @@
 """`calib diagnose` and `calib rehearse` on a small study, files and all."""
 
 import json
+import math
 import shutil
 from dataclasses import replace
 from types import SimpleNamespace
@@ -201,12 +202,10 @@ def test_a_rehearsal_goes_on_where_it_was_stopped(folder):
 
 
 class Joint:
-    """What a window needs of a joint fit: k = 1 with a standard error, of as much misfit as noise leaves."""
+    """What a window needs of a joint fit: the size k and its standard error."""
 
     def __init__(self, error, size=1.0):
-        self.names, self.covariance, self.size = ("k",), np.array([[error**2]]), size
-        self.residual, self.columns, self.nuisances = np.ones(100), np.zeros((100, 1)), np.zeros((100, 0))
-        self.square = 99.0
+        self.errors, self.size = {"k": error or math.inf}, size
 
     def value(self, name):
         return self.size
@@ -235,12 +234,6 @@ def test_a_window_at_the_bound_of_its_parameter_is_no_point():
 def test_a_window_holds_the_sizes_of_records_that_know_the_effect():
     alone = [Transfer("clear", "k", 1.3, 0.01, False), Transfer("vague", "k", 9.0, 5.0, False)]
     assert window(0.03, *alone, Transfer("held out", "k", 2.0, 0.01, True)) == Window(0.88, 1.3)
-
-
-def test_a_misfit_beyond_noise_widens_the_joint_error():
-    joint = Joint(0.1)
-    joint.square = 4.0 * 99.0
-    assert inquiry.joint_error(joint, "k") == pytest.approx(0.2)
 
 
 @pytest.mark.parametrize(

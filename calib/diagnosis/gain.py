@@ -288,9 +288,9 @@ def agreements(transfers: Sequence[Transfer], limit: float) -> tuple[Agreement, 
 
 
 def _shifts(null: Fit, final: Fit) -> tuple[Shift, ...]:
-    errors = dict(zip(final.names, np.sqrt(np.maximum(0.0, np.diag(final.covariance))), strict=True))
+    errors = final.errors
     return tuple(
         Shift(name, null.value(name), final.value(name), (final.value(name) - null.value(name)) / errors[name])
         for name in null.names
-        if errors.get(name, 0.0) > 0.0
+        if errors.get(name, np.inf) < np.inf
     )

@@ -73,6 +73,17 @@ class Fit:
         inverse = np.linalg.pinv((free / scale).T @ (free / scale), rcond=1e-12, hermitian=True)
         return inverse / np.outer(scale, scale)
 
+    @property
+    def errors(self) -> dict[str, float]:
+        """Standard error of each parameter, all others free, in its unit; infinite where no record knows it.
+
+        Wider than the covariance where more than noise is left (quasi-likelihood, Burnham & Anderson 2002, 2.5).
+        """
+        left = max(1, self.residual.size - self.columns.shape[1] - self.nuisances.shape[1])
+        variance = np.maximum(0.0, np.diag(self.covariance)) * max(1.0, self.square / left)
+        known = np.where(variance > 0.0, np.sqrt(variance), np.inf)
+        return dict(zip(self.names, known.tolist(), strict=True))
+
     def value(self, name: str) -> float:
         """Value of a parameter, in SI."""
         return float(self.point.values[name])

@@ -79,8 +79,8 @@ class Suspect:
     def error(self) -> np.ndarray:
         """Standard errors (p,) of the sizes."""
         if self.fit is not None and self.fit.names:
-            index = [self.fit.names.index(name) for name in self.candidate.free]
-            return np.sqrt(np.maximum(0.0, np.diag(self.fit.covariance)[index]))
+            errors = self.fit.errors
+            return np.array([errors[name] for name in self.candidate.free])
         return self.test.error if self.test is not None else np.full(len(self.candidate.free), np.inf)
 
     @property

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.gain import Transfer, _refitted, agreements
+from calib.diagnosis.refit import Fit
 
 N = 400
 SEGMENTS = np.arange(N) // 20
@@ -46,3 +47,13 @@ def test_records_agree_by_the_threshold_of_the_diagnosis():
     assert found.z == pytest.approx(np.sqrt(2.0))
     [found] = agreements([near[0], Transfer("b", "k", 2.0, 0.1, True)], 3.0)
     assert not found.agree
+
+
+def test_a_joint_error_is_wider_where_more_than_noise_is_left():
+    rng = np.random.default_rng(2)
+    columns, residual = np.column_stack([rng.standard_normal((N, 2)), np.zeros(N)]), rng.standard_normal(N)
+    rest = columns, ("a", "b", "c"), (), np.zeros((N, 0))
+    noise, gross = (Fit(None, (), size * residual, *rest) for size in (1.0, 5.0))
+    assert noise.errors["a"] == pytest.approx(N**-0.5, rel=0.2)
+    assert gross.errors["a"] == pytest.approx(5.0 * noise.errors["a"], rel=0.1)
+    assert noise.errors["c"] == np.inf  # no record knows it
