@@ -42,7 +42,7 @@ use = "holdout"
 
 [model]
 simulator = "oscillator"
-fixed = { mass = 1.0 }
+fixed = { mass = 1.0, "initial_displacement@later" = 0.0 }
 
 [windows]
 damping = { low = 0.5, high = 8.0 }
@@ -160,7 +160,8 @@ def test_a_third_partys_effect_stands_in_the_extended_study_as_it_was_loaded(tmp
     [effect] = file.study.model.effects
     assert (effect.name, effect.bodies) == ("stiffer_when_bent", ("mass",))
     assert file.effect_references() == before.effect_references()
-    assert file.others.keys() == {"later"}  # still held out
+    assert file.others["later"].use == "holdout"
+    assert file.study.space.fixed["initial_displacement@later"] == 0.0
     at = file.study.space.values(file.study.space.starting_point)
     assert evaluate(file.study, at).score.total < 0.011  # of 1 % noise
 

@@ -11,7 +11,7 @@ from calib.diagnosis.evidence import Evidence, Part, gathered
 from calib.diagnosis.refit import Fit, Fitter
 from calib.diagnosis.score import Projection, Signature, deviate, tested
 from calib.diagnosis.selection import Suspect
-from calib.diagnosis.signature import slopes
+from calib.diagnosis.signature import Direction, slopes
 from calib.objective import Squares, misfit, row_weights
 from calib.study import Pool
 
@@ -25,7 +25,8 @@ RECORDS, BLOCKS = "records held out", "blocks of the calibrated records"
 class Transfer:
     """Size of an effect refitted to one record alone, to first order about the size that all records have.
 
-    All other parameters, calibrated ones included, and the nuisances of the record are free.
+    All other parameters, calibrated ones included, and the nuisances of the record are free; so are the values that the
+    study fixes for this record of parameters that are searched for others.
 
     Attributes
     ----------
@@ -132,7 +133,7 @@ def gained(
     references = bench.objective.references
     held = [name for name, reference in references.items() if reference.use == "holdout"]
     shifts = _shifts(null, final)
-    columns = {name: final.columns[fitter.evidence.of(name)] for name in fitter.evidence.names}
+    columns = _columns(pool, fitter, fitter.evidence, final, final.columns)
     transfers = _transfers(fitter.evidence, final, columns, held=False)
     if not held:
         return _of_blocks(fitter, null, final, causes, seed, shifts=shifts, **_sizes(transfers, limit))
@@ -154,7 +155,7 @@ def gained(
     evidence = gathered(chosen, bench.rows, cycle, after).with_weights([before, after])
     parts = [(part, before[part.name], after[part.name]) for part in evidence.parts]
     there = replace(final, point=replace(final.point, seen=after))
-    transfers += _transfers(evidence, there, _held_columns(pool, fitter, evidence, there), held=True)
+    transfers += _transfers(evidence, there, _columns(pool, fitter, evidence, there), held=True)
     return _summed(RECORDS, parts, seed, failed=failed, shifts=shifts, **_sizes(transfers, limit))
 
 
@@ -220,7 +221,7 @@ def _transfers(evidence: Evidence, final: Fit, columns: Mapping[str, np.ndarray]
 
     Parameters
     ----------
-    columns : record -> (n, k) derivatives of its residuals by the parameters `final.names`
+    columns : record -> (n, k) derivatives by the parameters `final.names`, then by what else is free
     """
     residual, nuisances = evidence.residual(final.point.seen), evidence.tangents(final.point.seen)
     found = []
@@ -253,14 +254,37 @@ def _refitted(
     return float(test.size[0]), float(test.error[0])
 
 
-def _held_columns(pool: Pool, fitter: Fitter, evidence: Evidence, final: Fit) -> dict[str, np.ndarray]:
-    """Derivatives by all parameters of the final model, of the records held out that have them."""
-    directions, found = fitter.directions(final.point, final.found), {}
+def _columns(
+    pool: Pool, fitter: Fitter, evidence: Evidence, final: Fit, known: np.ndarray | None = None
+) -> dict[str, np.ndarray]:
+    """Derivatives (n, k) of each record by all parameters of the final model, then by values of its own that are fixed.
+
+    A record without one of them is left out.
+
+    Parameters
+    ----------
+    known : (N, k) derivatives by all parameters of the final model; None: they are taken
+    """
+    shared, found = fitter.directions(final.point, final.found) if known is None else [], {}
     for name in evidence.names:
+        directions = [*shared, *_fixed_alone(fitter, final, name)]
         own = slopes(pool, evidence.only([name]), final.point, directions, fitter.steps, compared=False)
         columns = [slope.column for slope in own]
         if all(column is not None for column in columns):
-            found[name] = np.column_stack(columns)
+            first = [] if known is None else [known[evidence.of(name)]]
+            found[name] = np.column_stack([*first, *columns])
+    return found
+
+
+def _fixed_alone(fitter: Fitter, final: Fit, record: str) -> list[Direction]:
+    """Directions of what is fixed for this record and searched for others, such as its initial state."""
+    searched = {name.partition("@")[0]: window for name, window in fitter.space.windows.items()}
+    found = []
+    for name, value in final.point.values.items():
+        base, _, owner = name.partition("@")
+        if owner == record and base in searched and name not in final.names:
+            parameter, window = fitter.model.parameters[base], searched[base]
+            found.append(Direction(name, value, window.high - window.low, parameter.low, parameter.high))
     return found
 
 

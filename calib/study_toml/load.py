@@ -122,7 +122,8 @@ def load(path: str | Path, budget: int | None = None, jobs: int | None = None) -
     optimiser = _optimiser(shape, mistakes)
     timeout = _seconds(shape, mistakes)
     most = budget or shape.study.budget
-    if shape.study.screen is not None and shape.study.screen >= most:
+    started = any(window.start is not None for window in shape.windows.values())
+    if shape.study.screen is not None and shape.study.screen + started >= most:
         mistakes.add(("study", "screen"), f"the screen of {shape.study.screen} leaves nothing of the {most} trials")
     mistakes.tell()
     with mistakes.at("term"):
