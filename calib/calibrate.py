@@ -1,5 +1,6 @@
 """The main job: search, confirm and judge what was found, try it on the records held out, and write it all down."""
 
+import math
 import time
 import warnings
 from collections.abc import Mapping, Sequence
@@ -17,7 +18,7 @@ from calib.diagnosis import kept
 from calib.errors import CalibError
 from calib.files import whole
 from calib.model import Model
-from calib.objective import Objective, Reference, Score
+from calib.objective import Objective, Reference, Score, record_misfit
 from calib.pool import Failure, LocalPool, in_order
 from calib.progress import Progress
 from calib.record import OK, failed
@@ -111,7 +112,7 @@ def _concluded(
         reach=found.reach,
         agreement=found.agreement,
         stopped=found.stopped,
-        holdout=_said_of_others(final),
+        holdout=_said_of_others(file, final),
         remarks=[
             *([] if confirmation is None else confirmation.remarks),
             *_in_the_place_of_intervals(study, found.trials, confidence),
@@ -156,7 +157,7 @@ def rebuild(path: str | Path, out: str | Path | None = None) -> Path:
             best=top,
             score=_scores(final).get(CALIBRATED),
             reach=reach(trials),
-            holdout=_said_of_others(final),
+            holdout=_said_of_others(file, final),
             remarks=_remarks(file.study.objective, final.get(CALIBRATED)),
             stopped="not finished",
         )
@@ -233,14 +234,20 @@ def _scores(final: Mapping[str, Evaluation | Failure]) -> dict[str, Score]:
     return {name: answer.score for name, answer in final.items() if isinstance(answer, Evaluation)}
 
 
-def _said_of_others(final: Mapping[str, Evaluation | Failure]) -> dict[str, dict[str, Any]]:
-    return {
-        name: result.held_out(answer.score)
-        if isinstance(answer, Evaluation)
-        else result.failed(answer.status, answer.reason)
-        for name, answer in final.items()
-        if name != CALIBRATED
-    }
+def _said_of_others(file: StudyFile, final: Mapping[str, Evaluation | Failure]) -> dict[str, dict[str, Any]]:
+    return {name: _said_of(file, name, answer) for name, answer in final.items() if name != CALIBRATED}
+
+
+def _said_of(file: StudyFile, name: str, answer: Evaluation | Failure) -> dict[str, Any]:
+    """What result.json says of the record `name`, which was held out."""
+    if isinstance(answer, Failure):
+        return result.failed(answer.status, answer.reason)
+    if answer.score.status != OK:
+        return result.held_out(answer.score, math.nan)
+    reference, objective = file.others[name], file.study.objective
+    simulated = answer.records[name]
+    aligned = objective.on({name: reference}).aligned(name, simulated)
+    return result.held_out(answer.score, record_misfit(reference, objective.terms, simulated, aligned))
 
 
 def _in_the_place_of_intervals(study: Study, trials: Sequence[Trial], confidence: Confidence | None) -> list[str]:

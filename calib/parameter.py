@@ -66,6 +66,11 @@ class Window:
             return math.log(value / self.low) / math.log(self.high / self.low)
         return (value - self.low) / (self.high - self.low)
 
+    def check(self, start: float) -> None:
+        """Refuse a starting value  [the window's unit]  that is not in the window."""
+        if not self.low <= start <= self.high:
+            raise CalibError(f"the starting value {start:g} lies outside the window [{self.low:g}, {self.high:g}]")
+
     def slope(self, value: float) -> float:
         """Slope of the value over its position in the window, at `value`  [the window's unit]."""
         return value * math.log(self.high / self.low) if self.scale == "log" else self.high - self.low
@@ -73,12 +78,20 @@ class Window:
 
 @dataclass(frozen=True)
 class Space:
-    """The unit cube of the searched parameters (in the order of `windows`) beside the fixed ones, all in SI."""
+    """The unit cube of the searched parameters (in the order of `windows`) beside the fixed ones, all in SI.
+
+    `start` holds starting values of searched parameters by name: the first trial is made there.
+    """
 
     windows: Mapping[str, Window]
     fixed: Mapping[str, float] = field(default_factory=dict)
+    start: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self):
+        for name, value in self.start.items():
+            if name not in self.windows:
+                raise CalibError(f"{name!r} has a starting value and no window; searched are {list(self.windows)}")
+            self.windows[name].check(value)
         both = sorted(set(self.windows) & set(self.fixed))
         if both:
             raise CalibError(f"{both} stand both in [windows] and in [model] fixed; keep one of them")
@@ -92,6 +105,17 @@ class Space:
     def dim(self) -> int:
         """Number of searched parameters."""
         return len(self.windows)
+
+    @property
+    def starting_point(self) -> np.ndarray | None:
+        """Point (dim,) of the unit cube at which a search starts: the middle along axes without a starting value.
+
+        None where no parameter has one.
+        """
+        if not self.start:
+            return None
+        middle = {name: window.value(0.5) for name, window in self.windows.items()}
+        return self.point({**middle, **self.start})
 
     def values(self, u: np.ndarray) -> dict[str, float]:
         """Return every searched and fixed parameter by name at the point `u` (dim,) of the unit cube."""

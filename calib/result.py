@@ -100,16 +100,23 @@ def _failures(trials: Sequence[Trial]) -> list[dict[str, Any]]:
     return [{"status": status, "trials": number, "reason": first[status]} for status, number in counted]
 
 
-def held_out(score: Score) -> dict[str, Any]:
-    """What a hold-out record says of the best point, whose score on that record alone it is."""
+def held_out(score: Score, misfit: float) -> dict[str, Any]:
+    """What a hold-out record says of the best point.
+
+    Parameters
+    ----------
+    score : of the study's terms on that record alone
+    misfit : as `calib.objective.MISFIT` has it  [1]
+    """
     if score.status != OK:
         return failed(score.status, score.reason)
-    return {"distance": score.total, "terms": dict(score.terms), "kind": score.kind, "status": OK, "reason": ""}
+    terms = {"score": score.total, "terms": dict(score.terms)}
+    return {"misfit": misfit, **terms, "kind": score.kind, "status": OK, "reason": ""}
 
 
 def failed(status: str, reason: str) -> dict[str, Any]:
     """What a hold-out record says where it could not be simulated."""
-    return {"distance": None, "terms": {}, "kind": None, "status": status, "reason": reason}
+    return {"misfit": None, "score": None, "terms": {}, "kind": None, "status": status, "reason": reason}
 
 
 def write(found: Mapping[str, Any], folder: Path) -> Path:

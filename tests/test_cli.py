@@ -72,7 +72,7 @@ def test_wrong_usage_is_exit_code_2():
 
 def test_a_run_says_what_it_found(finished):
     path, ended = finished
-    for said in ("gain", "± 2 s.e.", "mm", "0.5 .. 2", "period-1", "hold-out again", "starts", "report.html"):
+    for said in ("gain", "± 2 s.e.", "mm", "0.5 .. 2", "period-1", "held out", "starts", "report.html"):
         assert said in ended.stdout
     assert "trials" in ended.stderr
 
@@ -87,7 +87,7 @@ def test_a_run_finds_the_truth_within_its_intervals(finished):
     for name, truth in (("gain", 1.2), ("harmonic", 2e-4)):
         low, high = found["intervals"][name]
         assert low <= truth <= high
-    assert found["holdout"]["again"]["distance"] == pytest.approx(found["score"]["total"], rel=1e-6)
+    assert found["holdout"]["again"]["score"] == pytest.approx(found["score"]["total"], rel=1e-6)
     assert found["motion"]["kind"] == "period-1"
 
 

@@ -186,7 +186,7 @@ def test_the_result_is_what_the_confirming_simulator_says(confirmed):
     assert said["changed"]
     assert said["chosen"] == found["best_trial"] == min(order, key=lambda number: order[number]["confirmed"])
     assert found["score"]["total"] == order[said["chosen"]]["confirmed"]
-    assert found["holdout"]["again"]["distance"] == pytest.approx(found["score"]["total"], rel=1e-12)
+    assert found["holdout"]["again"]["score"] == pytest.approx(found["score"]["total"], rel=1e-12)
     assert [part in " ".join(found["remarks"]) for part in ("another order", "is at a distance of")] == [True, True]
     assert "simulator of the search about the confirmed point" in found["confidence"]["reason"]
 

@@ -104,5 +104,5 @@ def test_no_result_is_none_and_a_spoilt_one_is_refused(tmp_path):
 
 def test_a_hold_out_record_that_fails_says_why():
     score = SimpleNamespace(status="diverged", reason="too fast", total=math.inf, terms={}, kind=None)
-    held = result.held_out(score)
-    assert (held["distance"], held["status"], held["reason"]) == (None, "diverged", "too fast")
+    held = result.held_out(score, math.nan)
+    assert (held["misfit"], held["score"], held["status"], held["reason"]) == (None, None, "diverged", "too fast")

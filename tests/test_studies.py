@@ -42,7 +42,7 @@ def test_the_minimal_model_predicts_the_records_held_out(minimal):
     assert result["unreachable"] == []
     for name in ("louder", "slower"):
         assert result["holdout"][name]["kind"] == "period-1"
-        assert result["holdout"][name]["distance"] <= 1.5 * calibrated
+        assert result["holdout"][name]["score"] <= 1.5 * calibrated
 
 
 @pytest.mark.slow

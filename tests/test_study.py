@@ -1,6 +1,7 @@
 """The loop: screen, ask, evaluate, log, tell; and what it does when things fail."""
 
 import math
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -54,6 +55,23 @@ def test_the_points_of_the_screen_differ_and_depend_on_the_seed(tmp_path, size):
 def test_the_screen_spreads_over_the_cube(tmp_path):
     points = np.array([t.u for t in run(study(8, screen=8), tmp_path).trials])
     assert (np.sort(np.floor(8.0 * points), axis=0) == np.arange(8.0)[:, None]).all(), "one point in each eighth"
+
+
+@pytest.mark.parametrize("screen", [0, 8])
+def test_the_first_trial_is_made_at_the_starting_point_and_the_screen_follows(tmp_path, screen):
+    started = replace(study(20, screen=screen), space=replace(SPACE, start={"x": 1.3}))
+    trials = run(started, tmp_path / "1").trials
+    assert trials[0].values == pytest.approx({"x": 1.3, "y": SPACE.windows["y"].value(0.5)})
+    assert [t.phase for t in trials] == ["screen"] * (screen + 1) + ["search"] * (19 - screen)
+    plain = run(study(20, screen=screen), tmp_path / "2").trials
+    assert [t.u for t in trials[1 : screen + 1]] == [t.u for t in plain[:screen]]
+
+
+def test_a_starting_value_needs_a_window_that_holds_it():
+    with pytest.raises(CalibError, match="outside the window"):
+        replace(SPACE, start={"x": 1e6})
+    with pytest.raises(CalibError, match="no window"):
+        replace(SPACE, start={"z": 0.0})
 
 
 class Recorder(Wanderer):

@@ -183,6 +183,29 @@ def test_a_record_that_is_held_out_may_have_values_of_its_own(tmp_path):
     assert load(path).study.space.fixed == {"gain@other": 1.5}
 
 
+def test_a_search_may_be_told_where_to_start(tmp_path):
+    path = write_study(tmp_path, ("low = 0.5, high = 2.0", "low = 0.5, high = 2.0, start = 1.25"))
+    study = load(path).study
+    assert study.space.start == {"gain": 1.25}
+    assert study.space.values(study.space.starting_point) == pytest.approx({"gain": 1.25, "harmonic": 0.0})
+    plain = load(write_study(tmp_path)).study
+    assert plain.space.starting_point is None
+    assert "start" not in plain.definition
+    assert study.definition["start"] == {"gain": 1.25}  # another search, which no log of the former replays
+
+
+def test_a_starting_value_has_a_unit_as_its_window_has(tmp_path):
+    path = write_study(tmp_path, ('low = "-1 mm"', 'start = "0.5 mm", low = "-1 mm"'))
+    assert load(path).study.space.start == {"harmonic": pytest.approx(5e-4)}
+
+
+def test_effects_are_known_by_the_reference_they_were_loaded_under(tmp_path):
+    asked = '[diagnosis]\ncandidates = ["third_party.hardening:HARDENING", { name = "channel_lag" }]\n\n[windows]'
+    known = load(write_study(tmp_path, ("[windows]", asked))).effect_references()
+    assert known == {"stiffer_when_bent": "third_party.hardening:HARDENING", "channel_lag": "channel_lag"}
+    assert load(write_study(tmp_path)).effect_references()["cubic_stiffness"] == "cubic_stiffness"
+
+
 # --- what is wrong is said
 
 
@@ -207,6 +230,8 @@ def test_a_record_that_is_held_out_may_have_values_of_its_own(tmp_path):
         ("low = 0.5, high = 2.0", "low = 2, high = 0.5", "gain", "windows.gain: the window is the wrong way round"),
         ("low = 0.5, high = 2.0", "low = 2.0, high = 2.0", "gain", "windows.gain: the window has no width"),
         ("low = 0.5,", "low = 0.0,", "gain", "a log window needs low > 0"),
+        ("low = 0.5,", "start = 2.5, low = 0.5,", "gain", "start: the starting value 2.5 lies outside"),
+        ("low = 0.5,", 'start = "1 s", low = 0.5,', "gain", "windows.gain.start"),
         ('low = 0.5, high = 2.0, scale = "log"', "low = -1.0, high = 2.0", "gain", "of 'gain' in [0, inf]"),
         ('low = "-1 mm"', 'low = "-1 s"', "harmonic", "windows.harmonic"),
         ('low = "-1 mm"', 'low = "-1 mmm"', "harmonic", "windows.harmonic"),

@@ -14,7 +14,7 @@ from rich.table import Table
 from calib.cli.standing import folder_of
 from calib.diagnosis.diagnose import NAMED, NONE, ONE_OF
 from calib.inquiry import inquire
-from calib.report.conclusion import proposal, sizes
+from calib.report.conclusion import REFITTED, proposal, sizes
 from calib.units import shown
 
 MOST = 12  # suspects that are printed
@@ -112,7 +112,8 @@ def _gain(found: Mapping[str, Any]) -> list[str]:
     proven = "" if gain["proven"] else " [yellow]- no gain: the interval includes zero[/]"
     lines = [
         f"gain on {gain['kind']} ({', '.join(gain['records'])}): misfit {gain['before']:.3g} -> {gain['after']:.3g}, "
-        f"less by {low:.2g} to {high:.2g}{proven}"
+        f"less by {low:.2g} to {high:.2g}{proven}",
+        f"misfit: {gain['metric']}; {REFITTED}",
     ]
     moved = [s for s in gain["shifts"] if abs(s["errors"]) > 2.0]
     if moved:

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from calib.objective import MISFIT
 from calib.parameter import Parameter
 from calib.record import OK
 from calib.result import confirmed, searched_best
@@ -27,6 +28,8 @@ def show_result(found: Mapping[str, Any], folder: Path, console: Console | None 
     else:
         console.print(_parameters(found))
         console.print(_scores(found))
+        if found["holdout"]:
+            console.print(_held_out(found))
         for line in _remarks(found):
             console.print(line, soft_wrap=True)
     console.print(f"trials: {found['trials']}, of which {found['failed']} failed; {found['seconds']:.1f} s")
@@ -82,9 +85,20 @@ def _scores(found: Mapping[str, Any]) -> Table:
     for label, distance in found["score"]["terms"].items():
         table.add_row(escape(label), shown(distance, "1"))
     table.add_row("[bold]total[/]", f"[bold]{shown(found['score']['total'], '1')}[/]", found["motion"]["kind"] or "")
+    return table
+
+
+def _held_out(found: Mapping[str, Any]) -> Table:
+    """Misfit of each record that was held out; what that is stands below."""
+    table = Table(caption=f"misfit: {MISFIT}", caption_justify="left")
+    table.add_column("held out")
+    table.add_column("misfit", justify="right")
+    table.add_column("score of the study's terms", justify="right")
+    table.add_column("kind of motion")
     for record, held in found["holdout"].items():
         said = held["kind"] or "" if held["status"] == OK else f"{held['status']}: {held['reason']}"
-        table.add_row(f"hold-out {escape(record)}", shown(held["distance"], "1"), escape(said))
+        values = (shown(held[key], "1") for key in ("misfit", "score"))
+        table.add_row(escape(record), *values, escape(said))
     return table
 
 

@@ -236,11 +236,10 @@ def _diagnosed(
             ready = replace(ready, rounding=0.0)  # seen, but no cause to be named: the misfit is elsewhere
         else:
             selection = selection.without_causes()
-    gain = None
+    gain, limit = None, selection.rounds[0].threshold
     if selection.causes:
         on_stage("gain")
-        gain = gained(pool, bench, fitter, selection.null, selection.final, selection.causes, seed)
-    limit = selection.rounds[0].threshold
+        gain = gained(pool, bench, fitter, selection.null, selection.final, selection.causes, seed, limit)
     gates = (*ready.gates, *converged(fitter, selection.final, _numerical(effects), limit, selection.margin))
     if QUANTISATION in {cause.name for cause in selection.causes}:
         ready = replace(ready, rounding=0.0)

@@ -18,8 +18,7 @@ from calib.diagnosis.noise import (
     shared,
     with_memory,
 )
-from calib.objective import Objective, Reference
-from calib.record import channels, prescribed
+from calib.objective import Objective, Reference, compared_rows, row_weights
 
 FAR = 8.0  # of an outlier, in standard deviations
 WIDE = 7  # samples about one that judge it
@@ -107,20 +106,8 @@ def _only(rows: np.ndarray, index: int, value: float) -> np.ndarray:
 
 
 def looked_at(objective: Objective) -> dict[str, list[tuple[str, str]]]:
-    """(body, channel) pairs of each reference that a term may compare and that its record does not prescribe."""
-    rows = {}
-    for name, reference in objective.references.items():
-        terms = [t for t in objective.terms if t.records is None or name in t.records] or objective.terms
-        names = [str(body) for body in reference.record.body.values]
-        bodies = {body for term in terms for body in term.bodies or names}
-        given = prescribed(reference.record)
-        rows[name] = [
-            (body, channel)
-            for body in names
-            for channel in channels(reference.record)
-            if body in bodies and (body, channel) not in given
-        ]
-    return rows
+    """(body, channel) pairs of each reference that a diagnosis looks at."""
+    return {name: compared_rows(reference, objective.terms) for name, reference in objective.references.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,13 +206,7 @@ class Evidence:
 
 
 def _weighted(part: Part, trust: np.ndarray) -> Part:
-    return replace(part, weight=_weights(part.rows, part.used, trust))
-
-
-def _weights(rows: Sequence[tuple[str, str]], used: np.ndarray, trust: np.ndarray) -> np.ndarray:
-    """Weights (row, n): velocity is compared as far as it is to be trusted."""
-    moving = np.array([channel == "velocity" for _, channel in rows])
-    return used * np.where(moving[:, None], trust[None], 1.0)
+    return replace(part, weight=row_weights(part.rows, part.used, trust))
 
 
 def gathered(
@@ -251,7 +232,7 @@ def gathered(
     good = {name: np.ones(m.shape, dtype=bool) if spoilt is None else ~spoilt[name] for name, m in measured.items()}
     mended = {name: _mended(measured[name], seen[name].rows, good[name]) for name in measured}
     used = {name: _used(seen[name], rows[name], good[name]) for name in measured}
-    weights = {name: _weights(rows[name], used[name], seen[name].trust) for name in measured}
+    weights = {name: row_weights(rows[name], used[name], seen[name].trust) for name in measured}
     repeating = {
         name: _repeating(reference, rows[name], mended[name], seen[name].rows, weights[name], cycle[name])
         for name, reference in references.items()

@@ -8,20 +8,25 @@ import numpy as np
 from calib.cycles import kind_of_motion
 from calib.diagnosis.bench import Bench, Run, Seen, simulated
 from calib.diagnosis.evidence import Evidence, Part, gathered
-from calib.diagnosis.refit import Fit, Fitter, direction
+from calib.diagnosis.refit import Fit, Fitter
+from calib.diagnosis.score import Projection, Signature, deviate, tested
 from calib.diagnosis.selection import Suspect
-from calib.diagnosis.signature import slopes
+from calib.diagnosis.signature import Direction, slopes
+from calib.objective import Squares, misfit, row_weights
 from calib.study import Pool
 
 DRAWS = 2000  # of the bootstrap
 LEVEL = 0.95  # of its interval
-METRIC = "root mean square residual over the root mean square of the channel about its mean"
+DERIVATIVE_ERROR = 0.003  # relative, of differences: a column of which others leave less than thrice that is absorbed
 RECORDS, BLOCKS = "records held out", "blocks of the calibrated records"
 
 
 @dataclass(frozen=True)
 class Transfer:
-    """Size of an effect as one record alone has it, the calibrated parameters as they are.
+    """Size of an effect refitted to one record alone, to first order about the size that all records have.
+
+    All other parameters, calibrated ones included, and the nuisances of the record are free; so are the values that the
+    study fixes for this record of parameters that are searched for others.
 
     Attributes
     ----------
@@ -35,6 +40,26 @@ class Transfer:
     size: float
     error: float
     held: bool
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Whether the sizes that the records have of one parameter, each alone, agree.
+
+    Attributes
+    ----------
+    parameter : name
+    chi2 : of the sizes about their weighted mean  [1]
+    degrees : of freedom
+    z : normal deviate of the same probability  [1]
+    agree : whether z is not above the threshold of the diagnosis
+    """
+
+    parameter: str
+    chi2: float
+    degrees: int
+    z: float
+    agree: bool
 
 
 @dataclass(frozen=True)
@@ -62,11 +87,12 @@ class Gain:
     ----------
     kind : RECORDS, or BLOCKS where no record was held out (weak evidence)
     records : names of what was held out
-    before, after : METRIC over all that was held out  [1]
+    before, after : `calib.objective.MISFIT` of all that was held out: of the calibrated model, refitted to the records
+        as the diagnosis weighs them, and of the extended one  [1]
     interval : of before less after, by a bootstrap over segments  [1]
     each : record -> (before, after)
     failed : record -> why it could not be simulated
-    transfers, shifts : see there
+    transfers, agreements, shifts : see there
     """
 
     kind: str
@@ -77,6 +103,7 @@ class Gain:
     each: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     failed: Mapping[str, str] = field(default_factory=dict)
     transfers: tuple[Transfer, ...] = ()
+    agreements: tuple[Agreement, ...] = ()
     shifts: tuple[Shift, ...] = ()
 
     @property
@@ -86,17 +113,30 @@ class Gain:
 
 
 def gained(
-    pool: Pool, bench: Bench, fitter: Fitter, null: Fit, final: Fit, causes: Sequence[Suspect], seed: int
+    pool: Pool,
+    bench: Bench,
+    fitter: Fitter,
+    null: Fit,
+    final: Fit,
+    causes: Sequence[Suspect],
+    seed: int,
+    limit: float,
 ) -> Gain | None:
     """Try the calibrated and the extended model on what was held out; None where nothing can be.
 
     On a record held out only its own nuisances are solved for.
+
+    Parameters
+    ----------
+    limit : threshold of the normal deviate, from which the records' sizes differ
     """
     references = bench.objective.references
     held = [name for name, reference in references.items() if reference.use == "holdout"]
     shifts = _shifts(null, final)
+    columns = _columns(pool, fitter, fitter.evidence, final, final.columns)
+    transfers = _transfers(fitter.evidence, final, columns, held=False)
     if not held:
-        return _of_blocks(fitter, null, final, causes, shifts, seed)
+        return _of_blocks(fitter, null, final, causes, seed, shifts=shifts, **_sizes(transfers, limit))
     runs = [Run(name, fit.point.values, fit.point.effects) for fit in (null, final) for name in held]
     answers = simulated(pool, runs)
     before, after = dict(zip(held, answers, strict=False)), dict(zip(held, answers[len(held) :], strict=True))
@@ -108,21 +148,18 @@ def gained(
     }
     usable = [name for name in held if name not in failed]
     if not usable:
-        return Gain(RECORDS, (), np.nan, np.nan, (np.nan, np.nan), failed=failed, shifts=shifts)
+        nan, sizes = np.nan, _sizes(transfers, limit)
+        return Gain(RECORDS, (), nan, nan, (nan, nan), failed=failed, shifts=shifts, **sizes)
     cycle = {name: kind_of_motion(references[name].record).period or 1 for name in usable}
     chosen = {name: references[name] for name in usable}
     evidence = gathered(chosen, bench.rows, cycle, after).with_weights([before, after])
     parts = [(part, before[part.name], after[part.name]) for part in evidence.parts]
-    transfers = (
-        *_transfers(pool, fitter.evidence, final, causes, held=False),
-        *_transfers(pool, evidence, replace(final, point=replace(final.point, seen=after)), causes, held=True),
-    )
-    return _summed(RECORDS, parts, seed, failed=failed, transfers=transfers, shifts=shifts)
+    there = replace(final, point=replace(final.point, seen=after))
+    transfers += _transfers(evidence, there, _columns(pool, fitter, evidence, there), held=True)
+    return _summed(RECORDS, parts, seed, failed=failed, shifts=shifts, **_sizes(transfers, limit))
 
 
-def _of_blocks(
-    fitter: Fitter, null: Fit, final: Fit, causes: Sequence[Suspect], shifts: tuple[Shift, ...], seed: int
-) -> Gain | None:
+def _of_blocks(fitter: Fitter, null: Fit, final: Fit, causes: Sequence[Suspect], seed: int, **rest) -> Gain | None:
     """Fit both models to one half of every record and try them on the other, and the other way round."""
     candidates = tuple(cause.candidate for cause in causes)
     parts = []
@@ -135,70 +172,142 @@ def _of_blocks(
         extended = halved.fit(final.point, candidates, sizes)
         for part in other.parts:
             parts.append((part, without.point.seen[part.name], extended.point.seen[part.name]))
-    transfers = _transfers(fitter.pool, fitter.evidence, final, causes, held=False)
-    return _summed(BLOCKS, parts, seed, transfers=transfers, shifts=shifts)
+    return _summed(BLOCKS, parts, seed, **rest)
 
 
 def _half(part: Part, half: int) -> Part:
     """Return the part compared in its first or second half only."""
     n = part.time.size
     kept = (np.arange(n) >= n // 2) == bool(half)
-    return replace(part, weight=part.weight * kept)
+    return replace(part, used=part.used & kept, weight=part.weight * kept)
 
 
 def _summed(kind: str, parts: Sequence[tuple[Part, Seen, Seen]], seed: int, **rest) -> Gain:
-    """Misfit before and after over (part, before, after), with the bootstrap over their segments."""
-    squares, each = [], {}
-    for part, before, after in parts:
-        rows = [_by_segment(part, view) for view in (before, after)]
-        squares.append(np.stack(rows))
-        each[part.name] = tuple(float(np.sqrt(row.mean())) for row in rows)
-    values = _distance(squares)
+    """Misfit before and after over (part, before, after), with the bootstrap over segments of the records."""
+    names = tuple(dict.fromkeys(part.name for part, _, _ in parts))
+    squares = [_squares([own for own in parts if own[0].name == name]) for name in names]
+    each = {name: (misfit([one]), misfit([other])) for name, (one, other) in zip(names, squares, strict=True)}
+    before, after = misfit([one for one, _ in squares]), misfit([other for _, other in squares])
     rng = np.random.default_rng(seed)
     drawn = []
     for _ in range(DRAWS):
-        picked = [s[:, rng.integers(s.shape[1], size=s.shape[1])] for s in squares]
-        one = _distance(picked)
-        drawn.append(one[0] - one[1])
+        picked = [rng.integers(one.count.shape[1], size=one.count.shape[1]) for one, _ in squares]
+        again = [(one.drawn(p), other.drawn(p)) for (one, other), p in zip(squares, picked, strict=True)]
+        drawn.append(misfit([one for one, _ in again]) - misfit([other for _, other in again]))
     tail = 0.5 * (1.0 - LEVEL)
-    interval = tuple(float(x) for x in np.quantile(drawn, [tail, 1.0 - tail]))
-    names = tuple(dict.fromkeys(part.name for part, _, _ in parts))
-    return Gain(kind, names, float(values[0]), float(values[1]), interval, each=each, **rest)
+    interval = tuple(float(x) for x in np.nanquantile(drawn, [tail, 1.0 - tail]))
+    return Gain(kind, names, before, after, interval, each=each, **rest)
 
 
-def _distance(squares: Sequence[np.ndarray]) -> np.ndarray:
-    """Misfit before and after (2,) of squares (2, segment) of each record."""
-    return np.sqrt(np.mean([s.mean(axis=1) for s in squares], axis=0))
+def _squares(parts: Sequence[tuple[Part, Seen, Seen]]) -> tuple[Squares, Squares]:
+    """Squares of one record, of which each part has some segments, before and after."""
+    found = [[_by_segment(part, view) for view in views] for part, *views in parts]
+    counted = [(one.count + other.count).sum(axis=0) > 0.0 for one, other in found]
+    kept = [[s.drawn(c) for s in pair] for pair, c in zip(found, counted, strict=True)]
+    before, after = (
+        Squares(np.hstack([s.total for s in side]), np.hstack([s.count for s in side]))
+        for side in zip(*kept, strict=True)
+    )
+    return before, after
 
 
-def _by_segment(part: Part, view: Seen) -> np.ndarray:
-    """Mean square residual of each segment that counts, over the channels' mean squares about their mean."""
-    spread = part.measured - part.measured.mean(axis=1, keepdims=True)
-    size = (spread**2).mean(axis=1, keepdims=True)
-    weight = (part.weight**2).ravel()
-    square = ((part.measured - view.rows) ** 2 / np.where(size > 0.0, size, 1.0)).ravel() * weight
-    segments = part.segments()
-    total, count = np.bincount(segments, square), np.bincount(segments, weight)
-    return total[count > 0.0] / count[count > 0.0]
+def _by_segment(part: Part, view: Seen) -> Squares:
+    weight = row_weights(part.rows, part.used, view.trust)
+    return Squares.of(part.measured, view.rows, weight, part.segments()[: part.time.size])
 
 
-def _transfers(
-    pool: Pool, evidence: Evidence, final: Fit, causes: Sequence[Suspect], held: bool
-) -> tuple[Transfer, ...]:
-    """Sizes of the causes as each record alone has them."""
-    parameters = [(cause.candidate, p) for cause in causes for p in cause.candidate.parameters]
-    directions = [direction(final.point, candidate, p) for candidate, p in parameters]
-    columns = [slope.column for slope in slopes(pool, evidence, final.point, directions, compared=False)]
-    residual = evidence.residual(final.point.seen)
+def _transfers(evidence: Evidence, final: Fit, columns: Mapping[str, np.ndarray], held: bool) -> tuple[Transfer, ...]:
+    """Sizes of the causes refitted to each record alone, with all other parameters and its nuisances free.
+
+    Parameters
+    ----------
+    columns : record -> (n, k) derivatives by the parameters `final.names`, then by what else is free
+    """
+    residual, nuisances = evidence.residual(final.point.seen), evidence.tangents(final.point.seen)
     found = []
     for part in evidence.parts:
+        if part.name not in columns:
+            continue
         own = evidence.of(part.name)
-        for (_, p), column in zip(parameters, columns, strict=True):
-            s = None if column is None else column[own]
-            if s is None or not np.linalg.norm(s) > 0.0:
-                continue
-            step, error = float(s @ residual[own] / (s @ s)), float(1.0 / np.linalg.norm(s))
-            found.append(Transfer(part.name, p.name, final.value(p.name) + step, error, held))
+        for name in (name for candidate in final.found for name in candidate.free):
+            index = final.names.index(name)
+            others = np.column_stack([np.delete(columns[part.name], index, axis=1), nuisances[own]])
+            alone = _refitted(residual[own], columns[part.name][:, index], others, part.segments())
+            if alone is not None:
+                size, error = alone
+                found.append(Transfer(part.name, name, final.value(name) + size, error, held))
+    return tuple(found)
+
+
+def _refitted(
+    residual: np.ndarray, column: np.ndarray, others: np.ndarray, segments: np.ndarray
+) -> tuple[float, float] | None:
+    """Step of one parameter and its standard error, the `others` (n, k) free as well: a partial regression.
+
+    None where the others absorb the column but for the error of the derivatives.
+    """
+    absorbing = Projection(others)
+    signature = Signature.of(column[:, None], absorbing, np.array([DERIVATIVE_ERROR]))
+    if not signature.columns.any():
+        return None
+    test = tested(absorbing(residual), signature, segments)
+    return float(test.size[0]), float(test.error[0])
+
+
+def _columns(
+    pool: Pool, fitter: Fitter, evidence: Evidence, final: Fit, known: np.ndarray | None = None
+) -> dict[str, np.ndarray]:
+    """Derivatives (n, k) of each record by all parameters of the final model, then by values of its own that are fixed.
+
+    A record without one of them is left out.
+
+    Parameters
+    ----------
+    known : (N, k) derivatives by all parameters of the final model; None: they are taken
+    """
+    shared, found = fitter.directions(final.point, final.found) if known is None else [], {}
+    for name in evidence.names:
+        directions = [*shared, *_fixed_alone(fitter, final, name)]
+        own = slopes(pool, evidence.only([name]), final.point, directions, fitter.steps, compared=False)
+        columns = [slope.column for slope in own]
+        if all(column is not None for column in columns):
+            first = [] if known is None else [known[evidence.of(name)]]
+            found[name] = np.column_stack([*first, *columns])
+    return found
+
+
+def _fixed_alone(fitter: Fitter, final: Fit, record: str) -> list[Direction]:
+    """Directions of what is fixed for this record and searched for others, such as its initial state."""
+    searched = {name.partition("@")[0]: window for name, window in fitter.space.windows.items()}
+    found = []
+    for name, value in final.point.values.items():
+        base, _, owner = name.partition("@")
+        if owner == record and base in searched and name not in final.names:
+            parameter, window = fitter.model.parameters[base], searched[base]
+            found.append(Direction(name, value, window.high - window.low, parameter.low, parameter.high))
+    return found
+
+
+def _sizes(transfers: tuple[Transfer, ...], limit: float) -> dict[str, tuple]:
+    return {"transfers": transfers, "agreements": agreements(transfers, limit)}
+
+
+def agreements(transfers: Sequence[Transfer], limit: float) -> tuple[Agreement, ...]:
+    """Whether the records agree on each size that several of them have: chi-square about the weighted mean.
+
+    Parameters
+    ----------
+    limit : of the normal deviate, from which sizes differ
+    """
+    found = []
+    for name in dict.fromkeys(t.parameter for t in transfers):
+        own = [t for t in transfers if t.parameter == name and 0.0 < t.error < np.inf]
+        if len(own) < 2:
+            continue
+        size, weight = np.array([t.size for t in own]), np.array([t.error for t in own]) ** -2.0
+        chi2 = float(weight @ (size - (weight @ size) / weight.sum()) ** 2)
+        z = float(deviate(chi2, len(own) - 1))
+        found.append(Agreement(name, chi2, len(own) - 1, z, z <= limit))
     return tuple(found)
 
 

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from calib.diagnosis.diagnose import UNEXPLAINED, Diagnosis
-from calib.diagnosis.gain import METRIC, Gain
+from calib.diagnosis.gain import Gain
 from calib.diagnosis.next_measurement import Measurement
 from calib.diagnosis.selection import MARKED, Round, Suspect
+from calib.objective import MISFIT
 from calib.store.plain import plain
 
 
@@ -156,7 +157,7 @@ def _parameters(diagnosis: Diagnosis) -> Mapping[str, Any]:
 
 def _gain(gain: Gain) -> dict[str, Any]:
     return {
-        "metric": METRIC,
+        "metric": MISFIT,
         "kind": gain.kind,
         "before": gain.before,
         "after": gain.after,
@@ -166,5 +167,6 @@ def _gain(gain: Gain) -> dict[str, Any]:
         "each": {name: list(pair) for name, pair in gain.each.items()},
         "failed": dict(gain.failed),
         "transfers": [asdict(transfer) for transfer in gain.transfers],
+        "agreements": [asdict(agreement) for agreement in gain.agreements],
         "shifts": [asdict(shift) for shift in gain.shifts],
     }

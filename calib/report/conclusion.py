@@ -9,6 +9,7 @@ from calib.diagnosis.next_measurement import SURE
 from calib.report.words import number, percent, quantity, signed
 
 SAME = 1e-9  # relative difference of values that are the same
+REFITTED = "before, the calibrated model is refitted to the records as the diagnosis weighs them"
 REMEDIES = {
     "simulation": "find out why the simulation ends this way at the calibrated values (a larger step budget may do), "
     "or calibrate again with narrower windows",
@@ -135,11 +136,11 @@ def _gained(gain):
     if not gain["kind"].startswith("records"):
         where = f"{gain['kind']} (weak evidence: no record was held out)"
     text = f"On {where} the misfit goes from {percent(gain['before'], 3)} to {percent(gain['after'], 3)}"
-    if None in gain["interval"]:
-        return f"{text}."
-    low, high = gain["interval"]
-    text += f": less by {number(100 * low, 2)} to {number(100 * high, 2)} percentage points (95\u00a0% interval)"
-    return f"{text}{'.' if gain['proven'] else ', which includes zero: the gain is not proven.'}"
+    if None not in gain["interval"]:
+        low, high = gain["interval"]
+        text += f": less by {number(100 * low, 2)} to {number(100 * high, 2)} percentage points (95\u00a0% interval)"
+        text += "" if gain["proven"] else ", which includes zero: the gain is not proven"
+    return f"{text}. Misfit: {gain['metric']}; {REFITTED}."
 
 
 def stale(said: Mapping[str, Any], result: Mapping[str, Any]) -> bool:

@@ -1,6 +1,5 @@
 """The chapter of a page that tells a diagnosis: what is wrong, who was suspected, why this one, what it brings."""
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -67,9 +66,9 @@ GAIN = (
     "for."
 )
 TRANSFERS = (
-    "Size of the effect as each record alone has it, with two standard errors. A law of nature has one size in all of"
-    " them; a size that differs from record to record, or that the records held out do not share, is a stand-in for "
-    "another cause."
+    "Size of the effect refitted to each record alone, all other parameters free, with two standard errors; a record "
+    "that does not tell it from these has none. A law of nature has one size in all of them; a size that differs from "
+    "record to record, or that the records held out do not share, is a stand-in for another cause."
 )
 SHIFTS = (
     "By how many standard errors the calibrated parameters move once the cause is in the model; within the grey band "
@@ -333,12 +332,7 @@ def _why(said, outcomes):
             "than noise, or explains half where far more than noise is left; of several, what has one size everywhere."
         )
     if said["misfit"].get("inconstancy") and added(said):
-        differ = "differ" if inconstant(said) else "do not differ"
-        found.append(
-            f"The sizes of {' and '.join(added(said))} {differ} among the channels of the records (z = "
-            f"{number(said['misfit']['inconstancy'], 2)}, threshold {number(said['threshold'], 2)}). Several effects "
-            "together may imitate another one, but hardly with the same sizes everywhere."
-        )
+        found += _constancy(said)
     others = [s for s in said["suspects"] if outcomes[s["effect"]] == causes.LESS and s["share"] is not None]
     if said["verdict"] == NAMED and others:
         best = max(others, key=lambda s: s["share"])
@@ -351,6 +345,18 @@ def _why(said, outcomes):
     elif said["verdict"] == NAMED:
         found.append("No other effect is above the threshold with a size that makes sense.")
     return found
+
+
+def _constancy(said):
+    """Say whether the sizes differ among the channels; not that they do not where those of whole records disagree."""
+    differ, alone = inconstant(said), _agreements(said["gain"])
+    if not differ and not all(agreement["agree"] for agreement in alone):
+        return []
+    return [
+        f"The sizes of {' and '.join(added(said))} {'differ' if differ else 'do not differ'} among the channels of the "
+        f"records (z = {number(said['misfit']['inconstancy'], 2)}, threshold {number(said['threshold'], 2)}). Several "
+        "effects together may imitate another one, but hardly with the same sizes everywhere."
+    ]
 
 
 def _measurements(said, references):
@@ -396,7 +402,7 @@ def _brings(said, parameters):
         "failed": gain["failed"],
         "gain": _pictured(causes.gain(gain), "gain", GAIN),
         "transfers": _pictured(causes.transfers(known, common, units), "transfers", TRANSFERS),
-        "agreement": _agreement(known),
+        "agreement": [_agreement(one, said) for one in _agreements(gain)],
         "shifts": _pictured(causes.shifts(gain["shifts"]), "shifts", SHIFTS),
         "moved": [_shift(shift, parameters) for shift in gain["shifts"]],
     }
@@ -416,21 +422,20 @@ def _shift(shift, parameters):
     }
 
 
-def _agreement(transfers):
-    """Whether the records agree on each size: chi square of the sizes about their weighted mean."""
-    found = []
-    for name in dict.fromkeys(t["parameter"] for t in transfers):
-        own = [t for t in transfers if t["parameter"] == name and t["error"] > 0.0]
-        if len(own) < 2:
-            continue
-        size, weight = (np.array([f(t) for t in own]) for f in (lambda t: t["size"], lambda t: t["error"] ** -2.0))
-        square = float((weight * (size - (weight @ size) / weight.sum()) ** 2).sum())
-        degrees = len(own) - 1
-        agree = square < degrees + 3.0 * math.sqrt(2.0 * degrees)
-        said = f"{'agree' if agree else 'do not agree'} on {name}"
-        departures = f"sum of squared departures {number(square, 3)}, where {degrees} is expected"
-        found.append(f"The records {said} ({departures}).")
-    return found
+def _agreements(gain):
+    return [] if gain is None else gain.get("agreements", [])
+
+
+def _agreement(found, said):
+    """Say whether the records agree on a size, by the deviate and the threshold that all of the diagnosis has."""
+    text = (
+        f"The records, each alone, {'agree' if found['agree'] else 'do not agree'} on {found['parameter']} "
+        f"(chi-square {number(found['chi2'], 3)} for {count(found['degrees'], 'degree')} of freedom, z = "
+        f"{number(found['z'], 2)}, threshold {number(said['threshold'], 2)})"
+    )
+    if found["agree"] and inconstant(said):
+        return f"{text}; what differs are the channels within them."
+    return f"{text}."
 
 
 # --- pictures --------------------------------------------------------------------------------------------------------

@@ -1,7 +1,6 @@
 """The page of a study: what was found in a sentence, the pictures, the numbers, and how to make it again."""
 
 import json
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -9,10 +8,11 @@ import xarray as xr
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from calib.objective import MISFIT, misfit, squares_of
 from calib.report import drawing, figures, residuals, search, tables
 from calib.report.diagnosis import chapter
 from calib.report.verdict import verdict
-from calib.report.words import number
+from calib.report.words import number, percent
 from calib.result import confirmed
 from calib.units import MILLI
 
@@ -85,6 +85,7 @@ def render(
         failures=tables.failures(trials),
         nuisances=tables.nuisances(result),
         provenance=tables.provenance(study, result, command, header or {}),
+        misfit=MISFIT,
         definition=json.dumps(study.definition, indent=2, default=str, ensure_ascii=False),
     )
 
@@ -98,7 +99,7 @@ def _named(study, *uses):
 
 def _section(study, name, simulated, result):
     """Everything the page shows of one record."""
-    reference = study.objective.references[name]
+    reference, found = study.objective.references[name], (result.get("holdout") or {}).get(name)
     measured = reference.record
     usable = simulated is not None and figures.usable(simulated)
     aligned = figures.beside(study.objective, name, simulated) if usable else None
@@ -116,7 +117,9 @@ def _section(study, name, simulated, result):
         "warning": measured.attrs.get("warning", ""),
         "driven": _driven(measured),
         "failed": failed,
-        "found": (result.get("holdout") or {}).get(name),
+        "kind": (found or {}).get("kind"),
+        "misfit": percent((found or {}).get("misfit"), 3),
+        "score": (found or {}).get("score"),
         "pictures": pictures,
         "residuals": _residuals(name, measured, aligned, simulated) if reference.use == "calibrate" and usable else [],
         "rms": _relative_rms(measured, aligned) if usable else [],
@@ -140,14 +143,12 @@ def _residuals(name, measured, aligned, simulated):
 
 
 def _relative_rms(measured, aligned):
-    """Residual rms of every judged channel, relative to the rms of the measured one about its mean."""
+    """Misfit of every judged channel: residual rms relative to the rms of the measured one about its mean."""
     rows = []
     for body, channel in figures.judged(measured, aligned):
-        truth = measured[channel].sel(body=body)
-        residual = truth.values - aligned[channel].sel(body=body).values
-        spread = float(truth.std())
-        relative = math.sqrt(float((residual**2).mean())) / spread if spread > 0.0 else None
-        rows.append({"body": body, "channel": channel, "relative": relative})
+        relative = misfit([squares_of(measured, aligned, [(body, channel)])])
+        moves = float(measured[channel].sel(body=body).std()) > 0.0
+        rows.append({"body": body, "channel": channel, "relative": relative if moves else None})
     return rows
 
 

@@ -4,8 +4,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from calib.cycles import NOT_PERIODIC
+from calib.objective import MISFIT
+from calib.record import OK
 from calib.report.tables import unreachable
-from calib.report.words import count, number
+from calib.report.words import count, number, percent
 from calib.result import confirmed, searched_best
 
 LARGE = 0.05  # a distance that is no agreement, 0.10 being a curve 10 % too large
@@ -22,7 +24,7 @@ def verdict(result: Mapping[str, Any]) -> dict[str, Any]:
         }
     motion = result.get("motion") or {}
     wrong = motion.get("wrong") or []
-    points = [_kind_sentence(motion), *_agreement(result), *_hold_out_sentence(result, total)]
+    points = [_kind_sentence(motion), *_agreement(result), *_hold_out_sentence(result)]
     missed = result.get("unreachable") or []
     if missed:
         listed = "; ".join(unreachable(entry)["sentence"] for entry in missed[:4])
@@ -48,7 +50,7 @@ def verdict(result: Mapping[str, Any]) -> dict[str, Any]:
         points.append(f"No standard errors: {confidence['reason']}.")
     elif confidence.get("reason"):
         points.append(f"Mind: {confidence['reason']}.")
-    lost = [name for name, found in (result.get("holdout") or {}).items() if found.get("distance") is None]
+    lost = [name for name, found in (result.get("holdout") or {}).items() if found.get("status", OK) != OK]
     unconfirmed = result.get("confirmation") is not None and not confirmed(result)
     tone = "bad" if wrong or unconfirmed else "mind" if missed or edges or lost or remarks or much else "good"
     headline = f"Best simulation at a distance of {number(total, 3)} from the measurement."
@@ -90,17 +92,15 @@ def _agreement(result):
     return [f"Of the search itself: {', '.join(said)}."] if said else []
 
 
-def _hold_out_sentence(result, total):
+def _hold_out_sentence(result):
     parts = []
     for name, found in (result.get("holdout") or {}).items():
-        if found.get("distance") is None:
-            parts.append(f"{name} failed ({found.get('status', 'no score')})")
+        if found.get("status", OK) != OK:
+            parts.append(f"{name} failed ({found['status']})")
         else:
-            ratio = [f"{found['distance'] / total:.2g} times the calibrated one"] if total > 0.0 else []
-            said = [found["kind"]] if found.get("kind") not in (None, "", NOT_PERIODIC) else []
-            kind = f" ({', '.join(said + ratio)})" if said + ratio else ""
-            parts.append(f"{name} at {number(found['distance'], 3)}{kind}")
-    return [f"Records held out are predicted: {'; '.join(parts)}."] if parts else []
+            kind = f" ({found['kind']})" if found.get("kind") not in (None, "", NOT_PERIODIC) else ""
+            parts.append(f"{name} {percent(found.get('misfit'), 3)}{kind}")
+    return [f"Misfit of the records held out: {'; '.join(parts)} ({MISFIT})."] if parts else []
 
 
 def _edges(result):

@@ -10,6 +10,7 @@ from scipy.stats.qmc import Sobol
 
 from calib.errors import CalibError
 from calib.interrupt import uninterrupted
+from calib.parameter import Space
 from calib.pool import REFUSED, Failure
 from calib.store import Trial
 from calib.store.trial import best
@@ -38,7 +39,7 @@ class Search:
             self._store.begin_segment(self._study.budget)  # it ended for want of the budget that there is now
 
     def _screen(self) -> None:
-        points = _sobol(self._study.space.dim, self._study.seed, self._store.header["screen"])
+        points = _screen_points(self._study.space, self._study.seed, self._store.header["screen"])
         room = max(0, self._study.budget - len(self.trials))
         self._evaluate(0, points[: self._study.budget], "screen", room)
 
@@ -116,6 +117,14 @@ class Search:
             self._best = best([trial] if self._best is None else [self._best, trial])
             if self._on_trial is not None:
                 self._on_trial(trial, self._best, len(self.trials))
+
+
+def _screen_points(space: Space, seed: int, size: int) -> np.ndarray:
+    """The points (size, dim) of the screen: the starting point, where there is one, and a Sobol sequence."""
+    start = space.starting_point
+    if start is None or not size:
+        return _sobol(space.dim, seed, size)
+    return np.concatenate([start[None], _sobol(space.dim, seed, size - 1)])
 
 
 def _sobol(dim: int, seed: int, size: int) -> np.ndarray:

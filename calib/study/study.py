@@ -54,7 +54,8 @@ class Study:
     seed : of the screen and the optimiser
     batch : points that the optimiser should ask for at a time; belongs to the study, unlike `jobs`
     jobs, timeout : child processes, and the wall-clock limit of one trial [s]; both may change from run to run
-    screen : Sobol points evaluated first; None for 64, or less with a budget below 256
+    screen : Sobol points evaluated first, after the starting point of the space where it has one; None for 64, or less
+        with a budget below 256
     definition : what else the study is, as JSON: another one in the same folder is refused
     """
 
@@ -96,8 +97,11 @@ class Study:
         if screen is None:
             most = min(SCREEN, self.budget // 4)
             screen = 1 << (most.bit_length() - 1) if most else 0  # a power of two keeps Sobol's points balanced
+        screen += bool(self.space.start)
         windows = {name: asdict(window) for name, window in self.space.windows.items()}
         own = {"seed": self.seed, "batch": self.batch, "screen": self.screen, "windows": windows}
+        if self.space.start:
+            own["start"] = dict(self.space.start)
         definition = {**own, "fixed": dict(self.space.fixed), **self.definition}
         return {"name": self.name, "definition": definition, "screen": min(screen, self.budget), "budget": self.budget}
 

@@ -73,6 +73,18 @@ class StudyFile:
         gates = [_effect(name, None) for name in registered if name not in known] if self.candidates else []
         return effects + [effect for effect in gates if effect.site == "numerical"]
 
+    def effect_references(self) -> dict[str, str]:
+        """Name of each effect that a diagnosis may name, and the reference under which the study file knows it.
+
+        A reference is the name of an entry point, or "package.module:Thing".
+
+        Raises
+        ------
+        CalibError : one of them does not load
+        """
+        asked = plugins.names("calib.effects") if self.candidates is None else [name for name, _ in self.candidates]
+        return {_effect(reference, None).name: reference for reference in asked}
+
     def setting(
         self, values: Mapping[str, float] | None = None, record: str | None = None, phase: float = 0.0
     ) -> Setting:
@@ -110,7 +122,8 @@ def load(path: str | Path, budget: int | None = None, jobs: int | None = None) -
     optimiser = _optimiser(shape, mistakes)
     timeout = _seconds(shape, mistakes)
     most = budget or shape.study.budget
-    if shape.study.screen is not None and shape.study.screen >= most:
+    started = any(window.start is not None for window in shape.windows.values())
+    if shape.study.screen is not None and shape.study.screen + started >= most:
         mistakes.add(("study", "screen"), f"the screen of {shape.study.screen} leaves nothing of the {most} trials")
     mistakes.tell()
     with mistakes.at("term"):
@@ -218,6 +231,7 @@ def _called(maker: Callable, options: Mapping[str, Any], name: str):
 def _space(shape: StudyToml, model: Model, mistakes: Mistakes) -> Space:
     windows: dict[str, Window] = {}
     fixed: dict[str, float] = {}
+    start: dict[str, float] = {}
     calibrated = [entry.name for entry in shape.record if entry.use == "calibrate"]
     for name, entry in shape.windows.items():
         with mistakes.at("windows", name):
@@ -227,13 +241,18 @@ def _space(shape: StudyToml, model: Model, mistakes: Mistakes) -> Space:
             )
             if name in shape.model.fixed:
                 raise CalibError("this parameter stands in [model] fixed too; keep one of them")
+        if name in windows and entry.start is not None:
+            with mistakes.at("windows", name, "start"):
+                value = to_si(entry.start, parameter.unit)
+                windows[name].check(value)
+                start[name] = value
     for name, value in shape.model.fixed.items():
         with mistakes.at("model", "fixed", name):
             parameter = _parameter(name, model, [record.name for record in shape.record])
             fixed[name] = to_si(value, parameter.unit)
             if not parameter.low <= fixed[name] <= parameter.high:
                 raise CalibError(_outside(parameter, f"{fixed[name]:g}"))
-    return Space(windows, {name: value for name, value in fixed.items() if name not in windows})
+    return Space(windows, {name: value for name, value in fixed.items() if name not in windows}, start)
 
 
 def _parameter(name: str, model: Model, records: list[str]) -> Parameter:
@@ -340,6 +359,7 @@ def _definition(shape: StudyToml, model: Model, space: Space, folder: Path) -> d
             name: {**asdict(window), "unit": model.parameters[name.partition("@")[0]].unit}
             for name, window in space.windows.items()  # their order is the order of the cube's axes
         },
+        **({"start": dict(space.start)} if space.start else {}),
         "terms": [_stated(term) for term in shape.term],
         "optimiser": _stated(shape.optimiser),
     }

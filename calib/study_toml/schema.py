@@ -176,6 +176,7 @@ class WindowTable(Table):
     low: Quantity
     high: Quantity
     scale: Scale = "linear"
+    start: Quantity | None = None  # the first trial is made there
 
 
 class TermTable(_Open):

@@ -116,8 +116,9 @@ def test_the_friction_device_has_play_and_stiffness_before_it_slips(diagnosed):
     found = diagnosed(STUDIES / "backlash_damper" / "study.toml", *DAMPER)
     assert found.verdict == NAMED
     assert found.causes == ("gap_offset", "presliding")
-    assert transfers(found, "dg") == pytest.approx(2 * [2.84e-3], abs=0.1e-3)  # the same where it was not fitted
-    assert transfers(found, "dahl_force") == pytest.approx(2 * [6.48], rel=0.03)
+    assert transfers(found, "dg") == pytest.approx(2 * [2.7e-3], abs=0.1e-3)  # the same where it was not fitted
+    assert [transfer.error < 0.05 * transfer.size for transfer in found.gain.transfers[::2]] == [True, True]
+    assert all(agreement.agree for agreement in found.gain.agreements)
     assert found.gain.proven
 
 

@@ -86,7 +86,7 @@ def study(references, space, parameters):
     objective = SimpleNamespace(
         references=references,
         terms=[SimpleNamespace(label="phase_curve", weight=1.0), SimpleNamespace(label="amplitude", weight=0.5)],
-        aligned=lambda name, record: record,
+        aligned=lambda name, record: record.assign(trust=("time", np.ones(record.sizes["time"]))),
     )
     model = SimpleNamespace(name="four_dof", bodies=("q2", "q3"), parameters=parameters)
     return SimpleNamespace(
@@ -148,8 +148,8 @@ def periodic():
         "motion": {"kind": "period 1", "wrong": [], "evidence": "section spread 1e-6"},
         "agreement": {"starts": 8, "agree": 6},
         "holdout": {
-            "louder": {"distance": 0.028, "kind": "period 1", "status": "ok", "reason": ""},
-            "slower": {"distance": None, "kind": None, "status": "diverged", "reason": "|q| > 1 m"},
+            "louder": {"misfit": 0.028, "score": 0.051, "kind": "period 1", "status": "ok", "reason": ""},
+            "slower": {"misfit": None, "score": None, "kind": None, "status": "diverged", "reason": "|q| > 1 m"},
         },
         "confidence": {
             "status": "ok",

@@ -137,6 +137,7 @@ GAIN = {
         {"record": "quiet", "parameter": "c2", "size": 3.4, "error": 1.1, "held": False},
         {"record": "louder", "parameter": "c2", "size": 2.45, "error": 0.06, "held": True},
     ],
+    "agreements": [{"parameter": "c2", "chi2": 1.6, "degrees": 2, "z": 0.75, "agree": True}],
     "shifts": [
         {"parameter": "restitution", "before": 0.0917, "after": 0.1001, "errors": 19.8},
         {"parameter": "gap", "before": 1.01e-3, "after": 1.0e-3, "errors": -1.4},

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from report.diagnoses import GATES, document, motion, motions
+from report.diagnoses import GAIN, GATES, document, motion, motions
 
 from calib.diagnosis import kept
 from calib.diagnosis.bench import Seen
@@ -146,6 +146,21 @@ def test_whether_several_causes_have_one_size_everywhere_is_said(z, differ, stud
     [told] = [text for text in chapter(said, {}, {"values": VALUES}, study)["why"] if "threshold" in text]
     how = "differ" if differ else "do not differ"
     assert told.startswith(f"The sizes of quadratic_drag and channel_lag {how} among the channels of the records")
+
+
+@pytest.mark.parametrize("inconstancy", [0.13, 5.3])
+@pytest.mark.parametrize("agree", [True, False])
+def test_a_page_never_says_that_sizes_differ_and_that_they_do_not(inconstancy, agree, study):
+    said = document("unexplained", VALUES)
+    said |= {"closest": ["quadratic_drag", "channel_lag"], "misfit": said["misfit"] | {"inconstancy": inconstancy}}
+    alone = {"parameter": "c2", "chi2": 1.6, "degrees": 2, "z": 0.7 if agree else 11.5, "agree": agree}
+    said["gain"] = GAIN | {"agreements": [alone]}
+    told = chapter(said, {}, {"values": VALUES}, study)
+    text = " ".join([*told["why"], *told["brings"]["agreement"]])
+    assert ("do not agree" in text) == (not agree)
+    assert not ("do not agree" in text and "do not differ" in text)
+    assert ("The records, each alone, agree on c2" in text) == agree
+    assert ("what differs are the channels within them" in text) == (agree and inconstancy > 3.43)
 
 
 def test_where_a_gate_fails_after_several_causes_were_found_nothing_is_said_of_their_sizes(study):

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from calib.objective import MISFIT
 from calib.report import render
 from calib.report.verdict import verdict
 from calib.report.words import measured_number, number
@@ -80,7 +81,8 @@ def test_it_says_kind_distance_agreement_and_what_was_not_reached(found):
     assert "period 1, as measured" in text
     assert "6 of 8 starts" in text
     assert "amplitude of q3 in clapping (measured 2.41 mm, nearest 3.02 mm, +25.3 %)" in text
-    assert "louder at 0.028" in text
+    assert "louder 2.8 % (period 1)" in text
+    assert MISFIT in text
     assert "slower failed (diverged)" in text
 
 

@@ -1,0 +1,59 @@
+"""Sizes that each record has alone, and whether they agree."""
+
+import numpy as np
+import pytest
+
+from calib.diagnosis.gain import Transfer, _refitted, agreements
+from calib.diagnosis.refit import Fit
+
+N = 400
+SEGMENTS = np.arange(N) // 20
+
+
+def columns(seed=0):
+    """A column of the size, and one of a calibrated parameter that it is nearly like."""
+    rng = np.random.default_rng(seed)
+    calibrated = rng.standard_normal(N)
+    return 0.995 * calibrated + 0.1 * rng.standard_normal(N), calibrated[:, None]
+
+
+def test_the_error_of_a_record_alone_covers_what_calibrated_parameters_take():
+    column, others = columns()
+    rng = np.random.default_rng(1)
+    deviates, raw = [], []
+    for _ in range(300):
+        noise = rng.standard_normal(N)
+        residual = 0.7 * column - 2.0 * others[:, 0] + noise  # the calibrated value is off, too
+        size, error = _refitted(residual, column, others, SEGMENTS)
+        deviates.append((size - 0.7) / error)
+        raw.append(error * np.linalg.norm(column))
+    assert np.std(deviates) == pytest.approx(1.0, abs=0.15)
+    assert abs(np.mean(deviates)) < 0.2
+    assert min(raw) > 5.0  # several times what it would be with the calibrated parameter held
+
+
+@pytest.mark.parametrize("left", [0.0, 1e-3])
+def test_a_record_that_does_not_tell_the_size_from_calibrated_values_has_none(left):
+    column, others = columns()
+    copy = others[:, 0] + left * column
+    assert _refitted(column, copy, others, SEGMENTS) is None
+
+
+def test_records_agree_by_the_threshold_of_the_diagnosis():
+    near = [Transfer("a", "k", 1.0, 0.1, False), Transfer("b", "k", 1.2, 0.1, True)]
+    [found] = agreements([*near, Transfer("a", "c", 1.0, 0.1, False)], 3.0)  # of c there is but one
+    assert (found.parameter, found.degrees, found.agree) == ("k", 1, True)
+    assert found.chi2 == pytest.approx(2.0)
+    assert found.z == pytest.approx(np.sqrt(2.0))
+    [found] = agreements([near[0], Transfer("b", "k", 2.0, 0.1, True)], 3.0)
+    assert not found.agree
+
+
+def test_a_joint_error_is_wider_where_more_than_noise_is_left():
+    rng = np.random.default_rng(2)
+    columns, residual = np.column_stack([rng.standard_normal((N, 2)), np.zeros(N)]), rng.standard_normal(N)
+    rest = columns, ("a", "b", "c"), (), np.zeros((N, 0))
+    noise, gross = (Fit(None, (), size * residual, *rest) for size in (1.0, 5.0))
+    assert noise.errors["a"] == pytest.approx(N**-0.5, rel=0.2)
+    assert gross.errors["a"] == pytest.approx(5.0 * noise.errors["a"], rel=0.1)
+    assert noise.errors["c"] == np.inf  # no record knows it
