@@ -18,6 +18,7 @@ from calib.study import Confirmation, Reach, Study
 
 NAME = "result.json"
 FAILED = "failed"
+NUISANCE_UNITS = {"trigger": "s", "offset": "m", "scale": "1", "shear": "s"}  # before the dot of its name
 
 
 def summarised(
@@ -77,6 +78,7 @@ def summarised(
             "wrong": [] if score is None else list(score.wrong),
         },
         "nuisances": {} if score is None else dict(score.nuisances),
+        "nuisance_units": _nuisance_units(study, score, holdout or {}),
         "agreement": _agreement(agreement),
         "holdout": dict(holdout or {}),
         "confirmation": None if confirmation is None else _confirmation(confirmation),
@@ -92,6 +94,16 @@ def summarised(
     return plain(found)
 
 
+def _nuisance_units(
+    study: Study, score: Score | None, holdout: Mapping[str, Mapping[str, Any]]
+) -> dict[str, str]:
+    """SI unit of each nuisance by name: of an initial state, that of the simulator's parameter."""
+    known = {name: parameter.unit for name, parameter in study.model.parameters.items()} | NUISANCE_UNITS
+    solved = [*(score.nuisances.values() if score else ()), *(said.get("nuisances", {}) for said in holdout.values())]
+    names = dict.fromkeys(name for own in solved for name in own)
+    return {name: known[name.partition(".")[0]] for name in names}
+
+
 def _failures(trials: Sequence[Trial]) -> list[dict[str, Any]]:
     """Say how many trials ended in which way other than ok, the most frequent first, each with its first reason."""
     failed = [trial for trial in trials if trial.status != OK]
@@ -104,12 +116,13 @@ def held_out(score: Score) -> dict[str, Any]:
     """What a hold-out record says of the best point, whose score on that record alone it is."""
     if score.status != OK:
         return failed(score.status, score.reason)
-    return {"distance": score.total, "terms": dict(score.terms), "kind": score.kind, "status": OK, "reason": ""}
+    found = {"distance": score.total, "terms": dict(score.terms), "kind": score.kind, "status": OK, "reason": ""}
+    return {**found, "nuisances": {name: value for own in score.nuisances.values() for name, value in own.items()}}
 
 
 def failed(status: str, reason: str) -> dict[str, Any]:
     """What a hold-out record says where it could not be simulated."""
-    return {"distance": None, "terms": {}, "kind": None, "status": status, "reason": reason}
+    return {"distance": None, "terms": {}, "kind": None, "status": status, "reason": reason, "nuisances": {}}
 
 
 def write(found: Mapping[str, Any], folder: Path) -> Path:

@@ -54,10 +54,10 @@ class Part:
         parts = [noise.whitened(row, w) for noise, row, w in zip(self.noise, rows, self.weight, strict=True)]
         return np.concatenate(parts)
 
-    def tangents(self, rows: np.ndarray) -> np.ndarray:
+    def tangents(self, seen: Seen) -> np.ndarray:
         """Change of the simulated rows with each nuisance, in units of the noise (row * n, k)."""
-        channel = [c for _, c in self.rows]
-        columns = []
+        rows, channel = seen.rows, [c for _, c in self.rows]
+        columns = list(seen.initial)
         if "trigger" in self.nuisance:
             columns.append(np.gradient(rows, self.time, axis=1))
         if "offset" in self.nuisance:
@@ -137,7 +137,7 @@ class Evidence:
 
     def tangents(self, seen: Mapping[str, Seen]) -> np.ndarray:
         """Change of the simulations with each nuisance of each record, in units of the noise (N, k)."""
-        blocks = [part.tangents(seen[part.name].rows) for part in self.parts]
+        blocks = [part.tangents(seen[part.name]) for part in self.parts]
         whole = np.zeros((sum(len(b) for b in blocks), sum(b.shape[1] for b in blocks)))
         row = column = 0
         for block in blocks:

@@ -191,7 +191,7 @@ def _apart(
         return np.pad(fit.free(fit.columns), ((0, 0), (0, len(proposal.nudges))))
 
     fresh = [columns(fit, *views) for fit, views in zip(fits, seen, strict=True)]
-    nuisances = new.tangents(one.rows)
+    nuisances = new.tangents(one)
     told = block_diag(*(known(fit) for fit in fits), np.zeros((0, nuisances.shape[1])))
     stacked = np.vstack([np.column_stack([fresh[0], -fresh[1], nuisances]), told])
     target = np.zeros(len(stacked))
