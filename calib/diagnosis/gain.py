@@ -9,6 +9,7 @@ from calib.cycles import kind_of_motion
 from calib.diagnosis.bench import Bench, Run, Seen, simulated
 from calib.diagnosis.evidence import Evidence, Part, gathered
 from calib.diagnosis.refit import Fit, Fitter, direction
+from calib.diagnosis.score import Projection
 from calib.diagnosis.selection import Suspect
 from calib.diagnosis.signature import slopes
 from calib.study import Pool
@@ -185,7 +186,7 @@ def _by_segment(part: Part, view: Seen) -> np.ndarray:
 def _transfers(
     pool: Pool, evidence: Evidence, final: Fit, causes: Sequence[Suspect], held: bool
 ) -> tuple[Transfer, ...]:
-    """Sizes of the causes as each record alone has them."""
+    """Sizes of the causes as each record alone has them, what its nuisances absorb taken out."""
     parameters = [(cause.candidate, p) for cause in causes for p in cause.candidate.parameters]
     directions = [direction(final.point, candidate, p) for candidate, p in parameters]
     columns = [slope.column for slope in slopes(pool, evidence, final.point, directions, compared=False)]
@@ -193,11 +194,13 @@ def _transfers(
     found = []
     for part in evidence.parts:
         own = evidence.of(part.name)
+        free = Projection(part.tangents(final.point.seen[part.name]))
+        left = free(residual[own])
         for (_, p), column in zip(parameters, columns, strict=True):
-            s = None if column is None else column[own]
+            s = None if column is None else free(column[own])
             if s is None or not np.linalg.norm(s) > 0.0:
                 continue
-            step, error = float(s @ residual[own] / (s @ s)), float(1.0 / np.linalg.norm(s))
+            step, error = float(s @ left / (s @ s)), float(1.0 / np.linalg.norm(s))
             found.append(Transfer(part.name, p.name, final.value(p.name) + step, error, held))
     return tuple(found)
 
