@@ -118,7 +118,7 @@ def _concluded(
             *_in_the_place_of_intervals(study, found.trials, confidence),
             *_remarks(study.objective, final.get(CALIBRATED)),
         ],
-        simulations=_simulations(file, found.trials, confirmation, confidence),
+        simulations=_simulations(file, found.trials, confirmation, confidence, final),
         seconds=time.monotonic() - begin,
     )
     progress.stage("report")
@@ -277,12 +277,25 @@ def _remarks(objective: Objective, answer: Evaluation | Failure | None) -> list[
 
 
 def _simulations(
-    file: StudyFile, trials: Sequence[Trial], confirmation: Confirmation | None, confidence: Confidence | None
+    file: StudyFile,
+    trials: Sequence[Trial],
+    confirmation: Confirmation | None,
+    confidence: Confidence | None,
+    final: Mapping[str, Evaluation | Failure],
 ) -> int:
     each = len(file.study.objective.references)
-    again = 0 if confirmation is None else len(confirmation.leaders)
-    neighbours = 0 if confidence is None else confidence.evaluations
-    return each * (len(trials) + again + neighbours) + (each + len(_held(file)) if confidence is not None else 0)
+    searched = sum(each if trial.simulations is None else trial.simulations for trial in trials)
+    again = 0 if confirmation is None else sum(_runs(leader.evaluation, each) for leader in confirmation.leaders)
+    if confidence is None:
+        return searched + again
+    centre = _runs(final.get(CALIBRATED), each)  # its neighbours take as many
+    held = sum(_runs(answer, 1) for name, answer in final.items() if name != CALIBRATED)
+    return searched + again + centre * (1 + confidence.evaluations) + held
+
+
+def _runs(answer: Evaluation | Failure | None, otherwise: int) -> int:
+    """Runs of the simulator that an evaluation took; `otherwise` where it failed."""
+    return answer.simulations if isinstance(answer, Evaluation) else otherwise
 
 
 # --- the page --------------------------------------------------------------------------------------------------------

@@ -69,12 +69,14 @@ class Simulator(Protocol):
     10. Optionally `internal_states`: False where it takes no force laws that have such; they are then refused before
        any run.
 
-    10. Optionally `places`, a mapping of "body", "support", "interface" to names of bodies: "body", those on which an
+    11. Optionally `places`, a mapping of "body", "support", "interface" to names of bodies: "body", those on which an
         effect is likely; "support", those that are held from outside; "interface", the name of a *port* between two
         bodies, no body itself, at which force laws see the clearance (see `calib.laws`). Absent: effects that act at a
         support or an interface are not offered.
-    11. Optionally `law_states`, how many internal states a force law may have. Absent: as many as a law can.
-    12. Optionally `finer(what, factor)`, the same simulator with a time step (what = "time_step") or a tolerance of its
+    12. Optionally `law_states`, how many internal states a force law may have. Absent: as many as a law can.
+    13. Optionally `initial`, a mapping of the parameters that set the initial state to the (body, channel) that each
+        sets, such as {"initial_velocity": ("mass", "velocity")}: a record's nuisance "initial_state" solves for them.
+    14. Optionally `finer(what, factor)`, the same simulator with a time step (what = "time_step") or a tolerance of its
         events ("event_tolerance") divided by `factor`, and `numerics`, the set of those it can refine.
 
     `calib.testing.SimulatorSuite` checks all this.
@@ -102,6 +104,7 @@ class Model:
         for effect in self.effects:
             self._check(effect)
             self.parameters |= {p.name: p for p in effect.parameters}
+        self._check_initial()
         if self._confirming is not None:
             self._check_confirming(self._confirming)
         for site in {effect.site for effect in self.effects} - set(PLAIN):
@@ -118,6 +121,12 @@ class Model:
         for parameter in effect.parameters:
             if parameter.name in self.parameters:
                 raise CalibError(f"effect {effect.name!r} brings {parameter.name!r}, which the model has already")
+
+    def _check_initial(self) -> None:
+        for name, (body, _) in self.initial.items():
+            if name not in self.parameters or body not in self.bodies:
+                what = f"parameter {name!r}" if name not in self.parameters else f"body {body!r}"
+                raise CalibError(f"simulator {self.simulator.name!r} declares an initial state of an unknown {what}")
 
     @property
     def _confirming(self) -> Simulator | None:
@@ -147,6 +156,11 @@ class Model:
     def bodies(self) -> tuple[str, ...]:
         """Bodies whose motion the simulator gives."""
         return self.simulator.bodies
+
+    @property
+    def initial(self) -> Mapping[str, tuple[str, str]]:
+        """Parameters that set the initial state, each with the (body, channel) that it sets; empty without them."""
+        return getattr(self.simulator, "initial", {})
 
     @property
     def nominal(self) -> dict[str, float]:

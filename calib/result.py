@@ -18,6 +18,7 @@ from calib.study import Confirmation, Reach, Study
 
 NAME = "result.json"
 FAILED = "failed"
+NUISANCE_UNITS = {"trigger": "s", "offset": "m", "scale": "1", "shear": "s"}  # before the dot of its name
 
 
 def summarised(
@@ -77,6 +78,7 @@ def summarised(
             "wrong": [] if score is None else list(score.wrong),
         },
         "nuisances": {} if score is None else dict(score.nuisances),
+        "nuisance_units": _nuisance_units(study, score, holdout or {}),
         "agreement": _agreement(agreement),
         "holdout": dict(holdout or {}),
         "confirmation": None if confirmation is None else _confirmation(confirmation),
@@ -90,6 +92,16 @@ def summarised(
         "seconds": seconds,
     }
     return plain(found)
+
+
+def _nuisance_units(
+    study: Study, score: Score | None, holdout: Mapping[str, Mapping[str, Any]]
+) -> dict[str, str]:
+    """SI unit of each nuisance by name: of an initial state, that of the simulator's parameter."""
+    known = {name: parameter.unit for name, parameter in study.model.parameters.items()} | NUISANCE_UNITS
+    solved = [*(score.nuisances.values() if score else ()), *(said.get("nuisances", {}) for said in holdout.values())]
+    names = dict.fromkeys(name for own in solved for name in own)
+    return {name: known[name.partition(".")[0]] for name in names}
 
 
 def _failures(trials: Sequence[Trial]) -> list[dict[str, Any]]:
@@ -110,13 +122,15 @@ def held_out(score: Score, misfit: float) -> dict[str, Any]:
     """
     if score.status != OK:
         return failed(score.status, score.reason)
-    terms = {"score": score.total, "terms": dict(score.terms)}
-    return {"misfit": misfit, **terms, "kind": score.kind, "status": OK, "reason": ""}
+    found = {"misfit": misfit, "score": score.total, "terms": dict(score.terms), "kind": score.kind}
+    nuisances = {name: value for own in score.nuisances.values() for name, value in own.items()}
+    return {**found, "status": OK, "reason": "", "nuisances": nuisances}
 
 
 def failed(status: str, reason: str) -> dict[str, Any]:
     """What a hold-out record says where it could not be simulated."""
-    return {"misfit": None, "score": None, "terms": {}, "kind": None, "status": status, "reason": reason}
+    found = {"misfit": None, "score": None, "terms": {}, "kind": None}
+    return {**found, "status": status, "reason": reason, "nuisances": {}}
 
 
 def write(found: Mapping[str, Any], folder: Path) -> Path:

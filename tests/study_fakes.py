@@ -54,6 +54,7 @@ class Reference:
     excitation: Excitation = field(default_factory=lambda: Excitation("mass", "force", frequency=1.0, amplitude=1.0))
     request: Request = field(default_factory=Request)
     use: str = "calibrate"
+    frees_initial_state: bool = False
 
 
 @dataclass

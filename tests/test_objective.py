@@ -411,7 +411,9 @@ def test_nuisances_that_cannot_be_solved_are_refused():
         Reference("run", record, nuisance=["trigger"], excitation=decay)
     with pytest.raises(CalibError, match="needs velocity"):
         Reference("run", record.drop_vars("velocity"), nuisance=["shear"])
-    Reference("run", record, nuisance=["initial_state"])  # searched, not solved
+    with pytest.raises(CalibError, match="run: the nuisance 'initial_state'.*harmonic excitation"):
+        Reference("run", record, nuisance=["initial_state"])
+    Reference("run", record, nuisance=["initial_state"], excitation=decay)
 
 
 def test_a_term_whose_channel_the_reference_lacks_is_refused_with_what_is_possible():

@@ -12,6 +12,7 @@ from calib.errors import CalibError
 from calib.excitation import Excitation
 from calib.laws import force
 from calib.parameter import Parameter
+from calib.simulators.oscillator import Oscillator
 
 SECTION = 64  # periods
 DRIVE = Excitation("base", "base motion", frequency=10.0, amplitude=1e-3)
@@ -24,6 +25,12 @@ def remembered(t, x, v, p, z, dz):
 
 
 MEMORY = Effect("memory", "force", remembered, (Parameter("lag", "s", 0.0, "of memory", null=0.0),), "it remembers")
+
+
+class Undeclared(Oscillator):
+    """An oscillator that does not say which of its parameters are the initial state."""
+
+    initial = {}
 
 
 class Echo:

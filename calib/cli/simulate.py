@@ -1,6 +1,7 @@
 """One run of a study's simulator at values given by hand."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -9,14 +10,14 @@ import xarray as xr
 
 from calib.cli.given import settings
 from calib.cycles import kind_of_motion
-from calib.dynamics.stationary import stationary_record
 from calib.errors import CalibError
 from calib.model import Model
-from calib.objective import Reference
+from calib.objective import INITIAL_STATE, Objective, Reference
 from calib.parameter import values_for
 from calib.pool import REFUSED, Failure, LocalPool
 from calib.record import OK, channels, failed, write
 from calib.report.figures import simulation_picture
+from calib.study import simulated
 from calib.study_toml import load
 from calib.units import shown
 
@@ -30,30 +31,38 @@ def simulate_once(study: Path, given: Sequence[str], record: str | None, output:
     """
     file = load(study)
     chosen = file.reference(record)
-    values = values_for(file.study.space.fixed, chosen.name) | settings(given, file.study.model.parameters)
-    with LocalPool(partial(_run, file.study.model, chosen), 1, file.study.timeout) as pool:
-        [(_, simulated)] = pool.map([values])
-    if isinstance(simulated, Failure) and simulated.status == REFUSED:
-        raise CalibError(simulated.reason)
-    if isinstance(simulated, Failure):
-        simulated = failed(file.study.model.bodies, simulated.status, simulated.reason)
+    model, own = file.study.model, settings(given, file.study.model.parameters)
+    values = values_for(file.study.space.fixed, chosen.name) | own
+    objective = file.study.objective.on({chosen.name: _unless_given(chosen, model, own)})
+    with LocalPool(partial(_run, model, objective, chosen.name), 1, file.study.timeout) as pool:
+        [(_, answer)] = pool.map([values])
+    if isinstance(answer, Failure) and answer.status == REFUSED:
+        raise CalibError(answer.reason)
+    record = failed(model.bodies, answer.status, answer.reason) if isinstance(answer, Failure) else answer
     if output.parent != Path():
         output.parent.mkdir(parents=True, exist_ok=True)
-    write(simulated, output)
-    click.echo(f"{output}: {simulated.attrs['status']}")
-    if simulated.attrs["status"] != OK:
-        click.echo(f"reason: {simulated.attrs.get('reason', 'not said')}")
+    write(record, output)
+    click.echo(f"{output}: {record.attrs['status']}")
+    if record.attrs["status"] != OK:
+        click.echo(f"reason: {record.attrs.get('reason', 'not said')}")
         return False
     picture = output.with_suffix(".png")
-    simulation_picture(simulated, picture)
-    for line in _described(simulated):
+    simulation_picture(record, picture)
+    for line in _described(record):
         click.echo(line)
     click.echo(f"picture: {picture}")
     return True
 
 
-def _run(model: Model, reference: Reference, values: Mapping[str, float]) -> xr.Dataset:
-    return stationary_record(model, values, reference.excitation, reference.request)
+def _run(model: Model, objective: Objective, name: str, values: Mapping[str, float]) -> xr.Dataset:
+    return simulated(model, objective, name, values)
+
+
+def _unless_given(reference: Reference, model: Model, given: Mapping[str, float]) -> Reference:
+    """Return the reference with its initial state as it is given, where a part of it is."""
+    if not set(given) & set(model.initial):
+        return reference
+    return replace(reference, nuisance=[name for name in reference.nuisance if name != INITIAL_STATE])
 
 
 def _described(record: xr.Dataset) -> Iterator[str]:

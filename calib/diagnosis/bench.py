@@ -10,7 +10,7 @@ from calib.cycles import IRREGULAR, kind_of_motion
 from calib.effect import Effect
 from calib.excitation import Excitation
 from calib.model import Model, Request
-from calib.objective import FeatureValue, Objective, trusted
+from calib.objective import FeatureValue, Objective, simulations, trusted
 from calib.parameter import values_for
 from calib.pool import Failure, in_order
 from calib.record import OK, prescribed
@@ -56,6 +56,8 @@ class Seen:
     wrong : how its kind of motion differs from the measured one, or where nothing was measured, that it is irregular;
         "" where that is not so, or was not asked for
     time : (n,) instants of the simulation where nothing was measured  [s]
+    initial : (k, row, n) change of the rows with each component of the initial state, where that is a nuisance
+    simulations : that it took
     status, reason : "ok", or why there is nothing
     """
 
@@ -68,6 +70,8 @@ class Seen:
     features: tuple[FeatureValue, ...] = ()
     wrong: str = ""
     time: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    initial: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 0)))
+    simulations: int = 1
     status: str = OK
     reason: str = ""
 
@@ -104,11 +108,16 @@ class Bench:
         if excitation.quantity == "free decay" and request.times is None:
             time = reference.record.time.values
             request = replace(request, times=time - time[0])
-        record = model.run(values_for(run.values, run.record), excitation, request)
+        asked = run.excitation is None
+        values, slopes = values_for(run.values, run.record), {}
+        if asked and reference.frees_initial_state:
+            released = self.objective.released(run.record, model, values, request)
+            record, slopes = released.record, released.slopes
+        else:
+            record = model.run(values, excitation, request)
         status = record.attrs["status"]
         if status != OK:
-            return _nothing(status, str(record.attrs.get("reason", "")))
-        asked = run.excitation is None
+            return replace(_nothing(status, str(record.attrs.get("reason", ""))), simulations=simulations(record))
         seen = self.objective.aligned(run.record, record) if asked else record.assign(trust=("time", trusted(record)))
         pairs = self.rows[run.record]
         missing = [channel for _, channel in pairs if channel not in seen.variables]
@@ -129,6 +138,8 @@ class Bench:
             features=tuple(self.objective.features(run.record, record)) if first else (),
             wrong=_irregular(record) if not asked else self.objective.wrong_kind(run.record, record) if first else "",
             time=np.zeros(0) if asked else record["time"].values,
+            initial=np.array([[own[c][bodies.index(b)] for b, c in pairs] for own in slopes.values()]),
+            simulations=simulations(record),
         )
 
 

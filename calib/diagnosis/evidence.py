@@ -62,14 +62,14 @@ class Part:
         parts = [noise.whitened(row, w) for noise, row, w in zip(self.noise, rows, self.weight, strict=True)]
         return np.concatenate(parts)
 
-    def tangents(self, rows: np.ndarray) -> np.ndarray:
+    def tangents(self, seen: Seen) -> np.ndarray:
         """Change of the simulated rows with each nuisance, in units of the noise (row * n, k).
 
         The rate of the recorder's clock against that of the drive is one in every record of a steady tone: nobody
         knows it to better than some 50 ppm, and nothing that repeats looks like it.
         """
-        channel = [c for _, c in self.rows]
-        columns = [_clock_rate(self.time, rows)] if self.period is not None else []
+        rows, channel = seen.rows, [c for _, c in self.rows]
+        columns = [*seen.initial, *([_clock_rate(self.time, rows)] if self.period is not None else [])]
         if "trigger" in self.nuisance:
             columns.append(np.gradient(rows, self.time, axis=1))
         if "offset" in self.nuisance:
@@ -142,7 +142,7 @@ class Evidence:
 
     def tangents(self, seen: Mapping[str, Seen]) -> np.ndarray:
         """Change of the simulations with each nuisance of each record, in units of the noise (N, k)."""
-        blocks = [part.tangents(seen[part.name].rows) for part in self.parts]
+        blocks = [part.tangents(seen[part.name]) for part in self.parts]
         whole = np.zeros((sum(len(b) for b in blocks), sum(b.shape[1] for b in blocks)))
         row = column = 0
         for block in blocks:

@@ -66,7 +66,7 @@ def next_measurement(pool: Pool, bench: Bench, fitter: Fitter, rivals: Sequence[
     if len(fits) < 2:
         return ()
     parts = sorted(fitter.evidence.parts, key=lambda p: not bench.objective.references[p.name].excitation.harmonic)
-    proposals, found = _proposals(bench, parts[0]), []
+    proposals, found = _proposals(bench, parts[0], fits[0].point.seen[parts[0].name]), []
     answers = iter(simulated(pool, [run for p in proposals for fit in fits for run in _runs(p, fit)]))
     for proposal in proposals:
         views = []
@@ -105,15 +105,21 @@ class _Proposal:
     nudges: tuple[float, ...] = ()
 
 
-def _proposals(bench: Bench, part: Part) -> list[_Proposal]:
-    """Excitations near that of a record, and unlike those of all records; releases."""
+def _proposals(bench: Bench, part: Part, seen: Seen) -> list[_Proposal]:
+    """Excitations near that of a record, and unlike those of all records; releases.
+
+    Where the record's initial state is a nuisance, a proposal begins from the one that was solved for, not known.
+    """
     excitation = bench.objective.references[part.name].excitation
     known = [r.excitation for r in bench.objective.references.values()]
     found = []
+    begin = {name: seen.nuisances[name] for name in bench.model.initial if name in seen.nuisances}
+    size = NUDGE * float(np.abs(part.measured).max())
+    nudges = tuple(size / float(np.abs(change).max()) for change in seen.initial) if begin else ()
     if excitation.harmonic or excitation.recorded:
         for factor in AMPLITUDES:
             words = f"{part.name} at {factor:g} times its amplitude"
-            found.append(_Proposal(part, excitation.scaled(factor), words))
+            found.append(_Proposal(part, excitation.scaled(factor), words, begin, nudges))
     if excitation.harmonic:
         for factor in FREQUENCIES:
             changed = replace(excitation, frequency=factor * excitation.frequency)
@@ -191,7 +197,7 @@ def _apart(
         return np.pad(fit.free(fit.columns), ((0, 0), (0, len(proposal.nudges))))
 
     fresh = [columns(fit, *views) for fit, views in zip(fits, seen, strict=True)]
-    nuisances = new.tangents(one.rows)
+    nuisances = new.tangents(one)
     told = block_diag(*(known(fit) for fit in fits), np.zeros((0, nuisances.shape[1])))
     stacked = np.vstack([np.column_stack([fresh[0], -fresh[1], nuisances]), told])
     target = np.zeros(len(stacked))

@@ -9,7 +9,7 @@ from scipy import stats
 from scipy.optimize import lsq_linear
 
 from calib.confidence.covariance import sandwich
-from calib.diagnosis.bench import simulated
+from calib.diagnosis.bench import Seen, simulated
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.score import Projection
@@ -200,7 +200,7 @@ class Fitter:
         """Return the fit with the derivatives at its own point."""
         directions = self.directions(fit.point, fit.found)
         found = slopes(self.pool, self.evidence, fit.point, directions, self.steps, compared=False)
-        self.runs += len(directions) * len(self.evidence.names)
+        self.runs += len(directions) * _simulations(fit.point.seen)
         self.steps |= {d.name: abs(s.step) for d, s in zip(directions, found, strict=True) if s.step}
         none = np.zeros(fit.residual.size)
         columns = [none if s.column is None else s.column for s in found]
@@ -229,7 +229,7 @@ class Fitter:
         values = {**origin.values, **{d.name: float(value) for d, value in zip(directions, x, strict=True)}}
         names = self.evidence.names
         views = dict(zip(names, simulated(self.pool, origin.runs(names, values)), strict=True))
-        self.runs += len(names)
+        self.runs += _simulations(views)
         if not all(view.usable for view in views.values()):
             return None
         nuisances = self.evidence.tangents(views)
@@ -255,7 +255,7 @@ class Fitter:
         names, null = self.evidence.names, candidate.null
         runs = base.point.runs(names, candidate.values(sizes), (candidate.effect,))
         views = dict(zip(names, simulated(self.pool, runs), strict=True))
-        self.runs += len(views)
+        self.runs += _simulations(views)
         if not all(view.usable for view in views.values()):
             return None
         absorbing = base.absorbing
@@ -293,8 +293,13 @@ class Fitter:
                 )
                 owner.append(index)
         found = slopes(self.pool, self.evidence, point, directions)
-        self.runs += 4 * len(directions) * len(self.evidence.names)
+        self.runs += 4 * len(directions) * _simulations(point.seen)
         return [[slope for slope, o in zip(found, owner, strict=True) if o == k] for k in range(len(candidates))]
+
+
+def _simulations(views: Mapping[str, Seen]) -> int:
+    """Runs of the simulator that these records took."""
+    return sum(view.simulations for view in views.values())
 
 
 def _extended(start: Point, found: Sequence[Candidate], sizes: Mapping[str, float]) -> Point:

@@ -1,17 +1,20 @@
 """How far simulated records are from measured ones."""
 
 from calib.objective.alignment import trusted
+from calib.objective.initial_state import Released, simulations
 from calib.objective.misfit import MISFIT, Squares, compared_rows, misfit, record_misfit, row_weights, squares_of
 from calib.objective.objective import Objective
 from calib.objective.reach import FeatureValue
-from calib.objective.terms import Feature, Reference, Score, Term
+from calib.objective.terms import INITIAL_STATE, Feature, Reference, Score, Term
 
 __all__ = [
+    "INITIAL_STATE",
     "MISFIT",
     "Feature",
     "FeatureValue",
     "Objective",
     "Reference",
+    "Released",
     "Score",
     "Squares",
     "Term",
@@ -19,6 +22,7 @@ __all__ = [
     "misfit",
     "record_misfit",
     "row_weights",
+    "simulations",
     "squares_of",
     "trusted",
 ]

@@ -2,12 +2,25 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import xarray as xr
 
 from calib.cycles import NO_CONTACT, UNDECIDED, Motion, kind_of_motion, sampled
+from calib.errors import CalibError
+from calib.model import Model, Request
 from calib.objective.alignment import Alignment
+from calib.objective.initial_state import (
+    Comparison,
+    Released,
+    Unknown,
+    View,
+    initial_state,
+    no_initial_state,
+    released,
+    unknowns,
+)
 from calib.objective.reach import FeatureValue, Scalar, compared, scalars
 from calib.objective.terms import Reference, Term
 from calib.record import OK, prescribed
@@ -46,6 +59,7 @@ class Compared:
             attrs={k: v for k, v in self.record.attrs.items() if k in ("frequency", "place", "quantity", "status")},
         )
         self._scalars: dict[tuple[str, frozenset], Mapping[str, Scalar]] = {}
+        self._initial: tuple[Mapping[str, tuple[str, str]], list[Unknown]] | None = None
 
     def _alignment(self, prescribed) -> Alignment:
         if prescribed not in self._alignments:
@@ -80,7 +94,44 @@ class Compared:
         if len(values) < len(template.data_vars):
             template = template[list(values)]
         record = template.copy(data=values).assign(trust=("time", trust))
-        return Seen(record, raw, nuisances, kind_of_motion(raw), given)
+        return Seen(record, raw, {**nuisances, **initial_state(simulated)}, kind_of_motion(raw), given)
+
+    def released(self, model: Model, values: Mapping[str, float], request: Request) -> Released:
+        """Simulate with the initial state that fits the reference best; see `calib.objective.initial_state`."""
+        compared = self._comparison
+
+        def look(state: Mapping[str, float]) -> View:
+            record = model.run({**values, **state}, self.reference.excitation, request)
+            failed = self.failure(record)
+            if failed is not None:
+                return View(record, status=failed[0])
+            channels, _, trust = self._alignment(self.prescribed.union(prescribed(record)))(record)
+            return compared.view(record, channels, trust)
+
+        try:
+            return released(look, compared, self._unknowns(model))
+        except CalibError as error:
+            raise CalibError(f"{self.name}: {error}") from error
+
+    @cached_property
+    def _comparison(self) -> Comparison:
+        """Samples from which the initial state is solved: all that is measured of the compared bodies."""
+        rows = [
+            (body, channel)
+            for channel in self._template.data_vars
+            for body in self.bodies
+            if body in self._bodies and (body, channel) not in self.prescribed
+        ]
+        return Comparison(self.record, rows)
+
+    def _unknowns(self, model: Model) -> list[Unknown]:
+        """Return the components of the initial state, as this reference alone tells them."""
+        if self._initial is None or self._initial[0] != model.initial:
+            if not model.initial:
+                raise CalibError(no_initial_state(model))
+            centred = "offset" in self.reference.nuisance
+            self._initial = model.initial, unknowns(self.record, model.initial, model.parameters, centred)
+        return self._initial[1]
 
     def penalty(self, motion: Motion) -> float | None:
         """How far a motion of another kind is from the reference's, in [0, 1]; None where the kind is right."""

@@ -14,8 +14,8 @@ from calib.record import OK, STATE, check
 
 Use = Literal["calibrate", "name", "holdout"]
 USES = get_args(Use)
-SOLVED = ("trigger", "offset", "scale", "shear")  # nuisances solved in closed form, here
-SEARCHED = ("initial_state",)  # nuisances that are parameters of the search
+INITIAL_STATE = "initial_state"
+NUISANCES = ("trigger", "offset", "scale", "shear", INITIAL_STATE)
 
 
 class Feature(Protocol):
@@ -60,7 +60,8 @@ class Reference:
     use : "calibrate" (scored), "name" (used in diagnosis only) or "holdout" (used to measure gain only)
     nuisance : of this measurement, not of the model: "trigger" (the instant of its start; one per record, common to all
         bodies and channels), "offset" (of each body's displacement), "scale" (of each channel), "shear" (of the plotted
-        phase curve, x + k y) are solved in closed form; "initial_state" is a parameter of the search
+        phase curve, x + k y) are solved in closed form; "initial_state" (the simulator's parameters `initial`) by
+        Gauss-Newton steps, where the record begins with the motion
     excitation : None reads it from the record
     request : what to compute for the comparison
     """
@@ -82,10 +83,21 @@ class Reference:
         for nuisance in self.nuisance:
             self._check_nuisance(nuisance)
 
+    @property
+    def frees_initial_state(self) -> bool:
+        """Whether the initial state is one of the nuisances."""
+        return INITIAL_STATE in self.nuisance
+
     def _check_nuisance(self, nuisance):
-        known = (*SOLVED, *SEARCHED)
-        if nuisance not in known:
-            raise CalibError(f"{self.name}: unknown nuisance {nuisance!r}{nearest(nuisance, known)}; known are {known}")
+        if nuisance not in NUISANCES:
+            hint = nearest(nuisance, NUISANCES)
+            raise CalibError(f"{self.name}: unknown nuisance {nuisance!r}{hint}; known are {NUISANCES}")
+        if nuisance == INITIAL_STATE and self.excitation.harmonic:
+            raise CalibError(
+                f"{self.name}: the nuisance {INITIAL_STATE!r} belongs to a record that begins with the motion, a free "
+                "decay or one with a recorded input; this one is a steady state under a harmonic excitation, which "
+                "has forgotten its start: drop this nuisance"
+            )
         if nuisance == "trigger" and not self.excitation.periodic:
             raise CalibError(
                 f"{self.name}: the trigger can be solved for only where the excitation has a period; "

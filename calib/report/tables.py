@@ -170,13 +170,17 @@ def failures(trials) -> list[dict[str, Any]]:
 
 def nuisances(result) -> list[dict[str, Any]]:
     """Record, name and value of each nuisance that was solved for."""
-    rows = []
-    for record, found in (result.get("nuisances") or {}).items():
-        for name, value in (found or {}).items():
-            rows.append(
-                {"record": record, "name": name, "value": shown(value, "s") if name == "trigger" else number(value)}
-            )
-    return rows
+    units, held = result.get("nuisance_units") or {}, result.get("holdout") or {}
+    solved = {**(result.get("nuisances") or {}), **{name: said.get("nuisances") for name, said in held.items()}}
+    return [
+        {"record": record, "name": name, "value": _with_unit(value, units.get(name))}
+        for record, found in solved.items()
+        for name, value in (found or {}).items()
+    ]
+
+
+def _with_unit(value: float, unit: str | None) -> str:
+    return number(value) if unit in (None, "1") else shown(value, unit)
 
 
 def provenance(study, result, command, header) -> dict[str, Any]:

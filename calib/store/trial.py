@@ -31,6 +31,7 @@ class Trial:
     features : scalar features, each a dict with label, record, body, unit, measured, simulated, tolerance
     residuals : (n,) float64, or None where the evaluation failed
     segment : which stretch of the ledger, from 0; a new one begins where libraries or processor changed
+    simulations : runs of the simulator; None where they were not counted: one for each record
     """
 
     number: int
@@ -46,6 +47,7 @@ class Trial:
     features: list[dict[str, Any]] = field(default_factory=list)
     residuals: np.ndarray | None = field(default=None, compare=False, repr=False)
     segment: int = 0
+    simulations: int | None = None
 
     @property
     def scored(self) -> bool:
@@ -82,6 +84,7 @@ def line(trial: Trial, place: tuple[int, int] | None) -> str:
         "seconds": round(trial.seconds, 6),
         "residuals": place,
         "features": trial.features,
+        "simulations": trial.simulations,
     }
     return json.dumps(plain(content), allow_nan=False, separators=(",", ":"))
 
@@ -102,6 +105,7 @@ def trial_of(content: Mapping[str, Any], residuals: np.ndarray | None, segment: 
         features=content["features"],
         residuals=residuals,
         segment=segment,
+        simulations=content.get("simulations"),
     )
 
 

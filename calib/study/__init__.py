@@ -2,7 +2,8 @@
 
 from calib.study.confirmation import LEADERS, Confirmation, Leader, confirm, leaders
 from calib.study.contracts import Optimiser, Outcome, Pool, StoreContract
-from calib.study.evaluation import Evaluation, evaluate, outcome
+from calib.study.evaluation import Evaluation, evaluate, outcome, simulated
+from calib.study.initial_state import check_searched, check_solvable, check_stated
 from calib.study.reachability import Reach, missed, reach
 from calib.study.search import BUDGET
 from calib.study.study import INTERRUPTED, Result, Study
@@ -21,10 +22,14 @@ __all__ = [
     "Result",
     "StoreContract",
     "Study",
+    "check_searched",
+    "check_solvable",
+    "check_stated",
     "confirm",
     "evaluate",
     "leaders",
     "missed",
     "outcome",
     "reach",
+    "simulated",
 ]

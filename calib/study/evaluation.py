@@ -10,7 +10,8 @@ import numpy as np
 import xarray as xr
 
 from calib.dynamics.stationary import stationary_record
-from calib.objective import Score
+from calib.model import Model
+from calib.objective import Objective, Score, simulations
 from calib.parameter import values_for
 from calib.pool import Failure
 from calib.store import Trial
@@ -27,12 +28,14 @@ class Evaluation:
     records : simulated record of each scored reference
     features : scalar features as dicts: label, record, body, unit, measured, simulated, tolerance
     seconds : wall-clock time  [s]
+    simulations : runs of the simulator
     """
 
     score: Score
     records: Mapping[str, xr.Dataset]
     features: list[dict[str, Any]]
     seconds: float
+    simulations: int = 1
 
 
 def evaluate(study, values: Mapping[str, float]) -> Evaluation:
@@ -48,13 +51,23 @@ def evaluate(study, values: Mapping[str, float]) -> Evaluation:
     """
     start = time.perf_counter()
     objective = study.objective
-    references = {name: objective.references[name] for name in objective.scored}
-    records = {
-        name: stationary_record(study.model, values_for(values, name), reference.excitation, reference.request)
-        for name, reference in references.items()
-    }
+    records = {name: simulated(study.model, objective, name, values) for name in objective.scored}
     score, features = objective.judged(records)
-    return Evaluation(score, records, [asdict(feature) for feature in features], time.perf_counter() - start)
+    count = sum(simulations(record) for record in records.values())
+    return Evaluation(score, records, [asdict(feature) for feature in features], time.perf_counter() - start, count)
+
+
+def simulated(model: Model, objective: Objective, name: str, values: Mapping[str, float]) -> xr.Dataset:
+    """Simulate the reference `name` at the values of all records (SI), its initial state solved for where it is free.
+
+    Raises
+    ------
+    CalibError : an unknown parameter, or an excitation that the simulator cannot take
+    """
+    reference, own = objective.references[name], values_for(values, name)
+    if reference.frees_initial_state:
+        return objective.released(name, model, own).record
+    return stationary_record(model, own, reference.excitation, reference.request)
 
 
 def outcome(result: Trial | Score | Failure) -> Outcome:
@@ -83,4 +96,5 @@ def as_trial(
         features=result.features,
         residuals=np.asarray(score.residuals, dtype=float) if scored and score.residuals is not None else None,
         segment=segment,
+        simulations=result.simulations,
     )

@@ -14,6 +14,7 @@ from calib.store import Trial
 from calib.store.trial import best
 from calib.study.contracts import Optimiser, Pool, StoreContract
 from calib.study.evaluation import evaluate
+from calib.study.initial_state import check_searched, check_solvable, check_stated
 from calib.study.reachability import Reach, reach
 from calib.study.search import Search
 
@@ -81,6 +82,12 @@ class Study:
                 raise CalibError(f"{name} is a whole number from {low} on, got {value!r}")
         if not self.space.dim:
             raise CalibError("there is nothing to search: give at least one parameter a window")
+        for reference in self.objective.references.values():
+            check_solvable(self.model, reference)
+        for name in (*self.space.windows, *self.space.fixed):
+            check_stated(name, self.model, self.objective.references)
+        for name in self.space.windows:
+            check_searched(name, self.model, self.objective.references)
         for name in self.space.windows:  # a value that is fixed may belong to a record that is held out
             record = name.partition("@")[2]
             if "@" in name and record not in self.objective.references:

@@ -14,7 +14,7 @@ from calib.model import Model
 from calib.objective import Objective, Reference, Term
 from calib.parameter import Parameter, Space, Window, values_for
 from calib.store.plain import plain
-from calib.study import Study
+from calib.study import Study, check_searched, check_stated
 from calib.study_toml.mistakes import Mistakes, located, read_toml
 from calib.study_toml.references import OWN, digest, references
 from calib.study_toml.schema import OptimiserTable, StudyToml, TermTable
@@ -117,7 +117,7 @@ def load(path: str | Path, budget: int | None = None, jobs: int | None = None) -
     model = _model(shape, mistakes)
     known = references(shape, model, mistakes)
     calibrated = {name: reference for name, reference in known.items() if reference and reference.use == "calibrate"}
-    space = _space(shape, model, mistakes) if model is not None else None
+    space = _space(shape, model, known, mistakes) if model is not None else None
     terms = _terms(shape, calibrated, mistakes) if all(known.values()) else []
     optimiser = _optimiser(shape, mistakes)
     timeout = _seconds(shape, mistakes)
@@ -228,13 +228,18 @@ def _called(maker: Callable, options: Mapping[str, Any], name: str):
 # --- the search ------------------------------------------------------------------------------------------------------
 
 
-def _space(shape: StudyToml, model: Model, mistakes: Mistakes) -> Space:
+def _space(
+    shape: StudyToml, model: Model, known: Mapping[str, Reference | None], mistakes: Mistakes
+) -> Space:
     windows: dict[str, Window] = {}
     fixed: dict[str, float] = {}
     start: dict[str, float] = {}
     calibrated = [entry.name for entry in shape.record if entry.use == "calibrate"]
+    references = {name: reference for name, reference in known.items() if reference is not None}
     for name, entry in shape.windows.items():
         with mistakes.at("windows", name):
+            check_stated(name, model, references)
+            check_searched(name, model, references)
             parameter = _parameter(name, model, calibrated)
             windows[name] = _inside(
                 Window(to_si(entry.low, parameter.unit), to_si(entry.high, parameter.unit), entry.scale), parameter
@@ -248,6 +253,7 @@ def _space(shape: StudyToml, model: Model, mistakes: Mistakes) -> Space:
                 start[name] = value
     for name, value in shape.model.fixed.items():
         with mistakes.at("model", "fixed", name):
+            check_stated(name, model, references)
             parameter = _parameter(name, model, [record.name for record in shape.record])
             fixed[name] = to_si(value, parameter.unit)
             if not parameter.low <= fixed[name] <= parameter.high:

@@ -13,6 +13,7 @@ from calib.files import checksum, verified
 from calib.model import Model, Request, Simulator
 from calib.objective import Reference
 from calib.record import read, rename_bodies
+from calib.study import check_solvable
 from calib.study_toml.mistakes import Mistakes
 from calib.study_toml.schema import ExcitationTable, RecordTable, StudyToml, TableTable
 from calib.units import to_si
@@ -62,7 +63,7 @@ def _reference(
     if excitation is None:
         return None
     with mistakes.at(*key, "nuisance"):
-        return Reference(
+        reference = Reference(
             name=entry.name,
             record=record,
             use=entry.use,
@@ -70,6 +71,9 @@ def _reference(
             excitation=excitation,
             request=_request(shape, entry, excitation, record),
         )
+        if model is not None:
+            check_solvable(model, reference)
+        return reference
     return None
 
 

@@ -194,6 +194,18 @@ class SimulatorSuite:
             else:
                 assert parameter.name in refusal
 
+    # --- the initial state, where the simulator says which of its parameters it is
+
+    def test_the_initial_state_is_declared_by_parameters_bodies_and_channels_that_are_there(self):
+        initial = getattr(self.make(), "initial", {})
+        if not initial:
+            pytest.skip("the simulator declares no parameters of the initial state")
+        present = channels(self.run())
+        for name, (body, channel) in initial.items():
+            assert name in {p.name for p in self.make().parameters}
+            assert body in self.make().bodies
+            assert channel in present
+
     # --- the confirming simulator, where there is one
 
     def confirming(self):

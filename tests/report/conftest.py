@@ -158,6 +158,7 @@ def periodic():
             "at_edge": {"restitution": "low"},
         },
         "nuisances": {"clapping": {"trigger": 0.0123}},
+        "nuisance_units": {"trigger": "s"},
         "best_trial": best.number,
         "trials": len(trials),
         "failed": sum(t.status != "ok" for t in trials),

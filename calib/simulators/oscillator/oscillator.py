@@ -77,6 +77,7 @@ class Oscillator:
     name = "oscillator"
     bodies = (BODY,)
     excitations = frozenset(PLACES.items())
+    initial = {"initial_displacement": (BODY, "displacement"), "initial_velocity": (BODY, "velocity")}
 
     def __init__(self, hold: str = "cubic", stop: bool = False):
         if hold not in HOLDS:

@@ -1,0 +1,339 @@
+"""The initial state of one record, solved for as a nuisance of that record alone.
+
+The state s minimises the squared difference of measured and simulated channels, each over the measured root mean square
+about its mean, with the linear nuisances at their best for every s (variable projection: Golub and Pereyra, Inverse
+Problems 19, 2003). Gauss-Newton steps with forward differences start from the record's own first samples, so that the
+same values give the same bits whatever was simulated before.
+"""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import xarray as xr
+from scipy.ndimage import median_filter
+
+from calib.errors import CalibError
+from calib.model import Model
+from calib.parameter import Parameter
+from calib.record import OK
+
+ATTRIBUTE = "initial_state"  # of a simulated record: the state that was solved for, as JSON [SI]
+COUNT = "simulations"  # attribute of a simulated record: runs of the simulator that it took
+
+MAX_STEPS = 4
+MAX_HALVINGS = 4  # of a step that does not reduce the squared difference
+DIFFERENCE_STEP = 1e-3  # of a state's scale
+MAX_CONTRACTION = 0.03  # of one predicted reduction to the next: above it, the derivatives are taken anew
+TOLERANCE = 1e-6  # predicted change of the residual, relative to the residual: a smaller one ends the search
+ROUNDING = 1e-11  # the same, relative to the measured channels
+RANK = 1e-9  # singular value, over the largest, below which a direction of the state is not determined
+
+MIN_WINDOW, CUBIC_WINDOW = 6, 12  # samples of the local polynomial: least number, and from which on it is a cubic
+HUBER = 1.345  # of Huber's weights, in standard deviations (Holland & Welsch 1977)
+HUBER_STEPS = 30
+MAD = 1.4826  # median absolute deviation to standard deviation
+SPIKE_WINDOW = 7  # samples about one that judge it
+SPIKE_DEVIATIONS, SPIKE_SHARE = 8.0, 0.1  # departure of an outlier: in standard deviations, and of the channel's rms
+SPIKE_RATIO = 2.0  # of its departure to those of its neighbours
+
+
+@dataclass(frozen=True, eq=False)
+class Unknown:
+    """One component of an initial state, as the record alone tells it.
+
+    Attributes
+    ----------
+    name : of the simulator's parameter
+    start : where the search begins  [its unit]
+    scale : size of its changes  [its unit]
+    low, high : values that make sense  [its unit]
+    """
+
+    name: str
+    start: float
+    scale: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A simulated record beside the measured one.
+
+    Attributes
+    ----------
+    record : simulated
+    channels : name -> (body, time) on the time base of the reference, linear nuisances applied, in SI
+    residual : (n,) measured less simulated, weighted
+    weight : (n,)
+    status : "ok", or why there is nothing to compare
+    """
+
+    record: xr.Dataset
+    channels: Mapping[str, np.ndarray] = field(default_factory=dict)
+    residual: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    weight: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    status: str = OK
+
+
+@dataclass(frozen=True, eq=False)
+class Released:
+    """A simulated record whose initial state was solved for.
+
+    Attributes
+    ----------
+    record : simulated, with the state and the number of simulations among its attributes; a failed one where a
+        simulation on the way to it failed
+    slopes : parameter -> channel -> (body, time) change of the aligned channels with the parameter, in SI
+    simulations : that it took
+    """
+
+    record: xr.Dataset
+    slopes: Mapping[str, Mapping[str, np.ndarray]]
+    simulations: int
+
+
+def initial_state(record: xr.Dataset) -> dict[str, float]:
+    """Initial state that was solved for, by parameter [SI]; empty where none was."""
+    return json.loads(record.attrs.get(ATTRIBUTE, "{}"))
+
+
+def no_initial_state(model: Model) -> str:
+    """Why the initial state of a record cannot be solved for with a model whose simulator declares none."""
+    return (
+        f"simulator {model.simulator.name!r} does not say which of its parameters are the initial state (its attribute "
+        "`initial`; see calib.model.Simulator), so the nuisance 'initial_state' cannot be solved for; drop it, and "
+        "search such parameters in [windows]"
+    )
+
+
+def simulations(record: xr.Dataset) -> int:
+    """Runs of the simulator that a record took."""
+    return int(record.attrs.get(COUNT, 1))
+
+
+class Comparison:
+    """The samples of a reference from which its initial state is solved.
+
+    Isolated outliers of the measured channels have no weight, nor has what the excitation prescribes.
+
+    Parameters
+    ----------
+    record : the reference
+    rows : (body, channel) pairs that are compared
+    """
+
+    def __init__(self, record: xr.Dataset, rows: Sequence[tuple[str, str]]):
+        bodies = [str(body) for body in record.body.values]
+        self.rows = [(channel, bodies.index(body)) for body, channel in rows]
+        self.measured = np.array([record[channel].values[index] for channel, index in self.rows])
+        spread = self.measured.std(axis=1, keepdims=True)
+        size = np.where(spread > 0.0, spread, np.abs(self.measured).max(axis=1, keepdims=True))
+        self.weight = ~spikes(self.measured) / np.where(size > 0.0, size, 1.0)
+
+    def view(self, record: xr.Dataset, channels: Mapping[str, np.ndarray], trust: np.ndarray) -> View:
+        """View of a simulated record with its aligned channels; `trust` (time,) is that in its velocities."""
+        weights = [w * (trust if c == "velocity" else 1.0) for (c, _), w in zip(self.rows, self.weight, strict=True)]
+        weight = np.concatenate(weights)
+        return View(record, channels, weight * (self.measured.ravel() - self.stacked(channels)), weight)
+
+    def stacked(self, channels: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Compared rows of some channels (body, time), one after the other (n,); zeros for an absent channel."""
+        none = np.zeros(self.measured.shape[1])
+        return np.concatenate([channels[c][index] if c in channels else none for c, index in self.rows])
+
+
+def released(
+    look: Callable[[Mapping[str, float]], View], compared: Comparison, unknowns: Sequence[Unknown]
+) -> Released:
+    """Simulate a record with the initial state that fits it best.
+
+    Parameters
+    ----------
+    look : simulates at an initial state, by parameter [SI]
+    compared : of the reference
+    unknowns : components of the state
+
+    Raises
+    ------
+    CalibError : the initial state changes nothing that is compared
+    """
+    return _Search(look, compared, unknowns).released()
+
+
+class _Search:
+    """Gauss-Newton's search for one initial state; counts its simulations."""
+
+    def __init__(self, look, compared, unknowns):
+        self.look, self.compared, self.unknowns = look, compared, unknowns
+        self.scale = np.array([u.scale for u in unknowns])
+        self.low, self.high = np.array([u.low for u in unknowns]), np.array([u.high for u in unknowns])
+        self.count = 0
+
+    def released(self) -> Released:
+        state = np.clip([u.start for u in self.unknowns], self.low, self.high)
+        now = self._view(state)
+        if now.status != OK:
+            return self._failed(now)
+        size = float(np.linalg.norm(now.weight * self.compared.measured.ravel()))
+        slopes, before = None, np.inf
+        for _ in range(MAX_STEPS):
+            if slopes is not None:
+                step, change = self._step(now, slopes)
+            if slopes is None or change > MAX_CONTRACTION * before:
+                slopes = self._slopes(now, state)
+                if isinstance(slopes, View):
+                    return self._failed(slopes)
+                self._check(now, slopes, size)
+                step, change = self._step(now, slopes)
+            if change <= TOLERANCE * np.linalg.norm(now.residual) + ROUNDING * size:
+                break
+            ahead = self._ahead(now, state, step)
+            if isinstance(ahead, View):
+                return self._failed(ahead)
+            if ahead is None:
+                break
+            (state, now), before = ahead, change
+        return self._finished(now, state, slopes)
+
+    def _view(self, state: np.ndarray) -> View:
+        self.count += 1
+        return self.look(self._named(state))
+
+    def _named(self, state: np.ndarray) -> dict[str, float]:
+        return {u.name: float(value) for u, value in zip(self.unknowns, state, strict=True)}
+
+    def _slopes(self, now: View, state: np.ndarray) -> list[dict[str, np.ndarray]] | View:
+        """Forward differences of the aligned channels, a backward one where the state ahead fails; or what failed."""
+        found = []
+        for index, unknown in enumerate(self.unknowns):
+            step = DIFFERENCE_STEP * unknown.scale
+            room = (1.0, -1.0) if state[index] + step <= unknown.high else (-1.0,)
+            for sign in room:
+                beside = state.copy()
+                beside[index] += sign * step
+                view = self._view(beside)
+                if view.status == OK:
+                    break
+            else:
+                return view
+            moved = beside[index] - state[index]
+            found.append({c: (view.channels[c] - now.channels[c]) / moved for c in now.channels})
+        return found
+
+    def _columns(self, now: View, slopes: Sequence[Mapping[str, np.ndarray]]) -> np.ndarray:
+        """Weighted changes (n, k) with each unknown over its scale."""
+        return np.column_stack([now.weight * self.compared.stacked(own) for own in slopes]) * self.scale
+
+    def _step(self, now: View, slopes: Sequence[Mapping[str, np.ndarray]]) -> tuple[np.ndarray, float]:
+        """Step (k,) of the state, and the norm of the change of the residual that it predicts."""
+        columns = self._columns(now, slopes)
+        step = np.linalg.lstsq(columns, now.residual, rcond=RANK)[0]
+        return step * self.scale, float(np.linalg.norm(columns @ step))
+
+    def _check(self, now: View, slopes: Sequence[Mapping[str, np.ndarray]], size: float) -> None:
+        if np.linalg.norm(self._columns(now, slopes), axis=0).max() <= ROUNDING * size:
+            names = ", ".join(u.name for u in self.unknowns)
+            raise CalibError(
+                f"the initial state ({names}) changes nothing that is compared; drop 'initial_state' from the "
+                "nuisances of this record"
+            )
+
+    def _ahead(self, now: View, state: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, View] | View | None:
+        """Go the step, or the largest half of a half of it that reduces the residual; a view that failed; or None."""
+        failed = None
+        for halving in range(MAX_HALVINGS + 1):
+            there = np.clip(state + 0.5**halving * step, self.low, self.high)
+            view = self._view(there)
+            if view.status != OK:
+                failed = view
+            elif np.linalg.norm(view.residual) < np.linalg.norm(now.residual):
+                return there, view
+        return failed
+
+    def _finished(self, now: View, state: np.ndarray, slopes: Sequence[Mapping[str, np.ndarray]]) -> Released:
+        attrs = {ATTRIBUTE: json.dumps(self._named(state)), COUNT: self.count}
+        named = {u.name: own for u, own in zip(self.unknowns, slopes, strict=True)}
+        return Released(now.record.assign_attrs(attrs), named, self.count)
+
+    def _failed(self, view: View) -> Released:
+        return Released(view.record.assign_attrs({COUNT: self.count}), {}, self.count)
+
+
+# --- what the record alone tells --------------------------------------------------------------------------------------
+
+
+def unknowns(
+    record: xr.Dataset,
+    initial: Mapping[str, tuple[str, str]],
+    parameters: Mapping[str, Parameter],
+    centred: bool,
+) -> list[Unknown]:
+    """Components of an initial state, with the values that the record's first samples tell.
+
+    Parameters
+    ----------
+    record : measured
+    initial : parameter -> (body, channel) that it sets
+    parameters : of the model, by name
+    centred : whether the zero of the displacements is unknown; the mean is then taken for it
+    """
+    return [_unknown(record, parameters[name], *place, centred) for name, place in initial.items()]
+
+
+def _unknown(record: xr.Dataset, parameter: Parameter, body: str, channel: str, centred: bool) -> Unknown:
+    start, scale = parameter.nominal, abs(parameter.nominal) or 1.0
+    bodies = [str(name) for name in record.body.values]
+    source = channel if channel in record else "displacement" if channel == "velocity" else None
+    if body in bodies and source in record:
+        time, values = record.time.values, record[source].values[bodies.index(body)]
+        values = values[~spikes(values[None])[0]]
+        quarter = quarter_period(values)
+        value, rate = first_value(time, record[source].values[bodies.index(body)], quarter)
+        mean = values.mean()
+        swing = float(np.abs(values - mean).max())
+        if source == channel:
+            start, scale = value - (mean if centred and channel == "displacement" else 0.0), swing
+        else:
+            start, scale = rate, swing * np.pi / (2.0 * quarter * (time[-1] - time[0]) / (time.size - 1))
+    return Unknown(parameter.name, float(start), float(scale) or 1.0, parameter.low, parameter.high)
+
+
+def quarter_period(values: np.ndarray) -> int:
+    """Samples after which values (n,) have lost their autocorrelation: a quarter of a period of an oscillation."""
+    swing = values - values.mean()
+    spectrum = np.fft.rfft(swing, 2 * swing.size)
+    below = np.fft.irfft(np.abs(spectrum) ** 2)[: swing.size] <= 0.0
+    return int(np.argmax(below)) if below.any() else swing.size
+
+
+def first_value(time: np.ndarray, values: np.ndarray, window: int) -> tuple[float, float]:
+    """Value and rate at the first instant, of a polynomial through the first `window` samples.
+
+    Fitted with Huber's weights, so that outliers, the first sample included, have little say.
+    """
+    count = min(values.size, max(MIN_WINDOW, window))
+    degree = 3 if count >= CUBIC_WINDOW else min(2, count - 1)
+    length = time[count - 1] - time[0]
+    powers = np.vander((time[:count] - time[0]) / length, degree + 1, increasing=True)
+    weight = np.ones(count)
+    for _ in range(HUBER_STEPS):
+        root = np.sqrt(weight)
+        found = np.linalg.lstsq(root[:, None] * powers, root * values[:count], rcond=None)[0]
+        apart = np.abs(values[:count] - powers @ found)
+        sigma = MAD * float(np.median(apart))
+        if sigma <= 1e-12 * np.abs(values[:count]).max():
+            break
+        weight = np.minimum(1.0, HUBER * sigma / np.maximum(apart, 1e-300))
+    return float(found[0]), float(found[1] / length)
+
+
+def spikes(rows: np.ndarray) -> np.ndarray:
+    """Whether a sample (row, n) stands alone far from the median of those about it, as a lost echo does."""
+    apart = np.abs(rows - median_filter(rows, (1, SPIKE_WINDOW)))
+    usual = MAD * np.median(apart, axis=1, keepdims=True)
+    far = apart > np.maximum(SPIKE_DEVIATIONS * usual, SPIKE_SHARE * rows.std(axis=1, keepdims=True))
+    beside = np.pad(apart, ((0, 0), (1, 1)))
+    return far & (apart > SPIKE_RATIO * np.maximum(beside[:, :-2], beside[:, 2:]))
