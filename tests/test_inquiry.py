@@ -206,7 +206,10 @@ class Joint:
     """What a window needs of a joint fit: the size k and its standard error."""
 
     def __init__(self, error, size=1.0):
-        self.errors, self.size = {"k": error or math.inf}, size
+        self.of_k, self.size = error or math.inf, size
+
+    def error(self, names):
+        return np.full(len(names), self.of_k)
 
     def value(self, name):
         return self.size

@@ -52,8 +52,9 @@ def test_records_agree_by_the_threshold_of_the_diagnosis():
 def test_a_joint_error_is_wider_where_more_than_noise_is_left():
     rng = np.random.default_rng(2)
     columns, residual = np.column_stack([rng.standard_normal((N, 2)), np.zeros(N)]), rng.standard_normal(N)
-    rest = columns, ("a", "b", "c"), (), np.zeros((N, 0))
+    rest = columns, ("a", "b", "c"), (), np.zeros((N, 0)), np.zeros(N, dtype=int)
     noise, gross = (Fit(None, (), size * residual, *rest) for size in (1.0, 5.0))
-    assert noise.errors["a"] == pytest.approx(N**-0.5, rel=0.2)
-    assert gross.errors["a"] == pytest.approx(5.0 * noise.errors["a"], rel=0.1)
-    assert noise.errors["c"] == np.inf  # no record knows it
+    assert noise.error(["a"]) == pytest.approx(N**-0.5, rel=0.2)
+    assert gross.error(["a"]) == pytest.approx(5.0 * noise.error(["a"]), rel=0.15)
+    assert noise.error(["c"]) == np.inf  # no record knows it
+    assert (noise.half_width(["a"]) > 1.95 * noise.error(["a"])).all()
