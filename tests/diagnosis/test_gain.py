@@ -1,10 +1,13 @@
 """Sizes that each record has alone, and whether they agree."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from calib.diagnosis.gain import Transfer, _refitted, agreements
+from calib.diagnosis.gain import Transfer, _fixed_alone, _refitted, agreements
 from calib.diagnosis.refit import Fit
+from calib.parameter import Parameter, Space, Window
 
 N = 400
 SEGMENTS = np.arange(N) // 20
@@ -58,3 +61,13 @@ def test_a_joint_error_is_wider_where_more_than_noise_is_left():
     assert gross.error(["a"]) == pytest.approx(5.0 * noise.error(["a"]), rel=0.15)
     assert noise.error(["c"]) == np.inf  # no record knows it
     assert (noise.half_width(["a"]) > 1.95 * noise.error(["a"])).all()
+
+
+def test_what_is_fixed_for_a_record_and_searched_for_others_is_free_in_its_refit():
+    space = Space({"x": Window(0.0, 4.0)}, {"x@b": 1.5, "mass@b": 2.0, "x@c": 3.0})
+    model = SimpleNamespace(parameters={"x": Parameter("x", "m", 0.0, "start", low=-9.0)})
+    final = SimpleNamespace(names=("x",), point=SimpleNamespace(values={"x": 1.0, **space.fixed}))
+    fitter = SimpleNamespace(space=space, model=model)
+    [own] = _fixed_alone(fitter, final, "b")
+    assert (own.name, own.at, own.scale, own.low) == ("x@b", 1.5, 4.0, -9.0)
+    assert _fixed_alone(fitter, final, "a") == []
