@@ -202,9 +202,18 @@ def line(row: dict) -> str:
     return " ".join([*row["effect"], str(row["strength"]), str(row["seed"]), row["verdict"], said[:110]])
 
 
+def written(out: Path) -> list[dict]:
+    """Rows of a file; a last line that was not written to its end is taken out."""
+    text = out.read_text() if out.exists() else ""
+    whole = text[: text.rfind("\n") + 1]
+    if whole != text:
+        out.write_text(whole)
+    return [json.loads(line) for line in whole.splitlines()]
+
+
 def all_played(wanted: list[dict], key: Callable, play: Callable, line: Callable, out: Path, jobs: int) -> list[dict]:
     """Rows of the wanted cases: those in the file, and those that are played now and written to it, side by side."""
-    rows = [json.loads(text) for text in out.read_text().splitlines()] if out.exists() else []
+    rows = written(out)
     done = {key(row) for row in rows}
     todo = [case for case in wanted if key(case) not in done]
     np.random.default_rng(0).shuffle(todo)
