@@ -77,7 +77,7 @@ CAUSES = {
 }
 
 
-def scale(system: System, power: Power) -> float:
+def scale(system: System, power: tuple[float, float]) -> float:
     """Natural scale of a unit: lengths in the system's, times in 1 / omega."""
     return system.length ** power[0] * system.omega ** -power[1]
 

@@ -90,6 +90,11 @@ class Laws(NamedTuple):
     rate_speed: float = 1.0
     squeeze: float = 0.0
     lowpass: float = 0.0
+    k5: float = 0.0
+    stop_stiffness: float = 0.0
+    stop_place: float = 1.0
+    parametric: float = 0.0
+    coupling: float = 0.0
 
     @property
     def stateful(self) -> bool:
@@ -131,6 +136,10 @@ def on_body(t, x, v, z, p):
     a = -p.c1 * v - p.c2 * v * abs(v) - p.k3 * x**3 - p.k2 * x**2 - p.kx * x * abs(x) + p.preload - p.detuning * t * x
     if p.friction != 0.0:
         a -= p.friction * math.tanh(v / p.friction_slip)
+    if p.k5 != 0.0:
+        a -= p.k5 * x**5
+    if p.stop_stiffness != 0.0:  # as spheres touch
+        a += p.stop_stiffness * max(0.0, -p.stop_place - x) ** 1.5
     if p.backlash_stiffness != 0.0:
         a += backlash(x, z, p)
     return a
@@ -148,6 +157,13 @@ def clearance(y, plant):
 
 
 @njit(cache=True)
+def modulated(t, x, stiffness, plant, p):
+    """Acceleration [m/s^2] by a stiffness that varies twice a period of the drive, or of the body's own motion."""
+    turn = plant.tones[0, 1] * t + plant.tones[0, 2] if plant.harmonic else math.sqrt(stiffness) * t
+    return -p.parametric * math.cos(2.0 * turn) * x
+
+
+@njit(cache=True)
 def rates(t, y, memory, plant, p, out):
     """Write the rates of the state y = (q, q', and for each body z, u, u', low-passed velocity where laws have them).
 
@@ -155,17 +171,21 @@ def rates(t, y, memory, plant, p, out):
     """
     n = plant.load.size
     u = drive(t, plant, p)
-    film = 0.0
+    across = 0.0
     if p.squeeze != 0.0:
         r, rate = clearance(y, plant)
-        film = -p.squeeze * rate * (plant.rest / max(r, FLOOR * plant.rest)) ** 3
+        across = -p.squeeze * rate * (plant.rest / max(r, FLOOR * plant.rest)) ** 3
+    if p.coupling != 0.0:
+        across -= p.coupling * (clearance(y, plant)[0] - plant.gap) ** 3
     for i in range(n):
         x, v = y[i], y[n + i]
-        a = plant.load[i] * u + plant.port[i] * film
+        a = plant.load[i] * u + plant.port[i] * across
         for j in range(n):
             a -= plant.stiffness[i, j] * y[j] + plant.damping[i, j] * y[n + j]
         if plant.body[i]:
             a += on_body(t, x, v, memory[i], p)
+            if p.parametric != 0.0:
+                a += modulated(t, x, plant.stiffness[i, i], plant, p)
         if plant.support[i]:
             a -= p.support_stiffness * x + p.support_damping * v
         if y.size > 2 * n:

@@ -13,6 +13,7 @@ from hidden.information import Bench
 from hidden.laboratory import Laboratory
 from hidden.motion import Refused
 from hidden.noise import coloured
+from hidden.remainder import remainder as drawn_remainder
 from hidden.sensors import CONVERTER, converted
 from hidden.system import Plan
 
@@ -31,12 +32,14 @@ class Hidden(NamedTuple):
     values : parameters of the hidden effects by name, SI
     z : of each hidden effect alone, by name; NaN for outliers
     laboratory : that was drawn, as `Laboratory.facts`; empty where none was
+    remainder : kind of what no candidate expresses; empty where there is none
     """
 
     folder: Path
     values: Mapping[str, float]
     z: Mapping[str, float]
     laboratory: Mapping[str, object] = {}
+    remainder: str = ""
 
 
 def bench(
@@ -76,6 +79,7 @@ def hide(
     stated: bool = False,
     nuisance: Sequence[str] = (),
     laboratory: int | Laboratory | None = None,
+    remainder: float | None = None,
     **options,
 ) -> Hidden:
     """Write records with hidden effects, and a study that calibrates without them.
@@ -93,6 +97,7 @@ def hide(
     nuisance : "trigger" where the beginning of periodic records is not told
     laboratory : that takes the records, or the seed that it is drawn from; it has its own clock, lengths of records and
         noise, in place of `noise`, `phi` and `stated`
+    remainder : share of the motion that something makes which no candidate expresses; its kind is drawn from the seed
     options : of `four_dof.system` or `oscillator.system`
 
     Raises
@@ -111,8 +116,9 @@ def hide(
         known = at.size_for(name, strength) if size is None else size
         values |= at.hidden(name, known)
         z[name] = np.nan if name == "outliers" else at.z_of(name, known)
+    kind, more = drawn_remainder(at, remainder, seed) if remainder else ("", {})
     share = values.get("outlier_share", 0.0)
-    acting = {name: value for name, value in values.items() if name != "outlier_share"}
+    acting = {name: value for name, value in (values | more).items() if name != "outlier_share"}
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     for index, plan in enumerate(at.system.plans):
@@ -127,7 +133,7 @@ def hide(
         rows = converted(rows, acting)
         write(_record(at, plan, rows, sigma if stated else None), folder / f"{plan.name}.nc")
     (folder / "study.toml").write_text(study(at))
-    return Hidden(folder, values, z, {} if laboratory is None else laboratory.facts)
+    return Hidden(folder, values, z, {} if laboratory is None else laboratory.facts, kind)
 
 
 def _record(at: Bench, plan: Plan, rows: np.ndarray, sigma: np.ndarray | None):

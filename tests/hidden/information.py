@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
@@ -113,14 +114,17 @@ class Bench:
     def _column(self, plan: Plan, difference: np.ndarray, impacts: np.ndarray) -> np.ndarray:
         """Independent parts of a difference of records (2 b, n) over their noise; flat."""
         whole = whitened(difference / self._deviation(plan), np.array(self.memory[plan.name]))
+        whole[len(whole) // 2 :, self.blind(plan, impacts)] = 0.0
+        return whole.ravel()
+
+    def blind(self, plan: Plan, impacts: np.ndarray) -> np.ndarray:
+        """Whether a sample (n,) is so near an impact (k,) [s] that its velocity says nothing."""
         times = self.system.times(plan)
         step = times[1] - times[0]
         apart = times - impacts[:, None]
         if plan.kind == "harmonic":
             apart = (apart * plan.frequency + 0.5) % 1.0 / plan.frequency - 0.5 / plan.frequency
-        blind = np.abs(apart).min(axis=0, initial=np.inf) < BLIND * step
-        whole[len(whole) // 2 :, blind] = 0.0
-        return whole.ravel()
+        return np.abs(apart).min(axis=0, initial=np.inf) < BLIND * step
 
     def _sigma(self, plan: Plan) -> np.ndarray:
         """Standard deviation (2 b, 1) of the noise of a record."""
@@ -221,6 +225,17 @@ class Bench:
         Refused : the motion is none that a record can be made of
         """
         return self._number(self._distance, effect, size)
+
+    def drift_z(self, drift: float) -> float:
+        """Length in the noise, beyond calibration, of what a share `drift` by which clocks are fast does."""
+        system = self.system
+        clocks = {name: clock._replace(true=clock.true / (1.0 + drift)) for name, clock in system.clocks.items()}
+        still = Bench(replace(system, clocks=clocks), self.cache, self.noise, trigger=self.trigger, memory=self.memory)
+        parts = []
+        for plan in self.plans:
+            record = self.clean(plan)
+            parts.append(self._column(plan, record.rows - still.clean(plan).rows, record.impacts))
+        return float(np.linalg.norm(self.beyond(np.concatenate(parts))))
 
     def _distance(self, effect: str, size: float) -> float:
         hidden, moved, before = {"hidden": self.hidden(effect, size)}, {}, np.inf

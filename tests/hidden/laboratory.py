@@ -37,11 +37,11 @@ class Laboratory:
     facts: Mapping[str, object]
 
     @classmethod
-    def drawn(cls, seed: int, system: System) -> "Laboratory":
-        """Draw the laboratory of a seed for the records of a system."""
+    def drawn(cls, seed: int, system: System, drift: float = DRIFT) -> "Laboratory":
+        """Draw the laboratory of a seed for the records of a system; a free clock is fast or slow by `drift`."""
         rng = np.random.default_rng(seed)
         free, told, stated = (bool(rng.integers(2)) for _ in range(3))
-        drift = DRIFT * float(rng.choice([-1.0, 1.0])) if free else 0.0
+        drift *= float(rng.choice([-1.0, 1.0])) if free else 0.0
         colour = rng.choice(["white", "AR(1)", "AR(2)"], p=[0.5, 0.25, 0.25])
         phi, angle, noise = rng.uniform(*PHI), rng.uniform(*ANGLE), _log_uniform(rng, NOISE)
         clocks, memory, facts = {}, {}, {}

@@ -2,7 +2,13 @@
 
     PYTHONPATH=tests python -m hidden.table four_dof --out /tmp/found.jsonl
 
-writes a line a case (and goes on from those that are there), then prints the table. What may be asked of the seeker:
+writes a line a case (and goes on from those that are there), then prints the table. With `--laboratories 50` each case
+has a laboratory of its own, drawn from its seed (see `hidden.drawn`), and so many cases of each kind are played:
+
+    PYTHONPATH=tests python -m hidden.table four_dof --laboratories 50 --strengths 40
+        --kinds none,one,two,absent,remainder,remainder_only --out /tmp/drawn.jsonl
+
+What may be asked of the seeker:
 the truth in its class in 95 % of the cases; the one right name in 75 % at z >= 8 and 90 % at z >= 40, of effects that
 the records tell from every other (|cos| < 0.9); "unexplained" in 90 % where the effect is not in the library, and no
 other is like it (|cos| < 0.7: more is half of what there is to explain, which is to be named); both of two effects in
@@ -18,29 +24,24 @@ import tempfile
 import time
 import traceback
 import warnings
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
+from hidden import drawn
+from hidden.drawn import CLEAR, IN_RECORDS, PAIRS, UNLIKE
 from hidden.hider import bench, hide
+from hidden.laboratory import DRIFT
 from hidden.motion import Refused
 from hidden.seeker import seek
 
-from calib.diagnosis.diagnose import OUTLIERS, QUANTISATION, Diagnosis
+from calib.diagnosis.diagnose import Diagnosis
 
 STRENGTHS = (8.0, 40.0)
 PHI = 0.8  # correlation of the noise of every other case with nothing hidden
-CLEAR = 0.9  # |cos| after calibration above which two effects are not to be told apart
-UNLIKE = 0.7  # |cos| below which no other effect explains half of what one does, which is what naming asks for
-IN_RECORDS = (OUTLIERS, QUANTISATION)  # seen in the samples themselves, not in what a model leaves
 NEAR = 1.2  # misfit of the records held out, over that of a model which was told the effect
-PAIRS = {
-    "four_dof": (("quadratic_drag", "gap_offset"), ("cubic_stiffness", "channel_lag"), ("preload", "linear_drag")),
-    "oscillator": (
-        ("cubic_stiffness", "coulomb_friction"), ("quadratic_drag", "channel_lag"), ("preload", "softening"),
-    ),
-}
 
 
 def cases(
@@ -141,12 +142,13 @@ def _nearest(simulator: str, cache: Path, effect: str) -> tuple[str, float]:
     return effects[int(row.argmax())], float(row.max())
 
 
-def safely(case: dict, cache: Path) -> dict:
+def safely(case: dict, play: Callable[[dict], dict]) -> dict:
     """Play a case; a bug in it is an answer too."""
     try:
-        return played(case, cache)
+        return play(case)
     except Exception:
-        return {**case, "verdict": "failed", "reason": traceback.format_exc()}
+        reason = traceback.format_exc()
+        return {"effect": [], **case, "verdict": "failed", "reason": reason, "said": reason, "seconds": 0.0}
 
 
 def key(case: dict) -> tuple:
@@ -194,6 +196,38 @@ def _share(part: int, whole: int) -> str:
     return f"{part}/{whole} ({part / max(1, whole):.0%})"
 
 
+def line(row: dict) -> str:
+    """One case in one line."""
+    said = row.get("said") or row.get("reason", "").strip().splitlines()[-1]
+    return " ".join([*row["effect"], str(row["strength"]), str(row["seed"]), row["verdict"], said[:110]])
+
+
+def written(out: Path) -> list[dict]:
+    """Rows of a file; a last line that was not written to its end is taken out."""
+    text = out.read_text() if out.exists() else ""
+    whole = text[: text.rfind("\n") + 1]
+    if whole != text:
+        out.write_text(whole)
+    return [json.loads(line) for line in whole.splitlines()]
+
+
+def all_played(wanted: list[dict], key: Callable, play: Callable, line: Callable, out: Path, jobs: int) -> list[dict]:
+    """Rows of the wanted cases: those in the file, and those that are played now and written to it, side by side."""
+    rows = written(out)
+    done = {key(row) for row in rows}
+    todo = [case for case in wanted if key(case) not in done]
+    np.random.default_rng(0).shuffle(todo)
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool, out.open("a") as file:
+        for future in as_completed([pool.submit(safely, case, play) for case in todo]):
+            row = future.result()
+            rows.append(row)
+            file.write(json.dumps(row) + "\n")
+            file.flush()
+            print(line(row), file=sys.stderr, flush=True)
+    asked = {key(case) for case in wanted}
+    return [row for row in rows if key(row) in asked]
+
+
 def main():
     """Play what is missing, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
@@ -205,24 +239,23 @@ def main():
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--nothing", type=int, default=50)
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--laboratories", type=int, help="drawn, one a case: so many cases of each kind and strength")
+    parser.add_argument("--first", type=int, default=0, help="seed of the first laboratory")
+    parser.add_argument("--drift", type=float, default=1e6 * DRIFT, help="of free-running clocks [ppm]")
+    parser.add_argument("--options", type=json.loads, default={}, help="of the system, in JSON")
     given = parser.parse_args()
-    rows = [json.loads(line) for line in given.out.read_text().splitlines()] if given.out.exists() else []
-    done = {key(row) for row in rows}
-    strengths = [float(z) for z in given.strengths.split(",")]
-    wanted = cases(given.simulator, given.kinds.split(","), given.seeds, given.nothing, strengths, given.cache)
-    todo = [case for case in wanted if key(case) not in done]
-    rng = np.random.default_rng(0)
-    rng.shuffle(todo)
-    with ProcessPoolExecutor(given.jobs, mp_context=get_context("spawn")) as pool, given.out.open("a") as out:
-        for future in as_completed([pool.submit(safely, case, given.cache) for case in todo]):
-            row = future.result()
-            rows.append(row)
-            out.write(json.dumps(row) + "\n")
-            out.flush()
-            said = row.get("said") or row.get("reason", "").strip().splitlines()[-1]
-            print(*row["effect"], row["strength"], row["seed"], row["verdict"], said[:110], file=sys.stderr)
-    asked = {key(case) for case in wanted}
-    print(table([row for row in rows if key(row) in asked]))
+    kinds, strengths = given.kinds.split(","), [float(z) for z in given.strengths.split(",")]
+    if given.laboratories is None:
+        wanted = cases(given.simulator, kinds, given.seeds, given.nothing, strengths, given.cache)
+        play = functools.partial(played, cache=given.cache)
+        print(table(all_played(wanted, key, play, line, given.out, given.jobs)))
+        return
+    seeds = range(given.first, given.first + given.laboratories)
+    wanted = []
+    for z in strengths:
+        wanted += drawn.cases(given.simulator, kinds, seeds, z, 1e-6 * given.drift, given.options)
+    wanted = list({drawn.key(case): case for case in wanted}.values())
+    print(drawn.rates(all_played(wanted, drawn.key, drawn.played, drawn.line, given.out, given.jobs)))
 
 
 if __name__ == "__main__":

@@ -150,6 +150,13 @@ def test_strength_is_z_in_the_records_as_they_are_drawn(simulator, cache, tmp_pa
     assert bench(simulator, cache).z_of("quadratic_drag", hidden.values["c2"]) != pytest.approx(12.0, rel=0.05)
 
 
+def test_a_clock_that_drifts_is_seen_in_proportion_to_its_drift(cache):
+    at = bench("oscillator", cache, laboratory=FREE)
+    drift = DRAWN[FREE].facts["clock"]["drift"]
+    assert at.drift_z(drift) > 1.0
+    assert at.drift_z(0.5 * drift) == pytest.approx(0.5 * at.drift_z(drift), rel=0.01)
+
+
 @pytest.mark.parametrize("seed", [FREE, FREE + 1, FREE + 2])
 def test_the_study_of_a_laboratory_can_be_read_and_covers_its_records(seed, cache, tmp_path):
     hide("oscillator", None, None, 1, folder=tmp_path, cache=cache, laboratory=seed)

@@ -1,0 +1,58 @@
+"""The remainder: a law of physics that makes the wanted share of the motion, and that no effect is."""
+
+import numpy as np
+import pytest
+from hidden.flight import Laws, rates
+from hidden.four_dof import PLANS, plant
+from hidden.four_dof import TRUTH as FOUR_DOF
+from hidden.hider import bench, hide
+from hidden.remainder import KINDS, change, scaled
+from simulators.four_dof_peer import spring_drive
+
+from calib.record import read
+
+ALL = [(simulator, kind) for simulator, kinds in KINDS.items() for kind in kinds]
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    return tmp_path_factory.mktemp("clean")
+
+
+@pytest.mark.parametrize(("simulator", "kind"), ALL)
+def test_a_remainder_makes_the_wanted_share_of_the_motion(simulator, kind, cache):
+    at = bench(simulator, cache)
+    assert change(at, scaled(at, kind, 0.02)) == pytest.approx(0.02, rel=0.05)
+
+
+def test_a_large_remainder_can_be_made_of_every_system(cache):
+    for simulator in KINDS:
+        at = bench(simulator, cache)
+        assert any(change(at, scaled(at, kind, 0.05)) > 0.04 for kind in KINDS[simulator][:2])
+
+
+def test_the_coupling_of_two_bodies_pushes_none_of_them_without_the_other():
+    mass, at = spring_drive(FOUR_DOF, 1.0)[0], plant(FOUR_DOF, PLANS[0])
+    moved = np.array([0.0, -1e-3, 2e-3, 0, 0, 0, 0, 0])
+    without, coupled = np.zeros(8), np.zeros(8)
+    rates(0.0, moved, np.zeros(4), at, Laws(), without)
+    rates(0.0, moved, np.zeros(4), at, Laws(coupling=1e9), coupled)
+    force = np.diag(mass) * (coupled - without)[4:]
+    assert force[2] < 0.0 < force[1]
+    assert force.sum() == pytest.approx(0.0, abs=1e-9 * abs(force).max())
+
+
+def test_the_seed_draws_the_kind_and_the_records_have_it(cache, tmp_path):
+    kinds = set()
+    for seed in range(4):
+        hidden = hide("oscillator", None, None, seed, folder=tmp_path / str(seed), cache=cache, remainder=0.05)
+        kinds.add(hidden.remainder)
+        at = bench("oscillator", cache)
+        shares = []
+        for plan in at.system.plans:
+            clean = at.clean(plan).rows[0]
+            apart = read(tmp_path / str(seed) / f"{plan.name}.nc").displacement.values[0] - clean
+            shares.append((apart**2).mean() / (clean**2).mean() - 0.01**2)
+        assert np.sqrt(np.mean(shares)) == pytest.approx(0.05, rel=0.3)
+    assert len(kinds) > 1
+    assert kinds <= set(KINDS["oscillator"])
