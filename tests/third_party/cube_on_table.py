@@ -31,6 +31,7 @@ class CubeOnTable:
     places = {"body": ("cube",)}
     excitations = frozenset({("base motion", "table")})
     sites = frozenset({"force", "gap", "restitution"})
+    initial = {"initial_height": ("cube", "displacement"), "initial_velocity": ("cube", "velocity")}
     parameters = (
         Parameter("gravity", "m/s^2", 9.81, "gravity", low=0.0),
         Parameter("restitution", "1", 0.1, "Newton's coefficient of the corner", low=0.0, high=1.0),
