@@ -129,7 +129,7 @@ def confirmation(answers):
     found = iter(answers)
 
     class Judged:
-        seconds, features = 0.0, ()
+        seconds, features, simulations = 0.0, (), 1
 
         def __init__(self, total):
             self.score = type("Score", (), {

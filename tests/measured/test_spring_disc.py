@@ -1,0 +1,51 @@
+"""A disc on a spring, let go: initial states and the sensor's zero belong to each run."""
+
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from calib.diagnosis.diagnose import diagnose
+from calib.pool import InProcess
+from calib.store import Store
+from calib.study import evaluate
+from calib.study_toml import load
+
+STUDY = Path(__file__).parents[2] / "studies" / "spring_disc" / "study.toml"
+
+
+@pytest.fixture(scope="module")
+def file(measured):
+    for number in range(1, 5):
+        measured(f"spring_disc/run{number}.csv")
+    return load(STUDY)
+
+
+@pytest.fixture(scope="module")
+def best(file, tmp_path_factory):
+    pool = InProcess(partial(evaluate, file.study.without_search()))
+    return file.study.run(Store(tmp_path_factory.mktemp("disc")), pool).best
+
+
+def test_stiffness_and_damping_are_all_that_is_searched(best):
+    assert best.values["stiffness"] == pytest.approx(14.344, abs=0.003)
+    assert best.values["damping"] == pytest.approx(0.01353, rel=0.01)
+    assert best.simulations == 4
+
+
+def test_the_zero_of_the_sensor_is_the_same_in_the_runs_at_large_amplitude(file, best):
+    for name in ("run1", "run2", "run3"):
+        objective = file.study.objective.on({name: file.reference(name)})
+        solved = objective({name: objective.released(name, file.study.model, best.values).record}).nuisances[name]
+        assert solved["offset.mass"] == pytest.approx(0.417, abs=0.0003)
+        speed = solved["initial_velocity"] / (best.values["stiffness"] / best.values["mass"]) ** 0.5
+        assert (solved["initial_displacement"] ** 2 + speed**2) ** 0.5 == pytest.approx(0.07, rel=0.2)
+
+
+@pytest.mark.slow
+def test_drag_and_softening_come_closest(file, best):
+    study = file.study
+    values = {**study.space.fixed, **best.values}
+    found = diagnose(study, file.others, values, file.suspects(), seed=study.seed, pool=InProcess)
+    assert {cause.name for cause in found.selection.causes} == {"quadratic_drag", "softening"}
+    assert found.gain.proven
