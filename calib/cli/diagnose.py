@@ -89,7 +89,7 @@ def _suspects(found: Mapping[str, Any], width: int) -> Table:
     table = Table(title=f"suspects (threshold |z| = {found['threshold']:.2f})", title_justify="left")
     wide = width >= WIDE
     table.add_column("effect", no_wrap=True)
-    for heading in ("z", "explains", "size, ± 1.96 s.e.", *(("detectable", "absorbed") if wide else ())):
+    for heading in ("z", "explains", "size, 95 % interval", *(("detectable", "absorbed") if wide else ())):
         table.add_column(heading, justify="right", no_wrap=not heading.startswith("size"))
     for suspect in found["suspects"][:MOST]:
         first, share = next(iter(suspect["size"])), suspect["share"]

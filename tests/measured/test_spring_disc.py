@@ -43,9 +43,11 @@ def test_the_zero_of_the_sensor_is_the_same_in_the_runs_at_large_amplitude(file,
 
 
 @pytest.mark.slow
-def test_drag_and_softening_come_closest(file, best):
+def test_drag_and_softening_are_named_and_cubic_and_drift_are_not(file, best):
     study = file.study
     values = {**study.space.fixed, **best.values}
     found = diagnose(study, file.others, values, file.suspects(), seed=study.seed, pool=InProcess)
-    assert {cause.name for cause in found.selection.causes} == {"quadratic_drag", "softening"}
+    assert found.verdict == "named"
+    assert set(found.causes) == {"quadratic_drag", "softening"}
+    assert found.selection.predicts
     assert found.gain.proven
