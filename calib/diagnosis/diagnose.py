@@ -161,7 +161,7 @@ def prepared(
     seen = dict(zip(named, simulated(pool, [Run(name, values) for name in named]), strict=True))
     gates = [simulates(seen)]
     if gates[0].passed:
-        gates.append(same_kind(seen))
+        gates.append(same_kind(seen, any(reference.excitation.periodic for reference in named.values())))
         if not gates[-1].passed:
             gates += fine_enough(pool, study.model, values, seen, _numerical(effects))
     if not all(gate.passed for gate in gates):

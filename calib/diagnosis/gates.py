@@ -47,8 +47,10 @@ def simulates(seen: Mapping[str, Seen]) -> Gate:
     return Gate("simulation", not bad, said or "every record is simulated")
 
 
-def same_kind(seen: Mapping[str, Seen]) -> Gate:
-    """Measured and simulated motion have the same period."""
+def same_kind(seen: Mapping[str, Seen], periodic: bool) -> Gate:
+    """Measured and simulated motion have the same period; where no excitation is `periodic` there is none to have."""
+    if not periodic:
+        return Gate("kind of motion", True, "no excitation has a period: kinds of motion do not apply")
     wrong = {name: view.wrong for name, view in seen.items() if view.wrong}
     said = "; ".join(f"{name}: {text}" for name, text in wrong.items())
     return Gate("kind of motion", not wrong, said or "simulated motions have the period of the measured ones")

@@ -59,6 +59,7 @@ def points(said: Mapping[str, Any]) -> list[str]:
     misfit, gain = said["misfit"], said["gain"]
     if misfit and not found:
         found.append(_excess(misfit, said))
+    found += _remains(said)
     if said["verdict"] == NONE and said["suspects"]:
         found.append("An effect as large as the smallest size seen in the table below would have been found.")
     if said["verdict"] == UNEXPLAINED:
@@ -107,6 +108,20 @@ def _excess(misfit, said):
     explained = "all" if misfit["share"] >= 1.0 else percent(misfit["share"])
     after = f"{number(abs(left), 3)} {'above' if left >= 0 else 'below'}"
     return f"{text}; with {_which(said)} it is {after}: {explained} of the excess is explained."
+
+
+def _remains(said):
+    """Say where the most of what is left sits, and how far it may be trusted."""
+    remains = said.get("remains") or {}
+    if not remains.get("above_noise"):
+        return []
+    whole = sum(row["beyond_noise"] for row in remains["rows"])
+    if not whole > 0.0:
+        return []
+    most = max(remains["rows"], key=lambda row: row["beyond_noise"])
+    where = f"{most['channel']} of {most['body']} in {most['record']}"
+    text = f"What remains is more than noise; {percent(most['beyond_noise'] / whole)} of it is in the {where}"
+    return [f"{text}. Standard errors count it, but a remainder that nobody has modelled can bias sizes beyond them."]
 
 
 def inconstant(said: Mapping[str, Any]) -> bool:

@@ -297,11 +297,20 @@ def _rounds(said):
                 "threshold": f"{found['threshold']:.2f}",
                 "chosen": found["chosen"] or _none(found),
                 "share": "-" if share is None else percent(min(1.0, share)),
+                "predicts": _predicts(found),
                 "rivals": ", ".join(rivals) or "-",
             }
         )
         known += [found["chosen"]] if found["chosen"] else []
     return rows
+
+
+def _predicts(found):
+    """Fall of the sum of squares on left-out data, with its standard error."""
+    test = found.get("prediction")
+    if test is None or test["error"] is None:
+        return "not tested" if found["chosen"] else "-"
+    return f"{number(test['reduction'], 3)} ± {number(test['error'], 2)}"
 
 
 def _none(found):
