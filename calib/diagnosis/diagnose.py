@@ -14,6 +14,7 @@ from calib.diagnosis.gain import Gain, gained
 from calib.diagnosis.gates import Gate, above_noise, converged, fine_enough, noise_known, same_kind, simulates
 from calib.diagnosis.misfit import Misfit, misfit
 from calib.diagnosis.next_measurement import Measurement, next_measurement
+from calib.diagnosis.noise import RESIDUAL, SAME
 from calib.diagnosis.refit import Fit, Fitter
 from calib.diagnosis.score import Projection
 from calib.diagnosis.selection import HALF, NIBBLE, Selection, select
@@ -186,7 +187,7 @@ def prepared(
         fitter.evidence = gathered(named, bench.rows, cycle, null.point.seen, spoilt=spoilt)
         gates[-1] = noise_known(fitter.evidence)
         null = fitter.fit(null.point)
-    if any(not noise.repeated for part in evidence.parts for noise in part.noise):
+    if _noise_is_open(fitter.evidence, null):
         left = _left(fitter, null, [c for c in suspects if not c.effect.rough])
         fitter.evidence = gathered(named, bench.rows, cycle, null.point.seen, left, spoilt)
         gates[-1] = noise_known(fitter.evidence)
@@ -267,6 +268,16 @@ def _diagnosed(
 
 def _numerical(effects: Sequence[Effect]) -> list[Effect]:
     return [effect for effect in effects if effect.site == "numerical"]
+
+
+def _noise_is_open(evidence: Evidence, null: Fit) -> bool:
+    """Whether noise is to be read off what no candidate explains: its level, or the memory of a level that is stated.
+
+    The latter only where what the calibrated model leaves is about as large as the noise: more is error of the model.
+    """
+    noises = [noise for part in evidence.parts for noise in part.noise]
+    unknown = any(noise.source == RESIDUAL for noise in noises)
+    return unknown or (null.square < SAME**2 * evidence.counted() and any(not noise.repeated for noise in noises))
 
 
 def _left(fitter: Fitter, null: Fit, suspects: Sequence) -> dict[str, np.ndarray]:

@@ -21,6 +21,7 @@ from calib.diagnosis.score import Projection
 
 TIME_FOLDS = 4  # blocks of time of a single record
 LEAST_INFORMATION = 0.05  # share of what is known of a size that the other folds have to hold, to predict by it
+MAX_GROWTH = 4.0  # of a sum of squares when its data are left out: more is beyond what a linearisation holds for
 RANK = 1e-7  # singular value, over the largest, below which a direction stays where it is
 
 
@@ -44,6 +45,11 @@ class Prediction:
         """Whether the misfit falls by more than the standard error of its fall."""
         return self.reduction > self.error
 
+    @property
+    def fails(self) -> bool:
+        """Whether the misfit does not fall at all; in between, so few data do not tell."""
+        return self.reduction <= 0.0
+
 
 def predicted(evidence: Evidence, base: Fit, extended: Fit, own: Sequence[str]) -> Prediction | None:
     """Cross-validate a cause.
@@ -56,14 +62,18 @@ def predicted(evidence: Evidence, base: Fit, extended: Fit, own: Sequence[str]) 
 
     Returns
     -------
-    None where no fold can be left out: of one steady tone, or where but one fold shows the cause at all
+    None where no fold can be left out: of one steady tone, where but one fold shows the cause at all, or where the
+    refits leave the range of their linearisation
     """
     segments = evidence.segments()
     falls, tested = [], []
     for name, left_out in _folds(evidence):
         if _information(extended, own, ~left_out) < LEAST_INFORMATION:
             continue
-        fall = _residual(base, left_out) ** 2 - _residual(extended, left_out) ** 2
+        squares = [_residual(fit, left_out) ** 2 for fit in (base, extended)]
+        if max(map(np.sum, squares)) > MAX_GROWTH * np.sum(base.residual[left_out] ** 2):
+            continue
+        fall = squares[0] - squares[1]
         numbers = segments[left_out]
         falls.append(np.bincount(numbers - numbers.min(), fall))
         tested.append(name)

@@ -71,8 +71,10 @@ class Fit:
         return Projection(self.nuisances)(columns)
 
     @cached_property
-    def _sandwich(self) -> tuple[np.ndarray, np.ndarray]:
+    def _sandwich(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Covariance (k, k) of the parameters `names`, in their units, and degrees of freedom (k,) of its variances.
+
+        Beside these the variances (k,) that the noise alone makes.
 
         What the model leaves beside the noise has a level and an autocorrelation of its own in each channel of each
         record, as in the intervals of a calibration; no variance is less than what the noise alone makes.
@@ -84,21 +86,27 @@ class Fit:
         scale[scale == 0.0] = 1.0
         noise = np.diag(np.linalg.pinv((free / scale).T @ (free / scale), rcond=1e-12, hermitian=True)) / scale**2
         wider = np.sqrt(np.maximum(1.0, noise / np.diag(covariance)))
-        return covariance * np.outer(wider, wider), freedom
+        return covariance * np.outer(wider, wider), freedom, noise
 
     def error(self, names: Sequence[str]) -> np.ndarray:
         """Standard errors of these parameters, jointly with all others; infinite where no derivative tells."""
         if not self.names:
             return np.full(len(names), np.inf)
-        covariance, _ = self._sandwich
+        covariance, _, _ = self._sandwich
         known = np.where(self.columns.any(axis=0), np.sqrt(np.maximum(0.0, np.diag(covariance))), np.inf)
         return known[[self.names.index(name) for name in names]]
+
+    def inflation(self, names: Sequence[str]) -> float:
+        """Variance of these parameters over what the noise alone makes, the largest; 1 where nothing else is left."""
+        covariance, _, noise = self._sandwich
+        index = [self.names.index(name) for name in names]
+        return float((np.diag(covariance)[index] / np.maximum(noise[index], 1e-300)).max())
 
     def half_width(self, names: Sequence[str]) -> np.ndarray:
         """Half widths of the 95 % intervals of these parameters, by Student's t."""
         if not self.names:
             return np.full(len(names), np.inf)
-        _, freedom = self._sandwich
+        _, freedom, _ = self._sandwich
         index = [self.names.index(name) for name in names]
         return self.error(names) * stats.t.isf(0.5 * (1.0 - LEVEL), freedom[index])
 
