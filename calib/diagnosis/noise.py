@@ -1,13 +1,13 @@
 """The noise of the measured channels: its level, and how long it remembers.
 
 Where a record holds several cycles of a motion that returns, what is left about the mean cycle is noise, whatever the
-model gets wrong (`calib.cycles.mean_cycle`: of the samples as they were measured). Where it does not, the autocorrelation
-of the noise is taken from records that do and that are sampled as fast, and its level from the fastest part of the
-residual; where there is no such record, both are read off the residual that is left when everything that is known to the
-diagnosis has been fitted to it. A level that the record states comes before all of these. Where what is left is far
-above the stated level, it is error of the model and says nothing about the noise: to take its memory would whiten away
-what is looked for. Such noise is taken as white, and the scores over segments (see `score`) widen what memory of either
-would make too sure.
+model gets wrong (`calib.cycles.mean_cycle`: of the samples as they were measured). Where it does not, the
+autocorrelation of the noise is taken from records that do and that are sampled as fast, and its level from the fastest
+part of the residual; where there is no such record, both are read off the residual that is left when everything that is
+known to the diagnosis has been fitted to it. A level that the record states comes before all of these. Where what is
+left is far above the stated level, it is error of the model and says nothing about the noise: to take its memory would
+whiten away what is looked for. Such noise is taken as white, and the scores over segments (see `score`) widen what
+memory of either would make too sure.
 """
 
 import math

@@ -60,6 +60,8 @@ def test_a_joint_error_is_wider_where_more_than_noise_is_left():
     assert noise.error(["a"]) == pytest.approx(N**-0.5, rel=0.2)
     assert gross.error(["a"]) == pytest.approx(5.0 * noise.error(["a"]), rel=0.15)
     assert noise.error(["c"]) == np.inf  # no record knows it
+    assert gross.inflation(["a"]) == pytest.approx(25.0, rel=0.3)
+    assert noise.inflation(["a", "b"]) == pytest.approx(1.0, rel=0.4)
     assert (noise.half_width(["a"]) > 1.95 * noise.error(["a"])).all()
 
 
