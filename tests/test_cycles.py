@@ -225,6 +225,15 @@ def test_a_short_measured_record_is_judged_by_its_noise():
     assert kind_of_motion(noisy(clapping(subharmonic=0.1))).kind == "period-2"
 
 
+@pytest.mark.parametrize("samples", [29.52, 61.7, 153.74])
+@pytest.mark.parametrize("stated", [True, False])
+def test_a_record_of_a_free_running_clock_has_the_same_kind(samples, stated):
+    free = {"samples": samples, "periods": 20}
+    assert kind_of_motion(noisy(clapping(**free), stated=stated)).kind == "period-1"
+    assert kind_of_motion(noisy(clapping(subharmonic=0.1, **free), stated=stated)).kind == "period-2"
+    assert kind_of_motion(noisy(clapping(wander=chaotic(20), **free), stated=stated)).kind == "undecided"
+
+
 def test_a_short_record_is_never_called_irregular():
     motion = kind_of_motion(noisy(clapping(wander=chaotic(6))))
     assert motion.kind == "undecided"

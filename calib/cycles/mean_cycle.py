@@ -70,6 +70,7 @@ def mean_cycle(
     periods: int = 1,
     samples: int | None = None,
     weight: np.ndarray | None = None,
+    refined: bool = True,
 ) -> MeanCycle:
     """Fit the mean cycle of `periods` periods to rows of samples.
 
@@ -84,6 +85,7 @@ def mean_cycle(
     periods : length of a cycle, in periods
     samples : of the loop, per period; None takes the record's own number, rounded
     weight : (row, n) of the samples, 0 where one does not count; None: all count alike
+    refined : whether knots may be nearer than the samples of a cycle
 
     Raises
     ------
@@ -101,7 +103,8 @@ def mean_cycle(
     else:
         phase = np.arange((samples or own) * periods) / (samples or own)
         nearest = np.round(time / (period * periods) * phase.size).astype(int) % phase.size
-        loop, fitted, parameters = _of_spline(time / (period * periods), values, weight, own * periods, phase / periods)
+        sizes = [own * periods * refinement for refinement in (REFINEMENTS if refined else REFINEMENTS[:1])]
+        loop, fitted, parameters = _of_spline(time / (period * periods), values, weight, sizes, phase / periods)
     return MeanCycle(phase, loop, values - fitted, weight, nearest, parameters, length)
 
 
@@ -117,10 +120,13 @@ def _of_fellows(values, weight, place, size) -> tuple[np.ndarray, np.ndarray]:
     return loop, loop[:, place]
 
 
-def _of_spline(turn, values, weight, size, grid) -> tuple[np.ndarray, np.ndarray, int]:
-    """Loop (row, phase) at `grid`, fitted samples (row, n) and number of knots; `turn` (n,) and `grid` in cycles."""
+def _of_spline(turn, values, weight, sizes, grid) -> tuple[np.ndarray, np.ndarray, int]:
+    """Loop (row, phase) at `grid`, fitted samples (row, n) and number of knots, the best of `sizes`.
+
+    turn, grid : places of the samples (n,) and of the loop (phase,), in cycles
+    """
     chosen, best = None, np.inf
-    for knots in (refinement * size for refinement in REFINEMENTS):
+    for knots in sizes:
         if chosen is not None and turn.size < SAMPLES_PER_KNOT * knots:
             break
         basis = _basis(turn - turn[0], knots)

@@ -6,7 +6,8 @@ import numpy as np
 import xarray as xr
 
 from calib.cycles.impacts import impacts_per_period
-from calib.cycles.loop import cut, period_of, sampled
+from calib.cycles.loop import cut, cycles_in, period_of, sampled, samples_in_step
+from calib.cycles.mean_cycle import STEP_TOLERANCE, mean_cycle
 from calib.cycles.strobe import section
 from calib.errors import CalibError
 from calib.record import SECTION, STATE
@@ -14,6 +15,8 @@ from calib.record import SECTION, STATE
 LAGS = 16  # the longest motion that is told from an irregular one, in periods
 TOLERANCE = 1e-3  # how well a periodic motion returns, as a share of its amplitude
 NOISE = 1.5  # a measured cycle returns where it differs by less than this many standard deviations of its noise
+CYCLES_OF_A_MEAN = 4  # that are compared at least, where more than one period is tried on freely sampled cycles
+COARSE = 0.01  # of the amplitude: what few samples a cycle may leave about it
 ALONE = "; a record alone does not tell chaotic from quasi-periodic motion or a period beyond that"
 BESIDE = "beside"  # attribute of a simulated record: what is known of other motions at the same parameters
 IRREGULAR, UNDECIDED, NO_CONTACT, NOT_PERIODIC = "irregular", "undecided", "no contact", "not periodic"
@@ -129,6 +132,10 @@ def _shrinks(difference: np.ndarray) -> bool:
 
 
 def _from_cycles(record):
+    period, time = period_of(record), record.variables["time"].values
+    count, own, _ = cycles_in(time, period, 1)
+    if count >= 2 and not samples_in_step(time, period, own, count, STEP_TOLERANCE):
+        return _from_mean_cycles(record, period, count)
     cycles, noise = _normalised_cycles(record)
     count = cycles.shape[1]
     if count <= record.attrs.get("returns_after", 0):
@@ -147,6 +154,38 @@ def _from_cycles(record):
     if count >= SECTION:
         return Motion(IRREGULAR, None, text + ALONE, tuple(recurrence))
     return Motion(UNDECIDED, None, f"{text}, and are too few to call it irregular", tuple(recurrence))
+
+
+def _from_mean_cycles(record, period, count):
+    """Kind of a record whose clock runs freely: by what its samples leave about mean cycles of 1, 2, ... periods.
+
+    A motion returns after so many periods where no longer cycle leaves much less, and little is left at all. What is
+    left is measured by its median: a jump of velocity between samples is left about any cycle, but at few instants.
+    """
+    time = record.variables["time"].values
+    present = [channel for channel in STATE if channel in record.variables]
+    if not present:
+        raise CalibError("the kind of a motion is told by displacement or velocity; the record has neither")
+    values = [sampled(record, channel) for channel in present]
+    amplitude = np.concatenate([np.full(len(v), _amplitude(v)) for v in values])
+    noise = np.concatenate([_noise(record, c, v) for c, v in zip(present, values, strict=True)]) / amplitude
+    stacked, left = np.concatenate(values) / amplitude[:, None], []
+    for lag in range(1, max(1, min(LAGS, count // CYCLES_OF_A_MEAN)) + 1):
+        mean = mean_cycle(time, stacked, period, lag, refined=False)
+        free = max(0.1, 1.0 - mean.parameters / time.size)
+        left.append(np.median(np.abs(mean.residual), axis=1) / (0.6745 * np.sqrt(free)))
+        if (left[-1] <= NOISE * np.maximum(noise, TOLERANCE)).all():
+            break
+    deviations = np.array(left)
+    limit = NOISE * np.minimum(np.maximum(deviations.min(axis=0), TOLERANCE), np.maximum(noise, COARSE))
+    returning = np.flatnonzero((deviations <= limit).all(axis=1))
+    recurrence = tuple(float(np.sqrt(2.0) * d.max()) for d in deviations)
+    if not returning.size:
+        text = f"{count} cycles of the record, sampled freely, do not return within {len(left)} period(s)"
+        return Motion(UNDECIDED, None, text, recurrence)
+    n = int(returning[0]) + 1
+    text = f"its {count} cycles leave {deviations[n - 1].max():.1e} of the amplitude about a mean of {n} period(s)"
+    return Motion(f"period-{n}", n, text, recurrence[:n])
 
 
 def _stated(record):
