@@ -40,6 +40,12 @@ def test_nothing_is_found_where_nothing_is_hidden(simulator, phi, cache, tmp_pat
     assert seek(tmp_path).verdict == "none"
 
 
+@pytest.mark.parametrize("laboratory", [2, 5])  # free-running clocks of 20 to 400 samples a period, coloured noise
+def test_nothing_is_found_where_the_clock_knows_nothing_of_the_drive(laboratory, cache, tmp_path):
+    hide("four_dof", None, None, laboratory, folder=tmp_path, cache=cache, laboratory=laboratory)
+    assert seek(tmp_path).verdict == "none"
+
+
 @pytest.mark.parametrize(("simulator", "effect"), [("oscillator", "channel_gain"), ("four_dof", "preload")])
 def test_what_is_taken_out_of_the_library_and_like_nothing_in_it_is_not_explained(simulator, effect, cache, tmp_path):
     hide(simulator, effect, 80.0, 0, folder=tmp_path, cache=cache)
