@@ -244,7 +244,7 @@ def test_the_states_of_all_records_are_told_with_their_units(tmp_path):
     assert found["nuisance_units"] == {"offset.mass": "m", "initial_displacement": "m", "initial_velocity": "m/s"}
     held = found["holdout"]["third"]
     assert held["nuisances"]["initial_displacement"] == pytest.approx(0.05, abs=1e-3)
-    assert held["distance"] < 0.05
+    assert held["misfit"] < 0.05
     assert found["simulations"] > 4 * found["trials"] > 0
     assert "third initial_velocity" in (tmp_path / "out" / "report.html").read_text()
 
