@@ -47,8 +47,8 @@ class Prediction:
 
     @property
     def fails(self) -> bool:
-        """Whether the misfit does not fall at all; in between, so few data do not tell."""
-        return self.reduction <= 0.0
+        """Whether the misfit does not fall at all; in between, or of a single fold, so few data do not tell."""
+        return self.reduction <= 0.0 and len(self.folds) > 1
 
 
 def predicted(evidence: Evidence, base: Fit, extended: Fit, own: Sequence[str]) -> Prediction | None:
