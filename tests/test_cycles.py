@@ -234,6 +234,12 @@ def test_a_record_of_a_free_running_clock_has_the_same_kind(samples, stated):
     assert kind_of_motion(noisy(clapping(wander=chaotic(20), **free), stated=stated)).kind == "undecided"
 
 
+def test_a_closed_curve_says_itself_after_how_many_periods_it_returns_whatever_its_samples():
+    for samples in (400, 61.7):
+        curve = noisy(clapping(samples=samples, periods=2)).assign_attrs(returns_after=2)
+        assert kind_of_motion(curve).kind == "period-2"
+
+
 def test_a_short_record_is_never_called_irregular():
     motion = kind_of_motion(noisy(clapping(wander=chaotic(6))))
     assert motion.kind == "undecided"

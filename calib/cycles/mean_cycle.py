@@ -1,8 +1,8 @@
 """The mean cycle of a record, by regression of its samples as they were taken on the phase of the cycle.
 
-Where the clock runs in step with the drive each sample of a cycle has its fellows in the others, and the mean cycle is
-their mean. Where it runs freely the samples of all cycles fill the phases between them: the mean cycle is then the
-periodic cubic spline that fits them best (de Boor, A Practical Guide to Splines, 2001, chapter XIV). Nothing is
+Where the clock runs in step with the drive the samples of all cycles fall on the same phases, and the mean cycle is
+their mean at each. Where it runs freely the samples of all cycles fill the phases between them: the mean cycle is then
+the periodic cubic spline that fits them best (de Boor, A Practical Guide to Splines, 2001, chapter XIV). Nothing is
 interpolated, so that what is left about the mean cycle has the variance and the autocorrelation of the noise.
 """
 
@@ -17,7 +17,7 @@ from scipy.sparse.linalg import splu
 from calib.cycles.loop import cycles_in, period_of, sampled, samples_in_step
 from calib.record import channels as channels_of
 
-STEP_TOLERANCE = 1e-3  # of a sample interval, by which samples may miss the phases of their fellows
+IN_STEP_TOLERANCE = 1e-3  # of a sample interval, by which samples of one phase may lie apart
 DEGREE = 3
 REFINEMENTS = (1, 2, 4)  # knots per sample of a cycle
 SAMPLES_PER_KNOT = 4  # at least, where knots are nearer than samples of a cycle
@@ -94,12 +94,12 @@ def mean_cycle(
     count, own, length = cycles_in(time, period, periods)
     weight = np.ones_like(values) if weight is None else weight
     first = time[0] / period * own  # place of the first sample, in samples
-    on_grid = samples is None or abs(first - round(first)) < STEP_TOLERANCE
-    if samples in (None, own) and on_grid and samples_in_step(time, period, own, count * periods, STEP_TOLERANCE):
-        whole = int(np.floor(first + STEP_TOLERANCE))
+    on_grid = samples is None or abs(first - round(first)) < IN_STEP_TOLERANCE
+    if samples in (None, own) and on_grid and samples_in_step(time, period, own, count * periods, IN_STEP_TOLERANCE):
+        whole = int(np.floor(first + IN_STEP_TOLERANCE))
         phase = (np.arange(own * periods) + max(0.0, first - whole)) / own
         nearest = (whole + np.arange(time.size)) % phase.size
-        loop, fitted, parameters = *_of_fellows(values, weight, nearest, phase.size), phase.size
+        loop, fitted, parameters = *_phase_means(values, weight, nearest, phase.size), phase.size
     else:
         phase = np.arange((samples or own) * periods) / (samples or own)
         nearest = np.round(time / (period * periods) * phase.size).astype(int) % phase.size
@@ -108,7 +108,7 @@ def mean_cycle(
     return MeanCycle(phase, loop, values - fitted, weight, nearest, parameters, length)
 
 
-def _of_fellows(values, weight, place, size) -> tuple[np.ndarray, np.ndarray]:
+def _phase_means(values, weight, place, size) -> tuple[np.ndarray, np.ndarray]:
     """Loop (row, size) and fitted samples (row, n): means of the samples (row, n) at the same `place` (n,)."""
     if (weight == 1.0).all() and values.shape[1] % size == 0:
         loop = np.roll(values.reshape(len(values), -1, size).mean(axis=1), place[0], axis=1)

@@ -7,7 +7,7 @@ import xarray as xr
 
 from calib.cycles.impacts import impacts_per_period
 from calib.cycles.loop import cut, cycles_in, period_of, sampled, samples_in_step
-from calib.cycles.mean_cycle import STEP_TOLERANCE, mean_cycle
+from calib.cycles.mean_cycle import IN_STEP_TOLERANCE, mean_cycle
 from calib.cycles.strobe import section
 from calib.errors import CalibError
 from calib.record import SECTION, STATE
@@ -134,12 +134,12 @@ def _shrinks(difference: np.ndarray) -> bool:
 def _from_cycles(record):
     period, time = period_of(record), record.variables["time"].values
     count, own, _ = cycles_in(time, period, 1)
-    if count >= 2 and not samples_in_step(time, period, own, count, STEP_TOLERANCE):
+    if count <= record.attrs.get("returns_after", 0):
+        return _stated(record)
+    if count >= 2 and not samples_in_step(time, period, own, count, IN_STEP_TOLERANCE):
         return _from_mean_cycles(record, period, count)
     cycles, noise = _normalised_cycles(record)
     count = cycles.shape[1]
-    if count <= record.attrs.get("returns_after", 0):
-        return _stated(record)
     if count < 2:
         return Motion(UNDECIDED, None, "one cycle of the record cannot show whether it returns")
     recurrence = []

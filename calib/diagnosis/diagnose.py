@@ -306,8 +306,8 @@ def _verdict(selection: Selection, gates: Sequence[Gate], ready: Prepared) -> tu
         if selection.marked:
             first = selection.rounds[0]
             said = "the misfit is more than noise, and no candidate explains it"
-            if first.hindered is not None:
-                return UNEXPLAINED, f"{said}; {first.hindered.name} comes closest, but {first.hindrance}"
+            if first.rejected is not None:
+                return UNEXPLAINED, f"{said}; {first.rejected.name} comes closest, but {first.rejection}"
             closest = f"; {first.suspects[0].name} comes closest" if first.suspects else ""
             return UNEXPLAINED, said + closest
         if spoilt:

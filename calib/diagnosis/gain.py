@@ -8,7 +8,7 @@ import numpy as np
 from calib.cycles import kind_of_motion
 from calib.diagnosis.bench import Bench, Run, Seen, simulated
 from calib.diagnosis.evidence import Evidence, Part, gathered
-from calib.diagnosis.refit import Fit, Fitter
+from calib.diagnosis.refit import LEVEL, Fit, Fitter
 from calib.diagnosis.score import Projection, Signature, deviate, tested
 from calib.diagnosis.selection import Suspect
 from calib.diagnosis.signature import Direction, slopes
@@ -16,7 +16,6 @@ from calib.objective import Squares, misfit, row_weights
 from calib.study import Pool
 
 DRAWS = 2000  # of the bootstrap
-LEVEL = 0.95  # of its interval
 DERIVATIVE_ERROR = 0.003  # relative, of differences: a column of which others leave less than thrice that is absorbed
 RECORDS, BLOCKS = "records held out", "blocks of the calibrated records"
 

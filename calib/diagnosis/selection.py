@@ -117,9 +117,9 @@ class Round:
     chosen : the suspect that explains most, None where none passes
     rivals : suspects that cannot be told from the chosen one, which is the simplest of them
     excess : by which the base's sum of squares exceeds what noise leaves, where refitted suspects are compared
-    prediction : of the chosen suspect, or of the one that was hindered; None where it was not or cannot be tested
-    hindered : the suspect that explains most where it is no cause, None where it is one or there is none
-    hindrance : why it is none
+    prediction : of the chosen suspect, or of the one that was rejected; None where it was not or cannot be tested
+    rejected : the suspect that explains most where it is no cause, None where it is one or there is none
+    rejection : why it is none
     """
 
     base: Fit
@@ -129,12 +129,12 @@ class Round:
     rivals: tuple[Suspect, ...]
     excess: float
     prediction: Prediction | None = None
-    hindered: Suspect | None = None
-    hindrance: str = ""
+    rejected: Suspect | None = None
+    rejection: str = ""
 
     def without_cause(self, why: str) -> "Round":
         """Return the same search with no cause found."""
-        return replace(self, chosen=None, rivals=(), hindered=self.chosen, hindrance=why)
+        return replace(self, chosen=None, rivals=(), rejected=self.chosen, rejection=why)
 
     @property
     def margin(self) -> float:
@@ -275,7 +275,7 @@ def select(
         ahead = None if found.chosen is None else fitter.sharpened(found.chosen.fit)
         if ahead is not None:
             found = replace(found, prediction=_prediction(fitter.evidence, base, ahead, found.chosen))
-            why = _hindrance(fitter.evidence, null, base, ahead, found, further=number > 0)
+            why = _rejection(fitter.evidence, null, base, ahead, found, further=number > 0)
             found = found.without_cause(why) if why else found
         rounds.append(found)
         if found.chosen is None:
@@ -319,7 +319,7 @@ def _prediction(evidence: Evidence, base: Fit, ahead: Fit, cause: Suspect) -> Pr
     return predicted(evidence, base, ahead, own)
 
 
-def _hindrance(evidence: Evidence, null: Fit, base: Fit, ahead: Fit, found: Round, further: bool) -> str:
+def _rejection(evidence: Evidence, null: Fit, base: Fit, ahead: Fit, found: Round, further: bool) -> str:
     """Why the chosen suspect of a search, in the model `ahead`, is no cause; "" where it is one.
 
     further : whether there are causes before it

@@ -109,8 +109,8 @@ def _round(found: Round, excess: float) -> dict[str, Any]:
         "share": None if chosen is None or not excess > 0.0 else chosen.drop / excess,
         "rivals": [rival.name for rival in found.rivals],
         "prediction": None if found.prediction is None else asdict(found.prediction),
-        "hindered": None if found.hindered is None else found.hindered.name,
-        "hindrance": found.hindrance,
+        "rejected": None if found.rejected is None else found.rejected.name,
+        "rejection": found.rejection,
         "alike": {rival.name: alike(rival, chosen) for rival in found.rivals if rival is not chosen},
     }
 

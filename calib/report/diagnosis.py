@@ -315,9 +315,9 @@ def _predicts(found):
 
 def _none(found):
     """Why a search named nothing."""
-    if not found.get("hindered"):
+    if not found.get("rejected"):
         return "none is above the threshold"
-    return f"none: {found['hindered']} explains most, but {found['hindrance']}"
+    return f"none: {found['rejected']} explains most, but {found['rejection']}"
 
 
 def _why(said, outcomes):
