@@ -16,7 +16,8 @@ from calib.errors import CalibError
 from calib.excitation import Excitation
 from calib.model import Model, Request
 from calib.objective import Objective, Reference, Term
-from calib.objective.initial_state import Comparison, Unknown, View, first_value, quarter_period, released, spikes
+from calib.objective.initial_state import Comparison, Unknown, View, first_value, quarter_period, released
+from calib.objective.outliers import isolated_outliers
 from calib.parameter import Space, Window
 from calib.plugins import load as registered
 from calib.pool import InProcess
@@ -78,7 +79,7 @@ def test_lost_echoes_are_outliers_and_turning_points_are_not():
     x = 0.05 * np.cos(9.0 * TIME) + 1e-4 * rng.standard_normal(TIME.size)
     bad = np.arange(20, 600, 37)
     x[bad] += 0.03
-    assert np.flatnonzero(spikes(x[None])[0]).tolist() == bad.tolist()
+    assert np.flatnonzero(isolated_outliers(x[None])[0]).tolist() == bad.tolist()
 
 
 # --- the solution -----------------------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ from calib.cycles import IRREGULAR, kind_of_motion
 from calib.effect import Effect
 from calib.excitation import Excitation
 from calib.model import Model, Request
-from calib.objective import FeatureValue, Objective, simulations, trusted
+from calib.objective import FeatureValue, Objective, Start, simulations, trusted
 from calib.parameter import values_for
 from calib.pool import Failure, in_order
 from calib.record import OK, prescribed
@@ -31,6 +31,8 @@ class Run:
     effects : that the model is extended by
     state : near which the stationary motion lies; None where that is not known
     excitation : in the place of the record's; what is simulated is then not aligned, for nothing was measured
+    start : solution for the initial state at values near by, where that is a nuisance; None: it is not known
+    held : whether the initial state stays as it is in `start`
     """
 
     record: str
@@ -38,6 +40,8 @@ class Run:
     effects: tuple[Effect, ...] = ()
     state: np.ndarray | None = None
     excitation: Excitation | None = None
+    start: Start | None = None
+    held: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +61,7 @@ class Seen:
         "" where that is not so, or was not asked for
     time : (n,) instants of the simulation where nothing was measured  [s]
     initial : (k, row, n) change of the rows with each component of the initial state, where that is a nuisance
+    start : the solution for that, None where it is none
     simulations : that it took
     status, reason : "ok", or why there is nothing
     """
@@ -71,6 +76,7 @@ class Seen:
     wrong: str = ""
     time: np.ndarray = field(default_factory=lambda: np.zeros(0))
     initial: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 0)))
+    start: Start | None = None
     simulations: int = 1
     status: str = OK
     reason: str = ""
@@ -109,10 +115,12 @@ class Bench:
             time = reference.record.time.values
             request = replace(request, times=time - time[0])
         asked = run.excitation is None
-        values, slopes = values_for(run.values, run.record), {}
-        if asked and reference.frees_initial_state:
-            released = self.objective.released(run.record, model, values, request)
-            record, slopes = released.record, released.slopes
+        values, start = values_for(run.values, run.record), run.start
+        if run.held:
+            record = model.run({**values, **start.state}, excitation, request)
+        elif asked and reference.frees_initial_state:
+            released = self.objective.released(run.record, model, values, request, start)
+            record, start = released.record, released.start
         else:
             record = model.run(values, excitation, request)
         status = record.attrs["status"]
@@ -138,7 +146,10 @@ class Bench:
             features=tuple(self.objective.features(run.record, record)) if first else (),
             wrong=_irregular(record) if not asked else self.objective.wrong_kind(run.record, record) if first else "",
             time=np.zeros(0) if asked else record["time"].values,
-            initial=np.array([[own[c][bodies.index(b)] for b, c in pairs] for own in slopes.values()]),
+            initial=np.array([[own[c][bodies.index(b)] for b, c in pairs] for own in start.slopes.values()])
+            if start is not None
+            else np.zeros((0, *rows.shape)),
+            start=start,
             simulations=simulations(record),
         )
 

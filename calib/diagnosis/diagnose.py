@@ -72,11 +72,11 @@ class Diagnosis:
 
     @property
     def stand_ins(self) -> tuple[str, ...]:
-        """Effects that explain the misfit, but with sizes that differ: each acts like a cause that is not known."""
+        """Effects whose sizes differ among the records' channels: what acts like them is a cause that is not known."""
         selection = self.selection
         if self.verdict != UNEXPLAINED or selection is None or not selection.explained:
             return ()
-        return tuple(cause.name for cause in selection.causes)
+        return tuple(cause.effect for cause in selection.varying)
 
     @property
     def _spoilt(self) -> tuple[str, ...]:
@@ -320,10 +320,11 @@ def _verdict(selection: Selection, gates: Sequence[Gate], ready: Prepared) -> tu
         if selection.share < HALF:
             return UNEXPLAINED, f"{names} come{s} closest, but explain{s} only {share}"
         if selection.explained:
-            explain = f" and explain {share}" if selection.marked else ""
-            differ = f"their sizes differ among the channels of the records (z = {selection.inconstancy:.2g})"
-            why = "one of them changes, or they imitate another cause"
-            return UNEXPLAINED, f"{names} come closest{explain}, but {differ}: {why}"
+            explain = f" and explain{s} {share}" if selection.marked else ""
+            most = max(selection.varying, key=lambda c: c.z)
+            differ = f"the size of {most.effect} differs among the channels of the records (z = {most.z:.2g})"
+            why = "it changes, or stands for another cause"
+            return UNEXPLAINED, f"{names} come{s} closest{explain}, but {differ}: {why}"
         return UNEXPLAINED, f"{names} come{s} closest and explain{s} {share}, but leave{s} more than noise"
     if len(selection.rivals) > 1:
         alike = f"; they explain {share} alike" if selection.marked else ""

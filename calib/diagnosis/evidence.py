@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import median_filter, uniform_filter1d
+from scipy.ndimage import uniform_filter1d
 
 from calib.cycles import mean_cycle
 from calib.diagnosis.bench import Seen
@@ -19,10 +19,8 @@ from calib.diagnosis.noise import (
     with_memory,
 )
 from calib.objective import Objective, Reference, compared_rows, row_weights
+from calib.objective.outliers import MIN_DEVIATION, deviations, smoothed
 
-FAR = 8.0  # of an outlier, in standard deviations
-WIDE = 7  # samples about one that judge it
-MAD = 1.4826  # median absolute deviation to standard deviation
 SPAN = 20  # least number of segments of a record, whose scores are taken as independent
 FEW = 0.5  # levels over samples: fewer are steps of a converter
 ALIGNED = 1e-3  # of a step: distance from its multiples that is rounding
@@ -280,20 +278,19 @@ def _used(seen: Seen, rows: Sequence[tuple[str, str]], good: np.ndarray) -> np.n
 def _mended(measured: np.ndarray, simulated: np.ndarray, good: np.ndarray) -> np.ndarray:
     """Measured rows (row, n) with outliers replaced by what the samples about them say of the residual."""
     residual = measured - simulated
-    return np.where(good, measured, simulated + median_filter(residual, (1, WIDE)))
+    return np.where(good, measured, simulated + smoothed(residual))
 
 
 def outliers(part: Part, seen: Seen) -> np.ndarray:
     """Whether a sample (row, n) departs from those about it as no noise does.
 
-    Its residual stands FAR times the usual departure beyond the median of its neighbours', theirs do not, and so it is
-    with the measured channel itself: what the model lacks may leave spikes in the residual alone.
+    Its residual stands MIN_DEVIATION standard deviations beyond the median about it, theirs do not, and so it is with
+    the measured channel itself: what the model lacks may leave spikes in the residual alone.
     """
     far = part.weight == 1.0
     for rows in (part.measured - seen.rows, part.measured):
-        apart = np.abs(rows - median_filter(rows, (1, WIDE)))
-        usual = MAD * np.median(apart, axis=1, keepdims=True)
-        far &= apart > FAR * np.maximum(usual, 1e-300)
+        distance, sigma = deviations(rows)
+        far &= distance > MIN_DEVIATION * np.maximum(sigma, 1e-300)
     crowd = uniform_filter1d(far.astype(float), 3, axis=1) > 0.5  # a jump is no outlier
     return far & ~crowd
 

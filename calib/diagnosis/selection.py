@@ -8,7 +8,7 @@ import numpy as np
 from scipy import stats
 
 from calib.diagnosis.candidate import Candidate
-from calib.diagnosis.constancy import inconstancy
+from calib.diagnosis.constancy import Constancy, constancies
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.prediction import Prediction, predicted
 from calib.diagnosis.refit import LEVEL, Fit, Fitter
@@ -156,7 +156,7 @@ class Selection:
     alternatives : of each cause, suspects that cannot be told from it beside the others, itself included
     excess : by how much the calibrated model's sum of squares exceeds what noise leaves, with its standard deviation
     left : the same of the final model
-    inconstancy : normal deviate by which sizes of several causes differ among the channels of the records; 0 for one
+    constancy : how much the size of each cause differs among the channels of the records
     """
 
     rounds: tuple[Round, ...]
@@ -167,11 +167,11 @@ class Selection:
     excess: float
     left: float
     blur: float
-    inconstancy: float
+    constancy: tuple[Constancy, ...] = ()
 
     def without_causes(self) -> "Selection":
         """Return the same search with the calibrated model as its answer."""
-        return replace(self, final=self.null, causes=(), alternatives=(), left=self.excess, inconstancy=0.0)
+        return replace(self, final=self.null, causes=(), alternatives=(), left=self.excess, constancy=())
 
     @property
     def share(self) -> float:
@@ -194,25 +194,31 @@ class Selection:
         return self.left < little or (self.gross and self.share >= HALF)
 
     @property
-    def constant(self) -> bool:
-        """Whether several causes have one size each in all channels of all records.
+    def varying(self) -> tuple[Constancy, ...]:
+        """Causes whose sizes differ among the channels of the records: each acts like an effect, and is none.
 
-        Several that do not may imitate any other: together they are a flexible model. One cause speaks for itself.
-        Where what is left is mostly not noise it bends every size, and noise is no measure of how much: there causes
-        have to predict records that had no part in their fit.
+        Several that do may imitate any other: together they are a flexible model. One cause that leaves nothing but
+        noise speaks for itself. What is left beside the noise may bias sizes (`_bias`).
         """
-        return self.inconstancy <= self.rounds[0].threshold or (self.gross and self.predicts)
+        if len(self.causes) < 2 and not self.gross:
+            return ()
+        most = _bias(self.left, self.excess - self.left) if self.gross else 0.0
+        return tuple(c for c in self.constancy if c.z > self.rounds[0].threshold and c.variation > most)
+
+    @property
+    def constant(self) -> bool:
+        """Whether each cause has one size in all channels of all records."""
+        return not self.varying
+
+    @property
+    def inconstancy(self) -> float:
+        """Largest normal deviate by which the size of a cause differs among the channels of the records."""
+        return max((c.z for c in self.constancy), default=0.0)
 
     @property
     def gross(self) -> bool:
         """Whether what the causes leave is mostly not noise."""
         return self.left > GROSS * self.blur**2
-
-    @property
-    def predicts(self) -> bool:
-        """Whether each cause lowers the misfit of data that had no part in its fit."""
-        tests = [r.prediction for r in self.rounds if r.chosen is not None]
-        return all(test is not None and test.succeeds for test in tests)
 
     @property
     def material(self) -> bool:
@@ -228,7 +234,7 @@ class Selection:
         shows that.
         """
         if self.explained and not self.constant:
-            return (self.inconstancy - self.rounds[0].threshold) ** 2
+            return (max(c.z for c in self.varying) - self.rounds[0].threshold) ** 2
         chosen = [r for r in self.rounds if r.chosen is not None]
         if [r.chosen.name for r in chosen] != [cause.name for cause in self.causes]:
             return 0.0
@@ -306,7 +312,7 @@ def select(
         excess=null.judged(common) - _expected(common, null),
         left=base.judged(common) - _expected(common, base),
         blur=_blur(common),
-        inconstancy=inconstancy(fitter.evidence, base) if len(named) > 1 else 0.0,
+        constancy=constancies(fitter.evidence, base) if named else (),
     )
 
 
@@ -334,8 +340,8 @@ def _rejection(evidence: Evidence, null: Fit, base: Fit, ahead: Fit, found: Roun
             f"it does not predict what had no part in its fit ({', '.join(test.folds)} left out in turn): the sum of "
             f"squares there falls by {test.reduction:.3g} +- {test.error:.2g}"
         )
-    if further and test is None and _bent(evidence, null, base, ahead, found.threshold):
-        return "sizes differ among the channels of the records, and a large misfit is left"
+    if further and _varies(evidence, null, ahead, cause, found.threshold):
+        return "its size differs among the channels of the records, and a large misfit is left"
     return ""
 
 
@@ -367,16 +373,25 @@ def _indistinct(fit: Fit, cause: Suspect) -> bool:
     return bool(cause.drop / fit.inflation(names) < stats.chi2.ppf(LEVEL, len(names)))
 
 
-def _bent(evidence: Evidence, null: Fit, base: Fit, ahead: Fit, limit: float) -> bool:
-    """Whether a further cause, in the model `ahead`, is bent by what has no name, as those before it then are.
+def _varies(evidence: Evidence, null: Fit, ahead: Fit, cause: Suspect, limit: float) -> bool:
+    """Whether a further cause, in the model `ahead`, has another size in each channel, where a gross misfit is left.
 
-    They explain half of a gross misfit without it; with it the misfit is still gross, and sizes differ among the
-    channels of the records by more than the threshold `limit` of |z|.
+    limit : of the normal deviate from which sizes differ
     """
-    whole = _excess(evidence, null)
-    half = whole - _excess(evidence, base) >= HALF * whole
-    gross = _excess(evidence, ahead) >= GROSS * _blur(evidence) ** 2
-    return half and gross and inconstancy(evidence, ahead) > limit
+    left = _excess(evidence, ahead)
+    if left < GROSS * _blur(evidence) ** 2:
+        return False
+    [constancy] = [c for c in constancies(evidence, ahead) if c.effect == cause.name]
+    return constancy.z > limit and constancy.variation > _bias(left, _excess(evidence, null) - left)
+
+
+def _bias(left: float, explained: float) -> float:
+    """By how much what is left of the excess may bias sizes that explain the rest of it, relative to them.
+
+    A remainder of chi-square R moves a size, whose effect has the chi-square W, by sqrt(R / W) of itself at most
+    (the inequality of Cauchy and Schwarz).
+    """
+    return float(np.sqrt(max(0.0, left) / max(explained, 1e-300)))
 
 
 def _paired(fitter: Fitter, null: Fit, suspects: Sequence[Suspect]) -> tuple[Named, Fit] | None:
@@ -424,7 +439,15 @@ def _blur(evidence: Evidence) -> float:
     return float(np.sqrt(2.0 * evidence.counted()))
 
 
-def search(fitter: Fitter, base: Fit, candidates: Sequence[Candidate], seed: int, excess: float, known: Known) -> Round:
+def search(
+    fitter: Fitter,
+    base: Fit,
+    candidates: Sequence[Candidate],
+    seed: int,
+    excess: float,
+    known: Known,
+    reached: float = np.inf,
+) -> Round:
     """Find the candidate that explains most of what the model `base` leaves.
 
     Parameters
@@ -432,6 +455,7 @@ def search(fitter: Fitter, base: Fit, candidates: Sequence[Candidate], seed: int
     excess : of its sum of squares, in standard deviations; candidates without derivative are tried where it shows, or
         where others are above the threshold
     known : derivatives of candidates and their doubts by id, from an earlier search; those found here are added
+    reached : sum of squares that one of the candidates is known to reach
     """
     other = set(known)  # whose derivatives are of another model: they are taken anew of those that may lead at this one
     suspects, limit = scored(fitter, base, candidates, seed, known)
@@ -447,7 +471,7 @@ def search(fitter: Fitter, base: Fit, candidates: Sequence[Candidate], seed: int
     leaders = [s for s in _best_variants(guilty) if s.test.drop >= WORTH * promised][:REFITS]
     if guilty or excess > MARKED:
         leaders += [s for s in suspects if s.reason and not s.candidate.effect.noise and s.absorbed < ABSORBED]
-    refitted, best, left = [], np.inf, _excess(fitter.evidence, base)
+    refitted, best, left = [], reached, _excess(fitter.evidence, base)
     for suspect in leaders:
         alike = (2.0 * APART + limit**2) * max(1.0, best / base.residual.size)  # as far as a rival may be behind
         found = _refitted(fitter, base, suspect, limit, best + alike)
@@ -650,7 +674,8 @@ def _beside_the_others(
             continue
         taken = {candidate.name for candidate in others}
         excess = _excess(fitter.evidence, without) / _blur(fitter.evidence)
-        found = search(fitter, without, [c for c in candidates if c.name not in taken], seed, excess, known)
+        rest = [c for c in candidates if c.name not in taken]
+        found = search(fitter, without, rest, seed, excess, known, reached=final.square)
         worth = without.square - final.square
         alike = cause.name in {rival.name for rival in found.rivals}
         if alike or (found.chosen is not None and found.chosen.drop - found.chosen.price > worth - cause.price):

@@ -86,11 +86,22 @@ class Point:
     seen: Mapping[str, Seen]
 
     def runs(
-        self, names: Sequence[str], values: Mapping[str, float] | None = None, effects: Sequence[Effect] = ()
+        self,
+        names: Sequence[str],
+        values: Mapping[str, float] | None = None,
+        effects: Sequence[Effect] = (),
+        held: bool = False,
     ) -> list[Run]:
-        """Runs of the records at other values, from the states of this point."""
-        changed = {**self.values, **(values or {})}
-        return [Run(name, changed, (*self.effects, *effects), self.seen[name].state) for name in names]
+        """Runs of the records at other values, from the states of this point.
+
+        held : whether initial states that are nuisances stay as they are at this point
+        """
+        changed, effects = {**self.values, **(values or {})}, (*self.effects, *effects)
+        seen = [(name, self.seen[name]) for name in names]
+        return [
+            Run(name, changed, effects, view.state, start=view.start, held=held and view.start is not None)
+            for name, view in seen
+        ]
 
 
 def slopes(
@@ -102,6 +113,9 @@ def slopes(
     compared: bool = True,
 ) -> list[Slope]:
     """Difference all records along each direction, side by side.
+
+    Initial states that are nuisances are held: what they would take of a change is projected out of it (Kaufman, BIT 15
+    (1975) 49, of variable projection).
 
     Parameters
     ----------
@@ -174,4 +188,4 @@ def _compared(first: tuple[float, np.ndarray], step: float, moved: np.ndarray | 
 
 def _ahead(point: Point, names: Sequence[str], direction: Direction, step: float) -> list[Run]:
     values = {**(direction.values or {}), direction.name: direction.at + step}
-    return point.runs(names, values, direction.effects)
+    return point.runs(names, values, direction.effects, held=True)

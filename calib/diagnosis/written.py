@@ -125,6 +125,7 @@ def _misfit(diagnosis: Diagnosis) -> dict[str, Any]:
         "blur": selection.blur,
         "share": selection.share if selection.causes else 0.0,
         "inconstancy": selection.inconstancy,
+        "constancy": [asdict(constancy) for constancy in selection.constancy],
         "features": [asdict(deviation) for deviation in said.features],
         "channels": [{**asdict(channel), "orders": channel.orders.tolist()} for channel in said.channels],
     }

@@ -3,7 +3,8 @@
 The state s minimises the squared difference of measured and simulated channels, each over the measured root mean square
 about its mean, with the linear nuisances at their best for every s (variable projection: Golub and Pereyra, Inverse
 Problems 19, 2003). Gauss-Newton steps with forward differences start from the record's own first samples, so that the
-same values give the same bits whatever was simulated before.
+same values give the same bits whatever was simulated before; or, where a solution at values near by is given, from that
+and with its derivatives.
 """
 
 import json
@@ -12,10 +13,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import xarray as xr
-from scipy.ndimage import median_filter
 
 from calib.errors import CalibError
 from calib.model import Model
+from calib.objective.outliers import STD_PER_MAD, isolated_outliers
 from calib.parameter import Parameter
 from calib.record import OK
 
@@ -27,16 +28,13 @@ MAX_HALVINGS = 4  # of a step that does not reduce the squared difference
 DIFFERENCE_STEP = 1e-3  # of a state's scale
 MAX_CONTRACTION = 0.03  # of one predicted reduction to the next: above it, the derivatives are taken anew
 TOLERANCE = 1e-6  # predicted change of the residual, relative to the residual: a smaller one ends the search
+WARM_TOLERANCE = 1e-3  # the same of a search from a known solution, whose caller takes out what is linear in the state
 ROUNDING = 1e-11  # the same, relative to the measured channels
 RANK = 1e-9  # singular value, over the largest, below which a direction of the state is not determined
 
 MIN_WINDOW, CUBIC_WINDOW = 6, 12  # samples of the local polynomial: least number, and from which on it is a cubic
 HUBER = 1.345  # of Huber's weights, in standard deviations (Holland & Welsch 1977)
 HUBER_STEPS = 30
-MAD = 1.4826  # median absolute deviation to standard deviation
-SPIKE_WINDOW = 7  # samples about one that judge it
-SPIKE_DEVIATIONS, SPIKE_SHARE = 8.0, 0.1  # departure of an outlier: in standard deviations, and of the channel's rms
-SPIKE_RATIO = 2.0  # of its departure to those of its neighbours
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +77,20 @@ class View:
 
 
 @dataclass(frozen=True, eq=False)
+class Start:
+    """A solution at values near by.
+
+    Attributes
+    ----------
+    state : parameter -> value of the initial state, in SI
+    slopes : parameter -> channel -> (body, time) change of the aligned channels with the parameter, in SI
+    """
+
+    state: Mapping[str, float]
+    slopes: Mapping[str, Mapping[str, np.ndarray]]
+
+
+@dataclass(frozen=True, eq=False)
 class Released:
     """A simulated record whose initial state was solved for.
 
@@ -93,6 +105,11 @@ class Released:
     record: xr.Dataset
     slopes: Mapping[str, Mapping[str, np.ndarray]]
     simulations: int
+
+    @property
+    def start(self) -> Start | None:
+        """The solution, to begin from at values near by; None where a simulation failed."""
+        return Start(initial_state(self.record), self.slopes) if self.slopes else None
 
 
 def initial_state(record: xr.Dataset) -> dict[str, float]:
@@ -131,7 +148,7 @@ class Comparison:
         self.measured = np.array([record[channel].values[index] for channel, index in self.rows])
         spread = self.measured.std(axis=1, keepdims=True)
         size = np.where(spread > 0.0, spread, np.abs(self.measured).max(axis=1, keepdims=True))
-        self.weight = ~spikes(self.measured) / np.where(size > 0.0, size, 1.0)
+        self.weight = ~isolated_outliers(self.measured) / np.where(size > 0.0, size, 1.0)
 
     def view(self, record: xr.Dataset, channels: Mapping[str, np.ndarray], trust: np.ndarray) -> View:
         """View of a simulated record with its aligned channels; `trust` (time,) is that in its velocities."""
@@ -146,7 +163,10 @@ class Comparison:
 
 
 def released(
-    look: Callable[[Mapping[str, float]], View], compared: Comparison, unknowns: Sequence[Unknown]
+    look: Callable[[Mapping[str, float]], View],
+    compared: Comparison,
+    unknowns: Sequence[Unknown],
+    start: Start | None = None,
 ) -> Released:
     """Simulate a record with the initial state that fits it best.
 
@@ -155,12 +175,13 @@ def released(
     look : simulates at an initial state, by parameter [SI]
     compared : of the reference
     unknowns : components of the state
+    start : a solution at values near by; None: the search begins where the unknowns say
 
     Raises
     ------
     CalibError : the initial state changes nothing that is compared
     """
-    return _Search(look, compared, unknowns).released()
+    return _Search(look, compared, unknowns).released(start)
 
 
 class _Search:
@@ -172,13 +193,16 @@ class _Search:
         self.low, self.high = np.array([u.low for u in unknowns]), np.array([u.high for u in unknowns])
         self.count = 0
 
-    def released(self) -> Released:
-        state = np.clip([u.start for u in self.unknowns], self.low, self.high)
+    def released(self, start: Start | None) -> Released:
+        begin = [u.start if start is None else start.state[u.name] for u in self.unknowns]
+        state = np.clip(begin, self.low, self.high)
+        tolerance = TOLERANCE if start is None else WARM_TOLERANCE
         now = self._view(state)
         if now.status != OK:
             return self._failed(now)
         size = float(np.linalg.norm(now.weight * self.compared.measured.ravel()))
-        slopes, before = None, np.inf
+        slopes = None if start is None else [start.slopes[u.name] for u in self.unknowns]
+        before = np.inf
         for _ in range(MAX_STEPS):
             if slopes is not None:
                 step, change = self._step(now, slopes)
@@ -188,7 +212,7 @@ class _Search:
                     return self._failed(slopes)
                 self._check(now, slopes, size)
                 step, change = self._step(now, slopes)
-            if change <= TOLERANCE * np.linalg.norm(now.residual) + ROUNDING * size:
+            if change <= tolerance * np.linalg.norm(now.residual) + ROUNDING * size:
                 break
             ahead = self._ahead(now, state, step)
             if isinstance(ahead, View):
@@ -289,7 +313,7 @@ def _unknown(record: xr.Dataset, parameter: Parameter, body: str, channel: str, 
     source = channel if channel in record else "displacement" if channel == "velocity" else None
     if body in bodies and source in record:
         time, values = record.time.values, record[source].values[bodies.index(body)]
-        values = values[~spikes(values[None])[0]]
+        values = values[~isolated_outliers(values[None])[0]]
         quarter = quarter_period(values)
         value, rate = first_value(time, record[source].values[bodies.index(body)], quarter)
         mean = values.mean()
@@ -323,17 +347,8 @@ def first_value(time: np.ndarray, values: np.ndarray, window: int) -> tuple[floa
         root = np.sqrt(weight)
         found = np.linalg.lstsq(root[:, None] * powers, root * values[:count], rcond=None)[0]
         apart = np.abs(values[:count] - powers @ found)
-        sigma = MAD * float(np.median(apart))
+        sigma = STD_PER_MAD * float(np.median(apart))
         if sigma <= 1e-12 * np.abs(values[:count]).max():
             break
         weight = np.minimum(1.0, HUBER * sigma / np.maximum(apart, 1e-300))
     return float(found[0]), float(found[1] / length)
-
-
-def spikes(rows: np.ndarray) -> np.ndarray:
-    """Whether a sample (row, n) stands alone far from the median of those about it, as a lost echo does."""
-    apart = np.abs(rows - median_filter(rows, (1, SPIKE_WINDOW)))
-    usual = MAD * np.median(apart, axis=1, keepdims=True)
-    far = apart > np.maximum(SPIKE_DEVIATIONS * usual, SPIKE_SHARE * rows.std(axis=1, keepdims=True))
-    beside = np.pad(apart, ((0, 0), (1, 1)))
-    return far & (apart > SPIKE_RATIO * np.maximum(beside[:, :-2], beside[:, 2:]))

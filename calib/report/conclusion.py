@@ -45,7 +45,9 @@ def headline(said: Mapping[str, Any]) -> str:
         return f"Something is missing, and these records do not tell alternatives apart: {said['said']}."
     if verdict == UNEXPLAINED:
         nearest = f"; closest: {' and '.join(said['closest'])}" if said["closest"] else ""
-        nearest += ", whose sizes differ among the channels of the records" if inconstant(said) else ""
+        if inconstant(said):
+            which = " and ".join(said["stand_ins"])
+            nearest += f"; the size of {which} differs among the channels of the records: it stands for another cause"
         return f"The misfit is more than noise, and no effect that is known here explains it{nearest}."
     if verdict == NONE:
         return "Nothing that could be named is missing: what the calibrated model leaves is what noise leaves."
@@ -125,8 +127,8 @@ def _remains(said):
 
 
 def inconstant(said: Mapping[str, Any]) -> bool:
-    """Whether several effects come closest, of which the sizes differ among the channels of the records."""
-    return said["verdict"] == UNEXPLAINED and (said["misfit"].get("inconstancy") or 0.0) > said["threshold"]
+    """Whether effects come closest whose sizes differ among the channels of the records."""
+    return said["verdict"] == UNEXPLAINED and bool(said.get("stand_ins"))
 
 
 def added(said: Mapping[str, Any]) -> list[str]:

@@ -358,13 +358,18 @@ def _why(said, outcomes):
 
 def _constancy(said):
     """Say whether the sizes differ among the channels; not that they do not where those of whole records disagree."""
-    differ, alone = inconstant(said), _agreements(said["gain"])
+    differ, alone, z = inconstant(said), _agreements(said["gain"]), said["misfit"]["inconstancy"]
     if not differ and not all(agreement["agree"] for agreement in alone):
         return []
+    how, end = "do not differ", ""
+    if differ:
+        how, end = "differ", " Effects may imitate another one, but hardly with one size everywhere."
+    elif z > said["threshold"]:
+        most = max(said["misfit"].get("constancy", ()), key=lambda c: c["z"], default={"variation": 0.0})
+        how, end = f"differ by {percent(most['variation'])}", " What has no name yet may make as much."
     return [
-        f"The sizes of {' and '.join(added(said))} {'differ' if differ else 'do not differ'} among the channels of the "
-        f"records (z = {number(said['misfit']['inconstancy'], 2)}, threshold {number(said['threshold'], 2)}). Several "
-        "effects together may imitate another one, but hardly with the same sizes everywhere."
+        f"The sizes of {' and '.join(added(said))} {how} among the channels of the records (Cochran's Q as a normal "
+        f"deviate: {number(z, 2)}, threshold {number(said['threshold'], 2)}).{end}"
     ]
 
 

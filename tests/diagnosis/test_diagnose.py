@@ -282,7 +282,8 @@ def test_causes_that_explain_all_but_not_everywhere_alike_are_told_as_such():
     found = diagnosed(changing(2e4, 2.5e-5, 1e-5))
     assert found.selection.explained
     assert not found.selection.material
-    assert "their sizes differ among the channels of the records" in found.said
+    assert "the size of channel_offset differs among the channels of the records" in found.said
+    assert found.stand_ins == ("channel_offset",)
 
 
 def test_the_one_cause_that_explains_most_of_a_gross_misfit_is_named_without_another_that_changes_between_records():
