@@ -15,6 +15,7 @@ from tomlkit.items import AbstractTable, Table
 from calib import result
 from calib.calibrate import rebuild
 from calib.diagnosis.diagnose import NAMED, ONE_OF, Diagnosis, diagnose
+from calib.diagnosis.effort import Budget
 from calib.diagnosis.gain import Transfer
 from calib.diagnosis.kept import write
 from calib.diagnosis.refit import Fit
@@ -41,6 +42,8 @@ def inquire(
     jobs: int | None = None,
     apply: bool = False,
     on_stage: Callable[[str], None] = lambda text: None,
+    on_progress: Callable[[int, int], None] = lambda done, foreseen: None,
+    budget: str | None = None,
 ) -> tuple[dict[str, Any], Path | None]:
     """Diagnose a calibrated study: `calib diagnose` from Python.
 
@@ -52,6 +55,8 @@ def inquire(
     jobs : takes the place of the file's
     apply : write study.extended.toml beside the study, where an effect is named
     on_stage : called with what is being done
+    on_progress : called with the simulations that are done, and those that are foreseen in all
+    budget : a number of simulations, or a time such as "10 min", after which no further fit begins; None: any
 
     Returns
     -------
@@ -59,14 +64,15 @@ def inquire(
 
     Raises
     ------
-    CalibError : a mistake in the study file, or it has not been calibrated
+    CalibError : a mistake in the study file or the budget, or the study has not been calibrated
     """
+    limit = Budget.of(budget)
     file = load(path, jobs=jobs)
     folder = file.folder if out is None else Path(out)
     values = _calibrated(file, folder)
     found = diagnose(
-        file.study, file.others, values, file.suspects(),
-        seed=file.study.seed if seed is None else seed, on_stage=on_stage,
+        file.study, file.others, values, file.suspects(), seed=file.study.seed if seed is None else seed,
+        on_stage=on_stage, on_progress=on_progress, budget=limit,
     )  # fmt: skip
     said = write(found, folder, values, {**file.study.objective.references, **file.others})
     rebuild(path, out)

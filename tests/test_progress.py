@@ -5,6 +5,7 @@ import io
 import pytest
 from rich.console import Console
 
+from calib.cli.diagnose import Progress as DiagnosisProgress
 from calib.progress import Count, Progress
 from calib.store import Trial
 
@@ -115,3 +116,23 @@ def test_on_a_terminal_a_count_is_a_bar_that_goes_away(clock):
     shown = console.file.getvalue()
     assert "100/100 points" in shown
     assert "\x1b[2K" in shown[shown.rindex("100/100 points") :]  # the line is erased after it was last shown
+
+
+def test_a_diagnosis_says_what_it_simulates_and_how_much_is_foreseen(capsys):
+    clock = Clock()
+    with DiagnosisProgress(False, Console(stderr=True, width=200), clock) as progress:
+        progress.stage("suspects 1")
+        for done in range(1, 101):
+            clock.now += 0.2
+            progress.simulated(done, 150)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "   0.0 s  suspects 1"
+    assert 3 <= len(lines) <= 5
+    assert lines[-1].endswith(" of about 150 simulations")
+
+
+def test_a_quiet_diagnosis_says_nothing(capsys):
+    with DiagnosisProgress(True, Console(stderr=True), Clock()) as progress:
+        progress.stage("suspects 1")
+        progress.simulated(1, 2)
+    assert capsys.readouterr().err == ""

@@ -280,6 +280,7 @@ def basins(study: Path, x: str, y: str, **options):
 @click.option("--apply", is_flag=True, help="Write study.extended.toml with the causes in the model.")
 @JOBS
 @click.option("--seed", type=click.IntRange(min=0), help="Of the noise that is drawn. [default: the study's]")
+@click.option("--budget", help="Simulations, or a time such as '10 min', after which no further fit begins.")
 @click.option("--quiet", "-q", is_flag=True, help="No progress, no summary; errors only.")
 @JSON
 @_mendable

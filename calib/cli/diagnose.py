@@ -2,13 +2,16 @@
 
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 from rich.console import Console
 from rich.markup import escape
+from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as Bars
 from rich.table import Table
 
 from calib.cli.standing import folder_of
@@ -18,51 +21,73 @@ from calib.report.conclusion import REFITTED, proposal, sizes
 from calib.units import shown
 
 MOST = 12  # suspects that are printed
+INTERVAL = 5.0  # s between two lines where there is no terminal
 WIDE = 110  # columns of a terminal in which all that is known of them fits
 COLOURS = {NAMED: "green", ONE_OF: "yellow", NONE: "green"}
 
 
 def diagnose_study(
-    study: Path, out: Path | None, apply: bool, jobs: int | None, seed: int | None, quiet: bool, as_json: bool
+    study: Path,
+    out: Path | None,
+    apply: bool,
+    jobs: int | None,
+    seed: int | None,
+    budget: str | None,
+    quiet: bool,
+    as_json: bool,
 ) -> None:
     """Diagnose, and print what was found."""
-    with Stages(quiet or as_json) as stages:
-        found, extended = inquire(study, out, seed=seed, jobs=jobs, apply=apply, on_stage=stages)
+    with Progress(quiet or as_json) as progress:
+        found, extended = inquire(
+            study, out, seed=seed, jobs=jobs, apply=apply, on_stage=progress.stage, on_progress=progress.simulated,
+            budget=budget,
+        )  # fmt: skip
     if as_json:
         click.echo(json.dumps(found, indent=2, allow_nan=False))
     elif not quiet:
         show(found, folder_of(study, out), extended)
 
 
-class Stages:
-    """What a diagnosis is doing, in one line on stderr."""
+class Progress:
+    """What a diagnosis is doing, on stderr: a bar over its simulations, or a line now and then without a terminal."""
 
-    def __init__(self, quiet: bool):
-        self._console, self._quiet = Console(stderr=True, highlight=False), quiet
-        self._begin, self._status = time.monotonic(), None
+    def __init__(self, quiet: bool, console: Console | None = None, clock: Callable[[], float] = time.monotonic):
+        self._console, self._quiet = console or Console(stderr=True, highlight=False), quiet
+        self._clock, self._begin, self._stage, self._told = clock, clock(), "", -np.inf
+        self._bar: Bars | None = None
 
-    def __enter__(self):
+    def __enter__(self) -> "Progress":
+        if self._console.is_terminal and not self._quiet:
+            columns = TextColumn("{task.fields[stage]:<18}"), BarColumn(bar_width=30), TextColumn("{task.fields[said]}")
+            self._bar = Bars(SpinnerColumn(), *columns, TimeElapsedColumn(), console=self._console, transient=True)
+            self._task = self._bar.add_task("diagnosis", total=None, stage="", said="")
+            self._bar.start()
         return self
 
     def __exit__(self, *exception):
-        self._end()
+        if self._bar is not None:
+            self._bar.stop()
 
-    def __call__(self, stage: str) -> None:
+    def stage(self, stage: str) -> None:
         """Say what begins."""
-        if self._quiet:
-            return
-        seconds = time.monotonic() - self._begin
-        if not self._console.is_terminal:
-            self._console.print(f"{seconds:6.1f} s  {stage}")
-            return
-        self._end()
-        self._status = self._console.status(f"{stage} (began after {seconds:.0f} s)")
-        self._status.start()
+        self._stage, self._told = stage, -np.inf
+        if self._bar is not None:
+            self._bar.update(self._task, stage=stage)
+        else:
+            self._line("")
 
-    def _end(self) -> None:
-        if self._status is not None:
-            self._status.stop()
-            self._status = None
+    def simulated(self, done: int, foreseen: int) -> None:
+        """Take in how many simulations are done, and how many are foreseen in all."""
+        said = f"{done} of about {max(done, foreseen)} simulations"
+        if self._bar is not None:
+            self._bar.update(self._task, completed=done, total=max(done, foreseen), said=said)
+        elif self._clock() - self._told > INTERVAL:
+            self._line(said)
+
+    def _line(self, said: str) -> None:
+        if not self._quiet:
+            self._told = self._clock()
+            self._console.print(f"{self._told - self._begin:6.1f} s  {self._stage}{said and f': {said}'}")
 
 
 def show(found: Mapping[str, Any], folder: Path, extended: Path | None, console: Console | None = None) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from calib.cycles import kind_of_motion
 from calib.diagnosis.bench import Bench, Run, simulated
 from calib.diagnosis.candidate import Candidate, candidates
+from calib.diagnosis.effort import Budget, Effort
 from calib.diagnosis.evidence import Evidence, gathered, looked_at, outliers, rounding
 from calib.diagnosis.gain import Gain, gained
 from calib.diagnosis.gates import Gate, above_noise, converged, fine_enough, noise_known, same_kind, simulates
@@ -27,6 +28,7 @@ from calib.study import Pool, Study
 NONE, NAMED, ONE_OF, UNEXPLAINED = "none", "named", "one_of", "unexplained"
 NOT_DIAGNOSABLE = "not_diagnosable"
 OUTLIERS, QUANTISATION = "outliers", "quantisation"  # seen in the records themselves
+FORESEEN_FITS = 4  # before anything is known: of the calibrated model, and of a few candidates
 SPOILT = 3  # outliers that are taken out at least: fewer may be chance
 
 
@@ -99,6 +101,8 @@ def diagnose(
     seed: int = 0,
     pool: Callable[[Bench], Pool] | None = None,
     on_stage: Callable[[str], None] = lambda text: None,
+    on_progress: Callable[[int, int], None] = lambda done, foreseen: None,
+    budget: Budget | None = None,
 ) -> Diagnosis:
     """Diagnose a calibrated study.
 
@@ -111,6 +115,8 @@ def diagnose(
     seed : of the noise that is drawn for the threshold
     pool : makes a pool of the function it maps; None: child processes, as many as the study's jobs
     on_stage : called with what is being done
+    on_progress : called with the simulations that are done, and those that are foreseen in all
+    budget : after which no further fit begins; None: none
 
     Raises
     ------
@@ -120,7 +126,8 @@ def diagnose(
     bench = bench_of(study, others)
     make = pool or (lambda function: LocalPool(function, study.jobs, study.timeout))
     with make(bench) as open_pool:
-        found = _diagnosed(open_pool, bench, study, values, effects, seed, on_stage)
+        effort = Effort(open_pool, budget, on_progress)
+        found = _diagnosed(effort, bench, study, values, effects, seed, on_stage)
     return replace(found, seconds=time.monotonic() - begin)
 
 
@@ -175,6 +182,7 @@ def prepared(
     suspects, refused = candidates(study.model, effects, named, study.space.names)
     fitter = Fitter(pool, evidence, study.space, study.model)
     on_stage("calibrated model")
+    fitter.effort.foresee(fitter.expected(sum(len(c.free) for c in suspects), FORESEEN_FITS))
     null = fitter.fit(Point(values, (), seen))
     spoilt = {part.name: outliers(part, null.point.seen[part.name]) for part in evidence.parts}
     share = sum(s.sum() for s in spoilt.values()) / sum(s.size for s in spoilt.values())
@@ -218,7 +226,7 @@ def _rounded(evidence: Evidence) -> float:
 
 
 def _diagnosed(
-    pool: Pool,
+    pool: Effort,
     bench: Bench,
     study: Study,
     values: Mapping[str, float],
@@ -229,7 +237,7 @@ def _diagnosed(
     ready = prepared(pool, bench, study, values, effects, on_stage)
     if ready.null is None:
         failed = "; ".join(f"{gate.name}: {gate.said}" for gate in ready.gates if not gate.passed)
-        return Diagnosis(NOT_DIAGNOSABLE, failed, ready.gates)
+        return Diagnosis(NOT_DIAGNOSABLE, failed, ready.gates, simulations=pool.done)
     fitter = ready.fitter
     selection = select(fitter, ready.null, ready.suspects, seed, on_stage)
     if ready.rounding and not selection.material:
@@ -245,6 +253,7 @@ def _diagnosed(
     if QUANTISATION in {cause.name for cause in selection.causes}:
         ready = replace(ready, rounding=0.0)
     verdict, said = _verdict(selection, gates, ready)
+    said += _untried(selection)
     further = ()
     if verdict == ONE_OF:
         on_stage("next measurement")
@@ -262,7 +271,7 @@ def _diagnosed(
         misfit=misfit(pool, bench, fitter.evidence, selection.null, seed),
         gain=gain,
         further=further,
-        simulations=fitter.runs,
+        simulations=pool.done,
     )
 
 
@@ -331,6 +340,15 @@ def _verdict(selection: Selection, gates: Sequence[Gate], ready: Prepared) -> tu
         ways = [_one_of([rival.name for rival in rivals]) for rivals in selection.alternatives]
         return ONE_OF, " and ".join(ways) + alike
     return NAMED, f"{names}: explain{s} {share}" if selection.marked else names
+
+
+def _untried(selection: Selection) -> str:
+    """What was left out where the budget was spent, as the end of a sentence; "" where nothing was."""
+    if not selection.cut_short:
+        return ""
+    names = [name for r in selection.rounds for name in r.untried]
+    fits = f"not fitted: {', '.join(names)}; " if names else ""
+    return f" (the budget was spent: {fits}further causes and exchanges of causes were not all looked for)"
 
 
 def _one_of(names: Sequence[str]) -> str:

@@ -165,7 +165,7 @@ def _of_blocks(fitter: Fitter, null: Fit, final: Fit, causes: Sequence[Suspect],
     for half in (0, 1):
         own = Evidence(tuple(_half(part, half) for part in fitter.evidence.parts))
         other = Evidence(tuple(_half(part, 1 - half) for part in fitter.evidence.parts))
-        halved = Fitter(fitter.pool, own, fitter.space, fitter.model)
+        halved = Fitter(fitter.effort, own, fitter.space, fitter.model)
         without = halved.fit(null.point)
         sizes = {name: final.value(name) for c in candidates for name in c.free}
         extended = halved.fit(final.point, candidates, sizes)

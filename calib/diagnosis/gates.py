@@ -150,7 +150,7 @@ def converged(fitter: Fitter, fit: Fit, effects: Sequence[Effect], threshold: fl
     tried = [effect for effect in effects if not simulator_lacks[effect.name]]
     runs = [fit.point.runs(fitter.evidence.names, _finer(effect), (effect,)) for effect in tried]
     gates = []
-    for effect, views in _answers(fitter.pool, tried, runs):
+    for effect, views in _answers(fitter.effort, tried, runs):
         bad = next((view for view in views.values() if not view.usable), None)
         if bad is not None:
             gates.append(Gate(effect.name, False, f"made {FINER:g} times finer, the simulation ends {bad.status}"))

@@ -9,8 +9,9 @@ from scipy import stats
 from scipy.optimize import lsq_linear
 
 from calib.confidence.covariance import sandwich
-from calib.diagnosis.bench import Seen, simulated
+from calib.diagnosis.bench import simulated
 from calib.diagnosis.candidate import Candidate
+from calib.diagnosis.effort import Effort
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.score import Projection
 from calib.diagnosis.signature import Direction, Point, Slope, slopes
@@ -22,8 +23,10 @@ MOST = 30  # steps of a fit
 PATIENCE = 5  # steps after which a fit that promises no more than another one has is ended
 TRUST = 2.0  # times what fresh derivatives promise: a fit that may bring no more is not gone on with
 ENOUGH = 0.1  # fall of the sum of squares, in units of the mean square: a step that promises less ends a fit
-WELL = 0.5  # of what a step promises: where it brings less, the derivatives are taken anew
+WELL = 0.25  # of what a step promises: where it brings less, the derivatives are taken anew, not only updated
 BENT = 0.1  # of what a step promises: where what it brings differs by more, old derivatives do not end a fit
+DIFFERENCES = 3  # simulations of each record for the derivative by a candidate's parameter, as measured
+DERIVATIVES, EVALUATIONS = 1, 5  # of the model in a fit, as measured
 HALVINGS = 5  # of a step that does not lower the sum of squares
 LEVEL = 0.95  # of intervals
 RIDGE = 1e-10  # on the normal equations, of unit diagonal: directions that the data do not know stay where they are
@@ -138,14 +141,14 @@ class Fitter:
 
     Parameters
     ----------
-    pool : maps `calib.diagnosis.bench.Run` to `Seen`
+    pool : maps `calib.diagnosis.bench.Run` to `Seen`; counted in `effort`
     space : of the calibrated parameters
     model : calibrated
     """
 
     def __init__(self, pool: Pool, evidence: Evidence, space: Space, model: Model):
-        self.pool, self.evidence, self.space, self.model = pool, evidence, space, model
-        self.runs = 0
+        self.effort = pool if isinstance(pool, Effort) else Effort(pool)
+        self.evidence, self.space, self.model = evidence, space, model
         self.steps: dict[str, float] = {}  # of the differences, as they were right last
 
     def fit(
@@ -159,8 +162,9 @@ class Fitter:
         """Fit calibrated parameters and those of the candidates `found`, from `start` and their `sizes` on.
 
         Gauss and Newton's steps within the windows of the calibrated parameters and the ranges of the others. The
-        derivatives are kept as long as a step brings half of what it promises, and taken anew where it does not. That
-        no step promises anything any more is believed of old ones only where all steps brought what they promised.
+        derivatives are updated by what a step brings (Broyden, Math. Comp. 19 (1965) 577), and taken anew where it
+        brings less than a quarter of what it promises. That no step promises anything any more is believed of updated
+        ones only where all steps brought what they promised.
 
         Parameters
         ----------
@@ -196,19 +200,21 @@ class Fitter:
                     return replace(now, reason="no step lowers the sum of squares further")
                 now, fresh = self.sharpened(now), True
                 continue
-            x, fit = ahead
+            there, fit = ahead
             brought = (now.square - fit.square) / promise
-            kept, bent = brought > WELL, bent or abs(brought - 1.0) > BENT
-            now, fresh = (replace(fit, columns=now.columns, steps=now.steps), False) if kept else (
-                self.sharpened(fit), True
-            )  # fmt: skip
+            fresh, bent = brought <= WELL, bent or abs(brought - 1.0) > BENT
+            now, x = self.sharpened(fit) if fresh else _updated(fit, now, there - x), there
         return replace(now, reason=f"{MOST} steps were not enough")
+
+    def expected(self, scored: int, fits: int) -> int:
+        """Simulations that scores of so many parameters and so many fits of one candidate beside all should take."""
+        records, parameters = len(self.evidence.parts), len(self.space.windows) + 1
+        return records * (DIFFERENCES * scored + fits * (DERIVATIVES * parameters + EVALUATIONS))
 
     def sharpened(self, fit: Fit) -> Fit:
         """Return the fit with the derivatives at its own point."""
         directions = self.directions(fit.point, fit.found)
-        found = slopes(self.pool, self.evidence, fit.point, directions, self.steps, compared=False)
-        self.runs += len(directions) * _simulations(fit.point.seen)
+        found = slopes(self.effort, self.evidence, fit.point, directions, self.steps, compared=False)
         self.steps |= {d.name: abs(s.step) for d, s in zip(directions, found, strict=True) if s.step}
         none = np.zeros(fit.residual.size)
         columns = [none if s.column is None else s.column for s in found]
@@ -236,8 +242,7 @@ class Fitter:
         """Simulate all records at x; None where one of them fails."""
         values = {**origin.values, **{d.name: float(value) for d, value in zip(directions, x, strict=True)}}
         names = self.evidence.names
-        views = dict(zip(names, simulated(self.pool, origin.runs(names, values)), strict=True))
-        self.runs += _simulations(views)
+        views = dict(zip(names, simulated(self.effort, origin.runs(names, values)), strict=True))
         if not all(view.usable for view in views.values()):
             return None
         nuisances = self.evidence.tangents(views)
@@ -262,8 +267,7 @@ class Fitter:
         """
         names, null = self.evidence.names, candidate.null
         runs = base.point.runs(names, candidate.values(sizes), (candidate.effect,))
-        views = dict(zip(names, simulated(self.pool, runs), strict=True))
-        self.runs += _simulations(views)
+        views = dict(zip(names, simulated(self.effort, runs), strict=True))
         if not all(view.usable for view in views.values()):
             return None
         absorbing = base.absorbing
@@ -300,14 +304,18 @@ class Fitter:
                     )
                 )
                 owner.append(index)
-        found = slopes(self.pool, self.evidence, point, directions)
-        self.runs += 4 * len(directions) * _simulations(point.seen)
+        found = slopes(self.effort, self.evidence, point, directions)
         return [[slope for slope, o in zip(found, owner, strict=True) if o == k] for k in range(len(candidates))]
 
 
-def _simulations(views: Mapping[str, Seen]) -> int:
-    """Runs of the simulator that these records took."""
-    return sum(view.simulations for view in views.values())
+def _updated(ahead: Fit, behind: Fit, step: np.ndarray) -> Fit:
+    """Return the fit with the derivatives behind it, changed in the direction of the step (k,) to what it brought."""
+    slopes = behind.free(behind.columns)
+    scale = np.linalg.norm(slopes, axis=0)
+    along = scale**2 * step
+    missed = behind.residual - ahead.residual - slopes @ step
+    columns = behind.columns + np.outer(missed, along) / max(float(along @ step), 1e-300)
+    return replace(ahead, columns=columns, steps=behind.steps)
 
 
 def _extended(start: Point, found: Sequence[Candidate], sizes: Mapping[str, float]) -> Point:

@@ -120,6 +120,7 @@ class Round:
     prediction : of the chosen suspect, or of the one that was rejected; None where it was not or cannot be tested
     rejected : the suspect that explains most where it is no cause, None where it is one or there is none
     rejection : why it is none
+    untried : suspects that were to be refitted when the budget was spent
     """
 
     base: Fit
@@ -131,6 +132,7 @@ class Round:
     prediction: Prediction | None = None
     rejected: Suspect | None = None
     rejection: str = ""
+    untried: tuple[str, ...] = ()
 
     def without_cause(self, why: str) -> "Round":
         """Return the same search with no cause found."""
@@ -157,6 +159,7 @@ class Selection:
     excess : by how much the calibrated model's sum of squares exceeds what noise leaves, with its standard deviation
     left : the same of the final model
     constancy : how much the size of each cause differs among the channels of the records
+    cut_short : whether the budget was spent before all that might change the answer was tried
     """
 
     rounds: tuple[Round, ...]
@@ -168,6 +171,7 @@ class Selection:
     left: float
     blur: float
     constancy: tuple[Constancy, ...] = ()
+    cut_short: bool = False
 
     def without_causes(self) -> "Selection":
         """Return the same search with the calibrated model as its answer."""
@@ -274,6 +278,8 @@ def select(
     """
     rounds, base, causes, known = [], null, [], {}
     for number in range(CAUSES):
+        if number and fitter.effort.spent:
+            break
         left = [c for c in candidates if c.name not in {cause.name for cause in causes}]
         on_stage(f"suspects {number + 1}")
         excess, blur = _excess(fitter.evidence, base), _blur(fitter.evidence)
@@ -294,10 +300,10 @@ def select(
             fitter.evidence = heard
             null, base = fitter.fit(null.point), fitter.fit(base.point, base.found)
     named = [(cause, r.rivals) for cause, r in zip(causes, rounds, strict=False)]
-    if len(named) > 1:
+    if len(named) > 1 and not fitter.effort.spent:
         named, base = _beside_the_others(fitter, null, named, base, candidates, seed, known)
     blur = _blur(fitter.evidence)
-    if MARKED * blur < _excess(fitter.evidence, base) < GROSS * blur**2:
+    if MARKED * blur < _excess(fitter.evidence, base) < GROSS * blur**2 and not fitter.effort.spent:
         on_stage("pairs")
         pair = _paired(fitter, null, rounds[0].suspects)
         if pair is not None and _worth(*pair) > _worth(named, base) + APART:
@@ -313,6 +319,7 @@ def select(
         left=base.judged(common) - _expected(common, base),
         blur=_blur(common),
         constancy=constancies(fitter.evidence, base) if named else (),
+        cut_short=fitter.effort.spent,
     )
 
 
@@ -472,7 +479,12 @@ def search(
     if guilty or excess > MARKED:
         leaders += [s for s in suspects if s.reason and not s.candidate.effect.noise and s.absorbed < ABSORBED]
     refitted, best, left = [], reached, _excess(fitter.evidence, base)
-    for suspect in leaders:
+    untried: list[str] = []
+    for number, suspect in enumerate(leaders):
+        fitter.effort.foresee(fitter.expected(len(guilty), 2 * len(leaders) - number))  # another search may follow
+        if number and fitter.effort.spent:
+            untried.append(suspect.name)
+            continue
         alike = (2.0 * APART + limit**2) * max(1.0, best / base.residual.size)  # as far as a rival may be behind
         found = _refitted(fitter, base, suspect, limit, best + alike)
         if found.fit is not None:
@@ -492,7 +504,7 @@ def search(
     everyone = [again.get(id(s.candidate), s) for s in suspects]
     everyone.sort(key=lambda s: -(s.drop if s.fit is not None else (s.test.drop if s.test is not None else 0.0)))
     chosen = min(rivals, key=lambda s: (s.price, -s.drop), default=None)  # the simplest speaks for all
-    return Round(base, tuple(everyone), limit, chosen, rivals, left)
+    return Round(base, tuple(everyone), limit, chosen, rivals, left, untried=tuple(dict.fromkeys(untried)))
 
 
 def _guilty(suspects: Sequence[Suspect], limit: float) -> list[Suspect]:

@@ -40,6 +40,7 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         "next_measurement": _measurement(diagnosis.further[0]) if diagnosis.further else None,
         "measurements": [_measurement(measurement) for measurement in diagnosis.further],
         "threshold": None if first is None else first.threshold,
+        "cut_short": selection is not None and selection.cut_short,
         "simulations": diagnosis.simulations,
         "seconds": diagnosis.seconds,
     }
@@ -111,6 +112,7 @@ def _round(found: Round, excess: float) -> dict[str, Any]:
         "prediction": None if found.prediction is None else asdict(found.prediction),
         "rejected": None if found.rejected is None else found.rejected.name,
         "rejection": found.rejection,
+        "untried": list(found.untried),
         "alike": {rival.name: alike(rival, chosen) for rival in found.rivals if rival is not chosen},
     }
 

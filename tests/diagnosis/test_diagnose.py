@@ -7,6 +7,7 @@ import pytest
 
 from calib.diagnosis.candidate import candidates
 from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.effort import Budget
 from calib.diagnosis.written import as_dict
 from calib.excitation import Excitation
 from calib.model import Model, Request
@@ -87,11 +88,12 @@ def study(known, model=OSCILLATOR):
     return Study("small", model, space, Objective(scored, [term]), None, 9)
 
 
-def diagnosed(known, library=LIBRARY, model=OSCILLATOR, **changed):
+def diagnosed(known, library=LIBRARY, model=OSCILLATOR, budget=None, on_progress=lambda *state: None, **changed):
     made = study(known, model)
     others = {name: reference for name, reference in known.items() if reference.use != "calibrate"}
     values = {**model.nominal, **TRUTH, "damping": 2.5, "stiffness": 3950.0, **changed}
-    return diagnose(made, others, values, effects(*library), seed=3, pool=InProcess)
+    options = {"seed": 3, "pool": InProcess, "budget": Budget.of(budget), "on_progress": on_progress}
+    return diagnose(made, others, values, effects(*library), **options)
 
 
 @pytest.fixture(scope="module")
@@ -291,3 +293,22 @@ def test_the_one_cause_that_explains_most_of_a_gross_misfit_is_named_without_ano
     assert (found.verdict, found.causes) == ("named", ("cubic_stiffness",))
     assert found.selection.rounds[1].suspects[0].name == "channel_offset"
     assert 0.8 < found.selection.share < 1.0
+
+
+def test_a_budget_that_is_spent_ends_the_search_and_what_was_not_tried_is_said(cubic):
+    short = diagnosed(references(["cubic_stiffness"], k3=3e5), budget="20")
+    assert short.selection.cut_short
+    assert len(short.selection.rounds) == 1
+    assert short.simulations < cubic.simulations
+    assert "the budget was spent" in short.said
+    assert as_dict(short)["cut_short"]
+    assert "the budget" not in cubic.said
+
+
+def test_the_number_of_simulations_is_foreseen_to_a_factor_of_two(cubic):
+    heard = []
+    found = diagnosed(references(["cubic_stiffness"], k3=3e5), on_progress=lambda *state: heard.append(state))
+    assert found.simulations == heard[-1][0] == cubic.simulations
+    begun = [foreseen for done, foreseen in heard if 0.1 < done / found.simulations < 0.9]
+    assert min(begun) / found.simulations > 0.5
+    assert max(begun) / found.simulations < 2.0

@@ -1,0 +1,108 @@
+"""Fits of small models whose least-squares answers are known."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.optimize import curve_fit
+from scipy.signal import lfilter
+
+from calib.diagnosis.bench import Seen
+from calib.diagnosis.refit import Fitter
+from calib.diagnosis.signature import Point
+from calib.parameter import Parameter, Space, Window
+from calib.pool import InProcess
+
+TIME = np.linspace(0.0, 4.0, 400)
+WINDOWS = {"height": Window(0.0, 100.0), "rate": Window(0.01, 5.0)}
+MODEL = SimpleNamespace(parameters={name: Parameter(name, "1", 1.0, "") for name in WINDOWS})
+TRUE = {"height": 40.0, "rate": 0.7}
+START = {"height": 30.0, "rate": 0.5}
+
+
+def decaying(values):
+    return values["height"] * np.exp(-values["rate"] * TIME)
+
+
+def straight(values):
+    return values["height"] + values["rate"] * 10.0 * TIME
+
+
+class Evidence:
+    """One record of one channel with noise of unit standard deviation."""
+
+    names, parts = ("record",), ("record",)
+
+    def __init__(self, measured):
+        self.measured = measured
+
+    def residual(self, seen):
+        return self.measured - seen["record"].rows[0]
+
+    def difference(self, one, other):
+        return other["record"].rows[0] - one["record"].rows[0]
+
+    def tangents(self, seen):
+        return np.zeros((self.measured.size, 0))
+
+    def rows(self):
+        return np.zeros(self.measured.size, dtype=int)
+
+
+def fitted(function, autocorrelation=0.0, seed=0, windows=WINDOWS, start=START):
+    noise = np.random.default_rng(seed).standard_normal(TIME.size)
+    noise = lfilter([np.sqrt(1.0 - autocorrelation**2)], [1.0, -autocorrelation], noise)
+    measured = function(TRUE) + noise
+
+    def simulate(run):
+        return Seen(function(run.values)[None], np.ones(TIME.size))
+
+    fitter = Fitter(InProcess(simulate), Evidence(measured), Space(windows), MODEL)
+    seen = {"record": Seen(function(start)[None], np.ones(TIME.size))}
+    return fitter, fitter.fit(Point(start, (), seen)), measured
+
+
+def test_a_linear_model_is_fitted_at_once():
+    fitter, fit, measured = fitted(straight)
+    design = np.column_stack([np.ones_like(TIME), 10.0 * TIME])
+    best = np.linalg.lstsq(design, measured, rcond=None)[0]
+    assert [fit.value("height"), fit.value("rate")] == pytest.approx(best, rel=1e-5)
+    assert fit.reason == ""
+    assert fit.square == pytest.approx(np.sum((measured - design @ best) ** 2))
+    assert fitter.effort.done <= 10
+
+
+def test_its_standard_errors_are_those_of_the_normal_equations():
+    design = np.column_stack([np.ones_like(TIME), 10.0 * TIME])
+    known = np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
+    errors = [fitted(straight, seed=seed)[1].error(["height", "rate"]) for seed in range(20)]
+    assert np.mean(errors, axis=0) == pytest.approx(known, rel=0.1)
+
+
+def test_autocorrelation_of_what_is_left_widens_them():
+    white = np.mean([fitted(straight, seed=seed)[1].error(["height"]) for seed in range(20)])
+    red = np.mean([fitted(straight, 0.8, seed)[1].error(["height"]) for seed in range(20)])
+    assert red / white == pytest.approx(3.0, rel=0.2)  # sqrt((1 + 0.8) / (1 - 0.8))
+
+
+def test_a_nonlinear_model_reaches_the_least_squares_answer_with_few_simulations():
+    fitter, fit, measured = fitted(decaying)
+    best, covariance = curve_fit(lambda t, a, b: a * np.exp(-b * t), TIME, measured, p0=[30.0, 0.5], sigma=np.ones(400))
+    off = np.array([fit.value("height"), fit.value("rate")]) - best
+    assert (np.abs(off) < 0.1 * np.sqrt(np.diag(covariance))).all()
+    assert fitter.effort.done <= 20
+
+
+def test_a_fit_ends_at_the_bound_of_a_window():
+    _, fit, _ = fitted(decaying, windows=WINDOWS | {"rate": Window(0.01, 0.6)})
+    assert fit.value("rate") == pytest.approx(0.6)
+
+
+def test_where_the_motion_fails_there_is_a_reason_and_no_parameter():
+    def simulate(run):
+        return Seen(np.zeros((0, 0)), np.zeros(0), status="diverged", reason="")
+
+    fitter = Fitter(InProcess(simulate), Evidence(decaying(TRUE)), Space(WINDOWS), MODEL)
+    seen = {"record": Seen(decaying(START)[None], np.ones(TIME.size))}
+    fit = fitter.fit(Point(START, (), seen))
+    assert (fit.names, fit.reason) == ((), "the motion fails there")
