@@ -298,8 +298,7 @@ def _left(fitter: Fitter, null: Fit, suspects: Sequence) -> dict[str, np.ndarray
     left, found = everything(null.residual), {}
     left *= np.sqrt(counted / max(1.0, counted - everything.rank))  # as large as the noise, on average
     for part in fitter.evidence.parts:
-        rows = left[fitter.evidence.of(part.name)].reshape(part.measured.shape)
-        found[part.name] = np.array([noise.coloured(row) for noise, row in zip(part.noise, rows, strict=True)])
+        found[part.name] = part.restored(left[fitter.evidence.of(part.name), None])[:, :, 0]
     return found
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -23,6 +24,7 @@ from calib.objective.outliers import MIN_DEVIATION, deviations, smoothed
 
 SPAN = 20  # least number of segments of a record, whose scores are taken as independent
 FEW = 0.5  # levels over samples: fewer are steps of a converter
+CLOCK_RATE_STD = 50e-6  # of a recorder's clock, relative: what quartz oscillators are specified to
 ALIGNED = 1e-3  # of a step: distance from its multiples that is rounding
 
 
@@ -42,6 +44,8 @@ class Part:
     noise : of each row
     used : (row, n) whether a sample is compared: not what the excitation prescribes, and no outlier
     weight : (row, n) in [0, 1], 0 where a sample is not compared
+    clock : (row, n) change of the rows with the rate of the clock, where that is uncertain and no nuisance
+        [per unit rate]; None elsewhere
     """
 
     name: str
@@ -54,17 +58,45 @@ class Part:
     noise: tuple[Noise, ...]
     used: np.ndarray
     weight: np.ndarray
+    clock: np.ndarray | None = None
 
     def white(self, rows: np.ndarray) -> np.ndarray:
         """Rows (row, n) in units of the noise, one after the other (row * n,)."""
+        return self._shrunk(self._whitened(rows), 1.0)
+
+    def _whitened(self, rows: np.ndarray) -> np.ndarray:
         parts = [noise.whitened(row, w) for noise, row, w in zip(self.noise, rows, self.weight, strict=True)]
         return np.concatenate(parts)
+
+    def restored(self, columns: np.ndarray) -> np.ndarray:
+        """Undo `white`: columns (row * n, k) to (row, n, k) in the units of the rows, all samples weighted alike."""
+        blocks = np.split(self._shrunk(columns, -1.0), len(self.rows))
+        return np.array([noise.coloured(block.T).T for noise, block in zip(self.noise, blocks, strict=True)])
+
+    def _shrunk(self, columns: np.ndarray, power: float) -> np.ndarray:
+        """Columns (row * n,) or (row * n, k) in units of the noise and of what the clock's rate adds to it.
+
+        Its covariance is I + t t', t the change of the rows with one standard deviation of the rate; times its inverse
+        root to a power.
+        """
+        if self.clock is None:
+            return columns
+        direction, length = self._clock_direction
+        factor = (1.0 + length**2) ** (-0.5 * power) - 1.0
+        return columns + factor * np.multiply.outer(direction, direction @ columns)
+
+    @cached_property
+    def _clock_direction(self) -> tuple[np.ndarray, float]:
+        """Unit vector (row * n,) of what the clock's rate changes, and its length per standard deviation of the rate."""
+        column = CLOCK_RATE_STD * self._whitened(self.clock)
+        length = float(np.linalg.norm(column))
+        return column / max(length, 1e-300), length
 
     def tangents(self, seen: Seen) -> np.ndarray:
         """Change of the simulated rows with each nuisance, in units of the noise (row * n, k).
 
-        The rate of the recorder's clock against that of the drive is one in every record of a steady tone: nobody
-        knows it to better than some 50 ppm, and nothing that repeats looks like it.
+        The rate of the recorder's clock against that of the drive is one in every record of a steady tone: nothing
+        that repeats looks like it. In others it is as uncertain as clocks are (`clock`).
         """
         rows, channel = seen.rows, [c for _, c in self.rows]
         columns = [*seen.initial, *([_clock_rate(self.time, rows)] if self.period is not None else [])]
@@ -129,14 +161,11 @@ class Evidence:
 
     def carried(self, columns: np.ndarray, other: "Evidence") -> np.ndarray:
         """Columns (N, k) in units of the noise of `other`, which weighs the same samples, in units of this noise."""
-        rows, first = [], 0
+        found = []
         for part, old in zip(self.parts, other.parts, strict=True):
-            size = part.measured.shape[1]
-            for noise, known in zip(part.noise, old.noise, strict=True):
-                plain = known.coloured(columns[first : first + size].T)
-                rows.append(noise.whitened(plain, np.ones(size)).T)
-                first += size
-        return np.concatenate(rows)
+            plain, even = old.restored(columns[other.of(old.name)]), replace(part, weight=np.ones_like(part.weight))
+            found.append(np.column_stack([even.white(plain[:, :, k]) for k in range(columns.shape[1])]))
+        return np.concatenate(found)
 
     def tangents(self, seen: Mapping[str, Seen]) -> np.ndarray:
         """Change of the simulations with each nuisance of each record, in units of the noise (N, k)."""
@@ -238,7 +267,7 @@ def gathered(
     known = [Repeating(_step(references[name]), noise) for name, noise in repeating.items()]
     parts = []
     for name, reference in references.items():
-        weight = weights[name]
+        weight, time = weights[name], reference.record.time.values
         residual = mended[name] - seen[name].rows if left is None else left[name]
         noises = []
         for index, row in enumerate(rows[name]):
@@ -257,7 +286,7 @@ def gathered(
             Part(
                 name=name,
                 rows=tuple(rows[name]),
-                time=reference.record.time.values,
+                time=time,
                 measured=measured[name],
                 period=reference.excitation.period,
                 cycle=cycle[name],
@@ -265,6 +294,7 @@ def gathered(
                 noise=tuple(noises),
                 used=used[name],
                 weight=weight,
+                clock=_clock_rate(time, seen[name].rows) if reference.excitation.period is None else None,
             )
         )
     return Evidence(tuple(parts))

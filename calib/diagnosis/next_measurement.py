@@ -186,7 +186,7 @@ def _apart(
     noise = tuple(replace(n, sigma=n.sigma * max(f, 1e-12)) for n, f in zip(part.noise, level, strict=True))
     moving = np.array([channel == "velocity" for _, channel in part.rows])
     trust = np.where(moving[:, None], one.trust * other.trust, 1.0) * part.used.any(axis=1)[:, None]
-    new = replace(part, time=one.time, noise=noise, weight=trust, measured=one.rows)
+    new = replace(part, time=one.time, noise=noise, weight=trust, measured=one.rows, clock=None)
 
     def columns(fit: Fit, centre: Seen, beside: list[Seen]) -> np.ndarray:
         moved = zip(beside, (*fit.steps, *proposal.nudges), strict=True)

@@ -622,7 +622,7 @@ def _refitted(fitter: Fitter, base: Fit, suspect: Suspect, limit: float, rival: 
     if suspect.reason or abs(drop - suspect.test.drop) > BENT * suspect.test.drop:
         tried = [fitter.begun(base, candidate, np.clip(x, candidate.low, candidate.high)) for x in candidate.sizes]
         tried = sorted((t for t in tried if t is not None), key=lambda pair: -pair[0])
-        fits += [fitted(sizes) for promise, sizes in tried if promise > PROMISING * limit**2][:STARTS]
+        fits += [fitted(sizes) for promise, sizes in tried[:STARTS] if promise > PROMISING * limit**2]
     best = min(fits, key=lambda fit: fit.square, default=None)
     return suspect if best is None else replace(suspect, fit=best, drop=base.square - best.square)
 

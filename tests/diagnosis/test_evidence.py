@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.bench import Seen
-from calib.diagnosis.evidence import Evidence, Part
+from calib.diagnosis.evidence import CLOCK_RATE_STD, Evidence, Part
 from calib.diagnosis.noise import STATED, Noise
 
 SIZE = 300
@@ -47,3 +47,35 @@ def test_residuals_know_the_row_that_they_are_of():
     assert rows[Evidence((long, short)).of("short")] == pytest.approx(np.full(100, 2))
     assert np.bincount(rows).tolist() == [SIZE, SIZE, 100]
     assert (np.diff(rows) >= 0).all()
+
+
+def clocked():
+    """A part without weights whose clock's rate is uncertain, and the change of its rows with that  [per unit rate]."""
+    plain = part("free", [0.6], [])
+    ones = np.ones((2, SIZE))
+    change = 2e4 * np.cos(0.05 * np.arange(2 * SIZE)).reshape(2, SIZE)
+    return replace(plain, weight=ones, used=ones > 0.0, clock=change)
+
+
+def test_what_a_clock_off_by_its_uncertainty_changes_is_white_beside_the_noise():
+    own = clocked()
+    rng = np.random.default_rng(11)
+    rates = CLOCK_RATE_STD * rng.standard_normal(400)
+    rows = [np.array([n.drawn(rng, SIZE) for n in own.noise]) + rate * own.clock for rate in rates]
+    white = np.array([own.white(row) for row in rows])
+    direction = own.white(own.clock)
+    along = white @ (direction / np.linalg.norm(direction))
+    assert np.linalg.norm(direction) > 0.5 / CLOCK_RATE_STD  # as it shows beside the noise
+    assert along.var() == pytest.approx(1.0, abs=0.25)
+    assert white.var() == pytest.approx(1.0, abs=0.01)
+
+
+def test_whitened_columns_are_restored():
+    own = clocked()
+    rows = RNG.standard_normal((2, SIZE))
+    assert own.restored(own.white(rows)[:, None])[:, :, 0] == pytest.approx(rows, abs=1e-9)
+
+
+def test_a_rate_far_beyond_what_clocks_have_is_still_seen():
+    own = clocked()
+    assert np.linalg.norm(own.white(100.0 * CLOCK_RATE_STD * own.clock)) > 50.0
