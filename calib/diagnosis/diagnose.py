@@ -298,7 +298,8 @@ def _left(fitter: Fitter, null: Fit, suspects: Sequence) -> dict[str, np.ndarray
     left, found = everything(null.residual), {}
     left *= np.sqrt(counted / max(1.0, counted - everything.rank))  # as large as the noise, on average
     for part in fitter.evidence.parts:
-        found[part.name] = part.restored(left[fitter.evidence.of(part.name), None])[:, :, 0]
+        rows = part.restored(left[fitter.evidence.of(part.name), None])[:, :, 0]
+        found[part.name] = part.without_clock(rows)
     return found
 
 

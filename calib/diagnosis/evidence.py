@@ -25,6 +25,7 @@ from calib.objective.outliers import MIN_DEVIATION, deviations, smoothed
 SPAN = 20  # least number of segments of a record, whose scores are taken as independent
 FEW = 0.5  # levels over samples: fewer are steps of a converter
 CLOCK_RATE_STD = 50e-6  # of a recorder's clock, relative: what quartz oscillators are specified to
+MAX_CLOCK_RATE = 3.0 * CLOCK_RATE_STD  # relative: what changes rows by more is no clock
 ALIGNED = 1e-3  # of a step: distance from its multiples that is rounding
 
 
@@ -72,6 +73,14 @@ class Part:
         """Undo `white`: columns (row * n, k) to (row, n, k) in the units of the rows, all samples weighted alike."""
         blocks = np.split(self._shrunk(columns, -1.0), len(self.rows))
         return np.array([noise.coloured(block.T).T for noise, block in zip(self.noise, blocks, strict=True)])
+
+    def without_clock(self, rows: np.ndarray) -> np.ndarray:
+        """Residual rows (row, n) less what the clock's rate is expected to make of them, within what clocks have."""
+        if self.clock is None:
+            return rows
+        direction, length = self._clock_direction
+        rate = CLOCK_RATE_STD * length * float(direction @ self._whitened(rows)) / (1.0 + length**2)
+        return rows - np.clip(rate, -MAX_CLOCK_RATE, MAX_CLOCK_RATE) * self.clock
 
     def _shrunk(self, columns: np.ndarray, power: float) -> np.ndarray:
         """Columns (row * n,) or (row * n, k) in units of the noise and of what the clock's rate adds to it.
@@ -223,7 +232,7 @@ class Evidence:
         """
         parts = []
         for part in self.parts:
-            rows, noise = part.measured - seen[part.name].rows, list(part.noise)
+            rows, noise = part.without_clock(part.measured - seen[part.name].rows), list(part.noise)
             for index, known in enumerate(part.noise):
                 if known.source == STATED and not known.repeated and not known.memory.size:
                     noise[index] = from_residual(rows[index], part.weight[index], part.measured[index], known.sigma)

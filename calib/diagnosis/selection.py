@@ -601,7 +601,7 @@ def _refitted(fitter: Fitter, base: Fit, suspect: Suspect, limit: float, rival: 
     A candidate without derivative is first tried at several sizes: the change of the records from nothing to that size,
     scaled to fit the residual best, has to promise as much as the threshold asks for. So is one whose fit does not
     bring what the derivative promised: between nothing and its size it is far from linear, and its fit may have ended
-    beside its best. Where the motion fails at the estimated size, which a gross misfit makes large, the fit begins at
+    beside its best; a further fit begins only at a size that promises more than that reached. Where the motion fails at the estimated size, which a gross misfit makes large, the fit begins at
     nothing and goes as far as it can.
 
     rival : sum of squares at which the suspect would still be an alternative
@@ -612,7 +612,7 @@ def _refitted(fitter: Fitter, base: Fit, suspect: Suspect, limit: float, rival: 
         sizes = candidate.values(np.clip(start, candidate.low, candidate.high))
         return fitter.fit(base.point, (*base.found, candidate), sizes, columns, rival)
 
-    fits: list[Fit] = []
+    fits, drop = [], 0.0
     if not suspect.reason:
         columns = np.column_stack([base.columns, suspect.raw])
         fits.append(fitted(candidate.null + suspect.test.size, columns))
@@ -622,7 +622,8 @@ def _refitted(fitter: Fitter, base: Fit, suspect: Suspect, limit: float, rival: 
     if suspect.reason or abs(drop - suspect.test.drop) > BENT * suspect.test.drop:
         tried = [fitter.begun(base, candidate, np.clip(x, candidate.low, candidate.high)) for x in candidate.sizes]
         tried = sorted((t for t in tried if t is not None), key=lambda pair: -pair[0])
-        fits += [fitted(sizes) for promise, sizes in tried[:STARTS] if promise > PROMISING * limit**2]
+        least = max(PROMISING * limit**2, drop)
+        fits += [fitted(sizes) for promise, sizes in tried[:STARTS] if promise > least]
     best = min(fits, key=lambda fit: fit.square, default=None)
     return suspect if best is None else replace(suspect, fit=best, drop=base.square - best.square)
 
