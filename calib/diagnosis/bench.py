@@ -31,6 +31,7 @@ class Run:
     effects : that the model is extended by
     state : near which the stationary motion lies; None where that is not known
     excitation : in the place of the record's; what is simulated is then not aligned, for nothing was measured
+    rows : (body, channel) pairs in the place of those of `Bench.rows`; empty for these
     """
 
     record: str
@@ -38,6 +39,7 @@ class Run:
     effects: tuple[Effect, ...] = ()
     state: np.ndarray | None = None
     excitation: Excitation | None = None
+    rows: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +121,7 @@ class Bench:
         if status != OK:
             return replace(_nothing(status, str(record.attrs.get("reason", ""))), simulations=simulations(record))
         seen = self.objective.aligned(run.record, record) if asked else record.assign(trust=("time", trusted(record)))
-        pairs = self.rows[run.record]
+        pairs = run.rows or self.rows[run.record]
         missing = [channel for _, channel in pairs if channel not in seen.variables]
         if missing:
             return _nothing("no channel", f"the simulation has no {missing[0]}")

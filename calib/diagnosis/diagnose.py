@@ -12,8 +12,9 @@ from calib.diagnosis.candidate import Candidate, candidates
 from calib.diagnosis.evidence import Evidence, gathered, looked_at, outliers, rounding
 from calib.diagnosis.gain import Gain, gained
 from calib.diagnosis.gates import Gate, above_noise, converged, fine_enough, noise_known, same_kind, simulates
+from calib.diagnosis.laboratory import UNRESTRICTED, Laboratory
 from calib.diagnosis.misfit import Misfit, misfit
-from calib.diagnosis.next_measurement import Measurement, next_measurement
+from calib.diagnosis.next_measurement import Design, next_measurement
 from calib.diagnosis.noise import RESIDUAL, SAME
 from calib.diagnosis.refit import Fit, Fitter
 from calib.diagnosis.score import Projection
@@ -46,7 +47,7 @@ class Diagnosis:
     outliers : share of the samples that were taken out as such  [1]
     rounding : share of the noise of a channel that its converter's steps make, where that is a cause, else 0  [1]
     gain : on records held out; None where there is nothing to try
-    further : measurements that would separate the alternatives, the best first
+    design : of the next measurement, where the records leave several causes indistinguishable
     seconds : wall-clock time  [s]
     simulations : that were run
     """
@@ -61,7 +62,7 @@ class Diagnosis:
     outliers: float = 0.0
     rounding: float = 0.0
     gain: Gain | None = None
-    further: tuple[Measurement, ...] = ()
+    design: Design | None = None
     seconds: float = 0.0
     simulations: int = 0
 
@@ -99,6 +100,7 @@ def diagnose(
     seed: int = 0,
     pool: Callable[[Bench], Pool] | None = None,
     on_stage: Callable[[str], None] = lambda text: None,
+    laboratory: Laboratory | None = UNRESTRICTED,
 ) -> Diagnosis:
     """Diagnose a calibrated study.
 
@@ -111,6 +113,7 @@ def diagnose(
     seed : of the noise that is drawn for the threshold
     pool : makes a pool of the function it maps; None: child processes, as many as the study's jobs
     on_stage : called with what is being done
+    laboratory : within what it can do the next measurement is sought; None: none is sought
 
     Raises
     ------
@@ -120,7 +123,7 @@ def diagnose(
     bench = bench_of(study, others)
     make = pool or (lambda function: LocalPool(function, study.jobs, study.timeout))
     with make(bench) as open_pool:
-        found = _diagnosed(open_pool, bench, study, values, effects, seed, on_stage)
+        found = _diagnosed(open_pool, bench, study, values, effects, seed, on_stage, laboratory)
     return replace(found, seconds=time.monotonic() - begin)
 
 
@@ -225,6 +228,7 @@ def _diagnosed(
     effects: Sequence[Effect],
     seed: int,
     on_stage: Callable[[str], None],
+    laboratory: Laboratory | None,
 ) -> Diagnosis:
     ready = prepared(pool, bench, study, values, effects, on_stage)
     if ready.null is None:
@@ -245,10 +249,10 @@ def _diagnosed(
     if QUANTISATION in {cause.name for cause in selection.causes}:
         ready = replace(ready, rounding=0.0)
     verdict, said = _verdict(selection, gates, ready)
-    further = ()
-    if verdict == ONE_OF:
+    design = None
+    if verdict == ONE_OF and laboratory is not None:
         on_stage("next measurement")
-        further = next_measurement(pool, bench, fitter, selection.rivals)
+        design = next_measurement(pool, bench, fitter, selection.rivals, laboratory)
     on_stage("misfit")
     return Diagnosis(
         verdict=verdict,
@@ -261,8 +265,8 @@ def _diagnosed(
         rounding=ready.rounding,
         misfit=misfit(pool, bench, fitter.evidence, selection.null, seed),
         gain=gain,
-        further=further,
-        simulations=fitter.runs,
+        design=design,
+        simulations=fitter.runs + (0 if design is None else design.simulations),
     )
 
 
