@@ -72,7 +72,7 @@ def inquire(
     values = _calibrated(file, folder)
     found = diagnose(
         file.study, file.others, values, file.suspects(), seed=file.study.seed if seed is None else seed,
-        on_stage=on_stage, on_progress=on_progress, budget=limit,
+        on_stage=on_stage, on_progress=on_progress, budget=limit, laboratory=file.laboratory,
     )  # fmt: skip
     said = write(found, folder, values, {**file.study.objective.references, **file.others})
     rebuild(path, out)

@@ -4,15 +4,21 @@ import hashlib
 import json
 import math
 import pickle
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from echo_study import TEXT, bench, write_study
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calib import record as records
+from calib.diagnosis.laboratory import Laboratory, mistakes_of
 from calib.errors import CalibError
+from calib.excitation import Excitation
+from calib.model import Model
 from calib.parameter import Window
+from calib.simulators.oscillator import Oscillator
 from calib.study_toml import StudyToml, load
 from calib.study_toml.lines import dotted, line_of, lines
 
@@ -204,6 +210,64 @@ def test_effects_are_known_by_the_reference_they_were_loaded_under(tmp_path):
     known = load(write_study(tmp_path, ("[windows]", asked))).effect_references()
     assert known == {"stiffer_when_bent": "third_party.hardening:HARDENING", "channel_lag": "channel_lag"}
     assert load(write_study(tmp_path)).effect_references()["cubic_stiffness"] == "cubic_stiffness"
+
+
+# --- the bench of a laboratory
+
+
+def bench_of(folder, text):
+    return write_study(folder, ("[windows]", f"[diagnosis]\nbench = {{ {text} }}\n\n[windows]"))
+
+
+def test_a_bench_is_read_in_si(tmp_path):
+    text = 'frequency = ["5 Hz", "0.04 kHz"], amplitude = ["0.2 mm", "3 mm"]'
+    laboratory = load(bench_of(tmp_path, text)).laboratory
+    assert laboratory.frequency == pytest.approx((5.0, 40.0))
+    assert laboratory.amplitude == pytest.approx((2e-4, 3e-3))
+    assert (laboratory.tests, laboratory.channels, laboratory.release) == (None, None, None)
+    text = 'tests = ["steady tone"], channels = ["mass.velocity"], simulations = 40'
+    laboratory = load(bench_of(tmp_path, text)).laboratory
+    assert laboratory == Laboratory(tests=("steady tone",), channels=(("mass", "velocity"),), simulations=40)
+
+
+def test_without_a_bench_nothing_is_bounded(tmp_path):
+    assert load(write_study(tmp_path)).laboratory == Laboratory()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("frequency = [5, 40]", "diagnosis.bench.frequency[1]: expected a text with a unit, such as '20 Hz'"),
+        ('frequency = ["5", "40"]', "diagnosis.bench.frequency: '5' has no unit: write '5 Hz'"),
+        ('frequency = ["5 mm", "40 mm"]', "diagnosis.bench.frequency"),
+        ('frequency = ["40 Hz", "5 Hz"]', "expected [low, high] with 0 < low <= high, got ['40 Hz', '5 Hz']"),
+        ('frequency = ["40 Hz"]', "diagnosis.bench.frequency"),
+        ('amplitude = ["0 mm", "5 mm"]', "diagnosis.bench.amplitude: expected [low, high] with 0 < low <= high"),
+        ('amplitude = ["1 N", "5 N"]', "diagnosis.bench.amplitude: expected a quantity that can be given in m"),
+        ('frequncy = ["5 Hz", "40 Hz"]', "diagnosis.bench.frequncy: unknown key (did you mean 'frequency'?)"),
+        ('tests = ["stedy tone"]', "bench.tests: unknown kind of test 'stedy tone' (did you mean 'steady tone'?)"),
+        ('tests = ["free decay"]', "tests: 'free decay' cannot be made: simulator 'echo' takes no free decay"),
+        ('tests = ["recorded input"]', "tests: 'recorded input' cannot be made: it needs records with a recorded"),
+        ('release = ["1 mm", "2 mm"]', "diagnosis.bench.release: simulator 'echo' takes no free decay"),
+        ('channels = ["velocity"]', "channels: expected 'body.channel', such as 'mass.velocity', got 'velocity'"),
+        ('channels = ["mas.velocity"]', "channels: unknown body 'mas' (did you mean 'mass'?)"),
+        ('channels = ["mass.speed"]', "channels: unknown channel 'speed'; expected displacement or velocity"),
+        ("simulations = 0", "diagnosis.bench.simulations"),
+    ],
+)
+def test_a_bench_that_cannot_be_is_refused_with_its_key(tmp_path, text, said):
+    path = bench_of(tmp_path, text)
+    with pytest.raises(CalibError) as refused:
+        load(path)
+    assert said in str(refused.value)
+    assert f"{path}:{line(path.read_text(), 'bench')}: diagnosis.bench." in str(refused.value)
+
+
+def test_a_bench_has_no_frequency_where_no_record_is_harmonic():
+    record = Excitation("mass", "force", time=np.arange(9.0), value=np.ones(9))
+    references = {"swept": SimpleNamespace(excitation=record, use="calibrate")}
+    found = dict(mistakes_of(Laboratory(frequency=(1.0, 2.0)), references, Model(Oscillator())))
+    assert found == {"frequency": "no record has a harmonic excitation whose frequency could be changed; drop this key"}
 
 
 # --- what is wrong is said

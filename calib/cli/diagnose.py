@@ -104,6 +104,8 @@ def show(found: Mapping[str, Any], folder: Path, extended: Path | None, console:
         console.print(line, soft_wrap=True)
     if found["verdict"] == ONE_OF:
         console.print(escape(proposal(found["measurements"])), soft_wrap=True)
+        for line in _design(found):
+            console.print(escape(line), soft_wrap=True)
     console.print(f"{found['simulations']} simulations in {found['seconds']:.1f} s")
     console.print(f"files:  {escape(str(folder))}/ (diagnosis.json, diagnosis.nc, report.html)", soft_wrap=True)
     if extended is not None:
@@ -145,3 +147,14 @@ def _gain(found: Mapping[str, Any]) -> list[str]:
         said = ", ".join(f"{s['parameter']} by {s['errors']:+.1f}" for s in moved)
         lines.append(f"without it the calibrated values were biased; they move by standard errors: {said}")
     return lines
+
+
+def _design(found: Mapping[str, Any]) -> list[str]:
+    """Best separation of each kind of test, and what the search for it took."""
+    design, best = found.get("design"), {}
+    for measurement in found["measurements"] if design else ():
+        if not measurement["channel"]:
+            doubt = "" if measurement["confirmed"] else " (not confirmed)"
+            best.setdefault(measurement["kind"], f"{measurement['kind']} {measurement['z']:.3g}{doubt}")
+    kinds = ", ".join(best.values())
+    return [f"best z of each kind of test: {kinds} ({design['simulations']} simulations)"] if best else []

@@ -33,6 +33,7 @@ class Run:
     excitation : in the place of the record's; what is simulated is then not aligned, for nothing was measured
     start : solution for the initial state at values near by, where that is a nuisance; None: it is not known
     held : whether the initial state stays as it is in `start`
+    rows : (body, channel) pairs in the place of those of `Bench.rows`; empty for these
     """
 
     record: str
@@ -42,6 +43,7 @@ class Run:
     excitation: Excitation | None = None
     start: Start | None = None
     held: bool = False
+    rows: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +129,7 @@ class Bench:
         if status != OK:
             return replace(_nothing(status, str(record.attrs.get("reason", ""))), simulations=simulations(record))
         seen = self.objective.aligned(run.record, record) if asked else record.assign(trust=("time", trusted(record)))
-        pairs = self.rows[run.record]
+        pairs = run.rows or self.rows[run.record]
         missing = [channel for _, channel in pairs if channel not in seen.variables]
         if missing:
             return _nothing("no channel", f"the simulation has no {missing[0]}")

@@ -13,8 +13,9 @@ from calib.diagnosis.effort import Budget, Effort
 from calib.diagnosis.evidence import Evidence, gathered, looked_at, outliers, rounding
 from calib.diagnosis.gain import Gain, gained
 from calib.diagnosis.gates import Gate, above_noise, converged, fine_enough, noise_known, same_kind, simulates
+from calib.diagnosis.laboratory import UNRESTRICTED, Laboratory
 from calib.diagnosis.misfit import Misfit, misfit
-from calib.diagnosis.next_measurement import Measurement, next_measurement
+from calib.diagnosis.next_measurement import Design, next_measurement
 from calib.diagnosis.noise import RESIDUAL, SAME
 from calib.diagnosis.refit import Fit, Fitter
 from calib.diagnosis.score import Projection
@@ -48,7 +49,7 @@ class Diagnosis:
     outliers : share of the samples that were taken out as such  [1]
     rounding : share of the noise of a channel that its converter's steps make, where that is a cause, else 0  [1]
     gain : on records held out; None where there is nothing to try
-    further : measurements that would separate the alternatives, the best first
+    design : of the next measurement, where the records leave several causes indistinguishable
     seconds : wall-clock time  [s]
     simulations : that were run
     """
@@ -63,7 +64,7 @@ class Diagnosis:
     outliers: float = 0.0
     rounding: float = 0.0
     gain: Gain | None = None
-    further: tuple[Measurement, ...] = ()
+    design: Design | None = None
     seconds: float = 0.0
     simulations: int = 0
 
@@ -103,6 +104,7 @@ def diagnose(
     on_stage: Callable[[str], None] = lambda text: None,
     on_progress: Callable[[int, int], None] = lambda done, foreseen: None,
     budget: Budget | None = None,
+    laboratory: Laboratory | None = UNRESTRICTED,
 ) -> Diagnosis:
     """Diagnose a calibrated study.
 
@@ -117,6 +119,7 @@ def diagnose(
     on_stage : called with what is being done
     on_progress : called with the simulations that are done, and those that are foreseen in all
     budget : after which no further fit begins; None: none
+    laboratory : within what it can do the next measurement is sought; None: none is sought
 
     Raises
     ------
@@ -127,7 +130,7 @@ def diagnose(
     make = pool or (lambda function: LocalPool(function, study.jobs, study.timeout))
     with make(bench) as open_pool:
         effort = Effort(open_pool, budget, on_progress)
-        found = _diagnosed(effort, bench, study, values, effects, seed, on_stage)
+        found = _diagnosed(effort, bench, study, values, effects, seed, on_stage, laboratory)
     return replace(found, seconds=time.monotonic() - begin)
 
 
@@ -233,6 +236,7 @@ def _diagnosed(
     effects: Sequence[Effect],
     seed: int,
     on_stage: Callable[[str], None],
+    laboratory: Laboratory | None,
 ) -> Diagnosis:
     ready = prepared(pool, bench, study, values, effects, on_stage)
     if ready.null is None:
@@ -254,10 +258,11 @@ def _diagnosed(
         ready = replace(ready, rounding=0.0)
     verdict, said = _verdict(selection, gates, ready)
     said += _untried(selection)
-    further = ()
-    if verdict == ONE_OF:
+    design = None
+    if verdict == ONE_OF and laboratory is not None and not pool.spent:
         on_stage("next measurement")
-        further = next_measurement(pool, bench, fitter, selection.rivals)
+        pool.foresee(laboratory.simulations)
+        design = next_measurement(pool, bench, fitter, selection.rivals, laboratory)
     on_stage("misfit")
     return Diagnosis(
         verdict=verdict,
@@ -270,7 +275,7 @@ def _diagnosed(
         rounding=ready.rounding,
         misfit=misfit(pool, bench, fitter.evidence, selection.null, seed),
         gain=gain,
-        further=further,
+        design=design,
         simulations=pool.done,
     )
 
@@ -348,7 +353,7 @@ def _untried(selection: Selection) -> str:
         return ""
     names = [name for r in selection.rounds for name in r.untried]
     fits = f"not fitted: {', '.join(names)}; " if names else ""
-    return f" (the budget was spent: {fits}further causes and exchanges of causes were not all looked for)"
+    return f" (the budget was spent: {fits}further causes and a next measurement were not all looked for)"
 
 
 def _one_of(names: Sequence[str]) -> str:

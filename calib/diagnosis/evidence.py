@@ -96,7 +96,7 @@ class Part:
 
     @cached_property
     def _clock_direction(self) -> tuple[np.ndarray, float]:
-        """Unit vector (row * n,) of what the clock's rate changes, and its length per standard deviation of the rate."""
+        """Unit vector (row * n,) of what the clock's rate changes, and its length per standard deviation of that."""
         column = CLOCK_RATE_STD * self._whitened(self.clock)
         length = float(np.linalg.norm(column))
         return column / max(length, 1e-300), length
@@ -108,7 +108,7 @@ class Part:
         that repeats looks like it. In others it is as uncertain as clocks are (`clock`).
         """
         rows, channel = seen.rows, [c for _, c in self.rows]
-        columns = [*seen.initial, *([_clock_rate(self.time, rows)] if self.period is not None else [])]
+        columns = [*seen.initial, *([clock_sensitivity(self.time, rows)] if self.period is not None else [])]
         if "trigger" in self.nuisance:
             columns.append(np.gradient(rows, self.time, axis=1))
         if "offset" in self.nuisance:
@@ -133,7 +133,7 @@ class Part:
         return np.tile(np.minimum(np.arange(n) // length, max(1, n // length) - 1), len(self.rows))
 
 
-def _clock_rate(time: np.ndarray, rows: np.ndarray) -> np.ndarray:
+def clock_sensitivity(time: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Change of rows (row, n) with the rate of the clock, which is right at time zero  [per unit rate]."""
     return np.gradient(rows, time, axis=1) * time
 
@@ -303,7 +303,7 @@ def gathered(
                 noise=tuple(noises),
                 used=used[name],
                 weight=weight,
-                clock=_clock_rate(time, seen[name].rows) if reference.excitation.period is None else None,
+                clock=clock_sensitivity(time, seen[name].rows) if reference.excitation.period is None else None,
             )
         )
     return Evidence(tuple(parts))
@@ -373,7 +373,7 @@ def _repeating(
     period, time = reference.excitation.period, reference.record.time.values
     if period is None or not rows or time[-1] - time[0] < LEAST_CYCLES * cycle * period:
         return {}
-    clock = _clock_rate(time, simulated)
+    clock = clock_sensitivity(time, simulated)
     mean, drift = (mean_cycle(time, values, period, cycle, weight=weight) for values in (residual, clock))
     precision = weight / np.maximum((weight * mean.residual**2).sum(axis=1, keepdims=True), 1e-300)
     rate = (precision * drift.residual * mean.residual).sum() / max((precision * drift.residual**2).sum(), 1e-300)

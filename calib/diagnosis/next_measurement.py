@@ -1,216 +1,502 @@
-"""Which further measurement would tell two explanations apart."""
+"""Search for the measurement that best separates causes which the records leave indistinguishable."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from calib.diagnosis.bench import Bench, Run, Seen, simulated
 from calib.diagnosis.evidence import Part
+from calib.diagnosis.laboratory import (
+    FREE_DECAY,
+    RECORDED_INPUT,
+    REPEATED_RECORD,
+    STEADY_TONE,
+    SWEEP,
+    WITHOUT_CONTACT,
+    DesignPoint,
+    DesignRegion,
+    DesignVariable,
+    Laboratory,
+    additional_channels,
+    amplitude_of,
+    base_record,
+    inapplicable_tests,
+    regions,
+)
 from calib.diagnosis.refit import Fit, Fitter
 from calib.diagnosis.selection import Suspect
-from calib.excitation import Excitation
-from calib.record import STATE
+from calib.diagnosis.separation import (
+    Experiment,
+    Prediction,
+    Separation,
+    experiment,
+    prediction,
+    refitted_distance,
+    with_free_form,
+    with_steps,
+)
+from calib.objective import Reference
 from calib.study import Pool
 from calib.units import shown
 
-AMPLITUDES = (0.1, 0.25, 0.5, 0.75, 1.25, 1.5)  # times that of a record
-FREQUENCIES = (0.5, 0.8, 0.95, 0.98, 1.02, 1.05, 1.25, 2.0)
-RELEASED = (0.5, 1.0, 2.0)  # times the largest displacement of a record: where a free decay begins
-BEGIN = ("initial_displacement", "initial_velocity")  # parameters of simulators that can be released
-NUDGE = 1e-3  # of the largest displacement and velocity: steps of the initial state
-MOST = 4  # rivals that are compared
-SURE = 3.0  # standard deviations by which two models have to differ to be told apart
+MAX_MODELS = 4  # rival models that are compared
+DECISIVE_Z = 3.0  # separation from which two models are distinguishable  [standard deviations]
+LINE_SHARE, MIN_LINE, MAX_LINE = 0.06, 3, 7  # of the affordable points: first ones of a test of one variable
+GRID_SHARE = 0.55  # of the affordable points: grid over amplitude and frequency
+GRID_ASPECT = 1.6  # frequencies per amplitude of the grid
+MAX_ROUNDS = 4  # of a pattern search
+BATCH_POINTS = 16  # simulated side by side: bounds the memory that their records take
+REFIT_SHARE = 0.05  # of the simulations: kept for these checks
+MAX_REFIT_RATIO = 2.0  # of the separation simulated at the refitted parameters over the linearised one
+CONFIRMED = 0.95  # of a predicted separation: where a check leaves as much, no further point is checked
+MIN_CHANNEL_GAIN = 1.2  # ratio of separations from which an additional channel is proposed
+MAX_REFITS = 4  # best points of a test whose separation is checked by simulations at the refitted parameters
+OK, IRREGULAR, FAILED = "ok", "irregular", "failed"
+GRID, REFINEMENT = "grid", "refinement"
+
+
+@dataclass(frozen=True)
+class EvaluatedPoint:
+    """A design point with its predicted separation.
+
+    Attributes
+    ----------
+    point : its settings
+    stage : "grid" or "refinement"
+    status : "ok", "irregular" (the motion of a model is) or "failed" (the simulation of a model did)
+    reason : of a status that is not "ok"
+    impacts : whether any model has impacts there; None where the simulator does not tell
+    z : separation of the two least distinguishable models; NaN unless "ok"  [standard deviations]
+    z_max : the same of the two most distinguishable
+    """
+
+    point: DesignPoint
+    stage: str
+    status: str
+    reason: str = ""
+    impacts: bool | None = None
+    z: float = math.nan
+    z_max: float = math.nan
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """A measurement that was not made, and what it would show.
+    """The best measurement of a kind of test, with the record's channels or with an additional one.
 
     Attributes
     ----------
-    said : in words
+    kind : of test under which it is the best: of a steady tone `WITHOUT_CONTACT` too
+    description : in words
     record : beside which it would be made
-    amplitude, frequency : of a harmonic excitation  [its unit], [Hz]; None for another
+    point : its settings
+    channel : "body.channel" that is measured beside those of the record; "" for none
     impacts : whether it has any; None where the simulator does not tell
-    z : by which the two most alike of the rivals would differ, both fitted to it too, at the record's noise
-    most : the same of the two least alike
+    distinguished : number of pairs of models whose separation is decisive
+    z : separation of the two least distinguishable models; not more than `z_refit`  [standard deviations]
+    z_max : the same of the two most distinguishable, linearised
+    z_refit : of the two least distinguishable, simulated at the parameters to which the linearised refit moves them;
+        None where that cannot be simulated
     """
 
-    said: str
+    kind: str
+    description: str
+    record: str
+    point: DesignPoint
+    channel: str
+    impacts: bool | None
+    distinguished: int
+    z: float
+    z_max: float
+    z_refit: float | None
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether simulations at the refitted parameters agree with the linearised refit."""
+        return self.z_refit is not None and self.z_refit <= MAX_REFIT_RATIO * max(self.z, 1.0)
+
+    @property
+    def prediction(self) -> str:
+        """What it would bring, as the end of a sentence."""
+        if self.z >= DECISIVE_Z:
+            return f"would distinguish them (z = {self.z:.3g})"
+        if self.z_max >= DECISIVE_Z:
+            return f"would distinguish some of them (z = {self.z:.2g} to {self.z_max:.3g})"
+        return f"would not distinguish them (z = {self.z_max:.2g})"
+
+
+@dataclass(frozen=True)
+class RecordedPoint:
+    """Amplitude [its unit] and frequency [Hz] of a record that there is."""
+
     record: str
     amplitude: float | None
     frequency: float | None
-    impacts: bool | None
-    z: float
-    most: float
-
-    @property
-    def helps(self) -> str:
-        """What it would bring, as the end of a sentence."""
-        if self.z >= SURE:
-            return f"would tell them apart (z = {self.z:.3g})"
-        if self.most >= SURE:
-            return f"would tell some of them apart (z = {self.z:.2g} to {self.most:.3g})"
-        return f"would not tell them apart (z = {self.most:.2g})"
 
 
-def next_measurement(pool: Pool, bench: Bench, fitter: Fitter, rivals: Sequence[Suspect]) -> tuple[Measurement, ...]:
-    """Measurements beside the first record that is driven harmonically, or beside the first, the best first.
-
-    Another amplitude, another frequency, and a free decay where the simulator can be released.
-    """
-    fits = [fitter.sharpened(rival.fit) for rival in rivals if rival.fit is not None][:MOST]
-    if len(fits) < 2:
-        return ()
-    parts = sorted(fitter.evidence.parts, key=lambda p: not bench.objective.references[p.name].excitation.harmonic)
-    proposals, found = _proposals(bench, parts[0], fits[0].point.seen[parts[0].name]), []
-    answers = iter(simulated(pool, [run for p in proposals for fit in fits for run in _runs(p, fit)]))
-    for proposal in proposals:
-        views = []
-        for fit in fits:
-            centre = next(answers)
-            beside = [next(answers) for _ in (*fit.names, *proposal.begin)]
-            views.append((centre, beside))
-        if not all(view.usable and not view.wrong for centre, beside in views for view in (centre, *beside)):
-            continue
-        pairs = combinations(range(len(fits)), 2)
-        z = [_apart(proposal, (fits[i], fits[j]), (views[i], views[j])) for i, j in pairs]
-        impacts = views[0][0].impacts
-        told = sum(one >= SURE for one in z)
-        found.append((told, _said(proposal, None if impacts is None else impacts > 0, z)))
-    found.sort(key=lambda pair: (-pair[0], -pair[1].z, -pair[1].most))
-    return tuple(measurement for _, measurement in found)
-
-
-@dataclass(frozen=True, eq=False)
-class _Proposal:
-    """A measurement to be tried.
+@dataclass(frozen=True)
+class Design:
+    """A search for the next measurement.
 
     Attributes
     ----------
-    part : the record beside which it would be made
-    excitation : of it
-    words : what it is
-    begin : the initial state it is released from, by parameter: a number that its record would have to tell  [SI]
-    nudges : steps of that
+    record : beside which the measurement would be made
+    models : names of the rival models that are compared
+    variables : settings that were searched, with their bounds
+    points : everything that was evaluated
+    measurements : the best of each kind of test, the best first
+    unavailable : kind of test -> why it has no measurement
+    known : records with the same kind of excitation
+    simulations, max_simulations : that it took, and that it might take
     """
 
-    part: Part
-    excitation: Excitation
-    words: str
-    begin: Mapping[str, float] = field(default_factory=dict)
-    nudges: tuple[float, ...] = ()
+    record: str
+    models: tuple[str, ...]
+    variables: tuple[DesignVariable, ...]
+    points: tuple[EvaluatedPoint, ...]
+    measurements: tuple[Measurement, ...]
+    unavailable: Mapping[str, str]
+    known: tuple[RecordedPoint, ...]
+    simulations: int
+    max_simulations: int
 
 
-def _proposals(bench: Bench, part: Part, seen: Seen) -> list[_Proposal]:
-    """Excitations near that of a record, and unlike those of all records; releases.
+def next_measurement(
+    pool: Pool, bench: Bench, fitter: Fitter, rivals: Sequence[Suspect], laboratory: Laboratory
+) -> Design | None:
+    """Search within what the laboratory can do for the largest separation of the two least distinguishable rivals.
 
-    Where the record's initial state is a nuisance, a proposal begins from the one that was solved for, not known.
+    Each kind of test is evaluated on a regular grid and then refined about its best point by a pattern search (Kolda,
+    Lewis and Torczon 2003, SIAM Review 45, 385-482). The measurement is made beside the first record that is driven
+    harmonically, or beside the first. None where fewer than two rivals have been fitted.
     """
-    excitation = bench.objective.references[part.name].excitation
-    known = [r.excitation for r in bench.objective.references.values()]
-    found = []
-    begin = {name: seen.nuisances[name] for name in bench.model.initial if name in seen.nuisances}
-    size = NUDGE * float(np.abs(part.measured).max())
-    nudges = tuple(size / float(np.abs(change).max()) for change in seen.initial) if begin else ()
-    if excitation.harmonic or excitation.recorded:
-        for factor in AMPLITUDES:
-            words = f"{part.name} at {factor:g} times its amplitude"
-            found.append(_Proposal(part, excitation.scaled(factor), words, begin, nudges))
-    if excitation.harmonic:
-        for factor in FREQUENCIES:
-            changed = replace(excitation, frequency=factor * excitation.frequency)
-            found.append(_Proposal(part, changed, f"{part.name} at {factor:g} times its frequency"))
-    return [p for p in found if not any(_same(p.excitation, other) for other in known)] + _releases(bench, part)
+    suspects = [rival for rival in rivals if rival.fit is not None][:MAX_MODELS]
+    if len(suspects) < 2:
+        return None
+    fits = [with_steps(fitter.sharpened(with_free_form(suspect.fit))) for suspect in suspects]
+    references = {name: bench.objective.references[name] for name in fitter.evidence.names}
+    part = next(p for p in fitter.evidence.parts if p.name == base_record(references))
+    searched = regions(laboratory, references, bench.model, part)
+    search = _Search(pool, bench, part, fits, laboratory)
+    search.run(searched)
+    return Design(
+        record=part.name,
+        models=tuple(suspect.name for suspect in suspects),
+        variables=_variables(searched),
+        measurements=tuple(search.measurements(searched)),
+        points=tuple(evaluation.outcome for evaluation in search.evaluations),
+        unavailable={
+            **inapplicable_tests(laboratory, references[part.name].excitation, bench.model),
+            **{test: reason for test in searched if (reason := search.unavailable(test))},
+        },
+        known=_known(references, part),
+        simulations=search.simulations,
+        max_simulations=laboratory.simulations,
+    )
 
 
-def _releases(bench: Bench, part: Part) -> list[_Proposal]:
-    """Free decays from rest, at displacements such as those of a record; none where the simulator takes none."""
-    simulator = bench.model.simulator
-    place = next((p for quantity, p in getattr(simulator, "excitations", ()) if quantity == "free decay"), None)
-    largest: dict[str, float] = {}
-    for (_, channel), row in zip(part.rows, part.measured, strict=True):
-        largest[channel] = max(largest.get(channel, 0.0), float(np.abs(row).max()))
-    if place is None or not set(BEGIN) <= set(bench.model.nominal) or not set(STATE) <= set(largest):
-        return []
-    nudges = tuple(NUDGE * largest[channel] for channel in STATE)
-    free, found = Excitation(place, "free decay"), []
-    for factor in RELEASED:
-        begin = factor * largest["displacement"]
-        words = f"a free decay, released from {shown(begin, 'm')}"
-        found.append(_Proposal(part, free, words, dict(zip(BEGIN, (begin, 0.0), strict=True)), nudges))
-    return found
+def _rank(measurement: Measurement) -> tuple:
+    """More pairs distinguished first; then confirmed; without an additional channel; the larger separation."""
+    m = measurement
+    return m.distinguished, m.confirmed, not m.channel, m.z, m.z_max
 
 
-def _same(one: Excitation, other: Excitation) -> bool:
-    if one.recorded and other.recorded:
-        alike = one.value.shape == other.value.shape
-        return alike and np.abs(one.value - other.value).max() < 0.05 * np.abs(other.value).max()
-    if not (one.harmonic and other.harmonic):
-        return False
-    near = abs(one.amplitude - other.amplitude) < 0.05 * other.amplitude
-    return near and abs(one.frequency - other.frequency) < 0.005 * other.frequency
+def _variables(searched: Mapping[str, DesignRegion]) -> tuple[DesignVariable, ...]:
+    named = {v.name: v for region in searched.values() for v in region.variables}
+    return tuple(named.values())
 
 
-def _runs(proposal: _Proposal, fit: Fit) -> list[Run]:
-    """The fitted model under the proposed excitation, beside it along each parameter, and along its initial state."""
-    point, name = fit.point, proposal.part.name
-    state = None if proposal.begin else point.seen[name].state
-    own = {f"{parameter}@{name}" for parameter in proposal.begin}
-
-    def run(values: Mapping[str, float], begin: Mapping[str, float]) -> Run:
-        rest = {parameter: value for parameter, value in values.items() if parameter not in own}
-        return Run(name, {**rest, **begin}, point.effects, state, proposal.excitation)
-
-    runs = [run(point.values, proposal.begin)]
-    for parameter, step in zip(fit.names, fit.steps, strict=True):
-        runs.append(run({**point.values, parameter: point.values[parameter] + step}, proposal.begin))
-    for parameter, step in zip(proposal.begin, proposal.nudges, strict=True):
-        runs.append(run(point.values, {**proposal.begin, parameter: proposal.begin[parameter] + step}))
-    return runs
+def _known(references: Mapping[str, Reference], part: Part) -> tuple[RecordedPoint, ...]:
+    own = references[part.name].excitation
+    return tuple(
+        RecordedPoint(name, amplitude_of(r.excitation), r.excitation.frequency if r.excitation.harmonic else None)
+        for name, r in references.items()
+        if (r.excitation.place, r.excitation.quantity, r.excitation.recorded) == (own.place, own.quantity, own.recorded)
+    )
 
 
-def _apart(
-    proposal: _Proposal, fits: tuple[Fit, Fit], seen: tuple[tuple[Seen, list[Seen]], tuple[Seen, list[Seen]]]
-) -> float:
-    """By how many standard deviations two models differ there, when both are fitted to that record and its nuisances.
+@dataclass(frozen=True, eq=False)
+class _Evaluation:
+    """An evaluated point with what its separations follow from.
 
-    seen : simulations of each model, beside it along each of its parameters, and along the initial state
+    Attributes
+    ----------
+    made : the experiment
+    centres : simulations of the models
+    prediction : None where a simulation failed or is irregular
+    score : by which evaluations are compared, see `_score`
     """
-    part = proposal.part
-    (one, _), (other, _) = seen
-    level = np.sqrt((one.rows**2).mean(axis=1) / (part.measured**2).mean(axis=1))
-    noise = tuple(replace(n, sigma=n.sigma * max(f, 1e-12)) for n, f in zip(part.noise, level, strict=True))
-    moving = np.array([channel == "velocity" for _, channel in part.rows])
-    trust = np.where(moving[:, None], one.trust * other.trust, 1.0) * part.used.any(axis=1)[:, None]
-    new = replace(part, time=one.time, noise=noise, weight=trust, measured=one.rows, clock=None)
 
-    def columns(fit: Fit, centre: Seen, beside: list[Seen]) -> np.ndarray:
-        moved = zip(beside, (*fit.steps, *proposal.nudges), strict=True)
-        return np.column_stack([new.white(view.rows - centre.rows) / step for view, step in moved])
-
-    def known(fit: Fit) -> np.ndarray:
-        """Derivatives of the records there are: they tell nothing of the initial state of another."""
-        return np.pad(fit.free(fit.columns), ((0, 0), (0, len(proposal.nudges))))
-
-    fresh = [columns(fit, *views) for fit, views in zip(fits, seen, strict=True)]
-    nuisances = new.tangents(one)
-    told = block_diag(*(known(fit) for fit in fits), np.zeros((0, nuisances.shape[1])))
-    stacked = np.vstack([np.column_stack([fresh[0], -fresh[1], nuisances]), told])
-    target = np.zeros(len(stacked))
-    difference = new.white(other.rows - one.rows)
-    target[: difference.size] = difference
-    scale = np.linalg.norm(stacked, axis=0)
-    scale[scale == 0.0] = 1.0
-    move = np.linalg.lstsq(stacked / scale, target, rcond=1e-10)[0]
-    return float(np.linalg.norm(target - (stacked / scale) @ move))
+    outcome: EvaluatedPoint
+    made: Experiment
+    centres: tuple[Seen, ...] = ()
+    prediction: Prediction | None = None
+    score: tuple[float, ...] = (-1.0, 0.0, 0.0)
 
 
-def _said(proposal: _Proposal, impacts: bool | None, z: Sequence[float]) -> Measurement:
-    contact = {True: ", with impacts", False: ", without impacts", None: ""}[impacts]
-    e = proposal.excitation
-    driven = (e.amplitude, e.frequency) if e.harmonic else (None, None)
-    return Measurement(proposal.words + contact, proposal.part.name, *driven, impacts, min(z), max(z))
+def _score(z: np.ndarray) -> tuple[float, ...]:
+    """Number of pairs that are distinguished by separations (pair,), then the least of these, then the largest."""
+    return float((z >= DECISIVE_Z).sum()), float(z.min()), float(z.max())
+
+
+class _Search:
+    """Evaluates design points within a budget of simulations.
+
+    Parameters
+    ----------
+    part : record beside which the measurement would be made
+    fits : of the rival models
+    """
+
+    def __init__(self, pool: Pool, bench: Bench, part: Part, fits: Sequence[Fit], laboratory: Laboratory):
+        self.pool, self.bench, self.part, self.fits = pool, bench, part, fits
+        self.budget, self.simulations = laboratory.simulations, 0
+        self.seen = fits[0].point.seen[part.name]
+        self.additional: tuple[tuple[str, str], ...] = ()
+        self.additional = self._provided(additional_channels(laboratory, bench.model, part, self.seen.given))
+        self.evaluations: list[_Evaluation] = []
+
+    def _provided(self, pairs: Sequence[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
+        """(body, channel) pairs that a simulation of the record holds."""
+        record = self._experiment(DesignPoint(REPEATED_RECORD))
+        channels = list(dict.fromkeys(channel for _, channel in pairs))
+        owned = [tuple(pair for pair in pairs if pair[1] == channel) for channel in channels]
+        views = self._simulated([replace(record, rows=own).centre(self.fits[0]) for own in owned])
+        held = {channel for channel, view in zip(channels, views, strict=True) if view.usable}
+        return tuple(pair for pair in pairs if pair[1] in held)
+
+    def run(self, searched: Mapping[str, DesignRegion]) -> None:
+        """Evaluate the region of each kind of test: a grid, then a pattern search about its best point."""
+        for test, region in searched.items():
+            if test in (SWEEP, FREE_DECAY) or (test == REPEATED_RECORD and self.additional):
+                count = LINE_SHARE * self._affordable(region)
+                self._explore(region, [round(np.clip(count, MIN_LINE, MAX_LINE))])
+        tests = [test for test in (STEADY_TONE, RECORDED_INPUT, WITHOUT_CONTACT) if test in searched]
+        if tests:
+            region = _driven(searched[tests[0]])
+            counts = _grid_shape(region, GRID_SHARE * self._affordable(region))
+            self._explore(region, counts)
+            if WITHOUT_CONTACT in tests:
+                self._refine(region, counts, WITHOUT_CONTACT)
+
+    def _affordable(self, region: DesignRegion) -> int:
+        """Number of points of a kind of test that the whole budget pays for."""
+        middle = self._experiment(region.point([0.5] * len(region.variables)))
+        return int((1.0 - REFIT_SHARE) * self.budget) // self._cost(middle)
+
+    def _explore(self, region: DesignRegion, counts: Sequence[int]) -> None:
+        counts = counts[: len(region.variables)]
+        self._evaluate(region.grid(counts), GRID)
+        self._refine(region, counts, region.test)
+
+    def _refine(self, region: DesignRegion, counts: Sequence[int], test: str) -> None:
+        """Pattern search: to the best of the neighbours, with half the step where none is better."""
+        steps, best = np.array([0.5 / max(1, count - 1) for count in counts]), None
+        for _ in range(MAX_ROUNDS):
+            leader = max(self._candidates(test), key=lambda e: e.score, default=None)
+            if leader is None:
+                return
+            steps, best = (0.5 * steps if leader is best else steps), leader
+            self._evaluate(region.neighbours(best.outcome.point, steps), REFINEMENT)
+
+    def _candidates(self, test: str) -> list[_Evaluation]:
+        """Evaluations of a kind of test that have a prediction."""
+        good = [e for e in self.evaluations if e.prediction is not None]
+        if test != WITHOUT_CONTACT:
+            return [e for e in good if e.outcome.point.test == test]
+        if not self.seen.impacts:
+            return []
+        return [e for e in good if e.outcome.point.test in (STEADY_TONE, RECORDED_INPUT) and e.outcome.impacts is False]
+
+    # --- simulations
+
+    def _experiment(self, point: DesignPoint) -> Experiment:
+        return experiment(point, self.bench, self.part, self.seen, self.additional)
+
+    def _cost(self, made: Experiment) -> int:
+        """Simulations of an experiment."""
+        return sum(1 + len(fit.names) + len(made.initial_steps) for fit in self.fits)
+
+    def _evaluate(self, points: Sequence[DesignPoint], stage: str) -> None:
+        """Evaluate, in batches side by side, as many new points as the budget pays for."""
+        known = {_rounded(e.outcome.point) for e in self.evaluations}
+        new = [self._experiment(point) for point in points if _rounded(point) not in known]
+        for first in range(0, len(new), BATCH_POINTS):
+            batch = new[first : first + BATCH_POINTS]
+            left = int((1.0 - REFIT_SHARE) * self.budget - self.simulations) // max(map(self._cost, batch))
+            if left > 0:
+                self.evaluations += self._batch(batch[:left], stage)
+
+    def _batch(self, batch: Sequence[Experiment], stage: str) -> list[_Evaluation]:
+        """Simulate all models; along their parameters only where each moves regularly."""
+        views = iter(self._simulated([made.centre(fit) for made in batch for fit in self.fits]))
+        centres = [tuple(next(views) for _ in self.fits) for _ in batch]
+        regular = [all(view.usable and not view.wrong for view in own) for own in centres]
+        runs = [
+            made.differences(fit, centre)
+            for made, own, good in zip(batch, centres, regular, strict=True)
+            for fit, centre in zip(self.fits, own, strict=True)
+            if good
+        ]
+        views = iter(self._simulated([run for own in runs for run in own]))
+        beside = iter([[next(views) for _ in own] for own in runs])
+        return [
+            self._evaluation(made, stage, own, [next(beside) for _ in self.fits] if good else [])
+            for made, own, good in zip(batch, centres, regular, strict=True)
+        ]
+
+    def _simulated(self, runs: Sequence[Run]) -> list[Seen]:
+        views = simulated(self.pool, runs)
+        self.simulations += sum(view.simulations for view in views)
+        return views
+
+    def _evaluation(
+        self, made: Experiment, stage: str, centres: tuple[Seen, ...], beside: Sequence[Sequence[Seen]]
+    ) -> _Evaluation:
+        status, reason = _status([*centres, *(view for views in beside for view in views)])
+        if status != OK:
+            return _Evaluation(EvaluatedPoint(made.point, stage, status, reason), made)
+        impacts = [view.impacts for view in centres]
+        predicted = prediction(made, self.fits, centres, beside)
+        z = predicted.separation().z
+        outcome = EvaluatedPoint(
+            point=made.point,
+            stage=stage,
+            status=OK,
+            impacts=None if None in impacts else any(impacts),
+            z=float(z.min()),
+            z_max=float(z.max()),
+        )
+        return _Evaluation(outcome, made, centres, predicted, _score(z))
+
+    # --- the best of each kind of test
+
+    def measurements(self, searched: Mapping[str, DesignRegion]) -> list[Measurement]:
+        """Best measurement of each kind of test with the record's channels, and with the best additional one."""
+        best: list[Measurement] = []
+        for test in searched:
+            bare = None if test == REPEATED_RECORD else self._best(test, [None])
+            more = self._best(test, range(len(self.additional)))
+            if more is not None and bare is not None and not _adds(more, bare):
+                more = None
+            best += [m for m in (bare, more) if m is not None]
+        return sorted({(m.point, m.channel): m for m in reversed(best)}.values(), key=_rank, reverse=True)
+
+    def _best(self, test: str, additional: Iterable[int | None]) -> Measurement | None:
+        """Largest separation by a kind of test, with one of these additional channels, as far as refits confirm it."""
+        choices = [(e, e.prediction.separation(k), k) for e in self._candidates(test) for k in additional]
+        choices.sort(key=lambda choice: _score(choice[1].z), reverse=True)
+        best = None
+        for evaluation, separation, number in choices[:MAX_REFITS]:
+            if best is not None and best.confirmed and (best.distinguished, best.z) >= _score(separation.z)[:2]:
+                break
+            measurement = self._confirmed(test, evaluation, separation, number)
+            if best is None or _rank(measurement) > _rank(best):
+                best = measurement
+            if measurement.confirmed and measurement.z >= CONFIRMED * separation.z.min():
+                break
+        return best
+
+    def _confirmed(
+        self, kind: str, evaluation: _Evaluation, separation: Separation, additional: int | None
+    ) -> Measurement:
+        pairs = list(combinations(range(len(self.fits)), 2))
+        least = int(np.argmin(separation.z))
+        i, j = pairs[least]
+        made, moves, centres = evaluation.made, separation.moves[least], evaluation.centres
+        fits = self.fits[i], self.fits[j]
+        runs = [made.moved(fit, move, centres[k]) for fit, move, k in zip(fits, moves, (i, j), strict=True)]
+        moved = self._simulated(runs) if self.simulations + len(runs) <= self.budget else []
+        z, refit = separation.z.copy(), None
+        if moved and _status(moved)[0] == OK:
+            refit = refitted_distance(made, fits, moves, centres, tuple(moved), additional)
+            z[least] = min(z[least], refit)
+        body, name = ("", "") if additional is None else self.additional[additional]
+        outcome = evaluation.outcome
+        return Measurement(
+            kind=kind,
+            description=described(outcome, self.part.name, self._unit, f"{name} of {body}" if body else ""),
+            record=self.part.name,
+            point=outcome.point,
+            channel=f"{body}.{name}" if body else "",
+            impacts=outcome.impacts,
+            distinguished=int((z >= DECISIVE_Z).sum()),
+            z=float(z.min()),
+            z_max=float(z.max()),
+            z_refit=refit,
+        )
+
+    @property
+    def _unit(self) -> str:
+        return self.bench.objective.references[self.part.name].excitation.unit
+
+    def unavailable(self, test: str) -> str:
+        """Why a kind of test that was searched has no measurement; "" where it has one."""
+        if self._candidates(test):
+            return ""
+        if test == WITHOUT_CONTACT:
+            return "no tone within the bounds is without contact" if self.seen.impacts else "the record has no impacts"
+        if test == REPEATED_RECORD and not self.additional:
+            return "no channel of the simulator is absent from the record"
+        own = [e.outcome for e in self.evaluations if e.outcome.point.test == test]
+        if not own:
+            return "the number of simulations allowed does not suffice"
+        return f"{own[0].status} at every point; the first: {own[0].reason}"
+
+
+def _adds(more: Measurement, bare: Measurement) -> bool:
+    """Whether an additional channel distinguishes more models, or separates them clearly further."""
+    return more.distinguished > bare.distinguished or more.z >= MIN_CHANNEL_GAIN * bare.z
+
+
+def _driven(region: DesignRegion) -> DesignRegion:
+    """Return the region with the test that its drive makes, impacts or not: a steady tone, or the recorded input."""
+    test = STEADY_TONE if len(region.variables) == 2 else RECORDED_INPUT
+    return replace(region, fixed=replace(region.fixed, test=test))
+
+
+def _grid_shape(region: DesignRegion, count: float) -> list[int]:
+    """Number of values of each variable for a grid of about so many points."""
+    free = [not v.is_fixed for v in region.variables]
+    if sum(free) < 2:
+        return [round(np.clip(count, MIN_LINE, 2 * MAX_LINE)) for _ in free]
+    amplitudes = max(MIN_LINE, round(math.sqrt(count / GRID_ASPECT)))
+    return [amplitudes, max(MIN_LINE, int(count // amplitudes))]
+
+
+def _rounded(point: DesignPoint) -> tuple:
+    values = (point.amplitude, point.frequency, point.release)
+    return point.test, *(None if value is None else f"{value:.9e}" for value in values)
+
+
+def _status(views: Sequence[Seen]) -> tuple[str, str]:
+    """Status of simulations that are all needed, and its reason."""
+    failed = next((view for view in views if not view.usable), None)
+    if failed is not None:
+        return FAILED, failed.reason or failed.status
+    irregular = next((view for view in views if view.wrong), None)
+    return (OK, "") if irregular is None else (IRREGULAR, irregular.wrong)
+
+
+def described(outcome: EvaluatedPoint, record: str, unit: str, channel: str) -> str:
+    """Write a measurement in words.
+
+    Parameters
+    ----------
+    unit : of the amplitude
+    channel : that is measured beside those of the record; "" for none
+    """
+    point = outcome.point
+    contact = {True: ", with impacts", False: ", without impacts", None: ""}[outcome.impacts]
+    what = {
+        STEADY_TONE: lambda: f"a steady tone of {shown(point.amplitude, unit, 3)} at {point.frequency:.4g} Hz",
+        SWEEP: lambda: (
+            f"a sweep of {shown(point.amplitude, unit, 3)} from {point.frequency:.3g} to {point.end_frequency:.3g} Hz"
+        ),
+        RECORDED_INPUT: lambda: f"the input of {record}, scaled to {shown(point.amplitude, unit, 3)}",
+        FREE_DECAY: lambda: f"a free decay, released from {shown(point.release, 'm', 3)}",
+        REPEATED_RECORD: lambda: f"{record} once more",
+    }[point.test]()
+    return f"{what}{contact}{f', with the {channel} measured too' if channel else ''}"

@@ -124,7 +124,9 @@ class Stage:
         scored = {name: reference for name, reference in made.items() if reference.use == "calibrate"}
         study = replace(self.study, objective=Objective(scored, self.study.objective.terms))
         others = {name: reference for name, reference in made.items() if reference.use != "calibrate"}
-        found = diagnose(study, others, self.values, self.effects, seed=case.seed, pool=InProcess)
+        found = diagnose(
+            study, others, self.values, self.effects, seed=case.seed, pool=InProcess, laboratory=None
+        )
         return Rehearsed(case, found.verdict, found.causes, found.classes)
 
 

@@ -601,8 +601,8 @@ def _refitted(fitter: Fitter, base: Fit, suspect: Suspect, limit: float, rival: 
     A candidate without derivative is first tried at several sizes: the change of the records from nothing to that size,
     scaled to fit the residual best, has to promise as much as the threshold asks for. So is one whose fit does not
     bring what the derivative promised: between nothing and its size it is far from linear, and its fit may have ended
-    beside its best; a further fit begins only at a size that promises more than that reached. Where the motion fails at the estimated size, which a gross misfit makes large, the fit begins at
-    nothing and goes as far as it can.
+    beside its best; a further fit begins only at a size that promises more than that reached. Where the motion fails at
+    the estimated size, which a gross misfit makes large, the fit begins at nothing and goes as far as it can.
 
     rival : sum of squares at which the suspect would still be an alternative
     """

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.diagnosis.diagnose import UNEXPLAINED, Diagnosis
 from calib.diagnosis.gain import Gain
-from calib.diagnosis.next_measurement import Measurement
+from calib.diagnosis.next_measurement import DECISIVE_Z, Design, Measurement
 from calib.diagnosis.selection import MARKED, Round, Suspect
 from calib.objective import MISFIT
 from calib.store.plain import plain
@@ -18,6 +18,7 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
     """Everything that diagnosis.json holds, in SI; what is not finite is None."""
     selection = diagnosis.selection
     first = selection.rounds[0] if selection else None
+    measurements = [] if diagnosis.design is None else [measurement_as_dict(m) for m in diagnosis.design.measurements]
     found = {
         "verdict": diagnosis.verdict,
         "said": diagnosis.said,
@@ -37,8 +38,9 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         "misfit": _misfit(diagnosis),
         "parameters": {} if selection is None else _parameters(diagnosis),
         "gain": None if diagnosis.gain is None else _gain(diagnosis.gain),
-        "next_measurement": _measurement(diagnosis.further[0]) if diagnosis.further else None,
-        "measurements": [_measurement(measurement) for measurement in diagnosis.further],
+        "next_measurement": measurements[0] if measurements else None,
+        "measurements": measurements,
+        "design": None if diagnosis.design is None else design_as_dict(diagnosis.design),
         "threshold": None if first is None else first.threshold,
         "cut_short": selection is not None and selection.cut_short,
         "simulations": diagnosis.simulations,
@@ -55,8 +57,18 @@ def best_of_each(suspects) -> list[Suspect]:
     return list(kept.values())
 
 
-def _measurement(measurement: Measurement) -> dict[str, Any]:
-    return {**asdict(measurement), "helps": measurement.helps}
+def measurement_as_dict(measurement: Measurement) -> dict[str, Any]:
+    """Settings of a measurement, its predicted separations, and these in words."""
+    rest = {key: value for key, value in asdict(measurement).items() if key != "point"}
+    own = {"confirmed": measurement.confirmed, "prediction": measurement.prediction}
+    return {**asdict(measurement.point), **rest, **own}
+
+
+def design_as_dict(design: Design) -> dict[str, Any]:
+    """Everything that the map of the predicted separation draws; the measurements stand beside it."""
+    points = [{**asdict(e.point), **{k: v for k, v in asdict(e).items() if k != "point"}} for e in design.points]
+    rest = {key: value for key, value in asdict(design).items() if key not in ("points", "measurements")}
+    return {**rest, "points": points, "decisive_z": DECISIVE_Z}
 
 
 def _about(size: float, half: float) -> list[float]:

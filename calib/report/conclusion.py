@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from calib.diagnosis.diagnose import NAMED, NONE, ONE_OF, OUTLIERS, QUANTISATION, UNEXPLAINED
-from calib.diagnosis.next_measurement import SURE
+from calib.diagnosis.next_measurement import DECISIVE_Z
 from calib.report.words import number, percent, quantity, signed
 
 SAME = 1e-9  # relative difference of values that are the same
@@ -84,20 +84,20 @@ def points(said: Mapping[str, Any]) -> list[str]:
         if moved:
             listed = ", ".join(f"{s['parameter']} by {signed(s['errors'], '+')}" for s in moved)
             found.append(f"Calibrated without it, values were biased; in standard errors they move: {listed}.")
-    if said["verdict"] == ONE_OF:
+    if said["verdict"] == ONE_OF and "design" in said:
         found.append(f"{proposal(said['measurements'])}.")
     return found
 
 
 def proposal(measurements: Sequence[Mapping[str, Any]]) -> str:
-    """What to measure next to tell alternatives apart, or that nothing that was tried does."""
+    """What to measure next to distinguish the alternatives, or that nothing that was tried does."""
     if not measurements:
         return "To measure next: unknown, for the models could not be simulated in any other measurement"
     best = measurements[0]
-    if best["most"] >= SURE:
-        return f"To measure next: {best['said']} {best['helps']}"
-    most = max(m["most"] for m in measurements)
-    return f"To measure next: nothing that was tried would tell them apart (z = {most:.2g} at most)"
+    if best["z_max"] >= DECISIVE_Z:
+        return f"To measure next: {best['description']}, {best['prediction']}"
+    most = max(m["z_max"] for m in measurements)
+    return f"To measure next: nothing within the bounds would distinguish them (z = {most:.2g} at most)"
 
 
 def _excess(misfit, said):

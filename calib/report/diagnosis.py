@@ -7,8 +7,9 @@ import numpy as np
 import xarray as xr
 from markupsafe import Markup
 
-from calib.diagnosis.next_measurement import SURE
-from calib.report import causes, drawing, lacking, remains
+from calib.diagnosis.laboratory import AMPLITUDE_RANGE, FREQUENCY_RANGE, RELEASE_RANGE
+from calib.diagnosis.next_measurement import DECISIVE_Z
+from calib.report import causes, drawing, lacking, remains, separation
 from calib.report.conclusion import (
     NAMED,
     NONE,
@@ -31,7 +32,6 @@ QUESTIONS = {NAMED: "Why this one", ONE_OF: "Why these", NONE: "Why nothing", UN
 MARKED = 3.0  # standard errors from which a feature is shown at once
 MOST = 12  # features shown at once
 ENOUGH = 10  # suspects shown at once
-PROPOSED = 8  # measurements shown
 
 RESIDUALS = (
     "Measured less simulated: dots are samples, the blue line is the mean of the cycles, the grey band two standard "
@@ -74,6 +74,18 @@ SHIFTS = (
     "By how many standard errors the calibrated parameters move once the cause is in the model; within the grey band "
     "they stay. One that moves further was bent to stand in for what was missing."
 )
+SEPARATION_MAP = (
+    "Predicted separation of the two least distinguishable explanations by a steady tone, over its frequency and "
+    "amplitude: by how many standard deviations of the noise their records would differ once each is refitted to that "
+    "record too. Cells: a regular grid; dots: refinement about the best. The white line is where z = 3, from which "
+    "models are taken as distinguishable. Noise is in proportion to the motion, as in the records."
+)
+SEPARATION_LINES = (
+    "Predicted separation z of the two least distinguishable explanations by tests that are searched over one setting; "
+    "star: the best, as confirmed by simulation at the refitted parameters; dashed: z = 3; cross: no regular motion, "
+    "or a failed simulation."
+)
+NAMES = {"amplitude": "amplitude", "frequency": "frequency", "release": "displacement of release"}
 
 
 def chapter(
@@ -109,7 +121,7 @@ def chapter(
         "rounds": _rounds(said),
         "why": _why(said, outcomes),
         "magnified": _pictured(remains.magnified_loops(motions, named_extension(said)), "magnified-loops", MAGNIFIED),
-        "measurements": _measurements(said, study.objective.references),
+        "next_measurement": _next_measurement(said),
         "question": QUESTIONS.get(said["verdict"], "How it was sought"),
         "brings": _brings(said, study.model.parameters),
         "effort": f"{count(said['simulations'], 'simulation')} in {said['seconds']:.0f} s",
@@ -373,25 +385,47 @@ def _constancy(said):
     ]
 
 
-def _measurements(said, references):
-    rows = []
-    for measurement in said["measurements"][:PROPOSED]:
-        reference = references.get(measurement["record"])
-        driven = "" if reference is None else reference.record.attrs.get("quantity", "")
-        factor, unit = (1.0, "N") if driven == "force" else MILLI["m"]
-        amplitude, frequency = measurement["amplitude"], measurement["frequency"]
-        rows.append(
-            {
-                "said": measurement["said"],
-                "amplitude": "-" if amplitude is None else f"{number(factor * amplitude)} {unit}",
-                "frequency": "-" if frequency is None else f"{number(frequency)} Hz",
-                "impacts": {True: "yes", False: "no"}.get(measurement["impacts"], "-"),
-                "z": f"{measurement['z']:.1f}",
-                "most": f"{measurement['most']:.1f}",
-                "enough": measurement["z"] >= SURE,
-            }
-        )
-    return rows
+def _next_measurement(said):
+    """Table and pictures of the search for the next measurement; None where there was none."""
+    design, measurements = said.get("design"), said["measurements"]
+    if design is None:
+        return None
+    kinds = {m["kind"]: m for m in reversed(measurements)}
+    unavailable = [f"{kind}: {reason}" for kind, reason in design["unavailable"].items() if kind not in kinds]
+    return {
+        "rows": [_measurement(measurement) for measurement in measurements],
+        "several": len(design["models"]) > 2,
+        "map": _pictured(separation.separation_map(design, measurements), "separation-map", SEPARATION_MAP),
+        "lines": _pictured(separation.separation_lines(design, measurements), "separation-lines", SEPARATION_LINES),
+        "bounds": "; ".join(_bounds(variable) for variable in design["variables"]),
+        "unavailable": "; ".join(unavailable),
+        "effort": f"{count(len(design['points']), 'setting')} with {count(design['simulations'], 'simulation')} "
+        f"(at most {design['max_simulations']})",
+    }
+
+
+def _measurement(measurement):
+    return {
+        "kind": measurement["kind"],
+        "description": measurement["description"],
+        "z": f"{measurement['z']:.1f}",
+        "z_max": f"{measurement['z_max']:.1f}",
+        "z_refit": "-" if measurement["z_refit"] is None else number(measurement["z_refit"], 3),
+        "confirmed": measurement["confirmed"],
+        "decisive": measurement["z"] >= DECISIVE_Z,
+    }
+
+
+def _bounds(variable):
+    """Write the bounds of a setting, and where they come from."""
+    low, high = (quantity(variable[end], variable["unit"]) for end in ("low", "high"))
+    source = "stated in the study file"
+    if not variable["stated"]:
+        factors = {"amplitude": AMPLITUDE_RANGE, "frequency": FREQUENCY_RANGE, "release": RELEASE_RANGE}
+        least, most = factors[variable["name"]]
+        what = "the largest displacement" if variable["name"] == "release" else "that"
+        source = f"derived: {least:g} to {most:g} times {what} of the records"
+    return f"{NAMES[variable['name']]} {low} to {high} ({source})"
 
 
 # --- what the extension brings ---------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from calib import plugins
+from calib.diagnosis.laboratory import Laboratory
 from calib.dynamics.setting import Setting
 from calib.effect import Effect
 from calib.errors import CalibError, nearest
@@ -15,6 +16,7 @@ from calib.objective import Objective, Reference, Term
 from calib.parameter import Parameter, Space, Window, values_for
 from calib.store.plain import plain
 from calib.study import Study, check_searched, check_stated
+from calib.study_toml.laboratory import read_laboratory
 from calib.study_toml.mistakes import Mistakes, located, read_toml
 from calib.study_toml.references import OWN, digest, references
 from calib.study_toml.schema import OptimiserTable, StudyToml, TermTable
@@ -36,6 +38,7 @@ class StudyFile:
     view, keep : of the store: the Optuna view ("journal" or a URL), the records kept
     candidates : effects that a diagnosis may name, with the bodies they act on (None: where the simulator has their
         place); None are all that are registered
+    laboratory : what it can do in a next measurement
     """
 
     path: Path
@@ -45,6 +48,7 @@ class StudyFile:
     view: str
     keep: str
     candidates: tuple[tuple[str, tuple[str, ...] | None], ...] | None
+    laboratory: Laboratory
 
     def reference(self, record: str | None = None) -> Reference:
         """Record of the study by name, whatever its use; the first one where none is given.
@@ -128,6 +132,7 @@ def load(path: str | Path, budget: int | None = None, jobs: int | None = None) -
     mistakes.tell()
     with mistakes.at("term"):
         objective = Objective(calibrated, terms)
+    laboratory = read_laboratory(shape.diagnosis.bench, known, model, mistakes)
     mistakes.tell()
     head = shape.study
     study = Study(
@@ -152,6 +157,7 @@ def load(path: str | Path, budget: int | None = None, jobs: int | None = None) -
         view=shape.store.view,
         keep=shape.store.keep,
         candidates=_candidates(shape, mistakes),
+        laboratory=laboratory,
     )
 
 

@@ -4,6 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PlainValidator
 
+from calib.diagnosis.laboratory import MAX_SIMULATIONS
 from calib.objective.terms import Use
 from calib.parameter import Scale
 from calib.store.kept import Keep
@@ -12,6 +13,12 @@ from calib.store.kept import Keep
 def _number_or_text(value: object) -> float | str:
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise ValueError("expected a number in SI or a text with a unit, such as '1.5 mm'")
+    return value
+
+
+def _with_unit(value: object) -> str:
+    if not isinstance(value, str):
+        raise ValueError("expected a text with a unit, such as '20 Hz' or '0.2 mm'")
     return value
 
 
@@ -49,6 +56,8 @@ def _view(value: str) -> str:
 
 Quantity = Annotated[float | str, PlainValidator(_number_or_text, json_schema_input_type=float | str)]
 Column = Annotated[int | str, PlainValidator(_column, json_schema_input_type=int | str)]
+WithUnit = Annotated[str, PlainValidator(_with_unit, json_schema_input_type=str)]
+Bounds = Annotated[list[WithUnit], Field(min_length=2, max_length=2)]  # low, high
 Count = Annotated[int, Field(ge=1)]
 
 
@@ -202,6 +211,17 @@ class StoreTable(Table):
     keep: Keep = "improving"
 
 
+class BenchTable(Table):
+    """[diagnosis.bench]: what the laboratory can do in a next measurement."""
+
+    frequency: Bounds | None = None  # lowest and highest of a harmonic excitation
+    amplitude: Bounds | None = None  # least and greatest, in a unit of the excitation's quantity
+    release: Bounds | None = None  # least and greatest displacement from which a free decay begins
+    tests: Annotated[list[str], Field(min_length=1)] | None = None  # kinds of test; not given: all that apply
+    channels: list[str] | None = None  # "body.channel" that could be measured too; not given: all of the simulator
+    simulations: Count = MAX_SIMULATIONS
+
+
 class DiagnosisTable(Table):
     """[diagnosis]."""
 
@@ -209,6 +229,7 @@ class DiagnosisTable(Table):
         list[Annotated[EffectTable, BeforeValidator(_effect, json_schema_input_type=str | EffectTable)]] | None,
         BeforeValidator(_candidates, json_schema_input_type=Literal["all"] | list[str | EffectTable]),
     ] = None  # effects; None: all
+    bench: BenchTable = BenchTable()
 
 
 class StudyToml(Table):

@@ -5,6 +5,7 @@ import pytest
 
 from calib.diagnosis.bench import Bench, Run
 from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.laboratory import Laboratory
 from calib.excitation import Excitation
 from calib.model import Model, Request
 from calib.objective import Objective, Reference, Term, trusted
@@ -56,6 +57,8 @@ def test_beside_a_record_sampled_in_another_way_than_a_simulation_measurements_a
     space = Space({"damping": Window(0.5, 8.0), "stiffness": Window(3000.0, 5000.0)}, {"mass": 1.0})
     study = Study("small", OSCILLATOR, space, Objective({"tone": reference}, [CURVE]), None, 9)
     effects = [load("calib.effects", name) for name in ("preload", "channel_offset", "cubic_stiffness")]
-    found = diagnose(study, {}, {**OSCILLATOR.nominal, **truth}, effects, seed=3, pool=InProcess)
+    few = Laboratory(simulations=250)
+    found = diagnose(study, {}, {**OSCILLATOR.nominal, **truth}, effects, seed=3, pool=InProcess, laboratory=few)
     assert set(found.classes) == {("preload",), ("channel_offset",)}
-    assert found.further
+    assert {m.kind for m in found.design.measurements} >= {"steady tone", "free decay"}
+    assert found.design.simulations <= found.design.max_simulations

@@ -10,15 +10,19 @@ from calib.study import evaluate
 from calib.study_toml import load
 
 
-def seek(folder: Path, without: tuple[str, ...] = (), only: tuple[str, ...] = ()) -> Diagnosis:
+def seek(
+    folder: Path, without: tuple[str, ...] = (), only: tuple[str, ...] = (), next_measurement: bool = False
+) -> Diagnosis:
     """Calibrate the study in `folder`, and diagnose it in this process.
 
     without : effects that are taken out of the library
     only : effects that the library is reduced to, unless empty
+    next_measurement : whether it is sought, where several causes are left
     """
     file = load(folder)
     study = file.study
     found = study.run(Store(folder / "out"), InProcess(partial(evaluate, study.without_search())))
     values = {**study.space.fixed, **found.best.values}
     effects = [e for e in file.suspects() if e.name not in without and (not only or e.name in only)]
-    return diagnose(study, file.others, values, effects, seed=study.seed, pool=InProcess)
+    laboratory = file.laboratory if next_measurement else None
+    return diagnose(study, file.others, values, effects, seed=study.seed, pool=InProcess, laboratory=laboratory)

@@ -73,13 +73,13 @@ def test_a_solver_that_steps_too_coarsely_is_the_reason_for_no_diagnosis(cache, 
 def test_of_one_steady_tone_the_class_is_told_and_what_to_measure_next_gives_the_name(cache, tmp_path):
     one = {"calibrated": ("damping", "stiffness"), "tones": (TONE,)}
     told = hide("oscillator", "coulomb_friction", 15.0, 0, folder=tmp_path / "one", cache=cache, **one)
-    found = seek(told.folder)
+    found = seek(told.folder, next_measurement=True)
     assert found.verdict == "one_of"
     assert ("coulomb_friction",) in found.classes
-    best = next(m for m in found.further if m.frequency is not None)
+    best = next(m for m in found.design.measurements if m.kind == "steady tone")
     assert best.z > 3.0
-    assert any(m.said.startswith("a free decay, released from ") and m.z > 3.0 for m in found.further)
-    more = Plan("further", "name", "harmonic", best.amplitude, best.frequency)
+    assert any(m.kind == "free decay" and m.z > 3.0 for m in found.design.measurements)
+    more = Plan("further", "name", "harmonic", best.point.amplitude, best.point.frequency)
     size = told.values["friction"]
     hide(
         "oscillator", "coulomb_friction", None, 1, folder=tmp_path / "two", cache=cache, size=size,
@@ -90,6 +90,8 @@ def test_of_one_steady_tone_the_class_is_told_and_what_to_measure_next_gives_the
 
 def test_where_no_measurement_of_the_kind_tells_the_alternatives_apart_it_says_so(cache, tmp_path):
     one = {"calibrated": ("damping", "stiffness"), "tones": (TONE,)}
-    found = seek(hide("oscillator", "preload", 15.0, 0, folder=tmp_path, cache=cache, **one).folder)
+    hidden = hide("oscillator", "preload", 15.0, 0, folder=tmp_path, cache=cache, **one)
+    found = seek(hidden.folder, next_measurement=True)
     assert set(found.classes) == {("preload",), ("channel_offset",)}
-    assert found.further[0].helps.startswith("would not tell them apart")
+    assert {m.kind for m in found.design.measurements} == {"steady tone", "sweep", "free decay"}
+    assert found.design.measurements[0].prediction.startswith("would not distinguish them")

@@ -1,12 +1,13 @@
 """Diagnoses made up for the report: one of each verdict."""
 
-from dataclasses import asdict
-
 import numpy as np
 import xarray as xr
 
-from calib.diagnosis.next_measurement import Measurement
+from calib.diagnosis.laboratory import DesignPoint, DesignVariable
+from calib.diagnosis.next_measurement import Design, EvaluatedPoint, Measurement, RecordedPoint
 from calib.diagnosis.noise import CYCLIC
+from calib.diagnosis.written import design_as_dict, measurement_as_dict
+from calib.store.plain import plain
 
 CYCLES, SAMPLES, PERIOD = 6, 200, 0.04  # periods of the records; samples a period; s
 SIGMA = {"displacement": 2e-5, "velocity": 4e-3}
@@ -167,6 +168,7 @@ def document(verdict, values):
         "gain": GAIN,
         "next_measurement": None,
         "measurements": [],
+        "design": None,
         "threshold": 3.43,
         "simulations": 304,
         "seconds": 104.2,
@@ -175,16 +177,61 @@ def document(verdict, values):
     return said | CHANGES[verdict]
 
 
-def measurement(words, amplitude, impacts, z, most):
-    """Make a proposed measurement."""
-    made = Measurement(words, "clapping", amplitude, 25.0, impacts, z, most)
-    return {**asdict(made), "helps": made.helps}
+BOUNDS = {"frequency": (12.5, 50.0), "amplitude": (1.5e-4, 2.25e-3)}  # Hz, m
+BEST = {  # kind of test -> settings, impacts, z
+    "steady tone": (DesignPoint("steady tone", 3.75e-4, 20.0), False, 8.4),
+    "free decay": (DesignPoint("free decay", release=2e-3), True, 2.1),
+}
 
 
-FURTHER = [
-    measurement("clapping at 0.25 times its amplitude, without impacts", 3.75e-4, False, 8.4, 9.1),
-    measurement("clapping at 1.5 times its amplitude, with impacts", 2.25e-3, True, 2.1, 4.0),
-]
+def tones():
+    """Make evaluated steady tones: a ridge at 20 Hz, contact above, an irregular and a failed one."""
+    made = []
+    for amplitude in np.geomspace(*BOUNDS["amplitude"], 4):
+        for frequency in np.geomspace(*BOUNDS["frequency"], 6):
+            point = DesignPoint("steady tone", float(amplitude), float(frequency))
+            z = 8.0 * np.exp(-((np.log(frequency / 20.0) / 0.3) ** 2)) * (3e-4 / amplitude) ** 0.5
+            made.append(EvaluatedPoint(point, "grid", "ok", "", bool(amplitude * frequency > 0.02), z, 1.5 * z))
+    for index, status in ((20, "irregular"), (23, "failed")):
+        made[index] = EvaluatedPoint(made[index].point, "grid", status, "it does not return")
+    made.append(EvaluatedPoint(BEST["steady tone"][0], "refinement", "ok", "", False, 8.4, 9.1))
+    made.append(EvaluatedPoint(DesignPoint("steady tone", 4e-4, 21.0), "refinement", "failed", "it diverges"))
+    return tuple(made)
+
+
+def design():
+    """Make the search for a next measurement that a diagnosis keeps."""
+    decays = tuple(
+        EvaluatedPoint(DesignPoint("free decay", release=x), "grid", "ok", "", True, z, z)
+        for x, z in ((1e-3, 0.4), (2e-3, 2.1), (4e-3, 1.3))
+    )
+    measurements = [
+        Measurement(kind, words, "clapping", point, "", impacts, int(z > 3.0), z, 1.1 * z, z)
+        for (kind, (point, impacts, z)), words in zip(
+            BEST.items(),
+            ("a steady tone of 0.375 mm at 20 Hz, without impacts", "a free decay, released from 2 mm, with impacts"),
+            strict=True,
+        )
+    ]
+    return Design(
+        record="clapping",
+        models=("quadratic_drag", "linear_drag"),
+        variables=(
+            DesignVariable("amplitude", "m", *BOUNDS["amplitude"], stated=False),
+            DesignVariable("frequency", "Hz", *BOUNDS["frequency"], stated=True),
+            DesignVariable("release", "m", 1e-3, 4e-3, stated=False),
+        ),
+        points=(*tones(), *decays),
+        measurements=tuple(measurements),
+        unavailable={"sweep": "the simulator has no initial state that could be solved for"},
+        known=(RecordedPoint("clapping", 1.5e-3, 25.0), RecordedPoint("quiet", 2.5e-4, 25.0)),
+        simulations=412,
+        max_simulations=1000,
+    )
+
+
+DESIGN = plain(design_as_dict(design()))
+MEASUREMENTS = plain([measurement_as_dict(m) for m in design().measurements])
 LEFT = MISFIT | {"excess": 30.0, "left": 30.0, "share": 0.0, "features": MISFIT["features"][3:]}
 FAILED = [
     GATES[0],
@@ -197,8 +244,9 @@ CHANGES = {
         "causes": [],
         "class": [["quadratic_drag"], ["linear_drag"]],
         "rounds": [{**ROUNDS[0], "rivals": ["quadratic_drag", "linear_drag"], "alike": {"linear_drag": 0.97}}],
-        "measurements": FURTHER,
-        "next_measurement": FURTHER[0],
+        "measurements": MEASUREMENTS,
+        "next_measurement": MEASUREMENTS[0],
+        "design": DESIGN,
     },
     "none": {
         "causes": [],

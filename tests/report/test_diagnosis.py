@@ -1,13 +1,16 @@
 """Claims about the chapter of a diagnosis: each verdict is told with what speaks for it and what to do next."""
 
 import functools
+import io
 import re
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from report.diagnoses import GAIN, GATES, document, motion, motions
+from rich.console import Console
 
+from calib.cli.diagnose import show
 from calib.diagnosis import kept
 from calib.diagnosis.bench import Seen
 from calib.diagnosis.diagnose import Diagnosis
@@ -18,6 +21,7 @@ from calib.report.conclusion import headline, points, stale
 from calib.report.diagnosis import chapter, outcome
 from calib.report.lacking import accelerations, stands_clear
 from calib.report.remains import loop, residuals, rows
+from calib.report.separation import separation_lines, separation_map
 
 VERDICTS = ("named", "one_of", "none", "unexplained", "not_diagnosable")
 VALUES = {"restitution": 0.1, "gap": 1e-3}
@@ -85,14 +89,51 @@ def test_a_class_is_told_with_its_likeness_and_the_measurement_that_would_decide
     assert "these records do not tell alternatives apart: one of quadratic_drag, linear_drag; they explain" in text
     assert "How far what quadratic_drag changes in these records" in text
     assert "is like what others change (cosine of the angle between signatures): linear_drag 97 %." in text
-    assert "clapping at 0.25 times its amplitude, without impacts would tell them apart (z = 8.4)" in text
-    assert "0.375 mm" in text
+    assert "a steady tone of 0.375 mm at 20 Hz, without impacts, would distinguish them (z = 8.4)" in text
+
+
+def test_the_page_draws_the_separation_over_amplitude_and_frequency(page):
+    [picture] = re.findall(r"<svg[^>]*>(?:(?!</svg>).)*Frequency of the tone.*?</svg>", page, flags=re.S)
+    for text in ("Amplitude [mm]", "Predicted separation z", "records", "clapping", "best steady tone (z = 8.4)"):
+        assert text in picture
+    for text in ("irregular motion", "simulation failed", "limit of contact", "z = 3"):
+        assert text in picture
+    text = words(page)
+    assert "amplitude 0.15 mm to 2.25 mm (derived: 0.1 to 1.5 times that of the records)" in text
+    assert "frequency 12.5 Hz to 50 Hz (stated in the study file)" in text
+    assert "29 settings with 412 simulations (at most 1000)" in text
+    assert "Not available: sweep: the simulator has no initial state" in text
+
+
+def test_the_map_has_a_cell_for_each_tone_of_the_grid_and_a_star_at_the_best():
+    said = document("one_of", VALUES)
+    axes = separation_map(said["design"], said["measurements"]).axes[0]
+    cells = axes.collections[0].get_array()
+    assert cells.shape == (4, 6)
+    assert cells.mask.sum() == 2  # the irregular and the failed tone
+    assert [0.375] in [line.get_ydata() for line in axes.lines if line.get_marker() == "*"]
+
+
+def test_of_one_setting_a_line_is_drawn_and_no_map():
+    said = document("one_of", VALUES)
+    decays = [point for point in said["design"]["points"] if point["test"] == "free decay"]
+    own = said["design"] | {"points": decays}
+    assert separation_map(own, said["measurements"]) is None
+    assert separation_lines(own, said["measurements"]).axes[0].get_title(loc="left") == "free decay"
+
+
+def test_a_terminal_shows_the_best_measurement_and_the_best_z_of_each_kind(tmp_path):
+    console = Console(file=io.StringIO(), width=200)
+    show(document("one_of", VALUES), tmp_path, None, console)
+    text = console.file.getvalue()
+    assert "To measure next: a steady tone of 0.375 mm at 20 Hz, without impacts, would distinguish them" in text
+    assert "best z of each kind of test: steady tone 8.4, free decay 2.1 (412 simulations)" in text
 
 
 def test_where_no_measurement_would_decide_it_says_so():
     said = document("one_of", {})
-    tried = [found | {"most": most} for found, most in zip(said["measurements"], (2.0, 2.2), strict=True)]
-    sentence = "To measure next: nothing that was tried would tell them apart (z = 2.2 at most)."
+    tried = [found | {"z_max": most} for found, most in zip(said["measurements"], (2.0, 2.2), strict=True)]
+    sentence = "To measure next: nothing within the bounds would distinguish them (z = 2.2 at most)."
     assert sentence in points(said | {"measurements": tried})
     assert points(said | {"measurements": []})[-1].startswith("To measure next: unknown, ")
 
@@ -210,7 +251,8 @@ def test_the_chapter_closes_its_elements_and_has_its_pictures(page):
     part = page[page.index('<h2 id="diagnosis">') : page.index("<h2>The search")]
     for tag in ("table", "details", "figure", "div", "svg", "ul"):
         assert len(re.findall(rf"<{tag}[\s>]", part)) == part.count(f"</{tag}>")
-    assert part.count("<figure>") == 9  # loops, residual, two forces, suspects, magnified, gain, transfers, shifts
+    # loops, residual, two forces, suspects, magnified, separation (map and lines), gain, transfers, shifts
+    assert part.count("<figure>") == 11
 
 
 def test_noise_alone_stands_nowhere_clear_and_a_missing_force_does():

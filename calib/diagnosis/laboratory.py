@@ -1,0 +1,290 @@
+"""The design region of a next measurement: the kinds of test that a laboratory can make, within which settings."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from calib.diagnosis.evidence import Part
+from calib.errors import nearest
+from calib.excitation import Excitation
+from calib.model import Model
+from calib.objective import Reference
+from calib.record import STATE
+
+STEADY_TONE, SWEEP, RECORDED_INPUT = "steady tone", "sweep", "recorded input"
+FREE_DECAY, WITHOUT_CONTACT, REPEATED_RECORD = "free decay", "without contact", "repeated record"
+TESTS = (STEADY_TONE, WITHOUT_CONTACT, SWEEP, RECORDED_INPUT, FREE_DECAY, REPEATED_RECORD)
+RELEASE = ("initial_displacement", "initial_velocity")  # parameters of simulators that can be released
+AMPLITUDE_RANGE = (0.1, 1.5)  # of the smallest and the largest amplitude of the records  [1]
+FREQUENCY_RANGE = (0.5, 2.0)  # of the lowest and the highest frequency of the records  [1]
+RELEASE_RANGE = (0.5, 2.0)  # of the largest displacement of the record  [1]
+MAX_SIMULATIONS = 1000  # of a search, unless the study file says otherwise
+
+
+@dataclass(frozen=True)
+class Laboratory:
+    """What the laboratory can do; what is None is derived from the records.
+
+    Attributes
+    ----------
+    frequency : lowest and highest of a harmonic excitation  [Hz]
+    amplitude : least and greatest of the excitation, of a recorded one its largest magnitude  [unit of its quantity]
+    release : least and greatest displacement from which a free decay begins  [m]
+    tests : kinds of test, of `TESTS`; None: all that apply
+    channels : (body, channel) pairs that could be measured beside those of the records; None: displacement and
+        velocity of every body of the simulator
+    simulations : that a search may take at most
+    """
+
+    frequency: tuple[float, float] | None = None
+    amplitude: tuple[float, float] | None = None
+    release: tuple[float, float] | None = None
+    tests: tuple[str, ...] | None = None
+    channels: tuple[tuple[str, str], ...] | None = None
+    simulations: int = MAX_SIMULATIONS
+
+
+UNRESTRICTED = Laboratory()
+
+
+@dataclass(frozen=True)
+class DesignPoint:
+    """Settings of a measurement that could be made.
+
+    Attributes
+    ----------
+    test : of `TESTS`
+    amplitude : of the excitation, of a recorded one its largest magnitude; None without one  [unit of its quantity]
+    frequency : of a steady tone, or where a sweep begins; None for another  [Hz]
+    end_frequency : where a sweep ends; None for another  [Hz]
+    release : displacement from which a free decay begins; None for another  [m]
+    """
+
+    test: str
+    amplitude: float | None = None
+    frequency: float | None = None
+    end_frequency: float | None = None
+    release: float | None = None
+
+
+@dataclass(frozen=True)
+class DesignVariable:
+    """A setting within its bounds, searched on a logarithmic scale.
+
+    Attributes
+    ----------
+    name : of the field of `DesignPoint`
+    unit : of its value
+    low, high : bounds, 0 < low <= high  [unit]
+    stated : whether the study file states them; else they are derived from the records
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    stated: bool
+
+    @property
+    def is_fixed(self) -> bool:
+        """Whether the bounds leave one value only."""
+        return self.high <= self.low
+
+    def value(self, share: float) -> float:
+        """Value at a share in [0, 1] of the logarithmic scale  [unit]."""
+        return float(self.low * (self.high / self.low) ** share)
+
+
+@dataclass(frozen=True)
+class DesignRegion:
+    """Settings over which one kind of test is searched.
+
+    Attributes
+    ----------
+    fixed : a point that has the settings which are not searched
+    variables : settings that are searched, none or more
+    """
+
+    fixed: DesignPoint
+    variables: tuple[DesignVariable, ...] = ()
+
+    @property
+    def test(self) -> str:
+        """Kind of test."""
+        return self.fixed.test
+
+    def point(self, shares: Sequence[float]) -> DesignPoint:
+        """Point at shares in [0, 1] of the variables' logarithmic scales."""
+        values = {v.name: v.value(share) for v, share in zip(self.variables, shares, strict=True)}
+        return replace(self.fixed, **values)
+
+    def shares(self, point: DesignPoint) -> np.ndarray:
+        """Shares (variable,) in [0, 1] of a point: the inverse of `point`."""
+        return np.array(
+            [
+                0.0 if v.is_fixed else np.log(getattr(point, v.name) / v.low) / np.log(v.high / v.low)
+                for v in self.variables
+            ]
+        )
+
+    def grid(self, counts: Sequence[int]) -> list[DesignPoint]:
+        """Points of a regular grid with so many values of each variable, one of what is fixed."""
+        axes = [
+            np.array([0.0]) if v.is_fixed else np.linspace(0.0, 1.0, max(2, count))
+            for v, count in zip(self.variables, counts, strict=True)
+        ]
+        return [self.point(shares) for shares in product(*axes)]
+
+    def neighbours(self, point: DesignPoint, steps: Sequence[float]) -> list[DesignPoint]:
+        """Points one step in [0, 1] off in each variable, in all combinations, as far as they lie within the bounds."""
+        centre = self.shares(point)
+        moves = product(*((0.0,) if v.is_fixed else (0.0, 1.0, -1.0) for v in self.variables))
+        around = [np.clip(centre + np.array(move) * steps, 0.0, 1.0) for move in moves if any(move)]
+        return [self.point(shares) for shares in dict.fromkeys(map(tuple, around)) if not np.allclose(shares, centre)]
+
+
+def releasable(model: Model) -> str | None:
+    """Place at which the simulator takes a free decay from a displacement at rest; None where it takes none."""
+    takes = getattr(model.simulator, "excitations", ())
+    place = next((place for quantity, place in takes if quantity == FREE_DECAY), None)
+    return place if set(RELEASE) <= set(model.nominal) else None
+
+
+def amplitude_of(excitation: Excitation) -> float | None:
+    """Amplitude of a harmonic excitation, largest magnitude of a recorded one  [unit of its quantity]."""
+    if excitation.recorded:
+        return float(np.abs(excitation.value).max())
+    return excitation.amplitude if excitation.harmonic else None
+
+
+def base_record(references: Mapping[str, Reference]) -> str:
+    """Name of the record beside which the next one would be made: the first harmonic one, else the first."""
+    return next((name for name, r in references.items() if r.excitation.harmonic), next(iter(references)))
+
+
+def mistakes_of(
+    laboratory: Laboratory, references: Mapping[str, Reference], model: Model
+) -> Iterator[tuple[str, str]]:
+    """Yield (key, mistake) of each setting that does not suit the records or the simulator."""
+    excitation = references[base_record(references)].excitation
+    if laboratory.frequency is not None and not excitation.harmonic:
+        yield "frequency", "no record has a harmonic excitation whose frequency could be changed; drop this key"
+    if laboratory.amplitude is not None and amplitude_of(excitation) is None:
+        yield "amplitude", "no record has an excitation whose amplitude could be changed; drop this key"
+    if laboratory.release is not None and releasable(model) is None:
+        yield "release", f"simulator {model.simulator.name!r} takes no free decay from a displacement; drop this key"
+    for test in laboratory.tests or ():
+        reason = inapplicable(test, excitation, model)
+        if reason:
+            yield "tests", reason if test not in TESTS else f"{test!r} cannot be made: {reason}"
+    for body, channel in laboratory.channels or ():
+        if body not in model.bodies:
+            known = ", ".join(model.bodies)
+            yield "channels", f"unknown body {body!r}{nearest(body, model.bodies)}; this simulator has {known}"
+        elif channel not in STATE:
+            yield "channels", f"unknown channel {channel!r}{nearest(channel, STATE)}; expected {' or '.join(STATE)}"
+
+
+def inapplicable(test: str, excitation: Excitation, model: Model) -> str:
+    """Why a kind of test cannot be made with these records and this simulator; "" where it can.
+
+    A sweep begins from a state that nobody knows: to tell models apart by it would be to know it.
+    """
+    if test not in TESTS:
+        return f"unknown kind of test {test!r}{nearest(test, TESTS)}; known are {', '.join(TESTS)}"
+    if test in (STEADY_TONE, SWEEP) and not excitation.harmonic:
+        return "it needs a record with a harmonic excitation, and there is none"
+    if test == SWEEP and not model.initial:
+        return f"simulator {model.simulator.name!r} has no initial state that could be solved for"
+    if test == RECORDED_INPUT and not excitation.recorded:
+        return "it needs records with a recorded excitation, and none with a harmonic one"
+    if test == WITHOUT_CONTACT and amplitude_of(excitation) is None:
+        return "it needs a record with an excitation, and there is none"
+    if test == FREE_DECAY and releasable(model) is None:
+        return f"simulator {model.simulator.name!r} takes no free decay from a displacement"
+    return ""
+
+
+def inapplicable_tests(laboratory: Laboratory, excitation: Excitation, model: Model) -> dict[str, str]:
+    """Sweeps and free decays that the laboratory could make and this model cannot predict, with the reason."""
+    asked = [test for test in (SWEEP, FREE_DECAY) if laboratory.tests is None or test in laboratory.tests]
+    return {test: reason for test in asked if (reason := inapplicable(test, excitation, model))}
+
+
+def regions(
+    laboratory: Laboratory, references: Mapping[str, Reference], model: Model, part: Part
+) -> dict[str, DesignRegion]:
+    """Design region of each kind of test that the laboratory can make, by kind.
+
+    Parameters
+    ----------
+    part : record beside which it would be made
+    """
+    excitation = references[part.name].excitation
+    asked = TESTS if laboratory.tests is None else laboratory.tests
+    made = {test: _region(test, laboratory, references, part) for test in TESTS if test in asked}
+    return {test: r for test, r in made.items() if r is not None and not inapplicable(test, excitation, model)}
+
+
+def _region(
+    test: str, laboratory: Laboratory, references: Mapping[str, Reference], part: Part
+) -> DesignRegion | None:
+    excitation = references[part.name].excitation
+    if test == REPEATED_RECORD:
+        return DesignRegion(DesignPoint(test, amplitude_of(excitation), excitation.frequency))
+    if test == FREE_DECAY:
+        release = _release(laboratory, part)
+        return None if release is None else DesignRegion(DesignPoint(test), (release,))
+    if not amplitude_of(excitation):
+        return None
+    similar = [r.excitation for r in references.values() if _same_drive(r.excitation, excitation)]
+    amplitude = _variable("amplitude", excitation.unit, laboratory.amplitude, map(amplitude_of, similar))
+    if not excitation.harmonic:
+        return DesignRegion(DesignPoint(test), (amplitude,))
+    frequency = _variable("frequency", "Hz", laboratory.frequency, (e.frequency for e in similar))
+    if test != SWEEP:
+        return DesignRegion(DesignPoint(test), (amplitude, frequency))
+    if frequency.is_fixed:
+        return None
+    return DesignRegion(DesignPoint(test, frequency=frequency.low, end_frequency=frequency.high), (amplitude,))
+
+
+def _same_drive(one: Excitation, other: Excitation) -> bool:
+    same = (one.place, one.quantity, one.recorded) == (other.place, other.quantity, other.recorded)
+    return same and (amplitude_of(one) or 0.0) > 0.0
+
+
+def _variable(name: str, unit: str, stated: tuple[float, float] | None, known) -> DesignVariable:
+    """Variable within the stated bounds, else within the range about the `known` values of the records."""
+    if stated is not None:
+        return DesignVariable(name, unit, *stated, stated=True)
+    low, high = {"amplitude": AMPLITUDE_RANGE, "frequency": FREQUENCY_RANGE}[name]
+    values = list(known)
+    return DesignVariable(name, unit, low * min(values), high * max(values), stated=False)
+
+
+def _release(laboratory: Laboratory, part: Part) -> DesignVariable | None:
+    """Displacement of release; None where neither the study file nor a measured displacement bounds it."""
+    if laboratory.release is not None:
+        return DesignVariable("release", "m", *laboratory.release, stated=True)
+    rows = [row for (_, name), row in zip(part.rows, part.measured, strict=True) if name == "displacement"]
+    largest = max((float(np.abs(row).max()) for row in rows), default=0.0)
+    if not largest > 0.0:
+        return None
+    return DesignVariable("release", "m", *(factor * largest for factor in RELEASE_RANGE), stated=False)
+
+
+def additional_channels(
+    laboratory: Laboratory, model: Model, part: Part, given: Sequence[tuple[str, str]]
+) -> tuple[tuple[str, str], ...]:
+    """(body, channel) pairs that the record lacks and the laboratory could measure; not what the excitation prescribes.
+
+    Parameters
+    ----------
+    given : pairs that the simulation prescribes
+    """
+    wanted = laboratory.channels
+    pairs = [(body, channel) for body in model.bodies for channel in STATE] if wanted is None else wanted
+    return tuple(dict.fromkeys(pair for pair in pairs if pair not in part.rows and pair not in given))

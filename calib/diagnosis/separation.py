@@ -1,0 +1,324 @@
+"""Predicted separation of fitted models by a measurement that was not made: the T-criterion of optimal design.
+
+The separation of two models is the distance between their predictions in standard deviations of the noise, least over
+the parameters of both, which the existing records constrain, and over the nuisances of the new measurement, linearised.
+Its square is the non-centrality of a test between them (Atkinson and Fedorov 1975, Biometrika 62, 57-70 and 289-303).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.signal import chirp
+from scipy.signal.windows import tukey
+
+from calib.diagnosis.bench import Bench, Run, Seen
+from calib.diagnosis.evidence import Part, clock_sensitivity
+from calib.diagnosis.laboratory import (
+    FREE_DECAY,
+    RELEASE,
+    REPEATED_RECORD,
+    SWEEP,
+    DesignPoint,
+    amplitude_of,
+    releasable,
+)
+from calib.diagnosis.noise import Noise
+from calib.diagnosis.refit import Fit
+from calib.excitation import Excitation
+from calib.record import STATE
+
+RELATIVE_STEP = 1e-3  # of the largest displacement and velocity: differences by the initial state
+SWEEP_SAMPLES_PER_PERIOD = 20  # at the highest frequency of a sweep
+SWEEP_TAPER = 0.1  # of a sweep's duration: cosine taper at both ends together
+LEAST_LEVEL = 1e-12  # of the record's root mean square: a channel of the new measurement that is at rest
+RANK_TOLERANCE = 1e-10  # of singular values, columns of unit length
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """A measurement that could be made, as it is simulated.
+
+    Attributes
+    ----------
+    point : its settings
+    part : record beside which it would be made
+    excitation : of it
+    rows : (body, channel) pairs: those of the record, then additional ones
+    initial : initial state it begins from, by parameter: a nuisance that its record would have to tell  [SI]
+    initial_steps : differences by these  [SI]
+    """
+
+    point: DesignPoint
+    part: Part
+    excitation: Excitation
+    rows: tuple[tuple[str, str], ...]
+    initial: Mapping[str, float] = field(default_factory=dict)
+    initial_steps: tuple[float, ...] = ()
+
+    def centre(self, fit: Fit) -> Run:
+        """Simulation of a fitted model; a steady tone starts from the record's stationary motion."""
+        state = fit.point.seen[self.part.name].state if self.excitation.harmonic and not self.initial else None
+        return self._run(fit, fit.point.values, self.initial, state)
+
+    def differences(self, fit: Fit, centre: Seen) -> list[Run]:
+        """Simulations beside it along each parameter of the fit, then along each component of the initial state."""
+        values, state = fit.point.values, centre.state if self.excitation.harmonic else None
+        runs = [
+            self._run(fit, {**values, name: values[name] + step}, self.initial, state)
+            for name, step in zip(fit.names, fit.steps, strict=True)
+        ]
+        for name, step in zip(self.initial, self.initial_steps, strict=True):
+            runs.append(self._run(fit, values, {**self.initial, name: self.initial[name] + step}, state))
+        return runs
+
+    def moved(self, fit: Fit, move: np.ndarray, centre: Seen) -> Run:
+        """Simulation of a fitted model with its parameters, then its initial state, moved by `move`."""
+        values = dict(fit.point.values)
+        values |= {name: values[name] + d for name, d in zip(fit.names, move, strict=False)}
+        initial = dict(self.initial)
+        initial |= {n: initial[n] + d for n, d in zip(initial, move[len(fit.names) :], strict=True)}
+        return self._run(fit, values, initial, centre.state if self.excitation.harmonic else None)
+
+    def _run(self, fit: Fit, values: Mapping[str, float], initial: Mapping[str, float], state) -> Run:
+        own = {f"{parameter}@{self.part.name}" for parameter in self.initial}
+        values = {name: value for name, value in values.items() if name not in own}
+        return Run(self.part.name, {**values, **initial}, fit.point.effects, state, self.excitation, rows=self.rows)
+
+
+def experiment(
+    point: DesignPoint, bench: Bench, part: Part, seen: Seen, additional: Sequence[tuple[str, str]] = ()
+) -> Experiment:
+    """Return the experiment at a design point, beside a record.
+
+    Parameters
+    ----------
+    seen : simulation of the record, with the initial state that was solved for where that is a nuisance
+    additional : (body, channel) pairs beside those of the record
+    """
+    rows = (*part.rows, *additional)
+    initial, steps = _initial_state(point, bench, part, seen)
+    return Experiment(point, part, excitation_at(point, bench, part), rows, initial, steps)
+
+
+def _initial_state(
+    point: DesignPoint, bench: Bench, part: Part, seen: Seen
+) -> tuple[dict[str, float], tuple[float, ...]]:
+    """Initial state that the new record would have to tell, by parameter, and differences by it  [SI].
+
+    Of a free decay and of a sweep all of it; of another measurement what the record beside it had to tell.
+    """
+    if point.test in (FREE_DECAY, SWEEP):
+        initial = dict.fromkeys(bench.model.initial if point.test == SWEEP else RELEASE, 0.0)
+        if point.release is not None:
+            initial[RELEASE[0]] = point.release
+        scales = {"displacement": point.release or largest_displacement(part), "velocity": largest_speed(part)}
+        channels = {**dict(zip(RELEASE, STATE, strict=True)), **{n: own[1] for n, own in bench.model.initial.items()}}
+        return initial, tuple(RELATIVE_STEP * scales[channels[name]] for name in initial)
+    initial = {name: seen.nuisances[name] for name in bench.model.initial if name in seen.nuisances}
+    size = RELATIVE_STEP * float(np.abs(part.measured).max())
+    return initial, tuple(size / float(np.abs(change).max()) for change in seen.initial) if initial else ()
+
+
+def largest_displacement(part: Part) -> float:
+    """Largest measured displacement of a record; where none is measured, its largest speed times its duration  [m]."""
+    rows = [row for (_, channel), row in zip(part.rows, part.measured, strict=True) if channel == "displacement"]
+    largest = max((float(np.abs(row).max()) for row in rows), default=0.0)
+    return largest or largest_speed(part) * float(part.time[-1] - part.time[0])
+
+
+def largest_speed(part: Part) -> float:
+    """Largest speed of a record: measured, or where no velocity is, of the measured displacement  [m/s]."""
+    rows = list(zip((channel for _, channel in part.rows), part.measured, strict=True))
+    speeds = [row for channel, row in rows if channel == "velocity"]
+    speeds = speeds or [np.gradient(row, part.time) for channel, row in rows if channel == "displacement"]
+    return max((float(np.abs(row).max()) for row in speeds), default=1.0)
+
+
+def excitation_at(point: DesignPoint, bench: Bench, part: Part) -> Excitation:
+    """Excitation at a design point, beside a record."""
+    excitation = bench.objective.references[part.name].excitation
+    if point.test == FREE_DECAY:
+        return Excitation(releasable(bench.model), FREE_DECAY)
+    if point.test == REPEATED_RECORD:
+        return excitation
+    if point.test == SWEEP:
+        return _sweep(point, excitation, part.time.size)
+    if excitation.recorded:
+        return excitation.scaled(point.amplitude / amplitude_of(excitation))
+    return replace(excitation, amplitude=point.amplitude, frequency=point.frequency)
+
+
+def _sweep(point: DesignPoint, excitation: Excitation, samples: int) -> Excitation:
+    """Logarithmic sweep, tapered at its ends, of as many samples as a record has."""
+    time = np.arange(samples) / (SWEEP_SAMPLES_PER_PERIOD * point.end_frequency)
+    wave = chirp(time, point.frequency, time[-1], point.end_frequency, method="logarithmic", phi=-90.0)
+    value = point.amplitude * wave * tukey(samples, SWEEP_TAPER)
+    return Excitation(excitation.place, excitation.quantity, excitation.unit, time=time, value=value)
+
+
+@dataclass(frozen=True, eq=False)
+class Separation:
+    """Separation of every pair of models by one experiment.
+
+    Attributes
+    ----------
+    z : (pair,) in standard deviations, of pairs in the order of `itertools.combinations`
+    moves : of each pair, by how much the parameters of the one and of the other move to come nearest
+    """
+
+    z: np.ndarray
+    moves: tuple[tuple[np.ndarray, np.ndarray], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Predictions of all models for one experiment with their derivatives, in units of the noise, triangularised.
+
+    Attributes
+    ----------
+    triangles : of the record's rows, and of these with each additional one: upper triangle (c, c) of the QR factors of
+        [prediction of each model, derivatives of each model, tangents of the nuisances]
+    widths : number of derivatives of each model
+    priors : of each model, triangle (k, k) of its derivatives of the existing records, by `widths`
+    """
+
+    triangles: tuple[np.ndarray, ...]
+    widths: tuple[int, ...]
+    priors: tuple[np.ndarray, ...]
+
+    def separation(self, additional: int | None = None) -> Separation:
+        """Separation with the record's rows, or with the additional one of this number beside them."""
+        triangle = self.triangles[0 if additional is None else 1 + additional]
+        pairs = [self._pair(triangle, i, j) for i, j in combinations(range(len(self.widths)), 2)]
+        return Separation(np.array([z for z, _ in pairs]), tuple(moves for _, moves in pairs))
+
+    def _pair(self, triangle: np.ndarray, i: int, j: int) -> tuple[float, tuple[np.ndarray, np.ndarray]]:
+        ends = np.cumsum([len(self.widths), *self.widths])
+        one, other = triangle[:, ends[i] : ends[i + 1]], triangle[:, ends[j] : ends[j + 1]]
+        nuisances = triangle[:, ends[-1] :]
+        prior = block_diag(self.priors[i], self.priors[j], np.zeros((0, nuisances.shape[1])))
+        stacked = np.vstack([np.column_stack([one, -other, nuisances]), prior])
+        target = np.concatenate([triangle[:, j] - triangle[:, i], np.zeros(len(prior))])
+        move, distance = least_squares(stacked, target)
+        return distance, (move[: self.widths[i]], move[self.widths[i] :][: self.widths[j]])
+
+
+def least_squares(columns: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, float]:
+    """Solution (k,) of columns (n, k) x = target (n,) by least squares, and the norm of what is left."""
+    scale = np.linalg.norm(columns, axis=0)
+    scale[scale == 0.0] = 1.0
+    move = np.linalg.lstsq(columns / scale, target, rcond=RANK_TOLERANCE)[0]
+    return move / scale, float(np.linalg.norm(target - (columns / scale) @ move))
+
+
+def with_free_form(fit: Fit) -> Fit:
+    """Return the fit with the form of its effects free: a width that was held would be relied on elsewhere.
+
+    Its derivatives are to be taken anew.
+    """
+    return replace(fit, found=tuple(replace(c, form=tuple(c.bounds)) for c in fit.found))
+
+
+def with_steps(fit: Fit) -> Fit:
+    """Return the fit with a step for each parameter, those too of which the existing records tell nothing."""
+    least = [RELATIVE_STEP * (abs(fit.value(name)) or 1.0) for name in fit.names]
+    return replace(fit, steps=tuple(step or other for step, other in zip(fit.steps, least, strict=True)))
+
+
+def prior_of(fit: Fit, initial: int) -> np.ndarray:
+    """What is known of the parameters, as rows (m, k + initial) of a least-squares problem.
+
+    The existing records by the triangle of their derivatives; the form of an effect by its bounds, as of a uniform
+    distribution between them. Nothing is known of a new initial state.
+    """
+    known = [np.linalg.qr(fit.free(fit.columns), mode="r")]
+    for candidate in fit.found:
+        for name in candidate.form:
+            low, high = candidate.bounds[name]
+            row = np.zeros((1, len(fit.names)))
+            row[0, fit.names.index(name)] = np.sqrt(12.0) / (high - low)
+            known.append(row)
+    return np.pad(np.vstack(known), ((0, 0), (0, initial)))
+
+
+def prediction(
+    made: Experiment, fits: Sequence[Fit], centres: Sequence[Seen], beside: Sequence[Sequence[Seen]]
+) -> Prediction:
+    """Predictions of models for an experiment from its simulations.
+
+    Parameters
+    ----------
+    centres : of each model
+    beside : of each model, those along its parameters and along the initial state
+    """
+    new = new_part(made, centres)
+    blocks = [np.column_stack([new.white(view.rows) for view in centres])]
+    for fit, centre, views in zip(fits, centres, beside, strict=True):
+        steps = (*fit.steps, *made.initial_steps)
+        columns = [new.white(v.rows - centre.rows) / step for v, step in zip(views, steps, strict=True)]
+        blocks.append(np.column_stack(columns) if columns else np.zeros((centre.rows.size, 0)))
+    blocks.append(new.tangents(centres[0]))
+    whole = np.column_stack(blocks).reshape(len(made.rows), centres[0].rows.shape[1], -1)
+    own = len(made.part.rows)
+    triangle = np.linalg.qr(whole[:own].reshape(-1, whole.shape[2]), mode="r")
+    more = [np.linalg.qr(np.vstack([triangle, row]), mode="r") for row in whole[own:]]
+    widths = tuple(block.shape[1] for block in blocks[1:-1])
+    return Prediction((triangle, *more), widths, tuple(prior_of(fit, len(made.initial_steps)) for fit in fits))
+
+
+def new_part(made: Experiment, centres: Sequence[Seen]) -> Part:
+    """Record that an experiment would give: its noise in proportion to the motion, as in the record beside it.
+
+    Of an additional channel noise and motion have the ratio of a row of the same channel, or else of the first row.
+    """
+    part, rows = made.part, centres[0].rows
+    likeness = [*range(len(part.rows)), *(_similar(part, channel) for _, channel in made.rows[len(part.rows) :])]
+    noise = tuple(_scaled(part.noise[k], row, part.measured[k]) for k, row in zip(likeness, rows, strict=True))
+    used = np.concatenate([part.used.any(axis=1), np.ones(len(made.rows) - len(part.rows), dtype=bool)])
+    moving = np.array([channel == "velocity" for _, channel in made.rows])
+    trust = np.prod([view.trust for view in centres], axis=0)
+    weight = np.where(moving[:, None], trust, 1.0) * used[:, None]
+    period = made.excitation.period if made.excitation.harmonic else None
+    time = centres[0].time
+    clock = clock_sensitivity(time, rows) if period is None else None
+    return replace(
+        part, rows=made.rows, time=time, period=period, noise=noise, weight=weight, measured=rows, clock=clock
+    )
+
+
+def _similar(part: Part, channel: str) -> int:
+    return next((k for k, (_, own) in enumerate(part.rows) if own == channel), 0)
+
+
+def _scaled(noise: Noise, row: np.ndarray, measured: np.ndarray) -> Noise:
+    level = np.sqrt((row**2).mean() / max(float((measured**2).mean()), 1e-300))
+    return replace(noise, sigma=noise.sigma * max(float(level), LEAST_LEVEL))
+
+
+def refitted_distance(
+    made: Experiment,
+    fits: tuple[Fit, Fit],
+    moves: tuple[np.ndarray, np.ndarray],
+    centres: Sequence[Seen],
+    moved: tuple[Seen, Seen],
+    additional: int | None,
+) -> float:
+    """Separation of two models simulated anew where the linearised refit brings them: no bound of a derivative in it.
+
+    Parameters
+    ----------
+    centres : simulations of all models, by which the noise is known
+    moved : of the two models
+    additional : number of the additional row that is measured; None: of none
+    """
+    new, own = new_part(made, centres), len(made.part.rows)
+    measured = [*range(own), *([] if additional is None else [own + additional])]
+    kept = np.isin(np.arange(len(made.rows)), measured)
+    new = replace(new, weight=new.weight * kept[:, None])
+    difference = new.white(moved[1].rows - moved[0].rows)
+    _, left = least_squares(new.tangents(centres[0]), difference)
+    known = [prior_of(f, len(made.initial_steps)) @ move for f, move in zip(fits, moves, strict=True)]
+    return float(np.sqrt(left**2 + sum(k @ k for k in known)))
