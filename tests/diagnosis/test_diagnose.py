@@ -150,7 +150,8 @@ def test_beside_a_recorded_input_another_amplitude_and_a_free_decay_are_proposed
     found = diagnosed(references(["cubic_stiffness"], k3=1e5), library=("cubic_stiffness", "softening"))
     assert found.verdict == "one_of"
     measurements = found.design.measurements
-    assert {m.kind for m in measurements if m.z > 3.0} == {"recorded input", "free decay"}
+    assert {m.kind for m in measurements} == {"recorded input", "free decay"}
+    assert {m.kind for m in measurements if m.z > 3.0} == {"recorded input"}  # the rate of a clock imitates the other
     assert measurements[0].z == max(m.z for m in measurements)
     assert next(m for m in measurements if m.kind == "recorded input").description.startswith("the input of soft, ")
 
