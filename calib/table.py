@@ -4,7 +4,7 @@ import csv
 import io
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +23,7 @@ from calib.units import is_si, to_si
 
 @dataclass(frozen=True)
 class Clock:
-    """The column that is time; `column` is a name of the header or a position counted from 1."""
+    """The column that is time; `column` is a name (see `Table.path`) or a position counted from 1."""
 
     column: str | int
     unit: str = "s"
@@ -73,7 +73,8 @@ class Table:
     Attributes
     ----------
     path : a MATLAB v5 file (.mat), a JSON file (.json) that is a list of rows or holds one, or delimited text (comma,
-        semicolon, tab or blanks; with or without a header line)
+        semicolon, tab or blanks; with or without a header line). A column's name is that of the header or, in a MATLAB
+        file, that of a vector or, in MATLAB's own notation, of a vector in a cell array: ``"x"``, ``"x{3,2}"``
     channels : the columns that are measured channels
     drive : the column that is the excitation, if any
     time, rate : the column that is time, or the sampling rate [Hz]: one of the two
@@ -160,6 +161,7 @@ class _Sheet:
     path: Path
     columns: Mapping[str | int, Sequence]
     lines: Sequence[int] | None  # line number of each sample, of a text
+    unfit: Mapping[str | int, str] = field(default_factory=dict)  # what else the file names, and what that is
     begin: int = 0
     last: int = 0
     end: int = 0
@@ -168,6 +170,8 @@ class _Sheet:
         """Cells of a column."""
         if column in self.columns:
             return self.columns[column]
+        if column in self.unfit:
+            raise CalibError(f"{self.path}: column {column!r} is {self.unfit[column]}")
         names = [c for c in self.columns if isinstance(c, str)]
         known = (
             f"the columns are {names}" if names else f"the file has no header, only columns 1 to {len(self.columns)}"
@@ -251,16 +255,40 @@ def _json(path: Path, content: bytes) -> _Sheet:
 
 
 def _matlab(path: Path, content: bytes) -> _Sheet:
-    """Return the vectors of numbers of a MATLAB v5 file by name."""
+    """Return the vectors of numbers of a MATLAB v5 file by name, those in a cell array by the name of their cell."""
     try:
-        variables = loadmat(io.BytesIO(content), squeeze_me=True)
+        variables = loadmat(io.BytesIO(content))
     except NotImplementedError as error:
         raise CalibError(f"{path}: MATLAB 7.3 files are not read; save it with `save -v7`") from error
     except (MatReadError, ValueError, TypeError, OSError) as error:
         raise CalibError(f"{path}: not a readable MATLAB v5 file ({error})") from error
-    return _Sheet(
-        path, {k: v for k, v in variables.items() if getattr(v, "ndim", 0) == 1 and v.dtype.kind in "buif"}, None
-    )
+    arrays = {name: value for name, value in variables.items() if isinstance(value, np.ndarray)}
+    arrays |= {name: cell for key, value in arrays.items() for name, cell in _cells(key, value).items()}
+    columns = {name: value.ravel() for name, value in arrays.items() if _is_vector(value)}
+    return _Sheet(path, columns, None, unfit={n: _described(n, v) for n, v in arrays.items() if n not in columns})
+
+
+def _cells(name: str, array: np.ndarray) -> dict[str, np.ndarray]:
+    """Arrays in a cell array by the names that MATLAB gives them, ``"x{3,2}"``; none of another array."""
+    if array.dtype.kind != "O":
+        return {}
+    indices = (",".join(str(i + 1) for i in index) for index in np.ndindex(array.shape))
+    pairs = zip(indices, array.flat, strict=True)
+    return {f"{name}{{{index}}}": cell for index, cell in pairs if isinstance(cell, np.ndarray)}
+
+
+def _is_vector(array: np.ndarray) -> bool:
+    """Whether an array is a row or a column of numbers."""
+    return array.dtype.kind in "buif" and sorted(array.shape)[:-1] == [1] * (array.ndim - 1) and array.size > 1
+
+
+def _described(name: str, array: np.ndarray) -> str:
+    """Say what an array is that is no column."""
+    shape = " x ".join(map(str, array.shape))
+    if array.dtype.kind == "O":
+        return f"a cell array of {shape}; name one of its cells, such as '{name}{{1,1}}'"
+    kind = "numbers" if array.dtype.kind in "buif" else "text" if array.dtype.kind in "US" else "no numbers"
+    return f"an array of {shape}, {kind}; a column is one row or one column of numbers"
 
 
 def _time(table: Table, sheet: _Sheet) -> np.ndarray:

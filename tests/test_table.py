@@ -213,6 +213,38 @@ def test_files_that_are_no_tables(tmp_path):
         read(Table(tmp_path / "no.csv", [X], rate=1.0))
 
 
+@pytest.fixture
+def cells(tmp_path):
+    """Return a file with a cell array `runs`, 2 x 2: time and displacement of two runs, the second's a matrix."""
+    runs = np.empty((2, 2), dtype=object)
+    runs[:, 0] = [np.array([[0.0, 0.1, 0.2]]), np.array([[0.0], [0.1]])]
+    runs[:, 1] = [np.array([[1.0, 2.0, 3.0]]), np.array([[1.0, 2.0], [3.0, 4.0]])]
+    savemat(tmp_path / "cells.mat", {"runs": runs, "label": "by hand", "gain": 3.0})
+    return tmp_path / "cells.mat"
+
+
+def test_cells_of_a_matlab_file_are_columns_by_their_matlab_names(cells):
+    record, _ = read(Table(cells, [replace(X, column="runs{1,2}")], time=Clock("runs{1,1}")))
+    np.testing.assert_allclose(record.displacement.sel(body="mass"), [1e-3, 2e-3, 3e-3], rtol=1e-15)
+    np.testing.assert_allclose(record.time, [0.0, 0.1, 0.2], rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("column", "says"),
+    [
+        ("run{1,2}", r"cells.mat: there is no single column 'run\{1,2\}' \(did you mean 'runs\{1,2\}'"),
+        ("runs{3,1}", r"column 'runs\{3,1\}'.*the columns are \['runs\{1,1\}', 'runs\{1,2\}', 'runs\{2,1\}'\]"),
+        ("runs", r"column 'runs' is a cell array of 2 x 2; name one of its cells, such as 'runs\{1,1\}'"),
+        ("runs{2,2}", r"column 'runs\{2,2\}' is an array of 2 x 2, numbers; a column is one row or one column"),
+        ("label", "column 'label' is an array of 1, text"),
+        ("gain", "column 'gain' is an array of 1 x 1, numbers"),
+    ],
+)
+def test_what_is_no_vector_of_a_matlab_file_is_said(cells, column, says):
+    with pytest.raises(CalibError, match=says):
+        read(Table(cells, [replace(X, column=column)], rate=10.0))
+
+
 def test_columns_of_different_length_are_refused(tmp_path):
     savemat(tmp_path / "two.mat", {"x": np.arange(5.0), "u": np.arange(4.0)})
     with pytest.raises(CalibError, match="one length"):

@@ -1,0 +1,93 @@
+"""Free decays of a sloshing liquid: the spring softens, and a cubic one predicts the decay that was held out."""
+
+import importlib.util
+import shutil
+import sys
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.calibrate import calibrate
+from calib.inquiry import inquire
+from calib.pool import InProcess
+from calib.store import Store
+from calib.study import evaluate
+from calib.study_toml import load
+
+STUDY = Path(__file__).parents[2] / "studies" / "sloshing" / "study.toml"
+PUBLISHED = 0.017055  # NMTE on decay 2 of SSMLearn's reduced model, in its observable space (examples/sloshing)
+
+
+@pytest.fixture(scope="module")
+def file(measured):
+    measured("sloshing/decays.mat")
+    return load(STUDY)
+
+
+def second_cause():
+    """Return the script of the study, which has the measures of a prediction."""
+    spec = importlib.util.spec_from_file_location("second_cause", STUDY.parent / "second_cause.py")
+    script = sys.modules[spec.name] = importlib.util.module_from_spec(spec)  # dataclasses and laws look their module up
+    spec.loader.exec_module(script)
+    return script
+
+
+@pytest.fixture(scope="module")
+def best(file, tmp_path_factory):
+    pool = InProcess(partial(evaluate, file.study.without_search()))
+    return file.study.run(Store(tmp_path_factory.mktemp("sloshing")), pool).best
+
+
+def test_the_first_second_is_left_out_and_one_percent_of_the_width_is_a_centimetre(file):
+    kept = {"decay1": (909, 0.04530), "decay3": (909, 0.04041), "decay2": (2358, 0.04231)}  # samples, largest [m]
+    for name, (samples, largest) in kept.items():
+        record = file.reference(name).record
+        assert record.sizes["time"] == samples
+        assert record.time.values[1] == pytest.approx(0.033, abs=2e-6)
+        assert np.abs(record.displacement.values).max() == pytest.approx(largest, abs=1e-5)
+
+
+def test_a_linear_spring_is_wrong_by_a_third_on_the_decay_held_out(file, best):
+    assert best.values["stiffness"] == pytest.approx(59.37, abs=0.05)
+    assert best.values["damping"] == pytest.approx(0.1449, rel=0.01)
+    objective = file.study.objective.on({"decay2": file.reference("decay2")})
+    values = {**file.study.space.fixed, **best.values}
+    run = objective({"decay2": objective.released("decay2", file.study.model, values).record})
+    assert run.total == pytest.approx(0.344, abs=0.003)
+    observable, single = second_cause().predicted(file, file.study.model, values)
+    assert single == pytest.approx(0.073, abs=0.002)
+    assert observable == pytest.approx(0.083, abs=0.002)
+
+
+@pytest.fixture(scope="module")
+def diagnosis(measured, tmp_path_factory):
+    """What the diagnosis says, the extended study and its best values, by the commands of the README."""
+    folder = tmp_path_factory.mktemp("study")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("CALIB_DATA", str(measured("sloshing/decays.mat").parents[1]))
+        study = Path(shutil.copy(STUDY, folder))
+        calibrate(study, quiet=True)
+        summary, extended = inquire(study, apply=True)
+        values = calibrate(extended, folder / "extended", budget=10, quiet=True)["values"]
+        return summary, load(extended), values
+
+
+@pytest.mark.slow
+def test_a_spring_that_softens_with_the_square_of_the_displacement_is_named(diagnosis):
+    summary, _, _ = diagnosis
+    assert summary["verdict"] == "named"
+    assert summary["causes"] == ["cubic_stiffness"]
+    assert summary["parameters"]["k3"]["after"] == pytest.approx(-3756, rel=0.03)
+    assert all(agreement["agree"] for agreement in summary["gain"]["agreements"])
+    assert summary["gain"]["proven"]
+
+
+@pytest.mark.slow
+def test_the_extended_study_predicts_the_decay_held_out_better_than_the_published_model(diagnosis):
+    _, extended, values = diagnosis
+    observable, single = second_cause().predicted(extended, extended.study.model, values)
+    assert single == pytest.approx(0.0117, abs=0.0005)
+    assert observable == pytest.approx(0.0132, abs=0.0005)
+    assert observable < PUBLISHED
