@@ -10,7 +10,7 @@ from calib.cycles import IRREGULAR, kind_of_motion
 from calib.effect import Effect
 from calib.excitation import Excitation
 from calib.model import Model, Request
-from calib.objective import FeatureValue, Objective, Start, simulations, trusted
+from calib.objective import FeatureValue, Objective, initial_state, simulations, trusted, with_initial_state
 from calib.parameter import values_for
 from calib.pool import Failure, in_order
 from calib.record import OK, prescribed
@@ -18,6 +18,24 @@ from calib.study import Pool
 
 STEPS = 50_000  # of a run that starts near its motion: one that takes more has left it
 MARK = "nuisance_"  # before the name of a nuisance among the attributes of an aligned record
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Initial state of a record where that is a nuisance.
+
+    Attributes
+    ----------
+    state : parameter -> value  [SI]
+    slopes : (k, row, n) change of the compared rows with each of these  [per SI unit]
+    """
+
+    state: Mapping[str, float]
+    slopes: np.ndarray
+
+    def moved(self, moves: Mapping[str, float]) -> "Start":
+        """Return it with some components changed by so much."""
+        return replace(self, state={name: value + moves.get(name, 0.0) for name, value in self.state.items()})
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +49,7 @@ class Run:
     effects : that the model is extended by
     state : near which the stationary motion lies; None where that is not known
     excitation : in the place of the record's; what is simulated is then not aligned, for nothing was measured
-    start : solution for the initial state at values near by, where that is a nuisance; None: it is not known
-    held : whether the initial state stays as it is in `start`
+    start : initial state, where that is a nuisance; None: it is solved for
     rows : (body, channel) pairs in the place of those of `Bench.rows`; empty for these
     """
 
@@ -42,7 +59,6 @@ class Run:
     state: np.ndarray | None = None
     excitation: Excitation | None = None
     start: Start | None = None
-    held: bool = False
     rows: tuple[tuple[str, str], ...] = ()
 
 
@@ -62,8 +78,7 @@ class Seen:
     wrong : how its kind of motion differs from the measured one, or where nothing was measured, that it is irregular;
         "" where that is not so, or was not asked for
     time : (n,) instants of the simulation where nothing was measured  [s]
-    initial : (k, row, n) change of the rows with each component of the initial state, where that is a nuisance
-    start : the solution for that, None where it is none
+    start : initial state, where that is a nuisance; None where it is none
     simulations : that it took
     status, reason : "ok", or why there is nothing
     """
@@ -77,11 +92,15 @@ class Seen:
     features: tuple[FeatureValue, ...] = ()
     wrong: str = ""
     time: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    initial: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 0)))
     start: Start | None = None
     simulations: int = 1
     status: str = OK
     reason: str = ""
+
+    @property
+    def initial(self) -> np.ndarray:
+        """Change (k, row, n) of the rows with each component of the initial state, where that is a nuisance."""
+        return np.zeros((0, *self.rows.shape)) if self.start is None else self.start.slopes
 
     @property
     def usable(self) -> bool:
@@ -117,12 +136,12 @@ class Bench:
             time = reference.record.time.values
             request = replace(request, times=time - time[0])
         asked = run.excitation is None
-        values, start = values_for(run.values, run.record), run.start
-        if run.held:
-            record = model.run({**values, **start.state}, excitation, request)
+        values, start, slopes = values_for(run.values, run.record), run.start, {}
+        if start is not None:
+            record = with_initial_state(model.run({**values, **start.state}, excitation, request), start.state)
         elif asked and reference.frees_initial_state:
-            released = self.objective.released(run.record, model, values, request, start)
-            record, start = released.record, released.start
+            released = self.objective.released(run.record, model, values, request)
+            record, slopes = released.record, released.slopes
         else:
             record = model.run(values, excitation, request)
         status = record.attrs["status"]
@@ -137,7 +156,10 @@ class Bench:
         rows = np.array([seen[channel].values[bodies.index(body)] for body, channel in pairs])
         if not np.isfinite(rows).all():
             return _nothing("not finite", "the simulation holds NaN or infinity")
-        first = asked and run.state is None
+        if slopes:
+            changes = [[own[channel][bodies.index(body)] for body, channel in pairs] for own in slopes.values()]
+            start = Start(initial_state(record), np.array(changes))
+        first = asked and run.state is None and run.start is None
         return Seen(
             rows=rows,
             trust=seen["trust"].values,
@@ -148,9 +170,6 @@ class Bench:
             features=tuple(self.objective.features(run.record, record)) if first else (),
             wrong=_irregular(record) if not asked else self.objective.wrong_kind(run.record, record) if first else "",
             time=np.zeros(0) if asked else record["time"].values,
-            initial=np.array([[own[c][bodies.index(b)] for b, c in pairs] for own in start.slopes.values()])
-            if start is not None
-            else np.zeros((0, *rows.shape)),
             start=start,
             simulations=simulations(record),
         )

@@ -24,6 +24,7 @@ from calib.objective.outliers import MIN_DEVIATION, deviations, smoothed
 
 SPAN = 20  # least number of segments of a record, whose scores are taken as independent
 FEW = 0.5  # levels over samples: fewer are steps of a converter
+INITIAL_RANK = 1e-9  # singular value, over the largest, below which a direction of the initial state stays
 CLOCK_RATE_STD = 50e-6  # of a recorder's clock, relative: what quartz oscillators are specified to
 MAX_CLOCK_RATE = 3.0 * CLOCK_RATE_STD  # relative: what changes rows by more is no clock
 ALIGNED = 1e-3  # of a step: distance from its multiples that is rounding
@@ -185,6 +186,20 @@ class Evidence:
             whole[row : row + len(block), column : column + block.shape[1]] = block
             row, column = row + len(block), column + block.shape[1]
         return whole
+
+    def initial_moves(self, seen: Mapping[str, Seen], residual: np.ndarray) -> dict[str, dict[str, float]]:
+        """Changes of initial states that are nuisances, by record, which fit a residual (N,) best, to first order."""
+        found = {}
+        for part in self.parts:
+            view = seen[part.name]
+            if view.start is None:
+                continue
+            tangents = part.tangents(view)
+            scale = np.linalg.norm(tangents, axis=0)
+            scale[scale == 0.0] = 1.0
+            moves = np.linalg.lstsq(tangents / scale, residual[self.of(part.name)], rcond=INITIAL_RANK)[0] / scale
+            found[part.name] = dict(zip(view.start.state, moves.tolist(), strict=False))
+        return found
 
     def segments(self) -> np.ndarray:
         """Number (N,) of the segment that each residual belongs to."""

@@ -27,6 +27,7 @@ WELL = 0.25  # of what a step promises: where it brings less, the derivatives ar
 BENT = 0.1  # of what a step promises: where what it brings differs by more, old derivatives do not end a fit
 DIFFERENCES = 4  # simulations of each record for the derivative by a candidate's parameter, as measured
 DERIVATIVES, EVALUATIONS = 1, 5  # of the model in a fit, as measured
+INITIAL_STEP = 1e-3  # of the rows: change by a step of the initial state, for a derivative
 HALVINGS = 5  # of a step that does not lower the sum of squares
 LEVEL = 0.95  # of intervals
 RIDGE = 1e-10  # on the normal equations, of unit diagonal: directions that the data do not know stay where they are
@@ -213,6 +214,7 @@ class Fitter:
 
     def sharpened(self, fit: Fit) -> Fit:
         """Return the fit with the derivatives at its own point."""
+        fit = self._with_initial_slopes(fit)
         directions = self.directions(fit.point, fit.found)
         found = slopes(self.effort, self.evidence, fit.point, directions, self.steps, compared=False)
         self.steps |= {d.name: abs(s.step) for d, s in zip(directions, found, strict=True) if s.step}
@@ -230,19 +232,52 @@ class Fitter:
     ) -> tuple[np.ndarray, Fit] | None:
         """Go the step, or the largest half of a half of it that lowers the sum of squares."""
         for halving in range(HALVINGS):
-            there = x + 0.5**halving * step
-            fit = self._evaluated(now.point, directions, there, found)
+            part = 0.5**halving * step
+            there = x + part
+            fit = self._evaluated(now.point, directions, there, found, now.columns @ part)
             if fit is not None and fit.square < now.square:
                 return there, fit
         return None
 
+    def _with_initial_slopes(self, fit: Fit) -> Fit:
+        """Return the fit with the derivatives by initial states that are nuisances taken anew: forward differences."""
+        seen, runs, places = dict(fit.point.seen), [], []
+        for name, view in seen.items():
+            components = () if view.start is None else view.start.state
+            for k, (component, slope) in enumerate(zip(components, view.initial, strict=True)):
+                size = float(np.linalg.norm(slope))
+                if size > 0.0:
+                    step = INITIAL_STEP * float(np.linalg.norm(view.rows)) / size
+                    runs += fit.point.runs([name], starts={name: view.start.moved({component: step})})
+                    places.append((name, k, step))
+        if not runs:
+            return fit
+        for (name, k, step), ahead in zip(places, simulated(self.effort, runs), strict=True):
+            if ahead.usable:
+                slopes = seen[name].start.slopes.copy()
+                slopes[k] = (ahead.rows - seen[name].rows) / step
+                seen[name] = replace(seen[name], start=replace(seen[name].start, slopes=slopes))
+        nuisances = self.evidence.tangents(seen)
+        residual = Projection(nuisances)(self.evidence.residual(seen))
+        return replace(fit, point=replace(fit.point, seen=seen), residual=residual, nuisances=nuisances)
+
     def _evaluated(
-        self, origin: Point, directions: Sequence[Direction], x: np.ndarray, found: Sequence[Candidate]
+        self,
+        origin: Point,
+        directions: Sequence[Direction],
+        x: np.ndarray,
+        found: Sequence[Candidate],
+        change: float | np.ndarray = 0.0,
     ) -> Fit | None:
-        """Simulate all records at x; None where one of them fails."""
+        """Simulate all records at x; None where one of them fails.
+
+        change : (N,) that is foreseen of the simulations; initial states that are nuisances go where it leaves them
+        """
+        moves = self.evidence.initial_moves(origin.seen, self.evidence.residual(origin.seen) - change)
+        starts = {name: origin.seen[name].start.moved(own) for name, own in moves.items()}
         values = {**origin.values, **{d.name: float(value) for d, value in zip(directions, x, strict=True)}}
         names = self.evidence.names
-        views = dict(zip(names, simulated(self.effort, origin.runs(names, values)), strict=True))
+        views = dict(zip(names, simulated(self.effort, origin.runs(names, values, starts=starts)), strict=True))
         if not all(view.usable for view in views.values()):
             return None
         nuisances = self.evidence.tangents(views)

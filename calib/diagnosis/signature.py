@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.diagnosis.bench import Run, Seen, simulated
+from calib.diagnosis.bench import Run, Seen, Start, simulated
 from calib.diagnosis.evidence import Evidence
 from calib.effect import Effect
 from calib.study import Pool
@@ -90,16 +90,16 @@ class Point:
         names: Sequence[str],
         values: Mapping[str, float] | None = None,
         effects: Sequence[Effect] = (),
-        held: bool = False,
+        starts: Mapping[str, Start] | None = None,
     ) -> list[Run]:
         """Runs of the records at other values, from the states of this point.
 
-        held : whether initial states that are nuisances stay as they are at this point
+        starts : by record, initial states in the place of those of this point, where they are nuisances
         """
         changed, effects = {**self.values, **(values or {})}, (*self.effects, *effects)
         seen = [(name, self.seen[name]) for name in names]
         return [
-            Run(name, changed, effects, view.state, start=view.start, held=held and view.start is not None)
+            Run(name, changed, effects, view.state, start=(starts or {}).get(name, view.start))
             for name, view in seen
         ]
 
@@ -114,7 +114,7 @@ def slopes(
 ) -> list[Slope]:
     """Difference all records along each direction, side by side.
 
-    Initial states that are nuisances are held: what they would take of a change is projected out of it (Kaufman, BIT 15
+    Initial states that are nuisances stay: what they would take of a change is projected out of it (Kaufman, BIT 15
     (1975) 49, of variable projection).
 
     Parameters
@@ -188,4 +188,4 @@ def _compared(first: tuple[float, np.ndarray], step: float, moved: np.ndarray | 
 
 def _ahead(point: Point, names: Sequence[str], direction: Direction, step: float) -> list[Run]:
     values = {**(direction.values or {}), direction.name: direction.at + step}
-    return point.runs(names, values, direction.effects, held=True)
+    return point.runs(names, values, direction.effects)

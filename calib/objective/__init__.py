@@ -1,7 +1,7 @@
 """How far simulated records are from measured ones."""
 
 from calib.objective.alignment import trusted
-from calib.objective.initial_state import Released, Start, simulations
+from calib.objective.initial_state import Released, initial_state, simulations, with_initial_state
 from calib.objective.misfit import MISFIT, Squares, compared_rows, misfit, record_misfit, row_weights, squares_of
 from calib.objective.objective import Objective
 from calib.objective.reach import FeatureValue
@@ -15,15 +15,16 @@ __all__ = [
     "Objective",
     "Reference",
     "Released",
-    "Start",
     "Score",
     "Squares",
     "Term",
     "compared_rows",
+    "initial_state",
     "misfit",
     "record_misfit",
     "row_weights",
     "simulations",
     "squares_of",
     "trusted",
+    "with_initial_state",
 ]

@@ -14,7 +14,6 @@ from calib.objective.alignment import Alignment
 from calib.objective.initial_state import (
     Comparison,
     Released,
-    Start,
     Unknown,
     View,
     initial_state,
@@ -97,9 +96,7 @@ class Compared:
         record = template.copy(data=values).assign(trust=("time", trust))
         return Seen(record, raw, {**nuisances, **initial_state(simulated)}, kind_of_motion(raw), given)
 
-    def released(
-        self, model: Model, values: Mapping[str, float], request: Request, start: Start | None = None
-    ) -> Released:
+    def released(self, model: Model, values: Mapping[str, float], request: Request) -> Released:
         """Simulate with the initial state that fits the reference best; see `calib.objective.initial_state`."""
         compared = self._comparison
 
@@ -112,7 +109,7 @@ class Compared:
             return compared.view(record, channels, trust)
 
         try:
-            return released(look, compared, self._unknowns(model), start)
+            return released(look, compared, self._unknowns(model))
         except CalibError as error:
             raise CalibError(f"{self.name}: {error}") from error
 

@@ -3,8 +3,7 @@
 The state s minimises the squared difference of measured and simulated channels, each over the measured root mean square
 about its mean, with the linear nuisances at their best for every s (variable projection: Golub and Pereyra, Inverse
 Problems 19, 2003). Gauss-Newton steps with forward differences start from the record's own first samples, so that the
-same values give the same bits whatever was simulated before; or, where a solution at values near by is given, from that
-and with its derivatives.
+same values give the same bits whatever was simulated before.
 """
 
 import json
@@ -28,7 +27,6 @@ MAX_HALVINGS = 4  # of a step that does not reduce the squared difference
 DIFFERENCE_STEP = 1e-3  # of a state's scale
 MAX_CONTRACTION = 0.03  # of one predicted reduction to the next: above it, the derivatives are taken anew
 TOLERANCE = 1e-6  # predicted change of the residual, relative to the residual: a smaller one ends the search
-WARM_TOLERANCE = 1e-3  # the same of a search from a known solution, whose caller takes out what is linear in the state
 ROUNDING = 1e-11  # the same, relative to the measured channels
 RANK = 1e-9  # singular value, over the largest, below which a direction of the state is not determined
 
@@ -77,20 +75,6 @@ class View:
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
-    """A solution at values near by.
-
-    Attributes
-    ----------
-    state : parameter -> value of the initial state, in SI
-    slopes : parameter -> channel -> (body, time) change of the aligned channels with the parameter, in SI
-    """
-
-    state: Mapping[str, float]
-    slopes: Mapping[str, Mapping[str, np.ndarray]]
-
-
-@dataclass(frozen=True, eq=False)
 class Released:
     """A simulated record whose initial state was solved for.
 
@@ -106,15 +90,15 @@ class Released:
     slopes: Mapping[str, Mapping[str, np.ndarray]]
     simulations: int
 
-    @property
-    def start(self) -> Start | None:
-        """The solution, to begin from at values near by; None where a simulation failed."""
-        return Start(initial_state(self.record), self.slopes) if self.slopes else None
-
 
 def initial_state(record: xr.Dataset) -> dict[str, float]:
     """Initial state that was solved for, by parameter [SI]; empty where none was."""
     return json.loads(record.attrs.get(ATTRIBUTE, "{}"))
+
+
+def with_initial_state(record: xr.Dataset, state: Mapping[str, float]) -> xr.Dataset:
+    """Return a simulated record that says the initial state, by parameter [SI], it was simulated with as solved for."""
+    return record.assign_attrs({ATTRIBUTE: json.dumps(dict(state))})
 
 
 def no_initial_state(model: Model) -> str:
@@ -166,7 +150,6 @@ def released(
     look: Callable[[Mapping[str, float]], View],
     compared: Comparison,
     unknowns: Sequence[Unknown],
-    start: Start | None = None,
 ) -> Released:
     """Simulate a record with the initial state that fits it best.
 
@@ -175,13 +158,12 @@ def released(
     look : simulates at an initial state, by parameter [SI]
     compared : of the reference
     unknowns : components of the state
-    start : a solution at values near by; None: the search begins where the unknowns say
 
     Raises
     ------
     CalibError : the initial state changes nothing that is compared
     """
-    return _Search(look, compared, unknowns).released(start)
+    return _Search(look, compared, unknowns).released()
 
 
 class _Search:
@@ -193,16 +175,13 @@ class _Search:
         self.low, self.high = np.array([u.low for u in unknowns]), np.array([u.high for u in unknowns])
         self.count = 0
 
-    def released(self, start: Start | None) -> Released:
-        begin = [u.start if start is None else start.state[u.name] for u in self.unknowns]
-        state = np.clip(begin, self.low, self.high)
-        tolerance = TOLERANCE if start is None else WARM_TOLERANCE
+    def released(self) -> Released:
+        state = np.clip([u.start for u in self.unknowns], self.low, self.high)
         now = self._view(state)
         if now.status != OK:
             return self._failed(now)
         size = float(np.linalg.norm(now.weight * self.compared.measured.ravel()))
-        slopes = None if start is None else [start.slopes[u.name] for u in self.unknowns]
-        before = np.inf
+        slopes, before = None, np.inf
         for _ in range(MAX_STEPS):
             if slopes is not None:
                 step, change = self._step(now, slopes)
@@ -212,7 +191,7 @@ class _Search:
                     return self._failed(slopes)
                 self._check(now, slopes, size)
                 step, change = self._step(now, slopes)
-            if change <= tolerance * np.linalg.norm(now.residual) + ROUNDING * size:
+            if change <= TOLERANCE * np.linalg.norm(now.residual) + ROUNDING * size:
                 break
             ahead = self._ahead(now, state, step)
             if isinstance(ahead, View):
@@ -278,9 +257,9 @@ class _Search:
         return failed
 
     def _finished(self, now: View, state: np.ndarray, slopes: Sequence[Mapping[str, np.ndarray]]) -> Released:
-        attrs = {ATTRIBUTE: json.dumps(self._named(state)), COUNT: self.count}
+        record = with_initial_state(now.record, self._named(state)).assign_attrs({COUNT: self.count})
         named = {u.name: own for u, own in zip(self.unknowns, slopes, strict=True)}
-        return Released(now.record.assign_attrs(attrs), named, self.count)
+        return Released(record, named, self.count)
 
     def _failed(self, view: View) -> Released:
         return Released(view.record.assign_attrs({COUNT: self.count}), {}, self.count)

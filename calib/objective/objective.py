@@ -11,7 +11,7 @@ from calib.errors import CalibError, nearest
 from calib.model import Model, Request
 from calib.objective.blocks import Blocks
 from calib.objective.compared import Compared, Seen
-from calib.objective.initial_state import Released, Start
+from calib.objective.initial_state import Released
 from calib.objective.reach import FeatureValue
 from calib.objective.terms import Reference, Score, Term
 from calib.record import channels as channels_of
@@ -196,12 +196,7 @@ class Objective:
         return view.record.assign_attrs({f"nuisance_{key}": value for key, value in view.nuisances.items()})
 
     def released(
-        self,
-        name: str,
-        model: Model,
-        values: Mapping[str, float],
-        request: Request | None = None,
-        start: Start | None = None,
+        self, name: str, model: Model, values: Mapping[str, float], request: Request | None = None
     ) -> Released:
         """Simulate the record `name` with the initial state that fits it best.
 
@@ -210,14 +205,13 @@ class Objective:
         model : whose simulator says which of its parameters are the initial state
         values : of that record, in SI; those of the initial state are replaced
         request : in the place of the reference's
-        start : a solution at values near by; None: the record's own first samples tell where to begin
 
         Raises
         ------
         CalibError : the simulator declares no initial state, or the state changes nothing that is compared
         """
         compared = self._compared[name]
-        return compared.released(model, values, request or compared.reference.request, start)
+        return compared.released(model, values, request or compared.reference.request)
 
     def wrong_kind(self, name: str, record: xr.Dataset) -> str:
         """How the kind of motion of a simulated record differs from that of the reference `name`; "" if not."""

@@ -45,6 +45,9 @@ class Evidence:
     def tangents(self, seen):
         return np.zeros((self.measured.size, 0))
 
+    def initial_moves(self, seen, residual):
+        return {}
+
     def rows(self):
         return np.zeros(self.measured.size, dtype=int)
 

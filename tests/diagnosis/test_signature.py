@@ -29,7 +29,7 @@ class Here:
 
     seen = {"one": Shown(0.0)}
 
-    def runs(self, names, values=None, effects=(), held=False):
+    def runs(self, names, values=None, effects=(), starts=None):
         return [dict(values or {})]
 
 
