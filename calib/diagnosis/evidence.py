@@ -25,7 +25,7 @@ from calib.objective.outliers import MIN_DEVIATION, deviations, smoothed
 SPAN = 20  # least number of segments of a record, whose scores are taken as independent
 FEW = 0.5  # levels over samples: fewer are steps of a converter
 INITIAL_RANK = 1e-9  # singular value, over the largest, below which a direction of the initial state stays
-CLOCK_RATE_STD = 50e-6  # of a recorder's clock, relative: what quartz oscillators are specified to
+CLOCK_RATE_STD = 50e-6 / 3.0**0.5  # of a recorder's clock, relative: uniform within the 50 ppm of quartz oscillators
 MAX_CLOCK_RATE = 3.0 * CLOCK_RATE_STD  # relative: what changes rows by more is no clock
 ALIGNED = 1e-3  # of a step: distance from its multiples that is rounding
 

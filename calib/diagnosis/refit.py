@@ -9,7 +9,7 @@ from scipy import stats
 from scipy.optimize import lsq_linear
 
 from calib.confidence.covariance import sandwich
-from calib.diagnosis.bench import simulated
+from calib.diagnosis.bench import Seen, Start, simulated
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.effort import Effort
 from calib.diagnosis.evidence import Evidence
@@ -177,7 +177,7 @@ class Fitter:
         directions = self.directions(point, found)
         low, high = np.array([d.low for d in directions]), np.array([d.high for d in directions])
         x = np.clip([d.at for d in directions], low, high)
-        now = self._evaluated(point, directions, x, found)
+        now = self._evaluated(point, directions, x, found, solved=True)
         if now is None:
             return self._failed(start, found)
         fresh = columns is None
@@ -230,11 +230,15 @@ class Fitter:
     def _ahead(
         self, now: Fit, directions: Sequence[Direction], x: np.ndarray, step: np.ndarray, found: Sequence[Candidate]
     ) -> tuple[np.ndarray, Fit] | None:
-        """Go the step, or the largest half of a half of it that lowers the sum of squares."""
-        for halving in range(HALVINGS):
-            part = 0.5**halving * step
-            there = x + part
-            fit = self._evaluated(now.point, directions, there, found, now.columns @ part)
+        """Go the step, or the largest half of a half of it that lowers the sum of squares.
+
+        Where the whole step does not, with initial states as they are foreseen, these are solved for once.
+        """
+        free = any(view.start is not None for view in now.point.seen.values())
+        tried = [(1.0, False), (1.0, True), *((0.5**k, False) for k in range(1, HALVINGS))]
+        for share, solved in tried if free else [pair for pair in tried if not pair[1]]:
+            there = x + share * step
+            fit = self._evaluated(now.point, directions, there, found, share * (now.columns @ step), solved)
             if fit is not None and fit.square < now.square:
                 return there, fit
         return None
@@ -261,6 +265,11 @@ class Fitter:
         residual = Projection(nuisances)(self.evidence.residual(seen))
         return replace(fit, point=replace(fit.point, seen=seen), residual=residual, nuisances=nuisances)
 
+    def _starts(self, seen: Mapping[str, Seen], change: float | np.ndarray) -> dict[str, Start]:
+        """Initial states that are nuisances, by record, where the simulations change by so much (N,)."""
+        moves = self.evidence.initial_moves(seen, self.evidence.residual(seen) - change)
+        return {name: seen[name].start.moved(own) for name, own in moves.items()}
+
     def _evaluated(
         self,
         origin: Point,
@@ -268,13 +277,14 @@ class Fitter:
         x: np.ndarray,
         found: Sequence[Candidate],
         change: float | np.ndarray = 0.0,
+        solved: bool = False,
     ) -> Fit | None:
         """Simulate all records at x; None where one of them fails.
 
         change : (N,) that is foreseen of the simulations; initial states that are nuisances go where it leaves them
+        solved : whether these are solved for instead
         """
-        moves = self.evidence.initial_moves(origin.seen, self.evidence.residual(origin.seen) - change)
-        starts = {name: origin.seen[name].start.moved(own) for name, own in moves.items()}
+        starts = dict.fromkeys(self.evidence.names) if solved else self._starts(origin.seen, change)
         values = {**origin.values, **{d.name: float(value) for d, value in zip(directions, x, strict=True)}}
         names = self.evidence.names
         views = dict(zip(names, simulated(self.effort, origin.runs(names, values, starts=starts)), strict=True))

@@ -90,11 +90,12 @@ class Point:
         names: Sequence[str],
         values: Mapping[str, float] | None = None,
         effects: Sequence[Effect] = (),
-        starts: Mapping[str, Start] | None = None,
+        starts: Mapping[str, Start | None] | None = None,
     ) -> list[Run]:
         """Runs of the records at other values, from the states of this point.
 
-        starts : by record, initial states in the place of those of this point, where they are nuisances
+        starts : by record, initial states in the place of those of this point, where these are nuisances; of None they
+            are solved for
         """
         changed, effects = {**self.values, **(values or {})}, (*self.effects, *effects)
         seen = [(name, self.seen[name]) for name in names]
