@@ -78,7 +78,7 @@ class Progress:
 
     def simulated(self, done: int, foreseen: int) -> None:
         """Take in how many simulations are done, and how many are foreseen in all."""
-        said = f"{done} of about {max(done, foreseen)} simulations"
+        said = f"{done} of about {foreseen} simulations" if done < foreseen else f"{done} simulations, more than foreseen"
         if self._bar is not None:
             self._bar.update(self._task, completed=done, total=max(done, foreseen), said=said)
         elif self._clock() - self._told > INTERVAL:

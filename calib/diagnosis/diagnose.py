@@ -185,7 +185,8 @@ def prepared(
     suspects, refused = candidates(study.model, effects, named, study.space.names)
     fitter = Fitter(pool, evidence, study.space, study.model)
     on_stage("calibrated model")
-    fitter.effort.foresee(fitter.expected(sum(len(c.free) for c in suspects), FORESEEN_FITS))
+    scores = 1 + any(not noise.repeated for part in evidence.parts for noise in part.noise)  # noise is judged by one
+    fitter.effort.foresee(fitter.expected(scores * sum(len(c.free) for c in suspects), FORESEEN_FITS))
     null = fitter.fit(Point(values, (), seen))
     spoilt = {part.name: outliers(part, null.point.seen[part.name]) for part in evidence.parts}
     share = sum(s.sum() for s in spoilt.values()) / sum(s.size for s in spoilt.values())

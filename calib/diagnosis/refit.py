@@ -16,6 +16,7 @@ from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.score import Projection
 from calib.diagnosis.signature import Direction, Point, Slope, slopes
 from calib.model import Model
+from calib.objective import INITIAL_STATE
 from calib.parameter import Parameter, Space
 from calib.study import Pool
 
@@ -27,6 +28,7 @@ WELL = 0.25  # of what a step promises: where it brings less, the derivatives ar
 BENT = 0.1  # of what a step promises: where what it brings differs by more, old derivatives do not end a fit
 DIFFERENCES = 4  # simulations of each record for the derivative by a candidate's parameter, as measured
 DERIVATIVES, EVALUATIONS = 1, 5  # of the model in a fit, as measured
+INITIAL_SIMULATIONS = 20  # of each record in a fit, where its initial state is a nuisance, as measured
 INITIAL_STEP = 1e-3  # of the rows: change by a step of the initial state, for a derivative
 HALVINGS = 5  # of a step that does not lower the sum of squares
 LEVEL = 0.95  # of intervals
@@ -209,8 +211,10 @@ class Fitter:
 
     def expected(self, scored: int, fits: int) -> int:
         """Simulations that scores of so many parameters and so many fits of one candidate beside all should take."""
-        records, parameters = len(self.evidence.parts), len(self.space.windows) + 1
-        return records * (DIFFERENCES * scored + fits * (DERIVATIVES * parameters + EVALUATIONS))
+        parts, parameters = self.evidence.parts, len(self.space.windows) + 1
+        free = sum(INITIAL_STATE in part.nuisance for part in parts)
+        each = len(parts) * (DERIVATIVES * parameters + EVALUATIONS) + free * INITIAL_SIMULATIONS
+        return len(parts) * DIFFERENCES * scored + fits * each
 
     def sharpened(self, fit: Fit) -> Fit:
         """Return the fit with the derivatives at its own point."""
