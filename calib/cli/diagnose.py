@@ -78,7 +78,7 @@ class Progress:
 
     def simulated(self, done: int, foreseen: int) -> None:
         """Take in how many simulations are done, and how many are foreseen in all."""
-        said = f"{done} of about {foreseen} simulations" if done < foreseen else f"{done} simulations, more than foreseen"
+        said = f"{done} of about {foreseen} simulations" if done < foreseen else f"{done} simulations"
         if self._bar is not None:
             self._bar.update(self._task, completed=done, total=max(done, foreseen), said=said)
         elif self._clock() - self._told > INTERVAL:
@@ -102,7 +102,7 @@ def show(found: Mapping[str, Any], folder: Path, extended: Path | None, console:
         console.print(_suspects(found, console.width))
     for line in _gain(found):
         console.print(line, soft_wrap=True)
-    if found["verdict"] == ONE_OF:
+    if found["verdict"] == ONE_OF and found["design"] is not None:
         console.print(escape(proposal(found["measurements"])), soft_wrap=True)
         for line in _design(found):
             console.print(escape(line), soft_wrap=True)

@@ -18,7 +18,7 @@ from calib.diagnosis.refit import Fit
 from calib.diagnosis.score import Projection, deviate
 
 RANK = 1e-9  # singular value, over the largest, below which the unrestricted model does not know a direction
-LEAST_FREEDOM = 4.0  # of a variance: of less, the mean of F does not exist
+LEAST_FREEDOM = 4.0  # of a variance: below 2 the mean of F does not exist
 
 
 @dataclass(frozen=True)

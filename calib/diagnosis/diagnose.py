@@ -259,6 +259,8 @@ def _diagnosed(
         ready = replace(ready, rounding=0.0)
     verdict, said = _verdict(selection, gates, ready)
     said += _untried(selection)
+    if verdict == ONE_OF and laboratory is not None and pool.spent:
+        said += " (the budget was spent before a next measurement was sought)"
     design = None
     if verdict == ONE_OF and laboratory is not None and not pool.spent:
         on_stage("next measurement")
@@ -354,7 +356,7 @@ def _untried(selection: Selection) -> str:
         return ""
     names = [name for r in selection.rounds for name in r.untried]
     fits = f"not fitted: {', '.join(names)}; " if names else ""
-    return f" (the budget was spent: {fits}further causes and a next measurement were not all looked for)"
+    return f" (the budget was spent: {fits}further causes and exchanges of causes were not all looked for)"
 
 
 def _one_of(names: Sequence[str]) -> str:

@@ -25,8 +25,8 @@ from calib.objective.outliers import MIN_DEVIATION, deviations, smoothed
 SPAN = 20  # least number of segments of a record, whose scores are taken as independent
 FEW = 0.5  # levels over samples: fewer are steps of a converter
 INITIAL_RANK = 1e-9  # singular value, over the largest, below which a direction of the initial state stays
-CLOCK_RATE_STD = 50e-6 / 3.0**0.5  # of a recorder's clock, relative: uniform within the 50 ppm of quartz oscillators
-MAX_CLOCK_RATE = 3.0 * CLOCK_RATE_STD  # relative: what changes rows by more is no clock
+MAX_CLOCK_RATE = 50e-6  # of a recorder's clock, relative: of quartz oscillators, uniformly distributed within it
+CLOCK_RATE_STD = MAX_CLOCK_RATE / 3.0**0.5
 ALIGNED = 1e-3  # of a step: distance from its multiples that is rounding
 
 
@@ -174,7 +174,8 @@ class Evidence:
         found = []
         for part, old in zip(self.parts, other.parts, strict=True):
             plain, even = old.restored(columns[other.of(old.name)]), replace(part, weight=np.ones_like(part.weight))
-            found.append(np.column_stack([even.white(plain[:, :, k]) for k in range(columns.shape[1])]))
+            whitened = np.column_stack([even._whitened(plain[:, :, k]) for k in range(columns.shape[1])])
+            found.append(part._shrunk(whitened, 1.0))
         return np.concatenate(found)
 
     def tangents(self, seen: Mapping[str, Seen]) -> np.ndarray:

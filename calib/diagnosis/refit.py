@@ -44,9 +44,10 @@ class Fit:
     point : values, effects and simulations
     found : the candidates in it
     residual : (N,) in units of the noise, without what nuisances absorb
-    columns : (N, k) its derivatives by the calibrated parameters and those of the candidates, in that order
+    columns : (N, k) its derivatives by the calibrated parameters and those of the candidates, in that order; of a fit
+        that is not sharpened as they were updated on the way
     names : of these parameters
-    steps : that the derivatives were taken with  [units of the parameters]
+    steps : that the derivatives were taken with  [units of the parameters]; empty where they were given
     nuisances : (N, m) tangents of the nuisances
     rows : (N,) number of the row, among those of all records, that each residual belongs to
     reason : why it is not to be trusted; "" where it converged
@@ -167,7 +168,7 @@ class Fitter:
         Gauss and Newton's steps within the windows of the calibrated parameters and the ranges of the others. The
         derivatives are updated by what a step brings (Broyden, Math. Comp. 19 (1965) 577), and taken anew where it
         brings less than a quarter of what it promises. That no step promises anything any more is believed of updated
-        ones only where all steps brought what they promised.
+        ones only where all steps since brought what they promised.
 
         Parameters
         ----------
@@ -201,11 +202,12 @@ class Fitter:
             if ahead is None:
                 if fresh:
                     return replace(now, reason="no step lowers the sum of squares further")
-                now, fresh = self.sharpened(now), True
+                now, fresh, bent = self.sharpened(now), True, False
                 continue
             there, fit = ahead
             brought = (now.square - fit.square) / promise
-            fresh, bent = brought <= WELL, bent or abs(brought - 1.0) > BENT
+            fresh = brought <= WELL
+            bent = not fresh and (bent or abs(brought - 1.0) > BENT)
             now, x = self.sharpened(fit) if fresh else _updated(fit, now, there - x), there
         return replace(now, reason=f"{MOST} steps were not enough")
 

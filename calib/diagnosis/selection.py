@@ -152,7 +152,7 @@ class Selection:
 
     Attributes
     ----------
-    rounds : searches one after the other; the last has no chosen one unless there were enough
+    rounds : searches one after the other; the last has no chosen one unless there were enough, or the budget was spent
     null, final : the calibrated model, and the one with the causes
     causes : that are in the final model
     alternatives : of each cause, suspects that cannot be told from it beside the others, itself included
@@ -206,8 +206,8 @@ class Selection:
         """
         if len(self.causes) < 2 and not self.gross:
             return ()
-        most = _bias(self.left, self.excess - self.left) if self.gross else 0.0
-        return tuple(c for c in self.constancy if c.z > self.rounds[0].threshold and c.variation > most)
+        left = self.left if self.gross else 0.0
+        return tuple(c for c in self.constancy if c.z > self.rounds[0].threshold and c.variation > _bias(left, c.chi2))
 
     @property
     def constant(self) -> bool:
@@ -347,7 +347,7 @@ def _rejection(evidence: Evidence, null: Fit, base: Fit, ahead: Fit, found: Roun
             f"it does not predict what had no part in its fit ({', '.join(test.folds)} left out in turn): the sum of "
             f"squares there falls by {test.reduction:.3g} +- {test.error:.2g}"
         )
-    if further and _varies(evidence, null, ahead, cause, found.threshold):
+    if further and _varies(evidence, ahead, cause, found.threshold):
         return "its size differs among the channels of the records, and a large misfit is left"
     return ""
 
@@ -380,7 +380,7 @@ def _indistinct(fit: Fit, cause: Suspect) -> bool:
     return bool(cause.drop / fit.inflation(names) < stats.chi2.ppf(LEVEL, len(names)))
 
 
-def _varies(evidence: Evidence, null: Fit, ahead: Fit, cause: Suspect, limit: float) -> bool:
+def _varies(evidence: Evidence, ahead: Fit, cause: Suspect, limit: float) -> bool:
     """Whether a further cause, in the model `ahead`, has another size in each channel, where a gross misfit is left.
 
     limit : of the normal deviate from which sizes differ
@@ -389,16 +389,16 @@ def _varies(evidence: Evidence, null: Fit, ahead: Fit, cause: Suspect, limit: fl
     if left < GROSS * _blur(evidence) ** 2:
         return False
     [constancy] = [c for c in constancies(evidence, ahead) if c.effect == cause.name]
-    return constancy.z > limit and constancy.variation > _bias(left, _excess(evidence, null) - left)
+    return constancy.z > limit and constancy.variation > _bias(left, constancy.chi2)
 
 
-def _bias(left: float, explained: float) -> float:
-    """By how much what is left of the excess may bias sizes that explain the rest of it, relative to them.
+def _bias(left: float, chi2: float) -> float:
+    """By how much what is left of the excess may bias the size of an effect of this chi-square, relative to it.
 
     A remainder of chi-square R moves a size, whose effect has the chi-square W, by sqrt(R / W) of itself at most
     (the inequality of Cauchy and Schwarz).
     """
-    return float(np.sqrt(max(0.0, left) / max(explained, 1e-300)))
+    return float(np.sqrt(max(0.0, left) / max(chi2, 1e-300)))
 
 
 def _paired(fitter: Fitter, null: Fit, suspects: Sequence[Suspect]) -> tuple[Named, Fit] | None:

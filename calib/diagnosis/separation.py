@@ -119,7 +119,8 @@ def _initial_state(
         return initial, tuple(RELATIVE_STEP * scales[channels[name]] for name in initial)
     initial = {name: seen.nuisances[name] for name in bench.model.initial if name in seen.nuisances}
     size = RELATIVE_STEP * float(np.abs(part.measured).max())
-    return initial, tuple(size / float(np.abs(change).max()) for change in seen.initial) if initial else ()
+    largest = (max(float(np.abs(change).max()), 1e-300) for change in seen.initial)
+    return initial, tuple(size / change for change in largest) if initial else ()
 
 
 def largest_displacement(part: Part) -> float:

@@ -84,7 +84,7 @@ def points(said: Mapping[str, Any]) -> list[str]:
         if moved:
             listed = ", ".join(f"{s['parameter']} by {signed(s['errors'], '+')}" for s in moved)
             found.append(f"Calibrated without it, values were biased; in standard errors they move: {listed}.")
-    if said["verdict"] == ONE_OF and "design" in said:
+    if said["verdict"] == ONE_OF and said.get("design") is not None:
         found.append(f"{proposal(said['measurements'])}.")
     return found
 

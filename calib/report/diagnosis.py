@@ -377,8 +377,10 @@ def _constancy(said):
     if differ:
         how, end = "differ", " Effects may imitate another one, but hardly with one size everywhere."
     elif z > said["threshold"]:
-        most = max(said["misfit"].get("constancy", ()), key=lambda c: c["z"], default={"variation": 0.0})
-        how, end = f"differ by {percent(most['variation'])}", " What has no name yet may make as much."
+        none = {"effect": "one", "variation": 0.0}
+        most = max(said["misfit"].get("constancy", ()), key=lambda c: c["z"], default=none)
+        how = f"differ, those of {most['effect']} by {percent(most['variation'])},"
+        end = " What has no name yet may make as much." if (said.get("remains") or {}).get("above_noise") else ""
     return [
         f"The sizes of {' and '.join(added(said))} {how} among the channels of the records (Cochran's Q as a normal "
         f"deviate: {number(z, 2)}, threshold {number(said['threshold'], 2)}).{end}"
