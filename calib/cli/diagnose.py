@@ -98,6 +98,9 @@ def show(found: Mapping[str, Any], folder: Path, extended: Path | None, console:
     for gate in found["gates"]:
         if not gate["passed"]:
             console.print(f"[red]gate {gate['name']}[/]: {escape(gate['said'])}", soft_wrap=True)
+    if len(found["joint_sizes"]) > 1:
+        joint = (", ".join((name, *sizes(size))) for name, size in found["joint_sizes"].items())
+        console.print(f"sizes fitted together: {escape('; '.join(joint))}", soft_wrap=True)
     if found["suspects"]:
         console.print(_suspects(found, console.width))
     for line in _gain(found):

@@ -9,7 +9,7 @@ import numpy as np
 from calib.diagnosis.diagnose import UNEXPLAINED, Diagnosis
 from calib.diagnosis.gain import Gain
 from calib.diagnosis.next_measurement import DECISIVE_Z, Design, Measurement
-from calib.diagnosis.selection import MARKED, Round, Suspect
+from calib.diagnosis.selection import MARKED, Round, Selection, Suspect
 from calib.objective import MISFIT
 from calib.store.plain import plain
 
@@ -37,6 +37,7 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         "rounding": diagnosis.rounding,
         "misfit": _misfit(diagnosis),
         "parameters": {} if selection is None else _parameters(diagnosis),
+        "joint_sizes": {} if selection is None else {c.name: _joint_size(c, selection) for c in selection.causes},
         "gain": None if diagnosis.gain is None else _gain(diagnosis.gain),
         "next_measurement": measurements[0] if measurements else None,
         "measurements": measurements,
@@ -158,6 +159,17 @@ def _remains(diagnosis: Diagnosis) -> dict[str, Any]:
         "share": selection.left / selection.excess if selection.marked else None,
         "above_noise": selection.left > MARKED * selection.blur,
         "rows": rows,
+    }
+
+
+def _joint_size(cause: Suspect, selection: Selection) -> dict[str, Any]:
+    """Sizes of a cause with their 95 % intervals, all causes and calibrated parameters being fitted together."""
+    final, names = selection.final, cause.candidate.free
+    size, half = [final.value(name) for name in names], final.half_width(names)
+    return {
+        "size": dict(zip(names, size, strict=True)),
+        "interval": {n: _about(x, h) for n, x, h in zip(names, size, half, strict=True)},
+        "units": {p.name: p.unit for p in cause.candidate.effect.parameters},
     }
 
 

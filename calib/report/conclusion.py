@@ -36,7 +36,8 @@ def headline(said: Mapping[str, Any]) -> str:
             if name == QUANTISATION and said.get("rounding"):
                 found.append(f"{QUANTISATION}, {percent(said['rounding'])} of the noise of a channel")
                 continue
-            written = sizes(known[name]) if name in known else []
+            joint = said.get("joint_sizes", {}).get(name)
+            written = sizes(joint) if joint else sizes(known[name]) if name in known else []
             equation = known[name].get("equation") if name in known else ""
             given = [f" ({equation})" if equation else "", f", {', '.join(written)}" if written else ""]
             found.append(f"{name}{''.join(given)}")

@@ -277,6 +277,10 @@ def test_several_causes_of_which_one_changes_between_records_are_not_named(k3, s
     same, other = diagnosed(changing(k3, soft, soft)), diagnosed(changing(k3, soft, loud))
     assert (same.verdict, set(same.causes)) == ("named", {"cubic_stiffness", "channel_offset"})
     assert same.selection.constant
+    joint = as_dict(same)["joint_sizes"]
+    assert joint["cubic_stiffness"]["size"]["k3"] == same.selection.final.value("k3")
+    low, high = joint["channel_offset"]["interval"]["offset_displacement"]
+    assert low < soft < high
     assert (other.verdict, other.causes) == ("unexplained", ())
     assert other.selection.inconstancy > other.selection.rounds[0].threshold
     assert as_dict(other)["misfit"]["inconstancy"] == other.selection.inconstancy

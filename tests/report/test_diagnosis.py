@@ -68,6 +68,13 @@ def test_a_cause_is_named_with_its_equation_its_size_and_its_unit():
     )
 
 
+def test_the_sizes_of_several_causes_are_those_fitted_together():
+    said = document("named", VALUES)
+    unit = said["suspects"][0]["units"]
+    said["joint_sizes"] = {"quadratic_drag": {"size": {"c2": 7.5}, "interval": {"c2": [7.0, 8.0]}, "units": unit}}
+    assert "c2 = 7.50 ± 0.50" in headline(said)
+
+
 def test_outliers_are_a_cause_of_the_records_and_not_of_the_model():
     said = document("named", VALUES) | {"causes": ["outliers"], "outliers": 0.012}
     assert headline(said) == "In the records: outliers, 1.2\u00a0% of the samples."
