@@ -41,17 +41,19 @@ class Constancy:
 
 def constancies(evidence: Evidence, fit: Fit) -> tuple[Constancy, ...]:
     """Constancy of each effect in a fit, which has its derivatives; z is 0 where one channel alone shows it."""
-    return tuple(_constancy(evidence.rows(), fit, index) for index in range(len(fit.found)))
+    return tuple(_constancy(evidence, fit, index) for index in range(len(fit.found)))
 
 
-def _constancy(rows: np.ndarray, fit: Fit, index: int) -> Constancy:
-    """Constancy of one of the effects in a fit; rows (N,) of the residuals."""
-    candidate = fit.found[index]
+def _constancy(evidence: Evidence, fit: Fit, index: int) -> Constancy:
+    """Constancy of one of the effects in a fit."""
+    candidate, rows = fit.found[index], evidence.rows()
     names = [name for name in (*candidate.free, *candidate.form) if fit.columns[:, fit.names.index(name)].any()]
     own = [fit.names.index(name) for name in names]
     common, everywhere = np.delete(fit.free(fit.columns), own, axis=1), fit.columns[:, own]
-    shown = [(k, row) for k in range(len(own)) for row in np.unique(rows) if everywhere[rows == row, k].any()]
-    single = np.column_stack([everywhere[:, k] * (rows == row) for k, row in shown]) if shown else everywhere
+    by_row = [evidence.of_row(everywhere, int(row)) for row in np.unique(rows)]
+    places = [(k, row) for k in range(len(own)) for row in range(len(by_row))]
+    shown = [(k, row) for k, row in places if _shows(by_row[row][:, k], everywhere[:, k])]
+    single = np.column_stack([by_row[row][:, k] for k, row in shown]) if shown else everywhere
     chi2 = _chi2(fit, candidate.effect.null, names, Projection(common)(fit.free(everywhere)))
     if len(shown) <= len(own):
         return Constancy(candidate.name, 0.0, 0.0, chi2)
@@ -61,6 +63,11 @@ def _constancy(rows: np.ndarray, fit: Fit, index: int) -> Constancy:
     freedom = max(LEAST_FREEDOM, float(freedom.min()))
     z = float(deviate(q * (freedom - 2.0) / freedom, degrees))
     return Constancy(candidate.name, z, float(np.sqrt(max(0.0, q - degrees) / max(mean_chi2, 1e-300))), chi2)
+
+
+def _shows(alone: np.ndarray, column: np.ndarray) -> bool:
+    """Whether an effect with this derivative (N,) shows in a row that has this part of it."""
+    return float(np.linalg.norm(alone)) > RANK * float(np.linalg.norm(column))
 
 
 def _chi2(fit: Fit, null: dict, names: Sequence[str], columns: np.ndarray) -> float:

@@ -70,6 +70,11 @@ class Part:
         parts = [noise.whitened(row, w) for noise, row, w in zip(self.noise, rows, self.weight, strict=True)]
         return np.concatenate(parts)
 
+    def of_row(self, columns: np.ndarray, row: int) -> np.ndarray:
+        """Whitened columns (row * n, k) of what changes one of the rows alone."""
+        alone = np.repeat(np.arange(len(self.rows)) == row, self.time.size)
+        return self._shrunk(alone[:, None] * self._shrunk(columns, -1.0), 1.0)
+
     def restored(self, columns: np.ndarray) -> np.ndarray:
         """Undo `white`: columns (row * n, k) to (row, n, k) in the units of the rows, all samples weighted alike."""
         blocks = np.split(self._shrunk(columns, -1.0), len(self.rows))
@@ -215,6 +220,15 @@ class Evidence:
         """Number (N,) of the row, among those of all records, that each residual belongs to."""
         lengths = [part.time.size for part in self.parts for _ in part.rows]
         return np.repeat(np.arange(len(lengths)), lengths)
+
+    def of_row(self, columns: np.ndarray, number: int) -> np.ndarray:
+        """Columns (N, k) of what changes one row alone, that of this number among those of all records."""
+        alone = np.zeros_like(columns)
+        for part in self.parts:
+            if 0 <= number < len(part.rows):
+                alone[self.of(part.name)] = part.of_row(columns[self.of(part.name)], number)
+            number -= len(part.rows)
+        return alone
 
     def counted(self) -> float:
         """Number of residuals that count."""

@@ -23,6 +23,12 @@ RELEASE_RANGE = (0.5, 2.0)  # of the largest displacement of the record  [1]
 MAX_SIMULATIONS = 1000  # of a search, unless the study file says otherwise
 
 
+UNBOUNDED = {  # why a kind of test has no region to be searched, where it could be made
+    SWEEP: "its first and its last frequency are the same; state bounds of the frequency that differ",
+    FREE_DECAY: "no measured displacement says how far it may be released; state bounds of the release",
+}
+
+
 @dataclass(frozen=True)
 class Laboratory:
     """What the laboratory can do; what is None is derived from the records.
@@ -207,10 +213,21 @@ def inapplicable(test: str, excitation: Excitation, model: Model) -> str:
     return ""
 
 
-def inapplicable_tests(laboratory: Laboratory, excitation: Excitation, model: Model) -> dict[str, str]:
-    """Sweeps and free decays that the laboratory could make and this model cannot predict, with the reason."""
+def inapplicable_tests(
+    laboratory: Laboratory, references: Mapping[str, Reference], model: Model, part: Part
+) -> dict[str, str]:
+    """Sweeps and free decays that the laboratory could make and that are not searched, with the reason.
+
+    Parameters
+    ----------
+    part : record beside which they would be made
+    """
     asked = [test for test in (SWEEP, FREE_DECAY) if laboratory.tests is None or test in laboratory.tests]
-    return {test: reason for test in asked if (reason := inapplicable(test, excitation, model))}
+    reasons = {test: inapplicable(test, references[part.name].excitation, model) for test in asked}
+    for test in asked:
+        if not reasons[test] and _region(test, laboratory, references, part) is None:
+            reasons[test] = UNBOUNDED[test]
+    return {test: reason for test, reason in reasons.items() if reason}
 
 
 def regions(

@@ -188,7 +188,7 @@ def next_measurement(
         measurements=tuple(search.measurements(searched)),
         points=tuple(evaluation.outcome for evaluation in search.evaluations),
         unavailable={
-            **inapplicable_tests(laboratory, references[part.name].excitation, bench.model),
+            **inapplicable_tests(laboratory, references, bench.model, part),
             **{test: reason for test in searched if (reason := search.unavailable(test))},
         },
         known=_known(references, part),
@@ -432,12 +432,21 @@ class _Search:
     def _unit(self) -> str:
         return self.bench.objective.references[self.part.name].excitation.unit
 
+    def _in_contact(self) -> str:
+        """Why no measurement without contact was found."""
+        if self.seen.impacts is None:
+            return "the simulator does not tell impacts"
+        if not self.seen.impacts:
+            return "the record has no impacts"
+        regular = any(e.outcome.status == OK for e in self.evaluations)
+        return "no setting within the bounds is without contact" if regular else "no setting could be simulated"
+
     def unavailable(self, test: str) -> str:
         """Why a kind of test that was searched has no measurement; "" where it has one."""
         if self._candidates(test):
             return ""
         if test == WITHOUT_CONTACT:
-            return "no tone within the bounds is without contact" if self.seen.impacts else "the record has no impacts"
+            return self._in_contact()
         if test == REPEATED_RECORD and not self.additional:
             return "no channel of the simulator is absent from the record"
         own = [e.outcome for e in self.evaluations if e.outcome.point.test == test]

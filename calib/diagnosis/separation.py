@@ -15,7 +15,7 @@ from scipy.signal import chirp
 from scipy.signal.windows import tukey
 
 from calib.diagnosis.bench import Bench, Run, Seen
-from calib.diagnosis.evidence import Part, clock_sensitivity
+from calib.diagnosis.evidence import CLOCK_RATE_STD, Part, clock_sensitivity
 from calib.diagnosis.laboratory import (
     FREE_DECAY,
     RELEASE,
@@ -184,11 +184,13 @@ class Prediction:
         [prediction of each model, derivatives of each model, tangents of the nuisances]
     widths : number of derivatives of each model
     priors : of each model, triangle (k, k) of its derivatives of the existing records, by `widths`
+    standardised : number of nuisances, the last ones, that are known to one standard deviation, their unit
     """
 
     triangles: tuple[np.ndarray, ...]
     widths: tuple[int, ...]
     priors: tuple[np.ndarray, ...]
+    standardised: int = 0
 
     def separation(self, additional: int | None = None) -> Separation:
         """Separation with the record's rows, or with the additional one of this number beside them."""
@@ -200,7 +202,8 @@ class Prediction:
         ends = np.cumsum([len(self.widths), *self.widths])
         one, other = triangle[:, ends[i] : ends[i + 1]], triangle[:, ends[j] : ends[j + 1]]
         nuisances = triangle[:, ends[-1] :]
-        prior = block_diag(self.priors[i], self.priors[j], np.zeros((0, nuisances.shape[1])))
+        count = nuisances.shape[1]
+        prior = block_diag(self.priors[i], self.priors[j], np.eye(count)[count - self.standardised :])
         stacked = np.vstack([np.column_stack([one, -other, nuisances]), prior])
         target = np.concatenate([triangle[:, j] - triangle[:, i], np.zeros(len(prior))])
         move, distance = least_squares(stacked, target)
@@ -255,19 +258,23 @@ def prediction(
     centres : of each model
     beside : of each model, those along its parameters and along the initial state
     """
-    new = new_part(made, centres)
+    clocked = new_part(made, centres)
+    new = replace(clocked, clock=None)  # its rows, some of them additional, are whitened one by one
     blocks = [np.column_stack([new.white(view.rows) for view in centres])]
     for fit, centre, views in zip(fits, centres, beside, strict=True):
         steps = (*fit.steps, *made.initial_steps)
         columns = [new.white(v.rows - centre.rows) / step for v, step in zip(views, steps, strict=True)]
         blocks.append(np.column_stack(columns) if columns else np.zeros((centre.rows.size, 0)))
     blocks.append(new.tangents(centres[0]))
+    if clocked.clock is not None:
+        blocks.append(new.white(CLOCK_RATE_STD * clocked.clock)[:, None])
     whole = np.column_stack(blocks).reshape(len(made.rows), centres[0].rows.shape[1], -1)
     own = len(made.part.rows)
     triangle = np.linalg.qr(whole[:own].reshape(-1, whole.shape[2]), mode="r")
     more = [np.linalg.qr(np.vstack([triangle, row]), mode="r") for row in whole[own:]]
-    widths = tuple(block.shape[1] for block in blocks[1:-1])
-    return Prediction((triangle, *more), widths, tuple(prior_of(fit, len(made.initial_steps)) for fit in fits))
+    widths = tuple(block.shape[1] for block in blocks[1 : 1 + len(fits)])
+    priors = tuple(prior_of(fit, len(made.initial_steps)) for fit in fits)
+    return Prediction((triangle, *more), widths, priors, standardised=int(clocked.clock is not None))
 
 
 def new_part(made: Experiment, centres: Sequence[Seen]) -> Part:

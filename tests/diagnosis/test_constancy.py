@@ -11,7 +11,8 @@ from calib.diagnosis.score import Projection
 
 ROWS, LENGTH = 4, 300
 SIZES = np.array([5.0, -8.0])
-EVIDENCE = SimpleNamespace(rows=lambda: np.repeat(np.arange(ROWS), LENGTH))
+OWNER = np.repeat(np.arange(ROWS), LENGTH)
+EVIDENCE = SimpleNamespace(rows=lambda: OWNER, of_row=lambda c, number: c * (number == OWNER)[:, None])
 
 
 def effect(free=(), form=()):
@@ -75,5 +76,5 @@ def test_the_chi_square_of_an_effect_is_the_rise_without_it():
 
 
 def test_with_one_channel_there_is_nothing_to_differ():
-    alone = SimpleNamespace(rows=lambda: np.zeros(ROWS * LENGTH, dtype=int))
+    alone = SimpleNamespace(rows=lambda: np.zeros(ROWS * LENGTH, dtype=int), of_row=lambda c, number: c)
     assert deviates(alone, fitted(np.tile(SIZES, (ROWS, 1)))) == pytest.approx([0.0, 0.0])

@@ -86,3 +86,14 @@ def test_what_a_clock_makes_of_a_residual_is_taken_out():
 def test_a_rate_far_beyond_what_clocks_have_is_still_seen():
     own = clocked()
     assert np.linalg.norm(own.white(100.0 * CLOCK_RATE_STD * own.clock)) > 50.0
+
+
+def test_what_changes_one_row_alone_is_whitened_as_such():
+    own = clocked()
+    whole = Evidence((part("quiet", [], []), own))
+    rows = RNG.standard_normal((2, SIZE))
+    columns = np.concatenate([np.zeros(2 * SIZE), own.white(rows)])[:, None]
+    alone = whole.of_row(columns, 3)
+    assert alone[2 * SIZE :, 0] == pytest.approx(own.white(rows * np.array([[0.0], [1.0]])), abs=1e-9)
+    assert not whole.of_row(columns, 0).any()
+    assert whole.of_row(columns, 2) + alone == pytest.approx(columns, abs=1e-9)

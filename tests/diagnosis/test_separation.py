@@ -8,7 +8,7 @@ import pytest
 from calib import record as records
 from calib.diagnosis.bench import Bench, Run
 from calib.diagnosis.evidence import Evidence, Part
-from calib.diagnosis.laboratory import DesignPoint, Laboratory
+from calib.diagnosis.laboratory import DesignPoint, Laboratory, inapplicable_tests
 from calib.diagnosis.next_measurement import next_measurement
 from calib.diagnosis.noise import Noise
 from calib.diagnosis.refit import Fit
@@ -51,6 +51,15 @@ def test_of_the_difference_a_parameter_absorbs_what_its_prior_leaves_free(prior)
     length = column @ column
     assert separation.z == pytest.approx([5.0 * np.sqrt(length * prior**2 / (length + prior**2))], abs=1e-6)
     assert separation.moves[0][0] == pytest.approx([5.0 * length / (length + prior**2)])
+
+
+def test_a_nuisance_known_to_its_unit_absorbs_what_that_leaves_free():
+    column = np.random.default_rng(2).standard_normal(40)
+    block = np.column_stack([np.zeros(40), 5.0 * column, np.zeros((40, 2)), column])
+    priors = (np.array([[1.0]]), np.array([[1.0]]))
+    known = Prediction((np.linalg.qr(block, mode="r"),), (1, 1), priors, standardised=1).separation()
+    length = column @ column
+    assert known.z == pytest.approx([5.0 * np.sqrt(length / (1.0 + length))], abs=1e-6)
 
 
 def test_least_squares_leave_out_a_column_that_is_zero():
@@ -242,3 +251,16 @@ def test_the_prediction_says_whether_all_some_or_none_are_distinguished():
     design, _ = designed(BENCH, harmonics=(0.0, 0.1))
     assert design.measurements[0].prediction.startswith("would not distinguish them (z = 0")
     assert DesignPoint("steady tone", 1.0, 2.0).release is None
+
+
+def test_a_test_without_bounds_is_unavailable_for_that_reason():
+    model = Model(load("calib.simulators", "oscillator")())
+    drive = Excitation("mass", "force", frequency=5.0, amplitude=1.0)
+    time = np.arange(400) / 2000.0
+    record = records.make(time, ("mass",), {"velocity": np.zeros((1, 400))})
+    references = {"tone": Reference("tone", record, "calibrate", excitation=drive, request=Request(times=time))}
+    part = Part("tone", (("mass", "velocity"),), time, np.zeros((1, 400)), 0.2, 1, (), (), None, None)
+    one_frequency = Laboratory(frequency=(5.0, 5.0), tests=("sweep", "free decay"))
+    reasons = inapplicable_tests(one_frequency, references, model, part)
+    assert reasons["sweep"].startswith("its first and its last frequency are the same")
+    assert reasons["free decay"].startswith("no measured displacement says how far it may be released")
