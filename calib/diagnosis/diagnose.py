@@ -185,7 +185,7 @@ def prepared(
     suspects, refused = candidates(study.model, effects, named, study.space.names)
     fitter = Fitter(pool, evidence, study.space, study.model)
     on_stage("calibrated model")
-    scores = 1 + any(not noise.repeated for part in evidence.parts for noise in part.noise)  # noise is judged by one
+    scores = 1 + any(noise.source == RESIDUAL for part in evidence.parts for noise in part.noise)  # it is judged by one
     fitter.effort.foresee(fitter.expected(scores * sum(len(c.free) for c in suspects), FORESEEN_FITS))
     null = fitter.fit(Point(values, (), seen))
     spoilt = {part.name: outliers(part, null.point.seen[part.name]) for part in evidence.parts}

@@ -19,6 +19,7 @@ from calib.diagnosis.noise import (
     shared,
     with_memory,
 )
+from calib.excitation import Excitation
 from calib.objective import Objective, Reference, compared_rows, row_weights
 from calib.objective.outliers import MIN_DEVIATION, deviations, smoothed
 
@@ -111,7 +112,7 @@ class Part:
         """Change of the simulated rows with each nuisance, in units of the noise (row * n, k).
 
         The rate of the recorder's clock against that of the drive is one in every record of a steady tone: nothing
-        that repeats looks like it. In others it is as uncertain as clocks are (`clock`).
+        that repeats looks like it. In a free decay it is as uncertain as clocks are (`clock`).
         """
         rows, channel = seen.rows, [c for _, c in self.rows]
         columns = [*seen.initial, *([clock_sensitivity(self.time, rows)] if self.period is not None else [])]
@@ -142,6 +143,14 @@ class Part:
 def clock_sensitivity(time: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Change of rows (row, n) with the rate of the clock, which is right at time zero  [per unit rate]."""
     return np.gradient(rows, time, axis=1) * time
+
+
+def clock_of(excitation: Excitation, time: np.ndarray, rows: np.ndarray) -> np.ndarray | None:
+    """Change of rows (row, n) with the rate of a clock that is uncertain; None where it is a nuisance or does not show.
+
+    That of a steady tone is a nuisance. A recorded excitation was sampled by the same clock as the motion.
+    """
+    return clock_sensitivity(time, rows) if excitation.quantity == "free decay" else None
 
 
 def _only(rows: np.ndarray, index: int, value: float) -> np.ndarray:
@@ -333,7 +342,7 @@ def gathered(
                 noise=tuple(noises),
                 used=used[name],
                 weight=weight,
-                clock=clock_sensitivity(time, seen[name].rows) if reference.excitation.period is None else None,
+                clock=clock_of(reference.excitation, time, seen[name].rows),
             )
         )
     return Evidence(tuple(parts))

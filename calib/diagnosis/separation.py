@@ -15,7 +15,7 @@ from scipy.signal import chirp
 from scipy.signal.windows import tukey
 
 from calib.diagnosis.bench import Bench, Run, Seen
-from calib.diagnosis.evidence import CLOCK_RATE_STD, Part, clock_sensitivity
+from calib.diagnosis.evidence import CLOCK_RATE_STD, Part, clock_of
 from calib.diagnosis.laboratory import (
     FREE_DECAY,
     RELEASE,
@@ -291,7 +291,7 @@ def new_part(made: Experiment, centres: Sequence[Seen]) -> Part:
     weight = np.where(moving[:, None], trust, 1.0) * used[:, None]
     period = made.excitation.period if made.excitation.harmonic else None
     time = centres[0].time
-    clock = clock_sensitivity(time, rows) if period is None else None
+    clock = clock_of(made.excitation, time, rows)
     return replace(
         part, rows=made.rows, time=time, period=period, noise=noise, weight=weight, measured=rows, clock=clock
     )
