@@ -98,14 +98,14 @@ def show(found: Mapping[str, Any], folder: Path, extended: Path | None, console:
     for gate in found["gates"]:
         if not gate["passed"]:
             console.print(f"[red]gate {gate['name']}[/]: {escape(gate['said'])}", soft_wrap=True)
-    if len(found["joint_sizes"]) > 1:
+    if len(found.get("joint_sizes", ())) > 1:
         joint = (", ".join((name, *sizes(size))) for name, size in found["joint_sizes"].items())
         console.print(f"sizes fitted together: {escape('; '.join(joint))}", soft_wrap=True)
     if found["suspects"]:
         console.print(_suspects(found, console.width))
     for line in _gain(found):
         console.print(line, soft_wrap=True)
-    if found["verdict"] == ONE_OF and found["design"] is not None:
+    if found["verdict"] == ONE_OF and found.get("design") is not None:
         console.print(escape(proposal(found["measurements"])), soft_wrap=True)
         for line in _design(found):
             console.print(escape(line), soft_wrap=True)
