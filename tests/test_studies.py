@@ -51,7 +51,7 @@ def test_the_minimal_model_lacks_a_wider_gap_or_a_larger_scale_of_the_records_wh
     assert found["verdict"] == "one_of"
     assert set(map(tuple, found["class"])) == {("gap_offset",), ("plot_scale",), ("channel_gain",)}
     assert found["measurements"]
-    assert all(m["most"] < 3.0 for m in found["measurements"])  # all lengths of the model may be scaled alike
+    assert all(m["z_max"] < 3.0 for m in found["measurements"])  # all lengths of the model may be scaled alike
 
 
 @pytest.mark.slow
