@@ -17,11 +17,11 @@ from rich.table import Table
 from calib.cli.standing import folder_of
 from calib.diagnosis.diagnose import NAMED, NONE, ONE_OF
 from calib.inquiry import inquire
+from calib.progress import INTERVAL
 from calib.report.conclusion import REFITTED, proposal, sizes
 from calib.units import shown
 
 MOST = 12  # suspects that are printed
-INTERVAL = 5.0  # s between two lines where there is no terminal
 WIDE = 110  # columns of a terminal in which all that is known of them fits
 COLOURS = {NAMED: "green", ONE_OF: "yellow", NONE: "green"}
 

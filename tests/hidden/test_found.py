@@ -52,9 +52,12 @@ def test_what_is_taken_out_of_the_library_and_like_nothing_in_it_is_not_explaine
     assert seek(tmp_path, without=(effect,)).verdict == "unexplained"
 
 
-def test_what_several_effects_imitate_but_not_in_all_channels_alike_is_not_explained(cache, tmp_path):
-    hide("four_dof", "added_mass", 80.0, 0, folder=tmp_path, cache=cache)
-    found = seek(tmp_path, without=("added_mass",))
+@pytest.mark.parametrize(("simulator", "effect"), [("oscillator", "plot_shear"), ("four_dof", "added_mass")])
+def test_what_several_effects_imitate_but_not_in_all_channels_alike_is_not_explained(
+    simulator, effect, cache, tmp_path
+):
+    hide(simulator, effect, 80.0, 0, folder=tmp_path, cache=cache)
+    found = seek(tmp_path, without=(effect,))
     assert found.verdict == "unexplained"
     assert found.selection.explained
     assert not found.selection.constant
