@@ -114,7 +114,7 @@ def test_its_windows_hold_the_joint_size_and_that_of_each_record(folder, answer)
     [cause] = [s for s in said["suspects"] if s["effect"] == "cubic_stiffness"]
     low, high = cause["interval"]["k3"]
     size, error = cause["size"]["k3"], (high - low) / (2.0 * 1.96)
-    assert window.low <= size - 3.7 * error < size + 3.7 * error <= window.high  # of the first round, not the last
+    assert window.low <= size - 3.9 * error < size + 3.9 * error <= window.high  # of the first round, not the last
     assert all(window.low < t["size"] < window.high for t in said["gain"]["transfers"])
     assert window.high - window.low < 0.5 * size
 
