@@ -14,13 +14,14 @@ from tomlkit.items import AbstractTable, Table
 
 from calib import result
 from calib.calibrate import rebuild
-from calib.diagnosis.diagnose import NAMED, ONE_OF, Diagnosis, diagnose
+from calib.diagnosis.diagnose import Diagnosis, diagnose
 from calib.diagnosis.effort import Budget
 from calib.diagnosis.gain import Transfer
 from calib.diagnosis.kept import write
 from calib.diagnosis.refit import Fit
 from calib.diagnosis.rehearse import SEEDS, STRENGTHS, Case, Rehearsed, rehearse
-from calib.diagnosis.selection import Suspect
+from calib.diagnosis.suspect import Refitted
+from calib.diagnosis.verdict import NAMED, ONE_OF
 from calib.errors import CalibError
 from calib.files import whole
 from calib.parameter import Parameter, Space, Window
@@ -200,7 +201,7 @@ def _with_causes(document: tomlkit.TOMLDocument, references: Mapping[str, str], 
             _remark(document["windows"], name, f"{WIDTH:g} joint standard errors on each side; sizes of the records")
 
 
-def _entry(cause: Suspect, reference: str):
+def _entry(cause: Refitted, reference: str):
     """Entry of [model] effects under which the effect loads that the diagnosis has found, on the same bodies."""
     bodies = cause.candidate.effect.bodies
     if bodies is None:
@@ -210,7 +211,7 @@ def _entry(cause: Suspect, reference: str):
     return entry
 
 
-def _windows(cause: Suspect, final: Fit, alone: Sequence[Transfer]) -> dict[str, Window]:
+def _windows(cause: Refitted, final: Fit, alone: Sequence[Transfer]) -> dict[str, Window]:
     """Window of each parameter of a cause, within what makes sense: `WIDTH` joint standard errors about its joint size.
 
     It holds the sizes of the records that the diagnosis had, as far as they know more of it than that it is there, and

@@ -22,6 +22,10 @@ def make(
     bodies: Sequence[str],
     channels: Mapping[str, np.ndarray],
     units: Mapping[str, str] | None = None,
+    *,
+    impacts: tuple[np.ndarray, np.ndarray] | None = None,
+    section: Mapping[str, np.ndarray] | None = None,
+    state: np.ndarray | None = None,
     **attrs,
 ) -> xr.Dataset:
     """Build a record from arrays.
@@ -32,6 +36,9 @@ def make(
     bodies : names of the bodies, in the order of the arrays' rows
     channels : name -> (body, n) array in SI; ``"<channel>_sigma"`` -> (body,) or (body, n) standard uncertainty
     units : unit of each channel that is not among `CHANNELS`
+    impacts : of a simulation, their instants (m,) [s] and closing speeds (m,) [m/s]
+    section : of a simulation, displacement or velocity -> stroboscopic section (body, period) at phase 0, in SI
+    state : of a simulation, the simulator's own state (component,) at its end, from where it goes on
     attrs : status (default "ok"), source, frequency [Hz], amplitude, place, quantity, ...
     """
     units = {**CHANNELS, **(units or {})}
@@ -42,6 +49,13 @@ def make(
         if unit is None:
             raise CalibError(f"channel {name!r} needs a unit; the channels with a known one are {sorted(CHANNELS)}")
         variables[name] = (("body", "time") if values.ndim == 2 else ("body",), values, {"units": unit})
+    if impacts is not None:
+        variables["impact_time"] = ("impact", impacts[0], {"units": "s"})
+        variables["impact_speed"] = ("impact", impacts[1], {"units": "m/s"})
+    for channel, values in (section or {}).items():
+        variables[f"section_{channel}"] = (("body", "period"), values, {"units": CHANNELS[channel]})
+    if state is not None:
+        variables["state"] = ("component", state)
     record = xr.Dataset(
         variables,
         coords={"body": list(bodies), "time": ("time", np.asarray(time, dtype=float), {"units": "s"})},
@@ -102,24 +116,6 @@ def nuisance_sigma(record: xr.Dataset) -> dict[str, float]:
     except (TypeError, ValueError, AttributeError) as error:
         wanted = 'expected a JSON object of standard uncertainties in SI, such as {"scale.velocity": 0.004}'
         raise CalibError(f"attribute nuisance_sigma: {wanted}, got {stated!r}") from error
-
-
-def with_impacts(record: xr.Dataset, time: np.ndarray, speed: np.ndarray) -> xr.Dataset:
-    """Return a simulated record with its impacts: instants (m,) [s] and closing speeds (m,) [m/s]."""
-    return record.assign(
-        impact_time=("impact", time, {"units": "s"}), impact_speed=("impact", speed, {"units": "m/s"})
-    )
-
-
-def with_section(record: xr.Dataset, section: Mapping[str, np.ndarray]) -> xr.Dataset:
-    """Return a simulated record with the stroboscopic section (body, period) at phase 0 of each channel, in SI."""
-    rows = {f"section_{c}": (("body", "period"), values, {"units": CHANNELS[c]}) for c, values in section.items()}
-    return record.assign(rows)
-
-
-def with_state(record: xr.Dataset, state: np.ndarray) -> xr.Dataset:
-    """Return a simulated record with the simulator's own state (component,) at its end, from where it goes on."""
-    return record.assign(state=("component", state))
 
 
 def check(record: xr.Dataset, name: str = "record") -> xr.Dataset:

@@ -12,7 +12,7 @@ from tiny_simulators import Echo, Sketch
 
 from calib import record as records
 from calib.calibrate import calibrate, rebuild
-from calib.cli.standing import standing
+from calib.cli.standing import folder_of, standing
 from calib.effects import channel_lag
 from calib.errors import CalibError
 from calib.excitation import Excitation
@@ -271,3 +271,11 @@ def test_where_no_leader_is_confirmed_the_best_of_the_search_stays(tmp_path, dra
     _, _, simulated, *_ = drawn[0]
     assert simulated["bench"].attrs["model"] == "sketch"
     assert (verdict(found)["tone"], "not confirmed" in verdict(found)["headline"]) == ("bad", True)
+
+
+@pytest.mark.parametrize(("name", "folder"), [("study.toml", "out"), ("study.extended.toml", "out.extended")])
+def test_the_commands_look_for_results_where_a_run_leaves_them(tmp_path, name, folder):
+    path = tmp_path / name
+    path.write_text("")
+    assert folder_of(path, None) == tmp_path / folder
+    assert folder_of(path, tmp_path / "elsewhere") == tmp_path / "elsewhere"

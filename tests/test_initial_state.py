@@ -10,8 +10,10 @@ from calib import record as records
 from calib.calibrate import calibrate
 from calib.confidence import around_best
 from calib.diagnosis.bench import Run
-from calib.diagnosis.diagnose import NONE, bench_of, diagnose
+from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.evidence import gathered
+from calib.diagnosis.preparation import bench_of
+from calib.diagnosis.verdict import NONE
 from calib.errors import CalibError
 from calib.excitation import Excitation
 from calib.model import Model, Request

@@ -5,7 +5,7 @@ import io
 import pytest
 from rich.console import Console
 
-from calib.cli.diagnose import Progress as DiagnosisProgress
+from calib.cli.diagnose import DiagnosisProgress
 from calib.progress import Count, Progress
 from calib.store import Trial
 

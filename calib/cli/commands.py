@@ -307,7 +307,7 @@ def diagnose(study: Path, **options):
 @STUDY
 @OUT
 @click.option("--seeds", type=click.IntRange(min=1), default=3, show_default=True, help="Cases of each size.")
-@click.option("--strengths", default="5,10,20,40", show_default=True, help="Sizes, as the z that they promise.")
+@click.option("--strengths", default="5,10,20,40", show_default=True, help="Sizes, by their predicted z.")
 @JOBS
 @FRESH
 @click.option("--quiet", "-q", is_flag=True, help="No progress, no summary; errors only.")

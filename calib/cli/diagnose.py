@@ -15,10 +15,12 @@ from rich.progress import Progress as Bars
 from rich.table import Table
 
 from calib.cli.standing import folder_of
-from calib.diagnosis.diagnose import NAMED, NONE, ONE_OF
+from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, explained
 from calib.inquiry import inquire
 from calib.progress import INTERVAL
-from calib.report.conclusion import REFITTED, proposal, sizes
+from calib.report.causes import SENSELESS
+from calib.report.conclusion import REFITTED, biased, disagreements, proposal, sizes
+from calib.report.diagnosis import outcome
 from calib.units import shown
 
 MOST = 12  # suspects that are printed
@@ -37,7 +39,7 @@ def diagnose_study(
     as_json: bool,
 ) -> None:
     """Diagnose, and print what was found."""
-    with Progress(quiet or as_json) as progress:
+    with DiagnosisProgress(quiet or as_json) as progress:
         found, extended = inquire(
             study, out, seed=seed, jobs=jobs, apply=apply, on_stage=progress.stage, on_progress=progress.simulated,
             budget=budget,
@@ -48,7 +50,7 @@ def diagnose_study(
         show(found, folder_of(study, out), extended)
 
 
-class Progress:
+class DiagnosisProgress:
     """What a diagnosis is doing, on stderr: a bar over its simulations, or a line now and then without a terminal."""
 
     def __init__(self, quiet: bool, console: Console | None = None, clock: Callable[[], float] = time.monotonic):
@@ -56,7 +58,7 @@ class Progress:
         self._clock, self._begin, self._stage, self._told = clock, clock(), "", -np.inf
         self._bar: Bars | None = None
 
-    def __enter__(self) -> "Progress":
+    def __enter__(self) -> "DiagnosisProgress":
         if self._console.is_terminal and not self._quiet:
             columns = TextColumn("{task.fields[stage]:<18}"), BarColumn(bar_width=30), TextColumn("{task.fields[said]}")
             self._bar = Bars(SpinnerColumn(), *columns, TimeElapsedColumn(), console=self._console, transient=True)
@@ -103,7 +105,7 @@ def show(found: Mapping[str, Any], folder: Path, extended: Path | None, console:
         console.print(f"sizes fitted together: {escape('; '.join(joint))}", soft_wrap=True)
     if found["suspects"]:
         console.print(_suspects(found, console.width))
-    for line in _gain(found):
+    for line in (*_gain(found), *disagreements(found)):
         console.print(line, soft_wrap=True)
     if found["verdict"] == ONE_OF and found.get("design") is not None:
         console.print(escape(proposal(found["measurements"])), soft_wrap=True)
@@ -121,17 +123,24 @@ def _suspects(found: Mapping[str, Any], width: int) -> Table:
     table.add_column("effect", no_wrap=True)
     for heading in ("z", "explains", "size, 95 % interval", *(("detectable", "absorbed") if wide else ())):
         table.add_column(heading, justify="right", no_wrap=not heading.startswith("size"))
+    joint = found.get("joint_sizes", {})
     for suspect in found["suspects"][:MOST]:
-        first, share = next(iter(suspect["size"])), suspect["share"]
+        first = next(iter(suspect["size"]))
         row = (
             escape(suspect["effect"]),
             "-" if suspect["z"] is None else f"{suspect['z']:.1f}",
-            "-" if share is None or not suspect["refitted"] else f"{share:.0%}",
-            ", ".join(sizes(suspect)),
+            _explains(suspect, found),
+            ", ".join(sizes(joint.get(suspect["effect"], suspect))),
         )
         further = shown(suspect["detectable"][first], suspect["units"][first], 2), f"{suspect['absorbed']:.0%}"
         table.add_row(*row, *(further if wide else ()))
     return table
+
+
+def _explains(suspect: Mapping[str, Any], found: Mapping[str, Any]) -> str:
+    if outcome(suspect, found) == SENSELESS:
+        return "wrong sign"
+    return explained(suspect["share"]) if suspect["share"] is not None and suspect["refitted"] else "-"
 
 
 def _gain(found: Mapping[str, Any]) -> list[str]:
@@ -145,10 +154,9 @@ def _gain(found: Mapping[str, Any]) -> list[str]:
         f"less by {low:.2g} to {high:.2g}{proven}",
         f"misfit: {gain['metric']}; {REFITTED}",
     ]
-    moved = [s for s in gain["shifts"] if abs(s["errors"]) > 2.0]
+    moved = ", ".join(f"{name} by {errors:+.1f}" for name, errors in biased(gain).items())
     if moved:
-        said = ", ".join(f"{s['parameter']} by {s['errors']:+.1f}" for s in moved)
-        lines.append(f"without it the calibrated values were biased; they move by standard errors: {said}")
+        lines.append(f"without it calibrated values were biased; in their own standard errors they move: {moved}")
     return lines
 
 

@@ -11,19 +11,19 @@ from calib.store import Trial, read
 from calib.store.lock import held
 from calib.store.optuna_view import ARTIFACTS, JOURNAL
 from calib.store.trial import best
-from calib.study_toml import StudyToml, located, read_toml
+from calib.study_toml import StudyToml, located, read_toml, results_folder
 
 MEMORY = 50  # trials over which the rate is taken
 
 
 def folder_of(study: Path, out: Path | None) -> Path:
-    """Return the folder of a study's results: `out`, else out/ beside the study file.
+    """Return the folder of a study's results: `out`, else the one beside the study file.
 
     Raises
     ------
     CalibError : neither the study nor the folder is there
     """
-    return located(study).parent / "out" if out is None else out
+    return results_folder(located(study)) if out is None else out
 
 
 def standing(study: Path, out: Path | None) -> dict[str, Any]:

@@ -7,12 +7,13 @@ interpolated, so that what is left about the mean cycle has the variance and the
 """
 
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 import xarray as xr
 from scipy import sparse
 from scipy.interpolate import BSpline
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
 from calib.cycles.loop import cycles_in, period_of, sampled, samples_in_step
 from calib.record import channels as channels_of
@@ -21,6 +22,8 @@ IN_STEP_TOLERANCE = 1e-3  # of a sample interval, by which samples of one phase 
 DEGREE = 3
 REFINEMENTS = (1, 2, 4)  # knots per sample of a cycle
 SAMPLES_PER_KNOT = 4  # at least, where knots are nearer than samples of a cycle
+SPLINES_KEPT = 16  # most recent ones, of a clock and a number of knots each
+MAX_SAMPLES_KEPT = 100_000  # of such a clock: of longer records, 50 bytes a sample would add up
 ROUGHNESS = 1e-6  # weight of squared second differences of the coefficients: bridges phases without samples
 
 
@@ -129,14 +132,50 @@ def _of_spline(turn, values, weight, sizes, grid) -> tuple[np.ndarray, np.ndarra
     for knots in sizes:
         if chosen is not None and turn.size < SAMPLES_PER_KNOT * knots:
             break
-        basis = _basis(turn - turn[0], knots)
-        coefficients = np.array([_coefficients(basis, row, w) for row, w in zip(values, weight, strict=True)])
-        fitted = coefficients @ basis.T
+        made = _spline if turn.size <= MAX_SAMPLES_KEPT else _spline.__wrapped__
+        spline = made((turn - turn[0]).tobytes(), knots)
+        coefficients = np.array([spline.fitted(row, w) for row, w in zip(values, weight, strict=True)])
+        fitted = coefficients @ spline.basis.T
         criterion = _schwarz(values, fitted, weight, knots)
         if criterion < best:
             chosen, best = (coefficients, fitted, knots), criterion
     coefficients, fitted, knots = chosen
     return coefficients @ _basis(grid - turn[0], knots).T, fitted, knots
+
+
+@lru_cache(maxsize=SPLINES_KEPT)
+def _spline(turn: bytes, knots: int) -> "_Spline":
+    """Periodic spline at places (n,) of float64, in cycles from a knot: records share their clocks."""
+    return _Spline(_basis(np.frombuffer(turn), knots))
+
+
+@dataclass(frozen=True, eq=False)
+class _Spline:
+    """A periodic spline to be fitted to samples.
+
+    Attributes
+    ----------
+    basis : (n, knots) B-splines at the samples
+    """
+
+    basis: sparse.csr_array
+
+    def fitted(self, row: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """Coefficients (knots,) of weighted least squares of one row (n,) of samples."""
+        equations = self._unweighted if (weight == 1.0).all() else self._factorised(weight)
+        return equations.solve((weight * row) @ self.basis)
+
+    @cached_property
+    def _unweighted(self) -> SuperLU:
+        return self._factorised(np.ones(self.basis.shape[0]))
+
+    def _factorised(self, weight: np.ndarray) -> SuperLU:
+        knots = self.basis.shape[1]
+        index, ones = np.arange(knots), np.ones(knots)
+        shifted = [sparse.csr_array((ones, (index, (index + by) % knots)), shape=(knots, knots)) for by in (-1, 1)]
+        bend = 2.0 * sparse.eye_array(knots) - sum(shifted)
+        stiffness = ROUGHNESS * weight.sum() / knots * (bend.T @ bend)
+        return splu(sparse.csc_matrix((self.basis * weight[:, None]).T @ self.basis + stiffness))
 
 
 def _basis(turn: np.ndarray, knots: int) -> sparse.csr_array:
@@ -146,17 +185,6 @@ def _basis(turn: np.ndarray, knots: int) -> sparse.csr_array:
     index = np.arange(knots + DEGREE)
     wrapped = sparse.csr_array((np.ones(index.size), (index, index % knots)), shape=(index.size, knots))
     return sparse.csr_array(spread) @ wrapped
-
-
-def _coefficients(basis: sparse.csr_array, row: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Coefficients (knots,) of weighted least squares of one row (n,)."""
-    knots = basis.shape[1]
-    weighted = (basis * weight[:, None]).T
-    index, ones = np.arange(knots), np.ones(knots)
-    before, after = (sparse.csr_array((ones, (index, (index + by) % knots)), shape=(knots, knots)) for by in (-1, 1))
-    bend = 2.0 * sparse.eye_array(knots) - before - after
-    stiffness = ROUGHNESS * weight.sum() / knots * (bend.T @ bend)
-    return splu(sparse.csc_matrix(weighted @ basis + stiffness)).solve(weighted @ row)
 
 
 def _schwarz(values, fitted, weight, knots) -> float:

@@ -51,6 +51,7 @@ class Run:
     excitation : in the place of the record's; what is simulated is then not aligned, for nothing was measured
     start : initial state, where that is a nuisance; None: it is solved for
     rows : (body, channel) pairs in the place of those of `Bench.rows`; empty for these
+    times : (n,) when to sample, in the place of the request's [s]; None for these
     """
 
     record: str
@@ -60,6 +61,7 @@ class Run:
     excitation: Excitation | None = None
     start: Start | None = None
     rows: tuple[tuple[str, str], ...] = ()
+    times: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +129,8 @@ class Bench:
         """Simulate and align."""
         reference = self.objective.references[run.record]
         request: Request = reference.request
+        if run.times is not None:
+            request = replace(request, times=run.times)
         if run.state is not None:
             budget = min(request.step_budget, STEPS)
             request = replace(request, initial_state=run.state, near=True, step_budget=budget)

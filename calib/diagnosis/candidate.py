@@ -13,7 +13,7 @@ from calib.parameter import Parameter
 from calib.record import channels
 from calib.units import powers
 
-REACH = 3.0  # factor by which the form of a cause may leave the values at which its effect is tried
+FORM_BOUND_RATIO = 3.0  # of the bounds of an effect's form over the extreme values at which it is tried
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +58,15 @@ class Candidate:
     def high(self) -> np.ndarray:
         """Largest values (free,) that make sense."""
         return np.array([parameter.high for parameter in self.parameters])
+
+    @property
+    def sign(self) -> int:
+        """Sign that the departure of a single free parameter from null must have; 0 where both make sense."""
+        if len(self.free) != 1:
+            return 0
+        if self.low[0] == self.null[0]:
+            return 1
+        return -1 if self.high[0] == self.null[0] else 0
 
     @property
     def parameters(self):
@@ -142,7 +151,7 @@ def candidates(
     refused : effect -> why it is no candidate
     """
     scales = Scales.of(references.values())
-    found, refused = [], {}
+    accepted, refused = [], {}
     for effect in effects:
         reason = _refusal(model, effect, references, searched)
         if reason:
@@ -151,8 +160,8 @@ def candidates(
         variants = _variants(_placed(effect, model.simulator), scales, references)
         if not variants:
             refused[effect.name] = "its frequencies are above half the sampling rate of every record"
-        found += variants
-    return found, refused
+        accepted += variants
+    return accepted, refused
 
 
 def _placed(effect: Effect, simulator) -> Effect:
@@ -197,7 +206,7 @@ def _variants(effect: Effect, scales: Scales, references: Mapping[str, Reference
         if p.null is None
     ]
     bounds = _bounds(effect, scale)
-    found = []
+    variants = []
     for held in itertools.product(*grids):
         for own in [(name,) for name in free] if effect.rough else [free]:
             absent = {name: effect.null[name] for name in free if name not in own}
@@ -205,19 +214,19 @@ def _variants(effect: Effect, scales: Scales, references: Mapping[str, Reference
             if effect.guess is not None and not sizes.size:
                 continue  # no record has the channel, or none shows a trace of it
             own_scale = {name: scale[name] for name in own} | {name: abs(x) for name, x in held if name in bounds}
-            found.append(Candidate(effect, own, {**dict(held), **absent}, own_scale, sizes, bounds))
-    return found
+            variants.append(Candidate(effect, own, {**dict(held), **absent}, own_scale, sizes, bounds))
+    return variants
 
 
 def _bounds(effect: Effect, scale: Mapping[str, float]) -> dict[str, tuple[float, float]]:
     """Bounds of the parameters that give an effect its form: those it is tried at, and somewhat beyond."""
-    found = {}
+    bounds = {}
     for p in effect.parameters:
         if p.null is None and not effect.rough:
             held = _held(p, effect, scale[p.name])
             if min(held) > 0.0:
-                found[p.name] = max(p.low, min(held) / REACH), min(p.high, max(held) * REACH)
-    return found
+                bounds[p.name] = max(p.low, min(held) / FORM_BOUND_RATIO), min(p.high, max(held) * FORM_BOUND_RATIO)
+    return bounds
 
 
 def _held(parameter: Parameter, effect: Effect, scale: float) -> list[float]:

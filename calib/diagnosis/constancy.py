@@ -17,8 +17,8 @@ from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.refit import Fit
 from calib.diagnosis.score import Projection, deviate
 
-RANK = 1e-9  # singular value, over the largest, below which the unrestricted model does not know a direction
-LEAST_FREEDOM = 4.0  # of a variance: below 2 the mean of F does not exist
+RANK_TOLERANCE = 1e-9  # singular value, over the largest, below which the unrestricted model does not know a direction
+MIN_DEGREES_OF_FREEDOM = 4.0  # of a variance: below 2 the mean of F does not exist
 
 
 @dataclass(frozen=True)
@@ -41,12 +41,12 @@ class Constancy:
 
 def constancies(evidence: Evidence, fit: Fit) -> tuple[Constancy, ...]:
     """Constancy of each effect in a fit, which has its derivatives; z is 0 where one channel alone shows it."""
-    return tuple(_constancy(evidence, fit, index) for index in range(len(fit.found)))
+    return tuple(_constancy(evidence, fit, index) for index in range(len(fit.candidates)))
 
 
 def _constancy(evidence: Evidence, fit: Fit, index: int) -> Constancy:
     """Constancy of one of the effects in a fit."""
-    candidate, rows = fit.found[index], evidence.rows()
+    candidate, rows = fit.candidates[index], evidence.rows()
     names = [name for name in (*candidate.free, *candidate.form) if fit.columns[:, fit.names.index(name)].any()]
     own = [fit.names.index(name) for name in names]
     common, everywhere = np.delete(fit.free(fit.columns), own, axis=1), fit.columns[:, own]
@@ -60,21 +60,21 @@ def _constancy(evidence: Evidence, fit: Fit, index: int) -> Constancy:
     sizes, covariance, freedom = _unrestricted(fit.residual, rows, common, fit.free(single))
     sizes = sizes + np.array([fit.value(names[k]) for k, _ in shown])
     q, degrees, mean_chi2 = _cochran(sizes, covariance, np.array([k for k, _ in shown]))
-    freedom = max(LEAST_FREEDOM, float(freedom.min()))
+    freedom = max(MIN_DEGREES_OF_FREEDOM, float(freedom.min()))
     z = float(deviate(q * (freedom - 2.0) / freedom, degrees))
     return Constancy(candidate.name, z, float(np.sqrt(max(0.0, q - degrees) / max(mean_chi2, 1e-300))), chi2)
 
 
 def _shows(alone: np.ndarray, column: np.ndarray) -> bool:
     """Whether an effect with this derivative (N,) shows in a row that has this part of it."""
-    return float(np.linalg.norm(alone)) > RANK * float(np.linalg.norm(column))
+    return float(np.linalg.norm(alone)) > RANK_TOLERANCE * float(np.linalg.norm(column))
 
 
 def _chi2(fit: Fit, null: dict, names: Sequence[str], columns: np.ndarray) -> float:
     """Rise of the sum of squares where the sizes of these names go to null; columns (N, p) without what others take."""
     away = [fit.value(name) - null[name] if np.isfinite(null.get(name, np.nan)) else 0.0 for name in names]
-    left = columns @ np.array(away)
-    return float(left @ left)
+    change = columns @ np.array(away)
+    return float(change @ change)
 
 
 def _unrestricted(
@@ -87,10 +87,10 @@ def _unrestricted(
     columns, m = np.column_stack([common, single]), single.shape[1]
     scale = np.linalg.norm(columns, axis=0)
     scale[scale == 0.0] = 1.0
-    step = np.linalg.lstsq(columns / scale, residual, rcond=RANK)[0] / scale
-    left = residual - columns @ step
-    counted = (left != 0.0) | columns.any(axis=1)
-    covariance, freedom = sandwich(columns[counted], left[counted], rows[counted])
+    step = np.linalg.lstsq(columns / scale, residual, rcond=RANK_TOLERANCE)[0] / scale
+    remainder = residual - columns @ step
+    counted = (remainder != 0.0) | columns.any(axis=1)
+    covariance, freedom = sandwich(columns[counted], remainder[counted], rows[counted])
     return step[-m:], covariance[-m:, -m:], freedom[-m:]
 
 
@@ -100,7 +100,8 @@ def _cochran(sizes: np.ndarray, covariance: np.ndarray, parameter: np.ndarray) -
     sizes (m,) with their covariance, parameter (m,) : number of the parameter that each is of
     """
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    weight = np.linalg.pinv(covariance / np.outer(scale, scale), rcond=RANK, hermitian=True) / np.outer(scale, scale)
+    scales = np.outer(scale, scale)
+    weight = np.linalg.pinv(covariance / scales, rcond=RANK_TOLERANCE, hermitian=True) / scales
     same = (parameter[:, None] == np.arange(parameter.max() + 1)).astype(float)
     information = same.T @ weight @ same
     mean = np.linalg.lstsq(information, same.T @ weight @ sizes, rcond=None)[0]

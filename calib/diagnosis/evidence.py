@@ -5,10 +5,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from calib.cycles import mean_cycle
 from calib.diagnosis.bench import Seen
+from calib.diagnosis.clock import CLOCK_RATE_STD, MAX_CLOCK_RATE, clock_sensitivity
 from calib.diagnosis.noise import (
     LEAST_CYCLES,
     STATED,
@@ -19,16 +20,13 @@ from calib.diagnosis.noise import (
     shared,
     with_memory,
 )
-from calib.excitation import Excitation
 from calib.objective import Objective, Reference, compared_rows, row_weights
 from calib.objective.outliers import MIN_DEVIATION, deviations, smoothed
 
-SPAN = 20  # least number of segments of a record, whose scores are taken as independent
-FEW = 0.5  # levels over samples: fewer are steps of a converter
-INITIAL_RANK = 1e-9  # singular value, over the largest, below which a direction of the initial state stays
-MAX_CLOCK_RATE = 50e-6  # of a recorder's clock, relative: of quartz oscillators, uniformly distributed within it
-CLOCK_RATE_STD = MAX_CLOCK_RATE / 3.0**0.5
-ALIGNED = 1e-3  # of a step: distance from its multiples that is rounding
+MIN_SEGMENTS = 20  # of a record, whose scores are taken as independent
+MAX_LEVEL_SHARE = 0.5  # levels over samples: fewer are steps of a converter
+INITIAL_RANK_TOLERANCE = 1e-9  # singular value, over the largest, below which a direction of the initial state stays
+MAX_LEVEL_ERROR = 1e-3  # distance of a level from whole steps that is rounding, over a step
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,14 +106,14 @@ class Part:
         length = float(np.linalg.norm(column))
         return column / max(length, 1e-300), length
 
-    def tangents(self, seen: Seen) -> np.ndarray:
+    def tangents(self, simulated: Seen) -> np.ndarray:
         """Change of the simulated rows with each nuisance, in units of the noise (row * n, k).
 
         The rate of the recorder's clock against that of the drive is one in every record of a steady tone: nothing
-        that repeats looks like it. In a free decay it is as uncertain as clocks are (`clock`).
+        that repeats looks like it. In other records it is as uncertain as clocks are (`clock`).
         """
-        rows, channel = seen.rows, [c for _, c in self.rows]
-        columns = [*seen.initial, *([clock_sensitivity(self.time, rows)] if self.period is not None else [])]
+        rows, channel = simulated.rows, [c for _, c in self.rows]
+        columns = [*simulated.initial, *([clock_sensitivity(self.time, rows)] if self.period is not None else [])]
         if "trigger" in self.nuisance:
             columns.append(np.gradient(rows, self.time, axis=1))
         if "offset" in self.nuisance:
@@ -136,21 +134,8 @@ class Part:
     def segments(self) -> np.ndarray:
         """Number (row * n,) of the segment that each residual belongs to; all rows of an instant share it."""
         n = self.time.size
-        length = max(8, n // SPAN)
+        length = max(8, n // MIN_SEGMENTS)
         return np.tile(np.minimum(np.arange(n) // length, max(1, n // length) - 1), len(self.rows))
-
-
-def clock_sensitivity(time: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Change of rows (row, n) with the rate of the clock, which is right at time zero  [per unit rate]."""
-    return np.gradient(rows, time, axis=1) * time
-
-
-def clock_of(excitation: Excitation, time: np.ndarray, rows: np.ndarray) -> np.ndarray | None:
-    """Change of rows (row, n) with the rate of a clock that is uncertain; None where it is a nuisance or does not show.
-
-    That of a steady tone is a nuisance. A recorded excitation was sampled by the same clock as the motion.
-    """
-    return clock_sensitivity(time, rows) if excitation.quantity == "free decay" else None
 
 
 def _only(rows: np.ndarray, index: int, value: float) -> np.ndarray:
@@ -175,9 +160,9 @@ class Evidence:
         """Names of the records."""
         return [part.name for part in self.parts]
 
-    def residual(self, seen: Mapping[str, Seen]) -> np.ndarray:
+    def residual(self, simulated: Mapping[str, Seen]) -> np.ndarray:
         """Measured less simulated, in units of the noise (N,)."""
-        return np.concatenate([part.white(part.measured - seen[part.name].rows) for part in self.parts])
+        return np.concatenate([part.white(part.measured - simulated[part.name].rows) for part in self.parts])
 
     def difference(self, one: Mapping[str, Seen], other: Mapping[str, Seen]) -> np.ndarray:
         """Simulation `other` less simulation `one`, in units of the noise (N,)."""
@@ -185,16 +170,16 @@ class Evidence:
 
     def carried(self, columns: np.ndarray, other: "Evidence") -> np.ndarray:
         """Columns (N, k) in units of the noise of `other`, which weighs the same samples, in units of this noise."""
-        found = []
+        blocks = []
         for part, old in zip(self.parts, other.parts, strict=True):
             plain, even = old.restored(columns[other.of(old.name)]), replace(part, weight=np.ones_like(part.weight))
             whitened = np.column_stack([even._whitened(plain[:, :, k]) for k in range(columns.shape[1])])
-            found.append(part._shrunk(whitened, 1.0))
-        return np.concatenate(found)
+            blocks.append(part._shrunk(whitened, 1.0))
+        return np.concatenate(blocks)
 
-    def tangents(self, seen: Mapping[str, Seen]) -> np.ndarray:
+    def tangents(self, simulated: Mapping[str, Seen]) -> np.ndarray:
         """Change of the simulations with each nuisance of each record, in units of the noise (N, k)."""
-        blocks = [part.tangents(seen[part.name]) for part in self.parts]
+        blocks = [part.tangents(simulated[part.name]) for part in self.parts]
         whole = np.zeros((sum(len(b) for b in blocks), sum(b.shape[1] for b in blocks)))
         row = column = 0
         for block in blocks:
@@ -202,19 +187,20 @@ class Evidence:
             row, column = row + len(block), column + block.shape[1]
         return whole
 
-    def initial_moves(self, seen: Mapping[str, Seen], residual: np.ndarray) -> dict[str, dict[str, float]]:
+    def initial_moves(self, simulated: Mapping[str, Seen], residual: np.ndarray) -> dict[str, dict[str, float]]:
         """Changes of initial states that are nuisances, by record, which fit a residual (N,) best, to first order."""
-        found = {}
+        changes = {}
         for part in self.parts:
-            view = seen[part.name]
+            view = simulated[part.name]
             if view.start is None:
                 continue
             tangents = part.tangents(view)
             scale = np.linalg.norm(tangents, axis=0)
             scale[scale == 0.0] = 1.0
-            moves = np.linalg.lstsq(tangents / scale, residual[self.of(part.name)], rcond=INITIAL_RANK)[0] / scale
-            found[part.name] = dict(zip(view.start.state, moves.tolist(), strict=False))
-        return found
+            own = residual[self.of(part.name)]
+            moves = np.linalg.lstsq(tangents / scale, own, rcond=INITIAL_RANK_TOLERANCE)[0] / scale
+            changes[part.name] = dict(zip(view.start.state, moves.tolist(), strict=False))
+        return changes
 
     def segments(self) -> np.ndarray:
         """Number (N,) of the segment that each residual belongs to."""
@@ -256,28 +242,25 @@ class Evidence:
         """Return some of the records."""
         return Evidence(tuple(part for part in self.parts if part.name in names))
 
-    def with_weights(self, seen: Sequence[Mapping[str, Seen]]) -> "Evidence":
+    def with_weights(self, simulations: Sequence[Mapping[str, Seen]]) -> "Evidence":
         """Return the same evidence compared only where all these simulations are to be trusted."""
         parts = []
         for part in self.parts:
-            trust = np.prod([views[part.name].trust for views in seen], axis=0)
+            trust = np.prod([views[part.name].trust for views in simulations], axis=0)
             parts.append(_weighted(part, trust))
         return Evidence(tuple(parts))
 
-    def heard(self, seen: Mapping[str, Seen]) -> "Evidence | None":
-        """Return the evidence with the memory of stated noise that was taken as white, now that it is left alone.
-
-        seen : simulations that may leave no more than that noise. None where no memory shows.
-        """
+    def with_reestimated_noise(self, left: Mapping[str, np.ndarray]) -> "Evidence":
+        """Return the evidence with the noise re-estimated of what does not repeat, by what is `left` (row, n)."""
         parts = []
         for part in self.parts:
-            rows, noise = part.without_clock(part.measured - seen[part.name].rows), list(part.noise)
-            for index, known in enumerate(part.noise):
-                if known.source == STATED and not known.repeated and not known.memory.size:
-                    noise[index] = from_residual(rows[index], part.weight[index], part.measured[index], known.sigma)
+            rows = zip(part.noise, left[part.name], part.weight, part.measured, strict=True)
+            noise = [
+                known if known.repeated else from_residual(*row, known.sigma if known.source == STATED else None)
+                for known, *row in rows
+            ]
             parts.append(replace(part, noise=tuple(noise)))
-        lengths = [[noise.memory.size for part in own for noise in part.noise] for own in (self.parts, parts)]
-        return Evidence(tuple(parts)) if lengths[0] != lengths[1] else None
+        return Evidence(tuple(parts))
 
 
 def _weighted(part: Part, trust: np.ndarray) -> Part:
@@ -291,6 +274,7 @@ def gathered(
     seen: Mapping[str, Seen],
     left: Mapping[str, np.ndarray] | None = None,
     spoilt: Mapping[str, np.ndarray] | None = None,
+    clocks: Mapping[str, np.ndarray] | None = None,
 ) -> Evidence:
     """Put measured records and their noise together.
 
@@ -302,6 +286,7 @@ def gathered(
     left : what no fit explains (row, n), by record: the noise of what does not repeat is judged by it; None: by what
         the simulations leave
     spoilt : record -> (row, n) whether a sample is an outlier; None: none is
+    clocks : as `clock_slopes` gives them; None: all clocks are right
     """
     measured = {name: _measured(reference, rows[name]) for name, reference in references.items()}
     good = {name: np.ones(m.shape, dtype=bool) if spoilt is None else ~spoilt[name] for name, m in measured.items()}
@@ -342,15 +327,15 @@ def gathered(
                 noise=tuple(noises),
                 used=used[name],
                 weight=weight,
-                clock=clock_of(reference.excitation, time, seen[name].rows),
+                clock=(clocks or {}).get(name),
             )
         )
     return Evidence(tuple(parts))
 
 
-def _used(seen: Seen, rows: Sequence[tuple[str, str]], good: np.ndarray) -> np.ndarray:
+def _used(simulated: Seen, rows: Sequence[tuple[str, str]], good: np.ndarray) -> np.ndarray:
     """Whether samples (row, n) are compared: those that are good, of rows that the excitation does not prescribe."""
-    return np.array([row not in seen.given for row in rows], dtype=bool)[:, None] & good
+    return np.array([row not in simulated.given for row in rows], dtype=bool)[:, None] & good
 
 
 def _mended(measured: np.ndarray, simulated: np.ndarray, good: np.ndarray) -> np.ndarray:
@@ -363,29 +348,43 @@ def outliers(part: Part, seen: Seen) -> np.ndarray:
     """Whether a sample (row, n) departs from those about it as no noise does.
 
     Its residual stands MIN_DEVIATION standard deviations beyond the median about it, theirs do not, and so it is with
-    the measured channel itself: what the model lacks may leave spikes in the residual alone.
+    the measured channel itself: what the model lacks may leave spikes in the residual alone. What comes again a cycle
+    before or after is no outlier either, but belongs to the motion, such as an impact at another time.
     """
     far = part.weight == 1.0
-    for rows in (part.measured - seen.rows, part.measured):
+    for rows in (part.measured, part.measured - seen.rows):
         distance, sigma = deviations(rows)
         far &= distance > MIN_DEVIATION * np.maximum(sigma, 1e-300)
     crowd = uniform_filter1d(far.astype(float), 3, axis=1) > 0.5  # a jump is no outlier
-    return far & ~crowd
+    return far & ~crowd & ~_repeated(part, distance)
+
+
+def _repeated(part: Part, distance: np.ndarray) -> np.ndarray:
+    """Whether samples (row, n) a cycle before or after, or beside those, stand out by half this `distance` at least."""
+    repeated = np.zeros(distance.shape, dtype=bool)
+    if part.period is None:
+        return repeated
+    near = maximum_filter1d(distance, 3, axis=1)
+    for shift in (-part.cycle * part.period, part.cycle * part.period):
+        there = np.searchsorted(0.5 * (part.time[1:] + part.time[:-1]), part.time + shift)
+        inside = (part.time + shift >= part.time[0]) & (part.time + shift <= part.time[-1])
+        repeated |= inside & (near[:, there] > 0.5 * distance)
+    return repeated
 
 
 def rounding(part: Part) -> np.ndarray:
-    """Variance (row,) that a converter's steps make, over that of the row's noise; 0 where none are seen  [1].
+    """Variance (row,) that a converter's steps make, over that of the row's noise; 0 where it shows none  [1].
 
-    The steps are seen where the samples lie on few levels that are whole steps apart; theirs is a twelfth of the
+    They show where the samples lie on few levels that are whole steps apart; theirs is a twelfth of the
     step squared (Widrow & Kollar, Quantization Noise, 2008, chapter 4).
     """
     shares = np.zeros(len(part.rows))
     for index, (row, noise, used) in enumerate(zip(part.measured, part.noise, part.used, strict=True)):
         levels = np.unique(row[used])
-        if 1 < levels.size < FEW * used.sum():
+        if 1 < levels.size < MAX_LEVEL_SHARE * used.sum():
             step = np.median(np.diff(levels))
             steps = (levels - levels[0]) / step
-            if np.abs(steps - np.round(steps)).max() < ALIGNED:
+            if np.abs(steps - np.round(steps)).max() < MAX_LEVEL_ERROR:
                 shares[index] = step**2 / 12.0 / noise.sigma**2
     return shares
 

@@ -5,18 +5,21 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from calib.confidence.covariance import sandwich
 from calib.cycles import kind_of_motion
 from calib.diagnosis.bench import Bench, Run, Seen, simulated
+from calib.diagnosis.clock import clock_slopes
+from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.evidence import Evidence, Part, gathered
-from calib.diagnosis.refit import LEVEL, Fit, Fitter
-from calib.diagnosis.score import Projection, Signature, deviate, tested
-from calib.diagnosis.selection import Suspect
+from calib.diagnosis.refit import Fit, Fitter
+from calib.diagnosis.score import Projection, Signature, deviate
 from calib.diagnosis.signature import Direction, slopes
+from calib.diagnosis.suspect import Refitted
 from calib.objective import Squares, misfit, row_weights
 from calib.study import Pool
 
-DRAWS = 2000  # of the bootstrap
-DERIVATIVE_ERROR = 0.003  # relative, of differences: a column of which others leave less than thrice that is absorbed
+BOOTSTRAP_DRAWS = 2000
+DERIVATIVE_ERROR = 0.003  # relative, of differences: by it a signature is told from rounding
 RECORDS, BLOCKS = "records held out", "blocks of the calibrated records"
 
 
@@ -69,13 +72,19 @@ class Shift:
     ----------
     parameter : name
     before, after : values, in SI
-    errors : by how many standard errors (of the value after) it moves
+    before_error, after_error : their standard errors, in SI
     """
 
     parameter: str
     before: float
     after: float
-    errors: float
+    before_error: float
+    after_error: float
+
+    @property
+    def errors(self) -> float:
+        """By how many standard errors of the calibrated value it moves."""
+        return (self.after - self.before) / self.before_error
 
 
 @dataclass(frozen=True)
@@ -117,9 +126,9 @@ def gained(
     fitter: Fitter,
     null: Fit,
     final: Fit,
-    causes: Sequence[Suspect],
+    causes: Sequence[Refitted],
     seed: int,
-    limit: float,
+    threshold: float,
 ) -> Gain | None:
     """Try the calibrated and the extended model on what was held out; None where nothing can be.
 
@@ -127,15 +136,29 @@ def gained(
 
     Parameters
     ----------
-    limit : threshold of the normal deviate, from which the records' sizes differ
+    threshold : of the normal deviate, from which the records' sizes differ
     """
-    references = bench.objective.references
-    held = [name for name, reference in references.items() if reference.use == "holdout"]
     shifts = _shifts(null, final)
     columns = _columns(pool, fitter, fitter.evidence, final, final.columns)
     transfers = _transfers(fitter.evidence, final, columns, held=False)
+    held = [name for name, reference in bench.objective.references.items() if reference.use == "holdout"]
     if not held:
-        return _of_blocks(fitter, null, final, causes, seed, shifts=shifts, **_sizes(transfers, limit))
+        return _of_blocks(fitter, null, final, causes, seed, shifts=shifts, **_sizes(transfers, threshold))
+    before, after, failed = _simulated(pool, held, null, final)
+    if not before:
+        nan, sizes = np.nan, _sizes(transfers, threshold)
+        return Gain(RECORDS, (), nan, nan, (nan, nan), failed=failed, shifts=shifts, **sizes)
+    evidence = _held_out_evidence(pool, bench, final, before, after)
+    parts = [(part, before[part.name], after[part.name]) for part in evidence.parts]
+    there = replace(final, point=replace(final.point, simulated=after))
+    transfers += _transfers(evidence, there, _columns(pool, fitter, evidence, there), held=True)
+    return _summed(RECORDS, parts, seed, failed=failed, shifts=shifts, **_sizes(transfers, threshold))
+
+
+def _simulated(
+    pool: Pool, held: Sequence[str], null: Fit, final: Fit
+) -> tuple[dict[str, Seen], dict[str, Seen], dict[str, str]]:
+    """Records held out by the calibrated and by the extended model, as far as both can be; else why not, by name."""
     runs = [Run(name, fit.point.values, fit.point.effects) for fit in (null, final) for name in held]
     answers = simulated(pool, runs)
     before, after = dict(zip(held, answers, strict=False)), dict(zip(held, answers[len(held) :], strict=True))
@@ -146,19 +169,20 @@ def gained(
         if not view.usable
     }
     usable = [name for name in held if name not in failed]
-    if not usable:
-        nan, sizes = np.nan, _sizes(transfers, limit)
-        return Gain(RECORDS, (), nan, nan, (nan, nan), failed=failed, shifts=shifts, **sizes)
-    cycle = {name: kind_of_motion(references[name].record).period or 1 for name in usable}
-    chosen = {name: references[name] for name in usable}
-    evidence = gathered(chosen, bench.rows, cycle, after).with_weights([before, after])
-    parts = [(part, before[part.name], after[part.name]) for part in evidence.parts]
-    there = replace(final, point=replace(final.point, seen=after))
-    transfers += _transfers(evidence, there, _columns(pool, fitter, evidence, there), held=True)
-    return _summed(RECORDS, parts, seed, failed=failed, shifts=shifts, **_sizes(transfers, limit))
+    return {name: before[name] for name in usable}, {name: after[name] for name in usable}, failed
 
 
-def _of_blocks(fitter: Fitter, null: Fit, final: Fit, causes: Sequence[Suspect], seed: int, **rest) -> Gain | None:
+def _held_out_evidence(
+    pool: Pool, bench: Bench, final: Fit, before: Mapping[str, Seen], after: Mapping[str, Seen]
+) -> Evidence:
+    """Records held out with their noise, compared where the simulations of both models are to be trusted."""
+    references = {name: bench.objective.references[name] for name in after}
+    cycle = {name: kind_of_motion(reference.record).period or 1 for name, reference in references.items()}
+    clocks = clock_slopes(pool, bench, after, final.point.values, final.point.effects)
+    return gathered(references, bench.rows, cycle, after, clocks=clocks).with_weights([before, after])
+
+
+def _of_blocks(fitter: Fitter, null: Fit, final: Fit, causes: Sequence[Refitted], seed: int, **rest) -> Gain | None:
     """Fit both models to one half of every record and try them on the other, and the other way round."""
     candidates = tuple(cause.candidate for cause in causes)
     parts = []
@@ -170,7 +194,7 @@ def _of_blocks(fitter: Fitter, null: Fit, final: Fit, causes: Sequence[Suspect],
         sizes = {name: final.value(name) for c in candidates for name in c.free}
         extended = halved.fit(final.point, candidates, sizes)
         for part in other.parts:
-            parts.append((part, without.point.seen[part.name], extended.point.seen[part.name]))
+            parts.append((part, without.point.simulated[part.name], extended.point.simulated[part.name]))
     return _summed(BLOCKS, parts, seed, **rest)
 
 
@@ -189,20 +213,20 @@ def _summed(kind: str, parts: Sequence[tuple[Part, Seen, Seen]], seed: int, **re
     before, after = misfit([one for one, _ in squares]), misfit([other for _, other in squares])
     rng = np.random.default_rng(seed)
     drawn = []
-    for _ in range(DRAWS):
+    for _ in range(BOOTSTRAP_DRAWS):
         picked = [rng.integers(one.count.shape[1], size=one.count.shape[1]) for one, _ in squares]
         again = [(one.drawn(p), other.drawn(p)) for (one, other), p in zip(squares, picked, strict=True)]
         drawn.append(misfit([one for one, _ in again]) - misfit([other for _, other in again]))
-    tail = 0.5 * (1.0 - LEVEL)
+    tail = 0.5 * (1.0 - CRITERIA.confidence_level)
     interval = tuple(float(x) for x in np.nanquantile(drawn, [tail, 1.0 - tail]))
     return Gain(kind, names, before, after, interval, each=each, **rest)
 
 
 def _squares(parts: Sequence[tuple[Part, Seen, Seen]]) -> tuple[Squares, Squares]:
     """Squares of one record, of which each part has some segments, before and after."""
-    found = [[_by_segment(part, view) for view in views] for part, *views in parts]
-    counted = [(one.count + other.count).sum(axis=0) > 0.0 for one, other in found]
-    kept = [[s.drawn(c) for s in pair] for pair, c in zip(found, counted, strict=True)]
+    squares = [[_by_segment(part, view) for view in views] for part, *views in parts]
+    counted = [(one.count + other.count).sum(axis=0) > 0.0 for one, other in squares]
+    kept = [[s.drawn(c) for s in pair] for pair, c in zip(squares, counted, strict=True)]
     before, after = (
         Squares(np.hstack([s.total for s in side]), np.hstack([s.count for s in side]))
         for side in zip(*kept, strict=True)
@@ -222,35 +246,43 @@ def _transfers(evidence: Evidence, final: Fit, columns: Mapping[str, np.ndarray]
     ----------
     columns : record -> (n, k) derivatives by the parameters `final.names`, then by what else is free
     """
-    residual, nuisances = evidence.residual(final.point.seen), evidence.tangents(final.point.seen)
-    found = []
+    residual, nuisances = evidence.residual(final.point.simulated), evidence.tangents(final.point.simulated)
+    numbers, transfers = evidence.rows(), []
     for part in evidence.parts:
         if part.name not in columns:
             continue
         own = evidence.of(part.name)
-        for name in (name for candidate in final.found for name in candidate.free):
+        for name in (name for candidate in final.candidates for name in candidate.free):
             index = final.names.index(name)
             others = np.column_stack([np.delete(columns[part.name], index, axis=1), nuisances[own]])
-            alone = _refitted(residual[own], columns[part.name][:, index], others, part.segments())
+            alone = _refitted(residual[own], columns[part.name][:, index], others, numbers[own])
             if alone is not None:
                 size, error = alone
-                found.append(Transfer(part.name, name, final.value(name) + size, error, held))
-    return tuple(found)
+                transfers.append(Transfer(part.name, name, final.value(name) + size, error, held))
+    return tuple(transfers)
 
 
 def _refitted(
-    residual: np.ndarray, column: np.ndarray, others: np.ndarray, segments: np.ndarray
+    residual: np.ndarray, column: np.ndarray, others: np.ndarray, rows: np.ndarray
 ) -> tuple[float, float] | None:
     """Step of one parameter and its standard error, the `others` (n, k) free as well: a partial regression.
 
-    None where the others absorb the column but for the error of the derivatives.
+    The error counts what the model leaves beside the noise, as that of the joint size does; it is none less than what
+    the noise alone makes. None where the others absorb the column but for the error of the derivatives.
+
+    rows : (n,) number of the row that each residual belongs to
     """
-    absorbing = Projection(others)
-    signature = Signature.of(column[:, None], absorbing, np.array([DERIVATIVE_ERROR]))
+    projection = Projection(others)
+    signature = Signature.of(column[:, None], projection, np.array([DERIVATIVE_ERROR]))
     if not signature.columns.any():
         return None
-    test = tested(absorbing(residual), signature, segments)
-    return float(test.size[0]), float(test.error[0])
+    alone, remaining = signature.columns[:, 0], projection(residual)
+    information = float(alone @ alone)
+    step = float(alone @ remaining) / information
+    remaining = remaining - alone * step
+    counted = (remaining != 0.0) | (alone != 0.0)
+    covariance, _ = sandwich(alone[counted, None], remaining[counted], rows[counted])
+    return step, float(np.sqrt(max(covariance[0, 0], 1.0 / information)))
 
 
 def _columns(
@@ -264,41 +296,41 @@ def _columns(
     ----------
     known : (N, k) derivatives by all parameters of the final model; None: they are taken
     """
-    shared, found = fitter.directions(final.point, final.found) if known is None else [], {}
+    shared, columns_by_record = fitter.directions(final.point, final.candidates) if known is None else [], {}
     for name in evidence.names:
         directions = [*shared, *_fixed_alone(fitter, final, name)]
         own = slopes(pool, evidence.only([name]), final.point, directions, fitter.steps, compared=False)
         columns = [slope.column for slope in own]
         if all(column is not None for column in columns):
             first = [] if known is None else [known[evidence.of(name)]]
-            found[name] = np.column_stack([*first, *columns])
-    return found
+            columns_by_record[name] = np.column_stack([*first, *columns])
+    return columns_by_record
 
 
 def _fixed_alone(fitter: Fitter, final: Fit, record: str) -> list[Direction]:
     """Directions of what is fixed for this record and searched for others, such as its initial state."""
     searched = {name.partition("@")[0]: window for name, window in fitter.space.windows.items()}
-    found = []
+    directions = []
     for name, value in final.point.values.items():
         base, _, owner = name.partition("@")
         if owner == record and base in searched and name not in final.names:
             parameter, window = fitter.model.parameters[base], searched[base]
-            found.append(Direction(name, value, window.high - window.low, parameter.low, parameter.high))
-    return found
+            directions.append(Direction(name, value, window.high - window.low, parameter.low, parameter.high))
+    return directions
 
 
-def _sizes(transfers: tuple[Transfer, ...], limit: float) -> dict[str, tuple]:
-    return {"transfers": transfers, "agreements": agreements(transfers, limit)}
+def _sizes(transfers: tuple[Transfer, ...], threshold: float) -> dict[str, tuple]:
+    return {"transfers": transfers, "agreements": agreements(transfers, threshold)}
 
 
-def agreements(transfers: Sequence[Transfer], limit: float) -> tuple[Agreement, ...]:
+def agreements(transfers: Sequence[Transfer], threshold: float) -> tuple[Agreement, ...]:
     """Whether the records agree on each size that several of them have: chi-square about the weighted mean.
 
     Parameters
     ----------
-    limit : of the normal deviate, from which sizes differ
+    threshold : of the normal deviate, from which sizes differ
     """
-    found = []
+    compared = []
     for name in dict.fromkeys(t.parameter for t in transfers):
         own = [t for t in transfers if t.parameter == name and 0.0 < t.error < np.inf]
         if len(own) < 2:
@@ -306,14 +338,14 @@ def agreements(transfers: Sequence[Transfer], limit: float) -> tuple[Agreement, 
         size, weight = np.array([t.size for t in own]), np.array([t.error for t in own]) ** -2.0
         chi2 = float(weight @ (size - (weight @ size) / weight.sum()) ** 2)
         z = float(deviate(chi2, len(own) - 1))
-        found.append(Agreement(name, chi2, len(own) - 1, z, z <= limit))
-    return tuple(found)
+        compared.append(Agreement(name, chi2, len(own) - 1, z, z <= threshold))
+    return tuple(compared)
 
 
 def _shifts(null: Fit, final: Fit) -> tuple[Shift, ...]:
-    errors = dict(zip(final.names, final.error(final.names), strict=True))
+    errors = zip(null.names, null.error(null.names), final.error(null.names), strict=True)
     return tuple(
-        Shift(name, null.value(name), final.value(name), (final.value(name) - null.value(name)) / errors[name])
-        for name in null.names
-        if 0.0 < errors.get(name, 0.0) < np.inf
+        Shift(name, null.value(name), final.value(name), float(before), float(after))
+        for name, before, after in errors
+        if 0.0 < before < np.inf and 0.0 < after < np.inf
     )

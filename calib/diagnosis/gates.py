@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.diagnosis.bench import Run, Seen, simulated
+from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.evidence import Evidence, Part
 from calib.diagnosis.noise import STATED, Noise
 from calib.diagnosis.refit import Fit, Fitter
@@ -14,12 +15,7 @@ from calib.effect import Effect
 from calib.model import Model
 from calib.study import Pool
 
-FINER = 2.0  # step and tolerance are divided by this
-SHORT = 32  # samples: fewer say nothing about noise
-TENTH = 0.1  # of the z that the answer rests on: less does not change it
-LEAST_VARIANCE = 0.7  # of a residual's mean square over the noise's: less is no residual of such noise
-LEAST_DEVIATION = 5.0  # standard deviations of white noise by which it has to be below
-COARSE = 0.01  # change of a channel by a finer solver, relative to its rms: less does not make another kind of motion
+REFINEMENT = 2.0  # factor by which step and tolerance are divided
 
 
 @dataclass(frozen=True)
@@ -30,49 +26,50 @@ class Gate:
     ----------
     name : "simulation", "kind of motion", "noise", or that of a numerical effect
     passed : whether it holds
-    said : what was found, in a sentence
+    summary : in a sentence
     z : of a numerical effect, None of the others
     """
 
     name: str
     passed: bool
-    said: str
+    summary: str
     z: float | None = None
 
 
-def simulates(seen: Mapping[str, Seen]) -> Gate:
+def simulates(views: Mapping[str, Seen]) -> Gate:
     """Every record can be simulated at the calibrated values."""
-    bad = {name: view for name, view in seen.items() if not view.usable}
-    said = "; ".join(f"{name}: {view.status} {view.reason}".strip() for name, view in bad.items())
-    return Gate("simulation", not bad, said or "every record is simulated")
+    bad = {name: view for name, view in views.items() if not view.usable}
+    summary = "; ".join(f"{name}: {view.status} {view.reason}".strip() for name, view in bad.items())
+    return Gate("simulation", not bad, summary or "every record is simulated")
 
 
-def same_kind(seen: Mapping[str, Seen], periodic: bool) -> Gate:
+def same_kind(views: Mapping[str, Seen], periodic: bool) -> Gate:
     """Measured and simulated motion have the same period; where no excitation is `periodic` there is none to have."""
     if not periodic:
         return Gate("kind of motion", True, "no excitation has a period: kinds of motion do not apply")
-    wrong = {name: view.wrong for name, view in seen.items() if view.wrong}
-    said = "; ".join(f"{name}: {text}" for name, text in wrong.items())
-    return Gate("kind of motion", not wrong, said or "simulated motions have the period of the measured ones")
+    wrong = {name: view.wrong for name, view in views.items() if view.wrong}
+    summary = "; ".join(f"{name}: {text}" for name, text in wrong.items())
+    return Gate("kind of motion", not wrong, summary or "simulated motions have the period of the measured ones")
 
 
 def fine_enough(
-    pool: Pool, model: Model, values: Mapping[str, float], seen: Mapping[str, Seen], effects: Sequence[Effect]
+    pool: Pool, model: Model, values: Mapping[str, float], views: Mapping[str, Seen], effects: Sequence[Effect]
 ) -> list[Gate]:
     """Where a motion is of the wrong kind: whether solver steps and tolerances may be why.
 
     values : of the calibrated model
-    seen : its records
+    views : its records
     effects : those of site "numerical"
     """
     tried = [effect for effect in effects if not effect.offered(model.simulator)]
-    runs = [[Run(name, {**values, **_finer(effect)}, (effect,)) for name in seen] for effect in tried]
+    runs = [[Run(name, {**values, **_refined(effect)}, (effect,)) for name in views] for effect in tried]
     gates = []
-    for effect, views in _answers(pool, tried, runs):
-        change = max((_change(seen[name], view) for name, view in views.items() if view.usable), default=0.0)
-        said = f"made {FINER:g} times finer, it changes a channel by {change:.1%}"
-        coarse = f"{said} of its rms: it may be what makes the motion of the wrong kind; make it finer"
-        gates.append(Gate(effect.name, change < COARSE, said if change < COARSE else coarse))
+    for effect, refined in _answers(pool, tried, runs):
+        change = max((_change(views[name], view) for name, view in refined.items() if view.usable), default=0.0)
+        summary = f"made {REFINEMENT:g} times finer, it changes a channel by {change:.1%}"
+        coarse = f"{summary} of its rms: it may be what makes the motion of the wrong kind; make it finer"
+        passed = change < CRITERIA.max_solver_change
+        gates.append(Gate(effect.name, passed, summary if passed else coarse))
     return gates
 
 
@@ -85,17 +82,18 @@ def _change(one: Seen, other: Seen) -> float:
 
 def noise_known(evidence: Evidence) -> Gate:
     """Every channel shows or states its noise: a record that states it may be short."""
-    read_off = [part for part in evidence.parts if any(n.source != STATED for n in _compared(part))]
-    short = [part.name for part in read_off if part.time.size < SHORT]
+    estimated = [part for part in evidence.parts if any(n.source != STATED for n in _compared(part))]
+    short = [part.name for part in estimated if part.time.size < CRITERIA.min_noise_samples]
     if short:
-        return Gate("noise", False, f"{', '.join(short)}: fewer than {SHORT} samples show no noise level")
-    said = []
+        reason = f"{', '.join(short)}: fewer than {CRITERIA.min_noise_samples} samples show no noise level"
+        return Gate("noise", False, reason)
+    levels = []
     for part in evidence.parts:
         for (body, channel), noise, used in zip(part.rows, part.noise, part.used, strict=True):
             if used.any():
-                memory = ", correlated" if noise.memory.size else ""
-                said.append(f"{part.name} {body} {channel}: {noise.sigma:.3g} ({noise.source}{memory})")
-    return Gate("noise", True, "; ".join(said))
+                correlated = ", correlated" if noise.memory.size else ""
+                levels.append(f"{part.name} {body} {channel}: {noise.sigma:.3g} ({noise.source}{correlated})")
+    return Gate("noise", True, "; ".join(levels))
 
 
 def above_noise(evidence: Evidence, fit: Fit) -> Gate:
@@ -105,23 +103,23 @@ def above_noise(evidence: Evidence, fit: Fit) -> Gate:
     within the record, or the uncertainty that the record states is too large. Judged by the mean square of the residual
     in units of the noise, over each row's degrees of freedom.
     """
-    said = []
+    below = []
     for part in evidence.parts:
         own = fit.residual[evidence.of(part.name)].reshape(part.measured.shape)
         for (body, channel), noise, row, weight in zip(part.rows, part.noise, own, part.weight, strict=True):
             counted = float((weight**2).sum())
-            if counted < SHORT:
+            if counted < CRITERIA.min_noise_samples:
                 continue
             ratio = float(row @ row) / counted
             deviation = (ratio - 1.0) * np.sqrt(0.5 * counted)
-            if ratio < LEAST_VARIANCE and deviation < -LEAST_DEVIATION:
-                said.append(
+            if ratio < CRITERIA.min_variance_ratio and deviation < -CRITERIA.min_variance_deficit_std:
+                below.append(
                     f"{part.name} {body} {channel}: the residual is {np.sqrt(ratio):.2g} times the noise of "
                     f"{noise.sigma:.3g} ({noise.source}), {-deviation:.0f} standard deviations below it"
                 )
-    if not said:
+    if not below:
         return Gate("noise level", True, "no residual is far below its noise")
-    text = "; ".join(said)
+    text = "; ".join(below)
     return Gate(
         "noise level",
         False,
@@ -143,23 +141,24 @@ def converged(fitter: Fitter, fit: Fit, effects: Sequence[Effect], threshold: fl
     fit : the calibrated model with what was found to be missing
     effects : those of site "numerical"
     threshold : of |z|  [1]
-    margin : fall of the sum of squares that the answer rests on  [1]
+    margin : reduction of chi-square that the answer rests on  [1]
     """
-    told = TENTH * float(np.sqrt(margin))
+    tolerated = CRITERIA.max_solver_share * float(np.sqrt(margin))
     simulator_lacks = {effect.name: effect.offered(fitter.model.simulator) for effect in effects}
     tried = [effect for effect in effects if not simulator_lacks[effect.name]]
-    runs = [fit.point.runs(fitter.evidence.names, _finer(effect), (effect,)) for effect in tried]
+    runs = [fit.point.runs(fitter.evidence.names, _refined(effect), (effect,)) for effect in tried]
     gates = []
     for effect, views in _answers(fitter.effort, tried, runs):
         bad = next((view for view in views.values() if not view.usable), None)
         if bad is not None:
-            gates.append(Gate(effect.name, False, f"made {FINER:g} times finer, the simulation ends {bad.status}"))
+            gates.append(Gate(effect.name, False, f"made {REFINEMENT:g} times finer, the simulation ends {bad.status}"))
             continue
-        z = float(np.linalg.norm(fit.absorbing(fitter.evidence.difference(fit.point.seen, views))))
-        said = f"made {FINER:g} times finer, it changes the records by z = {z:.2g} (threshold {threshold:.2g})"
-        if threshold <= z < told:
-            said += f"; sizes may be off by so many standard errors, but the answer rests on z = {told / TENTH:.2g}"
-        gates.append(Gate(effect.name, z < max(threshold, told), said, z))
+        z = float(np.linalg.norm(fit.projection(fitter.evidence.difference(fit.point.simulated, views))))
+        summary = f"made {REFINEMENT:g} times finer, it changes the records by z = {z:.2g} (threshold {threshold:.2g})"
+        if threshold <= z < tolerated:
+            rests = f"the answer rests on z = {tolerated / CRITERIA.max_solver_share:.2g}"
+            summary += f"; sizes may be off by so many standard errors, but {rests}"
+        gates.append(Gate(effect.name, z < max(threshold, tolerated), summary, z))
     gates += [Gate(name, True, f"not tried: {reason}") for name, reason in simulator_lacks.items() if reason]
     return gates
 
@@ -173,5 +172,5 @@ def _answers(
         yield effect, {run.record: next(answers) for run in asked}
 
 
-def _finer(effect: Effect) -> dict[str, float]:
-    return {p.name: FINER for p in effect.parameters}
+def _refined(effect: Effect) -> dict[str, float]:
+    return {p.name: REFINEMENT for p in effect.parameters}

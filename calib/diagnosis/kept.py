@@ -22,14 +22,14 @@ MOTIONS = "diagnosis.nc"
 
 
 def write(
-    found: Diagnosis, folder: Path, values: Mapping[str, float], references: Mapping[str, Reference]
+    diagnosis: Diagnosis, folder: Path, values: Mapping[str, float], references: Mapping[str, Reference]
 ) -> dict[str, Any]:
-    """Write both files of a diagnosis of the calibrated `values`, and return what the first one says."""
-    said = {**as_dict(found), "values": dict(values)}
-    write_motions(motions(found, references), folder)
+    """Write both files of a diagnosis of the calibrated `values`, and return the first document."""
+    document = {**as_dict(diagnosis), "values": dict(values)}
+    write_motions(motions(diagnosis, references), folder)
     with whole(folder / NAME) as temporary:
-        temporary.write_text(json.dumps(said, indent=2, allow_nan=False), encoding="utf-8")
-    return said
+        temporary.write_text(json.dumps(document, indent=2, allow_nan=False), encoding="utf-8")
+    return document
 
 
 def write_motions(views: Mapping[str, xr.Dataset], folder: Path) -> None:
@@ -67,7 +67,7 @@ def read_motions(folder: Path) -> dict[str, xr.Dataset]:
         raise CalibError(f"{path}: not a readable netCDF file ({error}); run `calib diagnose` again") from error
 
 
-def motions(found: Diagnosis, references: Mapping[str, Reference]) -> dict[str, xr.Dataset]:
+def motions(diagnosis: Diagnosis, references: Mapping[str, Reference]) -> dict[str, xr.Dataset]:
     """What was measured and simulated of each record, by its name.
 
     Returns
@@ -78,17 +78,18 @@ def motions(found: Diagnosis, references: Mapping[str, Reference]) -> dict[str, 
     the coordinates body, channel, unit and source (what sigma is known from). time [s]. Attributes: cycle (of the
     motion, in periods) and, where the excitation has one, period [s].
     """
-    if found.selection is None or found.evidence is None:
+    if diagnosis.selection is None or diagnosis.evidence is None:
         return {}
-    return {part.name: _motion(part, found, references[part.name].record) for part in found.evidence.parts}
+    return {part.name: _motion(part, diagnosis, references[part.name].record) for part in diagnosis.evidence.parts}
 
 
-def _motion(part: Part, found: Diagnosis, record: xr.Dataset) -> xr.Dataset:
-    selection, channels = found.selection, [channel for _, channel in part.rows]
+def _motion(part: Part, diagnosis: Diagnosis, record: xr.Dataset) -> xr.Dataset:
+    selection, channels = diagnosis.selection, [channel for _, channel in part.rows]
     over = ("row", "time")
-    views = {"measured": part.measured, "calibrated": selection.null.point.seen[part.name].rows, "weight": part.weight}
+    calibrated = selection.null.point.simulated[part.name].rows
+    views = {"measured": part.measured, "calibrated": calibrated, "weight": part.weight}
     if selection.causes:
-        views["extended"] = selection.final.point.seen[part.name].rows
+        views["extended"] = selection.final.point.simulated[part.name].rows
     memory = np.zeros((len(part.rows), max([1, *(noise.memory.size for noise in part.noise)])))
     for own, noise in zip(memory, part.noise, strict=True):
         own[: noise.memory.size] = noise.memory

@@ -165,6 +165,12 @@ def amplitude_of(excitation: Excitation) -> float | None:
     return excitation.amplitude if excitation.harmonic else None
 
 
+def measured_displacement(part: Part) -> float:
+    """Largest measured displacement of a record; 0 where none is measured  [m]."""
+    rows = [row for (_, channel), row in zip(part.rows, part.measured, strict=True) if channel == "displacement"]
+    return max((float(np.abs(row).max()) for row in rows), default=0.0)
+
+
 def base_record(references: Mapping[str, Reference]) -> str:
     """Name of the record beside which the next one would be made: the first harmonic one, else the first."""
     return next((name for name, r in references.items() if r.excitation.harmonic), next(iter(references)))
@@ -256,7 +262,8 @@ def _region(
         return None if release is None else DesignRegion(DesignPoint(test), (release,))
     if not amplitude_of(excitation):
         return None
-    similar = [r.excitation for r in references.values() if _same_drive(r.excitation, excitation)]
+    similar = [r.excitation for r in references.values() if same_drive(r.excitation, excitation)]
+    similar = [e for e in similar if (amplitude_of(e) or 0.0) > 0.0]
     amplitude = _variable("amplitude", excitation.unit, laboratory.amplitude, map(amplitude_of, similar))
     if not excitation.harmonic:
         return DesignRegion(DesignPoint(test), (amplitude,))
@@ -268,9 +275,9 @@ def _region(
     return DesignRegion(DesignPoint(test, frequency=frequency.low, end_frequency=frequency.high), (amplitude,))
 
 
-def _same_drive(one: Excitation, other: Excitation) -> bool:
-    same = (one.place, one.quantity, one.recorded) == (other.place, other.quantity, other.recorded)
-    return same and (amplitude_of(one) or 0.0) > 0.0
+def same_drive(one: Excitation, other: Excitation) -> bool:
+    """Whether two excitations are of one kind at one place, whatever their amplitudes and frequencies."""
+    return (one.place, one.quantity, one.recorded) == (other.place, other.quantity, other.recorded)
 
 
 def _variable(name: str, unit: str, stated: tuple[float, float] | None, known) -> DesignVariable:
@@ -286,8 +293,7 @@ def _release(laboratory: Laboratory, part: Part) -> DesignVariable | None:
     """Displacement of release; None where neither the study file nor a measured displacement bounds it."""
     if laboratory.release is not None:
         return DesignVariable("release", "m", *laboratory.release, stated=True)
-    rows = [row for (_, name), row in zip(part.rows, part.measured, strict=True) if name == "displacement"]
-    largest = max((float(np.abs(row).max()) for row in rows), default=0.0)
+    largest = measured_displacement(part)
     if not largest > 0.0:
         return None
     return DesignVariable("release", "m", *(factor * largest for factor in RELEASE_RANGE), stated=False)

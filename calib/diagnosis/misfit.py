@@ -13,8 +13,8 @@ from calib.diagnosis.refit import Fit
 from calib.objective import FeatureValue
 from calib.study import Pool
 
-DRAWS = 40  # of the noise, for the standard errors of the features
-ORDERS = 12  # harmonics of the residual
+NOISE_DRAWS = 40  # for the standard errors of the features
+MAX_ORDER = 12  # of the residual's harmonics
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,8 @@ class Channel:
     ----------
     record, body, channel : whose
     rms, noise : root mean square of measured less simulated, and of the noise  [unit of the channel]
-    orders : (ORDERS + 1,) amplitude of the residual's harmonics, 0 the mean; empty without a period
-    floor : what noise makes of an amplitude
+    orders : (MAX_ORDER + 1,) amplitude of the residual's harmonics, 0 the mean; empty without a period
+    floor : amplitude that noise has on average
     """
 
     record: str
@@ -82,7 +82,7 @@ def misfit(pool: Pool, bench: Bench, evidence: Evidence, null: Fit, seed: int) -
     rng = np.random.default_rng(seed)
     features = [d for part in evidence.parts for d in features_beside(bench, part, views[part.name], rng)]
     features.sort(key=lambda deviation: -abs(deviation.z or 0.0))
-    channels = [c for part in evidence.parts for c in _channels(part, null.point.seen[part.name])]
+    channels = [c for part in evidence.parts for c in _channels(part, null.point.simulated[part.name])]
     return Misfit(tuple(features), tuple(channels))
 
 
@@ -100,7 +100,7 @@ def features_beside(bench: Bench, part: Part, view: Seen, rng: np.random.Generat
     record = bench.objective.references[part.name].record
     bodies = [str(body) for body in record.body.values]
     drawn: dict[tuple[str, str], list[float]] = {}
-    for _ in range(DRAWS):
+    for _ in range(NOISE_DRAWS):
         predicted = record.copy(deep=True)
         for (body, channel), noise, row in zip(part.rows, part.noise, view.rows, strict=True):
             predicted[channel].values[bodies.index(body)] = row + noise.drawn(rng, part.time.size)
@@ -112,25 +112,25 @@ def features_beside(bench: Bench, part: Part, view: Seen, rng: np.random.Generat
 
 def _deviation(feature: FeatureValue, apart: Sequence[float]) -> Deviation:
     """Compare a feature by what draws of its prediction lie `apart` from the measured value."""
-    error = math.hypot(np.std(apart), feature.resolution) if len(apart) > DRAWS // 2 else np.nan
+    error = math.hypot(np.std(apart), feature.resolution) if len(apart) > NOISE_DRAWS // 2 else np.nan
     z = float(np.mean(apart)) / error if feature.simulated is not None and error > 0.0 else None
     return Deviation(
         feature.label, feature.record, feature.body, feature.unit, feature.measured, feature.simulated, error, z
     )
 
 
-def _channels(part: Part, seen: Seen) -> list[Channel]:
-    found = []
+def _channels(part: Part, view: Seen) -> list[Channel]:
+    channels = []
     for index, ((body, channel), noise) in enumerate(zip(part.rows, part.noise, strict=True)):
         if not part.used[index].any():
             continue
-        residual = part.measured[index] - seen.rows[index]
+        residual = part.measured[index] - view.rows[index]
         weight = part.weight[index]
         orders, floor = np.zeros(0), 0.0
         if part.period is not None:
             loop = mean_cycle(part.time, (residual * weight)[None], part.period).loop[0]
-            orders = np.concatenate([[abs(loop.mean())], np.abs(harmonics(loop, ORDERS))])
+            orders = np.concatenate([[abs(loop.mean())], np.abs(harmonics(loop, MAX_ORDER))])
             floor = float(noise.sigma * np.sqrt(2.0 / part.time.size))
         rms = float(np.sqrt(((residual * weight) ** 2).sum() / max(1.0, (weight**2).sum())))
-        found.append(Channel(part.name, body, channel, rms, noise.sigma, orders, floor))
-    return found
+        channels.append(Channel(part.name, body, channel, rms, noise.sigma, orders, floor))
+    return channels

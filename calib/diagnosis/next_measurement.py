@@ -25,9 +25,9 @@ from calib.diagnosis.laboratory import (
     base_record,
     inapplicable_tests,
     regions,
+    same_drive,
 )
 from calib.diagnosis.refit import Fit, Fitter
-from calib.diagnosis.selection import Suspect
 from calib.diagnosis.separation import (
     Experiment,
     Prediction,
@@ -38,6 +38,7 @@ from calib.diagnosis.separation import (
     with_free_form,
     with_steps,
 )
+from calib.diagnosis.suspect import Refitted
 from calib.objective import Reference
 from calib.study import Pool
 from calib.units import shown
@@ -94,9 +95,9 @@ class Measurement:
     point : its settings
     channel : "body.channel" that is measured beside those of the record; "" for none
     impacts : whether it has any; None where the simulator does not tell
-    distinguished : number of pairs of models whose separation is decisive
+    distinguished : number of pairs of models whose separation is decisive, linearised and simulated anew
     z : separation of the two least distinguishable models; not more than `z_refit`  [standard deviations]
-    z_max : the same of the two most distinguishable, linearised
+    z_max : the same of the two most distinguishable, of those whose decisive separation a simulation does not deny
     z_refit : of the two least distinguishable, simulated at the parameters to which the linearised refit moves them;
         None where that cannot be simulated
     """
@@ -115,16 +116,23 @@ class Measurement:
     @property
     def confirmed(self) -> bool:
         """Whether simulations at the refitted parameters agree with the linearised refit."""
-        return self.z_refit is not None and self.z_refit <= MAX_REFIT_RATIO * max(self.z, 1.0)
+        return _agrees(self.z, self.z_refit)
 
     @property
     def prediction(self) -> str:
         """What it would bring, as the end of a sentence."""
-        if self.z >= DECISIVE_Z:
+        if self.distinguished and self.z >= DECISIVE_Z:
             return f"would distinguish them (z = {self.z:.3g})"
-        if self.z_max >= DECISIVE_Z:
+        if self.distinguished:
             return f"would distinguish some of them (z = {self.z:.2g} to {self.z_max:.3g})"
+        if self.z_max >= DECISIVE_Z:
+            return f"may distinguish them (z = {self.z_max:.3g} by derivatives, which simulations do not confirm)"
         return f"would not distinguish them (z = {self.z_max:.2g})"
+
+
+def _agrees(z: float, refit: float | None) -> bool:
+    """Whether a linearised separation and that simulated at the refitted parameters are alike."""
+    return refit is not None and refit <= MAX_REFIT_RATIO * max(z, 1.0)
 
 
 @dataclass(frozen=True)
@@ -164,18 +172,18 @@ class Design:
 
 
 def next_measurement(
-    pool: Pool, bench: Bench, fitter: Fitter, rivals: Sequence[Suspect], laboratory: Laboratory
+    pool: Pool, bench: Bench, fitter: Fitter, rivals: Sequence[Refitted], laboratory: Laboratory
 ) -> Design | None:
     """Search within what the laboratory can do for the largest separation of the two least distinguishable rivals.
 
     Each kind of test is evaluated on a regular grid and then refined about its best point by a pattern search (Kolda,
     Lewis and Torczon 2003, SIAM Review 45, 385-482). The measurement is made beside the first record that is driven
-    harmonically, or beside the first. None where fewer than two rivals have been fitted.
+    harmonically, or beside the first. None where there are fewer than two rivals.
     """
-    suspects = [rival for rival in rivals if rival.fit is not None][:MAX_MODELS]
+    suspects = rivals[:MAX_MODELS]
     if len(suspects) < 2:
         return None
-    fits = [with_steps(fitter.sharpened(with_free_form(suspect.fit))) for suspect in suspects]
+    fits = [with_steps(fitter.with_derivatives(with_free_form(suspect.fit))) for suspect in suspects]
     references = {name: bench.objective.references[name] for name in fitter.evidence.names}
     part = next(p for p in fitter.evidence.parts if p.name == base_record(references))
     searched = regions(laboratory, references, bench.model, part)
@@ -213,7 +221,7 @@ def _known(references: Mapping[str, Reference], part: Part) -> tuple[RecordedPoi
     return tuple(
         RecordedPoint(name, amplitude_of(r.excitation), r.excitation.frequency if r.excitation.harmonic else None)
         for name, r in references.items()
-        if (r.excitation.place, r.excitation.quantity, r.excitation.recorded) == (own.place, own.quantity, own.recorded)
+        if same_drive(r.excitation, own)
     )
 
 
@@ -253,7 +261,7 @@ class _Search:
     def __init__(self, pool: Pool, bench: Bench, part: Part, fits: Sequence[Fit], laboratory: Laboratory):
         self.pool, self.bench, self.part, self.fits = pool, bench, part, fits
         self.budget, self.simulations = laboratory.simulations, 0
-        self.seen = fits[0].point.seen[part.name]
+        self.seen = fits[0].point.simulated[part.name]
         self.additional: tuple[tuple[str, str], ...] = ()
         self.additional = self._provided(additional_channels(laboratory, bench.model, part, self.seen.given))
         self.evaluations: list[_Evaluation] = []
@@ -403,16 +411,13 @@ class _Search:
         self, kind: str, evaluation: _Evaluation, separation: Separation, additional: int | None
     ) -> Measurement:
         pairs = list(combinations(range(len(self.fits)), 2))
-        least = int(np.argmin(separation.z))
-        i, j = pairs[least]
-        made, moves, centres = evaluation.made, separation.moves[least], evaluation.centres
-        fits = self.fits[i], self.fits[j]
-        runs = [made.moved(fit, move, centres[k]) for fit, move, k in zip(fits, moves, (i, j), strict=True)]
-        moved = self._simulated(runs) if self.simulations + len(runs) <= self.budget else []
-        z, refit = separation.z.copy(), None
-        if moved and _status(moved)[0] == OK:
-            refit = refitted_distance(made, fits, moves, centres, tuple(moved), additional)
-            z[least] = min(z[least], refit)
+        least, z = int(np.argmin(separation.z)), separation.z.copy()
+        checked = [least, *(k for k in np.argsort(-z, kind="stable") if k != least and z[k] >= DECISIVE_Z)]
+        refits = {k: self._refitted(evaluation, pairs[k], separation.moves[k], additional) for k in checked}
+        denied = {k for k, refit in refits.items() if not _agrees(z[k], refit)}
+        for k, refit in refits.items():
+            z[k] = z[k] if refit is None else min(z[k], refit)
+        held = [k for k in range(len(pairs)) if k == least or k not in denied]
         body, name = ("", "") if additional is None else self.additional[additional]
         outcome = evaluation.outcome
         return Measurement(
@@ -422,10 +427,36 @@ class _Search:
             point=outcome.point,
             channel=f"{body}.{name}" if body else "",
             impacts=outcome.impacts,
-            distinguished=int((z >= DECISIVE_Z).sum()),
+            distinguished=sum(bool(z[k] >= DECISIVE_Z) for k in held if k not in denied),
             z=float(z.min()),
-            z_max=float(z.max()),
-            z_refit=refit,
+            z_max=float(z[held].max()),
+            z_refit=refits[least],
+        )
+
+    def _refitted(
+        self, evaluation: _Evaluation, pair: tuple[int, int], moves: tuple[np.ndarray, np.ndarray], number: int | None
+    ) -> float | None:
+        """Separation of a pair of models simulated at its refitted parameters; None where that cannot be simulated.
+
+        Each is simulated from its own motion and from the other's: where a model has both motions, as beside a
+        bifurcation, nobody knows which of them the structure will choose, and the lesser separation counts.
+        """
+        made, centres = evaluation.made, evaluation.centres
+        fits = self.fits[pair[0]], self.fits[pair[1]]
+        near = [[centres[k] for k in pair], [centres[k] for k in reversed(pair)]]
+        runs = [
+            made.moved(fit, move, centre)
+            for centres_near in near
+            for fit, move, centre in zip(fits, moves, centres_near, strict=True)
+        ]
+        if self.simulations + len(runs) > self.budget:
+            return None
+        one, other, crossed_one, crossed_other = self._simulated(runs)
+        if _status([one, other])[0] != OK:
+            return None
+        met = [(one, other), (one, crossed_other), (crossed_one, other)]
+        return min(
+            refitted_distance(made, fits, moves, centres, views, number) for views in met if _status(views)[0] == OK
         )
 
     @property

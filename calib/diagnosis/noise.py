@@ -4,10 +4,11 @@ Where a record holds several cycles of a motion that returns, what is left about
 model gets wrong (`calib.cycles.mean_cycle`: of the samples as they were measured). Where it does not, the
 autocorrelation of the noise is taken from records that do and that are sampled as fast, and its level from the fastest
 part of the residual; where there is no such record, both are read off the residual that is left when everything that is
-known to the diagnosis has been fitted to it. A level that the record states comes before all of these. Where what is
-left is far above the stated level, it is error of the model and says nothing about the noise: to take its memory would
-whiten away what is looked for. Such noise is taken as white, and the scores over segments (see `score`) widen what
-memory of either would make too sure.
+known to the diagnosis has been fitted to it. A level that the record states comes before all of these. Where the
+variance of what is left exceeds the stated one by more than a sample of such noise may, and by more than a stated level
+may be wrong, it holds errors of the model: to take their memory for that of the noise would whiten away what is looked
+for. Such noise is taken as white, and the scores over segments (see `score`) widen what memory of either would make too
+sure.
 """
 
 import math
@@ -16,12 +17,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
-from scipy.signal import lfilter
+from scipy.signal import correlate, lfilter
+
+from calib.diagnosis.criteria import CRITERIA
 
 ORDER = 12  # highest of the autoregression
 LEAST_CYCLES = 2.25  # of a record that shows its noise from cycle to cycle
 LEAST = 1e-6  # of a channel's root mean square: noise below that is none, and the model's accuracy counts
-SAME = 1.5  # times the stated level: a residual that is larger is no noise
 QUICK = 0.6052697  # median |2 x_i - x_(i-2) - x_(i+2)| to standard deviation (Stoehr et al. 2008, DER_SNR)
 SAME_STEP = 0.01  # relative difference of two sampling intervals that count as one
 STATED, CYCLIC, RESIDUAL = "stated in the record", "cycle to cycle", "the residual"
@@ -45,9 +47,26 @@ class Noise:
     repeated: bool = False
 
     @property
+    def is_independent(self) -> bool:
+        """Whether it is known otherwise than as what a fit leaves: then a fit can be seen to leave more than noise."""
+        return self.source != RESIDUAL or self.repeated
+
+    @property
     def innovation(self) -> float:
         """Standard deviation of what is new in each sample, over that of the noise  [1]."""
         return _innovation(self.memory)
+
+    def mean_square_std(self, counted: float) -> float:
+        """Standard deviation of the mean square of so many samples, relative to the variance.
+
+        For Gaussian noise of the autocorrelations rho_k it is sqrt(2 / n times the sum of rho_k^2 over all lags)
+        (Priestley, Spectral Analysis and Time Series, 1981, section 5.3.3).
+        """
+        impulse = np.zeros(max(1, int(counted)))
+        impulse[0] = 1.0
+        response = lfilter([1.0], np.concatenate([[1.0], -self.memory]), impulse)
+        correlation = correlate(response, response)
+        return math.sqrt(2.0 / max(counted, 1.0) * float((correlation**2).sum() / correlation.max() ** 2))
 
     def whitened(self, rows: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """Rows (..., n) in units of the noise, weighted (n,), their memory taken out: white of unit variance."""
@@ -99,7 +118,9 @@ def from_residual(residual: np.ndarray, weight: np.ndarray, measured: np.ndarray
     noise = _noise(residual, weight, measured, RESIDUAL)
     if stated is None:
         return noise
-    return Noise(stated, noise.memory if noise.sigma < SAME * stated else np.zeros(0), STATED)
+    excess = (noise.sigma / stated) ** 2 - CRITERIA.max_variance_ratio
+    chance = CRITERIA.significance_std * noise.mean_square_std(float((weight**2).sum()))
+    return Noise(stated, noise.memory if excess < chance else np.zeros(0), STATED)
 
 
 def with_memory(
@@ -111,7 +132,7 @@ def with_memory(
     new = lfilter(np.concatenate([[1.0], -memory]), [1.0], residual * weight)[memory.size :]
     quick = np.abs(2.0 * new[2:-2] - new[:-4] - new[4:])
     level = QUICK * float(np.median(quick)) / _innovation(memory)
-    return Noise(max(level, _least(measured)), memory, RESIDUAL)
+    return Noise(max(level, _least(measured)), memory, RESIDUAL, repeated=True)
 
 
 def _noise(series, weight, measured, source) -> Noise:

@@ -33,17 +33,14 @@ class Prediction:
     ----------
     reduction : fall of the sum of squares on the left-out data, in units of the noise's variance
     error : its standard error
+    without : sum of squares on the left-out data without the cause, in units of the noise's variance
     folds : what was left out in turn
     """
 
     reduction: float
     error: float
+    without: float
     folds: tuple[str, ...]
-
-    @property
-    def succeeds(self) -> bool:
-        """Whether the misfit falls by more than the standard error of its fall."""
-        return self.reduction > self.error
 
     @property
     def fails(self) -> bool:
@@ -66,7 +63,7 @@ def predicted(evidence: Evidence, base: Fit, extended: Fit, own: Sequence[str]) 
     refits leave the range of their linearisation
     """
     segments = evidence.segments()
-    falls, tested = [], []
+    falls, tested, without = [], [], 0.0
     for name, left_out in _folds(evidence):
         if _information(extended, own, ~left_out) < LEAST_INFORMATION:
             continue
@@ -75,13 +72,14 @@ def predicted(evidence: Evidence, base: Fit, extended: Fit, own: Sequence[str]) 
             continue
         fall = squares[0] - squares[1]
         numbers = segments[left_out]
+        without += float(squares[0].sum())
         falls.append(np.bincount(numbers - numbers.min(), fall))
         tested.append(name)
     if not tested:
         return None
     sums = np.concatenate(falls)
     error = float(np.sqrt(sums.size * np.var(sums, ddof=1))) if sums.size > 1 else np.inf
-    return Prediction(float(sums.sum()), error, tuple(tested))
+    return Prediction(float(sums.sum()), error, without, tuple(tested))
 
 
 def _folds(evidence: Evidence) -> list[tuple[str, np.ndarray]]:

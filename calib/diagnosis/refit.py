@@ -1,4 +1,4 @@
-"""A model fitted to the evidence with all its parameters: what the linear test promises, made good."""
+"""A model fitted to the evidence with all its parameters, by the method of Gauss and Newton."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,6 +11,7 @@ from scipy.optimize import lsq_linear
 from calib.confidence.covariance import sandwich
 from calib.diagnosis.bench import Seen, Start, simulated
 from calib.diagnosis.candidate import Candidate
+from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.effort import Effort
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.score import Projection
@@ -20,18 +21,17 @@ from calib.objective import INITIAL_STATE
 from calib.parameter import Parameter, Space
 from calib.study import Pool
 
-MOST = 30  # steps of a fit
-PATIENCE = 5  # steps after which a fit that promises no more than another one has is ended
-TRUST = 2.0  # times what fresh derivatives promise: a fit that may bring no more is not gone on with
-ENOUGH = 0.1  # fall of the sum of squares, in units of the mean square: a step that promises less ends a fit
-WELL = 0.25  # of what a step promises: where it brings less, the derivatives are taken anew, not only updated
-BENT = 0.1  # of what a step promises: where what it brings differs by more, old derivatives do not end a fit
-DIFFERENCES = 4  # simulations of each record for the derivative by a candidate's parameter, as measured
-DERIVATIVES, EVALUATIONS = 1, 5  # of the model in a fit, as measured
+MAX_STEPS = 30  # of a fit
+MIN_STEPS_BEFORE_ABANDONING = 5  # a fit that is predicted to attain no lower chi-square than another
+MAX_GAIN_RATIO = 2.0  # reduction that a step may bring at most, over the predicted one
+MIN_REDUCTION = 0.1  # of chi-square, in units of the mean square: a step of a smaller predicted reduction ends a fit
+MIN_GAIN_RATIO = 0.25  # actual over predicted reduction: below it derivatives are taken anew, not only updated
+MAX_GAIN_ERROR = 0.1  # departure of the gain ratio from 1 beyond which updated derivatives do not end a fit
+SIMULATIONS_PER_SCORE = 4  # simulations of each record for the derivative by a candidate's parameter, as measured
+SWEEPS_PER_FIT, STEPS_PER_FIT = 1, 5  # of derivatives by all parameters, and of steps, as measured
 INITIAL_SIMULATIONS = 20  # of each record in a fit, where its initial state is a nuisance, as measured
-INITIAL_STEP = 1e-3  # of the rows: change by a step of the initial state, for a derivative
-HALVINGS = 5  # of a step that does not lower the sum of squares
-LEVEL = 0.95  # of intervals
+INITIAL_RELATIVE_STEP = 1e-3  # change of the rows by a step of the initial state, relative to their norm
+MAX_HALVINGS = 5  # of a step that does not reduce chi-square
 RIDGE = 1e-10  # on the normal equations, of unit diagonal: directions that the data do not know stay where they are
 
 
@@ -42,10 +42,10 @@ class Fit:
     Attributes
     ----------
     point : values, effects and simulations
-    found : the candidates in it
+    candidates : whose effects are in it
     residual : (N,) in units of the noise, without what nuisances absorb
-    columns : (N, k) its derivatives by the calibrated parameters and those of the candidates, in that order; of a fit
-        that is not sharpened as they were updated on the way
+    columns : (N, k) its derivatives by the calibrated parameters and those of the candidates, in that order; as they
+        were updated on the way unless they were taken anew (`Fitter.with_derivatives`)
     names : of these parameters
     steps : that the derivatives were taken with  [units of the parameters]; empty where they were given
     nuisances : (N, m) tangents of the nuisances
@@ -54,7 +54,7 @@ class Fit:
     """
 
     point: Point
-    found: tuple[Candidate, ...]
+    candidates: tuple[Candidate, ...]
     residual: np.ndarray
     columns: np.ndarray
     names: tuple[str, ...]
@@ -64,18 +64,22 @@ class Fit:
     reason: str = ""
 
     @property
-    def square(self) -> float:
-        """Sum of squares of the residual."""
+    def chi2(self) -> float:
+        """Sum of squares of the residual: chi-square."""
         return float(self.residual @ self.residual)
 
-    @property
-    def absorbing(self) -> Projection:
+    @cached_property
+    def projection(self) -> Projection:
         """Projection that takes out what calibrated parameters, effects in the model and nuisances absorb."""
         return Projection(np.column_stack([self.columns, self.nuisances]))
 
+    @cached_property
+    def _without_nuisances(self) -> Projection:
+        return Projection(self.nuisances)
+
     def free(self, columns: np.ndarray) -> np.ndarray:
         """Return columns (N, k) without what the nuisances absorb."""
-        return Projection(self.nuisances)(columns)
+        return self._without_nuisances(columns)
 
     @cached_property
     def _sandwich(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -115,17 +119,17 @@ class Fit:
             return np.full(len(names), np.inf)
         _, freedom, _ = self._sandwich
         index = [self.names.index(name) for name in names]
-        return self.error(names) * stats.t.isf(0.5 * (1.0 - LEVEL), freedom[index])
+        return self.error(names) * stats.t.isf(0.5 * (1.0 - CRITERIA.confidence_level), freedom[index])
 
     def value(self, name: str) -> float:
         """Value of a parameter, in SI."""
         return float(self.point.values[name])
 
-    def judged(self, evidence: Evidence) -> float:
-        """Sum of squares over (other) evidence, without what nuisances absorb."""
-        seen = self.point.seen
-        left = Projection(evidence.tangents(seen))(evidence.residual(seen))
-        return float(left @ left)
+    def chi2_over(self, evidence: Evidence) -> float:
+        """Chi-square over (other) evidence, without what nuisances absorb."""
+        simulated = self.point.simulated
+        residual = Projection(evidence.tangents(simulated))(evidence.residual(simulated))
+        return float(residual @ residual)
 
 
 def direction(point: Point, candidate: Candidate, parameter: Parameter) -> Direction:
@@ -158,139 +162,138 @@ class Fitter:
     def fit(
         self,
         start: Point,
-        found: Sequence[Candidate] = (),
+        candidates: Sequence[Candidate] = (),
         sizes: Mapping[str, float] | None = None,
         columns: np.ndarray | None = None,
         rival: float = np.inf,
     ) -> Fit:
-        """Fit calibrated parameters and those of the candidates `found`, from `start` and their `sizes` on.
+        """Fit calibrated parameters and those of the candidates, from `start` and their `sizes` on.
 
-        Gauss and Newton's steps within the windows of the calibrated parameters and the ranges of the others. The
-        derivatives are updated by what a step brings (Broyden, Math. Comp. 19 (1965) 577), and taken anew where it
-        brings less than a quarter of what it promises. That no step promises anything any more is believed of updated
-        ones only where all steps since brought what they promised.
+        Steps of Gauss and Newton within the windows of the calibrated parameters and the ranges of the others. The
+        derivatives are updated by the residual after a step (Broyden, Math. Comp. 19 (1965) 577), and taken anew where
+        the gain ratio, of the actual over the predicted reduction of chi-square, is low. Convergence by updated ones
+        counts only where the gain ratio of all steps since was near 1.
 
         Parameters
         ----------
         columns : (N, k) derivatives near the start by the parameters in the order of `directions`; None: taken there
-        rival : sum of squares that another model reaches: a fit that promises no better after a few steps is not gone
-            on with
+        rival : chi-square that another model attains: a fit that is predicted to attain no less is ended after a few
+            steps
         """
-        point = _extended(start, found, sizes or {})
-        directions = self.directions(point, found)
+        point = _extended(start, candidates, sizes or {})
+        directions = self.directions(point, candidates)
         low, high = np.array([d.low for d in directions]), np.array([d.high for d in directions])
         x = np.clip([d.at for d in directions], low, high)
-        now = self._evaluated(point, directions, x, found, solved=True)
+        now = self._evaluated(point, directions, x, candidates, solved=True)
         if now is None:
-            return self._failed(start, found)
-        fresh = columns is None
-        now, bent = self.sharpened(now) if fresh else replace(now, columns=columns), False
-        for number in range(MOST):
-            step, promise = _step(now, x, low, high)
-            if number >= PATIENCE and now.square - TRUST * promise > rival:
-                if fresh or not bent:
-                    return replace(now, reason=f"after {number} steps it promises less than another explanation brings")
-                now, fresh, bent = self.sharpened(now), True, False
-                continue
-            done = promise < ENOUGH * max(1.0, now.square / now.residual.size)
-            if done and bent and not fresh:
-                now, fresh, bent = self.sharpened(now), True, False
-                continue
-            if done:
-                return replace(now, reason="")
-            ahead = self._ahead(now, directions, x, step, found)
+            return self._failed(start, candidates)
+        fresh, nonlinear = columns is None, False
+        now = self.with_derivatives(now) if fresh else replace(now, columns=columns)
+        for number in range(MAX_STEPS):
+            step, predicted = _step(now, x, low, high)
+            inferior = number >= MIN_STEPS_BEFORE_ABANDONING and now.chi2 - MAX_GAIN_RATIO * predicted > rival
+            converged = predicted < MIN_REDUCTION * max(1.0, now.chi2 / now.residual.size)
+            if (inferior or converged) and (fresh or not nonlinear):
+                reason = f"after {number} steps a rival has a lower chi-square than is predicted for this fit"
+                return replace(now, reason=reason if inferior else "")
+            ahead = None if inferior or converged else self._line_search(now, directions, x, step, candidates)
             if ahead is None:
                 if fresh:
-                    return replace(now, reason="no step lowers the sum of squares further")
-                now, fresh, bent = self.sharpened(now), True, False
+                    return replace(now, reason="no step reduces chi-square further")
+                now, fresh, nonlinear = self.with_derivatives(now), True, False
                 continue
-            there, fit = ahead
-            brought = (now.square - fit.square) / promise
-            fresh = brought <= WELL
-            bent = not fresh and (bent or abs(brought - 1.0) > BENT)
-            now, x = self.sharpened(fit) if fresh else _updated(fit, now, there - x), there
-        return replace(now, reason=f"{MOST} steps were not enough")
+            x_ahead, fit = ahead
+            gain_ratio = (now.chi2 - fit.chi2) / predicted
+            fresh = gain_ratio <= MIN_GAIN_RATIO
+            nonlinear = not fresh and (nonlinear or abs(gain_ratio - 1.0) > MAX_GAIN_ERROR)
+            now, x = self.with_derivatives(fit) if fresh else _updated(fit, now, x_ahead - x), x_ahead
+        return replace(now, reason=f"no convergence in {MAX_STEPS} steps")
 
-    def expected(self, scored: int, fits: int) -> int:
+    def expected_simulations(self, scored: int, fits: int) -> int:
         """Simulations that scores of so many parameters and so many fits of one candidate beside all should take."""
         parts, parameters = self.evidence.parts, len(self.space.windows) + 1
         free = sum(INITIAL_STATE in part.nuisance for part in parts)
-        each = len(parts) * (DERIVATIVES * parameters + EVALUATIONS) + free * INITIAL_SIMULATIONS
-        return len(parts) * DIFFERENCES * scored + fits * each
+        each = len(parts) * (SWEEPS_PER_FIT * parameters + STEPS_PER_FIT) + free * INITIAL_SIMULATIONS
+        return len(parts) * SIMULATIONS_PER_SCORE * scored + fits * each
 
-    def sharpened(self, fit: Fit) -> Fit:
+    def with_derivatives(self, fit: Fit) -> Fit:
         """Return the fit with the derivatives at its own point."""
         fit = self._with_initial_slopes(fit)
-        directions = self.directions(fit.point, fit.found)
-        found = slopes(self.effort, self.evidence, fit.point, directions, self.steps, compared=False)
-        self.steps |= {d.name: abs(s.step) for d, s in zip(directions, found, strict=True) if s.step}
+        directions = self.directions(fit.point, fit.candidates)
+        taken = slopes(self.effort, self.evidence, fit.point, directions, self.steps, compared=False)
+        self.steps |= {d.name: abs(s.step) for d, s in zip(directions, taken, strict=True) if s.step}
         none = np.zeros(fit.residual.size)
-        columns = [none if s.column is None else s.column for s in found]
+        columns = [none if s.column is None else s.column for s in taken]
         return replace(
             fit,
             columns=np.column_stack(columns) if columns else np.zeros((none.size, 0)),
             names=tuple(d.name for d in directions),
-            steps=tuple(s.step for s in found),
+            steps=tuple(s.step for s in taken),
         )
 
-    def _ahead(
-        self, now: Fit, directions: Sequence[Direction], x: np.ndarray, step: np.ndarray, found: Sequence[Candidate]
+    def _line_search(
+        self,
+        now: Fit,
+        directions: Sequence[Direction],
+        x: np.ndarray,
+        step: np.ndarray,
+        candidates: Sequence[Candidate],
     ) -> tuple[np.ndarray, Fit] | None:
-        """Go the step, or the largest half of a half of it that lowers the sum of squares.
+        """Go the step, or the largest half of a half of it that reduces chi-square.
 
-        Where the whole step does not, with initial states as they are foreseen, these are solved for once.
+        Where the whole step does not, with initial states as they are predicted, these are solved for once.
         """
-        free = any(view.start is not None for view in now.point.seen.values())
-        tried = [(1.0, False), (1.0, True), *((0.5**k, False) for k in range(1, HALVINGS))]
+        free = any(view.start is not None for view in now.point.simulated.values())
+        tried = [(1.0, False), (1.0, True), *((0.5**k, False) for k in range(1, MAX_HALVINGS))]
         for share, solved in tried if free else [pair for pair in tried if not pair[1]]:
-            there = x + share * step
-            fit = self._evaluated(now.point, directions, there, found, share * (now.columns @ step), solved)
-            if fit is not None and fit.square < now.square:
-                return there, fit
+            x_ahead, change = x + share * step, share * (now.columns @ step)
+            fit = self._evaluated(now.point, directions, x_ahead, candidates, change, solved)
+            if fit is not None and fit.chi2 < now.chi2:
+                return x_ahead, fit
         return None
 
     def _with_initial_slopes(self, fit: Fit) -> Fit:
         """Return the fit with the derivatives by initial states that are nuisances taken anew: forward differences."""
-        seen, runs, places = dict(fit.point.seen), [], []
-        for name, view in seen.items():
+        views, runs, places = dict(fit.point.simulated), [], []
+        for name, view in views.items():
             components = () if view.start is None else view.start.state
             for k, (component, slope) in enumerate(zip(components, view.initial, strict=True)):
                 size = float(np.linalg.norm(slope))
                 if size > 0.0:
-                    step = INITIAL_STEP * float(np.linalg.norm(view.rows)) / size
+                    step = INITIAL_RELATIVE_STEP * float(np.linalg.norm(view.rows)) / size
                     runs += fit.point.runs([name], starts={name: view.start.moved({component: step})})
                     places.append((name, k, step))
         if not runs:
             return fit
         for (name, k, step), ahead in zip(places, simulated(self.effort, runs), strict=True):
             if ahead.usable:
-                slopes = seen[name].start.slopes.copy()
-                slopes[k] = (ahead.rows - seen[name].rows) / step
-                seen[name] = replace(seen[name], start=replace(seen[name].start, slopes=slopes))
-        nuisances = self.evidence.tangents(seen)
-        residual = Projection(nuisances)(self.evidence.residual(seen))
-        return replace(fit, point=replace(fit.point, seen=seen), residual=residual, nuisances=nuisances)
+                slopes = views[name].start.slopes.copy()
+                slopes[k] = (ahead.rows - views[name].rows) / step
+                views[name] = replace(views[name], start=replace(views[name].start, slopes=slopes))
+        nuisances = self.evidence.tangents(views)
+        residual = Projection(nuisances)(self.evidence.residual(views))
+        return replace(fit, point=replace(fit.point, simulated=views), residual=residual, nuisances=nuisances)
 
-    def _starts(self, seen: Mapping[str, Seen], change: float | np.ndarray) -> dict[str, Start]:
+    def _starts(self, views: Mapping[str, Seen], change: float | np.ndarray) -> dict[str, Start]:
         """Initial states that are nuisances, by record, where the simulations change by so much (N,)."""
-        moves = self.evidence.initial_moves(seen, self.evidence.residual(seen) - change)
-        return {name: seen[name].start.moved(own) for name, own in moves.items()}
+        moves = self.evidence.initial_moves(views, self.evidence.residual(views) - change)
+        return {name: views[name].start.moved(own) for name, own in moves.items()}
 
     def _evaluated(
         self,
         origin: Point,
         directions: Sequence[Direction],
         x: np.ndarray,
-        found: Sequence[Candidate],
+        candidates: Sequence[Candidate],
         change: float | np.ndarray = 0.0,
         solved: bool = False,
     ) -> Fit | None:
         """Simulate all records at x; None where one of them fails.
 
-        change : (N,) that is foreseen of the simulations; initial states that are nuisances go where it leaves them
+        change : (N,) predicted change of the simulations; initial states that are nuisances are those that fit it best
         solved : whether these are solved for instead
         """
-        starts = dict.fromkeys(self.evidence.names) if solved else self._starts(origin.seen, change)
+        starts = dict.fromkeys(self.evidence.names) if solved else self._starts(origin.simulated, change)
         values = {**origin.values, **{d.name: float(value) for d, value in zip(directions, x, strict=True)}}
         names = self.evidence.names
         views = dict(zip(names, simulated(self.effort, origin.runs(names, values, starts=starts)), strict=True))
@@ -300,18 +303,18 @@ class Fitter:
         residual = Projection(nuisances)(self.evidence.residual(views))
         none = np.zeros((residual.size, 0))
         parameters = tuple(d.name for d in directions)
-        rows = self.evidence.rows()
-        return Fit(Point(values, origin.effects, views), tuple(found), residual, none, parameters, (), nuisances, rows)
+        point, rows = Point(values, origin.effects, views), self.evidence.rows()
+        return Fit(point, tuple(candidates), residual, none, parameters, (), nuisances, rows)
 
-    def _failed(self, start: Point, found: Sequence[Candidate]) -> Fit:
-        nuisances = self.evidence.tangents(start.seen)
-        residual = self.evidence.residual(start.seen)
+    def _failed(self, start: Point, candidates: Sequence[Candidate]) -> Fit:
+        nuisances = self.evidence.tangents(start.simulated)
+        residual = self.evidence.residual(start.simulated)
         none = np.zeros((residual.size, 0))
         rows = self.evidence.rows()
-        return Fit(start, tuple(found), residual, none, (), (), nuisances, rows, "the motion fails there")
+        return Fit(start, tuple(candidates), residual, none, (), (), nuisances, rows, "the motion fails there")
 
-    def begun(self, base: Fit, candidate: Candidate, sizes: np.ndarray) -> tuple[float, np.ndarray] | None:
-        """What a candidate of these sizes (p,) promises: a fall of the sum of squares, and the sizes for it.
+    def trial(self, base: Fit, candidate: Candidate, sizes: np.ndarray) -> tuple[float, np.ndarray] | None:
+        """Predicted reduction of chi-square by a candidate of about these sizes (p,), and the sizes for it.
 
         Its change of the records is scaled to fit best, and the sizes with it; not where it has no finite null. None
         where the motion fails, or the sign is impossible.
@@ -321,30 +324,30 @@ class Fitter:
         views = dict(zip(names, simulated(self.effort, runs), strict=True))
         if not all(view.usable for view in views.values()):
             return None
-        absorbing = base.absorbing
-        residual, change = absorbing(base.residual), absorbing(self.evidence.difference(base.point.seen, views))
-        length = float(change @ change)
+        projection = base.projection
+        residual, change = projection(base.residual), projection(self.evidence.difference(base.point.simulated, views))
         if candidate.effect.guess is not None or not np.isfinite(null).all():
-            left = residual - change
-            return float(residual @ residual - left @ left), sizes
-        if not length > 0.0:
+            remainder = residual - change
+            return float(residual @ residual - remainder @ remainder), sizes
+        squared_length = float(change @ change)
+        if not squared_length > 0.0:
             return None
-        factor = float(residual @ change) / length
-        there = null + factor * (sizes - null)
-        if (there < candidate.low).any() or (there > candidate.high).any():
+        factor = float(residual @ change) / squared_length
+        scaled = null + factor * (sizes - null)
+        if (scaled < candidate.low).any() or (scaled > candidate.high).any():
             return None
-        return factor**2 * length, there
+        return factor**2 * squared_length, scaled
 
-    def directions(self, point: Point, found: Sequence[Candidate]) -> list[Direction]:
+    def directions(self, point: Point, candidates: Sequence[Candidate]) -> list[Direction]:
         """Directions of the calibrated parameters, then of those of the candidates in the model, at a point."""
         values = point.values
         searched = [
             Direction(name, values[name], window.slope(values[name]), window.low, window.high)
             for name, window in self.space.windows.items()
         ]
-        return searched + [d for candidate in found for d in _own(point, candidate)]
+        return searched + [d for candidate in candidates for d in _own(point, candidate)]
 
-    def suspected(self, point: Point, candidates: Sequence[Candidate]) -> list[list[Slope]]:
+    def candidate_slopes(self, point: Point, candidates: Sequence[Candidate]) -> list[list[Slope]]:
         """Slopes of each candidate's parameters at null, all side by side."""
         directions, owner = [], []
         for index, candidate in enumerate(candidates):
@@ -355,30 +358,30 @@ class Fitter:
                     )
                 )
                 owner.append(index)
-        found = slopes(self.effort, self.evidence, point, directions)
-        return [[slope for slope, o in zip(found, owner, strict=True) if o == k] for k in range(len(candidates))]
+        taken = slopes(self.effort, self.evidence, point, directions)
+        return [[slope for slope, o in zip(taken, owner, strict=True) if o == k] for k in range(len(candidates))]
 
 
 def _updated(ahead: Fit, behind: Fit, step: np.ndarray) -> Fit:
-    """Return the fit with the derivatives behind it, changed in the direction of the step (k,) to what it brought."""
+    """Return the fit ahead of a step (k,) with the derivatives behind it, by Broyden's update."""
     slopes = behind.free(behind.columns)
     scale = np.linalg.norm(slopes, axis=0)
     along = scale**2 * step
-    missed = behind.residual - ahead.residual - slopes @ step
-    columns = behind.columns + np.outer(missed, along) / max(float(along @ step), 1e-300)
+    error = behind.residual - ahead.residual - slopes @ step
+    columns = behind.columns + np.outer(error, along) / max(float(along @ step), 1e-300)
     return replace(ahead, columns=columns, steps=behind.steps)
 
 
-def _extended(start: Point, found: Sequence[Candidate], sizes: Mapping[str, float]) -> Point:
+def _extended(start: Point, candidates: Sequence[Candidate], sizes: Mapping[str, float]) -> Point:
     """Return the point with these candidates in its model, and no others, at these sizes."""
-    effects = tuple(candidate.effect for candidate in found)
-    held = {name: value for candidate in found for name, value in candidate.absent().items()}
+    effects = tuple(candidate.effect for candidate in candidates)
+    held = {name: value for candidate in candidates for name, value in candidate.absent().items()}
     present = {name: value for name, value in start.values.items() if name in held}
-    return Point({**start.values, **held, **present, **sizes}, effects, start.seen)
+    return Point({**start.values, **held, **present, **sizes}, effects, start.simulated)
 
 
 def _step(fit: Fit, x: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, float]:
-    """Step (k,) of Gauss and Newton within the bounds, and by how much it should lower the sum of squares."""
+    """Step (k,) of Gauss and Newton within the bounds, and its predicted reduction of chi-square."""
     slopes = fit.free(fit.columns)
     scale = np.linalg.norm(slopes, axis=0)
     moving = scale > 0.0

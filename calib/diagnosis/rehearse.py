@@ -11,18 +11,21 @@ import numpy as np
 
 from calib.diagnosis.bench import Run, Seen, simulated
 from calib.diagnosis.candidate import Candidate
-from calib.diagnosis.diagnose import NAMED, NONE, ONE_OF, UNEXPLAINED, bench_of, diagnose, prepared
+from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.evidence import Evidence
-from calib.diagnosis.selection import scored
+from calib.diagnosis.preparation import bench_of, prepared
+from calib.diagnosis.screening import screened
+from calib.diagnosis.suspect import Suspect, Untestable
+from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED
 from calib.effect import Effect
 from calib.errors import CalibError
 from calib.objective import Objective, Reference
 from calib.pool import Failure, InProcess, LocalPool
 from calib.study import Pool, Study
 
-STRENGTHS = (5.0, 10.0, 20.0, 40.0)  # sizes of a hidden effect, as the z that its information promises
+STRENGTHS = (5.0, 10.0, 20.0, 40.0)  # sizes of a hidden effect, as the z that its information predicts
 SEEDS = 3
-RELIABLE = 0.75  # share of the seeds in which an effect is named
+MIN_NAMED_SHARE = 0.75  # of the seeds, from which an effect is reliably named
 NOTHING = "nothing"
 
 
@@ -33,7 +36,7 @@ class Case:
     Attributes
     ----------
     effect : that is hidden, NOTHING for none
-    strength : z that its size promises; NaN where it has no derivative, and 0 where nothing is hidden
+    strength : predicted z of its size; NaN where it has no derivative, and 0 where nothing is hidden
     values : of its parameters, in SI
     seed : of the noise
     units : of its parameters
@@ -124,10 +127,9 @@ class Stage:
         scored = {name: reference for name, reference in made.items() if reference.use == "calibrate"}
         study = replace(self.study, objective=Objective(scored, self.study.objective.terms))
         others = {name: reference for name, reference in made.items() if reference.use != "calibrate"}
-        found = diagnose(
-            study, others, self.values, self.effects, seed=case.seed, pool=InProcess, laboratory=None
-        )
-        return Rehearsed(case, found.verdict, found.causes, found.classes)
+        options = {"seed": case.seed, "pool": InProcess, "laboratory": None}
+        diagnosis = diagnose(study, others, self.values, self.effects, **options)
+        return Rehearsed(case, diagnosis.verdict, diagnosis.causes, diagnosis.classes)
 
 
 def _made(reference: Reference, part, view: Seen, rng: np.random.Generator) -> Reference:
@@ -149,14 +151,14 @@ def rehearse(
     seeds: int = SEEDS,
     done: Mapping[str, Rehearsed] | None = None,
     pool: Callable[[Stage], Pool] | None = None,
-    on_case: Callable[[Rehearsed, int, int], None] = lambda found, number, of: None,
+    on_case: Callable[[Rehearsed, int, int], None] = lambda rehearsed, number, of: None,
 ) -> list[Rehearsed]:
     """Hide each candidate at several sizes, several times, and seek it.
 
     Parameters
     ----------
     study, others, values, effects : as in `calib.diagnosis.diagnose.diagnose`; records held out take no part
-    strengths : sizes, as the z that they promise
+    strengths : sizes, by their predicted z
     seeds : cases of each effect and size
     done : cases that were played before, by their key
     on_case : called as a case ends, with its number and how many there are
@@ -170,9 +172,9 @@ def rehearse(
     with LocalPool(bench, study.jobs, study.timeout) as open_pool:
         ready = prepared(open_pool, bench, study, values, effects, lambda text: None)
         if ready.null is None:
-            failed = "; ".join(gate.said for gate in ready.gates if not gate.passed)
+            failed = "; ".join(gate.summary for gate in ready.gates if not gate.passed)
             raise CalibError(f"the study cannot be rehearsed, for it cannot be diagnosed: {failed}")
-        suspects, _ = scored(ready.fitter, ready.null, ready.suspects, study.seed)
+        suspects, _ = screened(ready.fitter, ready.null, ready.suspects, study.seed)
     fitted = ready.null.point.values
     hidden = {s.name: s.candidate for s in reversed(suspects)}
     cases = [Case(NOTHING, 0.0, {}, seed) for seed in range(seeds * len(strengths))]
@@ -181,34 +183,34 @@ def rehearse(
         suspect = next(s for s in suspects if s.candidate is candidate)
         for strength, sizes in _sizes(suspect, strengths):
             cases += [Case(name, strength, candidate.values(sizes), seed, units) for seed in range(seeds)]
-    found = {case.key: done[case.key] for case in cases if done and case.key in done}
-    todo = [case for case in cases if case.key not in found]
+    answered = {case.key: done[case.key] for case in cases if done and case.key in done}
+    todo = [case for case in cases if case.key not in answered]
     stage = Stage(study.without_search(), others, fitted, list(effects), ready.fitter.evidence, hidden)
     make = pool or (lambda function: LocalPool(function, study.jobs))
     with make(stage) as stages:
         for index, answer in stages.map(todo):
             case = todo[index]
             played = Rehearsed(case, "failed", reason=answer.reason) if isinstance(answer, Failure) else answer
-            found[case.key] = played
-            on_case(played, len(found), len(cases))
-    return [found[case.key] for case in cases]
+            answered[case.key] = played
+            on_case(played, len(answered), len(cases))
+    return [answered[case.key] for case in cases]
 
 
-def _sizes(suspect, strengths: Sequence[float]) -> list[tuple[float, np.ndarray]]:
-    """Sizes (p,) to hide: of the first parameter that the records know, with the z that they promise."""
+def _sizes(suspect: Suspect, strengths: Sequence[float]) -> list[tuple[float, np.ndarray]]:
+    """Sizes (p,) to hide: of the first parameter that the records know, with their predicted z."""
     candidate = suspect.candidate
-    if suspect.test is None:
+    if isinstance(suspect, Untestable):
         return [(np.nan, row) for row in candidate.sizes]
-    error = suspect.test.error
+    error = suspect.error
     known = [k for k in range(error.size) if np.isfinite(error[k])]
     if not known:
         return []
-    found = []
+    hidden = []
     for strength in strengths:
         sizes = candidate.null.copy()
         sizes[known[0]] += strength * error[known[0]] * (1.0 if sizes[known[0]] < candidate.high[known[0]] else -1.0)
-        found.append((float(strength), np.clip(sizes, candidate.low, candidate.high)))
-    return found
+        hidden.append((float(strength), np.clip(sizes, candidate.low, candidate.high)))
+    return hidden
 
 
 def rates(played: Sequence[Rehearsed]) -> list[dict]:
@@ -233,18 +235,18 @@ def rates(played: Sequence[Rehearsed]) -> list[dict]:
 
 def smallest(played: Sequence[Rehearsed]) -> dict[str, dict | None]:
     """Smallest rehearsed size from which on each effect is reliably named; None where there is none."""
-    found: dict[str, dict | None] = {}
+    rows: dict[str, dict | None] = {}
     lost: set[str] = set()
     for row in reversed(rates(played)):  # sizes rise
         effect = row["effect"]
         if effect == NOTHING or effect in lost:
             continue
-        if row["named"] >= RELIABLE:
-            found[effect] = row
+        if row["named"] >= MIN_NAMED_SHARE:
+            rows[effect] = row
         else:
             lost.add(effect)
-            found.setdefault(effect, None)
-    return found
+            rows.setdefault(effect, None)
+    return rows
 
 
 def confusion(played: Sequence[Rehearsed]) -> tuple[list[str], list[str], np.ndarray]:

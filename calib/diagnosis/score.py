@@ -5,9 +5,9 @@ missing and S is its signature. What calibrated parameters and nuisances absorb 
 
     theta = A^-1 S' e,   A = S' S,   X2 = theta' A theta,   z = the normal deviate of the same probability
 
-Noise whose memory is not quite what was taken would make z too large: the scores are summed over segments of the
-records, with theta's own part taken out, and where their spread exceeds A, z is made smaller by it (Newey and West 1987
-for the reasoning). The largest |z| that a sound model may show is found by drawing noise.
+Noise whose autocorrelation is not quite what was taken would make z too large: the scores are summed over segments of
+the records, with theta's own part taken out, and where their spread exceeds A, z is made smaller by it (Newey and West
+1987 for the reasoning). The largest |z| that a sound model may show is found by drawing noise.
 """
 
 from collections.abc import Sequence
@@ -16,11 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-DRAWS = 5000  # of the noise
-QUANTILE = 0.99
-CERTAIN = 3.0  # times its doubt: what is left of a signature that is less than that is none
-ROUNDING = 1e-5  # share of a signature that is left by rounding where calibration absorbs it
-RANK = 1e-7  # singular value, over the largest of the same column set, below which a direction is absorbed
+from calib.diagnosis.criteria import CRITERIA
+
+NOISE_DRAWS = 5000  # of which the threshold is a quantile
+MIN_ERROR_RATIO = 3.0  # of what calibration leaves of a signature over its error: less is taken for nothing
+ROUNDING_SHARE = 1e-5  # of a signature that is left by rounding where calibration absorbs it
+RANK_TOLERANCE = 1e-7  # singular value, over the largest of the same column set, below which a direction is absorbed
 
 
 class Projection:
@@ -33,7 +34,7 @@ class Projection:
         self.basis = np.zeros((len(columns), 0))
         if columns.shape[1]:
             left, singular, _ = np.linalg.svd(columns, full_matrices=False)
-            self.basis = left[:, singular > RANK * singular[0]]
+            self.basis = left[:, singular > RANK_TOLERANCE * singular[0]]
 
     def __call__(self, vectors: np.ndarray) -> np.ndarray:
         """Return vectors (N,) or (N, m) without the part in the span of the columns."""
@@ -59,34 +60,34 @@ class Signature:
     absorbed: float
 
     @classmethod
-    def of(cls, columns: np.ndarray, projection: Projection, doubt: np.ndarray) -> "Signature":
-        """Project the columns (N, p), whose relative errors are doubt (p,): what is left has to be more than these."""
-        left = projection(columns)
+    def of(cls, columns: np.ndarray, projection: Projection, relative_error: np.ndarray) -> "Signature":
+        """Project the columns (N, p), of these relative errors (p,): what is left has to be more than its error."""
+        projected = projection(columns)
         whole = np.linalg.norm(columns, axis=0)
-        share = np.divide(np.linalg.norm(left, axis=0), whole, out=np.zeros_like(whole), where=whole > 0.0)
-        left = left * (share > np.maximum(CERTAIN * doubt, ROUNDING))
+        share = np.divide(np.linalg.norm(projected, axis=0), whole, out=np.zeros_like(whole), where=whole > 0.0)
+        projected = projected * (share > np.maximum(MIN_ERROR_RATIO * relative_error, ROUNDING_SHARE))
         absorbed = 1.0 - float(share.max(initial=0.0))
-        return cls(left, absorbed if absorbed > ROUNDING else 0.0)
+        return cls(projected, absorbed if absorbed > ROUNDING_SHARE else 0.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Tested:
-    """What a score test says.
+class ScoreTest:
+    """A score test.
 
     Attributes
     ----------
     z : normal deviate; of one parameter with the sign of its size over the direction that makes sense
     size, error : (p,) estimates and their standard errors  [units of the parameters]
-    drop : by which the sum of squares would fall
+    chi2_reduction : predicted  [1]
     """
 
     z: float
     size: np.ndarray
     error: np.ndarray
-    drop: float
+    chi2_reduction: float
 
 
-def tested(residual: np.ndarray, signature: Signature, segments: np.ndarray) -> Tested:
+def score_test(residual: np.ndarray, signature: Signature, segments: np.ndarray) -> ScoreTest:
     """Test one candidate.
 
     Parameters
@@ -97,19 +98,20 @@ def tested(residual: np.ndarray, signature: Signature, segments: np.ndarray) -> 
     """
     scale = np.linalg.norm(signature.columns, axis=0)
     size, error = np.zeros(scale.size), np.full(scale.size, np.inf)
-    alive = scale > 0.0
-    if not alive.any():
-        return Tested(0.0, size, error, 0.0)
-    unit = signature.columns[:, alive] / scale[alive]
-    form = _Form(_products(unit, unit, segments))
-    theta, drop, wider = form.solved(_products(unit, residual[:, None], segments)[None, :, :, 0])
-    size[alive] = theta[0] / scale[alive]
-    error[alive] = np.sqrt(wider[0] * np.diag(form.inverse)) / scale[alive]
-    sign = np.sign(theta[0, 0]) if alive.sum() == 1 else 1.0
-    return Tested(float(sign * deviate(drop[0] / wider[0], form.rank)), size, error, float(drop[0]))
+    nonzero = scale > 0.0
+    if not nonzero.any():
+        return ScoreTest(0.0, size, error, 0.0)
+    unit = signature.columns[:, nonzero] / scale[nonzero]
+    equations = _NormalEquations(_products(unit, unit, segments))
+    theta, reduction, inflation = equations.solved(_products(unit, residual[:, None], segments)[None, :, :, 0])
+    size[nonzero] = theta[0] / scale[nonzero]
+    error[nonzero] = np.sqrt(inflation[0] * np.diag(equations.inverse)) / scale[nonzero]
+    sign = np.sign(theta[0, 0]) if nonzero.sum() == 1 else 1.0
+    z = float(sign * deviate(reduction[0] / inflation[0], equations.rank))
+    return ScoreTest(z, size, error, float(reduction[0]))
 
 
-class _Form:
+class _NormalEquations:
     """The products of unit columns, summed over segments.
 
     parts : (segment, p, p)
@@ -122,14 +124,14 @@ class _Form:
         self.rank = max(1, int(np.linalg.matrix_rank(gram, tol=1e-6, hermitian=True)))
 
     def solved(self, scores: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Estimates (draw, p), fall of the sum of squares (draw,), and how much wider the noise is than white (draw,).
+        """Estimates (draw, p), reduction of chi-square (draw,), inflation of variance by autocorrelation (draw,).
 
         scores : (draw, segment, p)
         """
         total = scores.sum(axis=1)
         theta = total @ self.inverse
-        left = scores - np.einsum("bij,dj->dbi", self.parts, theta)
-        spread = np.einsum("dbi,dbi->d", left @ self.inverse, left) / self.rank
+        residual = scores - np.einsum("bij,dj->dbi", self.parts, theta)
+        spread = np.einsum("dbi,dbi->d", residual @ self.inverse, residual) / self.rank
         return theta, (theta * total).sum(axis=1), np.maximum(1.0, spread)
 
 
@@ -162,24 +164,25 @@ def threshold(signatures: Sequence[Signature], segments: np.ndarray, seed: int, 
     signs : per candidate, 0 where both signs make sense, else the sign
     """
     rng = np.random.default_rng(seed)
-    kept = [(signature.columns, sign) for signature, sign in zip(signatures, signs, strict=True)]
-    kept = [(c[:, np.linalg.norm(c, axis=0) > 0.0], sign) for c, sign in kept]
-    kept = [(c / np.linalg.norm(c, axis=0), sign) for c, sign in kept if c.shape[1]]
-    if not kept:
-        return float(stats.norm.isf(0.5 * (1.0 - QUANTILE)))
-    whole = np.column_stack([c for c, _ in kept])
+    units = [(signature.columns, sign) for signature, sign in zip(signatures, signs, strict=True)]
+    units = [(c[:, np.linalg.norm(c, axis=0) > 0.0], sign) for c, sign in units]
+    units = [(c / np.linalg.norm(c, axis=0), sign) for c, sign in units if c.shape[1]]
+    if not units:
+        return float(stats.norm.isf(0.5 * (1.0 - CRITERIA.threshold_quantile)))
+    whole = np.column_stack([c for c, _ in units])
     parts = _products(whole, whole, segments)
     values, vectors = np.linalg.eigh(parts)
     roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
-    drawn = np.einsum("bij,dbj->dbi", roots, rng.standard_normal((DRAWS, len(roots), roots.shape[-1])))
-    largest, first = np.zeros(DRAWS), 0
-    for columns, sign in kept:
+    white = rng.standard_normal((NOISE_DRAWS, len(roots), roots.shape[-1]))
+    drawn = (roots @ white.transpose(1, 2, 0)).transpose(2, 0, 1)
+    largest, first = np.zeros(NOISE_DRAWS), 0
+    for columns, sign in units:
         own = slice(first, first + columns.shape[1])
         first = own.stop
-        form = _Form(parts[:, own, own])
-        theta, drop, wider = form.solved(drawn[:, :, own])
-        z = deviate(drop / wider, form.rank)
+        equations = _NormalEquations(parts[:, own, own])
+        theta, reduction, inflation = equations.solved(drawn[:, :, own])
+        z = deviate(reduction / inflation, equations.rank)
         if sign and columns.shape[1] == 1:
             z = np.where(theta[:, 0] * sign > 0.0, z, 0.0)
         largest = np.maximum(largest, z)
-    return float(np.quantile(largest, QUANTILE))
+    return float(np.quantile(largest, CRITERIA.threshold_quantile))

@@ -15,7 +15,8 @@ from scipy.signal import chirp
 from scipy.signal.windows import tukey
 
 from calib.diagnosis.bench import Bench, Run, Seen
-from calib.diagnosis.evidence import CLOCK_RATE_STD, Part, clock_of
+from calib.diagnosis.clock import CLOCK_RATE_STD, uncertain_clock
+from calib.diagnosis.evidence import Part
 from calib.diagnosis.laboratory import (
     FREE_DECAY,
     RELEASE,
@@ -23,6 +24,7 @@ from calib.diagnosis.laboratory import (
     SWEEP,
     DesignPoint,
     amplitude_of,
+    measured_displacement,
     releasable,
 )
 from calib.diagnosis.noise import Noise
@@ -60,7 +62,7 @@ class Experiment:
 
     def centre(self, fit: Fit) -> Run:
         """Simulation of a fitted model; a steady tone starts from the record's stationary motion."""
-        state = fit.point.seen[self.part.name].state if self.excitation.harmonic and not self.initial else None
+        state = fit.point.simulated[self.part.name].state if self.excitation.harmonic and not self.initial else None
         return self._run(fit, fit.point.values, self.initial, state)
 
     def differences(self, fit: Fit, centre: Seen) -> list[Run]:
@@ -125,9 +127,7 @@ def _initial_state(
 
 def largest_displacement(part: Part) -> float:
     """Largest measured displacement of a record; where none is measured, its largest speed times its duration  [m]."""
-    rows = [row for (_, channel), row in zip(part.rows, part.measured, strict=True) if channel == "displacement"]
-    largest = max((float(np.abs(row).max()) for row in rows), default=0.0)
-    return largest or largest_speed(part) * float(part.time[-1] - part.time[0])
+    return measured_displacement(part) or largest_speed(part) * float(part.time[-1] - part.time[0])
 
 
 def largest_speed(part: Part) -> float:
@@ -223,7 +223,7 @@ def with_free_form(fit: Fit) -> Fit:
 
     Its derivatives are to be taken anew.
     """
-    return replace(fit, found=tuple(replace(c, form=tuple(c.bounds)) for c in fit.found))
+    return replace(fit, candidates=tuple(replace(c, form=tuple(c.bounds)) for c in fit.candidates))
 
 
 def with_steps(fit: Fit) -> Fit:
@@ -239,7 +239,7 @@ def prior_of(fit: Fit, initial: int) -> np.ndarray:
     distribution between them. Nothing is known of a new initial state.
     """
     known = [np.linalg.qr(fit.free(fit.columns), mode="r")]
-    for candidate in fit.found:
+    for candidate in fit.candidates:
         for name in candidate.form:
             low, high = candidate.bounds[name]
             row = np.zeros((1, len(fit.names)))
@@ -291,7 +291,7 @@ def new_part(made: Experiment, centres: Sequence[Seen]) -> Part:
     weight = np.where(moving[:, None], trust, 1.0) * used[:, None]
     period = made.excitation.period if made.excitation.harmonic else None
     time = centres[0].time
-    clock = clock_of(made.excitation, time, rows)
+    clock = uncertain_clock(made.excitation, time, rows)
     return replace(
         part, rows=made.rows, time=time, period=period, noise=noise, weight=weight, measured=rows, clock=clock
     )

@@ -1,8 +1,8 @@
 """How the simulations change with a parameter: differences whose steps are fitted to the noise, two of them compared.
 
 A step is chosen so that it moves all records together by a share of one standard deviation of the noise, as a z of that
-size would: that is where the effect has to be told from nothing. Where a step and its triple disagree by more than a
-tenth, no derivative is claimed.
+size would: that is where the effect has to be distinguishable from nothing. Where a step and its triple disagree by
+more than a tenth, no derivative is claimed.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,14 +15,14 @@ from calib.diagnosis.evidence import Evidence
 from calib.effect import Effect
 from calib.study import Pool
 
-FIRST = 1e-4  # of the natural scale
-TARGET = 0.3  # response that a step should make, in standard deviations
-NEAR = 10.0  # factor by which it may miss that
-TRIPLE = 3.0
-AGREE = 0.10  # relative difference of two slopes that are called equal
-FAINT = 1e-4  # response that is rounding
-TRIES = 3  # steps until the response is near its target
-BOUNDS = 1e-9, 0.3  # of the natural scale
+FIRST_STEP = 1e-4  # of the natural scale
+TARGET_RESPONSE = 0.3  # norm of the response that a step should make  [standard deviations of the noise]
+MAX_RESPONSE_RATIO = 10.0  # factor by which it may miss that
+SECOND_STEP_RATIO = 3.0  # of the second step over the first
+MAX_SLOPE_DIFFERENCE = 0.10  # of the slopes by both steps, relative
+MIN_RESPONSE = 1e-4  # below it a response is rounding  [standard deviations of the noise]
+MAX_TRIES = 3  # steps until the response is near its target
+STEP_BOUNDS = 1e-9, 0.3  # of the natural scale
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,24 +66,31 @@ class Slope:
     column : (N,) per unit of the parameter, in units of the noise; None where there is none
     step : that it was taken with  [unit of the parameter]
     reliable : whether two steps agree
-    doubt : by how much they differ, relative
-    reason : why it is not
+    relative_error : difference of the slopes by both, over their norm  [1]
+    reason : why it is not reliable
     """
 
     column: np.ndarray | None
     step: float
     reliable: bool
     reason: str = ""
-    doubt: float = 0.0
+    relative_error: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A point of a model with its simulations."""
+    """A point of a model with its simulations.
+
+    Attributes
+    ----------
+    values : of its parameters, in SI
+    effects : beyond those of the calibrated model
+    simulated : records by name
+    """
 
     values: Mapping[str, float]
     effects: tuple[Effect, ...]
-    seen: Mapping[str, Seen]
+    simulated: Mapping[str, Seen]
 
     def runs(
         self,
@@ -98,10 +105,10 @@ class Point:
             are solved for
         """
         changed, effects = {**self.values, **(values or {})}, (*self.effects, *effects)
-        seen = [(name, self.seen[name]) for name in names]
+        views = [(name, self.simulated[name]) for name in names]
         return [
             Run(name, changed, effects, view.state, start=(starts or {}).get(name, view.start))
-            for name, view in seen
+            for name, view in views
         ]
 
 
@@ -123,70 +130,91 @@ def slopes(
     known : steps by parameter that were right before  [unit of the parameter]
     compared : whether a second step is taken to see that both agree
     """
-    names = evidence.names
-    found: dict[int, tuple[float, np.ndarray]] = {}
-    reasons: dict[int, str] = {}
-
-    def responses(steps: Mapping[int, float]) -> dict[int, np.ndarray | None]:
-        runs = [run for k, h in steps.items() for run in _ahead(point, names, directions[k], h)]
-        answers = iter(simulated(pool, runs))
-        out = {}
-        for k in steps:
-            views = {name: next(answers) for name in names}
-            bad = next((view for view in views.values() if not view.usable), None)
-            if bad is None:
-                out[k] = evidence.difference(point.seen, views)
-            else:
-                out[k], reasons[k] = None, f"{bad.status}: {bad.reason}" if bad.reason else bad.status
-        return out
-
-    known = known or {}
-    sizes = {k: abs(known.get(d.name, FIRST * d.scale)) for k, d in enumerate(directions)}
-    waiting = set(sizes)
-    for _ in range(TRIES):
-        steps = {k: directions[k].step(sizes[k]) for k in sorted(waiting)}
-        for k, moved in responses(steps).items():
-            if moved is None:
-                sizes[k] /= 10.0
-                continue
-            length = float(np.linalg.norm(moved))
-            found[k] = steps[k], moved
-            ideal = sizes[k] * TARGET / max(length, FAINT)
-            limit = np.array(BOUNDS) * directions[k].scale
-            if length > FAINT and 1.0 / NEAR < length / TARGET < NEAR:
-                waiting.discard(k)
-            elif sizes[k] >= limit[1] and length < TARGET:
-                waiting.discard(k)  # as far as it goes
-            else:
-                sizes[k] = float(np.clip(ideal, *limit))
-        if not waiting:
-            break
-    lost = [Slope(None, 0.0, False, reasons.get(k, "no step")) for k in range(len(directions))]
+    responses = _Responses(pool, evidence, point, directions)
+    first = _first_responses(responses, directions, known or {})
+    missing = [Slope(None, 0.0, False, responses.reasons.get(k, "no step")) for k in range(len(directions))]
     if not compared:
-        known = {k: Slope(change / step, step, True) for k, (step, change) in found.items()}
-        return [known.get(k, slope) for k, slope in enumerate(lost)]
-    second = {k: directions[k].step(TRIPLE * abs(step)) for k, (step, _) in found.items()}
-    again = responses(second)
+        single = {k: Slope(response / step, step, True) for k, (step, response) in first.items()}
+        return [single.get(k, slope) for k, slope in enumerate(missing)]
+    steps = {k: directions[k].step(SECOND_STEP_RATIO * abs(step)) for k, (step, _) in first.items()}
+    second = responses(steps)
     return [
-        _compared(found[k], second[k], again[k], reasons.get(k, "")) if k in found else lost[k]
+        _compared(first[k], steps[k], second[k], responses.reasons.get(k, "")) if k in first else missing[k]
         for k in range(len(directions))
     ]
 
 
-def _compared(first: tuple[float, np.ndarray], step: float, moved: np.ndarray | None, reason: str) -> Slope:
-    small, change = first
-    slope = change / small
-    if np.linalg.norm(change) <= FAINT:
-        return Slope(np.zeros_like(slope), small, True, "it does not show in any record")
-    if moved is None or abs(step) <= abs(small):
-        return Slope(slope, small, False, reason or "there is no room for a second step")
-    other = moved / step
-    apart = np.linalg.norm(other - slope) / max(np.linalg.norm(slope), np.linalg.norm(other))
-    if apart > AGREE:
-        return Slope(slope, small, False, f"two steps give slopes that differ by {apart:.0%}", apart)
-    return Slope(slope, small, True, doubt=apart)
+class _Responses:
+    """Responses of all records to steps along directions, simulated side by side.
+
+    Attributes
+    ----------
+    reasons : number of a direction -> why the simulation of a step failed
+    """
+
+    def __init__(self, pool: Pool, evidence: Evidence, point: Point, directions: Sequence[Direction]):
+        self.pool, self.evidence, self.point, self.directions = pool, evidence, point, directions
+        self.reasons: dict[int, str] = {}
+
+    def __call__(self, steps: Mapping[int, float]) -> dict[int, np.ndarray | None]:
+        """Change (N,) of the records by a step along each of the directions, None where a simulation fails."""
+        names = self.evidence.names
+        runs = [run for k, step in steps.items() for run in _runs(self.point, names, self.directions[k], step)]
+        answers = iter(simulated(self.pool, runs))
+        responses = {}
+        for k in steps:
+            views = {name: next(answers) for name in names}
+            bad = next((view for view in views.values() if not view.usable), None)
+            if bad is None:
+                responses[k] = self.evidence.difference(self.point.simulated, views)
+            else:
+                responses[k], self.reasons[k] = None, f"{bad.status}: {bad.reason}" if bad.reason else bad.status
+        return responses
 
 
-def _ahead(point: Point, names: Sequence[str], direction: Direction, step: float) -> list[Run]:
+def _first_responses(
+    responses: _Responses, directions: Sequence[Direction], known: Mapping[str, float]
+) -> dict[int, tuple[float, np.ndarray]]:
+    """Step along each direction whose response is near its target, as far as that can be, and the response (N,)."""
+    sizes = {k: abs(known.get(d.name, FIRST_STEP * d.scale)) for k, d in enumerate(directions)}
+    first: dict[int, tuple[float, np.ndarray]] = {}
+    waiting = set(sizes)
+    for _ in range(MAX_TRIES):
+        steps = {k: directions[k].step(sizes[k]) for k in sorted(waiting)}
+        for k, response in responses(steps).items():
+            if response is None:
+                sizes[k] /= 10.0
+                continue
+            first[k] = steps[k], response
+            length = float(np.linalg.norm(response))
+            smallest, largest = np.array(STEP_BOUNDS) * directions[k].scale
+            near = length > MIN_RESPONSE and 1.0 / MAX_RESPONSE_RATIO < length / TARGET_RESPONSE < MAX_RESPONSE_RATIO
+            if near or (sizes[k] >= largest and length < TARGET_RESPONSE):
+                waiting.discard(k)
+            else:
+                ideal = sizes[k] * TARGET_RESPONSE / max(length, MIN_RESPONSE)
+                sizes[k] = float(np.clip(ideal, smallest, largest))
+        if not waiting:
+            break
+    return first
+
+
+def _compared(first: tuple[float, np.ndarray], step: float, second: np.ndarray | None, reason: str) -> Slope:
+    """Slope by the first step and its response, judged by a second step and its response (N,)."""
+    first_step, response = first
+    slope = response / first_step
+    if np.linalg.norm(response) <= MIN_RESPONSE:
+        return Slope(np.zeros_like(slope), first_step, True, "it does not show in any record")
+    if second is None or abs(step) <= abs(first_step):
+        return Slope(slope, first_step, False, reason or "there is no room for a second step")
+    other = second / step
+    difference = np.linalg.norm(other - slope) / max(np.linalg.norm(slope), np.linalg.norm(other))
+    if difference > MAX_SLOPE_DIFFERENCE:
+        return Slope(slope, first_step, False, f"two steps give slopes that differ by {difference:.0%}", difference)
+    return Slope(slope, first_step, True, relative_error=difference)
+
+
+def _runs(point: Point, names: Sequence[str], direction: Direction, step: float) -> list[Run]:
+    """Simulations of the records one step along a direction."""
     values = {**(direction.values or {}), direction.name: direction.at + step}
     return point.runs(names, values, direction.effects)

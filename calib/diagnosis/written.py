@@ -6,10 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from calib.diagnosis.diagnose import UNEXPLAINED, Diagnosis
+from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.gain import Gain
+from calib.diagnosis.gates import Gate
 from calib.diagnosis.next_measurement import DECISIVE_Z, Design, Measurement
-from calib.diagnosis.selection import MARKED, Round, Selection, Suspect
+from calib.diagnosis.search import Round
+from calib.diagnosis.selection import Selection
+from calib.diagnosis.suspect import Refitted, Suspect, leading_variants
+from calib.diagnosis.verdict import UNEXPLAINED
 from calib.objective import MISFIT
 from calib.store.plain import plain
 
@@ -19,9 +23,9 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
     selection = diagnosis.selection
     first = selection.rounds[0] if selection else None
     measurements = [] if diagnosis.design is None else [measurement_as_dict(m) for m in diagnosis.design.measurements]
-    found = {
+    document = {
         "verdict": diagnosis.verdict,
-        "said": diagnosis.said,
+        "said": diagnosis.summary,
         "causes": list(diagnosis.causes),
         "class": [list(names) for names in diagnosis.classes],
         "stand_ins": list(diagnosis.stand_ins),
@@ -29,10 +33,10 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         "closest": [c.name for c in selection.causes] if selection and diagnosis.verdict == UNEXPLAINED else [],
         "suspects": []
         if first is None
-        else [_suspect(s, first.excess, first.chosen) for s in best_of_each(first.suspects)],
-        "rounds": [] if selection is None else [_round(r, selection.excess) for r in selection.rounds],
+        else [_suspect(s, first.excess_chi2, first.chosen) for s in leading_variants(first.suspects)],
+        "rounds": [] if selection is None else [_round(r, first.excess_chi2) for r in selection.rounds],
         "refused": dict(diagnosis.refused),
-        "gates": [asdict(gate) for gate in diagnosis.gates],
+        "gates": [_gate(gate) for gate in diagnosis.gates],
         "outliers": diagnosis.outliers,
         "rounding": diagnosis.rounding,
         "misfit": _misfit(diagnosis),
@@ -47,15 +51,11 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         "simulations": diagnosis.simulations,
         "seconds": diagnosis.seconds,
     }
-    return plain(found)
+    return plain(document)
 
 
-def best_of_each(suspects) -> list[Suspect]:
-    """Keep of each effect the suspect that explains most: they come in that order."""
-    kept: dict[str, Suspect] = {}
-    for suspect in suspects:
-        kept.setdefault(suspect.name, suspect)
-    return list(kept.values())
+def _gate(gate: Gate) -> dict[str, Any]:
+    return {"name": gate.name, "passed": gate.passed, "said": gate.summary, "z": gate.z}
 
 
 def measurement_as_dict(measurement: Measurement) -> dict[str, Any]:
@@ -80,7 +80,7 @@ def _about(size: float, half: float) -> list[float]:
 def _suspect(suspect: Suspect, excess: float, chosen: Suspect | None) -> dict[str, Any]:
     names, null = suspect.candidate.free, suspect.candidate.null
     half = suspect.half_width
-    drop = suspect.drop if suspect.fit is not None else (suspect.test.drop if suspect.test is not None else 0.0)
+    reduction = suspect.known_reduction
     return {
         "effect": suspect.name,
         "meaning": suspect.candidate.effect.meaning,
@@ -92,22 +92,22 @@ def _suspect(suspect: Suspect, excess: float, chosen: Suspect | None) -> dict[st
         "held": dict(suspect.candidate.held),
         "limits": {p.name: [p.low, p.high] for p in suspect.candidate.parameters},
         "units": {p.name: p.unit for p in suspect.candidate.effect.parameters},
-        "share": drop / excess if excess > 0.0 else None,
+        "share": reduction / excess if excess > 0.0 else None,
         "absorbed": suspect.absorbed,
         "detectable": dict(zip(names, suspect.detectable, strict=True)),
-        "drop": drop,
-        "refitted": suspect.fit is not None,
+        "drop": reduction,
+        "refitted": isinstance(suspect, Refitted),
         "null": dict(zip(names, null, strict=True)),
-        "alike": None if chosen is None else alike(suspect, chosen),
+        "alike": None if chosen is None else cosine(suspect, chosen),
         "reason": suspect.reason,
     }
 
 
-def alike(one: Suspect, other: Suspect) -> float | None:
+def cosine(one: Suspect, other: Suspect) -> float | None:
     """Cosine of the angle between what two suspects change in the records beyond calibration; None where unknown."""
     bases = []
     for suspect in (one, other):
-        columns = np.zeros((0, 0)) if suspect.signature is None else suspect.signature.columns
+        columns = suspect.signature_columns
         length = np.linalg.norm(columns, axis=0)
         if not length.any():
             return None
@@ -115,34 +115,34 @@ def alike(one: Suspect, other: Suspect) -> float | None:
     return float(min(1.0, np.linalg.norm(bases[0].T @ bases[1], 2)))
 
 
-def _round(found: Round, excess: float) -> dict[str, Any]:
-    chosen = found.chosen
+def _round(outcome: Round, excess: float) -> dict[str, Any]:
+    chosen = outcome.chosen
     return {
-        "threshold": found.threshold,
+        "threshold": outcome.threshold,
         "chosen": None if chosen is None else chosen.name,
-        "share": None if chosen is None or not excess > 0.0 else chosen.drop / excess,
-        "rivals": [rival.name for rival in found.rivals],
-        "prediction": None if found.prediction is None else asdict(found.prediction),
-        "rejected": None if found.rejected is None else found.rejected.name,
-        "rejection": found.rejection,
-        "untried": list(found.untried),
-        "alike": {rival.name: alike(rival, chosen) for rival in found.rivals if rival is not chosen},
+        "share": None if chosen is None or not excess > 0.0 else chosen.chi2_reduction / excess,
+        "rivals": [rival.name for rival in outcome.rivals],
+        "prediction": None if outcome.prediction is None else asdict(outcome.prediction),
+        "rejected": None if outcome.rejected is None else outcome.rejected.name,
+        "rejection": outcome.rejection,
+        "untried": list(outcome.untried),
+        "alike": {rival.name: cosine(rival, chosen) for rival in outcome.rivals if rival is not chosen},
     }
 
 
 def _misfit(diagnosis: Diagnosis) -> dict[str, Any]:
-    selection, said = diagnosis.selection, diagnosis.misfit
+    selection, deviations = diagnosis.selection, diagnosis.misfit
     if selection is None:
         return {}
     return {
-        "excess": selection.excess,
-        "left": selection.left,
-        "blur": selection.blur,
-        "share": selection.share if selection.causes else 0.0,
-        "inconstancy": selection.inconstancy,
+        "excess": selection.excess_chi2,
+        "left": selection.remaining_chi2,
+        "blur": selection.chi2_std,
+        "share": selection.explained_share if selection.causes else 0.0,
+        "inconstancy": selection.heterogeneity_z,
         "constancy": [asdict(constancy) for constancy in selection.constancy],
-        "features": [asdict(deviation) for deviation in said.features],
-        "channels": [{**asdict(channel), "orders": channel.orders.tolist()} for channel in said.channels],
+        "features": [asdict(deviation) for deviation in deviations.features],
+        "channels": [{**asdict(channel), "orders": channel.orders.tolist()} for channel in deviations.channels],
     }
 
 
@@ -156,8 +156,8 @@ def _remains(diagnosis: Diagnosis) -> dict[str, Any]:
             beyond = max(0.0, float(row @ row) - float((weight**2).sum()))
             rows.append({"record": part.name, "body": body, "channel": channel, "beyond_noise": beyond})
     return {
-        "share": selection.left / selection.excess if selection.marked else None,
-        "above_noise": selection.left > MARKED * selection.blur,
+        "share": selection.remaining_chi2 / selection.excess_chi2 if selection.is_significant else None,
+        "above_noise": selection.remainder_is_significant,
         "rows": rows,
     }
 
@@ -169,6 +169,7 @@ def _joint_size(cause: Suspect, selection: Selection) -> dict[str, Any]:
     return {
         "size": dict(zip(names, size, strict=True)),
         "interval": {n: _about(x, h) for n, x, h in zip(names, size, half, strict=True)},
+        "limits": {p.name: [p.low, p.high] for p in cause.candidate.parameters},
         "units": {p.name: p.unit for p in cause.candidate.effect.parameters},
     }
 
@@ -195,5 +196,5 @@ def _gain(gain: Gain) -> dict[str, Any]:
         "failed": dict(gain.failed),
         "transfers": [asdict(transfer) for transfer in gain.transfers],
         "agreements": [asdict(agreement) for agreement in gain.agreements],
-        "shifts": [asdict(shift) for shift in gain.shifts],
+        "shifts": [{**asdict(shift), "errors": shift.errors} for shift in gain.shifts],
     }

@@ -203,10 +203,15 @@ def _length(time: np.ndarray, period: float) -> float:
 
 def _trusted(time: np.ndarray, impacts: np.ndarray, length: float | None = None) -> np.ndarray:
     """Trust (n,) at these instants, smooth in them; the simulation goes round after `length` where it does."""
-    distance = time - impacts[:, None]
+    if not impacts.size:
+        return np.ones(time.size)
+    place, impacts = time, np.sort(impacts)
     if length is not None:
-        distance = (distance + 0.5 * length) % length - 0.5 * length
-    nearest = np.abs(distance).min(axis=0, initial=np.inf) * (time.size - 1) / (time[-1] - time[0])  # in samples
+        place, impacts = time % length, np.sort(impacts % length)
+        impacts = np.concatenate([impacts[-1:] - length, impacts, impacts[:1] + length])
+    after = np.clip(np.searchsorted(impacts, place), 1, impacts.size - 1) if impacts.size > 1 else 0
+    nearest = np.minimum(np.abs(impacts[after] - place), np.abs(impacts[after - 1] - place))
+    nearest = nearest * (time.size - 1) / (time[-1] - time[0])  # in samples
     share = np.clip((nearest - BLIND) / (SEEING - BLIND), 0.0, 1.0)
     return share**2 * (3.0 - 2.0 * share)
 

@@ -53,9 +53,10 @@ class Compared:
         self._bodies = {body for term in wanted for body in term.bodies or self.bodies}
         self._alignments: dict[frozenset, Alignment] = {}
         self._alignment(self.prescribed)
-        channels = channels_of(self.record)
+        self._channels = channels_of(self.record)
+        trust = xr.DataArray(np.ones(self.record.sizes["time"]), dims="time")
         self._template = xr.Dataset(
-            {c: self.record[c] for c in channels},
+            {**{c: self.record[c] for c in self._channels}, "trust": trust},
             attrs={k: v for k, v in self.record.attrs.items() if k in ("frequency", "place", "quantity", "status")},
         )
         self._scalars: dict[tuple[str, frozenset], Mapping[str, Scalar]] = {}
@@ -78,7 +79,7 @@ class Compared:
         status = simulated.attrs.get("status", OK)
         if status != OK:
             return status, str(simulated.attrs.get("reason", ""))
-        for channel in self._template.data_vars:
+        for channel in self._channels:
             if channel in simulated.variables and not np.isfinite(simulated.variables[channel].values).all():
                 return "not finite", f"{channel} of the simulated record {self.name!r} holds NaN or infinity"
         return None
@@ -90,10 +91,10 @@ class Compared:
         if not _same(simulated.attrs.get("frequency"), self._template.attrs.get("frequency")):
             raw = _with_period(simulated, self.period)
         values, nuisances, trust = self._alignment(given)(simulated)
-        template = self._template
+        template, values = self._template, {**values, "trust": trust}
         if len(values) < len(template.data_vars):
             template = template[list(values)]
-        record = template.copy(data=values).assign(trust=("time", trust))
+        record = template.copy(data=values)
         return Seen(record, raw, {**nuisances, **initial_state(simulated)}, kind_of_motion(raw), given)
 
     def released(self, model: Model, values: Mapping[str, float], request: Request) -> Released:
@@ -118,7 +119,7 @@ class Compared:
         """Samples from which the initial state is solved: all that is measured of the compared bodies."""
         rows = [
             (body, channel)
-            for channel in self._template.data_vars
+            for channel in self._channels
             for body in self.bodies
             if body in self._bodies and (body, channel) not in self.prescribed
         ]
@@ -148,7 +149,7 @@ class Compared:
         found = []
         for body in self.bodies:
             channels = tuple(
-                c for c in self._template.data_vars if (body, c) in pairs and (body, c) not in view.prescribed
+                c for c in self._channels if (body, c) in pairs and (body, c) not in view.prescribed
             )
             if not channels:
                 continue

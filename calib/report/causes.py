@@ -163,7 +163,7 @@ def _within(axes, own, factor, size):
 
 
 def shifts(found: Sequence[Mapping[str, Any]]) -> Figure | None:
-    """By how many standard errors each calibrated parameter moves when the cause is in the model."""
+    """By how many of its standard errors each calibrated parameter moves when the cause is in the model."""
     known = [s for s in found if s["errors"] is not None]
     if not known:
         return None
@@ -187,5 +187,5 @@ def shifts(found: Sequence[Mapping[str, Any]]) -> Figure | None:
             axes.xaxis.set_minor_formatter(NullFormatter())
         axes.axvline(0.0, color=LINE, linewidth=0.7)
         axes.grid(axis="y", visible=False)
-        axes.set_xlabel("Shift [standard errors]")
+        axes.set_xlabel("Shift [standard errors of the calibrated value]")
     return figure

@@ -4,8 +4,9 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from calib.diagnosis.diagnose import NAMED, NONE, ONE_OF, OUTLIERS, QUANTISATION, UNEXPLAINED
 from calib.diagnosis.next_measurement import DECISIVE_Z
+from calib.diagnosis.preparation import OUTLIERS, QUANTISATION
+from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED, explained
 from calib.report.words import number, percent, quantity, signed
 
 SAME = 1e-9  # relative difference of values that are the same
@@ -81,13 +82,41 @@ def points(said: Mapping[str, Any]) -> list[str]:
     if gain and gain["before"] is not None:
         found.append(_gained(gain))
     if gain and said["verdict"] in (NAMED, ONE_OF):
-        moved = [s for s in gain["shifts"] if s["errors"] is not None and abs(s["errors"]) > 2.0]
-        if moved:
-            listed = ", ".join(f"{s['parameter']} by {signed(s['errors'], '+')}" for s in moved)
-            found.append(f"Calibrated without it, values were biased; in standard errors they move: {listed}.")
+        found += disagreements(said)
+        if biased(gain):
+            moved = "; ".join(f"{name} by {signed(errors, '+')}" for name, errors in biased(gain).items())
+            found.append(
+                "Calibrated without it, values were biased by more than their intervals say; in their own standard "
+                f"errors they move: {moved}."
+            )
     if said["verdict"] == ONE_OF and said.get("design") is not None:
         found.append(f"{proposal(said['measurements'])}.")
     return found
+
+
+def disagreements(said: Mapping[str, Any]) -> list[str]:
+    """Say of which causes the records, each alone, have different sizes."""
+    gain = said["gain"] or {"transfers": ()}
+    apart = [one["parameter"] for one in gain.get("agreements", ()) if not one["agree"]]
+    names = [name for name, joint in said.get("joint_sizes", {}).items() if set(joint["size"]) & set(apart)]
+    if not names:
+        return []
+    found = []
+    for parameter in apart:
+        own = [t for t in gain["transfers"] if t["parameter"] == parameter and None not in (t["size"], t["error"])]
+        units = next((j["units"] for j in said["joint_sizes"].values() if parameter in j["size"]), {})
+        ends = [quantity(t["size"], units.get(parameter)) for t in sorted(own, key=lambda t: t["size"])]
+        found.append(f"{parameter} from {ends[0]} to {ends[-1]}" if ends else parameter)
+    return [
+        f"The records, each alone, disagree on its size ({'; '.join(found)}): {' and '.join(names)} may stand for "
+        "something like it, and the interval of the common size does not count that."
+    ]
+
+
+def biased(gain: Mapping[str, Any]) -> dict[str, float]:
+    """Calibrated parameters that leave their own 95 % interval in the extended model, and by how many of its errors."""
+    known = {s["parameter"]: s["errors"] for s in gain["shifts"] if s["errors"] is not None}
+    return {name: errors for name, errors in known.items() if abs(errors) > 2.0}
 
 
 def proposal(measurements: Sequence[Mapping[str, Any]]) -> str:
@@ -108,9 +137,8 @@ def _excess(misfit, said):
     text += f", where ±{number(blur, 2)} is chance"
     if not added(said):
         return f"{text}."
-    explained = "all" if misfit["share"] >= 1.0 else percent(misfit["share"])
     after = f"{number(abs(left), 3)} {'above' if left >= 0 else 'below'}"
-    return f"{text}; with {_which(said)} it is {after}: {explained} of the excess is explained."
+    return f"{text}; with {_which(said)} it is {after}: {explained(misfit['share'])} of the excess is explained."
 
 
 def _remains(said):
@@ -173,13 +201,31 @@ def remedy(gate: Mapping[str, Any]) -> str:
 
 
 def sizes(suspect: Mapping[str, Any]) -> list[str]:
-    """Write the sizes of a suspect with their 95 % intervals and units."""
-    found = []
+    """Write the sizes of a suspect with their 95 % intervals and units, of those that show in the records at all.
+
+    A size at an end of its range has no interval to both sides: that is said in its place.
+    """
+    written = []
     for name, size in suspect["size"].items():
-        low, high = suspect["interval"].get(name) or (None, None)
-        half = None if None in (low, high) else 0.5 * (high - low)
-        found.append("-" if size is None else f"{name} = {quantity(size, suspect['units'].get(name), half=half)}")
-    return found
+        ends, unit = suspect["interval"].get(name) or (None, None), suspect["units"].get(name)
+        if size is None or None in ends:
+            continue
+        if _at_limit(size, suspect.get("limits", {}).get(name) or (None, None)):
+            written.append(f"{name} = {quantity(size, unit)}, the end of its range")
+        else:
+            written.append(f"{name} = {quantity(size, unit, half=0.5 * (ends[1] - ends[0]))}")
+    return written or _without_intervals(suspect) or ["-"]
+
+
+def _without_intervals(suspect):
+    """Write the sizes of a suspect that is in the model, where no derivative tells their intervals."""
+    there = {n: x for n, x in suspect["size"].items() if x is not None and x != suspect.get("null", {}).get(n)}
+    return [f"{name} = {quantity(size, suspect['units'].get(name))}" for name, size in there.items()]
+
+
+def _at_limit(size, limits):
+    """Whether a size is at the end of its range; 0, where an effect ends, is none."""
+    return size != 0.0 and any(end is not None and math.isclose(size, end, rel_tol=1e-6) for end in limits)
 
 
 def _capital(text: str) -> str:

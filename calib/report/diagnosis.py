@@ -7,8 +7,10 @@ import numpy as np
 import xarray as xr
 from markupsafe import Markup
 
+from calib.diagnosis.excess import significant
 from calib.diagnosis.laboratory import AMPLITUDE_RANGE, FREQUENCY_RANGE, RELEASE_RANGE
 from calib.diagnosis.next_measurement import DECISIVE_Z
+from calib.diagnosis.verdict import explained
 from calib.report import causes, drawing, lacking, remains, separation
 from calib.report.conclusion import (
     NAMED,
@@ -25,11 +27,11 @@ from calib.report.conclusion import (
     stale,
 )
 from calib.report.words import count, number, percent, quantity, raised, rounded, signed, with_error
-from calib.units import MILLI
+from calib.units import reading
 
 TONES = {NAMED: "good", NONE: "good", ONE_OF: "mind", UNEXPLAINED: "mind"}
 QUESTIONS = {NAMED: "Why this one", ONE_OF: "Why these", NONE: "Why nothing", UNEXPLAINED: "Why none of them"}
-MARKED = 3.0  # standard errors from which a feature is shown at once
+MIN_SHOWN_Z = 3.0  # of a feature that is shown at once  [standard errors]
 MOST = 12  # features shown at once
 ENOUGH = 10  # suspects shown at once
 
@@ -71,8 +73,9 @@ TRANSFERS = (
     "record to record, or that the records held out do not share, is a stand-in for another cause."
 )
 SHIFTS = (
-    "By how many standard errors the calibrated parameters move once the cause is in the model; within the grey band "
-    "they stay. One that moves further was bent to stand in for what was missing."
+    "By how many of their standard errors the calibrated parameters move once the cause is in the model; within the "
+    "grey band (two of them) the calibration's own interval holds the new value. One that moves further was biased, "
+    "to make up for what was missing."
 )
 SEPARATION_MAP = (
     "Predicted separation of the two least distinguishable explanations by a steady tone, over its frequency and "
@@ -192,18 +195,18 @@ def _features(said):
 
 
 def _feature(feature):
-    factor, unit = MILLI.get(feature["unit"], (1.0, feature["unit"]))
+    factor, unit = reading(feature["unit"], max(abs(feature[key] or 0.0) for key in ("measured", "simulated")))
     values = [None if feature[key] is None else factor * feature[key] for key in ("measured", "simulated", "error")]
     measured, simulated, error = values
     return {
         "label": feature["label"],
         "record": feature["record"],
         "body": feature["body"],
-        "unit": "" if unit == "1" else raised(unit),
+        "unit": raised(unit),
         "measured": with_error(measured, None if error is None else 2.0 * error),
         "simulated": rounded(simulated, error),
         "z": "-" if feature["z"] is None else signed(feature["z"], "+"),
-        "marked": feature["z"] is not None and abs(feature["z"]) > MARKED,
+        "marked": feature["z"] is not None and abs(feature["z"]) > MIN_SHOWN_Z,
     }
 
 
@@ -252,7 +255,7 @@ def _suspect(suspect, fate, said):
     held = [f"{name} = {quantity(value, suspect['units'].get(name))}" for name, value in suspect["held"].items()]
     untested = not suspect["refitted"] and all(x is None for x in suspect["detectable"].values())
     misfit = said["misfit"]
-    explains = misfit["excess"] > MARKED * misfit["blur"] and suspect["share"] is not None
+    explains = significant(misfit["excess"], misfit["blur"]) and suspect["share"] is not None
     explains = explains and fate != causes.SENSELESS and suspect["drop"] > 0.0
     return {
         "effect": suspect["effect"],
@@ -263,10 +266,10 @@ def _suspect(suspect, fate, said):
         "colour": causes.COLOURS[fate],
         "bold": fate in (causes.NAMED, causes.CLASS, causes.CLOSEST),
         "z": "-" if untested or suspect["z"] is None else signed(suspect["z"]),
-        "sizes": ["-"] if untested else sizes(suspect),
+        "sizes": ["-"] if untested else sizes(said.get("joint_sizes", {}).get(suspect["effect"], suspect)),
         "held": held,
-        "share": percent(min(1.0, suspect["share"])) if explains else "-",
-        "promised": explains and not suspect["refitted"],
+        "share": explained(suspect["share"]) if explains else "-",
+        "predicted": explains and not suspect["refitted"],
         "absorbed": "-" if untested else percent(suspect["absorbed"]),
         "detectable": [
             quantity(x, suspect["units"].get(name), 2) for name, x in suspect["detectable"].items() if x is not None
@@ -308,7 +311,7 @@ def _rounds(said):
                 "model": " + ".join(["calibrated", *known]),
                 "threshold": f"{found['threshold']:.2f}",
                 "chosen": found["chosen"] or _none(found),
-                "share": "-" if share is None else percent(min(1.0, share)),
+                "share": "-" if share is None else explained(share),
                 "predicts": _predicts(found),
                 "rivals": ", ".join(rivals) or "-",
             }
@@ -318,11 +321,11 @@ def _rounds(said):
 
 
 def _predicts(found):
-    """Fall of the sum of squares on left-out data, with its standard error."""
+    """Fall of the sum of squares on left-out data, with its standard error, over what it is without the cause."""
     test = found.get("prediction")
     if test is None or test["error"] is None:
         return "not tested" if found["chosen"] else "-"
-    return f"{number(test['reduction'], 3)} ± {number(test['error'], 2)}"
+    return f"{with_error(*(100.0 * test[key] / test['without'] for key in ('reduction', 'error')))} %"
 
 
 def _none(found):
@@ -360,7 +363,7 @@ def _why(said, outcomes):
         chosen, alike = said["rounds"][0]["chosen"], best.get("alike")
         alike = "" if alike is None else f"; its signature is {percent(alike)} like that of {chosen}"
         found.append(
-            f"The next best of the first round, {best['effect']}, explains {percent(min(1.0, best['share']))} of the "
+            f"The next best of the first round, {best['effect']}, explains {explained(best['share'])} of the "
             f"excess on its own{alike}."
         )
     elif said["verdict"] == NAMED:
@@ -438,14 +441,12 @@ def _brings(said, parameters):
     if gain is None:
         return None
     units = {name: unit for suspect in said["suspects"] for name, unit in suspect["units"].items()}
-    common = {}
-    for suspect in said["suspects"]:
-        for name, size in suspect["size"].items():
-            ends = suspect["interval"].get(name) or (None, None)
-            if None not in (size, *ends):
-                common[name] = (size, *ends)
-    if len(said["rounds"]) > 1 and said["rounds"][1]["chosen"]:
-        common = {}  # those of the first round are not those of the final model
+    joint = [
+        (name, size, *(cause["interval"].get(name) or (None, None)))
+        for cause in said.get("joint_sizes", {}).values()
+        for name, size in cause["size"].items()
+    ]
+    common = {name: ends for name, *ends in joint if None not in ends}
     known = [transfer for transfer in gain["transfers"] if None not in (transfer["size"], transfer["error"])]
     return {
         "kind": gain["kind"],
@@ -462,11 +463,11 @@ def _shift(shift, parameters):
     name = shift["parameter"]
     known = parameters.get(name.partition("@")[0])
     factor, unit = drawing.shown_unit(known.unit if known else "1", max(abs(shift["before"]), abs(shift["after"])))
-    error = abs((shift["after"] - shift["before"]) / shift["errors"]) if shift["errors"] else None
+    halves = [2.0 * factor * (shift.get(key) or 0.0) for key in ("before_error", "after_error")]
     return {
         "parameter": name,
-        "before": rounded(factor * shift["before"], error and factor * error),
-        "after": with_error(factor * shift["after"], error and 2.0 * factor * error),
+        "before": with_error(factor * shift["before"], halves[0]),
+        "after": with_error(factor * shift["after"], halves[1]),
         "unit": unit,
         "errors": "-" if shift["errors"] is None else signed(shift["errors"], "+"),
     }

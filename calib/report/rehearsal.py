@@ -39,7 +39,7 @@ def rehearsal(played: Sequence[Rehearsed]) -> Figure:
                 named[hidden.index(row["effect"]), strengths.index(row["strength"])] = row["named"]
         _cells(right, named)
         right.set_xticks(range(len(strengths)), [f"{z:g}" for z in strengths])
-        right.set(xlabel="z that the\nsize promises", title="Named")
+        right.set(xlabel="predicted z\nof the size", title="Named")
     return figure
 
 

@@ -316,7 +316,7 @@ def _named(axes, name, body, unit):
 def _fine(unit, largest):
     """Factor and unit of something small: µm and mm/s where that reads better."""
     if unit == "m":
-        return (1e6, "µm") if largest < 5e-4 else (1e3, "mm")
+        return (1e6, "µm") if largest < 5e-4 else shown_unit(unit, largest)
     if unit == "m/s":
         return (1e3, "mm/s") if largest < 0.5 else (1.0, unit)
     return shown_unit(unit, largest)

@@ -47,17 +47,22 @@ def quantity(value: float | None, unit: str | None, digits: int = 3, half: float
 
 
 def with_error(value: float | None, half: float | None) -> str:
-    """Write a value with its half interval, both to the same decimal place: ``"2.40 ± 0.16"``."""
+    """Write a value with its half interval, both to the second digit of that: ``"2.40 ± 0.16"``."""
     if value is None or not half or not math.isfinite(half):
         return number(value)
     power = math.floor(math.log10(max(abs(value), half)))
     if -4 <= power < 6:
-        places = max(0, 1 - math.floor(math.log10(half)))
-        return f"{value:.{places}f} ± {half:.{places}f}".replace("-", "−")
+        return f"{_to_place(value, half)} ± {_to_place(half, half)}".replace("-", "−")
     scale = 10.0**power
-    places = max(0, 1 - math.floor(math.log10(half / scale)))
     ten = number(scale, 1).removeprefix("1·")
-    return f"({value / scale:.{places}f} ± {half / scale:.{places}f})·{ten}".replace("-", "−")
+    value, half = value / scale, half / scale
+    return f"({_to_place(value, half)} ± {_to_place(half, half)})·{ten}".replace("-", "−")
+
+
+def _to_place(value: float, half: float) -> str:
+    """Write a value to the place that the second digit of its half interval has."""
+    places = 1 - math.floor(math.log10(half))
+    return f"{round(value, places):.{max(0, places)}f}"
 
 
 def rounded(value: float | None, error: float | None) -> str:
@@ -66,7 +71,7 @@ def rounded(value: float | None, error: float | None) -> str:
         return number(value)
     if not -4 <= math.floor(math.log10(max(abs(value), 2.0 * error))) < 6:
         return number(value)
-    return f"{value:.{max(0, 1 - math.floor(math.log10(2.0 * error)))}f}".replace("-", "−")
+    return _to_place(value, 2.0 * error).replace("-", "−")
 
 
 def percent(share: float | None, digits: int = 2) -> str:

@@ -153,7 +153,7 @@ def load(path: str | Path, budget: int | None = None, jobs: int | None = None) -
         path=path,
         study=study,
         others={n: r for n, r in known.items() if r.use != "calibrate"},
-        folder=path.parent / _folder(path),
+        folder=results_folder(path),
         view=shape.store.view,
         keep=shape.store.keep,
         candidates=_candidates(shape, mistakes),
@@ -161,10 +161,10 @@ def load(path: str | Path, budget: int | None = None, jobs: int | None = None) -
     )
 
 
-def _folder(path: Path) -> str:
-    """Name of the folder of the results: ``out``, and ``out.extended`` of a study.extended.toml."""
+def results_folder(path: Path) -> Path:
+    """Folder of the results of a study file, beside it: ``out``, and ``out.extended`` of a study.extended.toml."""
     kind = path.stem.removeprefix("study.")
-    return "out" if kind == path.stem else f"out.{kind}"
+    return path.parent / ("out" if kind == path.stem else f"out.{kind}")
 
 
 # --- the model -------------------------------------------------------------------------------------------------------

@@ -71,7 +71,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 from hidden.seeker import seek  # noqa: E402 - run as a script
 
 from calib import record  # noqa: E402
-from calib.diagnosis.diagnose import NAMED, NONE, ONE_OF  # noqa: E402
+from calib.diagnosis.verdict import NAMED, NONE, ONE_OF  # noqa: E402
 from calib.effects import coulomb_friction, cubic_stiffness, quadratic_drag, softening  # noqa: E402
 from calib.excitation import Excitation  # noqa: E402
 from calib.model import Model, Request  # noqa: E402
@@ -185,7 +185,7 @@ def calib(data: Data) -> dict:
             record.write(one, Path(folder) / f"record_{index}.nc")
         (Path(folder) / "study.toml").write_text(study())
         found = seek(Path(folder))
-    said = {"verdict": found.verdict, "said": found.said, "classes": [list(names) for names in found.classes]}
+    said = {"verdict": found.verdict, "said": found.summary, "classes": [list(names) for names in found.classes]}
     return {"named": list(found.causes), "open": found.verdict not in (NONE, NAMED), **said}
 
 

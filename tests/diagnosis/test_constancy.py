@@ -33,7 +33,7 @@ def fitted(sizes, autocorrelation=0.0, seed=0):
     return SimpleNamespace(
         columns=columns,
         names=tuple(estimate),
-        found=(effect(free=("one",)), effect(form=("other",))),
+        candidates=(effect(free=("one",)), effect(form=("other",))),
         free=lambda c: c,
         value=estimate.get,
         residual=Projection(columns)(data),

@@ -8,6 +8,7 @@ import pytest
 from calib.diagnosis.candidate import candidates
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effort import Budget
+from calib.diagnosis.suspect import Scored
 from calib.diagnosis.written import as_dict
 from calib.excitation import Excitation
 from calib.model import Model, Request
@@ -172,7 +173,7 @@ def test_what_is_not_in_the_library_is_not_explained():
 def test_what_cannot_be_simulated_cannot_be_diagnosed():
     found = diagnosed(references(), mass=-1.0)
     assert found.verdict == "not_diagnosable"
-    assert "simulation" in found.said
+    assert "simulation" in found.summary
 
 
 def test_outliers_are_named_and_taken_out():
@@ -231,7 +232,7 @@ def test_steps_beyond_the_noise_that_is_stated_are_the_cause_where_they_explain_
             step = 10.0 * float(reference.record[f"{channel}_sigma"][0])
             reference.record[channel].values[:] = step * np.round(reference.record[channel].values / step)
     found = diagnosed(known, library=(*library, "quantisation"))
-    assert found.selection.marked
+    assert found.selection.is_significant
     assert (found.verdict, found.causes) == ("named" if cause else "unexplained", cause)
     assert (found.rounding > 0.9) == bool(cause)
 
@@ -242,7 +243,7 @@ def test_an_effect_whose_size_would_have_an_impossible_sign_is_neither_fitted_no
     suspect = max(found.selection.rounds[0].suspects, key=lambda s: abs(s.z))
     assert suspect.name == "coulomb_friction"
     assert suspect.z < -found.selection.rounds[0].threshold
-    assert suspect.fit is None
+    assert isinstance(suspect, Scored)
 
 
 @pytest.mark.parametrize(("steps", "verdict"), [(1, "not_diagnosable"), (200, "none")])
@@ -251,8 +252,8 @@ def test_a_step_that_changes_the_records_by_more_than_an_effect_would_is_the_rea
     assert found.verdict == verdict
     [gate] = [gate for gate in found.gates if gate.name == "time_step"]
     assert gate.passed == (verdict == "none")
-    assert "made 2 times finer, it changes the records by z = " in gate.said
-    assert ("time_step" in found.said) == (verdict == "not_diagnosable")
+    assert "made 2 times finer, it changes the records by z = " in gate.summary
+    assert ("time_step" in found.summary) == (verdict == "not_diagnosable")
 
 
 def test_a_step_whose_error_is_small_beside_what_is_missing_hinders_no_diagnosis():
@@ -261,7 +262,7 @@ def test_a_step_whose_error_is_small_beside_what_is_missing_hinders_no_diagnosis
     assert (found.verdict, found.causes) == ("named", ("channel_offset",))
     [gate] = [gate for gate in found.gates if gate.name == "time_step"]
     assert found.selection.rounds[0].threshold < gate.z < 0.1 * np.sqrt(found.selection.margin)
-    assert "sizes may be off by so many standard errors" in gate.said
+    assert "sizes may be off by so many standard errors" in gate.summary
 
 
 def changing(k3, soft, loud):
@@ -272,25 +273,25 @@ def changing(k3, soft, loud):
     return known
 
 
-@pytest.mark.parametrize(("k3", "soft", "loud"), [(2e4, 2.5e-5, 1e-5), (3e5, 1e-4, 2e-4)])
+@pytest.mark.parametrize(("k3", "soft", "loud"), [(5e4, 2.5e-5, 1e-5), (3e5, 1e-4, 2e-4)])
 def test_several_causes_of_which_one_changes_between_records_are_not_named(k3, soft, loud):
     same, other = diagnosed(changing(k3, soft, soft)), diagnosed(changing(k3, soft, loud))
     assert (same.verdict, set(same.causes)) == ("named", {"cubic_stiffness", "channel_offset"})
-    assert same.selection.constant
+    assert same.selection.is_homogeneous
     joint = as_dict(same)["joint_sizes"]
     assert joint["cubic_stiffness"]["size"]["k3"] == same.selection.final.value("k3")
     low, high = joint["channel_offset"]["interval"]["offset_displacement"]
     assert low < soft < high
     assert (other.verdict, other.causes) == ("unexplained", ())
-    assert other.selection.inconstancy > other.selection.rounds[0].threshold
-    assert as_dict(other)["misfit"]["inconstancy"] == other.selection.inconstancy
+    assert other.selection.heterogeneity_z > other.selection.rounds[0].threshold
+    assert as_dict(other)["misfit"]["inconstancy"] == other.selection.heterogeneity_z
 
 
 def test_causes_that_explain_all_but_not_everywhere_alike_are_told_as_such():
-    found = diagnosed(changing(2e4, 2.5e-5, 1e-5))
-    assert found.selection.explained
-    assert not found.selection.material
-    assert "the size of channel_offset differs among the channels of the records" in found.said
+    found = diagnosed(changing(5e4, 2.5e-5, 1e-5))
+    assert found.selection.is_explained
+    assert not found.selection.is_sufficient
+    assert "the size of channel_offset differs among the channels of the records" in found.summary
     assert found.stand_ins == ("channel_offset",)
 
 
@@ -303,7 +304,7 @@ def test_the_cause_that_explains_most_of_a_gross_misfit_is_named_without_another
     found = gross
     assert (found.verdict, found.causes) == ("named", ("cubic_stiffness",))
     assert found.selection.rounds[1].suspects[0].name == "channel_offset"
-    assert 0.8 < found.selection.share < 1.0
+    assert 0.8 < found.selection.explained_share < 1.0
 
 
 def test_a_budget_that_is_spent_ends_the_search_and_what_was_not_tried_is_said(gross):
@@ -311,9 +312,9 @@ def test_a_budget_that_is_spent_ends_the_search_and_what_was_not_tried_is_said(g
     assert short.selection.cut_short
     assert len(short.selection.rounds) == 1
     assert short.simulations < gross.simulations
-    assert "the budget was spent" in short.said
+    assert "the budget was spent" in short.summary
     assert as_dict(short)["cut_short"]
-    assert "the budget" not in gross.said
+    assert "the budget" not in gross.summary
 
 
 def test_the_number_of_simulations_is_foreseen_to_a_factor_of_two(cubic):

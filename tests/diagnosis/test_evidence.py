@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.bench import Seen
-from calib.diagnosis.evidence import CLOCK_RATE_STD, Evidence, Part
+from calib.diagnosis.clock import CLOCK_RATE_STD
+from calib.diagnosis.evidence import Evidence, Part
 from calib.diagnosis.noise import STATED, Noise
 
 SIZE = 300

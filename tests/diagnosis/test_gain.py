@@ -10,7 +10,7 @@ from calib.diagnosis.refit import Fit
 from calib.parameter import Parameter, Space, Window
 
 N = 400
-SEGMENTS = np.arange(N) // 20
+ROW = np.zeros(N, dtype=int)
 
 
 def columns(seed=0):
@@ -27,7 +27,7 @@ def test_the_error_of_a_record_alone_covers_what_calibrated_parameters_take():
     for _ in range(300):
         noise = rng.standard_normal(N)
         residual = 0.7 * column - 2.0 * others[:, 0] + noise  # the calibrated value is off, too
-        size, error = _refitted(residual, column, others, SEGMENTS)
+        size, error = _refitted(residual, column, others, ROW)
         deviates.append((size - 0.7) / error)
         raw.append(error * np.linalg.norm(column))
     assert np.std(deviates) == pytest.approx(1.0, abs=0.15)
@@ -39,7 +39,7 @@ def test_the_error_of_a_record_alone_covers_what_calibrated_parameters_take():
 def test_a_record_that_does_not_tell_the_size_from_calibrated_values_has_none(left):
     column, others = columns()
     copy = others[:, 0] + left * column
-    assert _refitted(column, copy, others, SEGMENTS) is None
+    assert _refitted(column, copy, others, ROW) is None
 
 
 def test_records_agree_by_the_threshold_of_the_diagnosis():

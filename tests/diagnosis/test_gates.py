@@ -29,8 +29,8 @@ def test_a_residual_about_or_above_its_noise_passes(ratio):
 def test_a_residual_far_below_its_noise_does_not():
     gate = judged(0.4)
     assert not gate.passed
-    assert "decay mass displacement" in gate.said
-    assert "the stated uncertainty is too large" in gate.said
+    assert "decay mass displacement" in gate.summary
+    assert "the stated uncertainty is too large" in gate.summary
 
 
 def test_a_few_samples_say_nothing():

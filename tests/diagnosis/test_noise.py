@@ -48,6 +48,28 @@ def test_a_stated_level_comes_first():
     assert (noise.sigma, noise.source) == (0.5, STATED)
 
 
+@pytest.mark.parametrize("phi", [0.0, 0.5, 0.95])
+def test_memory_of_stated_noise_is_that_of_a_residual_which_is_no_larger(phi):
+    row = series([phi] if phi else [], 4000)
+    noise = from_residual(row, np.ones(4000), np.ones(4000), stated=2.0)
+    assert noise.sigma == 2.0
+    assert noise.memory.sum() == pytest.approx(phi, abs=0.1)
+
+
+@pytest.mark.parametrize("error", [1.0, 4.0])
+def test_an_error_of_the_model_gives_stated_noise_no_memory(error):
+    wave = error * 2.0 * np.sin(np.linspace(0.0, 60.0, 4000))  # 1.2 and 3 times the stated level in all
+    noise = from_residual(series([], 4000) + wave, np.ones(4000), np.ones(4000), stated=2.0)
+    assert noise.memory.size == 0
+
+
+@pytest.mark.parametrize("memory", [[], [0.8], [1.5, -0.7]])
+def test_the_mean_square_of_noise_varies_as_stated(memory):
+    squares = [np.mean(series(memory, 2000, seed) ** 2) / 4.0 for seed in range(400)]
+    known = Noise(2.0, np.array(memory), "").mean_square_std(2000.0)
+    assert np.std(squares) == pytest.approx(known, rel=0.15)
+
+
 def test_of_known_memory_the_fastest_part_of_a_residual_tells_the_level():
     slow = 40.0 * np.sin(np.linspace(0.0, 20.0, 20_000))
     noise = with_memory(np.array([0.8]), slow + series([0.8], 20_000), np.ones(20_000), np.ones(20_000), None)

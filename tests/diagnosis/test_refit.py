@@ -71,7 +71,7 @@ def test_a_linear_model_is_fitted_at_once():
     best = np.linalg.lstsq(design, measured, rcond=None)[0]
     assert [fit.value("height"), fit.value("rate")] == pytest.approx(best, rel=1e-5)
     assert fit.reason == ""
-    assert fit.square == pytest.approx(np.sum((measured - design @ best) ** 2))
+    assert fit.chi2 == pytest.approx(np.sum((measured - design @ best) ** 2))
     assert fitter.effort.done <= 10
 
 

@@ -25,21 +25,21 @@ def signature(columns, absorbed=None):
 def test_size_and_z_are_those_of_least_squares():
     columns, rng = waves(3), np.random.default_rng(0)
     own, _ = signature(columns)
-    found = score.tested(0.5 * columns[:, 0] + rng.standard_normal(SIZE), own, SEGMENTS)
+    found = score.score_test(0.5 * columns[:, 0] + rng.standard_normal(SIZE), own, SEGMENTS)
     assert found.size[0] == pytest.approx(0.5, abs=3.0 / np.linalg.norm(columns))
     assert found.z == pytest.approx(0.5 * np.linalg.norm(columns), abs=3.5)
 
 
 def test_the_sign_of_z_is_that_of_the_size():
     own, _ = signature(waves(3))
-    assert score.tested(-waves(3)[:, 0], own, SEGMENTS).z < 0.0
+    assert score.score_test(-waves(3)[:, 0], own, SEGMENTS).z < 0.0
 
 
 def test_what_calibration_absorbs_is_no_evidence():
     both = waves(3, 5)
     own, projection = signature(both[:, :1] + both[:, 1:], both[:, 1:])
     assert own.absorbed == pytest.approx(1.0 - np.sqrt(0.5))
-    assert score.tested(projection(7.0 * both[:, 1]), own, SEGMENTS).z == pytest.approx(0.0, abs=1e-6)
+    assert score.score_test(projection(7.0 * both[:, 1]), own, SEGMENTS).z == pytest.approx(0.0, abs=1e-6)
 
 
 def test_what_rounding_leaves_of_the_absorbed_share_is_nothing():
@@ -60,7 +60,7 @@ def test_noise_with_memory_does_not_raise_z():
     rng, own = np.random.default_rng(1), signature(waves(2))[0]
     slow = np.repeat(rng.standard_normal((300, SIZE // 50)), 50, axis=1)
     segments = np.arange(SIZE) // 200
-    z = np.array([score.tested(noise, own, segments).z for noise in slow])
+    z = np.array([score.score_test(noise, own, segments).z for noise in slow])
     naive = np.array([noise @ own.columns[:, 0] for noise in slow]) / np.linalg.norm(own.columns)
     assert naive.std() > 4.0
     assert z.std() < 1.3
@@ -83,7 +83,7 @@ def test_the_threshold_is_passed_once_in_a_hundred():
     own = [signature(waves(order))[0] for order in range(1, 9)]
     limit = threshold(own, SEGMENTS, 0, [0] * len(own))
     rng = np.random.default_rng(2)
-    largest = [max(abs(score.tested(rng.standard_normal(SIZE), s, SEGMENTS).z) for s in own) for _ in range(600)]
+    largest = [max(abs(score.score_test(rng.standard_normal(SIZE), s, SEGMENTS).z) for s in own) for _ in range(600)]
     assert 0.0 <= np.mean(np.array(largest) > limit) < 0.025
     assert 3.0 < limit < 3.5
 

@@ -1,5 +1,6 @@
 """Predicted separations and the search for the largest, where the answer is known in closed form."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -77,6 +78,8 @@ class Resonant:
     ----------
     fails_above : amplitude from which its simulation fails  [m]
     irregular_above : frequency from which its motion does not return  [Hz]
+    two_motions_above : frequency from which it moves in one of two ways  [Hz]: from rest by the sign of its harmonic,
+        else as it did before, which is its state
     """
 
     name = "resonant"
@@ -85,8 +88,9 @@ class Resonant:
     excitations = (("base motion", "base"),)
     parameters = (Parameter("harmonic", "1/m", 0.0, "second harmonic over the square of the amplitude"),)
 
-    def __init__(self, fails_above=np.inf, irregular_above=np.inf):
+    def __init__(self, fails_above=np.inf, irregular_above=np.inf, two_motions_above=np.inf):
         self.fails_above, self.irregular_above = fails_above, irregular_above
+        self.two_motions_above = two_motions_above
 
     def run(self, values, excitation, laws, request):
         if excitation.amplitude > self.fails_above:
@@ -94,14 +98,17 @@ class Resonant:
         time = np.arange(request.periods * request.samples) / (request.samples * excitation.frequency)
         angle = 2.0 * np.pi * excitation.frequency * time
         size = values["harmonic"] * excitation.amplitude**2 * at_resonance(excitation.frequency)
+        before = request.initial_state
+        way = before if before is not None else np.sign([values["harmonic"]])
+        if excitation.frequency > self.two_motions_above:
+            size += 0.1 * way[0] * excitation.amplitude
         motion = excitation.amplitude * np.cos(angle) + size * np.cos(2.0 * angle)
         frame = excitation.amplitude * np.cos(angle) + 3.0 * size * np.cos(2.0 * angle)
-        record = records.make(time, self.bodies, {"displacement": np.array([motion, frame])})
-        record.attrs["frequency"] = excitation.frequency
         steps = np.arange(64.0)
         wander = np.cos(steps**2) if excitation.frequency > self.irregular_above else np.zeros(64)
         section = {name: excitation.amplitude * np.tile(1.0 + wander, (2, 1)) for name in ("displacement", "velocity")}
-        return records.with_section(record, section)
+        channels = {"displacement": np.array([motion, frame])}
+        return records.make(time, self.bodies, channels, section=section, state=way, frequency=excitation.frequency)
 
 
 def at_resonance(frequency):
@@ -147,7 +154,7 @@ def designed(laboratory, harmonics=(0.0, 120.0), **simulator):
         point = Point(values, (), {"tone": bench(Run("tone", values))})
         fit = Fit(point, (), np.zeros(rows.size), none, (), (), none, np.zeros(rows.size, dtype=int))
         rivals.append(SimpleNamespace(name=f"h{harmonic:g}", fit=fit))
-    fitter = SimpleNamespace(evidence=Evidence((part,)), sharpened=lambda fit: fit)
+    fitter = SimpleNamespace(evidence=Evidence((part,)), with_derivatives=lambda fit: fit)
     pool = Counted(bench)
     return next_measurement(pool, bench, fitter, rivals, laboratory), pool
 
@@ -251,6 +258,26 @@ def test_the_prediction_says_whether_all_some_or_none_are_distinguished():
     design, _ = designed(BENCH, harmonics=(0.0, 0.1))
     assert design.measurements[0].prediction.startswith("would not distinguish them (z = 0")
     assert DesignPoint("steady tone", 1.0, 2.0).release is None
+
+
+def test_what_a_simulation_at_the_refitted_parameters_denies_is_not_promised():
+    design, _ = designed(BENCH)
+    [best] = design.measurements
+    assert best.distinguished == 1
+    assert best.prediction.startswith("would distinguish them")
+    jumped = replace(best, distinguished=0, z_refit=1800.0)
+    assert not jumped.confirmed
+    assert jumped.prediction.startswith("may distinguish them")
+    assert jumped.prediction.endswith("which simulations do not confirm)")
+
+
+def test_where_each_model_may_move_as_the_other_does_no_separation_is_promised():
+    design, _ = designed(BENCH, harmonics=(-1e-3, 1e-3), two_motions_above=20.0)
+    ways = [e.z for e in design.points if e.point.frequency > 20.0]
+    assert min(ways) > 20.0  # by derivatives of the one motion and of the other
+    [best] = design.measurements
+    assert best.distinguished == 0
+    assert best.z < 0.01
 
 
 def test_a_test_without_bounds_is_unavailable_for_that_reason():

@@ -27,7 +27,7 @@ class Numbers:
 class Here:
     """A point at which the trace is `rate` times x."""
 
-    seen = {"one": Shown(0.0)}
+    simulated = {"one": Shown(0.0)}
 
     def runs(self, names, values=None, effects=(), starts=None):
         return [dict(values or {})]

@@ -74,7 +74,7 @@ def effects_of(names, bodies=None):
 @pytest.mark.parametrize("gap", [1e-3, 2e-4])
 def test_impacts_of_the_minimal_model(names, gap):
     count, frequency = 6, 26.24
-    simulator = FourDof().finer("time_step", 8.0)
+    simulator = FourDof().finer("time_step", 24.0)
     own = {p.name: p.nominal for p in simulator.parameters} | {"restitution": 0.3, "gap": gap}
     laws = Laws(names, own, simulator.places)
     mass = np.diag(lumped(own).mass)
@@ -133,7 +133,7 @@ def oscillate(own, drive, laws, times):
 @pytest.mark.slow
 @pytest.mark.parametrize("names", MIXED, ids="-".join)
 def test_the_motion_of_an_oscillator_with_a_stop(names):
-    simulator = Oscillator(stop=True).finer("time_step", 8.0)
+    simulator = Oscillator(stop=True).finer("time_step", 24.0)
     drive = Excitation("mass", "force", frequency=5.0, amplitude=4.0)
     own = {p.name: p.nominal for p in simulator.parameters} | {"restitution": 0.8, "gap": 1e-3}
     values = {k: v for name in names for k, v in VALUES[name].items()}

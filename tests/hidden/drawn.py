@@ -75,11 +75,13 @@ def played(case: Case) -> Case:
         drift = hidden.laboratory["clock"]["drift"]
         seen = at.drift_z(drift) if drift else 0.0
         nearest = _nearest(at, effects[0]) if case["kind"] in ("one", "absent", "remainder") else None
+        if case["kind"] == "remainder_only":
+            nearest = _likest(at, hidden.remainder_values)
         found = seek(folder, without=effects if case["kind"] == "absent" else ())
     return {
         **case, "effect": list(effects), "values": dict(hidden.values), "z": dict(hidden.z),
         "remainder": hidden.remainder, "laboratory": hidden.laboratory, "drift_z": seen, "nearest": nearest,
-        "verdict": found.verdict, "said": found.said, "causes": list(found.causes),
+        "verdict": found.verdict, "said": found.summary, "causes": list(found.causes),
         "class": [list(names) for names in found.classes], "sizes": _sizes(found, effects, hidden.values),
         "seconds": time.monotonic() - begin,
     }  # fmt: skip
@@ -125,6 +127,16 @@ def _nearest(at: Bench, effect: str) -> list | None:
         return None
     row[effects.index(effect)] = 0.0
     return [effects[int(row.argmax())], float(row.max())]
+
+
+def _likest(at: Bench, hidden: Mapping[str, float]) -> list | None:
+    """Effect that imitates these hidden parameters best after calibration, and |cos|; None where that is not known."""
+    effects = tuple(name for name in at.system.effects if name != "outliers")
+    try:
+        cosines = np.nan_to_num(at.imitations(hidden, effects))
+    except Refused:
+        return None
+    return [effects[int(cosines.argmax())], float(cosines.max())]
 
 
 def _sizes(found: Diagnosis, effects: tuple[str, ...], values: Mapping[str, float]) -> dict[str, list[float]]:

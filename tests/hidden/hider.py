@@ -33,6 +33,7 @@ class Hidden(NamedTuple):
     z : of each hidden effect alone, by name; NaN for outliers
     laboratory : that was drawn, as `Laboratory.facts`; empty where none was
     remainder : kind of what no candidate expresses; empty where there is none
+    remainder_values : its parameters by name, SI
     """
 
     folder: Path
@@ -40,6 +41,7 @@ class Hidden(NamedTuple):
     z: Mapping[str, float]
     laboratory: Mapping[str, object] = {}
     remainder: str = ""
+    remainder_values: Mapping[str, float] = {}
 
 
 def bench(
@@ -133,7 +135,7 @@ def hide(
         rows = converted(rows, acting)
         write(_record(at, plan, rows, sigma if stated else None), folder / f"{plan.name}.nc")
     (folder / "study.toml").write_text(study(at))
-    return Hidden(folder, values, z, {} if laboratory is None else laboratory.facts, kind)
+    return Hidden(folder, values, z, {} if laboratory is None else laboratory.facts, kind, more)
 
 
 def _record(at: Bench, plan: Plan, rows: np.ndarray, sigma: np.ndarray | None):

@@ -302,20 +302,35 @@ class Bench:
 
         (n, n) in [0, 1]; NaN where calibration absorbs the effect.
         """
-        changes, spans = [], []
-        for effect in effects:
-            names = tuple(CAUSES[effect].grows)
-            alone = [{name: float(name == one) for name in names} for one in names]
-            columns = [self.derivative(effect, weights) for weights in alone] if len(names) > 1 else []
-            whole = self.derivative(effect)
-            change = self.beyond(whole)
-            seen = np.linalg.norm(change) > ABSORBED * np.linalg.norm(whole)
-            changes.append(change / np.linalg.norm(change) if seen else np.full_like(change, np.nan))
-            span = np.column_stack([self.beyond(column) for column in columns] or [change])
-            spans.append(np.linalg.qr(span / np.linalg.norm(span, axis=0))[0])
+        changes, spans = zip(*(self._signature(effect) for effect in effects), strict=True)
         table = np.array([[np.linalg.norm(span.T @ change) for span in spans] for change in changes])
         table[:, np.isnan(np.diag(table))] = np.nan
         return table
+
+    def imitations(self, hidden: Mapping[str, float], effects: tuple[str, ...]) -> np.ndarray:
+        """How well each effect (n,) imitates what these hidden parameters [SI] change, beyond calibration.
+
+        In [0, 1]; NaN where calibration absorbs the effect.
+        """
+        change = self.beyond(self._between({"hidden": hidden}, {}))
+        change /= np.linalg.norm(change)
+        signatures = [self._signature(effect) for effect in effects]
+        return np.array([np.linalg.norm(span.T @ change) + 0.0 * own.sum() for own, span in signatures])
+
+    def _signature(self, effect: str) -> tuple[np.ndarray, np.ndarray]:
+        """What an effect changes beyond calibration (N,), of unit length, and a basis (N, p) of what its parameters do.
+
+        The former is NaN where calibration absorbs the effect.
+        """
+        names = tuple(CAUSES[effect].grows)
+        alone = [{name: float(name == one) for name in names} for one in names]
+        columns = [self.derivative(effect, weights) for weights in alone] if len(names) > 1 else []
+        whole = self.derivative(effect)
+        change = self.beyond(whole)
+        span = np.column_stack([self.beyond(column) for column in columns] or [change])
+        shows = np.linalg.norm(change) > ABSORBED * np.linalg.norm(whole)
+        unit = change / np.linalg.norm(change) if shows else np.full_like(change, np.nan)
+        return unit, np.linalg.qr(span / np.linalg.norm(span, axis=0))[0]
 
 
 def _keep(path: Path, **arrays) -> None:

@@ -93,11 +93,11 @@ def played(case: dict, cache: Path) -> dict:
     suspects = [] if found.selection is None else found.selection.rounds[0].suspects
     return {
         **case, **clear,
-        "values": dict(hidden.values), "z": dict(hidden.z), "verdict": found.verdict, "said": found.said,
+        "values": dict(hidden.values), "z": dict(hidden.z), "verdict": found.verdict, "said": found.summary,
         "causes": list(found.causes), "class": [list(names) for names in found.classes],
         "closest": [c.name for c in found.selection.causes] if found.selection else [],
         "threshold": found.selection.rounds[0].threshold if found.selection else None,
-        "top": [[s.name, s.z, s.drop] for s in suspects[:4]],
+        "top": [[s.name, s.z, s.known_reduction] for s in suspects[:4]],
         "ratio": ratio, "seconds": time.process_time() - begin,
     }  # fmt: skip
 

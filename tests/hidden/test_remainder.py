@@ -31,6 +31,15 @@ def test_a_large_remainder_can_be_made_of_every_system(cache):
         assert any(change(at, scaled(at, kind, 0.05)) > 0.04 for kind in KINDS[simulator][:2])
 
 
+def test_how_well_an_effect_imitates_a_remainder_is_known(cache):
+    at = bench("oscillator", cache)
+    stiffness = at.imitations(at.hidden("cubic_stiffness", 1e-3), ("cubic_stiffness", "channel_offset"))
+    assert stiffness[0] == pytest.approx(1.0, abs=0.02)  # itself
+    quintic = at.imitations(scaled(at, "quintic", 0.005), ("cubic_stiffness", "channel_offset"))
+    assert quintic[0] > 0.9
+    assert max(stiffness[1], quintic[1]) < 0.5
+
+
 def test_the_coupling_of_two_bodies_pushes_none_of_them_without_the_other():
     mass, at = spring_drive(FOUR_DOF, 1.0)[0], plant(FOUR_DOF, PLANS[0])
     moved = np.array([0.0, -1e-3, 2e-3, 0, 0, 0, 0, 0])

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from calib.diagnosis.diagnose import NAMED, NONE, ONE_OF, UNEXPLAINED, diagnose
+from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED
 from calib.pool import InProcess
 from calib.store import Store
 from calib.study import evaluate
@@ -92,7 +93,7 @@ def test_the_flight_of_the_cube_lacks_a_lag_and_a_gain(diagnosed):
     assert late <= names
     assert slow <= names
     assert any(set(names) & late and set(names) & slow for names in found.classes)
-    assert found.selection.share > 0.99
+    assert found.selection.explained_share > 0.99
     assert found.gain.proven  # on the toss held out, whose initial state is solved for with either model
     assert found.gain.after < 0.3 * found.gain.before
 

@@ -140,8 +140,14 @@ GAIN = {
     ],
     "agreements": [{"parameter": "c2", "chi2": 1.6, "degrees": 2, "z": 0.75, "agree": True}],
     "shifts": [
-        {"parameter": "restitution", "before": 0.0917, "after": 0.1001, "errors": 19.8},
-        {"parameter": "gap", "before": 1.01e-3, "after": 1.0e-3, "errors": -1.4},
+        {
+            "parameter": "restitution", "before": 0.0917, "after": 0.1001, "before_error": 0.00042,
+            "after_error": 0.0003, "errors": 19.8,
+        },
+        {
+            "parameter": "gap", "before": 1.01e-3, "after": 1.0e-3, "before_error": 7e-6, "after_error": 5e-6,
+            "errors": -1.4,
+        },
     ],
 }
 ROUNDS = [

@@ -291,7 +291,7 @@ def test_what_a_diagnosis_leaves_in_its_folder_can_be_read_again(tmp_path):
     part = Part(
         "clapping", pairs, record.time.values, record.measured.values, 0.04, 1, (), noise, shape > 0.0, shape
     )  # fmt: skip
-    point = SimpleNamespace(seen={"clapping": Seen(record.calibrated.values, shape[0])})
+    point = SimpleNamespace(simulated={"clapping": Seen(record.calibrated.values, shape[0])})
     selection = SimpleNamespace(null=SimpleNamespace(point=point), causes=())
     found = Diagnosis("not_diagnosable", "", (), evidence=Evidence((part,)))
     reference = SimpleNamespace(record={c: SimpleNamespace(attrs={"units": "m"}) for c in ("displacement", "velocity")})

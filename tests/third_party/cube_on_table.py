@@ -7,7 +7,7 @@ from scipy.interpolate import CubicSpline
 from calib.errors import CalibError
 from calib.laws import STATES, at_site
 from calib.parameter import Parameter
-from calib.record import failed, make, with_impacts
+from calib.record import failed, make
 from calib.simulators.slots import fill
 from calib.simulators.slots import force as force_law
 from calib.simulators.slots import restitution as restitution_law
@@ -64,8 +64,8 @@ class CubeOnTable:
             return failed(self.bodies, "diverged", "the motion is not finite", **attrs)
         times = excitation.time if request.times is None else request.times
         seen = [np.interp(times, excitation.time, row)[None] for row in motion]
-        record = make(times, self.bodies, {"displacement": seen[0], "velocity": seen[1]}, **attrs)
-        return with_impacts(record, impacts[:, 0], impacts[:, 1])
+        channels = {"displacement": seen[0], "velocity": seen[1]}
+        return make(times, self.bodies, channels, impacts=(impacts[:, 0], impacts[:, 1]), **attrs)
 
 
 @njit(cache=True)

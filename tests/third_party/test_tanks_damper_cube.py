@@ -4,8 +4,16 @@ import pickle
 
 import numpy as np
 import pytest
-from third_party.cascaded_tanks import OVERFLOW, CascadedTanks
+from third_party.cascaded_tanks import (
+    LOWER_OVERFLOW,
+    OUTLET_HEAD,
+    OVERFLOW,
+    PUMP_THRESHOLD,
+    SENSOR_CURVATURE,
+    CascadedTanks,
+)
 from third_party.cube_on_table import CubeOnTable
+from third_party.directional_drag import DIRECTIONAL_DRAG
 from third_party.friction_damper import FrictionDamper
 
 from calib.effect import Effect
@@ -15,6 +23,7 @@ from calib.model import Model, Request
 from calib.parameter import Parameter
 from calib.plugins import load
 from calib.record import OK, check
+from calib.simulators.oscillator import Oscillator
 from calib.testing import EffectSuite
 from calib.testing.simulator_suite import PROBES
 
@@ -71,6 +80,50 @@ class TestOverflow(EffectSuite):
 
     def make(self):
         return CascadedTanks()
+
+
+class TestLowerOverflow(TestOverflow):
+    effect = LOWER_OVERFLOW
+    present = {"lower_spill_rate": 0.5, "lower_brim": 4.0}
+
+
+class TestOutletHead(TestOverflow):
+    effect = OUTLET_HEAD
+    present = {"outlet_head": 2.0}
+
+
+class TestPumpThreshold(TestOverflow):
+    effect = PUMP_THRESHOLD
+    present = {"pump_threshold": 1.5}
+
+
+class TestSensorCurvature(TestOverflow):
+    effect = SENSOR_CURVATURE
+    present = {"curvature": 0.5}
+
+
+class TestDirectionalDrag(EffectSuite):
+    effect = DIRECTIONAL_DRAG
+    present = {"drag_difference": 0.2}
+    excitation = Excitation("mass", "force", time=TIME, value=SWING)
+    values: dict[str, float] = {}
+
+    def make(self):
+        return Oscillator()
+
+
+def test_a_lower_outlet_is_that_much_higher_a_level():
+    still = Excitation("pump", "force", time=np.arange(0.0, 40.0, 4.0), value=np.zeros(10))
+    shared = {"initial_upper": 0.0, "outflow_lower": 0.05}
+    low = run(CascadedTanks, OUTLET_HEAD, excitation=still, initial_lower=4.0, outlet_head=2.0, **shared)
+    plain = run(CascadedTanks, excitation=still, initial_lower=6.0, **shared)
+    np.testing.assert_allclose(low.displacement.sel(body="lower") + 2.0, plain.displacement.sel(body="lower"))
+
+
+def test_a_pump_below_its_threshold_lifts_nothing():
+    weak = Excitation("pump", "force", time=np.arange(0.0, 40.0, 4.0), value=np.full(10, 0.9))
+    record = run(CascadedTanks, PUMP_THRESHOLD, excitation=weak, initial_upper=0.0, pump_threshold=1.0)
+    assert (record.displacement.sel(body="upper") == 0.0).all()
 
 
 def test_a_tank_empties_as_torricelli_says():

@@ -14,7 +14,7 @@ from calib.errors import CalibError, nearest
 from calib.excitation import Excitation
 from calib.laws import BoundLaw
 from calib.parameter import Parameter
-from calib.record import OK, STATE, failed, make, prescription, with_impacts, with_section
+from calib.record import OK, STATE, failed, make, prescription
 from calib.simulators.delaminated_beam.case import Case, critical_step_of, modes_of, structure_of
 from calib.simulators.delaminated_beam.contact import Stiffness, clearance, critical_damping, penalty
 from calib.simulators.delaminated_beam.drive import Drive
@@ -390,6 +390,8 @@ class DelaminatedBeam:
             times,
             BODIES,
             {"displacement": motion.samples[:, :2].T, "velocity": motion.samples[:, 2:].T},
+            impacts=(contact.impacts[:, 0], contact.impacts[:, 1]),
+            section={name: motion.sections[:, 2 * k : 2 * k + 2].T for k, name in enumerate(STATE)},
             reason=reason,
             settled_periods=motion.settled,
             stationary=int(motion.returns is not None),
@@ -399,14 +401,11 @@ class DelaminatedBeam:
             centre_impacts=len(contact.central) / request.periods,
             **attrs,
         )
-        record = with_impacts(record, contact.impacts[:, 0], contact.impacts[:, 1])
         record = record.assign_coords(contact_place=("contact_place", case.place_of(contact.closed), {"units": "1"}))
-        record = record.assign(
+        return record.assign(
             contact_force=("time", case.factor * motion.force, {"units": "N"}),
             contact_share=("contact_place", contact.closed, {"units": "1"}),
         )
-        section = {name: motion.sections[:, 2 * k : 2 * k + 2].T for k, name in enumerate(STATE)}
-        return with_section(record, section)
 
 
 def loop_difference(one: Motion, other: Motion, samples: int) -> float:

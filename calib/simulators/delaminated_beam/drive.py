@@ -9,10 +9,11 @@ from numba import njit
 from calib.excitation import Excitation
 from calib.laws import BoundLaw
 from calib.simulators import slots
+from calib.simulators.compilation import COMPILED
 from calib.simulators.slots import fill
 
 
-@njit(cache=True, nogil=True)
+@njit(**COMPILED)
 def changes(times, period, amplitude, phase, functions, parameters, count):
     """What the laws of the excitation add at the times (n,)  [m]."""
     table = np.zeros(len(times))

@@ -22,6 +22,7 @@ import numpy as np
 from numba import njit, uintp
 
 from calib.simulators import slots
+from calib.simulators.compilation import COMPILED, INLINED, WITHIN
 from calib.simulators.delaminated_beam.impacts import note_impact, note_pass
 
 ROW = 1032  # numbers from one row of a strip's coefficients or forces to the next
@@ -32,10 +33,7 @@ FACTORS = 11  # rows of coefficients of a strip
 FORCES = 8  # rows of nodal forces of a strip
 DONE, UNSTABLE = 0, 1
 
-VECTOR = {"cache": True, "nogil": True, "fastmath": {"contract"}, "error_model": "numpy", "_nrt": False}
-SCALAR = {"cache": True, "nogil": True, "error_model": "numpy"}
-# inlined, and without counting references: with them, handing the arrays of a plan over costs as much as the elements
-WITHIN = {**SCALAR, "forceinline": True, "_nrt": False}
+VECTOR = {**WITHIN, "fastmath": {"contract"}}
 
 
 class Plan(NamedTuple):
@@ -249,7 +247,7 @@ def forces_of_turned_strip(count, w, xl, yl, xu, yu, k, at, across, mean, shear,
         spread(to + j, c * bx - s * by, s * bx + c * by, ax, ay, cx, cy, out)
 
 
-@njit(**WITHIN)
+@njit(**INLINED)
 def elastic(plan, w, out):
     """Nodal forces of all elements at the displacements w, those of common nodes put together on the layer's line."""
     size = plan.size
@@ -292,7 +290,7 @@ def advance_inner_line(count, at, forces, below, above, w, v, inverse_mass, keep
         w[at + j] += ahead * new - back * old
 
 
-@njit(**WITHIN)
+@njit(**INLINED)
 def advance_nodes(plan, state):
     """Step all nodes by the elements' forces and by alpha."""
     half = 0.5 * plan.alpha * plan.step
@@ -312,7 +310,7 @@ def advance_nodes(plan, state):
                 advance_outer_line(uintp(count), at, forces, row, w, v, mass, keep, gain, ahead, back)
 
 
-@njit(**WITHIN)
+@njit(**INLINED)
 def find_contact(plan, state):
     """Note the pairs that are closed at this step, with clearance and its rate.
 
@@ -338,7 +336,7 @@ def find_contact(plan, state):
     return closed, nearest
 
 
-@njit(**WITHIN)
+@njit(**INLINED)
 def gather_mobility(plan, state, closed):
     """Add up, for each closed pair, by how much its own push and equal ones of all the others would part it  [1/kg].
 
@@ -360,7 +358,7 @@ def gather_mobility(plan, state, closed):
         crowd[plan.master[i]] = crowd[plan.following[i]] = 0.0
 
 
-@njit(**WITHIN)
+@njit(**INLINED)
 def push_apart(plan, state, closed):
     """Step the nodes of closed pairs by their contact forces.
 
@@ -403,7 +401,7 @@ def push_apart(plan, state, closed):
             w[node] += ahead * change
 
 
-@njit(**WITHIN)
+@njit(**INLINED)
 def push_by_laws(plan, state, time):
     """Step the nodes by the force laws, each body by those that act on it."""
     gain = plan.step / (1.0 + 0.5 * plan.alpha * plan.step)
@@ -423,7 +421,7 @@ def push_by_laws(plan, state, time):
             state.w[j] += ahead * gain * acceleration
 
 
-@njit(**WITHIN)
+@njit(**INLINED)
 def step(plan, state, time, drive):
     """Go on by one step, at whose end the driven node stands at `drive` [m].
 
@@ -458,7 +456,7 @@ def step(plan, state, time, drive):
     return closed, nearest
 
 
-@njit(**WITHIN)
+@njit(**INLINED)
 def note_contact(plan, state, closed, seen):
     """Note what the contact forces of this step did; return their sum  [N]."""
     force, anywhere, count = 0.0, False, state.count[0]
@@ -483,7 +481,7 @@ def note_contact(plan, state, closed, seen):
     return force
 
 
-@njit(**SCALAR)
+@njit(**COMPILED)
 def advance(plan, state, time, drive, seen):
     """Go on by len(drive) steps, at whose ends the driven node stands at `drive` [m]; `time` is at the first step [s].
 
@@ -516,7 +514,7 @@ def advance(plan, state, time, drive, seen):
     return DONE
 
 
-@njit(**SCALAR)
+@njit(**COMPILED)
 def power(plan, elastic, velocity):
     """Power of the elements' nodal forces at the velocities (2 * size,): of free nodes, and of the driven one  [W]."""
     free, driven = 0.0, 0.0
@@ -540,7 +538,7 @@ def power(plan, elastic, velocity):
     return free, driven
 
 
-@njit(**SCALAR)
+@njit(**COMPILED)
 def audit(plan, state, time, drive, energy):
     """As `advance`, noting the energies on the way instead of the motion; several times slower.
 

@@ -2,10 +2,10 @@
 
 from numba import njit
 
-WITHIN = {"cache": True, "nogil": True, "error_model": "numpy", "forceinline": True, "_nrt": False}
+from calib.simulators.compilation import INLINED
 
 
-@njit(**WITHIN)
+@njit(**INLINED)
 def note_impact(when, speed, impacts, total, which):
     """Note the step or the time of an impact and its closing speed [m/s], as far as there is room."""
     number = int(total[which])
@@ -14,7 +14,7 @@ def note_impact(when, speed, impacts, total, which):
     total[which] += 1
 
 
-@njit(**WITHIN)
+@njit(**INLINED)
 def note_pass(closed, nearest, seen):
     """Note the clearance where it was smallest between two phases of contact."""
     last, before = seen.passes[0], seen.passes[1]

@@ -22,13 +22,11 @@ import numpy as np
 from numba import njit
 
 from calib.simulators import slots
+from calib.simulators.compilation import COMPILED, INLINED
 from calib.simulators.delaminated_beam.impacts import note_impact, note_pass
 
 DONE, DIVERGED = 0, 1
-SCALAR = {"cache": True, "nogil": True, "error_model": "numpy"}
-# inlined, and without counting references: with them, handing the arrays of a plan over costs as much as the work
-WITHIN = {**SCALAR, "forceinline": True, "_nrt": False}
-VECTOR = {**WITHIN, "fastmath": {"contract", "reassoc"}}
+VECTOR = {**INLINED, "fastmath": {"contract", "reassoc"}}
 
 
 class Drift(NamedTuple):
@@ -203,7 +201,7 @@ def drifted(drift, q, v, before, after):
         v[k] = drift.vq[k] * x + drift.vv[k] * y + drift.v0[k] * before + drift.v1[k] * after
 
 
-@njit(**WITHIN)
+@njit(**INLINED)
 def find_near(plan, state, ahead):
     """Note the pairs that may close within a time `ahead` [s]; return their number and the smallest clearance [m]."""
     nearest, soon = np.inf, False
@@ -259,7 +257,7 @@ def solved(factor, right, count):
             right[k] -= factor[i, k] * right[i]
 
 
-@njit(**WITHIN)
+@njit(**INLINED)
 def prepared(plan, part, active, count, factor, of):
     """See to it that `factor` is that of the closed pairs; `of` says whose it is, their number last."""
     first, last = 0, len(of) - 1
@@ -330,7 +328,7 @@ def push_apart(plan, state, near, part, gap, rate, yielded, active, factors, of,
     return closed
 
 
-@njit(**WITHIN)
+@njit(**INLINED)
 def push_by_contact_laws(plan, state, near, part, gap, rate):
     """Kick the modes by the laws of the contact over a part  [s]."""
     for k in range(near):
@@ -346,7 +344,7 @@ def push_by_contact_laws(plan, state, near, part, gap, rate):
             state.v[j] += part * more * plan.area[i] * plan.opening[i, j]
 
 
-@njit(**SCALAR)
+@njit(**COMPILED)
 def push_by_laws(plan, state, time, span):
     """Kick the modes by the force laws over a time `span` [s]."""
     none, kick = np.zeros(1), np.zeros(len(state.kick))
@@ -360,7 +358,7 @@ def push_by_laws(plan, state, time, span):
     state.v[: len(kick)] += kick
 
 
-@njit(**WITHIN)
+@njit(**INLINED)
 def sampled(plan, old, state, begin, length, impulse, number, seen):
     """Note the samples within a step that began at `begin` and lasts `length` [s]; return how many there are now."""
     n = len(state.kick)
@@ -392,7 +390,7 @@ def dot_row(row, y):
     return total
 
 
-@njit(**WITHIN)
+@njit(**INLINED)
 def begun(plan, old, state):
     """Keep displacement and velocity of beam and layer in the middle."""
     n = len(state.kick)
@@ -400,7 +398,7 @@ def begun(plan, old, state):
     old[2], old[3] = dot_row(plan.layer, state.q), dot_row(plan.layer, state.v)
 
 
-@njit(**WITHIN)
+@njit(**INLINED)
 def note_contact(plan, state, near, time, part, gap, rate, seen):
     """Note what the contact forces of a part did; return their sum  [N]."""
     force, anywhere = 0.0, False
@@ -425,7 +423,7 @@ def note_contact(plan, state, near, time, part, gap, rate, seen):
     return force
 
 
-@njit(**SCALAR)
+@njit(**COMPILED)
 def advance(plan, state, time, drive, seen):
     """Go on by len(drive) - 1 steps.
 

@@ -13,13 +13,13 @@ from calib.errors import CalibError, nearest
 from calib.excitation import Excitation
 from calib.laws import BoundLaw, at_site
 from calib.parameter import Parameter
-from calib.record import OK, SECTION, failed, make, prescription, with_impacts, with_section, with_state
+from calib.record import OK, SECTION, STATE, failed, make, prescription
 from calib.simulators.four_dof.drives import BODIES, DRIVES, LAYER, structure
 from calib.simulators.four_dof.lumped import lumped
 from calib.simulators.impact.modes import modal, regimes
 from calib.simulators.impact.period_map import ImpactMap, impact_map, shifted
 from calib.simulators.impact.problem import PORT, Problem, State
-from calib.simulators.impact.run import Drive, Motion, assemble, simulate, start, with_inner
+from calib.simulators.impact.run import GRID, Drive, Motion, assemble, simulate, start, with_inner
 
 PARAMETERS = (
     Parameter("restitution", "1", 0.05, "Newton's coefficient of restitution, beam and layer", low=0.0, high=1.0),
@@ -56,7 +56,7 @@ class FourDof:
         sees and changes the displacement behind the spring
     mode : "exact", or "fixed_step": impacts are taken at the end of the step that shows penetration
     steps_per_period : of the fixed step (default 250.37: where it divides the period, the error locks to the grid and
-        the band of the phase curve disappears), or of the collocation (default 128); it need not be whole
+        the band of the phase curve disappears), or of the collocation (default 48); it need not be whole
     onto_surface : whether an impact at the end of a fixed step also puts the layer back on the surface
 
     Notes
@@ -83,7 +83,7 @@ class FourDof:
         if mode not in ("exact", "fixed_step"):
             raise CalibError(f"unknown mode {mode!r}; four_dof has exact, fixed_step")
         if steps_per_period is None:
-            steps_per_period = 128.0 if mode == "exact" else 250.37
+            steps_per_period = GRID if mode == "exact" else 250.37
         if not steps_per_period >= 2.0:
             raise CalibError(f"steps_per_period must be at least 2, got {steps_per_period}")
         self.drive = drive
@@ -278,24 +278,23 @@ class FourDof:
         return attrs
 
     def _record(self, times, problem: Problem, motion: Motion, attrs: dict, harmonic: bool) -> xr.Dataset:
-        displacement, velocity = self._bodies(motion.samples, times, problem)
-        record = make(
+        stationary = {}
+        if harmonic:
+            at_phase_zero = np.zeros(len(motion.sections))
+            section = dict(zip(STATE, self._bodies(motion.sections, at_phase_zero, problem), strict=True))
+            stationary = {"section": section, "state": self._state(motion)}
+        return make(
             times,
             BODIES,
-            {"displacement": displacement, "velocity": velocity},
+            dict(zip(STATE, self._bodies(motion.samples, times, problem), strict=True)),
+            impacts=(motion.impacts[:, 0], motion.impacts[:, 1]),
             reason="",
             settled_periods=motion.settled,
             contact_fraction=motion.contact,
             steps=motion.steps,
+            **stationary,
             **attrs,
         )
-        record = with_impacts(record, motion.impacts[:, 0], motion.impacts[:, 1])
-        if not harmonic:
-            return record
-        at_phase_zero = np.zeros(len(motion.sections))
-        displacement, velocity = self._bodies(motion.sections, at_phase_zero, problem)
-        record = with_section(record, {"displacement": displacement, "velocity": velocity})
-        return with_state(record, self._state(motion))
 
     def _bodies(self, rows: np.ndarray, times: np.ndarray, problem: Problem) -> tuple[np.ndarray, np.ndarray]:
         """Displacement and velocity (4, k) of all bodies: those free to move, and those that are the drive's."""

@@ -12,6 +12,7 @@ import math
 from numba import njit
 
 from calib.laws import STATES
+from calib.simulators.compilation import WITHIN
 from calib.simulators.impact.coordinates import to_coordinates
 from calib.simulators.impact.flow import impulse_response, load_responses
 from calib.simulators.impact.polynomial import BETWEEN, FIT, INTEGRAL, NODES, POINTS, PROBE, polynomial, slope
@@ -23,11 +24,11 @@ SLOW = 0.5  # of the change two sweeps before: loads that still change by more d
 CLOSE = 1e-13  # relative change of the loads at which it has converged
 # what a polynomial may miss between the nodes, as a change of velocity over the step and a share of the velocities;
 # laws on bodies are mostly smooth, and then good at the ends of steps before they are in between
-RESOLVED, RESOLVED_ON_BODIES = 1e-8, 1e-6
+RESOLVED, RESOLVED_ON_BODIES = 1e-8, 1e-7
 FAINT = 1e-15  # change of velocity over the step, as a share of the velocities, that is none
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def _set_input(problem, state, time, step, w):
     """Write the input U over the step (5,): the table's piece, and what the laws of the excitation add at the nodes."""
     out = w.input
@@ -60,7 +61,7 @@ def _set_input(problem, state, time, step, w):
                 out[k] += FIT[k, j] * w.base[0, j]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def _set_base(regimes, r, step, w):
     """Write the modal load of the input and of the constants."""
     u, base = w.input, w.base
@@ -77,19 +78,20 @@ def _set_base(regimes, r, step, w):
             w.load[i, k] = base[i, k]
 
 
-@njit(cache=True, error_model="numpy")
-def _set_answers(regimes, r, y, v, step, first, end, w):
-    """Write the unloaded motion at some of the points, and the motion per unit of each coefficient of the load."""
-    for i in range(w.y.size):
-        stiffness, rate = regimes.stiffness[r, i], regimes.rate[r, i]
-        for j in range(first, end):
-            tau = POINTS[j] * step
+@njit(**WITHIN)
+def _set_answers(problem, r, state, time, step, first, end, w):
+    """Write, at some of the points, the motion without loads, and the modal motion per unit of each of their terms."""
+    regimes, n, y, v = problem.regimes, w.q.size, state.y, state.v
+    for j in range(first, end):
+        x = POINTS[j]
+        tau = x * step
+        scale = tau * tau
+        for i in range(n):
+            stiffness, rate = regimes.stiffness[r, i], regimes.rate[r, i]
             s, c = impulse_response(stiffness, rate, tau)
-            w.free_y[i, j] = (c + 2.0 * rate * s) * y[i] + s * v[i]
-            w.free_v[i, j] = c * v[i] - stiffness * s * y[i]
+            w.y[i] = (c + 2.0 * rate * s) * y[i] + s * v[i]
+            w.v[i] = c * v[i] - stiffness * s * y[i]
             q4, q3, q2, q1, q0, impulse = load_responses(stiffness, rate, tau)
-            x = POINTS[j]
-            scale = tau * tau
             w.answer_y[i, j, 0] = scale * q0
             w.answer_y[i, j, 1] = scale * x * q1
             w.answer_y[i, j, 2] = scale * x**2 * 2.0 * q2
@@ -100,9 +102,15 @@ def _set_answers(regimes, r, y, v, step, first, end, w):
             w.answer_v[i, j, 2] = tau * x**2 * 2.0 * q1
             w.answer_v[i, j, 3] = tau * x**3 * 6.0 * q2
             w.answer_v[i, j, 4] = tau * x**4 * 24.0 * q3
+        u, du = polynomial(w.input, x), slope(w.input, x) / step
+        to_coordinates(regimes, r, w.y, w.v, problem.omega, time + tau, u, du, w.q, w.dq)
+        for b in range(n):
+            w.free_q[b, j], w.free_dq[b, j] = w.q[b], w.dq[b]
+        if problem.counts[4] > 0:
+            w.free_q[n, j], w.free_dq[n, j] = _clearance(problem, r, w.y, w.v, time + tau, u, du)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def _sum_at(problem, b, t, x, v, j, w):
     """Sum of the force laws at the coordinate `b` (or the port), which moves by x, v; their rates are written."""
     total = 0.0
@@ -118,7 +126,7 @@ def _sum_at(problem, b, t, x, v, j, w):
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def _clearance(problem, r, y, v, time, u, du):
     """Clearance [m] and its rate [m/s] at `time` since the whole period; both zero in contact."""
     if r == CONTACT:
@@ -134,31 +142,38 @@ def _clearance(problem, r, y, v, time, u, du):
     return value, rate
 
 
-@njit(cache=True, error_model="numpy")
-def _laws_at(problem, r, time, start, step, j, w):
+@njit(**WITHIN)
+def _laws_at(problem, r, start, step, j, w):
     """Write the accelerations by the laws and the rates of their internal states at point `j`."""
-    for i in range(w.y.size):
-        w.y[i], w.v[i] = w.free_y[i, j], w.free_v[i, j]
+    regimes, n = problem.regimes, w.q.size
+    for i in range(n):
+        y, v = 0.0, 0.0
         for k in range(5):
-            w.y[i] += w.answer_y[i, j, k] * w.load[i, k]
-            w.v[i] += w.answer_v[i, j, k] * w.load[i, k]
-    x, n = POINTS[j], w.q.size
-    u, du = polynomial(w.input, x), slope(w.input, x) / step
-    to_coordinates(problem.regimes, r, w.y, w.v, problem.omega, time + x * step, u, du, w.q, w.dq)
-    t = start + x * step
+            y += w.answer_y[i, j, k] * w.load[i, k]
+            v += w.answer_v[i, j, k] * w.load[i, k]
+        w.y[i], w.v[i] = y, v
+    t = start + POINTS[j] * step
     for b in range(n):
-        w.law[b, j] = _sum_at(problem, b, t, w.q[b], w.dq[b], j, w)
+        q, dq = w.free_q[b, j], w.free_dq[b, j]
+        for i in range(n):
+            q += regimes.shape[r, b, i] * w.y[i]
+            dq += regimes.shape[r, b, i] * w.v[i]
+        w.law[b, j] = _sum_at(problem, b, t, q, dq, j, w)
     if problem.counts[4] > 0:
-        clearance, rate = _clearance(problem, r, w.y, w.v, time + x * step, u, du)
+        clearance, rate = w.free_q[n, j], w.free_dq[n, j]
+        if r != CONTACT:
+            for i in range(n):
+                clearance += regimes.witness_y[r, i] * w.y[i]
+                rate += regimes.witness_y[r, i] * w.v[i]
         opening = _sum_at(problem, n, t, clearance, rate, j, w)
         for b in range(n):
             w.law[b, j] += problem.push[b] * opening
 
 
-@njit(cache=True, error_model="numpy")
-def _integrate_states(z, step, first, end, w):
+@njit(**WITHIN)
+def _integrate_states(problem, z, step, first, end, w):
     """Write the internal states at some of the points from their rates at the nodes."""
-    for i in range(z.shape[0]):
+    for i in range(problem.counts[0]):
         for b in range(z.shape[1]):
             for k in range(z.shape[2]):
                 for j in range(first, end):
@@ -168,7 +183,7 @@ def _integrate_states(z, step, first, end, w):
                     w.z[i, b, k, j] = z[i, b, k] + step * total
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def _refit(regimes, r, w):
     """Write the load's coefficients from the laws at the nodes; return its largest change and its size."""
     change, size = 0.0, 0.0
@@ -188,7 +203,7 @@ def _refit(regimes, r, w):
     return change, size
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def _set_added(problem, r, step, w):
     """Write what the input and the laws add to the witness over the step (5,)."""
     u, added, regimes = w.input, w.added, problem.regimes
@@ -205,7 +220,7 @@ def _set_added(problem, r, step, w):
                     added[k] += FIT[k, j] * regimes.witness_law[r, body] * w.law[body, j]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def _modal_speed(regimes, r, y, v):
     """Largest modal velocity that the motion may have, from its energy  [kg^1/2 m/s]."""
     speed = 0.0
@@ -214,7 +229,7 @@ def _modal_speed(regimes, r, y, v):
     return math.sqrt(speed)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def _hold_states(z, w):
     """Let the internal states keep their value at all nodes."""
     for i in range(z.shape[0]):
@@ -225,7 +240,7 @@ def _hold_states(z, w):
                     w.dz[i, b, k, j] = 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def _repeat_first(w):
     """Let the laws and the rates of their states keep their value at the first node: the first guess."""
     for b in range(w.law.shape[0]):
@@ -239,12 +254,13 @@ def _repeat_first(w):
                     w.dz[i, b, k, j] = w.dz[i, b, k, 0]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def _is_resolved(problem, r, state, time, start, step, speed, w):
     """Whether the polynomials through the nodes hold between them: of the laws, and of the rates of their states."""
-    _set_answers(problem.regimes, r, state.y, state.v, step, PROBE, PROBE + 1, w)
-    _integrate_states(state.z, step, PROBE, PROBE + 1, w)
-    _laws_at(problem, r, time, start, step, PROBE, w)
+    _set_answers(problem, r, state, time, step, PROBE, PROBE + 1, w)
+    if problem.counts[3] > 0:
+        _integrate_states(problem, state.z, step, PROBE, PROBE + 1, w)
+    _laws_at(problem, r, start, step, PROBE, w)
     share = RESOLVED if problem.counts[4] > 0 else RESOLVED_ON_BODIES
     for b in range(w.q.size):
         for j in range(5):
@@ -268,7 +284,7 @@ def _is_resolved(problem, r, state, time, start, step, speed, w):
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def collocate(problem, r, state, time, step, w):
     """Work out all loads over a step from `time` [s] since the whole period; return whether they hold."""
     _set_input(problem, state, time, step, w)
@@ -276,19 +292,20 @@ def collocate(problem, r, state, time, step, w):
     converged = True
     if problem.counts[0] > 0:
         start = state.count[AT_PERIOD] * problem.period + time
-        _set_answers(problem.regimes, r, state.y, state.v, step, 0, PROBE, w)
-        _hold_states(state.z, w)
+        _set_answers(problem, r, state, time, step, 0, PROBE, w)
+        if problem.counts[3] > 0:
+            _hold_states(state.z, w)
         speed = _modal_speed(problem.regimes, r, state.y, state.v)
         held, before, earlier = False, math.inf, math.inf
         for sweep in range(SWEEPS):
             for j in range(5):
                 if (j == 0) == (sweep == 0):  # the first node does not change
-                    _laws_at(problem, r, time, start, step, j, w)
+                    _laws_at(problem, r, start, step, j, w)
             if sweep == 0:
                 _repeat_first(w)
             change, size = _refit(problem.regimes, r, w)
             if problem.counts[3] > 0:
-                _integrate_states(state.z, step, 0, PROBE, w)
+                _integrate_states(problem, state.z, step, 0, PROBE, w)
             close = sweep > 0 and (change <= CLOSE * size or change * step <= FAINT * speed)
             # the loads follow internal states one sweep late, so with those they have to hold twice
             converged = close and (problem.counts[3] == 0 or held)

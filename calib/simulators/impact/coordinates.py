@@ -4,8 +4,10 @@ import math
 
 from numba import njit
 
+from calib.simulators.compilation import WITHIN
 
-@njit(cache=True, error_model="numpy")
+
+@njit(**WITHIN)
 def to_coordinates(regimes, r, y, v, omega, time, u, du, q, dq):
     """Write q, dq (n,) [m], [m/s] of the modal motion y, v in regime `r` at `time`, under the input u, du."""
     c, s = math.cos(omega * time), math.sin(omega * time)
@@ -18,7 +20,7 @@ def to_coordinates(regimes, r, y, v, omega, time, u, du, q, dq):
             dq[j] += regimes.shape[r, j, i] * v[i]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def to_modes(regimes, r, q, dq, omega, time, u, du, y, v):
     """Write the modal motion y, v (n,) of the coordinates q, dq (n,): the inverse of `to_coordinates`."""
     c, s = math.cos(omega * time), math.sin(omega * time)

@@ -2,6 +2,7 @@
 
 from numba import njit
 
+from calib.simulators.compilation import WITHIN
 from calib.simulators.impact.coordinates import to_coordinates, to_modes
 from calib.simulators.impact.polynomial import polynomial, slope
 from calib.simulators.impact.problem import AT_PERIOD, CONTACT, FREE, HIT, IMPACTS, REGIME, RELEASED, TOUCH
@@ -9,7 +10,7 @@ from calib.simulators.impact.witness import witness
 from calib.simulators.slots import restitution
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def coefficient(problem, speed):
     """Coefficient of restitution at a closing speed [m/s], laws included, within [0, 1]."""
     e = problem.restitution
@@ -18,7 +19,7 @@ def coefficient(problem, speed):
     return min(1.0, max(0.0, e))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def sticks(problem, rate, acceleration, e):
     """Whether a rebound with this rate [m/s] ends in contact: it rises less than `height`, and so all that follow.
 
@@ -33,7 +34,7 @@ def sticks(problem, rate, acceleration, e):
     return 2.0 * rate < -acceleration * problem.step  # a flight shorter than a step
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def meet_stop(problem, state, time, tau, step, located, impacts, w):
     """Take the impact, stick or release at `tau` into the step that began at `time`; the state is the one there.
 

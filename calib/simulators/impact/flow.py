@@ -5,12 +5,14 @@ import math
 import numpy as np
 from numba import njit
 
+from calib.simulators.compilation import WITHIN
+
 TERMS = 26  # of the series for polynomial loads; reaches rounding for max(sqrt(stiffness), 2 rate) tau <= 2
 REACH = 2.0  # that limit
 _INVERSE_FACTORIAL = np.array([1.0 / math.factorial(i) for i in range(TERMS + 6)])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def impulse_response(stiffness, rate, tau):
     """Response S(tau) [s] and its rate S'(tau) [1] to a unit impulse of y'' + 2 rate y' + stiffness y.
 
@@ -37,7 +39,7 @@ def impulse_response(stiffness, rate, tau):
     return s, c - rate * s
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def load_responses(stiffness, rate, tau):
     """Return Q_4, Q_3, ..., Q_-1, where tau^(k+2) Q_k is the response at tau to the load t^k / k! from rest.
 
@@ -60,7 +62,7 @@ def load_responses(stiffness, rate, tau):
     return q4, q3, q2, q1, q0, 1.0 + a * q0 + b * q1
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def load_motion(stiffness, rate, tau, load, step):
     """Displacement and velocity at tau that the load sum_k load[k] (t / step)^k, k = 0..4, makes from rest."""
     q4, q3, q2, q1, q0, impulse = load_responses(stiffness, rate, tau)
@@ -71,7 +73,7 @@ def load_motion(stiffness, rate, tau, load, step):
     return y, v
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def flow(regimes, r, y, v, loaded, load, step, tau, y_end, v_end):
     """Write the modal motion in regime `r` at `tau` after (y, v) into y_end, v_end (n,).
 

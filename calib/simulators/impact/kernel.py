@@ -4,6 +4,7 @@ import math
 
 from numba import njit
 
+from calib.simulators.compilation import COMPILED, WITHIN
 from calib.simulators.impact.collocation import collocate
 from calib.simulators.impact.coordinates import to_coordinates
 from calib.simulators.impact.events import meet_stop
@@ -15,11 +16,11 @@ from calib.simulators.impact.witness import BROKEN, FOUND, first_zero, witness
 DONE, SETTLED, DIVERGED, SPENT = 0, 1, 2, 3  # how a run ends
 UNLIMITED = 2**62  # steps
 LONGEST = 16  # periods of a motion that counts as settled
-SHORTEST = 1.0 / 512.0  # of the longest step: shorter ones are not halved, whether their loads hold or not
+SHORTEST = 1.0 / 2048.0  # of the longest step: shorter ones are not halved, whether their loads hold or not
 AGAIN = 6  # times a step is taken anew up to the event in it
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def write_row(problem, r, y, v, time, tau, step, w, row):
     """Write (q, q', U, U') at `tau` into the step that began at `time` [s] since the whole period."""
     n = w.q.size
@@ -33,7 +34,7 @@ def write_row(problem, r, y, v, time, tau, step, w, row):
     row[2 * n + 1] = du
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def within(row, n, limit):
     """Whether all displacements and velocities of a row are below the limit (and are numbers)."""
     size = 0.0
@@ -42,7 +43,7 @@ def within(row, n, limit):
     return size < limit
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def _has_settled(sections, last, n, tolerance):
     """Whether the last section equals one of the 16 before, in q and in q', to a share of the largest of either."""
     for back in range(1, min(LONGEST, last) + 1):
@@ -58,7 +59,7 @@ def _has_settled(sections, last, n, tolerance):
     return False
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def _step_length(problem, state):
     """Length of the next step [s]; where events are located it ends with the period, the grid, the table's piece."""
     if not problem.exact:
@@ -77,7 +78,7 @@ def _step_length(problem, state):
     return reach
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def fly(problem, state, w, ye, ve):
     """Take one step: its loads are worked out and its end is found.
 
@@ -134,7 +135,7 @@ def fly(problem, state, w, ye, ve):
         step = tau
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(**COMPILED)
 def advance(problem, state, w, periods, tolerance, budget, sections, times, samples, impacts):
     """Go on by `periods` periods, or until the stroboscopic section has settled.
 

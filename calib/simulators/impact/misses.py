@@ -4,6 +4,7 @@ import math
 
 from numba import njit
 
+from calib.simulators.compilation import COMPILED
 from calib.simulators.impact.events import meet_stop
 from calib.simulators.impact.flow import flow
 from calib.simulators.impact.kernel import fly
@@ -14,7 +15,7 @@ SAMPLES = 256  # of the clearance's rate in a period
 HALVINGS = 50  # of the interval that holds a minimum
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(**COMPILED)
 def nearest_passes(problem, state, w, budget, impacts, minima):
     """Go on by one period and note the minima of the clearance.
 

@@ -5,6 +5,8 @@ from decimal import Decimal, localcontext
 import numpy as np
 from numba import njit
 
+from calib.simulators.compilation import WITHIN
+
 PROBE = 5  # index of a point between the nodes, where a polynomial through them is held against what it stands for
 DIGITS = 50  # of the decimals in which nodes and weights are worked out, so that every processor has the same ones
 
@@ -47,14 +49,14 @@ def _value(coefficients: list[Decimal], x: Decimal) -> Decimal:
 POINTS, FIT, INTEGRAL, BETWEEN = _worked_out()
 NODES = POINTS[:PROBE].copy()
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def polynomial(coefficients, x):
     """Value of c0 + c1 x + ... + c4 x^4."""
     c = coefficients
     return c[0] + x * (c[1] + x * (c[2] + x * (c[3] + x * c[4])))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def slope(coefficients, x):
     """Derivative by x of `polynomial`."""
     c = coefficients

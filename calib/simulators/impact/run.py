@@ -30,7 +30,7 @@ from calib.simulators.impact.problem import (
 from calib.simulators.impact.scratch import scratch
 from calib.simulators.slots import acting, fill
 
-GRID = 128  # steps per period where loads are collocated
+GRID = 48  # steps per period where loads are collocated, of order 8; fewer do not resolve the laws between nodes
 SETTLED = 1e-10  # relative change of the section
 CAP = 1000  # periods after which a motion that has not settled is taken as it is
 STUCK = 1e-12  # share of the gap below which a rebound sticks
@@ -101,7 +101,7 @@ def assemble(
     ----------
     coordinates : names of the coordinates, for the bodies of the force laws; those of the body `PORT` act at the stop
     length : scale of the motion  [m]
-    step : length of the steps [s]; None for a 128th of the period, or less where the structure asks for it. It matters
+    step : length of the steps [s]; None for a 48th of the period, or less where the structure asks for it. It matters
         where loads are collocated or events are not located
     fixed_step : whether impacts are taken at the ends of steps
     shorter : by which the steps are divided

@@ -16,8 +16,8 @@ class Scratch(NamedTuple):
     added: np.ndarray  # (5,) to the witness
     law: np.ndarray  # (n, 6) accelerations by the laws
     modal: np.ndarray  # (n, 5) at the nodes
-    free_y: np.ndarray  # (n, 6) unloaded motion
-    free_v: np.ndarray
+    free_q: np.ndarray  # (n + 1, 6) motion without loads of the coordinates and, last, of the clearance
+    free_dq: np.ndarray
     answer_y: np.ndarray  # (n, 6, 5) point, coefficient: modal motion per unit load
     answer_v: np.ndarray
     z: np.ndarray  # (SLOTS, n + 1, STATES, 6) internal states
@@ -34,7 +34,7 @@ def scratch(n: int) -> Scratch:
     """Allocate for n coordinates."""
     return Scratch(
         np.zeros(5), np.zeros((n, 5)), np.zeros((n, 5)), np.zeros(5), np.zeros((n, 6)), np.zeros((n, 5)),
-        np.zeros((n, 6)), np.zeros((n, 6)), np.zeros((n, 6, 5)), np.zeros((n, 6, 5)),
+        np.zeros((n + 1, 6)), np.zeros((n + 1, 6)), np.zeros((n, 6, 5)), np.zeros((n, 6, 5)),
         np.zeros((SLOTS, n + 1, STATES, 6)), np.zeros((SLOTS, n + 1, STATES, 6)),
         np.zeros((2, STATES)), np.full(1, np.inf), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
     )  # fmt: skip

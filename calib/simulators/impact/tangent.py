@@ -13,6 +13,7 @@ import math
 import numpy as np
 from numba import njit
 
+from calib.simulators.compilation import COMPILED, WITHIN
 from calib.simulators.impact.events import coefficient, meet_stop
 from calib.simulators.impact.flow import flow, impulse_response
 from calib.simulators.impact.kernel import DIVERGED, DONE, SPENT, fly, within, write_row
@@ -24,7 +25,7 @@ LOST = 1e-13  # share of a difference that is left by rounding where a contact w
 NEAR = 1e-5  # relative step for the slope of a law of restitution
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def _flow_differences(regimes, r, tau, dy, dv):
     """Carry dy, dv (n, m) on by `tau` [s] within regime `r`: no load depends on the motion."""
     for i in range(dy.shape[0]):
@@ -36,7 +37,7 @@ def _flow_differences(regimes, r, tau, dy, dv):
             dv[i, k] = c * v - stiffness * s * y
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**COMPILED)
 def _change_regime(regimes, r, to, dy, dv):
     """Express dy, dv (n, m) of regime `r` in the modes of regime `to`."""
     n = dy.shape[0]
@@ -55,7 +56,7 @@ def _change_regime(regimes, r, to, dy, dv):
                 dv[i, k] += turn[i, j] * old_v[j, k]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def _accelerations(problem, r, y, v, time, u, du, ddu, out):
     """Write q'' (n,) [m/s^2] of the modal motion y, v in regime `r` under the input u, du, ddu."""
     both, w = problem.regimes, problem.omega
@@ -70,7 +71,7 @@ def _accelerations(problem, r, y, v, time, u, du, ddu, out):
             out[j] += both.shape[r, j, i] * a
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def _delays(problem, r, first, dy, dv, delay):
     """Write by how much later [s] each difference meets the end of regime `r`, whose witness falls at `first`."""
     both = problem.regimes
@@ -81,7 +82,7 @@ def _delays(problem, r, first, dy, dv, delay):
         delay[k] = -change / first
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def _rebound(problem, v_before, v_after, rate, second, dy, dv, delay):
     """Saltation at an impact that leaves the stop again; `rate`, `second` of the clearance before it."""
     both, n = problem.regimes, dy.shape[0]
@@ -103,7 +104,7 @@ def _rebound(problem, v_before, v_after, rate, second, dy, dv, delay):
                 dv[i, k] -= turned * both.project[FREE, i, b] * problem.hit[b] * closing
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**COMPILED)
 def _stick(problem, before, after, second, dy, dv, delay):
     """Saltation where the contact begins: what opens the clearance is lost; accelerations `before`, `after` (n,)."""
     both, n = problem.regimes, dy.shape[0]
@@ -120,7 +121,7 @@ def _stick(problem, before, after, second, dy, dv, delay):
     _change_regime(both, FREE, CONTACT, dy, dv)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**COMPILED)
 def _release(problem, before, after, dy, dv, delay):
     """Saltation where the contact ends: the state goes on, its acceleration changes from `before` to `after` (n,)."""
     both, n = problem.regimes, dy.shape[0]
@@ -131,7 +132,7 @@ def _release(problem, before, after, dy, dv, delay):
                 dv[i, k] += both.project[FREE, i, b] * (before[b] - after[b]) * delay[k]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**COMPILED)
 def _cross(problem, state, time, tau, step, w, dy, dv):
     """Take the event at `tau` into the step that began at `time`, and carry dy, dv (n, m) over it."""
     r, now = state.count[REGIME], time + tau
@@ -163,7 +164,7 @@ def _cross(problem, state, time, tau, step, w, dy, dv):
         _release(problem, before, after, dy, dv, delay)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**COMPILED)
 def _make_orthonormal(vectors, upper):
     """Replace the columns of `vectors` (d, m) by orthonormal ones Q and write R (m, m), vectors = Q R.
 
@@ -190,7 +191,7 @@ def _make_orthonormal(vectors, upper):
             vectors[i, k] = vectors[i, k] / length if length > 0.0 else 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def _to_section(regimes, r, dy, dv, scale, vectors):
     """Write `vectors` (2 n, m), in units of `scale`, of the modal differences dy, dv (n, m) in regime `r`."""
     n = dy.shape[0]
@@ -204,7 +205,7 @@ def _to_section(regimes, r, dy, dv, scale, vectors):
             vectors[n + j, k] = dq / scale[n + j]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def _from_section(regimes, r, vectors, scale, dy, dv):
     """Write dy, dv (n, m) of `vectors`: the inverse of `_to_section`."""
     n = dy.shape[0]
@@ -217,7 +218,7 @@ def _from_section(regimes, r, vectors, scale, dy, dv):
                 dv[i, k] += regimes.project[r, i, j] * vectors[n + j, k] * scale[n + j]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(**COMPILED)
 def carry(problem, state, w, periods, budget, scale, sections, vectors, growth):
     """Go on by `periods` periods with small differences beside the motion.
 

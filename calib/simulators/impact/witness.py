@@ -9,6 +9,7 @@ import math
 
 from numba import njit
 
+from calib.simulators.compilation import WITHIN
 from calib.simulators.impact.flow import flow
 from calib.simulators.impact.problem import CONTACT, RELEASED
 
@@ -16,7 +17,7 @@ PASSED, FOUND, BROKEN = 0, 1, 2
 EFFORT = 100_000  # jumps per flight before it is given up
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def _largest(value, slope, stiffness, rate, horizon):
     """Bound |x| over the horizon, where x'' + 2 rate x' + stiffness x = 0 starts from value, slope."""
     if rate >= 0.0 and stiffness > rate * rate:
@@ -27,7 +28,7 @@ def _largest(value, slope, stiffness, rate, horizon):
     return (abs(value) + abs(slope) * horizon) * growth
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def witness(regimes, r, y, v, omega, time, loaded, load, added, step, tau, horizon):
     """Value, first and second rate of the witness, and a bound on the second over the horizon.
 
@@ -74,7 +75,7 @@ def witness(regimes, r, y, v, omega, time, loaded, load, added, step, tau, horiz
     return value, first, second, bound
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WITHIN)
 def first_zero(regimes, r, touch, y, v, omega, time, loaded, load, added, step, reach, resolution, lift, ye, ve):
     """Find the first end of the regime within `reach` [s] of now.
 

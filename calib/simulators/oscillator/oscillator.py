@@ -306,14 +306,11 @@ def _record(times: np.ndarray, motion: Motion, harmonic: bool, attrs: dict) -> x
     channels = {"displacement": motion.samples[None, :, 0], "velocity": motion.samples[None, :, 1]}
     if harmonic:
         attrs = {**attrs, "settled_periods": motion.settled}
-    record = records.make(times, (BODY,), channels, **attrs)
-    inside = motion.impacts[(motion.impacts[:, 0] >= times[0])]
-    record = records.with_impacts(record, inside[:, 0], inside[:, 1])
-    if not harmonic:
-        return record
-    x, v = motion.sections[:, 0], motion.sections[:, 1]
-    record = records.with_section(record, {"displacement": x[None], "velocity": v[None]})
-    return records.with_state(record, np.concatenate([motion.sections[-1, :2], motion.inner]))
+    inside, stationary = motion.impacts[(motion.impacts[:, 0] >= times[0])], {}
+    if harmonic:
+        section = {"displacement": motion.sections[None, :, 0], "velocity": motion.sections[None, :, 1]}
+        stationary = {"section": section, "state": np.concatenate([motion.sections[-1, :2], motion.inner])}
+    return records.make(times, (BODY,), channels, impacts=(inside[:, 0], inside[:, 1]), **stationary, **attrs)
 
 
 def _needed_force(
@@ -345,12 +342,12 @@ def _needed_force(
         return records.failed((BODY,), "diverged", "the force is not finite", **attrs)
     at = np.searchsorted(motion.time, times - 1e-6 * (times[1] - times[0]))
     channels = {"displacement": motion.x[None, at], "velocity": motion.v[None, at], "force": force[None, at]}
-    record = records.make(times, (BODY,), channels, **attrs)
     if excitation.recorded:
-        return record
+        return records.make(times, (BODY,), channels, **attrs)
     whole = np.searchsorted(
         motion.time,
         np.arange(request.periods - records.SECTION + 1, request.periods + 1) / excitation.frequency
         - 0.5 * (motion.time[1] - motion.time[0]),
     )
-    return records.with_section(record, {"displacement": motion.x[None, whole], "velocity": motion.v[None, whole]})
+    section = {"displacement": motion.x[None, whole], "velocity": motion.v[None, whole]}
+    return records.make(times, (BODY,), channels, section=section, **attrs)

@@ -12,6 +12,7 @@ from calib.errors import CalibError
 from calib.excitation import Excitation
 from calib.filter import low_pass
 from calib.laws import STATES, BoundLaw
+from calib.simulators.compilation import COMPILED, WITHIN
 from calib.simulators.slots import excitation as excitation_law
 from calib.simulators.slots import fill
 from calib.simulators.slots import force as force_law
@@ -89,7 +90,7 @@ def law_changes(
     return _changes(time, x, omega, excitation.phase, amplitude, functions, p, count)
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def _changes(time, x, omega, phase, amplitude, functions, p, count):
     change = np.zeros(time.size)
     for j in range(time.size):
@@ -110,7 +111,7 @@ def law_accelerations(motion: Motion, laws: Sequence[BoundLaw], budget: int) -> 
     return total if spent <= budget else None
 
 
-@njit(cache=True)
+@njit(**WITHIN)
 def _hermite(x0, v0, x1, v1, h, s):
     """Displacement and velocity a part `s` of the interval `h` [s] on, from those at its ends."""
     d = x1 - x0
@@ -119,7 +120,7 @@ def _hermite(x0, v0, x1, v1, h, s):
     return x, v
 
 
-@njit(cache=True)
+@njit(**WITHIN)
 def _rates(function, p, start, end, s, z, dz):
     """Write the rates of a law's internal states a part `s` of the way between (t, x, v) at `start` and at `end`."""
     h = end[0] - start[0]
@@ -128,7 +129,7 @@ def _rates(function, p, start, end, s, z, dz):
     force_law(function, start[0] + s * h, x, v, p, z, dz)
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def _advance_states(function, p, start, end, z, size, part, allowed):
     """Carry the internal states z (STATES,) of a law from `start` to `end`, (t, x, v) each.
 
@@ -157,7 +158,7 @@ def _advance_states(function, p, start, end, z, size, part, allowed):
     return spent, part
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def _along(time, x, v, functions, p, count, states, budget, total):
     """Add the laws' accelerations to `total` (n,); return the steps that their states took."""
     spent = 0

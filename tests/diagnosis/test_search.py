@@ -1,20 +1,23 @@
-"""Which explanations are told from each other."""
+"""Which explanations are distinguishable."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from calib.diagnosis.selection import _rivals
+from calib.diagnosis.search import rival_suspects
 
 SIZE, LIMIT = 1000.0, 3.4
-FITTER = SimpleNamespace(evidence=SimpleNamespace(counted=lambda: SIZE))
+EVIDENCE = SimpleNamespace(counted=lambda: SIZE)
 
 
-def suspect(name, parameters, drop, left):
-    """Stand in for a suspect that lowers a sum of squares by `drop` to `left`."""
-    fit = SimpleNamespace(square=left, columns=np.zeros((0, 0)), nuisances=np.zeros((0, 0)))
-    return SimpleNamespace(name=name, parameters=parameters, price=2.0 * parameters, drop=drop, fit=fit)
+def suspect(name, parameters, reduction, chi2):
+    """Stand in for a suspect that reduces chi-square by `reduction` to `chi2`."""
+    fit = SimpleNamespace(chi2=chi2, columns=np.zeros((0, 0)), nuisances=np.zeros((0, 0)))
+    penalty = 2.0 * parameters
+    return SimpleNamespace(
+        name=name, parameter_count=parameters, aic_penalty=penalty, chi2_reduction=reduction, fit=fit
+    )
 
 
 @pytest.mark.parametrize(
@@ -32,4 +35,4 @@ def suspect(name, parameters, drop, left):
 )
 def test_a_rival_is_alike_within_what_its_parameters_and_the_noise_allow(parameters, behind, left, alike):
     best, other = suspect("best", 2, 200.0, left), suspect("other", parameters, 200.0 - behind, left)
-    assert [s.name for s in _rivals(FITTER, [other, best], LIMIT)] == ["best", "other"][: 1 + alike]
+    assert [s.name for s in rival_suspects(EVIDENCE, [other, best], LIMIT)] == ["best", "other"][: 1 + alike]

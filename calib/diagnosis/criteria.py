@@ -1,0 +1,90 @@
+"""The thresholds by which a diagnosis decides."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Criteria:
+    """Thresholds of the diagnosis.
+
+    A chi-square is a sum of squared residuals in units of the noise; its excess is what it has beyond the degrees of
+    freedom; N is the number of residuals. Where no source is given the value is a convention of this program, to which
+    the tests on records with known causes are held.
+
+    Attributes
+    ----------
+    significance_std : excess chi-square that is a misfit, in its standard deviations sqrt(2 N) where there is noise
+        alone  [1]; three-sigma rule
+    dominant_excess : excess chi-square from which a misfit is mostly error of the model, relative to the variance 2 N
+        of the noise's chi-square  [1]; 0.5 is a reduced chi-square of 2
+    negligible_share : excess chi-square that is left or gained and says nothing of a cause, relative to the excess of
+        the calibrated model  [1]; convention
+    min_explained_share : excess chi-square that causes explain at least, relative to that of the calibrated model
+        [1]; convention
+    min_share_of_remainder : excess chi-square that a further cause explains at least, relative to what the causes
+        before it leave  [1]; convention
+    confidence_level : of intervals, and of the joint region that holds an absent effect  [1]; textbook value
+    threshold_quantile : of the largest |z| of all candidates in noise alone, above which one is significant  [1]:
+        family-wise error rate of 1 % (maxT of Westfall & Young, Resampling-Based Multiple Testing, 1993)
+    aic_tie : difference in AIC that counts as a tie  [1]; models within 4 to 7 have considerably less support, not none
+        (Burnham & Anderson, Model Selection and Multimodel Inference, 2002, section 2.6)
+    max_causes : that are named  [count]; convention
+    max_refits : suspects that are refitted in one search  [count]; convention
+    min_leader_share : predicted reduction of chi-square of a suspect that is refitted, relative to the largest  [1];
+        convention
+    min_rescored_share : the same, of a suspect whose derivatives are taken anew where they are of another model  [1];
+        half of `min_leader_share`
+    max_absorbed_share : length of a signature that calibration absorbs, relative to the whole, from which on an effect
+        without derivative is not refitted  [1]; convention
+    max_nonlinearity : reduction of chi-square by a refit less the predicted one, relative to that, beyond which the
+        refit is begun at other sizes too  [1]; convention
+    min_trial_reduction : reduction of chi-square by a size at which a refit begins, relative to the squared threshold
+        of |z|  [1]; convention
+    max_starts : sizes at which the refit of a suspect begins that is not linear  [count]; convention
+    min_outliers : samples that are taken out as outliers: fewer may be chance  [count]; convention
+    min_outlier_share : chi-square of the outliers, relative to the whole, from which they are named  [1]; convention
+    min_quantisation_share : variance by a converter's steps, relative to that of the noise of a channel, from which
+        they are named  [1]; convention
+    min_noise_samples : of a record or a row that tell a level of the noise  [count]; convention
+    max_variance_ratio : mean square of a residual, relative to the variance that the record states of its noise, up to
+        which it is that noise, chance aside  [1]; a stated standard deviation may be 10 % off
+    max_noise_change : of a standard deviation of the noise, relative, that is not worth a refit  [1]; convention
+    min_variance_ratio : mean square of a residual, relative to the variance of its noise, below which that is no
+        residual of such noise  [1]; convention
+    min_variance_deficit_std : by which it has to be below, in standard deviations of the mean square of white noise
+        [1]; convention
+    max_solver_share : |z| by a finer solver, relative to the z that the answer rests on, that does not change the
+        answer  [1]; convention
+    max_solver_change : change of a channel by a finer solver, relative to its root mean square, that makes no other
+        kind of motion  [1]; convention
+    """
+
+    significance_std: float = 3.0
+    dominant_excess: float = 0.5
+    negligible_share: float = 0.01
+    min_explained_share: float = 0.5
+    min_share_of_remainder: float = 0.25
+    confidence_level: float = 0.95
+    threshold_quantile: float = 0.99
+    aic_tie: float = 6.0
+    max_causes: int = 3
+    max_refits: int = 8
+    min_leader_share: float = 0.3
+    min_rescored_share: float = 0.15
+    max_absorbed_share: float = 0.9999
+    max_nonlinearity: float = 0.25
+    min_trial_reduction: float = 0.5
+    max_starts: int = 2
+    min_outliers: int = 3
+    min_outlier_share: float = 0.25
+    min_quantisation_share: float = 0.25
+    min_noise_samples: int = 32
+    max_variance_ratio: float = 1.2
+    max_noise_change: float = 0.02
+    min_variance_ratio: float = 0.7
+    min_variance_deficit_std: float = 5.0
+    max_solver_share: float = 0.1
+    max_solver_change: float = 0.01
+
+
+CRITERIA = Criteria()

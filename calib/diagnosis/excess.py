@@ -1,0 +1,41 @@
+"""The excess chi-square of a fit: what its sum of squared residuals has beyond its degrees of freedom."""
+
+import numpy as np
+
+from calib.diagnosis.criteria import CRITERIA
+from calib.diagnosis.evidence import Evidence
+from calib.diagnosis.refit import Fit
+
+
+def degrees_of_freedom(evidence: Evidence, fit: Fit) -> float:
+    """Residuals that count less parameters and nuisances: the chi-square that noise alone leaves on average."""
+    return evidence.counted() - fit.columns.shape[1] - fit.nuisances.shape[1]
+
+
+def excess_chi2(evidence: Evidence, fit: Fit) -> float:
+    """Chi-square of a fit beyond its degrees of freedom."""
+    return fit.chi2 - degrees_of_freedom(evidence, fit)
+
+
+def chi2_std(evidence: Evidence) -> float:
+    """Standard deviation of the chi-square of noise alone."""
+    return float(np.sqrt(2.0 * evidence.counted()))
+
+
+def significant(excess: float, std: float) -> bool:
+    """Whether an excess chi-square is a misfit, and no noise of this standard deviation of chi-square."""
+    return excess > CRITERIA.significance_std * std
+
+
+def dominant(excess: float, std: float) -> bool:
+    """Whether more of a misfit is error of the model than noise of this standard deviation of chi-square."""
+    return excess > CRITERIA.dominant_excess * std**2
+
+
+def max_relative_bias(excess: float, chi2: float) -> float:
+    """By how much an excess chi-square may bias the size of an effect of this chi-square, relative to the size.
+
+    A remainder of chi-square R moves a size, whose effect has the chi-square W, by sqrt(R / W) of itself at most
+    (the inequality of Cauchy and Schwarz).
+    """
+    return float(np.sqrt(max(0.0, excess) / max(chi2, 1e-300)))

@@ -1,0 +1,198 @@
+"""A calibrated study made ready to be searched for causes: its gates, its evidence, its fit."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from calib.cycles import kind_of_motion
+from calib.diagnosis.bench import Bench, Run, Seen, simulated
+from calib.diagnosis.candidate import Candidate, candidates
+from calib.diagnosis.clock import clock_slopes
+from calib.diagnosis.criteria import CRITERIA
+from calib.diagnosis.evidence import Evidence, gathered, looked_at, outliers, rounding
+from calib.diagnosis.excess import chi2_std, dominant, excess_chi2
+from calib.diagnosis.gates import Gate, above_noise, fine_enough, noise_known, same_kind, simulates
+from calib.diagnosis.noise import RESIDUAL
+from calib.diagnosis.refit import Fit, Fitter
+from calib.diagnosis.remainder import remainder
+from calib.diagnosis.signature import Point
+from calib.effect import Effect
+from calib.objective import Objective, Reference
+from calib.study import Pool, Study
+
+OUTLIERS, QUANTISATION = "outliers", "quantisation"  # faults of the records themselves
+EXPECTED_FITS = 4  # before anything is known: of the calibrated model, and of a few candidates
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A calibrated study, ready to be searched for causes.
+
+    Attributes
+    ----------
+    gates : looked at so far
+    fitter : with the evidence; None where a gate failed
+    null : the calibrated model, fitted to the evidence; None where a gate failed
+    suspects, refused : candidates, and effect -> why it is none
+    outliers : share of the samples that were taken out as such, 0 where that is no cause to be named  [1]
+    rounding : share of the noise of a channel that its converter's steps make, where that is a cause, else 0  [1]
+    """
+
+    gates: tuple[Gate, ...]
+    fitter: Fitter | None = None
+    null: Fit | None = None
+    suspects: tuple[Candidate, ...] = ()
+    refused: Mapping[str, str] = field(default_factory=dict)
+    outliers: float = 0.0
+    rounding: float = 0.0
+
+
+def bench_of(study: Study, others: Mapping[str, Reference]) -> Bench:
+    """Return what the simulations of a diagnosis need of a study and of its other references."""
+    objective = Objective({**study.objective.references, **others}, study.objective.terms)
+    return Bench(study.model, objective, looked_at(objective))
+
+
+def prepared(
+    pool: Pool,
+    bench: Bench,
+    study: Study,
+    values: Mapping[str, float],
+    effects: Sequence[Effect],
+    on_stage: Callable[[str], None],
+) -> Prepared:
+    """Look at the gates, gather the evidence, and fit the calibrated model to it."""
+    references = {name: r for name, r in bench.objective.references.items() if r.use != "holdout"}
+    on_stage("gates")
+    views = dict(zip(references, simulated(pool, [Run(name, values) for name in references]), strict=True))
+    gates = _gates_of_simulations(pool, study, references, values, views, effects)
+    if not all(gate.passed for gate in gates):
+        return Prepared(tuple(gates))
+    cycle = {name: kind_of_motion(reference.record).period or 1 for name, reference in references.items()}
+    records = _Records(references, bench.rows, cycle)
+    evidence = records.evidence(views, clock_slopes(pool, bench, views, values))
+    gates.append(noise_known(evidence))
+    if not gates[-1].passed:
+        return Prepared(tuple(gates))
+    suspects, refused = candidates(study.model, effects, references, study.space.names)
+    fitter = Fitter(pool, evidence, study.space, study.model)
+    on_stage("calibrated model")
+    fitter.effort.foresee(fitter.expected_simulations(_expected_scores(evidence, suspects), EXPECTED_FITS))
+    null = fitter.fit(Point(values, (), views))
+    masks, share = _outliers(fitter, null, effects)
+    if masks is not None:
+        null, gates[-1] = _regathered(fitter, null, bench, records, None, masks)
+    if _noise_is_open(fitter.evidence, null):
+        slopes = fitter.candidate_slopes(null.point, [c for c in suspects if not c.effect.rough])
+        columns = [slope.column for own in slopes for slope in own if slope.column is not None]
+        left = remainder(fitter.evidence, null, columns)
+        null, gates[-1] = _regathered(fitter, null, bench, records, left, masks)
+    gates.append(above_noise(fitter.evidence, null))
+    if not gates[-1].passed:
+        return Prepared(tuple(gates), refused=refused)
+    steps = _quantisation(fitter.evidence, effects)
+    return Prepared(tuple(gates), fitter, null, tuple(suspects), refused, share, steps)
+
+
+@dataclass(frozen=True, eq=False)
+class _Records:
+    """What evidence is gathered from, but for the simulations: arguments of `gathered`."""
+
+    references: Mapping[str, Reference]
+    rows: Mapping[str, Sequence[tuple[str, str]]]
+    cycle: Mapping[str, int]
+
+    def evidence(
+        self,
+        views: Mapping[str, Seen],
+        clocks: Mapping[str, np.ndarray],
+        left: Mapping[str, np.ndarray] | None = None,
+        masks: Mapping[str, np.ndarray] | None = None,
+    ) -> Evidence:
+        """Records beside simulations; noise by what is `left` (row, n) of each, without the masked samples (row, n).
+
+        clocks : as `clock_slopes` gives them
+        """
+        return gathered(self.references, self.rows, self.cycle, views, left, masks, clocks)
+
+
+def _gates_of_simulations(
+    pool: Pool,
+    study: Study,
+    references: Mapping[str, Reference],
+    values: Mapping[str, float],
+    views: Mapping[str, Seen],
+    effects: Sequence[Effect],
+) -> list[Gate]:
+    """Look at the simulations: whether there are any, of the right kind, or else whether the solver may be why not."""
+    gates = [simulates(views)]
+    if gates[0].passed:
+        periodic = any(reference.excitation.periodic for reference in references.values())
+        gates.append(same_kind(views, periodic))
+        if not gates[-1].passed:
+            gates += fine_enough(pool, study.model, values, views, numerical(effects))
+    return gates
+
+
+def _expected_scores(evidence: Evidence, suspects: Sequence[Candidate]) -> int:
+    """Number of parameters to be scored; twice where the noise is judged by what all candidates leave."""
+    searches = 1 + any(noise.source == RESIDUAL for part in evidence.parts for noise in part.noise)
+    return searches * sum(len(c.free) for c in suspects)
+
+
+def _regathered(
+    fitter: Fitter,
+    null: Fit,
+    bench: Bench,
+    records: _Records,
+    left: Mapping[str, np.ndarray] | None,
+    masks: Mapping[str, np.ndarray] | None,
+) -> tuple[Fit, Gate]:
+    """Gather the evidence anew by the calibrated model, and fit that to it; with the gate of its noise."""
+    clocks = clock_slopes(fitter.effort, bench, null.point.simulated, null.point.values)
+    fitter.evidence = records.evidence(null.point.simulated, clocks, left, masks)
+    gate = noise_known(fitter.evidence)
+    return fitter.fit(null.point), gate
+
+
+def _outliers(
+    fitter: Fitter, null: Fit, effects: Sequence[Effect]
+) -> tuple[Mapping[str, np.ndarray] | None, float]:
+    """Masks (row, n) of outliers by record, None where none are taken out, and their share of the samples.
+
+    The share is 0 where they are taken out, but are no cause to be named: the misfit is elsewhere.
+    """
+    masks = {part.name: outliers(part, null.point.simulated[part.name]) for part in fitter.evidence.parts}
+    count = sum(mask.sum() for mask in masks.values())
+    if not any(effect.noise for effect in effects) or count < CRITERIA.min_outliers:
+        return None, 0.0
+    residual = fitter.evidence.residual(null.point.simulated)
+    masked = np.concatenate([masks[part.name].ravel() for part in fitter.evidence.parts])
+    chi2_share = float((residual[masked] ** 2).sum() / max((residual**2).sum(), 1e-300))
+    named = chi2_share >= CRITERIA.min_outlier_share
+    return masks, float(count / sum(mask.size for mask in masks.values())) if named else 0.0
+
+
+def _quantisation(evidence: Evidence, effects: Sequence[Effect]) -> float:
+    """Largest share of the noise of a channel that its converter's steps make; 0 where that is no cause to be named."""
+    share = min(1.0, max(float(rounding(part).max(initial=0.0)) for part in evidence.parts))
+    suspected = QUANTISATION in {effect.name for effect in effects}
+    return share if suspected and share >= CRITERIA.min_quantisation_share else 0.0
+
+
+def numerical(effects: Sequence[Effect]) -> list[Effect]:
+    """Effects of the solver, which are gates."""
+    return [effect for effect in effects if effect.site == "numerical"]
+
+
+def _noise_is_open(evidence: Evidence, null: Fit) -> bool:
+    """Whether noise is to be estimated from what no candidate explains: its level, or the autocorrelation of a stated.
+
+    The latter only where what the calibrated model leaves is mostly noise.
+    """
+    noises = [noise for part in evidence.parts for noise in part.noise]
+    unknown = any(noise.source == RESIDUAL for noise in noises)
+    if unknown or all(noise.repeated for noise in noises):
+        return unknown
+    return not dominant(excess_chi2(evidence, null), chi2_std(evidence))

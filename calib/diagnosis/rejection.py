@@ -1,0 +1,88 @@
+"""Reasons why the suspect that explains most is no cause: the stopping rules of the forward selection."""
+
+import numpy as np
+from scipy import stats
+
+from calib.diagnosis.constancy import constancies
+from calib.diagnosis.criteria import CRITERIA
+from calib.diagnosis.evidence import Evidence
+from calib.diagnosis.excess import chi2_std, dominant, excess_chi2, max_relative_bias, significant
+from calib.diagnosis.prediction import Prediction, predicted
+from calib.diagnosis.refit import Fit
+from calib.diagnosis.search import Round
+from calib.diagnosis.suspect import Refitted
+
+
+def cross_validation(evidence: Evidence, base: Fit, extended: Fit, cause: Refitted) -> Prediction | None:
+    """Cross-validate a cause; None where that cannot be done, or no derivative tells how."""
+    own = (*cause.candidate.free, *cause.candidate.form)
+    index = [extended.names.index(name) for name in own if name in extended.names]
+    if len(index) < len(own) or not extended.columns[:, index].any(axis=0).all():
+        return None
+    return predicted(evidence, base, extended, own)
+
+
+def rejection(evidence: Evidence, null: Fit, base: Fit, extended: Fit, outcome: Round, further: bool) -> str:
+    """Why the chosen suspect of a search is no cause; "" where it is one.
+
+    Parameters
+    ----------
+    extended : the model `base` with it
+    further : whether there are causes before it
+    """
+    cause, test = outcome.chosen, outcome.prediction
+    if further and _is_negligible(evidence, null, base, cause):
+        return "it explains a negligible share of what the calibrated model leaves"
+    if _may_be_absent(extended, cause):
+        return "its interval beside all other parameters holds the size at which it is absent"
+    if test is not None and test.fails:
+        return (
+            f"it does not predict what had no part in its fit ({', '.join(test.folds)} left out in turn): the sum of "
+            f"squares there falls by {test.reduction:.3g} +- {test.error:.2g}"
+        )
+    if further and _is_heterogeneous(evidence, extended, cause, outcome.threshold):
+        return "its size differs among the channels of the records, and a large misfit is left"
+    return ""
+
+
+def _is_negligible(evidence: Evidence, null: Fit, base: Fit, cause: Refitted) -> bool:
+    """Whether what was found beside the causes of `base` explains too little to be another one.
+
+    A negligible share of the excess of the calibrated model corrects the form of the causes before it, of which nobody
+    knows more than that they explain the rest; a small share of a remainder that is more than noise explains part of
+    something else.
+    """
+    std = chi2_std(evidence)
+    whole, remainder = excess_chi2(evidence, null), excess_chi2(evidence, base)
+    of_whole = significant(whole, std) and cause.chi2_reduction < CRITERIA.negligible_share * whole
+    least = CRITERIA.min_share_of_remainder * remainder
+    return of_whole or (significant(remainder, std) and cause.chi2_reduction < least)
+
+
+def _may_be_absent(fit: Fit, cause: Refitted) -> bool:
+    """Whether the size of a cause, beside all other parameters of the model with it, may be its null.
+
+    Its joint 95 % interval holds the null - of several parameters, that of each - and so does the one that the
+    likelihood ratio gives, inflated by what is left: where a size is far from linear, the first is too wide (Hauck and
+    Donner, J. Am. Stat. Assoc. 72 (1977) 851). Where no derivative tells the interval there is none to judge by.
+    """
+    names, null = cause.candidate.free, cause.candidate.null
+    half = fit.half_width(names)
+    known = np.isfinite(half) & np.isfinite(null)
+    size = np.array([fit.value(name) for name in names])
+    if not known.all() or (np.abs(size - null) >= half).any():
+        return False
+    limit = stats.chi2.ppf(CRITERIA.confidence_level, len(names))
+    return bool(cause.chi2_reduction / fit.inflation(names) < limit)
+
+
+def _is_heterogeneous(evidence: Evidence, extended: Fit, cause: Refitted, threshold: float) -> bool:
+    """Whether a further cause has another size in each channel, where more than noise is left.
+
+    threshold : of the normal deviate from which sizes differ
+    """
+    remainder = excess_chi2(evidence, extended)
+    if not dominant(remainder, chi2_std(evidence)):
+        return False
+    [constancy] = [c for c in constancies(evidence, extended) if c.effect == cause.name]
+    return constancy.z > threshold and constancy.variation > max_relative_bias(remainder, constancy.chi2)

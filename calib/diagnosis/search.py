@@ -1,0 +1,263 @@
+"""One step of forward selection: all candidates scored, the leading ones refitted, rivals of the best found."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.diagnosis.candidate import Candidate
+from calib.diagnosis.criteria import CRITERIA
+from calib.diagnosis.evidence import Evidence
+from calib.diagnosis.excess import degrees_of_freedom, excess_chi2
+from calib.diagnosis.prediction import Prediction
+from calib.diagnosis.refit import Fit, Fitter
+from calib.diagnosis.score import deviate
+from calib.diagnosis.screening import KnownDerivatives, screened
+from calib.diagnosis.suspect import Refitted, Scored, Suspect, leading_variants
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """One search for a cause.
+
+    Attributes
+    ----------
+    base : the model so far
+    suspects : all candidates, the strongest first
+    threshold : of |z|
+    chosen : the refitted suspect that explains most, None where none passes
+    rivals : suspects indistinguishable from the chosen one, which is the simplest of them
+    excess_chi2 : of the base, over what the refitted suspects are compared on
+    prediction : of the chosen suspect, or of the one that was rejected; None where it was not or cannot be tested
+    rejected : the suspect that explains most where it is no cause, None where it is one or there is none
+    rejection : why it is none
+    untried : suspects that were to be refitted when the budget was spent
+    """
+
+    base: Fit
+    suspects: tuple[Suspect, ...]
+    threshold: float
+    chosen: Refitted | None
+    rivals: tuple[Refitted, ...]
+    excess_chi2: float
+    prediction: Prediction | None = None
+    rejected: Refitted | None = None
+    rejection: str = ""
+    untried: tuple[str, ...] = ()
+
+    def without_cause(self, reason: str) -> "Round":
+        """Return the same search with its chosen suspect rejected."""
+        return replace(self, chosen=None, rivals=(), rejected=self.chosen, rejection=reason)
+
+    @property
+    def margin(self) -> float:
+        """Reduction of chi-square by the best rival less that by the best distinguishable suspect, or less nothing."""
+        rivals = {rival.name for rival in self.rivals}
+        others = (s.chi2_reduction for s in self.suspects if isinstance(s, Refitted) and s.name not in rivals)
+        return max(rival.chi2_reduction for rival in self.rivals) - max(others, default=0.0)
+
+
+def search(
+    fitter: Fitter,
+    base: Fit,
+    candidates: Sequence[Candidate],
+    seed: int,
+    excess_std: float,
+    known: KnownDerivatives,
+    attained: float = np.inf,
+) -> Round:
+    """Find the candidate that explains most of what the model `base` leaves.
+
+    Parameters
+    ----------
+    excess_std : excess chi-square of the base, in standard deviations of that of noise; candidates without derivative
+        are tried where it is significant, or where others are above the threshold
+    known : derivatives of candidates from an earlier search; those that are taken here are added
+    attained : chi-square that one of the candidates is known to attain
+    """
+    suspects, threshold = _screened_anew(fitter, base, candidates, seed, known)
+    significant = _significant(suspects, threshold)
+    leaders = _leaders(suspects, significant, excess_std)
+    refitted, untried = _refits(fitter, base, leaders, len(significant), threshold, attained)
+    excess, rivals = excess_chi2(fitter.evidence, base), ()
+    if refitted:
+        common = fitter.evidence.with_weights([base.point.simulated, *(s.fit.point.simulated for s in refitted)])
+        before = base.chi2_over(common)
+        excess = before - degrees_of_freedom(common, base)
+        refitted = [replace(s, chi2_reduction=before - s.fit.chi2_over(common)) for s in refitted]
+        rivals = rival_suspects(fitter.evidence, [s for s in refitted if _is_possible(s, threshold)], threshold)
+    latest = {id(s.candidate): s for s in refitted}
+    if rivals:  # indistinguishable suspects are compared again, each with the form that suits it best
+        formed = {id(s.candidate): _with_fitted_form(fitter, s, before, common) for s in rivals}
+        latest |= formed
+        rivals = rival_suspects(fitter.evidence, list(formed.values()), threshold)
+    compared = sorted((latest.get(id(s.candidate), s) for s in suspects), key=lambda s: -s.known_reduction)
+    simplest = min(rivals, key=lambda s: (s.aic_penalty, -s.chi2_reduction), default=None)
+    return Round(base, tuple(compared), threshold, simplest, rivals, excess, untried=untried)
+
+
+def _screened_anew(
+    fitter: Fitter, base: Fit, candidates: Sequence[Candidate], seed: int, known: KnownDerivatives
+) -> tuple[list[Suspect], float]:
+    """Screen the candidates; those that may lead by derivatives of another model again, by derivatives of this one."""
+    of_another_model = set(known)
+    suspects, threshold = screened(fitter, base, candidates, seed, known)
+    significant = _significant(suspects, threshold)
+    least = CRITERIA.min_rescored_share * _largest_reduction(significant)
+    old = [s for s in significant if id(s.candidate) in of_another_model and s.predicted_reduction >= least]
+    for suspect in old:
+        del known[id(suspect.candidate)]
+    return screened(fitter, base, candidates, seed, known) if old else (suspects, threshold)
+
+
+def _significant(suspects: Sequence[Suspect], threshold: float) -> list[Scored]:
+    """Suspects above the threshold of |z| whose sizes have a possible sign; the suspects' order is kept."""
+    above = [s for s in suspects if s.is_testable and abs(s.z) > threshold]
+    return [s for s in above if not s.candidate.sign * s.test.size[0] < 0.0]
+
+
+def _largest_reduction(suspects: Sequence[Scored]) -> float:
+    """Largest reduction of chi-square that score tests predict."""
+    return max((s.predicted_reduction for s in suspects), default=0.0)
+
+
+def _leaders(suspects: Sequence[Suspect], significant: Sequence[Scored], excess_std: float) -> list[Suspect]:
+    """Suspects to be refitted: those with the largest predicted reductions, then those without a score test."""
+    least = CRITERIA.min_leader_share * _largest_reduction(significant)
+    leaders = [s for s in leading_variants(significant) if s.predicted_reduction >= least][: CRITERIA.max_refits]
+    if significant or excess_std > CRITERIA.significance_std:
+        untestable = [s for s in suspects if not s.is_testable and not s.candidate.effect.noise]
+        leaders += [s for s in untestable if s.absorbed < CRITERIA.max_absorbed_share]
+    return leaders
+
+
+# --- refits -----------------------------------------------------------------------------------------------------------
+
+
+def _refits(
+    fitter: Fitter, base: Fit, leaders: Sequence[Suspect], significant: int, threshold: float, attained: float
+) -> tuple[list[Refitted], tuple[str, ...]]:
+    """Refit the leaders; names of those for which the budget did not suffice.
+
+    significant : number of suspects above the threshold
+    attained : chi-square that one of the candidates is known to attain
+    """
+    refitted, untried = [], []
+    for number, suspect in enumerate(leaders):
+        fits = 2 * len(leaders) - number  # another search may follow
+        fitter.effort.foresee(fitter.expected_simulations(significant, fits))
+        if number and fitter.effort.spent:
+            untried.append(suspect.name)
+            continue
+        largest_gap = (2.0 * CRITERIA.aic_tie + threshold**2) * max(1.0, attained / base.residual.size)
+        fitted = _refitted(fitter, base, suspect, threshold, attained + largest_gap)
+        if fitted is not None:
+            refitted.append(fitted)
+            attained = min(attained, fitted.fit.chi2)
+    return refitted, tuple(dict.fromkeys(untried))
+
+
+def _refitted(fitter: Fitter, base: Fit, suspect: Suspect, threshold: float, rival: float) -> Refitted | None:
+    """Fit all parameters with the suspect in the model, from its estimated size or from several; None from none.
+
+    One without derivative is first tried at several sizes: a size at which its fit begins has to predict a reduction of
+    chi-square about as large as the threshold asks for. So is one whose refit reduces chi-square otherwise than its
+    score test predicts: it is far from linear, and its fit may have ended in a local minimum; a further fit begins only
+    at a size that predicts more than that fit attained.
+
+    rival : chi-square at which the suspect would still be an alternative
+    """
+    fits = [_from_estimate(fitter, base, suspect, rival)] if suspect.is_testable else []
+    reduction = base.chi2 - fits[0].chi2 if fits else 0.0
+    predicted = suspect.predicted_reduction
+    if not suspect.is_testable or abs(reduction - predicted) > CRITERIA.max_nonlinearity * predicted:
+        least = max(CRITERIA.min_trial_reduction * threshold**2, reduction)
+        fits += [_fitted(fitter, base, suspect, sizes, rival) for sizes in _trial_sizes(fitter, base, suspect, least)]
+    best = min(fits, key=lambda fit: fit.chi2, default=None)
+    return None if best is None else suspect.refitted(best, base.chi2 - best.chi2)
+
+
+def _from_estimate(fitter: Fitter, base: Fit, suspect: Scored, rival: float) -> Fit:
+    """Fit from the size that the score test estimates.
+
+    Where the motion fails there, which a large misfit makes large, from nothing as far as the fit can go.
+    """
+    columns = np.column_stack([base.columns, suspect.derivatives])
+    fit = _fitted(fitter, base, suspect, suspect.candidate.null + suspect.test.size, rival, columns)
+    if fit.names:
+        return fit
+    candidate = suspect.candidate
+    return fitter.fit(base.point, (*base.candidates, candidate), candidate.absent(), columns, rival)
+
+
+def _fitted(
+    fitter: Fitter, base: Fit, suspect: Suspect, sizes: np.ndarray, rival: float, columns: np.ndarray | None = None
+) -> Fit:
+    """Fit all parameters with the suspect in the model, from these sizes (p,)."""
+    candidate = suspect.candidate
+    start = candidate.values(np.clip(sizes, candidate.low, candidate.high))
+    return fitter.fit(base.point, (*base.candidates, candidate), start, columns, rival)
+
+
+def _trial_sizes(fitter: Fitter, base: Fit, suspect: Suspect, least: float) -> list[np.ndarray]:
+    """Sizes (p,) from which to fit: the best of those that predict a larger reduction of chi-square than the least."""
+    candidate = suspect.candidate
+    sizes = [np.clip(x, candidate.low, candidate.high) for x in candidate.sizes]
+    trials = [trial for x in sizes if (trial := fitter.trial(base, candidate, x)) is not None]
+    trials.sort(key=lambda trial: -trial[0])
+    return [sizes for reduction, sizes in trials[: CRITERIA.max_starts] if reduction > least]
+
+
+def _with_fitted_form(fitter: Fitter, suspect: Refitted, before: float, common: Evidence) -> Refitted:
+    """Return the suspect with its form fitted too, where that lowers its AIC.
+
+    The form that an effect is tried with is a guess: what a poor one leaves would be taken for a further cause.
+
+    before : chi-square of the model without the suspect, over the evidence `common`
+    """
+    candidate, fit = suspect.candidate, suspect.fit
+    if not candidate.bounds or not fit.names:
+        return suspect
+    formed = replace(candidate, form=tuple(candidate.bounds))
+    best = fitter.fit(fit.point, tuple(formed if c is candidate else c for c in fit.candidates))
+    if not best.names:
+        return suspect
+    reduction = before - best.chi2_over(common)
+    other = replace(suspect, candidate=formed.at(best.point.values), fit=best, chi2_reduction=reduction)
+    return other if reduction - other.aic_penalty > suspect.chi2_reduction - suspect.aic_penalty else suspect
+
+
+def _is_possible(suspect: Refitted, threshold: float) -> bool:
+    """Whether a refitted suspect has a size that makes sense and explains enough to be a cause."""
+    if not suspect.fit.names:
+        return False
+    candidate = suspect.candidate
+    if candidate.sign and not (suspect.size[0] - candidate.null[0]) * candidate.sign > 0.0:
+        return False
+    return deviate(suspect.chi2_reduction, len(candidate.free)) > threshold
+
+
+# --- rivals -----------------------------------------------------------------------------------------------------------
+
+
+def rival_suspects(evidence: Evidence, refitted: Sequence[Refitted], threshold: float) -> tuple[Refitted, ...]:
+    """Suspects indistinguishable from the one of the least AIC, one of each effect, the best first.
+
+    A simpler one is a rival too where what the further parameters of the best bring is below the threshold of |z|:
+    beside it they would be no cause either. Where the best leaves more than noise, differences are judged by the
+    quasi-likelihood, divided by its reduced chi-square (Burnham & Anderson 2002, section 2.5).
+    """
+    ordered = sorted(refitted, key=lambda s: s.aic_penalty - s.chi2_reduction)
+    if not ordered:
+        return ()
+    best = ordered[0]
+    dispersion = max(1.0, best.fit.chi2 / max(1.0, degrees_of_freedom(evidence, best.fit)))
+    return tuple(leading_variants(s for s in ordered if _is_rival(s, best, dispersion, threshold)))
+
+
+def _is_rival(other: Refitted, best: Refitted, dispersion: float, threshold: float) -> bool:
+    """Whether a suspect is indistinguishable from the best."""
+    gap = best.chi2_reduction - other.chi2_reduction
+    further = best.parameter_count - other.parameter_count
+    tie = gap + other.aic_penalty - best.aic_penalty <= CRITERIA.aic_tie * dispersion
+    return tie or (further > 0 and deviate(gap / dispersion, further) <= threshold)

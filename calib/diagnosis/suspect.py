@@ -1,0 +1,238 @@
+"""A candidate beside the evidence: without a score test, with one, or refitted."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+from scipy import stats
+
+from calib.diagnosis.candidate import Candidate
+from calib.diagnosis.criteria import CRITERIA
+from calib.diagnosis.refit import Fit
+from calib.diagnosis.score import ScoreTest, Signature, deviate
+
+
+@dataclass(frozen=True, eq=False)
+class _OfCandidate:
+    """What every suspect has.
+
+    Attributes
+    ----------
+    candidate : the effect with its free parameters
+    """
+
+    candidate: Candidate
+
+    @property
+    def name(self) -> str:
+        """Name of the effect."""
+        return self.candidate.name
+
+    @property
+    def parameter_count(self) -> int:
+        """How many parameters are fitted for it."""
+        return len(self.candidate.free) + len(self.candidate.form)
+
+    @property
+    def aic_penalty(self) -> float:
+        """Penalty of its parameters in AIC: two each (Akaike 1974)."""
+        return 2.0 * self.parameter_count
+
+    @property
+    def half_width(self) -> np.ndarray:
+        """Half widths (p,) of the 95 % intervals of the sizes, by their standard errors."""
+        return float(stats.norm.isf(0.5 * (1.0 - CRITERIA.confidence_level))) * self.error
+
+    def refitted(self, fit: Fit, chi2_reduction: float) -> "Refitted":
+        """Return it with the model that was refitted with it, and by how much that reduces chi-square."""
+        return Refitted(self.candidate, self, fit, chi2_reduction)
+
+
+@dataclass(frozen=True, eq=False)
+class Untestable(_OfCandidate):
+    """A suspect without a score test: simulations have no derivative by its parameters.
+
+    Attributes
+    ----------
+    reason : why there is none
+    """
+
+    reason: str
+    predicted_reduction = known_reduction = z = absorbed = 0.0
+    is_testable = False
+
+    @property
+    def size(self) -> np.ndarray:
+        """Sizes (p,) at which the effect is absent  [units of the parameters]."""
+        return self.candidate.null
+
+    @property
+    def error(self) -> np.ndarray:
+        """Standard errors (p,): nothing is known of the sizes."""
+        return np.full(len(self.candidate.free), np.inf)
+
+    @property
+    def detectable(self) -> np.ndarray:
+        """Smallest sizes (p,) that would reach the threshold: not known."""
+        return np.full(len(self.candidate.free), np.inf)
+
+    @property
+    def signature_columns(self) -> np.ndarray:
+        """Signature (0, 0): there is none."""
+        return np.zeros((0, 0))
+
+
+@dataclass(frozen=True, eq=False)
+class Scored(_OfCandidate):
+    """A suspect with a score test.
+
+    Attributes
+    ----------
+    test : the score test
+    derivatives : (N, p) by its parameters, in units of the noise
+    signature : what calibration leaves of them
+    detectable : (p,) smallest sizes that would reach the threshold  [units of the parameters]
+    reason : why its derivatives are not relied on; "" where they are
+    """
+
+    test: ScoreTest
+    derivatives: np.ndarray
+    signature: Signature
+    detectable: np.ndarray
+    reason: str = ""
+
+    @property
+    def is_testable(self) -> bool:
+        """Whether its score test is relied on."""
+        return not self.reason
+
+    @property
+    def z(self) -> float:
+        """Normal deviate of the score test."""
+        return self.test.z
+
+    @property
+    def predicted_reduction(self) -> float:
+        """Reduction of chi-square that the score test predicts."""
+        return self.test.chi2_reduction
+
+    @property
+    def known_reduction(self) -> float:
+        """Reduction of chi-square, as the score test predicts it."""
+        return self.test.chi2_reduction
+
+    @property
+    def absorbed(self) -> float:
+        """Share of the derivatives that calibration takes over  [1]."""
+        return self.signature.absorbed
+
+    @property
+    def size(self) -> np.ndarray:
+        """Sizes (p,) by the score test  [units of the parameters]."""
+        null = self.candidate.null
+        return np.where(np.isfinite(null), null, 0.0) + self.test.size
+
+    @property
+    def error(self) -> np.ndarray:
+        """Standard errors (p,) of the sizes."""
+        return self.test.error
+
+    @property
+    def signature_columns(self) -> np.ndarray:
+        """Signature (N, p)."""
+        return self.signature.columns
+
+
+@dataclass(frozen=True, eq=False)
+class Refitted(_OfCandidate):
+    """A suspect with which the model was refitted.
+
+    Attributes
+    ----------
+    screened : as it was before
+    fit : the model with it
+    chi2_reduction : by the refit
+    """
+
+    screened: Untestable | Scored
+    fit: Fit
+    chi2_reduction: float
+
+    @property
+    def reason(self) -> str:
+        """Why there is no score test that is relied on; "" where there is one."""
+        return self.screened.reason
+
+    @property
+    def is_testable(self) -> bool:
+        """Whether it has a score test that is relied on."""
+        return self.screened.is_testable
+
+    @property
+    def z(self) -> float:
+        """Normal deviate: of the score test, or of the refit where there is none that is relied on."""
+        if self.screened.is_testable:
+            return self.screened.z
+        return float(deviate(self.chi2_reduction, len(self.candidate.free)))
+
+    @property
+    def predicted_reduction(self) -> float:
+        """Reduction of chi-square that the score test predicts; 0 without one."""
+        return self.screened.predicted_reduction
+
+    @property
+    def known_reduction(self) -> float:
+        """Reduction of chi-square by the refit."""
+        return self.chi2_reduction
+
+    @property
+    def absorbed(self) -> float:
+        """Share of the derivatives that calibration takes over  [1]."""
+        return self.screened.absorbed
+
+    @property
+    def detectable(self) -> np.ndarray:
+        """Smallest sizes (p,) that would reach the threshold  [units of the parameters]."""
+        return self.screened.detectable
+
+    @property
+    def signature_columns(self) -> np.ndarray:
+        """Signature (N, p)."""
+        return self.screened.signature_columns
+
+    @property
+    def size(self) -> np.ndarray:
+        """Sizes (p,) of the refit  [units of the parameters]."""
+        return np.array([self.fit.value(name) for name in self.candidate.free])
+
+    @property
+    def error(self) -> np.ndarray:
+        """Standard errors (p,) of the sizes."""
+        return self.fit.error(self.candidate.free) if self.fit.names else self.screened.error
+
+    @property
+    def half_width(self) -> np.ndarray:
+        """Half widths (p,) of the 95 % intervals of the sizes."""
+        return self.fit.half_width(self.candidate.free) if self.fit.names else super().half_width
+
+    def refitted(self, fit: Fit, chi2_reduction: float) -> "Refitted":
+        """Return it with another fit."""
+        return replace(self, fit=fit, chi2_reduction=chi2_reduction)
+
+    def within(self, fit: Fit) -> "Refitted":
+        """Return it as a cause of another model, with the form that it has there."""
+        return replace(self, candidate=self.candidate.at(fit.point.values), fit=fit)
+
+
+Suspect = Untestable | Scored | Refitted
+S = TypeVar("S", Untestable, Scored, Refitted, Suspect)
+Cause = tuple[Refitted, tuple[Refitted, ...]]  # a suspect that is a cause, and its rivals, itself included
+
+
+def leading_variants(suspects: Iterable[S]) -> list[S]:
+    """Keep the first variant of each effect: suspects come in the order of what they explain."""
+    leading: dict[str, S] = {}
+    for suspect in suspects:
+        leading.setdefault(suspect.name, suspect)
+    return list(leading.values())

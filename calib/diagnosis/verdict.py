@@ -1,0 +1,98 @@
+"""The verdict of a diagnosis, and its summary in a sentence."""
+
+from collections.abc import Sequence
+
+from calib.diagnosis.criteria import CRITERIA
+from calib.diagnosis.gates import Gate
+from calib.diagnosis.preparation import Prepared
+from calib.diagnosis.selection import Selection
+
+NONE, NAMED, ONE_OF, UNEXPLAINED = "none", "named", "one_of", "unexplained"
+NOT_DIAGNOSABLE = "not_diagnosable"
+
+
+def verdict_of(selection: Selection, gates: Sequence[Gate], ready: Prepared) -> tuple[str, str]:
+    """Verdict, and its summary in a sentence."""
+    if not all(gate.passed for gate in gates):
+        return NOT_DIAGNOSABLE, failures(gates)
+    if not selection.causes:
+        return _without_causes(selection, ready)
+    if not selection.is_sufficient:
+        return UNEXPLAINED, _insufficient(selection)
+    share = f"{explained(selection.explained_share)} of the excess misfit"
+    if len(selection.rivals) > 1:
+        alike = f"; they explain {share} alike" if selection.is_significant else ""
+        ways = [_one_of([rival.name for rival in rivals]) for rivals in selection.alternatives]
+        return ONE_OF, " and ".join(ways) + alike
+    names, s = _subject(selection)
+    return NAMED, f"{names}: explain{s} {share}" if selection.is_significant else names
+
+
+def failures(gates: Sequence[Gate]) -> str:
+    """Gates that failed and why, in a sentence."""
+    return "; ".join(f"{gate.name}: {gate.summary}" for gate in gates if not gate.passed)
+
+
+def _subject(selection: Selection) -> tuple[str, str]:
+    """Names of the causes as the subject of a sentence, and the ending of its verb."""
+    return " and ".join(c.name for c in selection.causes), "s" if len(selection.causes) == 1 else ""
+
+
+def _without_causes(selection: Selection, ready: Prepared) -> tuple[str, str]:
+    """Verdict and its summary where no effect is a cause."""
+    faults = [f"outliers, {ready.outliers:.1%} of the samples"] if ready.outliers else []
+    faults += [f"quantisation, {ready.rounding:.0%} of the noise of a channel"] if ready.rounding else []
+    if ready.rounding and selection.is_significant:
+        return NAMED, f"{' and '.join(faults)}; no effect beside that explains what is left"
+    if selection.is_significant:
+        return UNEXPLAINED, f"the misfit is more than noise, and no candidate explains it{_closest(selection)}"
+    if faults:
+        return NAMED, f"{' and '.join(faults)}; beside that the residual is what noise leaves"
+    return NONE, "the residual is what noise leaves; nothing that could be named is missing"
+
+
+def _closest(selection: Selection) -> str:
+    """Which suspect comes closest where none is a cause, as the end of a sentence."""
+    first = selection.rounds[0]
+    if first.rejected is not None:
+        return f"; {first.rejected.name} comes closest, but {first.rejection}"
+    return f"; {first.suspects[0].name} comes closest" if first.suspects else ""
+
+
+def _insufficient(selection: Selection) -> str:
+    """Why the causes do not explain enough to be named."""
+    names, s = _subject(selection)
+    share = f"{explained(selection.explained_share)} of the excess misfit"
+    if selection.explained_share < CRITERIA.min_explained_share:
+        return f"{names} come{s} closest, but explain{s} only {share}"
+    if not selection.is_explained:
+        return f"{names} come{s} closest and explain{s} {share}, but leave{s} more than noise"
+    explain = f" and explain{s} {share}" if selection.is_significant else ""
+    largest = max(selection.heterogeneous, key=lambda c: c.z)
+    differ = f"the size of {largest.effect} differs among the channels of the records (z = {largest.z:.2g})"
+    return f"{names} come{s} closest{explain}, but {differ}: it changes, or stands for another cause"
+
+
+def explained(share: float) -> str:
+    """Write a share of the excess misfit that is explained [1]: rounding does not make it all where something is left.
+
+    Of causes that leave less than noise is expected to, it is all.
+    """
+    if share >= 1.0:
+        return "all"
+    if share > 0.9995:
+        return "more than 99.9 %"
+    return f"{100.0 * share:.1f} %" if share >= 0.99 else f"{100.0 * share:.0f} %"
+
+
+def untried(selection: Selection) -> str:
+    """What was left out where the budget was spent, as the end of a sentence; "" where nothing was."""
+    if not selection.cut_short:
+        return ""
+    names = [name for r in selection.rounds for name in r.untried]
+    fits = f"not fitted: {', '.join(names)}; " if names else ""
+    return f" (the budget was spent: {fits}further causes and exchanges of causes were not all looked for)"
+
+
+def _one_of(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else "one of " + ", ".join(names)

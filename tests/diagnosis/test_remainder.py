@@ -1,0 +1,64 @@
+"""What no candidate explains, and the noise that is judged by it."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from calib.diagnosis.evidence import Evidence, Part
+from calib.diagnosis.noise import RESIDUAL, STATED, Noise
+from calib.diagnosis.remainder import remainder
+
+SIZE = 4000
+TIME = np.arange(SIZE) * 1e-3
+ROWS = (("mass", "displacement"), ("mass", "velocity"))
+MISSING = np.sin(2.0 * np.pi * 1.3 * TIME)  # what the model lacks
+
+
+def evidence(noise, measured):
+    ones = np.ones((2, SIZE))
+    return Evidence((Part("record", ROWS, TIME, measured, None, 1, (), noise, ones > 0.0, ones),))
+
+
+def left(noise, measured, derivatives):
+    """What is left of a model that has a calibrated size of a constant, and predicts nothing."""
+    whole = evidence(noise, measured)
+    constant = whole.parts[0].white(np.ones((2, SIZE)))[:, None]
+    residual = whole.parts[0].white(measured)
+    fit = SimpleNamespace(columns=constant, nuisances=np.zeros((2 * SIZE, 0)), residual=residual)
+    return remainder(whole, fit, [whole.parts[0].white(own)[:, None] for own in derivatives])["record"]
+
+
+def drawn(seed, memory=(), sigma=(2.0, 30.0)):
+    rng = np.random.default_rng(seed)
+    return np.array([Noise(level, np.array(memory), "").drawn(rng, SIZE) for level in sigma])
+
+
+WHITE = (Noise(2.0, np.zeros(0), STATED), Noise(30.0, np.zeros(0), STATED))
+
+
+def test_what_a_candidate_explains_is_taken_out_in_the_units_of_the_rows():
+    noise = drawn(1)
+    found = left(WHITE, noise + 7.0 + 5.0 * MISSING, [np.array([MISSING, MISSING])])
+    np.testing.assert_allclose(found.std(axis=1), [2.0, 30.0], rtol=0.05)
+    assert abs(found[0] @ MISSING) / SIZE < 0.05
+    assert np.corrcoef(found[0], noise[0])[0, 1] > 0.999
+
+
+def test_without_the_candidate_it_is_left():
+    found = left(WHITE, drawn(1) + 5.0 * MISSING, [])
+    assert found[0] @ MISSING / (MISSING @ MISSING) == pytest.approx(5.0, rel=0.05)
+
+
+def test_the_level_and_the_memory_of_noise_are_those_of_what_is_left():
+    known = (Noise(9.0, np.zeros(0), RESIDUAL), Noise(30.0, np.zeros(0), STATED))
+    again = evidence(known, np.zeros((2, SIZE))).with_reestimated_noise({"record": drawn(2, memory=(0.7,))})
+    first, second = again.parts[0].noise
+    assert (first.sigma, second.sigma) == (pytest.approx(2.0, rel=0.1), 30.0)
+    assert (first.memory.sum(), second.memory.sum()) == pytest.approx((0.7, 0.7), abs=0.06)
+
+
+def test_noise_of_cycles_that_repeat_stays_as_it_is():
+    known = (Noise(9.0, np.array([0.3]), STATED, repeated=True), Noise(3.0, np.zeros(0), RESIDUAL, repeated=True))
+    again = evidence(known, np.zeros((2, SIZE))).with_reestimated_noise({"record": drawn(2)})
+    assert again.parts[0].noise == known

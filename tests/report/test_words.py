@@ -1,0 +1,30 @@
+"""Numbers as they are written for a reader."""
+
+import pytest
+
+from calib.report.words import quantity, rounded, with_error
+
+
+@pytest.mark.parametrize(
+    ("value", "half", "written"),
+    [
+        (2.4, 0.16, "2.40 ± 0.16"),
+        (3.0, 1e-5, "3.000000 ± 0.000010"),
+        (-94649.3, 90279.0, "−95000 ± 90000"),
+        (1234567.0, 34567.0, "(1.235 ± 0.035)·10⁶"),
+        (0.1234567e-9, 0.034567e-9, "(1.23 ± 0.35)·10⁻¹⁰"),
+        (2.4, None, "2.4"),
+    ],
+)
+def test_a_value_and_its_interval_have_the_places_of_the_intervals_second_digit(value, half, written):
+    assert with_error(value, half) == written
+
+
+def test_a_value_alone_is_rounded_by_twice_its_error():
+    assert rounded(0.12345, 0.01) == "0.123"
+    assert rounded(94649.0, 4000.0) == "94600"
+
+
+def test_a_quantity_has_the_unit_of_its_size():
+    assert quantity(-1.2e-3, "m", half=3.4e-4) == "−1.20 ± 0.34 mm"
+    assert quantity(4.8e-6, "m") == "4.8 µm"
