@@ -31,7 +31,7 @@ def rejection(evidence: Evidence, null: Fit, base: Fit, extended: Fit, outcome: 
     further : whether there are causes before it
     """
     cause, test = outcome.chosen, outcome.prediction
-    if further and _is_negligible(evidence, null, base, cause):
+    if further and is_negligible(evidence, null, base, cause.chi2_reduction):
         return "it explains a negligible share of what the calibrated model leaves"
     if _may_be_absent(extended, cause):
         return "its interval beside all other parameters holds the size at which it is absent"
@@ -45,8 +45,8 @@ def rejection(evidence: Evidence, null: Fit, base: Fit, extended: Fit, outcome: 
     return ""
 
 
-def _is_negligible(evidence: Evidence, null: Fit, base: Fit, cause: Refitted) -> bool:
-    """Whether what was found beside the causes of `base` explains too little to be another one.
+def is_negligible(evidence: Evidence, null: Fit, base: Fit, chi2_reduction: float) -> bool:
+    """Whether so small a reduction of chi-square beside the causes of `base` is no evidence of another one.
 
     A negligible share of the excess of the calibrated model corrects the form of the causes before it, of which nobody
     knows more than that they explain the rest; a small share of a remainder that is more than noise explains part of
@@ -54,9 +54,9 @@ def _is_negligible(evidence: Evidence, null: Fit, base: Fit, cause: Refitted) ->
     """
     std = chi2_std(evidence)
     whole, remainder = excess_chi2(evidence, null), excess_chi2(evidence, base)
-    of_whole = significant(whole, std) and cause.chi2_reduction < CRITERIA.negligible_share * whole
+    of_whole = significant(whole, std) and chi2_reduction < CRITERIA.negligible_share * whole
     least = CRITERIA.min_share_of_remainder * remainder
-    return of_whole or (significant(remainder, std) and cause.chi2_reduction < least)
+    return of_whole or (significant(remainder, std) and chi2_reduction < least)
 
 
 def _may_be_absent(fit: Fit, cause: Refitted) -> bool:

@@ -16,7 +16,7 @@ from calib.diagnosis.excess import (
     significant,
 )
 from calib.diagnosis.refit import Fit, Fitter
-from calib.diagnosis.rejection import cross_validation, rejection
+from calib.diagnosis.rejection import cross_validation, is_negligible, rejection
 from calib.diagnosis.remainder import remainder
 from calib.diagnosis.replacement import aic, best_pair, replaced
 from calib.diagnosis.screening import Derivatives, KnownDerivatives
@@ -174,9 +174,17 @@ def select(
     if _may_be_compromise(fitter, final, forward.rounds[-1]) and not fitter.effort.spent:
         on_stage("pairs")
         pair = best_pair(fitter, null, forward.rounds[0].suspects)
-        if pair is not None and aic(*pair) < aic(causes, final) - CRITERIA.aic_tie:
+        if pair is not None and _explains_more(fitter.evidence, null, causes, final, pair):
             causes, final = replaced(fitter, null, *pair, candidates, seed, {}, last_too=True)
     return _selection(fitter, null, final, forward.rounds, causes)
+
+
+def _explains_more(
+    evidence: Evidence, null: Fit, causes: Sequence[Cause], final: Fit, pair: tuple[Sequence[Cause], Fit]
+) -> bool:
+    """Whether a pair explains more than the causes that it would replace, and not only a negligible part more."""
+    lower = aic(*pair) < aic(causes, final) - CRITERIA.aic_tie
+    return lower and not is_negligible(evidence, null, final, final.chi2 - pair[1].chi2)
 
 
 def _may_be_compromise(fitter: Fitter, final: Fit, last: Round) -> bool:
