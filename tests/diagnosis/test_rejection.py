@@ -9,7 +9,7 @@ from calib.diagnosis.rejection import is_negligible
 from calib.diagnosis.selection import _explains_more
 
 SAMPLES, WHOLE = 5000, 100_000.0  # residuals, and the excess chi-square of the calibrated model
-STD = np.sqrt(2.0 * SAMPLES)
+STD = float(np.sqrt(2.0 * SAMPLES))
 EVIDENCE = SimpleNamespace(counted=lambda: float(SAMPLES))
 
 
