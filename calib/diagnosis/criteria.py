@@ -48,7 +48,8 @@ class Criteria:
     min_noise_samples : of a record or a row that tell a level of the noise  [count]; convention
     max_variance_ratio : mean square of a residual, relative to the variance that the record states of its noise, up to
         which it is that noise, chance aside  [1]; a stated standard deviation may be 10 % off
-    max_noise_change : of a standard deviation of the noise, relative, that is not worth a refit  [1]; convention
+    max_noise_change : of a standard deviation of the noise, relative, or of one of its autocorrelations, that is not
+        worth a refit  [1]; convention
     min_variance_ratio : mean square of a residual, relative to the variance of its noise, below which that is no
         residual of such noise  [1]; convention
     min_variance_deficit_std : by which it has to be below, in standard deviations of the mean square of white noise

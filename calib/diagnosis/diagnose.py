@@ -9,11 +9,12 @@ from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.effort import Budget, Effort
 from calib.diagnosis.evidence import Evidence, rounding
 from calib.diagnosis.gain import Gain, gained
-from calib.diagnosis.gates import Gate, converged
+from calib.diagnosis.gates import Gate, above_noise, converged, noise_known
 from calib.diagnosis.laboratory import UNRESTRICTED, Laboratory
 from calib.diagnosis.misfit import Misfit, misfit
 from calib.diagnosis.next_measurement import Design, next_measurement
 from calib.diagnosis.preparation import OUTLIERS, QUANTISATION, Prepared, bench_of, numerical, prepared
+from calib.diagnosis.refit import Fitter
 from calib.diagnosis.selection import Selection, select
 from calib.diagnosis.verdict import NAMED, NOT_DIAGNOSABLE, ONE_OF, UNEXPLAINED, failures, untried, verdict_of
 from calib.effect import Effect
@@ -143,7 +144,8 @@ def _diagnosed(
     if selection.causes:
         on_stage("gain")
         gain = gained(pool, bench, fitter, selection.null, selection.final, selection.causes, seed, threshold)
-    gates = (*ready.gates, *converged(fitter, selection.final, numerical(effects), threshold, selection.margin))
+    solver = converged(fitter, selection.final, numerical(effects), threshold, selection.margin)
+    gates = (*_renewed(ready.gates, fitter, selection), *solver)
     if QUANTISATION in {cause.name for cause in selection.causes}:
         ready = replace(ready, rounding=0.0)
     verdict, summary = verdict_of(selection, gates, ready)
@@ -171,6 +173,12 @@ def _diagnosed(
         design=design,
         simulations=pool.done,
     )
+
+
+def _renewed(gates: Sequence[Gate], fitter: Fitter, selection: Selection) -> list[Gate]:
+    """Gates of the noise as it is known at last, in the place of those before it was re-estimated."""
+    latest = {gate.name: gate for gate in (noise_known(fitter.evidence), above_noise(fitter.evidence, selection.null))}
+    return [latest.get(gate.name, gate) for gate in gates]
 
 
 def _quantisation_or_causes(ready: Prepared, selection: Selection) -> tuple[Prepared, Selection]:

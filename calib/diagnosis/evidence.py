@@ -1,11 +1,12 @@
 """What was measured beside what is simulated: residuals in units of the noise, free of what nuisances absorb."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, uniform_filter1d
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from calib.cycles import mean_cycle
 from calib.diagnosis.bench import Seen
@@ -60,6 +61,11 @@ class Part:
     used: np.ndarray
     weight: np.ndarray
     clock: np.ndarray | None = None
+
+    @property
+    def compared_noise(self) -> tuple[Noise, ...]:
+        """Noise of the rows that are compared: of one that the excitation prescribes nothing is known."""
+        return tuple(itertools.compress(self.noise, self.used.any(axis=1)))
 
     def white(self, rows: np.ndarray) -> np.ndarray:
         """Rows (row, n) in units of the noise, one after the other (row * n,)."""
@@ -348,28 +354,35 @@ def outliers(part: Part, seen: Seen) -> np.ndarray:
     """Whether a sample (row, n) departs from those about it as no noise does.
 
     Its residual stands MIN_DEVIATION standard deviations beyond the median about it, theirs do not, and so it is with
-    the measured channel itself: what the model lacks may leave spikes in the residual alone. What comes again a cycle
-    before or after is no outlier either, but belongs to the motion, such as an impact at another time.
+    the measured channel itself: what the model lacks may leave spikes in the residual alone. What comes again in the
+    cycles before and after is no outlier either, but belongs to the motion, such as an impact at another time.
     """
     far = part.weight == 1.0
     for rows in (part.measured, part.measured - seen.rows):
         distance, sigma = deviations(rows)
         far &= distance > MIN_DEVIATION * np.maximum(sigma, 1e-300)
     crowd = uniform_filter1d(far.astype(float), 3, axis=1) > 0.5  # a jump is no outlier
-    return far & ~crowd & ~_repeated(part, distance)
+    return far & ~crowd & ~_recurring(part, rows - smoothed(rows))
 
 
-def _repeated(part: Part, distance: np.ndarray) -> np.ndarray:
-    """Whether samples (row, n) a cycle before or after, or beside those, stand out by half this `distance` at least."""
-    repeated = np.zeros(distance.shape, dtype=bool)
+def _recurring(part: Part, departure: np.ndarray) -> np.ndarray:
+    """Whether departures (row, n) come again, of the same sign and half as large, in most cycles before and after.
+
+    At the same phase, or a sample beside it. Two cycles on each side are looked at, as far as the record has them: in
+    one cycle alone another outlier may be there by chance.
+    """
     if part.period is None:
-        return repeated
-    near = maximum_filter1d(distance, 3, axis=1)
-    for shift in (-part.cycle * part.period, part.cycle * part.period):
-        there = np.searchsorted(0.5 * (part.time[1:] + part.time[:-1]), part.time + shift)
-        inside = (part.time + shift >= part.time[0]) & (part.time + shift <= part.time[-1])
-        repeated |= inside & (near[:, there] > 0.5 * distance)
-    return repeated
+        return np.zeros(departure.shape, dtype=bool)
+    highest, lowest = maximum_filter1d(departure, 3, axis=1), minimum_filter1d(departure, 3, axis=1)
+    cycles, again = np.zeros(part.time.size), np.zeros(departure.shape)
+    for number in (-2, -1, 1, 2):
+        time = part.time + number * part.cycle * part.period
+        there = np.searchsorted(0.5 * (part.time[1:] + part.time[:-1]), time)
+        inside = (time >= part.time[0]) & (time <= part.time[-1])
+        alike = np.where(departure > 0.0, highest[:, there], -lowest[:, there]) > 0.5 * np.abs(departure)
+        cycles += inside
+        again += inside & alike
+    return (again >= 0.5 * cycles) & (cycles > 0)
 
 
 def rounding(part: Part) -> np.ndarray:

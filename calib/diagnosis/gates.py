@@ -8,8 +8,8 @@ import numpy as np
 
 from calib.diagnosis.bench import Run, Seen, simulated
 from calib.diagnosis.criteria import CRITERIA
-from calib.diagnosis.evidence import Evidence, Part
-from calib.diagnosis.noise import STATED, Noise
+from calib.diagnosis.evidence import Evidence
+from calib.diagnosis.noise import STATED
 from calib.diagnosis.refit import Fit, Fitter
 from calib.effect import Effect
 from calib.model import Model
@@ -82,7 +82,7 @@ def _change(one: Seen, other: Seen) -> float:
 
 def noise_known(evidence: Evidence) -> Gate:
     """Every channel shows or states its noise: a record that states it may be short."""
-    estimated = [part for part in evidence.parts if any(n.source != STATED for n in _compared(part))]
+    estimated = [part for part in evidence.parts if any(n.source != STATED for n in part.compared_noise)]
     short = [part.name for part in estimated if part.time.size < CRITERIA.min_noise_samples]
     if short:
         reason = f"{', '.join(short)}: fewer than {CRITERIA.min_noise_samples} samples show no noise level"
@@ -126,11 +126,6 @@ def above_noise(evidence: Evidence, fit: Fit) -> Gate:
         f"{text}: the motion changes from cycle to cycle, or the stated uncertainty is too large; record a motion that "
         "has settled, or state the noise as it is",
     )
-
-
-def _compared(part: Part) -> list[Noise]:
-    """Noise of the rows that are compared."""
-    return list(itertools.compress(part.noise, part.used.any(axis=1)))
 
 
 def converged(fitter: Fitter, fit: Fit, effects: Sequence[Effect], threshold: float, margin: float) -> list[Gate]:

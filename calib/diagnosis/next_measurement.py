@@ -50,6 +50,7 @@ GRID_SHARE = 0.55  # of the affordable points: grid over amplitude and frequency
 GRID_ASPECT = 1.6  # frequencies per amplitude of the grid
 MAX_ROUNDS = 4  # of a pattern search
 BATCH_POINTS = 16  # simulated side by side: bounds the memory that their records take
+SIMULATIONS_PER_CHECK = 4  # of a pair: each model from its own motion and from the other's
 REFIT_SHARE = 0.05  # of the simulations: kept for these checks
 MAX_REFIT_RATIO = 2.0  # of the separation simulated at the refitted parameters over the linearised one
 CONFIRMED = 0.95  # of a predicted separation: where a check leaves as much, no further point is checked
@@ -96,6 +97,8 @@ class Measurement:
     channel : "body.channel" that is measured beside those of the record; "" for none
     impacts : whether it has any; None where the simulator does not tell
     distinguished : number of pairs of models whose separation is decisive, linearised and simulated anew
+    pairs : number of pairs of models
+    unchecked : number of pairs of a decisive linearised separation that the budget left no simulations for
     z : separation of the two least distinguishable models; not more than `z_refit`  [standard deviations]
     z_max : the same of the two most distinguishable, of those whose decisive separation a simulation does not deny
     z_refit : of the two least distinguishable, simulated at the parameters to which the linearised refit moves them;
@@ -109,6 +112,8 @@ class Measurement:
     channel: str
     impacts: bool | None
     distinguished: int
+    pairs: int
+    unchecked: int
     z: float
     z_max: float
     z_refit: float | None
@@ -121,10 +126,13 @@ class Measurement:
     @property
     def prediction(self) -> str:
         """What it would bring, as the end of a sentence."""
-        if self.distinguished and self.z >= DECISIVE_Z:
+        if self.distinguished == self.pairs:
             return f"would distinguish them (z = {self.z:.3g})"
         if self.distinguished:
             return f"would distinguish some of them (z = {self.z:.2g} to {self.z_max:.3g})"
+        if self.unchecked:
+            what = "by derivatives; the budget left no simulations to check"
+            return f"may distinguish them (z = {self.z_max:.3g} {what})"
         if self.z_max >= DECISIVE_Z:
             return f"may distinguish them (z = {self.z_max:.3g} by derivatives, which simulations do not confirm)"
         return f"would not distinguish them (z = {self.z_max:.2g})"
@@ -413,7 +421,11 @@ class _Search:
         pairs = list(combinations(range(len(self.fits)), 2))
         least, z = int(np.argmin(separation.z)), separation.z.copy()
         checked = [least, *(k for k in np.argsort(-z, kind="stable") if k != least and z[k] >= DECISIVE_Z)]
-        refits = {k: self._refitted(evaluation, pairs[k], separation.moves[k], additional) for k in checked}
+        refits = {}
+        for k in checked:
+            if self.simulations + SIMULATIONS_PER_CHECK > self.budget:
+                break
+            refits[k] = self._refitted(evaluation, pairs[k], separation.moves[k], additional)
         denied = {k for k, refit in refits.items() if not _agrees(z[k], refit)}
         for k, refit in refits.items():
             z[k] = z[k] if refit is None else min(z[k], refit)
@@ -427,10 +439,12 @@ class _Search:
             point=outcome.point,
             channel=f"{body}.{name}" if body else "",
             impacts=outcome.impacts,
-            distinguished=sum(bool(z[k] >= DECISIVE_Z) for k in held if k not in denied),
+            distinguished=sum(bool(z[k] >= DECISIVE_Z) for k in refits if k not in denied),
+            pairs=len(pairs),
+            unchecked=sum(bool(z[k] >= DECISIVE_Z) for k in checked if k not in refits),
             z=float(z.min()),
             z_max=float(z[held].max()),
-            z_refit=refits[least],
+            z_refit=refits.get(least),
         )
 
     def _refitted(
@@ -449,8 +463,6 @@ class _Search:
             for centres_near in near
             for fit, move, centre in zip(fits, moves, centres_near, strict=True)
         ]
-        if self.simulations + len(runs) > self.budget:
-            return None
         one, other, crossed_one, crossed_other = self._simulated(runs)
         if _status([one, other])[0] != OK:
             return None

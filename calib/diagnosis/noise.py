@@ -56,17 +56,22 @@ class Noise:
         """Standard deviation of what is new in each sample, over that of the noise  [1]."""
         return _innovation(self.memory)
 
+    def autocorrelation(self, lags: int) -> np.ndarray:
+        """Correlation (lags,) of samples 0, 1, 2, ... apart  [1]."""
+        impulse = np.zeros(max(1, lags))
+        impulse[0] = 1.0
+        response = lfilter([1.0], np.concatenate([[1.0], -self.memory]), impulse)
+        correlation = correlate(response, response)[response.size - 1 :]
+        return correlation / correlation[0]
+
     def mean_square_std(self, counted: float) -> float:
         """Standard deviation of the mean square of so many samples, relative to the variance.
 
         For Gaussian noise of the autocorrelations rho_k it is sqrt(2 / n times the sum of rho_k^2 over all lags)
         (Priestley, Spectral Analysis and Time Series, 1981, section 5.3.3).
         """
-        impulse = np.zeros(max(1, int(counted)))
-        impulse[0] = 1.0
-        response = lfilter([1.0], np.concatenate([[1.0], -self.memory]), impulse)
-        correlation = correlate(response, response)
-        return math.sqrt(2.0 / max(counted, 1.0) * float((correlation**2).sum() / correlation.max() ** 2))
+        squares = self.autocorrelation(int(counted)) ** 2
+        return math.sqrt(2.0 / max(counted, 1.0) * float(2.0 * squares.sum() - squares[0]))
 
     def whitened(self, rows: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """Rows (..., n) in units of the noise, weighted (n,), their memory taken out: white of unit variance."""

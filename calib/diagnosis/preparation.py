@@ -137,7 +137,7 @@ def _gates_of_simulations(
 
 def _expected_scores(evidence: Evidence, suspects: Sequence[Candidate]) -> int:
     """Number of parameters to be scored; twice where the noise is judged by what all candidates leave."""
-    searches = 1 + any(noise.source == RESIDUAL for part in evidence.parts for noise in part.noise)
+    searches = 1 + any(noise.source == RESIDUAL for part in evidence.parts for noise in part.compared_noise)
     return searches * sum(len(c.free) for c in suspects)
 
 
@@ -191,7 +191,7 @@ def _noise_is_open(evidence: Evidence, null: Fit) -> bool:
 
     The latter only where what the calibrated model leaves is mostly noise.
     """
-    noises = [noise for part in evidence.parts for noise in part.noise]
+    noises = [noise for part in evidence.parts for noise in part.compared_noise]
     unknown = any(noise.source == RESIDUAL for noise in noises)
     if unknown or all(noise.repeated for noise in noises):
         return unknown

@@ -1,4 +1,6 @@
-"""Reasons why the suspect that explains most is no cause: the stopping rules of the forward selection."""
+"""Reasons why a suspect that explains most is no cause: the stopping rules of the forward selection."""
+
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
@@ -9,7 +11,6 @@ from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.excess import chi2_std, dominant, excess_chi2, max_relative_bias, significant
 from calib.diagnosis.prediction import Prediction, predicted
 from calib.diagnosis.refit import Fit
-from calib.diagnosis.search import Round
 from calib.diagnosis.suspect import Refitted
 
 
@@ -22,25 +23,49 @@ def cross_validation(evidence: Evidence, base: Fit, extended: Fit, cause: Refitt
     return predicted(evidence, base, extended, own)
 
 
-def rejection(evidence: Evidence, null: Fit, base: Fit, extended: Fit, outcome: Round, further: bool) -> str:
-    """Why the chosen suspect of a search is no cause; "" where it is one.
+@dataclass(frozen=True, eq=False)
+class Extension:
+    """A model extended by one cause.
+
+    Attributes
+    ----------
+    base, extended : the model without the cause and with it, with its derivatives
+    cause : in the extended model
+    prediction : of what had no part in its fit; None where that cannot be tested
+    threshold : of |z|
+    """
+
+    base: Fit
+    extended: Fit
+    cause: Refitted
+    prediction: Prediction | None
+    threshold: float
+
+
+def extension(evidence: Evidence, base: Fit, extended: Fit, cause: Refitted, threshold: float) -> Extension:
+    """Return the model with a cause beside the one without it, cross-validated."""
+    return Extension(base, extended, cause, cross_validation(evidence, base, extended, cause), threshold)
+
+
+def rejection(evidence: Evidence, null: Fit, made: Extension, further: bool) -> str:
+    """Why the cause of an extension is none; "" where it is one.
 
     Parameters
     ----------
-    extended : the model `base` with it
-    further : whether there are causes before it
+    null : the calibrated model
+    further : whether there are causes beside it
     """
-    cause, test = outcome.chosen, outcome.prediction
-    if further and is_negligible(evidence, null, base, cause.chi2_reduction):
+    cause, test = made.cause, made.prediction
+    if further and is_negligible(evidence, null, made.base, cause.chi2_reduction):
         return "it explains a negligible share of what the calibrated model leaves"
-    if _may_be_absent(extended, cause):
+    if _may_be_absent(made.extended, cause):
         return "its interval beside all other parameters holds the size at which it is absent"
     if test is not None and test.fails:
         return (
             f"it does not predict what had no part in its fit ({', '.join(test.folds)} left out in turn): the sum of "
             f"squares there falls by {test.reduction:.3g} +- {test.error:.2g}"
         )
-    if further and _is_heterogeneous(evidence, extended, cause, outcome.threshold):
+    if further and _is_heterogeneous(evidence, made.extended, cause, made.threshold):
         return "its size differs among the channels of the records, and a large misfit is left"
     return ""
 

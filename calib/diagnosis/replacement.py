@@ -38,7 +38,7 @@ def replaced(
         index = [c is cause for c, _ in kept].index(True)
         unchanged = cause, rivals if cause is latest else (cause,)
         others = tuple(c.candidate for c, _ in kept if c is not cause)
-        without = _without(fitter, null, final, cause, others) if others else null
+        without = without_cause(fitter, null, final, cause, others)
         if not without.names:  # no motion without it
             kept[index] = unchanged
             continue
@@ -55,8 +55,10 @@ def replaced(
     return kept, final
 
 
-def _without(fitter: Fitter, null: Fit, final: Fit, cause: Refitted, others: Sequence[Candidate]) -> Fit:
+def without_cause(fitter: Fitter, null: Fit, final: Fit, cause: Refitted, others: Sequence[Candidate]) -> Fit:
     """Fit the other causes alone, from the calibrated values beside all, or else from those beside none."""
+    if not others:
+        return null
     own = cause.candidate.absent()
     rest = {name: value for name, value in final.point.values.items() if name not in own}
     sizes = {name: final.value(name) for candidate in others for name in candidate.values(candidate.null)}

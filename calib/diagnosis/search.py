@@ -32,6 +32,7 @@ class Round:
     rejected : the suspect that explains most where it is no cause, None where it is one or there is none
     rejection : why it is none
     untried : suspects that were to be refitted when the budget was spent
+    excess_chi2_of_null : of the calibrated model, in the noise of this search; NaN where it was not worked out
     """
 
     base: Fit
@@ -44,6 +45,7 @@ class Round:
     rejected: Refitted | None = None
     rejection: str = ""
     untried: tuple[str, ...] = ()
+    excess_chi2_of_null: float = np.nan
 
     def without_cause(self, reason: str) -> "Round":
         """Return the same search with its chosen suspect rejected."""
@@ -92,8 +94,8 @@ def search(
         latest |= formed
         rivals = rival_suspects(fitter.evidence, list(formed.values()), threshold)
     compared = sorted((latest.get(id(s.candidate), s) for s in suspects), key=lambda s: -s.known_reduction)
-    simplest = min(rivals, key=lambda s: (s.aic_penalty, -s.chi2_reduction), default=None)
-    return Round(base, tuple(compared), threshold, simplest, rivals, excess, untried=untried)
+    chosen = simplest(rivals) if rivals else None
+    return Round(base, tuple(compared), threshold, chosen, rivals, excess, untried=untried)
 
 
 def _screened_anew(
@@ -253,6 +255,11 @@ def rival_suspects(evidence: Evidence, refitted: Sequence[Refitted], threshold: 
     best = ordered[0]
     dispersion = max(1.0, best.fit.chi2 / max(1.0, degrees_of_freedom(evidence, best.fit)))
     return tuple(leading_variants(s for s in ordered if _is_rival(s, best, dispersion, threshold)))
+
+
+def simplest(rivals: Sequence[Refitted]) -> Refitted:
+    """The rival of the fewest parameters; of several, the one that reduces chi-square most."""
+    return min(rivals, key=lambda s: (s.aic_penalty, -s.chi2_reduction))
 
 
 def _is_rival(other: Refitted, best: Refitted, dispersion: float, threshold: float) -> bool:

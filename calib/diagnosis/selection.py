@@ -3,6 +3,8 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.constancy import Constancy, constancies
 from calib.diagnosis.criteria import CRITERIA
@@ -15,12 +17,13 @@ from calib.diagnosis.excess import (
     max_relative_bias,
     significant,
 )
+from calib.diagnosis.noise import ORDER
 from calib.diagnosis.refit import Fit, Fitter
-from calib.diagnosis.rejection import cross_validation, is_negligible, rejection
+from calib.diagnosis.rejection import extension, is_negligible, rejection
 from calib.diagnosis.remainder import remainder
-from calib.diagnosis.replacement import aic, best_pair, replaced
-from calib.diagnosis.screening import Derivatives, KnownDerivatives
-from calib.diagnosis.search import Round, search
+from calib.diagnosis.replacement import aic, best_pair, replaced, without_cause
+from calib.diagnosis.screening import Derivatives, KnownDerivatives, screened
+from calib.diagnosis.search import Round, rival_suspects, search, simplest
 from calib.diagnosis.suspect import Cause, Refitted
 
 
@@ -171,33 +174,72 @@ def select(
     null, causes, final = forward.null, forward.causes, forward.final
     if len(causes) > 1 and not fitter.effort.spent:
         causes, final = replaced(fitter, null, causes, final, candidates, seed, forward.known)
-    if _may_be_compromise(fitter, final, forward.rounds[-1]) and not fitter.effort.spent:
+    if _may_be_compromise(fitter, causes, final, forward.rounds[-1]) and not fitter.effort.spent:
         on_stage("pairs")
-        pair = best_pair(fitter, null, forward.rounds[0].suspects)
-        if pair is not None and _explains_more(fitter.evidence, null, causes, final, pair):
-            causes, final = replaced(fitter, null, *pair, candidates, seed, {}, last_too=True)
+        causes, final = _pair_or_causes(fitter, null, causes, final, candidates, seed, forward.known)
     return _selection(fitter, null, final, forward.rounds, causes)
 
 
+def _pair_or_causes(
+    fitter: Fitter,
+    null: Fit,
+    causes: Sequence[Cause],
+    final: Fit,
+    candidates: Sequence[Candidate],
+    seed: int,
+    known: KnownDerivatives,
+) -> tuple[Sequence[Cause], Fit]:
+    """Put the best pair in the place of the causes where it explains more, and each is a cause beside the other.
+
+    The candidates are scored anew: noise may have been re-estimated since.
+    """
+    suspects, threshold = screened(fitter, null, candidates, seed, known)
+    pair = best_pair(fitter, null, suspects)
+    if pair is None or not _explains_more(fitter.evidence, null, causes, final, pair):
+        return causes, final
+    others, extended = replaced(fitter, null, *pair, candidates, seed, {}, last_too=True)
+    if not _explains_more(fitter.evidence, null, causes, final, (others, extended)):
+        return causes, final
+    rejected = _any_rejected(fitter, null, [cause for cause, _ in others], extended, threshold)
+    return (causes, final) if rejected else (others, extended)
+
+
+def _any_rejected(fitter: Fitter, null: Fit, causes: Sequence[Refitted], final: Fit, threshold: float) -> bool:
+    """Whether some cause of a model would be rejected as the last one to enter it."""
+    for cause in causes:
+        others = tuple(other.candidate for other in causes if other is not cause)
+        base = without_cause(fitter, null, final, cause, others)
+        if not base.names:  # no motion without it
+            continue
+        base = fitter.with_derivatives(base)
+        again = cause.refitted(final, base.chi2 - final.chi2)
+        made = extension(fitter.evidence, base, final, again, threshold)
+        if rejection(fitter.evidence, null, made, further=bool(others)):
+            return True
+    return False
+
+
 def _explains_more(
-    evidence: Evidence, null: Fit, causes: Sequence[Cause], final: Fit, pair: tuple[Sequence[Cause], Fit]
+    evidence: Evidence, null: Fit, causes: Sequence[Cause], final: Fit, other: tuple[Sequence[Cause], Fit]
 ) -> bool:
-    """Whether a pair explains more than the causes that it would replace, and not only a negligible part more."""
-    lower = aic(*pair) < aic(causes, final) - CRITERIA.aic_tie
-    return lower and not is_negligible(evidence, null, final, final.chi2 - pair[1].chi2)
+    """Whether other causes explain more than those that they would replace, and not only a negligible part more."""
+    lower = aic(*other) < aic(causes, final) - CRITERIA.aic_tie
+    return lower and not is_negligible(evidence, null, final, final.chi2 - other[1].chi2)
 
 
-def _may_be_compromise(fitter: Fitter, final: Fit, last: Round) -> bool:
+def _may_be_compromise(fitter: Fitter, causes: Sequence[Cause], final: Fit, last: Round) -> bool:
     """Whether a model leaves more than noise, but, less what one more suspect explains, no misfit that dominates it.
 
-    A sum of squares sees less than a score test: a suspect beyond the threshold that was rejected shows it too. It may
-    have been rejected because the cause before it stands for both.
+    A sum of squares sees less than a score test: beside a cause, a suspect beyond the threshold that was rejected shows
+    it too. It may have been rejected because that cause stands for both.
 
     last : search for a further cause
     """
     excess, std = excess_chi2(fitter.evidence, final), chi2_std(fitter.evidence)
-    further = last.rejected.chi2_reduction if last.rejected is not None else 0.0
-    return (significant(excess, std) or last.rejected is not None) and not dominant(excess - further, std)
+    rejected = last.rejected
+    if rejected is None or rejected.name in {cause.name for cause, _ in causes}:
+        return significant(excess, std) and not dominant(excess, std)
+    return (significant(excess, std) or bool(causes)) and not dominant(excess - rejected.chi2_reduction, std)
 
 
 def _selection(
@@ -216,7 +258,7 @@ def _selection(
         chi2_std=chi2_std(common),
         constancy=constancies(fitter.evidence, final) if causes else (),
         cut_short=fitter.effort.spent,
-        noise_is_independent=all(noise.is_independent for part in common.parts for noise in part.noise),
+        noise_is_independent=all(n.is_independent for part in common.parts for n in part.compared_noise),
     )
 
 
@@ -268,18 +310,21 @@ def _round(
     taken = {cause.name for cause, _ in state.causes}
     rest = [c for c in candidates if c.name not in taken]
     outcome = search(fitter, base, rest, seed, excess_chi2(evidence, base) / chi2_std(evidence), state.known)
+    outcome = replace(outcome, excess_chi2_of_null=excess_chi2(evidence, state.null))
     if outcome.chosen is None:
         return outcome, None
     extended = fitter.with_derivatives(outcome.chosen.fit)
-    outcome = replace(outcome, prediction=cross_validation(evidence, base, extended, outcome.chosen))
-    reason = rejection(evidence, state.null, base, extended, outcome, further=bool(state.causes))
+    made = extension(evidence, base, extended, outcome.chosen, outcome.threshold)
+    outcome = replace(outcome, prediction=made.prediction)
+    reason = rejection(evidence, state.null, made, further=bool(state.causes))
     return (outcome.without_cause(reason) if reason else outcome), extended
 
 
 def _reestimated(fitter: Fitter, state: _Forward) -> _Forward:
     """Re-estimate the noise of what does not repeat by what no candidate explains beside the causes; refit the models.
 
-    What follows is looked for in that noise. Where what the causes leave is mostly error of the model it tells none.
+    What follows is looked for in that noise, and the last cause is compared with its rivals in it again. Where what the
+    causes leave is mostly error of the model it tells none.
     """
     old = fitter.evidence
     if dominant(excess_chi2(old, state.final), chi2_std(old)):
@@ -288,15 +333,38 @@ def _reestimated(fitter: Fitter, state: _Forward) -> _Forward:
     evidence = old.with_reestimated_noise(left)
     if not _differs(evidence, old):
         return state
+    fitter.evidence = evidence
+    null = fitter.fit(state.null.point)
+    earlier = [cause.candidate for cause, _ in state.causes[:-1]]
+    base = fitter.fit(state.rounds[-1].base.point, earlier) if earlier else null
+    rivals = _refitted_rivals(fitter, base, state) if null.names and base.names else ()
+    if not rivals:
+        fitter.evidence = old
+        return state
     for key, known in state.known.items():
         state.known[key] = Derivatives(evidence.carried(known.columns, old), known.relative_error)
-    fitter.evidence = evidence
-    null, final = fitter.fit(state.null.point), fitter.fit(state.final.point, state.final.candidates)
-    return replace(state, null=null, final=final)
+    chosen = simplest(rivals)
+    final = fitter.with_derivatives(chosen.fit)
+    cause = replace(chosen, fit=final), rivals
+    return replace(state, null=null, final=final, causes=(*state.causes[:-1], cause))
+
+
+def _refitted_rivals(fitter: Fitter, base: Fit, state: _Forward) -> tuple[Refitted, ...]:
+    """The last cause and its rivals fitted in another noise, as far as they can be and are rivals there too.
+
+    base : the model without them, in that noise
+    """
+    refitted = []
+    for rival in state.causes[-1][1]:
+        fit = fitter.fit(rival.fit.point, rival.fit.candidates)
+        if fit.names:
+            refitted.append(rival.refitted(fit, base.chi2 - fit.chi2))
+    return rival_suspects(fitter.evidence, refitted, state.rounds[-1].threshold)
 
 
 def _differs(one: Evidence, other: Evidence) -> bool:
-    """Whether the same records have another noise."""
+    """Whether the same records have another noise: its level or its autocorrelation."""
     pairs = [pair for p, q in zip(one.parts, other.parts, strict=True) for pair in zip(p.noise, q.noise, strict=True)]
-    levels = [abs(p.sigma / q.sigma - 1.0) > CRITERIA.max_noise_change for p, q in pairs]
-    return any(levels) or any(p.memory.size != q.memory.size for p, q in pairs)
+    levels = [abs(p.sigma / q.sigma - 1.0) for p, q in pairs]
+    correlations = [np.abs(p.autocorrelation(ORDER) - q.autocorrelation(ORDER)).max() for p, q in pairs]
+    return bool(max((*levels, *correlations), default=0.0) > CRITERIA.max_noise_change)

@@ -80,7 +80,7 @@ def explained(share: float) -> str:
     """
     if share >= 1.0:
         return "all"
-    if share > 0.9995:
+    if share >= 0.9995:
         return "more than 99.9 %"
     return f"{100.0 * share:.1f} %" if share >= 0.99 else f"{100.0 * share:.0f} %"
 

@@ -34,7 +34,7 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         "suspects": []
         if first is None
         else [_suspect(s, first.excess_chi2, first.chosen) for s in leading_variants(first.suspects)],
-        "rounds": [] if selection is None else [_round(r, first.excess_chi2) for r in selection.rounds],
+        "rounds": [] if selection is None else [_round(r) for r in selection.rounds],
         "refused": dict(diagnosis.refused),
         "gates": [_gate(gate) for gate in diagnosis.gates],
         "outliers": diagnosis.outliers,
@@ -115,8 +115,8 @@ def cosine(one: Suspect, other: Suspect) -> float | None:
     return float(min(1.0, np.linalg.norm(bases[0].T @ bases[1], 2)))
 
 
-def _round(outcome: Round, excess: float) -> dict[str, Any]:
-    chosen = outcome.chosen
+def _round(outcome: Round) -> dict[str, Any]:
+    chosen, excess = outcome.chosen, outcome.excess_chi2_of_null
     return {
         "threshold": outcome.threshold,
         "chosen": None if chosen is None else chosen.name,

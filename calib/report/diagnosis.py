@@ -323,7 +323,7 @@ def _rounds(said):
 def _predicts(found):
     """Fall of the sum of squares on left-out data, with its standard error, over what it is without the cause."""
     test = found.get("prediction")
-    if test is None or test["error"] is None:
+    if test is None or test["error"] is None or not test.get("without"):  # not written by earlier versions
         return "not tested" if found["chosen"] else "-"
     return f"{with_error(*(100.0 * test[key] / test['without'] for key in ('reduction', 'error')))} %"
 

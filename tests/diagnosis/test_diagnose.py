@@ -307,6 +307,19 @@ def test_the_cause_that_explains_most_of_a_gross_misfit_is_named_without_another
     assert 0.8 < found.selection.explained_share < 1.0
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_suspect_that_does_not_predict_is_not_named_as_half_of_a_pair(seed):
+    """The records have offsets of either sign, which one offset explains in part; the misfit is about noise."""
+    known = references(seed=seed)
+    for name, z in (("soft", 8.0), ("loud", -3.0)):
+        record = known[name].record
+        record["displacement"].values[:] += z * float(record["displacement_sigma"][0]) / np.sqrt(TIMES.size)
+    found = diagnosed(known, library=LIBRARY[:5])
+    assert found.selection.rounds[0].rejected.name == "channel_offset"
+    assert found.verdict == "none"
+
+
+
 def test_a_budget_that_is_spent_ends_the_search_and_what_was_not_tried_is_said(gross):
     short = diagnosed(changing(3e6, 1e-4, 5e-4), budget="20")
     assert short.selection.cut_short

@@ -98,3 +98,9 @@ def test_what_changes_one_row_alone_is_whitened_as_such():
     assert alone[2 * SIZE :, 0] == pytest.approx(own.white(rows * np.array([[0.0], [1.0]])), abs=1e-9)
     assert not whole.of_row(columns, 0).any()
     assert whole.of_row(columns, 2) + alone == pytest.approx(columns, abs=1e-9)
+
+
+def test_of_a_row_that_the_excitation_prescribes_no_noise_counts():
+    both = part("one", 0.0, 0.5)
+    used = np.array([[False], [True]]) & np.ones_like(both.used, dtype=bool)
+    assert replace(both, used=used).compared_noise == both.noise[1:]

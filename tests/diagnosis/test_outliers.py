@@ -40,3 +40,17 @@ def test_what_comes_again_in_every_cycle_is_no_outlier():
     simulated = Seen(motion(0.6), np.ones(TIME.size))
     assert outliers(part(measured, None), simulated).any()  # without a period nothing tells that it comes again
     assert not outliers(part(measured, PERIOD), simulated).any()
+
+
+@pytest.mark.parametrize("share", [0.01, 0.05])
+def test_outliers_that_have_others_in_neighbouring_cycles_by_chance_are_found(share):
+    missed = count = 0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        measured = motion(2.0) + 0.01 * rng.standard_normal((1, TIME.size))
+        lost = rng.choice(TIME.size, round(share * TIME.size), replace=False)
+        measured[0, lost] += 2.0 * rng.choice([-1.0, 1.0], lost.size)
+        seen = Seen(motion(2.0), np.ones(TIME.size))
+        periodic, single = (outliers(part(measured, period), seen)[0] for period in (PERIOD, None))
+        missed, count = missed + (single & ~periodic).sum(), count + single.sum()
+    assert missed < 0.07 * count

@@ -1,12 +1,13 @@
-"""How much a further cause, or a pair in the place of one, has to explain."""
+"""How much a further cause, or a pair in the place of one, has to explain; when noise counts as another one."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from calib.diagnosis.noise import STATED, Noise
 from calib.diagnosis.rejection import is_negligible
-from calib.diagnosis.selection import _explains_more
+from calib.diagnosis.selection import _differs, _explains_more
 
 SAMPLES, WHOLE = 5000, 100_000.0  # residuals, and the excess chi-square of the calibrated model
 STD = float(np.sqrt(2.0 * SAMPLES))
@@ -44,3 +45,14 @@ def test_a_pair_takes_the_place_of_a_cause_only_where_it_explains_more_than_a_ne
     cause = SimpleNamespace(aic_penalty=2.0)
     pair = [(cause, ()), (cause, ())], fit(left_by_pair)
     assert _explains_more(EVIDENCE, fit(WHOLE), [(cause, ())], fit(left), pair) is more
+
+
+@pytest.mark.parametrize(
+    ("sigma", "memory", "differs"),
+    [(1.0, [0.9], False), (1.01, [0.9], False), (1.05, [0.9], True), (1.0, [0.2], True), (1.0, [-0.9], True)],
+)
+def test_noise_is_another_where_its_level_or_its_autocorrelation_is(sigma, memory, differs):
+    def evidence(sigma, memory):
+        return SimpleNamespace(parts=[SimpleNamespace(noise=(Noise(sigma, np.array(memory), STATED),))])
+
+    assert _differs(evidence(sigma, memory), evidence(1.0, [0.9])) is differs

@@ -212,7 +212,7 @@ def design():
         for x, z in ((1e-3, 0.4), (2e-3, 2.1), (4e-3, 1.3))
     )
     measurements = [
-        Measurement(kind, words, "clapping", point, "", impacts, int(z > 3.0), z, 1.1 * z, z)
+        Measurement(kind, words, "clapping", point, "", impacts, int(z > 3.0), 1, 0, z, 1.1 * z, z)
         for (kind, (point, impacts, z)), words in zip(
             BEST.items(),
             ("a steady tone of 0.375 mm at 20 Hz, without impacts", "a free decay, released from 2 mm, with impacts"),
