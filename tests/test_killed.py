@@ -49,7 +49,7 @@ def logged(out):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("jobs", "kills"), [(1, 5), (2, 20)])
+@pytest.mark.parametrize(("jobs", "kills"), [(1, 3), (2, 8)])
 def test_many_kills_change_nothing(jobs, kills, tmp_path):
     """Killed while it starts, after a few more trials each, and the last time when the search is over."""
     home, whole, killed = study(tmp_path), tmp_path / "whole", tmp_path / "killed"

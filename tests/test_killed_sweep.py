@@ -19,7 +19,7 @@ from calib.cli import main
 from calib.store.chunks import read_joined
 
 ROOT = Path(__file__).parents[1]
-KILLS = 6
+KILLS = 4
 
 
 def minimal(folder):

@@ -16,7 +16,10 @@ from calib.dynamics.single_run import (
     CHAOTIC,
     DRIFT,
     FAILED,
+    GROWING,
+    NEARBY,
     QUASI_PERIODIC,
+    REGULAR,
     OrbitKind,
     kind_of_cycle,
     kind_of_run,
@@ -24,6 +27,7 @@ from calib.dynamics.single_run import (
 )
 from calib.dynamics.tangent import longest_affordable, tangent
 from calib.dynamics.zero_one import SHORTEST, zero_one
+from calib.record import OK
 
 RUNS = 6  # from starts that differ imperceptibly, the given one among them
 PERTURBATION = 1e-6  # by which those starts differ, as a share of the map's scale
@@ -35,6 +39,9 @@ MAX_SHIFT = 0.15  # of a return by Newton's method, as a share of the motion's e
 RETURNED = 1e-6  # of the size of a motion, which its section may leave open where it has all but returned
 SAME = 1e-4  # how near a state is to a motion that it belongs to, as a share of the map's scale
 TORUS = 0.05  # K of the 0-1 test over the kept cycles below which a run may have come to a quasi-periodic motion
+SHORTEST_TRANSIENT = 32  # periods; in fewer chaos does not tear starts apart that differ imperceptibly
+STRETCHES = 5  # longer ones that are looked through for more sightings of a stable motion that was met beside chaos
+LONGEST_BESIDE_CHAOS = 32  # periods; a section of 64 shows a longer return but once, and chaos returns nearly too
 SIGHTINGS = 3  # independent ones of a motion, so that the chance to have missed it, exp(-3), is 5 %
 
 
@@ -48,18 +55,22 @@ def kind_of_orbit(
 ) -> OrbitKind:
     """Say what kind of motion the map settles to from a state, and which others rounding could have led to.
 
-    A periodic motion of one run (`calib.dynamics.single_run.kind_of_run`), or one that fails, is that. Beside any other
-    a stable motion is looked for, at a cost that falls only there:
+    A periodic motion of one run (`calib.dynamics.single_run.kind_of_run`), or one that fails, is that, unless the
+    transient that led to it is chaotic. Beside any other a stable motion is looked for, at a cost that falls only
+    there:
 
     1. Newton's method starts from the 6 / n closest returns of the motion after n = 1..6 periods, and from the three
        closest ones after 7..64. A motion that is not chaotic and comes ever closer to a cycle found so has its kind.
-       Where none is found they start again from twice `settle` periods more.
-    2. Where the motion is irregular, `runs` - 1 more runs of half of `settle` periods, from starts that differ by 1e-6
-       of the scale, may leave it.
+       Where none is found, or one less than three times, they start again from twice `settle` periods more; where one
+       is, from up to five such stretches.
+    2. Where the motion is irregular, or was until it came to a regular one, `runs` - 1 more runs of half of `settle`
+       periods, from starts that differ by 1e-6 of the scale, may leave chaos too.
 
-    The kind is that of the stable periodic motion of the shortest period that was found, else of a quasi-periodic one,
-    else that of the irregular motion, which lasts "for at least" the periods that all runs together have seen. All
-    others are in `coexisting`, and `escape` holds the mean time in which runs leave the irregular motion.
+    What was met once by chance another rounding would miss. The kind is that of a regular motion which was met three
+    times independently and returns after 32 periods at most - of several the one of the shortest period, before a
+    quasi-periodic one -, else that of the irregular motion, which lasts "for at least" the periods that all runs
+    together have seen. All others are in `coexisting`; `escape` holds the mean time in which runs leave the irregular
+    motion.
 
     Parameters
     ----------
@@ -75,30 +86,47 @@ def kind_of_orbit(
     """
     state = np.asarray(map.initial if state is None else state, dtype=float)
     first = kind_of_run(map, state, settle, cycles)
-    if first.kind == FAILED or first.period:
+    by_chance = first.regular and rounding_decides(map, state, first.dropped)
+    if first.kind == FAILED or (first.period and not by_chance):
         return first
-    met = Met(map, [Sighted(first, first.visited, 1, 1)])
-    for cycle in stable_cycles(map, first.visited):
-        met.add_cycle(cycle, cycles)
-    if first.kind != CHAOTIC and (cycle := met.settled_to()) is not None:
-        return cycle
-    if first.regular:
-        return met.verdict(1, None)
-    if explore and len(met.motions) == 1:
-        longer = pseudo_orbit(map, first.state, 2 * settle)
-        for cycle in stable_cycles(map, longer.states):
+    irregular = _arrival(map, state, first) if by_chance else first.dropped + len(first.visited)
+    met = Met(map, [Sighted(first, first.orbit.states, 1, SIGHTINGS if first.regular and not by_chance else 1)])
+    if not first.period:
+        for cycle in stable_cycles(map, first.visited):
             met.add_cycle(cycle, cycles)
-    runs = runs if explore or len(met.motions) > 1 else 1
-    observed, escapes = first.dropped + len(first.visited), 0
+        if first.kind != CHAOTIC and (cycle := met.settled_to()) is not None:
+            return cycle
+        if first.regular and not by_chance:
+            return met.verdict(1, None)
+    if explore and not first.regular:
+        _look_longer(met, first.state, 2 * settle, cycles)
+    runs = runs if explore or by_chance or _is_interrupted(first) or len(met.motions) > 1 else 1
+    escapes = int(by_chance)
     for start in perturbed(map, state, runs - 1):
         found, lasted = _member(map, start, settle // 2, cycles)
-        observed += lasted
-        if found is None:
-            met.motions[0].runs += 1
-        elif found.kind != FAILED:
-            escapes += 1
+        irregular += lasted
+        if found.kind != FAILED:
+            escapes += found.regular
             met.add(found)
-    return met.verdict(runs, EscapeTime(observed, escapes))
+    if by_chance and not met.established():
+        if met.irregular() is None:
+            met.add_transient(state, cycles)
+        if explore and (chaos := met.irregular()) is not None:
+            _look_longer(met, chaos.motion.state, 2 * settle, cycles)
+    return met.verdict(runs, EscapeTime(irregular, escapes))
+
+
+def _look_longer(met: "Met", state: np.ndarray, periods: int, cycles: int) -> None:
+    """Start Newton's method again from longer stretches of the irregular motion: until nothing, or enough, was met."""
+    for _ in range(STRETCHES):
+        if met.established():
+            return
+        longer = pseudo_orbit(met.map, state, periods)
+        for cycle in stable_cycles(met.map, longer.states):
+            met.add_cycle(cycle, cycles)
+        if longer.status != OK or len(met.motions) == 1:
+            return
+        state = longer.states[-1]
 
 
 def perturbed(map: PeriodMap, state: np.ndarray, count: int) -> Iterator[np.ndarray]:
@@ -145,19 +173,33 @@ def _closest_returns(section: np.ndarray, longest: int = LONG_LAGS) -> list[tupl
     return [(lag, at) for _, lag, at in (*short, *sorted(long)[:LONG_GUESSES])]
 
 
-def _member(map: PeriodMap, start: np.ndarray, settle: int, cycles: int) -> tuple[OrbitKind | None, int]:
-    """Regular motion that a further run comes to, None where it stays irregular; and how long it was irregular."""
+def _member(map: PeriodMap, start: np.ndarray, settle: int, cycles: int) -> tuple[OrbitKind, int]:
+    """Motion that a further run comes to, undecided where it stays irregular; and how long it was irregular."""
     cycles = max(cycles, SHORTEST)
     found = settled_orbit(map, start, settle, cycles)
     if found.kind == FAILED or found.regular:
-        return found, found.dropped
+        return found, _arrival(map, start, found)
     lasted = found.dropped + cycles
+    later = settled_orbit(map, found.state, 0, cycles)  # it may have left within the cycles that were kept
+    if later.kind == FAILED or later.regular:
+        return later, lasted
     section = found.orbit.states / map.scale
     if zero_one(section[:, np.argmax(np.ptp(section, axis=0))]) < TORUS:
         torus = kind_of_run(map, found.state, 0, cycles)
         if torus.regular:
             return torus, lasted
-    return None, lasted
+    return found, lasted
+
+
+def _arrival(map: PeriodMap, start: np.ndarray, settled: OrbitKind) -> int:
+    """Periods after which a run from a state stays beside the motion that it settles to; those dropped, of a torus."""
+    if not (settled.period and settled.dropped):
+        return settled.dropped
+    states = pseudo_orbit(map, start, settled.dropped).states
+    places = settled.orbit.states[-settled.period :]
+    apart = np.min([np.abs((states - place) / map.scale).max(axis=1) for place in places], axis=0)
+    far = np.flatnonzero(apart > NEARBY * float(np.abs(places / map.scale).max()))
+    return int(far[-1]) + 1 if far.size else 0
 
 
 @dataclass(eq=False)
@@ -168,7 +210,7 @@ class Sighted:
     ----------
     states : (n, dimension) of it at the section
     runs : that led to it
-    sightings : by runs, by Newton's method from different returns, and from neighbouring values of a sweep
+    sightings : by runs, and by Newton's method from different returns; enough of a motion that no rounding could miss
     """
 
     motion: OrbitKind
@@ -185,8 +227,15 @@ class Met:
     motions: list[Sighted]
 
     def add(self, motion: OrbitKind) -> None:
-        """Count a regular motion that a run led to."""
-        one = self._known(motion.kind, motion.period, motion.state)
+        """Count the motion that a run led to; one that has not settled counts only where it is chaotic."""
+        known = self.irregular()
+        if not motion.regular and (known is None or _is_interrupted(known.motion)):
+            motion = kind_of_run(self.map, motion.state, 0, len(motion.orbit.states))
+            if motion.kind == CHAOTIC and known is not None:  # another stretch decides
+                known.motion = motion
+        one = self._known(motion.kind, motion.period, motion.state) if motion.regular else known
+        if one is None and motion.kind != CHAOTIC and not motion.regular:
+            return
         if one is None:
             self.motions.append(Sighted(motion, motion.orbit.states, 1, 1))
         else:
@@ -205,6 +254,20 @@ class Met:
 
     def _known(self, kind: str, period: int, state: np.ndarray) -> Sighted | None:
         return next((one for one in self.motions if self._same(one, kind, period, state)), None)
+
+    def add_transient(self, state: np.ndarray, cycles: int) -> None:
+        """Add the motion on which a run from a state begins, where that is chaotic; no run has stayed on it."""
+        begun = kind_of_run(self.map, state, 0, cycles)
+        if begun.kind == CHAOTIC:
+            self.motions.append(Sighted(begun, begun.orbit.states, 0, 0))
+
+    def established(self) -> list[Sighted]:
+        """Regular motions that were met so often that no rounding would miss them, and that a section shows."""
+        return [one for one in self.motions if one.motion.regular and counts(one.motion.period, one.sightings)]
+
+    def irregular(self) -> Sighted | None:
+        """The irregular motion; None where there is none."""
+        return next((one for one in self.motions if not one.motion.regular), None)
 
     def _same(self, one: Sighted, kind: str, period: int, state: np.ndarray) -> bool:
         if kind == QUASI_PERIODIC:  # a section does not tell two tori apart
@@ -235,30 +298,50 @@ class Met:
         return bool((np.diff(back) > 0.0).all() and np.ptp(back) > DRIFT * back.max())
 
     def verdict(self, runs: int, escape: EscapeTime | None) -> OrbitKind:
-        """Give the kind to the most regular motion, with all others beside it.
+        """Give the kind to the most regular motion of those met often enough, else to the irregular one.
 
-        escape : from the irregular motion that the first run stayed on; None where that is quasi-periodic
+        escape : from the irregular motion that runs stayed on at first; None where there is none
         """
         first = self.motions[0]
-        chosen = min(self.motions, key=lambda one: rank(one.motion))
-        others = sorted((one for one in self.motions if one is not chosen), key=lambda one: rank(one.motion))
-        left = f"; {escape}" if escape and (escape.escapes or first.motion.kind == CHAOTIC) else ""
-        if chosen is first:
-            text, certain = f"{first.motion.evidence}{left}", first.motion.kind != UNDECIDED
+        established = self.established()
+        if established:
+            chosen = min(established, key=lambda one: rank(one.motion))
         else:
-            led = f"{chosen.runs} of {runs} runs lead to it, from starts {PERTURBATION:.0e} of the scale apart"
-            led += f", the first is {first.motion.kind}"
-            text, certain = f"{chosen.motion.evidence}; {led}{left}", chosen.sightings >= SIGHTINGS
+            chosen = self.irregular() or max(self.motions, key=lambda one: one.sightings)
+        others = sorted((one for one in self.motions if one is not chosen), key=lambda one: rank(one.motion))
+        text = chosen.motion.evidence
+        if others:
+            text += f"; {chosen.runs} of {runs} runs lead to it, from starts {PERTURBATION:.0e} of the scale apart"
+            text += "" if chosen is first else f", the first is {first.motion.kind}"
+        if escape and (escape.escapes or first.motion.kind == CHAOTIC):
+            text += f"; {escape}"
+        alone = len(self.motions) == 1 and first.motion.kind != UNDECIDED
         return replace(
             chosen.motion,
             evidence=text,
             runs=runs,
             share=chosen.runs / runs,
-            coexisting=tuple(replace(one.motion, runs=runs, share=one.runs / runs) for one in others),
+            sightings=chosen.sightings,
+            coexisting=tuple(
+                replace(one.motion, runs=runs, share=one.runs / runs, sightings=one.sightings) for one in others
+            ),
             escape=escape,
-            certain=certain,
+            certain=bool(established) or alone,
             run_state=None if chosen is first else first.motion.state,
         )
+
+
+def counts(period: int, sightings: int) -> bool:
+    """Whether a regular motion beside chaos gives the kind: met three times, and seen to return in a section.
+
+    period : 0 of a quasi-periodic one
+    """
+    return sightings >= SIGHTINGS and period <= LONGEST_BESIDE_CHAOS
+
+
+def _is_interrupted(motion: OrbitKind) -> bool:
+    """Whether a motion is undecided because long regular stretches interrupt what else looks like chaos."""
+    return motion.kind == UNDECIDED and motion.zero_one > REGULAR and motion.exponent > GROWING
 
 
 def rank(motion: OrbitKind) -> tuple[bool, float, int]:
@@ -274,7 +357,7 @@ def rounding_decides(map: PeriodMap, state: np.ndarray, dropped: int) -> bool:
     state : (dimension,) to start from
     dropped : length of the transient  [periods]
     """
-    if not dropped:
+    if dropped < SHORTEST_TRANSIENT:
         return False
     growth = tangent(map, state, np.ones((state.size, 1)), dropped).growth[:, 0, 0]
     with np.errstate(divide="ignore"):

@@ -64,6 +64,7 @@ class OrbitKind:
     visited : (n, dimension) states at the section, one a period, by which an irregular motion was judged
     runs, share : from starts that differ imperceptibly, and the share of them that led to this motion; 0 where it was
         found by Newton's method, or from a neighbouring value of a sweep, alone  [1]
+    sightings : independent ones of a regular motion, by runs and by Newton's method; 3 are enough for it to be certain
     coexisting : the other motions that were met
     escape : lifetime of the irregular motion that leads to this one or lies beside it; None where there is none
     certain : whether another rounding would have led to the same kind
@@ -86,6 +87,7 @@ class OrbitKind:
     visited: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     runs: int = 1
     share: float = 1.0
+    sightings: int = 3
     coexisting: tuple["OrbitKind", ...] = ()
     escape: EscapeTime | None = None
     certain: bool = True

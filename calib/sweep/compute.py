@@ -34,6 +34,7 @@ MOTION = {  # what is told of each motion at a value: name -> what it is where t
     "contact": math.nan,
     "dropped": 0,
     "share": math.nan,
+    "sightings": 0,
     "evidence": "",
 }
 OTHER = "other_"  # prefix of what is told of the motions beside the one that gives the kind
@@ -72,7 +73,7 @@ def as_run(found: OrbitKind) -> OrbitKind:
     [run] = [one for one in found.coexisting if one.state is found.run_state]
     others = tuple(one for one in found.coexisting if one is not run)
     stable = replace(found, coexisting=(), run_state=None)
-    text = f"{run.evidence}; a stable motion lies beside it"
+    text = f"{run.evidence}; a motion that is {found.kind} lies beside it"
     text += f"; {found.escape}" if found.escape else ""
     return replace(
         run, evidence=text, coexisting=(stable, *others), escape=found.escape, certain=False, run_state=None
@@ -87,7 +88,7 @@ def motion_arrays(sweep: Sweep, found: OrbitKind) -> dict[str, np.ndarray]:
         "exponent": found.exponent,
         "exponent_error": found.error,
         **{name: getattr(found, name) for name in ("kind", "period", "impacts", "zero_one", "contact", "dropped")},
-        **{name: getattr(found, name) for name in ("share", "evidence")},
+        **{name: getattr(found, name) for name in ("share", "sightings", "evidence")},
     }
     return {
         **{name: np.array(value) for name, value in told.items()},

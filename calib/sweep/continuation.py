@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.dynamics.contract import PeriodMap
-from calib.dynamics.motion import SAME, rounding_decides
+from calib.dynamics.motion import SAME
 from calib.dynamics.orbits import attracting_cycle
 from calib.dynamics.single_run import OrbitKind, kind_of_cycle, kind_of_run
 from calib.dynamics.tangent import longest_affordable
@@ -28,6 +28,7 @@ class Regular(NamedTuple):
     impacts : of one return
     state : the last one, by component
     displacement, velocity : (body, period) of one return  [m], [m/s]
+    sightings : how often it was met independently, at its value and at those along which it came
     """
 
     period: int
@@ -35,6 +36,7 @@ class Regular(NamedTuple):
     state: Mapping[str, float]
     displacement: np.ndarray
     velocity: np.ndarray
+    sightings: int = 0
 
     def apart(self, other: "Regular") -> float:
         """How far another motion of the same period is, as a share of the largest displacement and velocity.
@@ -56,12 +58,12 @@ class Known(NamedTuple):
     Attributes
     ----------
     regular : its stable motions, of all starts
-    starts : (start, periods dropped) of the starts from which a run came to one of them
+    settled : whether a run from some start came to one of them
     failed : whether no start led to any motion: the point is passed over
     """
 
     regular: tuple[Regular, ...]
-    starts: tuple[tuple[Mapping[str, float], int], ...]
+    settled: bool
     failed: bool
 
 
@@ -85,30 +87,40 @@ def continued(sweep: Sweep, chain: Chain) -> dict[str, np.ndarray]:
         their states' components
     confirmed : (points, n) periods of the motions that came from the point before, known there or not; 0 is a torus, -1
         fills up
-    sensitive : (points,) whether rounding decides which of several regular motions a run comes to
+    support : (points, n) how often each of these was met along the points before
     """
-    at, rows, confirmed, sensitive = [], [_nothing(sweep)], [], []
+    at, rows, confirmed, support = [], [_nothing(sweep)], [], []
     brought = chain.brought
     for place, (point, known) in enumerate(zip(chain.points, chain.known, strict=True)):
         staying = [one for one in brought if any(_same_branch(one, other) for other in known.regular)]
         leaving = [one for one in brought if not any(one is other for other in staying)]
-        new, again, decides = [], [], False
-        if not known.failed and (leaving or len(known.regular) > 1):
+        arrived, new = [(one.period, one.sightings) for one in staying], []
+        if not known.failed and leaving:
             map = sweep.map_at(point)
-            new, again = _taken_on(sweep, map, known, leaving)
-            decides = len(known.regular) + len(new) > 1 and _sensitive(map, known)
+            new, further = _taken_on(sweep, map, known, leaving)
+            arrived += further
             at += [place] * len(new)
             rows += [{**motion_arrays(sweep, motion), "names": np.array(map.names)} for motion in new]
-        confirmed.append([*(one.period for one in staying), *again, *(motion.period for motion in new)])
-        sensitive.append(decides)
+        confirmed.append([period for period, _ in arrived])
+        support.append([sightings for _, sightings in arrived])
         if not known.failed:
-            brought = (*known.regular, *(regular_of(motion, map) for motion in new))
+            brought = supported((*known.regular, *(regular_of(motion, map) for motion in new)), dict(arrived))
     return {
         "at": np.array(at, dtype=int),
         **{name: array[1:] for name, array in stacked(rows).items()},
-        "confirmed": np.array(list(zip_longest(*confirmed, fillvalue=-1)), dtype=int).reshape(-1, len(confirmed)).T,
-        "sensitive": np.array(sensitive, dtype=bool),
+        "confirmed": _filled(confirmed, -1),
+        "support": _filled(support, 0),
     }
+
+
+def supported(motions: Sequence[Regular], support: Mapping[int, int]) -> tuple[Regular, ...]:
+    """Motions with the sightings that motions of their periods brought along."""
+    return tuple(one._replace(sightings=one.sightings + support.get(one.period, 0)) for one in motions)
+
+
+def _filled(rows: Sequence[Sequence[int]], empty: int) -> np.ndarray:
+    """Rows of different lengths as one array (row, n)."""
+    return np.array(list(zip_longest(*rows, fillvalue=empty)), dtype=int).reshape(-1, len(rows)).T
 
 
 def nothing_continued(sweep: Sweep, chain: Chain) -> dict[str, np.ndarray]:
@@ -118,7 +130,7 @@ def nothing_continued(sweep: Sweep, chain: Chain) -> dict[str, np.ndarray]:
         "at": np.zeros(0, dtype=int),
         **{name: array[1:] for name, array in stacked([_nothing(sweep)]).items()},
         "confirmed": np.full((count, 0), -1),
-        "sensitive": np.zeros(count, dtype=bool),
+        "support": np.zeros((count, 0), dtype=int),
     }
 
 
@@ -135,25 +147,25 @@ def regular_of(motion: OrbitKind, map: PeriodMap) -> Regular:
         dict(zip(map.names, motion.state.tolist(), strict=True)),
         motion.orbit.displacement[:, -last:],
         motion.orbit.velocity[:, -last:],
+        motion.sightings,
     )
 
 
 def _taken_on(
     sweep: Sweep, map: PeriodMap, known: Known, brought: Sequence[Regular]
-) -> tuple[list[OrbitKind], list[int]]:
-    """Motions that others lead to at this value and that are new there, and the periods of those that were known."""
+) -> tuple[list[OrbitKind], list[tuple[int, int]]]:
+    """Motions that others lead to at this value and that are new there; period and sightings of all that came."""
     new: list[OrbitKind] = []
-    again: list[int] = []
+    arrived: list[tuple[int, int]] = []
     for one in sorted(brought, key=lambda regular: regular.period or np.inf):
-        motion = _next(sweep, map, one, settled=bool(known.starts or new))
+        motion = _next(sweep, map, one, settled=known.settled or bool(new))
         if motion is None:
             continue
         regular = regular_of(motion, map)
-        if any(_same(regular, other) for other in (*known.regular, *(regular_of(other, map) for other in new))):
-            again.append(motion.period)
-        else:
+        arrived.append((motion.period, one.sightings))
+        if not any(_same(regular, other) for other in (*known.regular, *(regular_of(other, map) for other in new))):
             new.append(motion)
-    return new, again
+    return new, arrived
 
 
 def _next(sweep: Sweep, map: PeriodMap, one: Regular, settled: bool) -> OrbitKind | None:
@@ -165,7 +177,7 @@ def _next(sweep: Sweep, map: PeriodMap, one: Regular, settled: bool) -> OrbitKin
         motion = kind_of_cycle(map, cycle, sweep.cycles) if cycle is not None else None
     else:
         motion = None if settled else kind_of_run(map, state, sweep.settle // 2, sweep.cycles)
-    return replace(motion, share=0.0) if motion is not None and motion.regular else None
+    return replace(motion, share=0.0, sightings=0) if motion is not None and motion.regular else None
 
 
 def _same_branch(one: Regular, other: Regular) -> bool:
@@ -177,7 +189,3 @@ def _same_branch(one: Regular, other: Regular) -> bool:
 def _same(one: Regular, other: Regular) -> bool:
     """Whether two motions of one value are the same; a section does not tell two tori apart."""
     return one.period == other.period and (not one.period or one.apart(other) < SAME)
-
-
-def _sensitive(map: PeriodMap, known: Known) -> bool:
-    return any(rounding_decides(map, begun(map, state), dropped) for state, dropped in known.starts)

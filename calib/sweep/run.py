@@ -37,6 +37,7 @@ NAMES = {
     "impact_speed": "closing speed of each impact",
     "state": "last state, each component in component_unit",
     "share": "share of the runs from starts that differ imperceptibly which led to the motion",
+    "sightings": "how often a regular motion was met independently at the value itself; from 3 on it is no chance",
     "runs": "runs from starts that differ imperceptibly, by 1e-6 of the scale of the state",
     "certain": "whether another rounding would have led to the same kind",
     "escape_mean": "mean time in which runs leave the irregular motion for a regular one, inf where none did",
@@ -78,10 +79,11 @@ def run(
     points have the dimension point.
 
     The kind is that of the motion which the start leads to; where rounding decides what it leads to, that of the most
-    regular motion known there (see `calib.dynamics.motion.kind_of_orbit`), neighbouring values included. All others
-    that were met have the same variables with the prefix other_ and the dimension other in front. share of the `runs`
-    from starts that differ imperceptibly [1], certain (P), and escape_mean, escape_low, escape_high (P) [periods], the
-    time in which runs leave an irregular motion. Where states are carried, the kind is that of the carried motion.
+    regular motion that was met three times (see `calib.dynamics.motion.kind_of_orbit`), neighbouring values included.
+    All others that were met have the same variables with the prefix other_ and the dimension other in front. share of
+    the `runs` from starts that differ imperceptibly [1], certain (P), and escape_mean, escape_low, escape_high (P)
+    [periods], the time in which runs leave an irregular motion. Where states are carried, the kind is that of the
+    carried motion.
 
     Raises
     ------

