@@ -73,6 +73,7 @@ class Shift:
     parameter : name
     before, after : values, in SI
     before_error, after_error : their standard errors, in SI
+    unit : of all these
     """
 
     parameter: str
@@ -80,6 +81,7 @@ class Shift:
     after: float
     before_error: float
     after_error: float
+    unit: str = "1"
 
     @property
     def errors(self) -> float:
@@ -138,7 +140,7 @@ def gained(
     ----------
     threshold : of the normal deviate, from which the records' sizes differ
     """
-    shifts = _shifts(null, final)
+    shifts = _shifts(fitter, null, final)
     columns = _columns(pool, fitter, fitter.evidence, final, final.columns)
     transfers = _transfers(fitter.evidence, final, columns, held=False)
     held = [name for name, reference in bench.objective.references.items() if reference.use == "holdout"]
@@ -342,10 +344,18 @@ def agreements(transfers: Sequence[Transfer], threshold: float) -> tuple[Agreeme
     return tuple(compared)
 
 
-def _shifts(null: Fit, final: Fit) -> tuple[Shift, ...]:
+def _shifts(fitter: Fitter, null: Fit, final: Fit) -> tuple[Shift, ...]:
     errors = zip(null.names, null.error(null.names), final.error(null.names), strict=True)
+    parameters = fitter.model.parameters
     return tuple(
-        Shift(name, null.value(name), final.value(name), float(before), float(after))
+        Shift(
+            name,
+            null.value(name),
+            final.value(name),
+            float(before),
+            float(after),
+            parameters[name.partition("@")[0]].unit,
+        )
         for name, before, after in errors
         if 0.0 < before < np.inf and 0.0 < after < np.inf
     )

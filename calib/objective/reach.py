@@ -71,7 +71,7 @@ def scalars(
 
     With a period: amplitude of each channel (half peak to peak of the mean loop), second and third harmonic over the
     fundamental, and phase, velocity change and contact time of the strongest impact. Without: amplitude (half peak to
-    peak) and root mean square of each channel.
+    peak) and root mean square about its mean of each channel.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def scalars(
         sigma, unit = sigmas.get(channel, 0.0), units[channel]
         if period is None:
             found[f"{channel} amplitude"] = Scalar(0.5 * float(np.ptp(row)), unit, 2.0 * sigma)
-            found[f"{channel} rms"] = Scalar(float(np.sqrt(np.mean(row**2))), unit, 2.0 * sigma / np.sqrt(row.size))
+            found[f"{channel} rms"] = Scalar(float(np.std(row)), unit, 2.0 * sigma / np.sqrt(row.size))
             continue
         mean = mean_cycle(time, row[None], period)
         loop, sigma = mean.loop[0], sigma / np.sqrt(mean.cycles)

@@ -7,8 +7,10 @@ from typing import Any
 from calib.diagnosis.next_measurement import DECISIVE_Z
 from calib.diagnosis.preparation import OUTLIERS, QUANTISATION
 from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED, explained
-from calib.report.words import number, percent, quantity, signed
+from calib.report.words import number, percent, quantity
 
+HALF_WIDTH = 1.96  # of a 95 % interval, in standard errors
+MAX_LISTED = 4  # records whose own sizes a sentence gives
 SAME = 1e-9  # relative difference of values that are the same
 REFITTED = "before, the calibrated model is refitted to the records as the diagnosis weighs them"
 REMEDIES = {
@@ -83,11 +85,10 @@ def points(said: Mapping[str, Any]) -> list[str]:
         found.append(_gained(gain))
     if gain and said["verdict"] in (NAMED, ONE_OF):
         found += disagreements(said)
-        if biased(gain):
-            moved = "; ".join(f"{name} by {signed(errors, '+')}" for name, errors in biased(gain).items())
+        if moved(gain):
             found.append(
-                "Calibrated without it, values were biased by more than their intervals say; in their own standard "
-                f"errors they move: {moved}."
+                "Calibrated without it, values were biased by more than their 95 % intervals say: "
+                f"{'; '.join(moved(gain))}."
             )
     if said["verdict"] == ONE_OF and said.get("design") is not None:
         found.append(f"{proposal(said['measurements'])}.")
@@ -104,19 +105,31 @@ def disagreements(said: Mapping[str, Any]) -> list[str]:
     found = []
     for parameter in apart:
         own = [t for t in gain["transfers"] if t["parameter"] == parameter and None not in (t["size"], t["error"])]
-        units = next((j["units"] for j in said["joint_sizes"].values() if parameter in j["size"]), {})
-        ends = [quantity(t["size"], units.get(parameter)) for t in sorted(own, key=lambda t: t["size"])]
-        found.append(f"{parameter} from {ends[0]} to {ends[-1]}" if ends else parameter)
+        unit = next((j["units"].get(parameter) for j in said["joint_sizes"].values() if parameter in j["size"]), None)
+        halves = [HALF_WIDTH * t["error"] for t in own]
+        each = [f"{quantity(t['size'], unit, half=h)} in {t['record']}" for t, h in zip(own, halves, strict=True)]
+        more = f" and {len(each) - MAX_LISTED} more" if len(each) > MAX_LISTED else ""
+        found.append(f"{parameter} = {', '.join(each[:MAX_LISTED])}{more}" if each else parameter)
     return [
-        f"The records, each alone, disagree on its size ({'; '.join(found)}): {' and '.join(names)} may stand for "
-        "something like it, and the interval of the common size does not count that."
+        f"The records, each alone, disagree on the size of {' and '.join(names)} ({'; '.join(found)}; 95\u00a0% "
+        "intervals): another effect that acts alike may be the cause, and the interval of the common size does not "
+        "count that."
     ]
 
 
-def biased(gain: Mapping[str, Any]) -> dict[str, float]:
-    """Calibrated parameters that leave their own 95 % interval in the extended model, and by how many of its errors."""
-    known = {s["parameter"]: s["errors"] for s in gain["shifts"] if s["errors"] is not None}
-    return {name: errors for name, errors in known.items() if abs(errors) > 2.0}
+def moved(gain: Mapping[str, Any]) -> list[str]:
+    """Write calibrated parameters that leave their own 95 % interval in the extended model, with both values."""
+    return [
+        f"{s['parameter']} = {_with_interval(s, 'before')} without it, {_with_interval(s, 'after')} with it"
+        for s in gain["shifts"]
+        if s["errors"] is not None and abs(s["errors"]) > HALF_WIDTH
+    ]
+
+
+def _with_interval(shift, which):
+    """Write a calibrated parameter before or after; without interval where earlier versions had none."""
+    error = shift.get(f"{which}_error")
+    return quantity(shift[which], shift.get("unit"), half=None if error is None else HALF_WIDTH * error)
 
 
 def proposal(measurements: Sequence[Mapping[str, Any]]) -> str:
@@ -131,14 +144,22 @@ def proposal(measurements: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _excess(misfit, said):
-    excess, left, blur = (misfit[key] for key in ("excess", "left", "blur"))
-    side = "above" if excess >= 0 else "below"
-    text = f"What the calibrated model leaves: a sum of squares {number(abs(excess), 3)} {side} that of noise"
-    text += f", where ±{number(blur, 2)} is chance"
+    """Say how large a residual the models leave, in units of the noise."""
+    chance = 1.0 / misfit["blur"]  # standard deviation of the root mean square of noise
+    text = f"The residual of the calibrated model is {_over_noise(misfit, 'excess')} times as large as the noise"
+    text += f" (root mean square over all samples; of noise alone it is 1 ± {number(chance, 1)})"
     if not added(said):
         return f"{text}."
-    after = f"{number(abs(left), 3)} {'above' if left >= 0 else 'below'}"
-    return f"{text}; with {_which(said)} it is {after}: {explained(misfit['share'])} of the excess is explained."
+    return (
+        f"{text}; with {_which(said)} it is {_over_noise(misfit, 'left')} times as large: "
+        f"{explained(misfit['share'])} of the sum of squares beyond the noise is explained."
+    )
+
+
+def _over_noise(misfit, which):
+    """Write the root mean square of a residual over the noise, from its excess chi-square."""
+    samples = 0.5 * misfit["blur"] ** 2  # a chi-square of noise has the variance 2 N
+    return number(math.sqrt(max(0.0, 1.0 + misfit[which] / samples)), 3)
 
 
 def _remains(said):
@@ -150,8 +171,10 @@ def _remains(said):
     if not whole > 0.0:
         return []
     most = max(remains["rows"], key=lambda row: row["beyond_noise"])
-    where = f"{most['channel']} of {most['body']} in {most['record']}"
-    text = f"What remains is more than noise; {percent(most['beyond_noise'] / whole)} of it is in the {where}"
+    text = "What remains is more than noise"
+    if len(remains["rows"]) > 1:
+        where = f"{most['channel']} of {most['body']} in {most['record']}"
+        text += f"; {percent(most['beyond_noise'] / whole)} of it is in the {where}"
     return [f"{text}. Standard errors count it, but a remainder that nobody has modelled can bias sizes beyond them."]
 
 

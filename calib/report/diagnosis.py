@@ -293,8 +293,10 @@ def _reason(suspect, fate, said):
         return f"would need {name} {bound} {number(suspect['null'][name])}"
     if fate == causes.LESS:
         first = said["rounds"][0]["chosen"] if said["rounds"] else None
-        alike = suspect.get("alike")
-        return f"explains less; {percent(alike)} like {first}" if first and alike is not None else "explains less"
+        alike = f"; {percent(suspect['alike'])} like {first}" if first and (suspect.get("alike") or 0.0) > 0.5 else ""
+        return f"explains less{alike}"
+    if not suspect["refitted"] and suspect["absorbed"] >= 1.0:
+        return "calibration absorbs it: these records cannot show it"
     return {causes.CLOSEST: "comes closest"}.get(fate, "below the threshold")
 
 
