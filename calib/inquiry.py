@@ -31,6 +31,7 @@ from calib.study_toml import StudyFile, load
 REHEARSAL, PICTURE = "rehearsal.jsonl", "rehearsal.png"
 EXTENDED = "extended"
 WIDTH = 4.0  # standard errors on each side of a size: the window in which the extended study searches it
+HALF_WIDTHS = 2.0  # of a window, in half widths of the 95 % interval at least
 LEAST_HALF_WIDTH = 0.1  # of the departure from null: the study's terms weigh the records otherwise than the diagnosis
 NEAR_EDGE = 0.1  # of a window: a value nearer to its end may be at its edge
 
@@ -214,15 +215,16 @@ def _entry(cause: Refitted, reference: str):
 def _windows(cause: Refitted, final: Fit, alone: Sequence[Transfer]) -> dict[str, Window]:
     """Window of each parameter of a cause, within what makes sense: `WIDTH` joint standard errors about its joint size.
 
-    It holds the sizes of the records that the diagnosis had, as far as they know more of it than that it is there, and
-    is never narrower than a tenth of the size on each side.
+    It holds twice the 95 % interval and the sizes of the records that the diagnosis had, as far as they know more of it
+    than that it is there, and is never narrower than a tenth of the size on each side.
     """
     windows = {}
     for p in cause.candidate.parameters:
         size, error = final.value(p.name), float(final.error([p.name])[0])
+        interval = float(final.half_width([p.name])[0])  # wide where the error has few degrees of freedom
         departure = abs(size - (p.null if p.null is not None and np.isfinite(p.null) else 0.0))
         least = LEAST_HALF_WIDTH * (departure or cause.candidate.scale[p.name])
-        half = max(WIDTH * error, least) if np.isfinite(error) else max(departure, least)
+        half = max(WIDTH * error, HALF_WIDTHS * interval, least) if np.isfinite(interval) else max(departure, least)
         own = [t.size for t in alone if t.parameter == p.name and not t.held and t.error <= departure]
         windows[p.name] = _rounded(min([size - half, *own]), max([size + half, *own]), half, p)
     return windows

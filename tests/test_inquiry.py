@@ -211,6 +211,9 @@ class Joint:
     def error(self, names):
         return np.full(len(names), self.of_k)
 
+    def half_width(self, names):
+        return 1.96 * self.error(names)
+
     def value(self, name):
         return self.size
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy import stats
 
 from calib.confidence.covariance import sandwich
 from calib.cycles import kind_of_motion
@@ -35,6 +36,7 @@ class Transfer:
     record, parameter : whose size
     size, error : estimate and standard error  [unit of the parameter]
     held : whether the record had no part in calibration and naming
+    freedom : degrees of freedom of the error: few where what is left changes slowly  [1]
     """
 
     record: str
@@ -42,6 +44,17 @@ class Transfer:
     size: float
     error: float
     held: bool
+    freedom: float = np.inf
+
+    @property
+    def half_width(self) -> float:
+        """Half width of its 95 % interval, by Student's t."""
+        return self.error * float(stats.t.isf(0.5 * (1.0 - CRITERIA.confidence_level), self.freedom))
+
+    @property
+    def normal_error(self) -> float:
+        """Standard error of a normal distribution that has the same 95 % interval."""
+        return self.half_width / float(stats.norm.isf(0.5 * (1.0 - CRITERIA.confidence_level)))
 
 
 @dataclass(frozen=True)
@@ -259,15 +272,17 @@ def _transfers(evidence: Evidence, final: Fit, columns: Mapping[str, np.ndarray]
             others = np.column_stack([np.delete(columns[part.name], index, axis=1), nuisances[own]])
             alone = _refitted(residual[own], columns[part.name][:, index], others, numbers[own])
             if alone is not None:
-                size, error = alone
-                transfers.append(Transfer(part.name, name, final.value(name) + size, error, held))
+                size, error, freedom = alone
+                transfers.append(Transfer(part.name, name, final.value(name) + size, error, held, freedom))
     return tuple(transfers)
 
 
 def _refitted(
     residual: np.ndarray, column: np.ndarray, others: np.ndarray, rows: np.ndarray
-) -> tuple[float, float] | None:
-    """Step of one parameter and its standard error, the `others` (n, k) free as well: a partial regression.
+) -> tuple[float, float, float] | None:
+    """Step of one parameter, its standard error and the degrees of freedom of that: a partial regression.
+
+    The `others` (n, k) are free as well.
 
     The error counts what the model leaves beside the noise, as that of the joint size does; it is none less than what
     the noise alone makes. None where the others absorb the column but for the error of the derivatives.
@@ -283,8 +298,9 @@ def _refitted(
     step = float(alone @ remaining) / information
     remaining = remaining - alone * step
     counted = (remaining != 0.0) | (alone != 0.0)
-    covariance, _ = sandwich(alone[counted, None], remaining[counted], rows[counted])
-    return step, float(np.sqrt(max(covariance[0, 0], 1.0 / information)))
+    covariance, freedom = sandwich(alone[counted, None], remaining[counted], rows[counted])
+    error = float(np.sqrt(max(covariance[0, 0], 1.0 / information)))
+    return step, error, max(1.0, float(freedom[0]) - projection.rank)  # the others take theirs
 
 
 def _columns(
@@ -328,16 +344,18 @@ def _sizes(transfers: tuple[Transfer, ...], threshold: float) -> dict[str, tuple
 def agreements(transfers: Sequence[Transfer], threshold: float) -> tuple[Agreement, ...]:
     """Whether the records agree on each size that several of them have: chi-square about the weighted mean.
 
+    An error of few degrees of freedom counts as that of the normal distribution with the same 95 % interval.
+
     Parameters
     ----------
     threshold : of the normal deviate, from which sizes differ
     """
     compared = []
     for name in dict.fromkeys(t.parameter for t in transfers):
-        own = [t for t in transfers if t.parameter == name and 0.0 < t.error < np.inf]
+        own = [t for t in transfers if t.parameter == name and 0.0 < t.normal_error < np.inf]
         if len(own) < 2:
             continue
-        size, weight = np.array([t.size for t in own]), np.array([t.error for t in own]) ** -2.0
+        size, weight = np.array([t.size for t in own]), np.array([t.normal_error for t in own]) ** -2.0
         chi2 = float(weight @ (size - (weight @ size) / weight.sum()) ** 2)
         z = float(deviate(chi2, len(own) - 1))
         compared.append(Agreement(name, chi2, len(own) - 1, z, z <= threshold))

@@ -194,7 +194,7 @@ def _gain(gain: Gain) -> dict[str, Any]:
         "proven": gain.proven,
         "each": {name: list(pair) for name, pair in gain.each.items()},
         "failed": dict(gain.failed),
-        "transfers": [asdict(transfer) for transfer in gain.transfers],
+        "transfers": [{**asdict(transfer), "half_width": transfer.half_width} for transfer in gain.transfers],
         "agreements": [asdict(agreement) for agreement in gain.agreements],
         "shifts": [{**asdict(shift), "errors": shift.errors} for shift in gain.shifts],
     }

@@ -8,6 +8,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter, NullLocator
 
+from calib.report.conclusion import half_width
 from calib.report.drawing import LINE, MARK, MEASURED, OTHER, SIMULATED, STYLE, WIDTH, shown_unit
 from calib.report.remains import EXTENDED
 from calib.report.words import signed
@@ -103,7 +104,7 @@ def gain(found: Mapping[str, Any]) -> Figure | None:
 def transfers(
     found: Sequence[Mapping[str, Any]], sizes: Mapping[str, tuple[float, float, float]], units: Mapping[str, str]
 ) -> Figure | None:
-    """Size of each parameter of the causes as each record alone has it, with two standard errors; and the common one.
+    """Size of each parameter of the causes as each record alone has it, with its 95 % interval; and the common one.
 
     sizes : parameter -> size and its interval, in SI
     """
@@ -125,9 +126,8 @@ def transfers(
                 look = {"color": MARK if t["held"] else LINE, "markersize": 5.0, "capsize": 2.5, "linewidth": 1.1}
                 fill = {"markerfacecolor": "white"} if t["held"] else {}
                 row = records[::-1].index(t["record"])
-                axes.errorbar(
-                    factor * t["size"], row, xerr=2.0 * factor * t["error"], fmt="o", zorder=3, **look, **fill
-                )
+                half = factor * half_width(t)
+                axes.errorbar(factor * t["size"], row, xerr=half, fmt="o", zorder=3, **look, **fill)
             if name in sizes:
                 common, low, high = (factor * x for x in sizes[name])
                 axes.axvspan(low, high, color=EXTENDED, alpha=0.22, linewidth=0)
@@ -150,13 +150,13 @@ def transfers(
 
 def _within(axes, own, factor, size):
     """Show what is determined: a record that says nearly nothing may run out of the picture."""
-    errors = sorted(t["error"] for t in own)
-    if not errors:
+    halves = sorted(map(half_width, own))
+    if not halves:
         return
-    wide = 12.0 * errors[len(errors) // 2]
+    wide = 6.0 * halves[len(halves) // 2]
     centre = size[0] if size else sorted(t["size"] for t in own)[len(own) // 2]
-    ends = [x for t in own for x in (t["size"] - 2.0 * t["error"], t["size"] + 2.0 * t["error"])] + [0.0, centre]
-    near = [t["size"] for t in own if t["error"] < wide]
+    ends = [x for t in own for x in (t["size"] - half_width(t), t["size"] + half_width(t))] + [0.0, centre]
+    near = [t["size"] for t in own if half_width(t) < 2.0 * wide]
     low, high = max(min(ends), min(centre - wide, 0.0, *near)), min(max(ends), max(centre + wide, 0.0, *near))
     room = 0.05 * (high - low) or 1.0
     axes.set_xlim(factor * (low - room), factor * (high + room))

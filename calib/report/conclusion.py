@@ -106,8 +106,7 @@ def disagreements(said: Mapping[str, Any]) -> list[str]:
     for parameter in apart:
         own = [t for t in gain["transfers"] if t["parameter"] == parameter and None not in (t["size"], t["error"])]
         unit = next((j["units"].get(parameter) for j in said["joint_sizes"].values() if parameter in j["size"]), None)
-        halves = [HALF_WIDTH * t["error"] for t in own]
-        each = [f"{quantity(t['size'], unit, half=h)} in {t['record']}" for t, h in zip(own, halves, strict=True)]
+        each = [f"{quantity(t['size'], unit, half=half_width(t))} in {t['record']}" for t in own]
         more = f" and {len(each) - MAX_LISTED} more" if len(each) > MAX_LISTED else ""
         found.append(f"{parameter} = {', '.join(each[:MAX_LISTED])}{more}" if each else parameter)
     return [
@@ -115,6 +114,11 @@ def disagreements(said: Mapping[str, Any]) -> list[str]:
         "intervals): another effect that acts alike may be the cause, and the interval of the common size does not "
         "count that."
     ]
+
+
+def half_width(transfer: Mapping[str, Any]) -> float:
+    """Half width of the 95 % interval of the size that a record alone has; earlier versions wrote its error only."""
+    return transfer.get("half_width") or HALF_WIDTH * transfer["error"]
 
 
 def moved(gain: Mapping[str, Any]) -> list[str]:

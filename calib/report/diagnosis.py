@@ -68,9 +68,9 @@ GAIN = (
     "for."
 )
 TRANSFERS = (
-    "Size of the effect refitted to each record alone, all other parameters free, with two standard errors; a record "
-    "that does not tell it from these has none. A law of nature has one size in all of them; a size that differs from "
-    "record to record, or that the records held out do not share, is a stand-in for another cause."
+    "Size of the effect refitted to each record alone, all other parameters free, with its 95\u00a0% interval; a "
+    "record that does not tell it from these has none. A law of nature has one size in all of them; a size that "
+    "differs from record to record, or that the records held out do not share, is a stand-in for another cause."
 )
 SHIFTS = (
     "By how many of their standard errors the calibrated parameters move once the cause is in the model; within the "

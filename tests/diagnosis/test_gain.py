@@ -27,7 +27,7 @@ def test_the_error_of_a_record_alone_covers_what_calibrated_parameters_take():
     for _ in range(300):
         noise = rng.standard_normal(N)
         residual = 0.7 * column - 2.0 * others[:, 0] + noise  # the calibrated value is off, too
-        size, error = _refitted(residual, column, others, ROW)
+        size, error, _ = _refitted(residual, column, others, ROW)
         deviates.append((size - 0.7) / error)
         raw.append(error * np.linalg.norm(column))
     assert np.std(deviates) == pytest.approx(1.0, abs=0.15)
@@ -48,6 +48,9 @@ def test_records_agree_by_the_threshold_of_the_diagnosis():
     assert (found.parameter, found.degrees, found.agree) == ("k", 1, True)
     assert found.chi2 == pytest.approx(2.0)
     assert found.z == pytest.approx(np.sqrt(2.0))
+    vague = [Transfer("a", "k", 1.0, 0.1, False, 1.5), Transfer("b", "k", 2.0, 0.1, True, 1.5)]
+    assert vague[0].half_width > 3.0 * near[0].half_width
+    assert agreements(vague, 3.0)[0].agree  # errors of so few degrees of freedom tell little
     [found] = agreements([near[0], Transfer("b", "k", 2.0, 0.1, True)], 3.0)
     assert not found.agree
 
