@@ -263,7 +263,7 @@ class Met:
 
     def established(self) -> list[Sighted]:
         """Regular motions that were met so often that no rounding would miss them, and that a section shows."""
-        return [one for one in self.motions if one.motion.regular and counts(one.motion.period, one.sightings)]
+        return [one for one in self.motions if one.motion.regular and gives_kind(one.motion.period, one.sightings)]
 
     def irregular(self) -> Sighted | None:
         """The irregular motion; None where there is none."""
@@ -331,7 +331,7 @@ class Met:
         )
 
 
-def counts(period: int, sightings: int) -> bool:
+def gives_kind(period: int, sightings: int) -> bool:
     """Whether a regular motion beside chaos gives the kind: met three times, and seen to return in a section.
 
     period : 0 of a quasi-periodic one

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.dynamics.motion import SAME, counts
+from calib.dynamics.motion import SAME, gives_kind
 from calib.dynamics.single_run import FAILED, NEUTRAL, QUASI_PERIODIC
 from calib.sweep.compute import OTHER, no_motion, stacked
 from calib.sweep.continuation import Known, Regular, supported
@@ -125,7 +125,7 @@ def _judged(sweep: Sweep, row: Motion, brought: Arrivals, elsewhere: Sequence[Mo
 def _established(motion: Motion, brought: Arrivals) -> bool:
     """Whether a motion was met often enough to give the kind, at this value and along its branch at others."""
     period = int(motion["period"])
-    return counts(period, int(motion["sightings"]) + brought.support.get(period, 0))
+    return gives_kind(period, int(motion["sightings"]) + brought.support.get(period, 0))
 
 
 def _motions(sweep: Sweep, row: Motion) -> list[Motion]:
