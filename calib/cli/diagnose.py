@@ -19,7 +19,7 @@ from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, explained
 from calib.inquiry import inquire
 from calib.progress import INTERVAL
 from calib.report.causes import SENSELESS
-from calib.report.conclusion import REFITTED, biased_values, disagreements, proposal, sizes
+from calib.report.conclusion import REFITTED, disagreements, moved_values, proposal, sizes
 from calib.report.diagnosis import outcome
 from calib.units import shown
 
@@ -154,8 +154,8 @@ def _gain(found: Mapping[str, Any]) -> list[str]:
         f"less by {low:.2g} to {high:.2g}{proven}",
         f"misfit: {gain['metric']}; {REFITTED}",
     ]
-    if biased_values(gain):
-        lines.append(f"calibrated without it, values were biased: {'; '.join(biased_values(gain))}")
+    if moved_values(gain):
+        lines.append(f"with it, calibrated values move by more than their intervals: {'; '.join(moved_values(gain))}")
     return lines
 
 

@@ -85,10 +85,10 @@ def points(said: Mapping[str, Any]) -> list[str]:
         found.append(_gained(gain))
     if gain and said["verdict"] in (NAMED, ONE_OF):
         found += disagreements(said)
-        if biased_values(gain):
+        if moved_values(gain):
             found.append(
-                "Calibrated without it, values were biased by more than their 95 % intervals say: "
-                f"{'; '.join(biased_values(gain))}."
+                "With it, calibrated values move by more than their 95 % intervals in this diagnosis: "
+                f"{'; '.join(moved_values(gain))}."
             )
     if said["verdict"] == ONE_OF and said.get("design") is not None:
         found.append(f"{proposal(said['measurements'])}.")
@@ -121,7 +121,7 @@ def half_width(transfer: Mapping[str, Any]) -> float:
     return transfer.get("half_width") or HALF_WIDTH * transfer["error"]
 
 
-def biased_values(gain: Mapping[str, Any]) -> list[str]:
+def moved_values(gain: Mapping[str, Any]) -> list[str]:
     """Write calibrated parameters that leave their own 95 % interval in the extended model, with both values."""
     return [
         f"{s['parameter']} = {_with_interval(s, 'before')} without it, {_with_interval(s, 'after')} with it"
