@@ -87,5 +87,10 @@ class Criteria:
     max_solver_share: float = 0.1
     max_solver_change: float = 0.01
 
+    @property
+    def tail_probability(self) -> float:
+        """Probability beyond each end of an interval of the confidence level  [1]."""
+        return 0.5 * (1.0 - self.confidence_level)
+
 
 CRITERIA = Criteria()

@@ -49,12 +49,12 @@ class Transfer:
     @property
     def half_width(self) -> float:
         """Half width of its 95 % interval, by Student's t."""
-        return self.error * float(stats.t.isf(0.5 * (1.0 - CRITERIA.confidence_level), self.freedom))
+        return self.error * float(stats.t.isf(CRITERIA.tail_probability, self.freedom))
 
     @property
     def normal_error(self) -> float:
         """Standard error of a normal distribution that has the same 95 % interval."""
-        return self.half_width / float(stats.norm.isf(0.5 * (1.0 - CRITERIA.confidence_level)))
+        return self.half_width / float(stats.norm.isf(CRITERIA.tail_probability))
 
 
 @dataclass(frozen=True)
@@ -232,7 +232,7 @@ def _summed(kind: str, parts: Sequence[tuple[Part, Seen, Seen]], seed: int, **re
         picked = [rng.integers(one.count.shape[1], size=one.count.shape[1]) for one, _ in squares]
         again = [(one.drawn(p), other.drawn(p)) for (one, other), p in zip(squares, picked, strict=True)]
         drawn.append(misfit([one for one, _ in again]) - misfit([other for _, other in again]))
-    tail = 0.5 * (1.0 - CRITERIA.confidence_level)
+    tail = CRITERIA.tail_probability
     interval = tuple(float(x) for x in np.nanquantile(drawn, [tail, 1.0 - tail]))
     return Gain(kind, names, before, after, interval, each=each, **rest)
 

@@ -119,7 +119,7 @@ class Fit:
             return np.full(len(names), np.inf)
         _, freedom, _ = self._sandwich
         index = [self.names.index(name) for name in names]
-        return self.error(names) * stats.t.isf(0.5 * (1.0 - CRITERIA.confidence_level), freedom[index])
+        return self.error(names) * stats.t.isf(CRITERIA.tail_probability, freedom[index])
 
     def value(self, name: str) -> float:
         """Value of a parameter, in SI."""

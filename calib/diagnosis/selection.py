@@ -158,6 +158,25 @@ class Selection:
         return tuple(dict.fromkeys([names, *models])) if names else ()
 
 
+@dataclass(frozen=True, eq=False)
+class _Stepwise:
+    """A stepwise selection so far.
+
+    Attributes
+    ----------
+    null, final : the calibrated model, and the one with the causes
+    known : derivatives of candidates
+    rounds : searches one after the other
+    causes : in the final model
+    """
+
+    null: Fit
+    final: Fit
+    known: KnownDerivatives
+    rounds: tuple[Round, ...] = ()
+    causes: tuple[Cause, ...] = ()
+
+
 def select(
     fitter: Fitter,
     null: Fit,
@@ -170,38 +189,31 @@ def select(
     Where the causes leave more than noise, but not much more, one of them may be a compromise between two: then the
     best pair is tried in their place.
     """
-    forward = _forward(fitter, null, candidates, seed, on_stage)
-    null, causes, final = forward.null, forward.causes, forward.final
-    if len(causes) > 1 and not fitter.effort.spent:
-        causes, final = replaced(fitter, null, causes, final, candidates, seed, forward.known)
-    if _may_be_compromise(fitter, causes, final, forward.rounds[-1]) and not fitter.effort.spent:
+    state = _forward(fitter, null, candidates, seed, on_stage)
+    if len(state.causes) > 1 and not fitter.effort.spent:
+        causes, final = replaced(fitter, state.null, state.causes, state.final, candidates, seed, state.known)
+        state = replace(state, causes=tuple(causes), final=final)
+    if _may_be_compromise(fitter, state) and not fitter.effort.spent:
         on_stage("pairs")
-        causes, final = _pair_or_causes(fitter, null, causes, final, candidates, seed, forward.known)
-    return _selection(fitter, null, final, forward.rounds, causes)
+        state = _with_best_pair(fitter, state, candidates, seed)
+    return _selection(fitter, state)
 
 
-def _pair_or_causes(
-    fitter: Fitter,
-    null: Fit,
-    causes: Sequence[Cause],
-    final: Fit,
-    candidates: Sequence[Candidate],
-    seed: int,
-    known: KnownDerivatives,
-) -> tuple[Sequence[Cause], Fit]:
+def _with_best_pair(fitter: Fitter, state: _Stepwise, candidates: Sequence[Candidate], seed: int) -> _Stepwise:
     """Put the best pair in the place of the causes where it explains more, and each is a cause beside the other.
 
     The candidates are scored anew: noise may have been re-estimated since.
     """
-    suspects, threshold = screened(fitter, null, candidates, seed, known)
+    null = state.null
+    suspects, threshold = screened(fitter, null, candidates, seed, state.known)
     pair = best_pair(fitter, null, suspects)
-    if pair is None or not _explains_more(fitter.evidence, null, causes, final, pair):
-        return causes, final
-    others, extended = replaced(fitter, null, *pair, candidates, seed, {}, last_too=True)
-    if not _explains_more(fitter.evidence, null, causes, final, (others, extended)):
-        return causes, final
-    rejected = _any_rejected(fitter, null, [cause for cause, _ in others], extended, threshold)
-    return (causes, final) if rejected else (others, extended)
+    if pair is None or not _explains_more(fitter.evidence, null, state.causes, state.final, pair):
+        return state
+    causes, final = replaced(fitter, null, *pair, candidates, seed, {}, last_too=True)
+    if not _explains_more(fitter.evidence, null, state.causes, state.final, (causes, final)):
+        return state
+    rejected = _any_rejected(fitter, null, [cause for cause, _ in causes], final, threshold)
+    return state if rejected else replace(state, causes=tuple(causes), final=final)
 
 
 def _any_rejected(fitter: Fitter, null: Fit, causes: Sequence[Refitted], final: Fit, threshold: float) -> bool:
@@ -227,28 +239,26 @@ def _explains_more(
     return lower and not is_negligible(evidence, null, final, final.chi2 - other[1].chi2)
 
 
-def _may_be_compromise(fitter: Fitter, causes: Sequence[Cause], final: Fit, last: Round) -> bool:
+def _may_be_compromise(fitter: Fitter, state: _Stepwise) -> bool:
     """Whether a model leaves more than noise, but, less what one more suspect explains, no misfit that dominates it.
 
     A sum of squares sees less than a score test: beside a cause, a suspect beyond the threshold that was rejected shows
     it too. It may have been rejected because that cause stands for both.
-
-    last : search for a further cause
     """
-    excess, std = excess_chi2(fitter.evidence, final), chi2_std(fitter.evidence)
-    rejected = last.rejected
-    if rejected is None or rejected.name in {cause.name for cause, _ in causes}:
+    excess, std = excess_chi2(fitter.evidence, state.final), chi2_std(fitter.evidence)
+    rejected = state.rounds[-1].rejected
+    if rejected is None or rejected.name in {cause.name for cause, _ in state.causes}:
         return significant(excess, std) and not dominant(excess, std)
-    return (significant(excess, std) or bool(causes)) and not dominant(excess - rejected.chi2_reduction, std)
+    beyond = significant(excess, std) or bool(state.causes)
+    return beyond and not dominant(excess - rejected.chi2_reduction, std)
 
 
-def _selection(
-    fitter: Fitter, null: Fit, final: Fit, rounds: Sequence[Round], causes: Sequence[Cause]
-) -> Selection:
+def _selection(fitter: Fitter, state: _Stepwise) -> Selection:
     """Compare both models where the simulations of both are to be trusted."""
+    null, final, causes = state.null, state.final, state.causes
     common = fitter.evidence.with_weights([null.point.simulated, final.point.simulated])
     return Selection(
-        rounds=tuple(rounds),
+        rounds=state.rounds,
         null=null,
         final=final,
         causes=tuple(cause.within(final) for cause, _ in causes),
@@ -265,30 +275,11 @@ def _selection(
 # --- forward selection ------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class _Forward:
-    """A forward selection.
-
-    Attributes
-    ----------
-    null, final : the calibrated model, and the one with the causes
-    known : derivatives of candidates
-    rounds : searches one after the other
-    causes : that were chosen
-    """
-
-    null: Fit
-    final: Fit
-    known: KnownDerivatives
-    rounds: tuple[Round, ...] = ()
-    causes: tuple[Cause, ...] = ()
-
-
 def _forward(
     fitter: Fitter, null: Fit, candidates: Sequence[Candidate], seed: int, on_stage: Callable[[str], None]
-) -> _Forward:
+) -> _Stepwise:
     """Choose causes one after the other, until one is rejected."""
-    state = _Forward(null, null, {})
+    state = _Stepwise(null, null, {})
     for number in range(CRITERIA.max_causes):
         if number and fitter.effort.spent:
             break
@@ -303,7 +294,7 @@ def _forward(
 
 
 def _round(
-    fitter: Fitter, state: _Forward, candidates: Sequence[Candidate], seed: int
+    fitter: Fitter, state: _Stepwise, candidates: Sequence[Candidate], seed: int
 ) -> tuple[Round, Fit | None]:
     """Search for a further cause and judge it; beside it the model with it, None where nothing was chosen."""
     evidence, base = fitter.evidence, state.final
@@ -320,7 +311,7 @@ def _round(
     return (outcome.without_cause(reason) if reason else outcome), extended
 
 
-def _reestimated(fitter: Fitter, state: _Forward) -> _Forward:
+def _reestimated(fitter: Fitter, state: _Stepwise) -> _Stepwise:
     """Re-estimate the noise of what does not repeat by what no candidate explains beside the causes; refit the models.
 
     What follows is looked for in that noise, and the last cause is compared with its rivals in it again. Where what the
@@ -349,7 +340,7 @@ def _reestimated(fitter: Fitter, state: _Forward) -> _Forward:
     return replace(state, null=null, final=final, causes=(*state.causes[:-1], cause))
 
 
-def _refitted_rivals(fitter: Fitter, base: Fit, state: _Forward) -> tuple[Refitted, ...]:
+def _refitted_rivals(fitter: Fitter, base: Fit, state: _Stepwise) -> tuple[Refitted, ...]:
     """The last cause and its rivals fitted in another noise, as far as they can be and are rivals there too.
 
     base : the model without them, in that noise

@@ -42,7 +42,7 @@ class _OfCandidate:
     @property
     def half_width(self) -> np.ndarray:
         """Half widths (p,) of the 95 % intervals of the sizes, by their standard errors."""
-        return float(stats.norm.isf(0.5 * (1.0 - CRITERIA.confidence_level))) * self.error
+        return float(stats.norm.isf(CRITERIA.tail_probability)) * self.error
 
     def refitted(self, fit: Fit, chi2_reduction: float) -> "Refitted":
         """Return it with the model that was refitted with it, and by how much that reduces chi-square."""

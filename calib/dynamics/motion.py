@@ -89,7 +89,7 @@ def kind_of_orbit(
     by_chance = first.regular and rounding_decides(map, state, first.dropped)
     if first.kind == FAILED or (first.period and not by_chance):
         return first
-    irregular = _arrival(map, state, first) if by_chance else first.dropped + len(first.visited)
+    observed = _arrival(map, state, first) if by_chance else first.dropped + len(first.visited)
     met = Met(map, [Sighted(first, first.orbit.states, 1, SIGHTINGS if first.regular and not by_chance else 1)])
     if not first.period:
         for cycle in stable_cycles(map, first.visited):
@@ -104,7 +104,7 @@ def kind_of_orbit(
     escapes = int(by_chance)
     for start in perturbed(map, state, runs - 1):
         found, lasted = _member(map, start, settle // 2, cycles)
-        irregular += lasted
+        observed += lasted
         if found.kind != FAILED:
             escapes += found.regular
             met.add(found)
@@ -113,7 +113,7 @@ def kind_of_orbit(
             met.add_transient(state, cycles)
         if explore and (chaos := met.irregular()) is not None:
             _look_longer(met, chaos.motion.state, 2 * settle, cycles)
-    return met.verdict(runs, EscapeTime(irregular, escapes))
+    return met.verdict(runs, EscapeTime(observed, escapes))
 
 
 def _look_longer(met: "Met", state: np.ndarray, periods: int, cycles: int) -> None:

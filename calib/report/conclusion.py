@@ -150,18 +150,16 @@ def proposal(measurements: Sequence[Mapping[str, Any]]) -> str:
 def _excess(misfit, said):
     """Say how large a residual the models leave, in units of the noise."""
     chance = 1.0 / misfit["blur"]  # standard deviation of the root mean square of noise
-    text = f"The residual of the calibrated model is {_over_noise(misfit, 'excess')} times as large as the noise"
-    text += f" (root mean square over all samples; of noise alone it is 1 ± {number(chance, 1)})"
+    text = "Whitened by the noise, what the calibrated model leaves has a root mean square of "
+    text += f"{_over_noise(misfit, 'excess')} (noise alone: 1 ± {number(chance, 1)})"
     if not added(said):
         return f"{text}."
-    return (
-        f"{text}; with {_which(said)} it is {_over_noise(misfit, 'left')} times as large: "
-        f"{explained(misfit['share'])} of the sum of squares beyond the noise is explained."
-    )
+    share = f"{explained(misfit['share'])} of the sum of squares beyond the noise is explained"
+    return f"{text}; with {_which(said)} {_over_noise(misfit, 'left')}: {share}."
 
 
 def _over_noise(misfit, which):
-    """Write the root mean square of a residual over the noise, from its excess chi-square."""
+    """Write the root mean square of a whitened residual, from its excess chi-square."""
     samples = 0.5 * misfit["blur"] ** 2  # a chi-square of noise has the variance 2 N
     return number(math.sqrt(max(0.0, 1.0 + misfit[which] / samples)), 3)
 

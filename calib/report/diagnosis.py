@@ -74,8 +74,8 @@ TRANSFERS = (
 )
 SHIFTS = (
     "By how many of their standard errors the calibrated parameters move once the cause is in the model; within the "
-    "grey band (two of them) the calibration's own interval holds the new value. One that moves further was biased, "
-    "to make up for what was missing."
+    "grey band (two of them) its interval, as this diagnosis weighs the records, holds the new value. One that moves "
+    "further may have made up for what was missing, or the cause takes over its part."
 )
 SEPARATION_MAP = (
     "Predicted separation of the two least distinguishable explanations by a steady tone, over its frequency and "
