@@ -39,6 +39,7 @@ MAX_SHIFT = 0.15  # of a return by Newton's method, as a share of the motion's e
 RETURNED = 1e-6  # of the size of a motion, which its section may leave open where it has all but returned
 SAME = 1e-4  # how near a state is to a motion that it belongs to, as a share of the map's scale
 TORUS = 0.05  # K of the 0-1 test over the kept cycles below which a run may have come to a quasi-periodic motion
+START_UP = 64  # periods in which a run from rest comes to the irregular motion
 SHORTEST_TRANSIENT = 32  # periods; in fewer chaos does not tear starts apart that differ imperceptibly
 STRETCHES = 5  # longer ones that are looked through for more sightings of a stable motion that was met beside chaos
 LONGEST_BESIDE_CHAOS = 32  # periods; a section of 64 shows a longer return but once, and chaos returns nearly too
@@ -256,8 +257,8 @@ class Met:
         return next((one for one in self.motions if self._same(one, kind, period, state)), None)
 
     def add_transient(self, state: np.ndarray, cycles: int) -> None:
-        """Add the motion on which a run from a state begins, where that is chaotic; no run has stayed on it."""
-        begun = kind_of_run(self.map, state, 0, cycles)
+        """Add the motion on which a run from a state was at first, where that is chaotic; no run has stayed on it."""
+        begun = kind_of_run(self.map, state, START_UP, cycles)
         if begun.kind == CHAOTIC:
             self.motions.append(Sighted(begun, begun.orbit.states, 0, 0))
 
