@@ -1,7 +1,7 @@
 """The kind of motion that a period map settles to, as far as rounding does not decide it."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -40,6 +40,7 @@ RETURNED = 1e-6  # of the size of a motion, which its section may leave open whe
 SAME = 1e-4  # how near a state is to a motion that it belongs to, as a share of the map's scale
 TORUS = 0.05  # K of the 0-1 test over the kept cycles below which a run may have come to a quasi-periodic motion
 START_UP = 64  # periods in which a run from rest comes to the irregular motion
+TRANSIENT_STARTS = 12  # further starts from which one is looked for whose chaos lasts, beside what cannot give the kind
 SHORTEST_TRANSIENT = 32  # periods; in fewer chaos does not tear starts apart that differ imperceptibly
 STRETCHES = 5  # longer ones that are looked through for more sightings of a stable motion that was met beside chaos
 LONGEST_BESIDE_CHAOS = 32  # periods; a section of 64 shows a longer return but once, and chaos returns nearly too
@@ -111,7 +112,8 @@ def kind_of_orbit(
             met.add(found)
     if by_chance and not met.established():
         if met.irregular() is None:
-            met.add_transient(state, cycles)
+            starts = TRANSIENT_STARTS if all(one.motion.period > LONGEST_BESIDE_CHAOS for one in met.motions) else 0
+            met.add_transient([state, *perturbed(map, state, starts)], cycles)
         if explore and (chaos := met.irregular()) is not None:
             _look_longer(met, chaos.motion.state, 2 * settle, cycles)
     return met.verdict(runs, EscapeTime(observed, escapes))
@@ -256,11 +258,16 @@ class Met:
     def _known(self, kind: str, period: int, state: np.ndarray) -> Sighted | None:
         return next((one for one in self.motions if self._same(one, kind, period, state)), None)
 
-    def add_transient(self, state: np.ndarray, cycles: int) -> None:
-        """Add the motion on which a run from a state was at first, where that is chaotic; no run has stayed on it."""
-        begun = kind_of_run(self.map, state, START_UP, cycles)
-        if begun.kind == CHAOTIC:
-            self.motions.append(Sighted(begun, begun.orbit.states, 0, 0))
+    def add_transient(self, starts: Iterable[np.ndarray], cycles: int) -> None:
+        """Add the motion on which the first of the runs was at first whose transient lasts long enough to be chaotic.
+
+        No run has stayed on it.
+        """
+        for start in starts:
+            begun = kind_of_run(self.map, start, START_UP, cycles)
+            if begun.kind == CHAOTIC:
+                self.motions.append(Sighted(begun, begun.orbit.states, 0, 0))
+                return
 
     def established(self) -> list[Sighted]:
         """Regular motions that were met so often that no rounding would miss them, and that a section shows."""

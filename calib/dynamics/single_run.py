@@ -8,10 +8,10 @@ import numpy as np
 from calib.cycles.motion import NO_CONTACT, UNDECIDED
 from calib.dynamics.contract import PeriodMap
 from calib.dynamics.escape import EscapeTime
-from calib.dynamics.exponents import Exponent, extended, largest_exponent
+from calib.dynamics.exponents import ALIGNMENT, Exponent, extended, largest_exponent
 from calib.dynamics.orbits import Cycle, attracting_cycle
 from calib.dynamics.pseudo_orbit import pseudo_orbit, pseudo_tangent
-from calib.dynamics.tangent import jacobian, longest_affordable
+from calib.dynamics.tangent import jacobian, longest_affordable, tangent
 from calib.dynamics.zero_one import zero_one
 from calib.errors import CalibError
 from calib.orbit import Orbit
@@ -31,6 +31,7 @@ REST = 1e-6  # of the map's scale: a smaller motion is at rest, and is measured 
 TO_GO = 0.05  # how far a motion may yet move, as a share of what tells its period from a shorter one
 NEUTRAL = 1e-3  # an exponent that cannot be told from zero: some 1/n of a torus over n = 3200 periods  [1/period]
 GROWING = 1e-3  # the least exponent of chaos, where the 0-1 test agrees  [1/period]
+STEADY = 0.01  # error of an exponent, relative, that is no chaos: the same growth in every period
 SIGMAS = 3.0  # standard errors that an exponent has to differ from zero by
 GROWTH_SIGMAS = 2.0  # standard errors that the exponent of chaos has to be above zero by, where the 0-1 test agrees
 REGULAR = 0.2  # K of the 0-1 test below which a series is not chaotic
@@ -124,11 +125,12 @@ def kind_of_run(map: PeriodMap, state: np.ndarray, settle: int = 1000, cycles: i
        `settle` periods. A motion that comes ever closer to a stable cycle is taken there by Newton's method.
     2. `cycles` periods are kept. The smallest n = 1..64 after which all of them return within 1e-6 is the period,
        unless the multipliers say that what is left of the transient could still lead to a shorter one.
-    3. Otherwise the largest exponent over 400 periods (up to 3200 while it decides nothing, and to 25600 where the 0-1
-       test calls the section chaotic) and the 0-1 test on the section have to agree: chaotic above zero, quasi-periodic
-       at zero. A motion that still settles is neither; one that returns after more than 64 periods is periodic where
-       its multipliers show that it attracts.
-    4. What neither says gets 5 times `settle` periods more, and is undecided after that.
+    3. Otherwise the largest exponent over 400 periods (up to 3200 while it decides nothing, and to 25600 where one of
+       the two says chaos) and the 0-1 test on the section have to agree: chaotic above zero, quasi-periodic at zero. A
+       motion that still settles is neither; one that returns after more than 64 periods is periodic where its
+       multipliers show that it attracts.
+    4. What neither says gets 5 times `settle` periods more, pushed off an unstable cycle that it lingers at, and is
+       undecided after that.
 
     A motion that does not return is followed as a pseudo-orbit (`calib.dynamics.pseudo_orbit`), which is the same one
     on all processors though it is chaotic.
@@ -153,8 +155,28 @@ def kind_of_run(map: PeriodMap, state: np.ndarray, settle: int = 1000, cycles: i
     found = _irregular(map, found)
     if found.kind != UNDECIDED or len(found.visited) > INTERMITTENT:
         return found
-    found = settled_orbit(map, found.state, PATIENCE * settle, cycles, found.dropped + cycles)
-    return found if found.kind != UNDECIDED else _irregular(map, found)
+    start, gone = _beyond_laminar_phase(map, found), found.dropped + cycles
+    again = settled_orbit(map, start, PATIENCE * settle, cycles, gone)
+    if again.kind == FAILED and start is not found.state:  # pushed to where there is no motion
+        again = settled_orbit(map, found.state, PATIENCE * settle, cycles, gone)
+    return again if again.kind != UNDECIDED else _irregular(map, again)
+
+
+def _beyond_laminar_phase(map: PeriodMap, found: OrbitKind) -> np.ndarray:
+    """State (dimension,) from which an undecided motion goes on: its own, or off an unstable cycle that it lingers at.
+
+    A run that comes near such a cycle by chance stays for as many periods as 1 / exponent, many times over, and none of
+    them tells what motion it belongs to (laminar phase of intermittency: Pomeau and Manneville, Communications in
+    Mathematical Physics 74 (1980) 189). It is pushed along the direction that grows most.
+    """
+    section = found.visited[-TAIL:] / map.scale
+    lingers = len(section) > LAGS and _recurrence(section).min() <= NEARBY
+    if not (lingers and found.exponent > SIGMAS * found.error):
+        return found.state
+    grown = tangent(map, found.state, np.ones((found.state.size, 1)), ALIGNMENT)
+    if len(grown.states) < ALIGNMENT:
+        return found.state
+    return grown.states[-1] + NEARBY * _size(section) * grown.vectors[:, 0] * map.scale
 
 
 def settled_orbit(
@@ -378,7 +400,7 @@ class _Signs:
     @property
     def kind(self) -> str:
         value, least = self.exponent.value, max(GROWTH_SIGMAS * self.exponent.error, GROWING)
-        if self.returned:
+        if self.returned or self.lingers:
             return UNDECIDED
         if value > least and self.zero_one > REGULAR:
             return CHAOTIC
@@ -388,9 +410,21 @@ class _Signs:
         return UNDECIDED
 
     @property
+    def lingers(self) -> bool:
+        """Whether the motion is yet beside an unstable cycle: near returns, that grow all along or at a steady rate."""
+        value, error = self.exponent.value, self.exponent.error
+        growing = value > SIGMAS * error and self.recurrence <= NEARBY
+        return growing and (self.drifting or error < STEADY * value)
+
+    @property
     def interrupted(self) -> bool:
-        """Whether all but the exponent's error says chaos: long regular stretches keep that error large."""
-        return not self.returned and self.zero_one > REGULAR and self.exponent.value > GROWING
+        """Whether the 0-1 test or the exponent says chaos, and the other's error does not exclude it.
+
+        Long regular stretches keep the exponent's error large, and K small.
+        """
+        highest = self.exponent.value + GROWTH_SIGMAS * self.exponent.error
+        signs = self.zero_one > REGULAR or (self.zero_one >= 0.0 and self.exponent.value > GROWING)
+        return not self.returned and not self.lingers and signs and highest > GROWING
 
     @property
     def evidence(self) -> str:

@@ -109,7 +109,7 @@ def test_the_start_of_a_run_is_no_part_of_the_chaos_that_it_was_on():
 
     map = PlainMap(function, derivative, [0.3, 30.0])
     met = Met(map, [])
-    met.add_transient(map.initial, 100)
+    met.add_transient([map.initial], 100)
     [chaotic] = met.motions
     assert chaotic.motion.kind == CHAOTIC
     assert np.abs(chaotic.states[:, 1]).max() < 1e-6

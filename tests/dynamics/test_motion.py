@@ -197,6 +197,16 @@ def test_a_start_next_to_an_unstable_cycle_is_left():
     assert kind_of_orbit(logistic(3.05), np.array([1.0 - 1.0 / 3.05 + 1e-13])).kind == "period-2"
 
 
+@pytest.mark.parametrize("apart", [1e-4, 3e-6])
+@pytest.mark.parametrize("beyond", [0.0003, 0.0015])
+def test_a_start_beside_a_weakly_unstable_cycle_tells_of_the_motion_it_goes_to(beyond, apart):
+    """Growth by 0.03 to 0.3 % a period: the first thousands of periods are neither a torus nor chaos."""
+    a = 3.0 + beyond
+    found = kind_of_orbit(logistic(a), [1.0 - 1.0 / a + apart])
+    assert found.kind == "period-2"
+    assert found.exponent == pytest.approx(0.5 * math.log(abs(4.0 + 2.0 * a - a**2)), rel=1e-6)
+
+
 def test_a_diverging_map_has_failed():
     found = kind_of_orbit(logistic(4.1))
     assert (found.kind, found.status, found.label) == (FAILED, "diverged", FAILED)
