@@ -13,6 +13,8 @@ from calib.parameter import Parameter
 from calib.record import channels
 from calib.units import powers
 
+UNSEEN = "its frequencies are above half the sampling rate of every record"
+UNTRACEABLE = "no record shows a trace of it, by which its size would be guessed"
 FORM_BOUND_RATIO = 3.0  # of the bounds of an effect's form over the extreme values at which it is tried
 
 
@@ -159,7 +161,7 @@ def candidates(
             continue
         variants = _variants(_placed(effect, model.simulator), scales, references)
         if not variants:
-            refused[effect.name] = "its frequencies are above half the sampling rate of every record"
+            refused[effect.name] = UNTRACEABLE if effect.guess is not None else UNSEEN
         accepted += variants
     return accepted, refused
 

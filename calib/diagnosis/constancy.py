@@ -18,16 +18,18 @@ from calib.diagnosis.refit import Fit
 from calib.diagnosis.score import Projection, deviate
 
 RANK_TOLERANCE = 1e-9  # singular value, over the largest, below which the unrestricted model does not know a direction
+CHANNELS, RECORDS = "the channels of the records", "the records"
 MIN_DEGREES_OF_FREEDOM = 4.0  # of a variance: below 2 the mean of F does not exist
 
 
 @dataclass(frozen=True)
 class Constancy:
-    """How much the sizes of one effect differ among the channels of the records.
+    """How much the sizes of one effect differ among the channels of the records, or from record to record.
 
     Attributes
     ----------
     effect : its name
+    among : CHANNELS or RECORDS
     z : normal deviate of Cochran's Q  [1]
     variation : standard deviation of the sizes over their mean, both weighted by the information on them  [1]
     chi2 : by which the sum of squares would rise without the effect, to first order  [1]
@@ -37,6 +39,7 @@ class Constancy:
     z: float
     variation: float
     chi2: float
+    among: str = CHANNELS
 
 
 def constancies(evidence: Evidence, fit: Fit) -> tuple[Constancy, ...]:
@@ -59,10 +62,10 @@ def _constancy(evidence: Evidence, fit: Fit, index: int) -> Constancy:
         return Constancy(candidate.name, 0.0, 0.0, chi2)
     sizes, covariance, freedom = _unrestricted(fit.residual, rows, common, fit.free(single))
     sizes = sizes + np.array([fit.value(names[k]) for k, _ in shown])
-    q, degrees, mean_chi2 = _cochran(sizes, covariance, np.array([k for k, _ in shown]))
+    q, degrees, mean_chi2 = cochran(sizes, covariance, np.array([k for k, _ in shown]))
     freedom = max(MIN_DEGREES_OF_FREEDOM, float(freedom.min()))
     z = float(deviate(q * (freedom - 2.0) / freedom, degrees))
-    return Constancy(candidate.name, z, float(np.sqrt(max(0.0, q - degrees) / max(mean_chi2, 1e-300))), chi2)
+    return Constancy(candidate.name, z, variation(q, degrees, mean_chi2), chi2)
 
 
 def _shows(alone: np.ndarray, column: np.ndarray) -> bool:
@@ -94,7 +97,12 @@ def _unrestricted(
     return step[-m:], covariance[-m:, -m:], freedom[-m:]
 
 
-def _cochran(sizes: np.ndarray, covariance: np.ndarray, parameter: np.ndarray) -> tuple[float, int, float]:
+def variation(q: float, degrees: int, mean_chi2: float) -> float:
+    """Standard deviation of sizes over their mean, by Cochran's Q and the chi-square of the weighted mean  [1]."""
+    return float(np.sqrt(max(0.0, q - degrees) / max(mean_chi2, 1e-300)))
+
+
+def cochran(sizes: np.ndarray, covariance: np.ndarray, parameter: np.ndarray) -> tuple[float, int, float]:
     """Cochran's Q, its degrees of freedom, and the chi-square of the weighted mean.
 
     sizes (m,) with their covariance, parameter (m,) : number of the parameter that each is of

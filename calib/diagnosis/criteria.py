@@ -32,8 +32,10 @@ class Criteria:
     max_refits : suspects that are refitted in one search  [count]; convention
     min_leader_share : predicted reduction of chi-square of a suspect that is refitted, relative to the largest  [1];
         convention
-    min_rescored_share : the same, of a suspect whose derivatives are taken anew where they are of another model  [1];
-        half of `min_leader_share`
+    min_alikeness : cosine of the angle between what two suspects change in the records, from which on one is refitted
+        where the other explains most  [1]; convention
+    min_rescored_share : predicted reduction, relative to the largest, of a suspect whose derivatives are taken anew
+        where they are of another model  [1]; half of `min_leader_share`
     max_absorbed_share : length of a signature that calibration absorbs, relative to the whole, from which on an effect
         without derivative is not refitted  [1]; convention
     max_nonlinearity : reduction of chi-square by a refit less the predicted one, relative to that, beyond which the
@@ -48,8 +50,8 @@ class Criteria:
     min_noise_samples : of a record or a row that tell a level of the noise  [count]; convention
     max_variance_ratio : mean square of a residual, relative to the variance that the record states of its noise, up to
         which it is that noise, chance aside  [1]; a stated standard deviation may be 10 % off
-    max_noise_change : of a standard deviation of the noise, relative, or of one of its autocorrelations, that is not
-        worth a refit  [1]; convention
+    max_noise_change : of a standard deviation of the noise, relative, of one of its autocorrelations, or of the share
+        of a variance that a clock makes, that is not worth a refit  [1]; convention
     min_variance_ratio : mean square of a residual, relative to the variance of its noise, below which that is no
         residual of such noise  [1]; convention
     min_variance_deficit_std : by which it has to be below, in standard deviations of the mean square of white noise
@@ -71,6 +73,7 @@ class Criteria:
     max_causes: int = 3
     max_refits: int = 8
     min_leader_share: float = 0.3
+    min_alikeness: float = 0.95
     min_rescored_share: float = 0.15
     max_absorbed_share: float = 0.9999
     max_nonlinearity: float = 0.25

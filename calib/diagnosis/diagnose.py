@@ -15,7 +15,8 @@ from calib.diagnosis.misfit import Misfit, misfit
 from calib.diagnosis.next_measurement import Design, next_measurement
 from calib.diagnosis.preparation import OUTLIERS, QUANTISATION, Prepared, bench_of, numerical, prepared
 from calib.diagnosis.refit import Fitter
-from calib.diagnosis.selection import Selection, select
+from calib.diagnosis.search import simplest
+from calib.diagnosis.selection import Selection, exchanged, select
 from calib.diagnosis.verdict import NAMED, NOT_DIAGNOSABLE, ONE_OF, UNEXPLAINED, failures, untried, verdict_of
 from calib.effect import Effect
 from calib.objective import Reference
@@ -65,11 +66,11 @@ class Diagnosis:
 
     @property
     def stand_ins(self) -> tuple[str, ...]:
-        """Effects whose sizes differ among the records' channels: what acts like them is a cause that is not known."""
+        """Effects whose sizes differ among the records: what acts like them is a cause that is not known."""
         selection = self.selection
         if self.verdict != UNEXPLAINED or selection is None or not selection.is_explained:
             return ()
-        return tuple(cause.effect for cause in selection.heterogeneous)
+        return tuple(dict.fromkeys(constancy.effect for constancy in selection.heterogeneous))
 
     @property
     def _record_faults(self) -> tuple[str, ...]:
@@ -143,7 +144,7 @@ def _diagnosed(
     gain, threshold = None, selection.rounds[0].threshold
     if selection.causes:
         on_stage("gain")
-        gain = gained(pool, bench, fitter, selection.null, selection.final, selection.causes, seed, threshold)
+        selection, gain = _tried_on_records(pool, bench, fitter, selection, seed)
     solver = converged(fitter, selection.final, numerical(effects), threshold, selection.margin)
     gates = (*_renewed(ready.gates, fitter, selection), *solver)
     if QUANTISATION in {cause.name for cause in selection.causes}:
@@ -173,6 +174,36 @@ def _diagnosed(
         design=design,
         simulations=pool.done,
     )
+
+
+def _tried_on_records(
+    pool: Effort, bench: Bench, fitter: Fitter, selection: Selection, seed: int
+) -> tuple[Selection, Gain | None]:
+    """Try the causes on what was held out, and compare their sizes from record to record.
+
+    Where that of a cause differs, its rivals are tried: those that have one size are preferred to it.
+    """
+    selection, gain = _with_gain(pool, bench, fitter, selection, seed)
+    if selection.is_homogeneous or len(selection.rivals) < 2 or pool.spent:
+        return selection, gain
+    names = {cause.name for cause in selection.causes}
+    others = [rival for rival in selection.rivals if rival.name not in names]
+    tried = [_with_gain(pool, bench, fitter, exchanged(fitter, selection, one), seed) for one in others]
+    same = [(one, outcome) for one, outcome in zip(others, tried, strict=True) if outcome[0].is_homogeneous]
+    if not same:
+        return selection, gain
+    chosen = simplest([one for one, _ in same])
+    [(homogeneous, gain)] = [outcome for one, outcome in same if one is chosen]
+    return homogeneous.with_rivals([one for one, _ in same]), gain
+
+
+def _with_gain(
+    pool: Effort, bench: Bench, fitter: Fitter, selection: Selection, seed: int
+) -> tuple[Selection, Gain | None]:
+    """Return a selection with its sizes compared from record to record, and what its causes bring."""
+    threshold = selection.rounds[0].threshold
+    gain = gained(pool, bench, fitter, selection.null, selection.final, selection.causes, seed, threshold)
+    return (selection if gain is None else selection.with_records_compared(gain.agreements)), gain
 
 
 def _renewed(gates: Sequence[Gate], fitter: Fitter, selection: Selection) -> list[Gate]:

@@ -1,6 +1,7 @@
 """What was measured beside what is simulated: residuals in units of the noise, free of what nuisances absorb."""
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -8,13 +9,16 @@ from functools import cached_property
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
+from calib.confidence.covariance import sandwich
 from calib.cycles import mean_cycle
 from calib.diagnosis.bench import Seen
 from calib.diagnosis.clock import CLOCK_RATE_STD, MAX_CLOCK_RATE, clock_sensitivity
+from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.noise import (
     LEAST_CYCLES,
     STATED,
     Noise,
+    Remainder,
     Repeating,
     from_cycles,
     from_residual,
@@ -48,6 +52,7 @@ class Part:
     weight : (row, n) in [0, 1], 0 where a sample is not compared
     clock : (row, n) change of the rows with the rate of the clock, where that is uncertain and no nuisance
         [per unit rate]; None elsewhere
+    variance_along_clock : variance of what a model leaves along that change, over the noise's  [1]
     """
 
     name: str
@@ -61,6 +66,7 @@ class Part:
     used: np.ndarray
     weight: np.ndarray
     clock: np.ndarray | None = None
+    variance_along_clock: float = 1.0
 
     @property
     def compared_noise(self) -> tuple[Noise, ...]:
@@ -90,14 +96,16 @@ class Part:
         if self.clock is None:
             return rows
         direction, length = self._clock_direction
-        rate = CLOCK_RATE_STD * length * float(direction @ self._whitened(rows)) / (1.0 + length**2)
+        along = float(direction @ self._whitened(rows)) / math.sqrt(self.variance_along_clock)
+        rate = CLOCK_RATE_STD * length * along / (1.0 + length**2)
         return rows - np.clip(rate, -MAX_CLOCK_RATE, MAX_CLOCK_RATE) * self.clock
 
     def _shrunk(self, columns: np.ndarray, power: float) -> np.ndarray:
         """Columns (row * n,) or (row * n, k) in units of the noise and of what the clock's rate adds to it.
 
-        Its covariance is I + t t', t the change of the rows with one standard deviation of the rate; times its inverse
-        root to a power.
+        Along t, the change of the rows with one standard deviation of the rate, the variance is s^2 + |t|^2, where what
+        a model leaves alone would make it s^2; times the inverse root of their ratio to a power. An error of the model
+        that is larger than the clock's hides the clock, not the other way round.
         """
         if self.clock is None:
             return columns
@@ -107,10 +115,32 @@ class Part:
 
     @cached_property
     def _clock_direction(self) -> tuple[np.ndarray, float]:
-        """Unit vector (row * n,) of what the clock's rate changes, and its length per standard deviation of that."""
-        column = CLOCK_RATE_STD * self._whitened(self.clock)
+        """Unit vector (row * n,) of what the clock's rate changes, and how much by a standard deviation of that.
+
+        In units of the standard deviation that what a model leaves has along it.
+        """
+        column = CLOCK_RATE_STD / math.sqrt(self.variance_along_clock) * self._whitened(self.clock)
         length = float(np.linalg.norm(column))
         return column / max(length, 1e-300), length
+
+    @property
+    def clock_share(self) -> float:
+        """Share of the variance along what the clock's rate changes that the rate makes  [1]."""
+        length = 0.0 if self.clock is None else self._clock_direction[1]
+        return length**2 / (1.0 + length**2)
+
+    def with_remainder(self, residual: np.ndarray) -> "Part":
+        """Return the record with the variance along its clock of what a model leaves: residual (row * n,).
+
+        It is estimated as for the standard errors: what is left has an autocorrelation of its own.
+        """
+        if self.clock is None or not residual.any():
+            return self
+        direction, _ = self._clock_direction
+        counted = (residual != 0.0) | (direction != 0.0)
+        rows = np.repeat(np.arange(len(self.rows)), self.time.size)
+        covariance, _ = sandwich(direction[counted, None], residual[counted], rows[counted])
+        return replace(self, variance_along_clock=max(1.0, float(covariance[0, 0])))
 
     def tangents(self, simulated: Seen) -> np.ndarray:
         """Change of the simulated rows with each nuisance, in units of the noise (row * n, k).
@@ -256,17 +286,30 @@ class Evidence:
             parts.append(_weighted(part, trust))
         return Evidence(tuple(parts))
 
-    def with_reestimated_noise(self, left: Mapping[str, np.ndarray]) -> "Evidence":
-        """Return the evidence with the noise re-estimated of what does not repeat, by what is `left` (row, n)."""
+    def with_remainder(self, residual: np.ndarray) -> "Evidence":
+        """Return the evidence with uncertain clocks beside what a model leaves (N,), which may hide them."""
+        return Evidence(tuple(part.with_remainder(residual[self.of(part.name)]) for part in self.parts))
+
+    def with_reestimated_noise(self, left: Mapping[str, Remainder]) -> "Evidence":
+        """Return the evidence with the noise re-estimated of what does not repeat, by what is `left`."""
         parts = []
         for part in self.parts:
-            rows = zip(part.noise, left[part.name], part.weight, part.measured, strict=True)
+            rest = left[part.name]
+            rows = zip(part.noise, rest.rows, part.weight, part.measured, rest.absorbed, strict=True)
             noise = [
-                known if known.repeated else from_residual(*row, known.sigma if known.source == STATED else None)
-                for known, *row in rows
+                known
+                if known.repeated
+                else from_residual(row, weight, measured, known.sigma if known.source == STATED else None, absorbed)
+                for known, row, weight, measured, absorbed in rows
             ]
             parts.append(replace(part, noise=tuple(noise)))
         return Evidence(tuple(parts))
+
+
+def clocks_differ(one: Evidence, other: Evidence) -> bool:
+    """Whether the uncertainty of a clock counts in one of two sets of the same records and not in the other."""
+    shares = [abs(p.clock_share - q.clock_share) for p, q in zip(one.parts, other.parts, strict=True)]
+    return max(shares, default=0.0) > CRITERIA.max_noise_change
 
 
 def _weighted(part: Part, trust: np.ndarray) -> Part:
@@ -278,7 +321,7 @@ def gathered(
     rows: Mapping[str, Sequence[tuple[str, str]]],
     cycle: Mapping[str, int],
     seen: Mapping[str, Seen],
-    left: Mapping[str, np.ndarray] | None = None,
+    left: Mapping[str, Remainder] | None = None,
     spoilt: Mapping[str, np.ndarray] | None = None,
     clocks: Mapping[str, np.ndarray] | None = None,
 ) -> Evidence:
@@ -289,8 +332,8 @@ def gathered(
     references, rows : by record
     cycle : of each record's motion, in periods
     seen : simulations
-    left : what no fit explains (row, n), by record: the noise of what does not repeat is judged by it; None: by what
-        the simulations leave
+    left : what no fit explains, by record: the noise of what does not repeat is judged by it; None: by what the
+        simulations leave
     spoilt : record -> (row, n) whether a sample is an outlier; None: none is
     clocks : as `clock_slopes` gives them; None: all clocks are right
     """
@@ -303,23 +346,24 @@ def gathered(
         name: _repeating(reference, rows[name], mended[name], seen[name].rows, weights[name], cycle[name])
         for name, reference in references.items()
     }
-    known = [Repeating(_step(references[name]), noise) for name, noise in repeating.items()]
+    shown = [Repeating(_step(references[name]), noise) for name, noise in repeating.items()]
     parts = []
     for name, reference in references.items():
         weight, time = weights[name], reference.record.time.values
-        residual = mended[name] - seen[name].rows if left is None else left[name]
+        residual = mended[name] - seen[name].rows
+        rest = Remainder(residual, np.zeros((len(residual), 1, 1))) if left is None else left[name]
         noises = []
         for index, row in enumerate(rows[name]):
             noise = repeating[name].get(row)
             if noise is None:
-                stated, memory = _stated(reference.record, row), shared(known, row, _step(reference))
-                rest = residual[index], weight[index], measured[name][index], stated
+                stated, memory = _stated(reference.record, row), shared(shown, row, _step(reference))
+                known = weight[index], measured[name][index], stated
                 if memory is not None:
-                    noise = with_memory(memory, *rest)
+                    noise = with_memory(memory, rest.scaled(index, weight[index]), *known)
                 elif left is not None:
-                    noise = from_residual(*rest)
+                    noise = from_residual(rest.rows[index], *known, rest.absorbed[index])
                 else:  # before anything is fitted to it a residual shows no memory of the noise
-                    noise = replace(with_memory(np.zeros(0), *rest), repeated=False)
+                    noise = replace(with_memory(np.zeros(0), rest.rows[index], *known), repeated=False)
             noises.append(noise)
         parts.append(
             Part(

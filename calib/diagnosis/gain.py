@@ -10,6 +10,7 @@ from calib.confidence.covariance import sandwich
 from calib.cycles import kind_of_motion
 from calib.diagnosis.bench import Bench, Run, Seen, simulated
 from calib.diagnosis.clock import clock_slopes
+from calib.diagnosis.constancy import cochran, variation
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.evidence import Evidence, Part, gathered
 from calib.diagnosis.refit import Fit, Fitter
@@ -67,6 +68,7 @@ class Agreement:
     chi2 : of the sizes about their weighted mean  [1]
     degrees : of freedom
     z : normal deviate of the same probability  [1]
+    variation : standard deviation of the sizes beyond their errors, over their mean  [1]
     agree : whether z is not above the threshold of the diagnosis
     """
 
@@ -74,6 +76,7 @@ class Agreement:
     chi2: float
     degrees: int
     z: float
+    variation: float
     agree: bool
 
 
@@ -194,7 +197,8 @@ def _held_out_evidence(
     references = {name: bench.objective.references[name] for name in after}
     cycle = {name: kind_of_motion(reference.record).period or 1 for name, reference in references.items()}
     clocks = clock_slopes(pool, bench, after, final.point.values, final.point.effects)
-    return gathered(references, bench.rows, cycle, after, clocks=clocks).with_weights([before, after])
+    evidence = gathered(references, bench.rows, cycle, after, clocks=clocks).with_weights([before, after])
+    return evidence.with_remainder(Projection(evidence.tangents(after))(evidence.residual(after)))
 
 
 def _of_blocks(fitter: Fitter, null: Fit, final: Fit, causes: Sequence[Refitted], seed: int, **rest) -> Gain | None:
@@ -355,10 +359,10 @@ def agreements(transfers: Sequence[Transfer], threshold: float) -> tuple[Agreeme
         own = [t for t in transfers if t.parameter == name and 0.0 < t.normal_error < np.inf]
         if len(own) < 2:
             continue
-        size, weight = np.array([t.size for t in own]), np.array([t.normal_error for t in own]) ** -2.0
-        chi2 = float(weight @ (size - (weight @ size) / weight.sum()) ** 2)
-        z = float(deviate(chi2, len(own) - 1))
-        compared.append(Agreement(name, chi2, len(own) - 1, z, z <= threshold))
+        size, covariance = np.array([t.size for t in own]), np.diag([t.normal_error**2 for t in own])
+        q, degrees, mean_chi2 = cochran(size, covariance, np.zeros(len(own), dtype=int))
+        z = float(deviate(q, degrees))
+        compared.append(Agreement(name, q, degrees, z, variation(q, degrees, mean_chi2), z <= threshold))
     return tuple(compared)
 
 

@@ -28,12 +28,14 @@ class Gate:
     passed : whether it holds
     summary : in a sentence
     z : of a numerical effect, None of the others
+    tried : whether it could be looked at
     """
 
     name: str
     passed: bool
     summary: str
     z: float | None = None
+    tried: bool = True
 
 
 def simulates(views: Mapping[str, Seen]) -> Gate:
@@ -154,7 +156,7 @@ def converged(fitter: Fitter, fit: Fit, effects: Sequence[Effect], threshold: fl
             rests = f"the answer rests on z = {tolerated / CRITERIA.max_solver_share:.2g}"
             summary += f"; sizes may be off by so many standard errors, but {rests}"
         gates.append(Gate(effect.name, z < max(threshold, tolerated), summary, z))
-    gates += [Gate(name, True, f"not tried: {reason}") for name, reason in simulator_lacks.items() if reason]
+    gates += [Gate(name, True, reason, tried=False) for name, reason in simulator_lacks.items() if reason]
     return gates
 
 

@@ -17,11 +17,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
-from scipy.signal import correlate, lfilter
+from scipy.signal import lfilter, lfiltic
 
 from calib.diagnosis.criteria import CRITERIA
 
 ORDER = 12  # highest of the autoregression
+SAMPLES_PER_COEFFICIENT = 8  # of it, at least
+FIXED_POINT_STEPS = 6  # of the correction for what a fit absorbs
+NOTHING_ABSORBED = np.zeros((1, 1))  # by a fit, at lag 0
 LEAST_CYCLES = 2.25  # of a record that shows its noise from cycle to cycle
 LEAST = 1e-6  # of a channel's root mean square: noise below that is none, and the model's accuracy counts
 QUICK = 0.6052697  # median |2 x_i - x_(i-2) - x_(i+2)| to standard deviation (Stoehr et al. 2008, DER_SNR)
@@ -58,11 +61,13 @@ class Noise:
 
     def autocorrelation(self, lags: int) -> np.ndarray:
         """Correlation (lags,) of samples 0, 1, 2, ... apart  [1]."""
-        impulse = np.zeros(max(1, lags))
-        impulse[0] = 1.0
-        response = lfilter([1.0], np.concatenate([[1.0], -self.memory]), impulse)
-        correlation = correlate(response, response)[response.size - 1 :]
-        return correlation / correlation[0]
+        first, order = np.concatenate([[1.0], _correlations(self.memory)]), self.memory.size
+        if not order or lags <= first.size:
+            return np.pad(first, (0, max(0, lags - first.size)))[:lags]
+        polynomial = np.concatenate([[1.0], -self.memory])
+        state = lfiltic([1.0], polynomial, first[:0:-1])
+        later, _ = lfilter([1.0], polynomial, np.zeros(lags - first.size), zi=state)
+        return np.concatenate([first, later])
 
     def mean_square_std(self, counted: float) -> float:
         """Standard deviation of the mean square of so many samples, relative to the variance.
@@ -97,6 +102,26 @@ class Repeating:
     noise: Mapping[tuple[str, str], Noise]
 
 
+@dataclass(frozen=True, eq=False)
+class Remainder:
+    """What a fit leaves of the rows of a record.
+
+    Attributes
+    ----------
+    rows : (row, n)  [unit of the row]
+    absorbed : (row, lag, lag) by how much the fit lowers the expected sum of the products of residuals l samples apart,
+        for each unit of the noise's autocovariance at lag j  [1]; at l = j = 0 the degrees of freedom that it takes
+    """
+
+    rows: np.ndarray
+    absorbed: np.ndarray
+
+    def scaled(self, row: int, weight: np.ndarray) -> np.ndarray:
+        """Return a row (n,), whose samples have this weight (n,), as large as the noise is on average."""
+        counted = float((weight**2).sum())
+        return self.rows[row] * math.sqrt(counted / max(1.0, counted - self.absorbed[row, 0, 0]))
+
+
 def from_cycles(
     residual: np.ndarray, weight: np.ndarray, measured: np.ndarray, parameters: int, stated: float | None
 ) -> Noise:
@@ -118,9 +143,18 @@ def from_cycles(
     return noise if stated is None else replace(noise, sigma=stated, source=STATED)
 
 
-def from_residual(residual: np.ndarray, weight: np.ndarray, measured: np.ndarray, stated: float | None) -> Noise:
-    """Noise of one channel from what no fit explains of it: residual, weight and measured (n,)."""
-    noise = _noise(residual, weight, measured, RESIDUAL)
+def from_residual(
+    residual: np.ndarray,
+    weight: np.ndarray,
+    measured: np.ndarray,
+    stated: float | None,
+    absorbed: np.ndarray = NOTHING_ABSORBED,
+) -> Noise:
+    """Noise of one channel from what no fit explains of it: residual, weight and measured (n,).
+
+    absorbed : (lag, lag) as `Remainder` has it
+    """
+    noise = _noise(residual, weight, measured, RESIDUAL, absorbed)
     if stated is None:
         return noise
     excess = (noise.sigma / stated) ** 2 - CRITERIA.max_variance_ratio
@@ -140,9 +174,9 @@ def with_memory(
     return Noise(max(level, _least(measured)), memory, RESIDUAL, repeated=True)
 
 
-def _noise(series, weight, measured, source) -> Noise:
-    memory = _autoregression(series * weight, weight)
-    sigma = math.sqrt(float(((series * weight) ** 2).sum() / max(1.0, (weight**2).sum())))
+def _noise(series, weight, measured, source, absorbed=NOTHING_ABSORBED) -> Noise:
+    memory = _autoregression(series * weight, weight, absorbed)
+    sigma = math.sqrt(float(((series * weight) ** 2).sum() / max(1.0, (weight**2).sum() - absorbed[0, 0])))
     return Noise(max(sigma, _least(measured)), memory, source)
 
 
@@ -150,20 +184,41 @@ def _least(measured: np.ndarray) -> float:
     return LEAST * float(np.sqrt(np.mean(measured**2))) or 1e-300
 
 
-def _autoregression(series: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Coefficients of the order that Schwarz's criterion (1978) chooses, by the Yule-Walker equations."""
-    n = series.size
-    lags = range(min(ORDER, n // 8) + 1)
+def _autoregression(series: np.ndarray, weight: np.ndarray, absorbed: np.ndarray) -> np.ndarray:
+    """Coefficients by the Yule-Walker equations, of the order that Schwarz's criterion (1978) chooses.
+
+    A fit leaves residuals that are correlated though the noise is white. What its projection absorbs of the products of
+    residuals is added to them: of white noise at first, then of the noise that has come out (the correction of Worsley
+    et al., NeuroImage 15 (2002) 1, section 2.3, by fixed-point iteration: solved for at once it would fill the
+    frequencies that a fit takes out whole). Only the degrees of freedom that it leaves count.
+    """
+    n, freedom = series.size, max(1.0, float((weight**2).sum()) - absorbed[0, 0])
+    lags = range(min(ORDER, int(freedom) // SAMPLES_PER_COEFFICIENT) + 1)
     both = np.array([float((weight[lag:] * weight[: n - lag]).sum()) for lag in lags])
-    gamma = np.array([float(series[lag:] @ series[: n - lag]) for lag in lags]) / np.maximum(both, 1.0)
+    products = np.array([float(series[lag:] @ series[: n - lag]) for lag in lags])
+    known = min(len(lags), len(absorbed))
+    memory = np.zeros(0)
+    for _ in range(FIXED_POINT_STEPS):
+        rho = Noise(1.0, memory, RESIDUAL).autocorrelation(known)
+        taken = np.zeros(len(lags))
+        taken[:known] = absorbed[:known, :known] @ rho
+        variance = products[0] / max(1.0, both[0] - taken[0])
+        before, memory = memory, _of_autocovariance((products + variance * taken) / np.maximum(both, 1.0), freedom)
+        if not memory.size or np.array_equal(before, memory):
+            break
+    return memory
+
+
+def _of_autocovariance(gamma: np.ndarray, freedom: float) -> np.ndarray:
+    """Coefficients for an autocovariance (lag,), of the order that Schwarz's criterion chooses for so many samples."""
     if not gamma[0] > 0.0:
         return np.zeros(0)
-    best, chosen = n * math.log(gamma[0]), np.zeros(0)
-    for order in lags[1:]:
+    best, chosen = freedom * math.log(gamma[0]), np.zeros(0)
+    for order in range(1, gamma.size):
         memory = solve_toeplitz(gamma[:order], gamma[1 : order + 1])
         left = gamma[0] - memory @ gamma[1 : order + 1]
-        if left > 0.0 and n * math.log(left) + order * math.log(n) < best and _stable(memory):
-            best, chosen = n * math.log(left) + order * math.log(n), memory
+        if left > 0.0 and freedom * math.log(left) + order * math.log(freedom) < best and _stable(memory):
+            best, chosen = freedom * math.log(left) + order * math.log(freedom), memory
     return chosen
 
 
@@ -172,19 +227,20 @@ def _stable(memory: np.ndarray) -> bool:
 
 
 def _innovation(memory: np.ndarray) -> float:
-    """Standard deviation of the innovations over that of the process, from the autocorrelations of the first lags."""
+    """Standard deviation of the innovations over that of the process."""
+    return math.sqrt(max(1e-12, 1.0 - float(memory @ _correlations(memory))))
+
+
+def _correlations(memory: np.ndarray) -> np.ndarray:
+    """Correlations (order,) at lags 1, 2, ... of an autoregression: the equations of Yule and Walker for them."""
     order = memory.size
-    if not order:
-        return 1.0
-    # Yule-Walker for the correlations rho_1..rho_p given the coefficients
-    matrix, right = np.eye(order), memory.copy()
+    matrix = np.eye(order)
     for k in range(1, order + 1):
         for j in range(1, order + 1):
             lag = abs(k - j)
             if lag > 0:
                 matrix[k - 1, lag - 1] -= memory[j - 1]
-    rho = np.linalg.solve(matrix, right)
-    return math.sqrt(max(1e-12, 1.0 - float(memory @ rho)))
+    return np.linalg.solve(matrix, memory)
 
 
 def shared(noises: Iterable[Repeating], row: tuple[str, str], step: float) -> np.ndarray | None:

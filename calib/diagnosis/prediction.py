@@ -44,8 +44,8 @@ class Prediction:
 
     @property
     def fails(self) -> bool:
-        """Whether the misfit does not fall at all; in between, or of a single fold, so few data do not tell."""
-        return self.reduction <= 0.0 and len(self.folds) > 1
+        """Whether the misfit does not fall; of a single fold, which tells less, whether it rises for sure."""
+        return self.reduction <= (0.0 if len(self.folds) > 1 else -self.error)
 
 
 def predicted(evidence: Evidence, base: Fit, extended: Fit, own: Sequence[str]) -> Prediction | None:

@@ -10,10 +10,10 @@ from calib.diagnosis.bench import Bench, Run, Seen, simulated
 from calib.diagnosis.candidate import Candidate, candidates
 from calib.diagnosis.clock import clock_slopes
 from calib.diagnosis.criteria import CRITERIA
-from calib.diagnosis.evidence import Evidence, gathered, looked_at, outliers, rounding
+from calib.diagnosis.evidence import Evidence, clocks_differ, gathered, looked_at, outliers, rounding
 from calib.diagnosis.excess import chi2_std, dominant, excess_chi2
 from calib.diagnosis.gates import Gate, above_noise, fine_enough, noise_known, same_kind, simulates
-from calib.diagnosis.noise import RESIDUAL
+from calib.diagnosis.noise import RESIDUAL, Remainder
 from calib.diagnosis.refit import Fit, Fitter
 from calib.diagnosis.remainder import remainder
 from calib.diagnosis.signature import Point
@@ -79,7 +79,7 @@ def prepared(
     fitter = Fitter(pool, evidence, study.space, study.model)
     on_stage("calibrated model")
     fitter.effort.foresee(fitter.expected_simulations(_expected_scores(evidence, suspects), EXPECTED_FITS))
-    null = fitter.fit(Point(values, (), views))
+    null = _fitted_beside_clocks(fitter, fitter.fit(Point(values, (), views)))
     masks, share = _outliers(fitter, null, effects)
     if masks is not None:
         null, gates[-1] = _regathered(fitter, null, bench, records, None, masks)
@@ -107,10 +107,10 @@ class _Records:
         self,
         views: Mapping[str, Seen],
         clocks: Mapping[str, np.ndarray],
-        left: Mapping[str, np.ndarray] | None = None,
+        left: Mapping[str, Remainder] | None = None,
         masks: Mapping[str, np.ndarray] | None = None,
     ) -> Evidence:
-        """Records beside simulations; noise by what is `left` (row, n) of each, without the masked samples (row, n).
+        """Records beside simulations; noise by what is `left` of each, without the masked samples (row, n).
 
         clocks : as `clock_slopes` gives them
         """
@@ -146,14 +146,23 @@ def _regathered(
     null: Fit,
     bench: Bench,
     records: _Records,
-    left: Mapping[str, np.ndarray] | None,
+    left: Mapping[str, Remainder] | None,
     masks: Mapping[str, np.ndarray] | None,
 ) -> tuple[Fit, Gate]:
     """Gather the evidence anew by the calibrated model, and fit that to it; with the gate of its noise."""
     clocks = clock_slopes(fitter.effort, bench, null.point.simulated, null.point.values)
     fitter.evidence = records.evidence(null.point.simulated, clocks, left, masks)
     gate = noise_known(fitter.evidence)
-    return fitter.fit(null.point), gate
+    return _fitted_beside_clocks(fitter, fitter.fit(null.point)), gate
+
+
+def _fitted_beside_clocks(fitter: Fitter, null: Fit) -> Fit:
+    """Fit the calibrated model again where what it leaves hides the uncertainty of a clock, or hides it no more."""
+    evidence = fitter.evidence.with_remainder(null.residual)
+    if not clocks_differ(evidence, fitter.evidence):
+        return null
+    fitter.evidence = evidence
+    return fitter.fit(null.point)
 
 
 def _outliers(

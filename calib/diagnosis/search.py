@@ -13,7 +13,7 @@ from calib.diagnosis.prediction import Prediction
 from calib.diagnosis.refit import Fit, Fitter
 from calib.diagnosis.score import deviate
 from calib.diagnosis.screening import KnownDerivatives, screened
-from calib.diagnosis.suspect import Refitted, Scored, Suspect, leading_variants
+from calib.diagnosis.suspect import Refitted, Scored, Suspect, cosine, leading_variants
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +81,10 @@ def search(
     significant = _significant(suspects, threshold)
     leaders = _leaders(suspects, significant, excess_std)
     refitted, untried = _refits(fitter, base, leaders, len(significant), threshold, attained)
+    alike = _like_the_best(significant, refitted)
+    if alike:
+        more, left = _refits(fitter, base, alike, len(significant), threshold, _least_chi2(refitted, attained))
+        refitted, untried = [*refitted, *more], (*untried, *left)
     excess, rivals = excess_chi2(fitter.evidence, base), ()
     if refitted:
         common = fitter.evidence.with_weights([base.point.simulated, *(s.fit.point.simulated for s in refitted)])
@@ -131,6 +135,23 @@ def _leaders(suspects: Sequence[Suspect], significant: Sequence[Scored], excess_
         untestable = [s for s in suspects if not s.is_testable and not s.candidate.effect.noise]
         leaders += [s for s in untestable if s.absorbed < CRITERIA.max_absorbed_share]
     return leaders
+
+
+def _like_the_best(significant: Sequence[Scored], refitted: Sequence[Refitted]) -> list[Scored]:
+    """Suspects that were not refitted, and change the records much as the one does that explains most.
+
+    Which of them explains more, their score tests do not tell: where the misfit is large, these err by more.
+    """
+    if not refitted:
+        return []
+    best, done = min(refitted, key=lambda s: s.fit.chi2), {s.name for s in refitted}
+    others = [s for s in leading_variants(significant) if s.name not in done]
+    return [s for s in others if (cosine(s, best) or 0.0) >= CRITERIA.min_alikeness]
+
+
+def _least_chi2(refitted: Sequence[Refitted], attained: float) -> float:
+    """Chi-square that one of the candidates is known to attain."""
+    return min([attained, *(s.fit.chi2 for s in refitted)])
 
 
 # --- refits -----------------------------------------------------------------------------------------------------------

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.diagnosis.candidate import Candidate
-from calib.diagnosis.constancy import Constancy, constancies
+from calib.diagnosis.constancy import CHANNELS, RECORDS, Constancy, constancies
 from calib.diagnosis.criteria import CRITERIA
-from calib.diagnosis.evidence import Evidence
+from calib.diagnosis.evidence import Evidence, clocks_differ
 from calib.diagnosis.excess import (
     chi2_std,
     degrees_of_freedom,
@@ -17,6 +17,7 @@ from calib.diagnosis.excess import (
     max_relative_bias,
     significant,
 )
+from calib.diagnosis.gain import Agreement
 from calib.diagnosis.noise import ORDER
 from calib.diagnosis.refit import Fit, Fitter
 from calib.diagnosis.rejection import extension, is_negligible, rejection
@@ -25,6 +26,21 @@ from calib.diagnosis.replacement import aic, best_pair, replaced, without_cause
 from calib.diagnosis.screening import Derivatives, KnownDerivatives, screened
 from calib.diagnosis.search import Round, rival_suspects, search, simplest
 from calib.diagnosis.suspect import Cause, Refitted
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """Causes that were put in the place of others.
+
+    Attributes
+    ----------
+    before, after : names of all causes
+    reason : why, as the end of a sentence
+    """
+
+    before: tuple[str, ...]
+    after: tuple[str, ...]
+    reason: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +55,8 @@ class Selection:
     alternatives : of each cause, suspects indistinguishable from it beside the others, itself included
     excess_chi2, remaining_chi2 : excess chi-square of the calibrated and of the final model
     chi2_std : standard deviation of the chi-square of noise alone
-    constancy : how much the size of each cause differs among the channels of the records
+    constancy : how much the size of each cause differs among the channels of the records, and from record to record
+    exchanges : of causes for others after the rounds, in order
     cut_short : whether the budget was spent before all that might change the answer was tried
     noise_is_independent : whether the noise is known otherwise than as what a fit leaves
     """
@@ -53,6 +70,7 @@ class Selection:
     remaining_chi2: float
     chi2_std: float
     constancy: tuple[Constancy, ...] = ()
+    exchanges: tuple[Exchange, ...] = ()
     cut_short: bool = False
     noise_is_independent: bool = True
 
@@ -97,27 +115,36 @@ class Selection:
 
     @property
     def heterogeneous(self) -> tuple[Constancy, ...]:
-        """Causes whose sizes differ among the channels of the records: each acts like an effect, and is none.
+        """Causes whose sizes differ among the records, or among their channels: each acts like an effect, and is none.
 
         Several that do may imitate any other: together they are a flexible model. One cause that leaves nothing but
-        noise speaks for itself, unless noise is what it leaves. What is left beside the noise may bias sizes
-        (`max_relative_bias`).
+        noise speaks for itself in the records that it was fitted to, unless noise is what it leaves. What is left
+        beside the noise may bias sizes (`max_relative_bias`).
         """
-        if len(self.causes) < 2 and not self.remainder_dominates and self.noise_is_independent:
-            return ()
+        speaks_for_itself = len(self.causes) < 2 and not self.remainder_dominates and self.noise_is_independent
         remainder, threshold = self.remaining_chi2 if self.remainder_dominates else 0.0, self.rounds[0].threshold
-        differing = [c for c in self.constancy if c.z > threshold]
+        differing = [c for c in self.constancy if c.z > threshold and not (speaks_for_itself and c.among == CHANNELS)]
         return tuple(c for c in differing if c.variation > max_relative_bias(remainder, c.chi2))
 
     @property
     def is_homogeneous(self) -> bool:
-        """Whether each cause has one size in all channels of all records."""
+        """Whether each cause has one size in all records and in all their channels."""
         return not self.heterogeneous
 
     @property
     def heterogeneity_z(self) -> float:
         """Largest normal deviate by which the size of a cause differs among the channels of the records."""
-        return max((c.z for c in self.constancy), default=0.0)
+        return max((c.z for c in self.constancy if c.among == CHANNELS), default=0.0)
+
+    def with_records_compared(self, agreements: Sequence[Agreement]) -> "Selection":
+        """Return the selection with the constancy of its causes from record to record: of what each alone has."""
+        found = []
+        for cause, among_channels in zip(self.causes, self.constancy, strict=True):
+            own = [a for a in agreements if a.parameter in cause.candidate.free]
+            if own:
+                most = max(own, key=lambda a: a.z)
+                found.append(Constancy(cause.name, most.z, most.variation, among_channels.chi2, RECORDS))
+        return replace(self, constancy=(*self.constancy, *found))
 
     @property
     def is_sufficient(self) -> bool:
@@ -139,6 +166,15 @@ class Selection:
             return 0.0
         margins = [r.margin for r in chosen]
         return max(0.0, min(margins if self.is_sufficient and margins else [self.remaining_chi2, *margins]))
+
+    def with_rivals(self, rivals: Sequence[Refitted]) -> "Selection":
+        """Return the selection with these indistinguishable from the one of its causes that is among them."""
+        names = {rival.name for rival in rivals}
+        alternatives = [
+            tuple(rivals) if cause.name in names else own
+            for cause, own in zip(self.causes, self.alternatives, strict=True)
+        ]
+        return replace(self, alternatives=tuple(alternatives))
 
     @property
     def rivals(self) -> tuple[Refitted, ...]:
@@ -168,6 +204,7 @@ class _Stepwise:
     known : derivatives of candidates
     rounds : searches one after the other
     causes : in the final model
+    exchanges : of causes for others
     """
 
     null: Fit
@@ -175,6 +212,13 @@ class _Stepwise:
     known: KnownDerivatives
     rounds: tuple[Round, ...] = ()
     causes: tuple[Cause, ...] = ()
+    exchanges: tuple[Exchange, ...] = ()
+
+    def with_causes(self, causes: Sequence[Cause], final: Fit, reason: str) -> "_Stepwise":
+        """Return it with these causes instead of its own, and why."""
+        before, after = (tuple(cause.name for cause, _ in own) for own in (self.causes, causes))
+        told = () if set(before) == set(after) else (Exchange(before, after, reason),)
+        return replace(self, causes=tuple(causes), final=final, exchanges=(*self.exchanges, *told))
 
 
 def select(
@@ -192,7 +236,7 @@ def select(
     state = _forward(fitter, null, candidates, seed, on_stage)
     if len(state.causes) > 1 and not fitter.effort.spent:
         causes, final = replaced(fitter, state.null, state.causes, state.final, candidates, seed, state.known)
-        state = replace(state, causes=tuple(causes), final=final)
+        state = state.with_causes(causes, final, "each was looked for again beside the others")
     if _may_be_compromise(fitter, state) and not fitter.effort.spent:
         on_stage("pairs")
         state = _with_best_pair(fitter, state, candidates, seed)
@@ -213,7 +257,7 @@ def _with_best_pair(fitter: Fitter, state: _Stepwise, candidates: Sequence[Candi
     if not _explains_more(fitter.evidence, null, state.causes, state.final, (causes, final)):
         return state
     rejected = _any_rejected(fitter, null, [cause for cause, _ in causes], final, threshold)
-    return state if rejected else replace(state, causes=tuple(causes), final=final)
+    return state if rejected else state.with_causes(causes, final, "of all pairs this one explains most, and more")
 
 
 def _any_rejected(fitter: Fitter, null: Fit, causes: Sequence[Refitted], final: Fit, threshold: float) -> bool:
@@ -253,6 +297,16 @@ def _may_be_compromise(fitter: Fitter, state: _Stepwise) -> bool:
     return beyond and not dominant(excess - rejected.chi2_reduction, std)
 
 
+def exchanged(fitter: Fitter, selection: Selection, rival: Refitted) -> Selection:
+    """Return a selection with a rival of a cause in its place, and no rival beside it."""
+    index = next(k for k, own in enumerate(selection.alternatives) if any(one is rival for one in own))
+    causes = list(zip(selection.causes, selection.alternatives, strict=True))
+    state = _Stepwise(selection.null, selection.final, {}, selection.rounds, tuple(causes), selection.exchanges)
+    causes[index] = rival, (rival,)
+    final = fitter.with_derivatives(rival.fit)
+    return _selection(fitter, state.with_causes(causes, final, "it has one size in all records"))
+
+
 def _selection(fitter: Fitter, state: _Stepwise) -> Selection:
     """Compare both models where the simulations of both are to be trusted."""
     null, final, causes = state.null, state.final, state.causes
@@ -267,6 +321,7 @@ def _selection(fitter: Fitter, state: _Stepwise) -> Selection:
         remaining_chi2=final.chi2_over(common) - degrees_of_freedom(common, final),
         chi2_std=chi2_std(common),
         constancy=constancies(fitter.evidence, final) if causes else (),
+        exchanges=state.exchanges,
         cut_short=fitter.effort.spent,
         noise_is_independent=all(n.is_independent for part in common.parts for n in part.compared_noise),
     )
@@ -315,13 +370,15 @@ def _reestimated(fitter: Fitter, state: _Stepwise) -> _Stepwise:
     """Re-estimate the noise of what does not repeat by what no candidate explains beside the causes; refit the models.
 
     What follows is looked for in that noise, and the last cause is compared with its rivals in it again. Where what the
-    causes leave is mostly error of the model it tells none.
+    causes leave is mostly error of the model it tells no noise, only how far it hides the uncertainty of clocks.
     """
-    old = fitter.evidence
-    if dominant(excess_chi2(old, state.final), chi2_std(old)):
-        return state
-    left = remainder(old, state.final, [derivatives.columns for derivatives in state.known.values()])
-    evidence = old.with_reestimated_noise(left)
+    old, residual = fitter.evidence, state.final.residual
+    evidence = old
+    if not dominant(excess_chi2(old, state.final), chi2_std(old)):
+        left = remainder(old, state.final, [derivatives.columns for derivatives in state.known.values()])
+        evidence = old.with_reestimated_noise(left)
+        residual = evidence.carried(residual[:, None], old)[:, 0]
+    evidence = evidence.with_remainder(residual)
     if not _differs(evidence, old):
         return state
     fitter.evidence = evidence
@@ -354,8 +411,8 @@ def _refitted_rivals(fitter: Fitter, base: Fit, state: _Stepwise) -> tuple[Refit
 
 
 def _differs(one: Evidence, other: Evidence) -> bool:
-    """Whether the same records have another noise: its level or its autocorrelation."""
+    """Whether the same records have another noise: its level, its autocorrelation, or what clocks add to it."""
     pairs = [pair for p, q in zip(one.parts, other.parts, strict=True) for pair in zip(p.noise, q.noise, strict=True)]
     levels = [abs(p.sigma / q.sigma - 1.0) for p, q in pairs]
     correlations = [np.abs(p.autocorrelation(ORDER) - q.autocorrelation(ORDER)).max() for p, q in pairs]
-    return bool(max((*levels, *correlations), default=0.0) > CRITERIA.max_noise_change)
+    return clocks_differ(one, other) or bool(max((*levels, *correlations), default=0.0) > CRITERIA.max_noise_change)

@@ -171,10 +171,14 @@ class Refitted(_OfCandidate):
 
     @property
     def z(self) -> float:
-        """Normal deviate: of the score test, or of the refit where there is none that is relied on."""
+        """Normal deviate: of the score test, or of the refit where there is none that is relied on.
+
+        The latter by the quasi-likelihood: what the refit leaves beside the noise widens it as it does that of scores.
+        """
         if self.screened.is_testable:
             return self.screened.z
-        return float(deviate(self.chi2_reduction, len(self.candidate.free)))
+        dispersion = max(1.0, self.fit.chi2 / max(1, np.count_nonzero(self.fit.residual)))
+        return float(deviate(self.chi2_reduction / dispersion, len(self.candidate.free)))
 
     @property
     def predicted_reduction(self) -> float:
@@ -236,3 +240,15 @@ def leading_variants(suspects: Iterable[S]) -> list[S]:
     for suspect in suspects:
         leading.setdefault(suspect.name, suspect)
     return list(leading.values())
+
+
+def cosine(one: Suspect, other: Suspect) -> float | None:
+    """Cosine of the angle between what two suspects change in the records beyond calibration; None where unknown."""
+    bases = []
+    for suspect in (one, other):
+        columns = suspect.signature_columns
+        length = np.linalg.norm(columns, axis=0)
+        if not length.any():
+            return None
+        bases.append(np.linalg.qr(columns[:, length > 0.0] / length[length > 0.0])[0])
+    return float(min(1.0, np.linalg.norm(bases[0].T @ bases[1], 2)))

@@ -22,8 +22,7 @@ def verdict_of(selection: Selection, gates: Sequence[Gate], ready: Prepared) -> 
     share = f"{explained(selection.explained_share)} of the excess misfit"
     if len(selection.rivals) > 1:
         alike = f"; they explain {share} alike" if selection.is_significant else ""
-        ways = [_one_of([rival.name for rival in rivals]) for rivals in selection.alternatives]
-        return ONE_OF, " and ".join(ways) + alike
+        return ONE_OF, " and ".join(_ways(selection)) + alike
     names, s = _subject(selection)
     return NAMED, f"{names}: explain{s} {share}" if selection.is_significant else names
 
@@ -31,6 +30,11 @@ def verdict_of(selection: Selection, gates: Sequence[Gate], ready: Prepared) -> 
 def failures(gates: Sequence[Gate]) -> str:
     """Gates that failed and why, in a sentence."""
     return "; ".join(f"{gate.name}: {gate.summary}" for gate in gates if not gate.passed)
+
+
+def _ways(selection: Selection) -> list[str]:
+    """Each cause with the suspects that are indistinguishable from it."""
+    return [_one_of([rival.name for rival in rivals]) for rivals in selection.alternatives]
 
 
 def _subject(selection: Selection) -> tuple[str, str]:
@@ -61,7 +65,7 @@ def _closest(selection: Selection) -> str:
 
 def _insufficient(selection: Selection) -> str:
     """Why the causes do not explain enough to be named."""
-    names, s = _subject(selection)
+    names, s = " and ".join(_ways(selection)), "s" if len(selection.causes) == 1 else ""
     share = f"{explained(selection.explained_share)} of the excess misfit"
     if selection.explained_share < CRITERIA.min_explained_share:
         return f"{names} come{s} closest, but explain{s} only {share}"
@@ -69,7 +73,7 @@ def _insufficient(selection: Selection) -> str:
         return f"{names} come{s} closest and explain{s} {share}, but leave{s} more than noise"
     explain = f" and explain{s} {share}" if selection.is_significant else ""
     largest = max(selection.heterogeneous, key=lambda c: c.z)
-    differ = f"the size of {largest.effect} differs among the channels of the records (z = {largest.z:.2g})"
+    differ = f"the size of {largest.effect} differs among {largest.among} (z = {largest.z:.2g})"
     return f"{names} come{s} closest{explain}, but {differ}: it changes, or stands for another cause"
 
 

@@ -12,7 +12,7 @@ from calib.diagnosis.gates import Gate
 from calib.diagnosis.next_measurement import DECISIVE_Z, Design, Measurement
 from calib.diagnosis.search import Round
 from calib.diagnosis.selection import Selection
-from calib.diagnosis.suspect import Refitted, Suspect, leading_variants
+from calib.diagnosis.suspect import Refitted, Suspect, cosine, leading_variants
 from calib.diagnosis.verdict import UNEXPLAINED
 from calib.objective import MISFIT
 from calib.store.plain import plain
@@ -35,6 +35,7 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         if first is None
         else [_suspect(s, first.excess_chi2, first.chosen) for s in leading_variants(first.suspects)],
         "rounds": [] if selection is None else [_round(r) for r in selection.rounds],
+        "exchanges": [] if selection is None else [asdict(exchange) for exchange in selection.exchanges],
         "refused": dict(diagnosis.refused),
         "gates": [_gate(gate) for gate in diagnosis.gates],
         "outliers": diagnosis.outliers,
@@ -55,7 +56,7 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def _gate(gate: Gate) -> dict[str, Any]:
-    return {"name": gate.name, "passed": gate.passed, "said": gate.summary, "z": gate.z}
+    return {"name": gate.name, "passed": gate.passed, "said": gate.summary, "z": gate.z, "tried": gate.tried}
 
 
 def measurement_as_dict(measurement: Measurement) -> dict[str, Any]:
@@ -101,18 +102,6 @@ def _suspect(suspect: Suspect, excess: float, chosen: Suspect | None) -> dict[st
         "alike": None if chosen is None else cosine(suspect, chosen),
         "reason": suspect.reason,
     }
-
-
-def cosine(one: Suspect, other: Suspect) -> float | None:
-    """Cosine of the angle between what two suspects change in the records beyond calibration; None where unknown."""
-    bases = []
-    for suspect in (one, other):
-        columns = suspect.signature_columns
-        length = np.linalg.norm(columns, axis=0)
-        if not length.any():
-            return None
-        bases.append(np.linalg.qr(columns[:, length > 0.0] / length[length > 0.0])[0])
-    return float(min(1.0, np.linalg.norm(bases[0].T @ bases[1], 2)))
 
 
 def _round(outcome: Round) -> dict[str, Any]:

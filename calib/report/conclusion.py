@@ -48,10 +48,9 @@ def headline(said: Mapping[str, Any]) -> str:
     if verdict == ONE_OF:
         return f"Something is missing, and these records do not tell alternatives apart: {said['said']}."
     if verdict == UNEXPLAINED:
-        nearest = f"; closest: {' and '.join(said['closest'])}" if said["closest"] else ""
         if inconstant(said):
-            which = " and ".join(said["stand_ins"])
-            nearest += f"; the size of {which} differs among the channels of the records: it stands for another cause"
+            return f"No effect that is known here explains the misfit: {said['said']}."
+        nearest = f"; closest: {' and '.join(said['closest'])}" if said["closest"] else ""
         return f"The misfit is more than noise, and no effect that is known here explains it{nearest}."
     if verdict == NONE:
         return "Nothing that could be named is missing: what the calibrated model leaves is what noise leaves."
@@ -59,8 +58,11 @@ def headline(said: Mapping[str, Any]) -> str:
     return f"No diagnosis: a condition fails ({', '.join(failed)})." if failed else "No diagnosis."
 
 
-def points(said: Mapping[str, Any]) -> list[str]:
-    """Say what the verdict rests on, and what follows from it."""
+def points(said: Mapping[str, Any], pictured: bool = True) -> list[str]:
+    """Say what the verdict rests on, and what follows from it.
+
+    pictured : whether the page shows the acceleration that the simulation lacks
+    """
     found = [f"{_capital(g['name'])}: {g['said']}. What to do: {remedy(g)}." for g in said["gates"] if not g["passed"]]
     misfit, gain = said["misfit"], said["gain"]
     if misfit and not found:
@@ -69,10 +71,9 @@ def points(said: Mapping[str, Any]) -> list[str]:
     if said["verdict"] == NONE and said["suspects"]:
         found.append("An effect as large as the smallest size seen in the table below would have been found.")
     if said["verdict"] == UNEXPLAINED:
-        found.append(
-            "The pictures of the acceleration that the simulation lacks show what a law would have to look like; "
-            "an effect of your own is one file (calib list shows those there are)."
-        )
+        own = "an effect of your own is one file (calib list shows those there are)."
+        pictures = "The pictures of the acceleration that the simulation lacks show what a law would have to look like"
+        found.append(f"{pictures}; {own}" if pictured else _capital(own))
     if said.get("outliers"):
         taken = f"{percent(said['outliers'])} of the samples lie far from all others"
         found.append(f"{_capital(taken)}: they were taken out before anything was fitted.")
@@ -83,7 +84,7 @@ def points(said: Mapping[str, Any]) -> list[str]:
         )
     if gain and gain["before"] is not None:
         found.append(_gained(gain))
-    if gain and said["verdict"] in (NAMED, ONE_OF):
+    if gain and (said["verdict"] in (NAMED, ONE_OF) or said.get("stand_ins")):
         found += disagreements(said)
         if moved_values(gain):
             found.append(
@@ -181,7 +182,7 @@ def _remains(said):
 
 
 def inconstant(said: Mapping[str, Any]) -> bool:
-    """Whether effects come closest whose sizes differ among the channels of the records."""
+    """Whether effects come closest whose sizes differ among the records or their channels."""
     return said["verdict"] == UNEXPLAINED and bool(said.get("stand_ins"))
 
 

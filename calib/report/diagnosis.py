@@ -33,6 +33,7 @@ TONES = {NAMED: "good", NONE: "good", ONE_OF: "mind", UNEXPLAINED: "mind"}
 QUESTIONS = {NAMED: "Why this one", ONE_OF: "Why these", NONE: "Why nothing", UNEXPLAINED: "Why none of them"}
 MIN_SHOWN_Z = 3.0  # of a feature that is shown at once  [standard errors]
 MOST = 12  # features shown at once
+MAX_ABSORBED = 0.995  # share of a signature that calibration takes over, above which a size by score is none  [1]
 ENOUGH = 10  # suspects shown at once
 
 RESIDUALS = (
@@ -107,16 +108,17 @@ def chapter(
     study : read are its model's parameters and the attributes of its records
     """
     outcomes = {suspect["effect"]: outcome(suspect, said) for suspect in said["suspects"]}
+    forces = _forces(motions)
     return {
         "verdict": said["verdict"].replace("_", " "),
         "tone": TONES.get(said["verdict"], "bad"),
         "headline": headline(said),
-        "points": points(said),
+        "points": points(said, pictured=bool(forces)),
         "stale": stale(said, result),
         "gates": [_gate(gate, motions) for gate in said["gates"]],
         "residuals": _residuals(motions),
         "loops": _pictured(remains.misfit_loops(motions), "misfit-loops", LOOPS),
-        "forces": _forces(motions),
+        "forces": forces,
         "features": _features(said),
         "strengths": _strengths(said, outcomes),
         "suspects": _suspects(said, outcomes),
@@ -152,6 +154,7 @@ def _gate(gate, motions):
     return {
         "name": gate["name"],
         "passed": gate["passed"],
+        "tried": gate.get("tried", True),  # not written by earlier versions
         "said": text,
         "remedy": "" if gate["passed"] else remedy(gate),
     }
@@ -220,11 +223,16 @@ def outcome(suspect: Mapping[str, Any], said: Mapping[str, Any]) -> str:
         return causes.NAMED
     if said["verdict"] == ONE_OF and any(name in names for names in said["class"]):
         return causes.CLASS
-    if name in said["closest"]:
+    if name in said["closest"] or name in _as_close(said):
         return causes.CLOSEST
     if suspect["z"] is None or said["threshold"] is None or abs(suspect["z"]) <= said["threshold"]:
         return causes.BELOW
     return causes.SENSELESS if suspect["z"] < 0.0 and _one_sided(suspect) else causes.LESS
+
+
+def _as_close(said):
+    """Names of suspects that are indistinguishable from those that come closest."""
+    return {name for found in said["rounds"] if found["chosen"] in said["closest"] for name in found.get("rivals", ())}
 
 
 def _one_sided(suspect):
@@ -254,6 +262,7 @@ def _strengths(said, outcomes):
 def _suspect(suspect, fate, said):
     held = [f"{name} = {quantity(value, suspect['units'].get(name))}" for name, value in suspect["held"].items()]
     untested = not suspect["refitted"] and all(x is None for x in suspect["detectable"].values())
+    unseen = not suspect["refitted"] and suspect["absorbed"] > MAX_ABSORBED
     misfit = said["misfit"]
     explains = significant(misfit["excess"], misfit["blur"]) and suspect["share"] is not None
     explains = explains and fate != causes.SENSELESS and suspect["drop"] > 0.0
@@ -266,14 +275,14 @@ def _suspect(suspect, fate, said):
         "colour": causes.COLOURS[fate],
         "bold": fate in (causes.NAMED, causes.CLASS, causes.CLOSEST),
         "z": "-" if untested or suspect["z"] is None else signed(suspect["z"]),
-        "sizes": ["-"] if untested else sizes(said.get("joint_sizes", {}).get(suspect["effect"], suspect)),
+        "sizes": ["-"] if untested or unseen else sizes(said.get("joint_sizes", {}).get(suspect["effect"], suspect)),
         "held": held,
         "share": explained(suspect["share"]) if explains else "-",
         "predicted": explains and not suspect["refitted"],
         "absorbed": "-" if untested else percent(suspect["absorbed"]),
-        "detectable": [
-            quantity(x, suspect["units"].get(name), 2) for name, x in suspect["detectable"].items() if x is not None
-        ],
+        "detectable": []
+        if unseen
+        else [quantity(x, suspect["units"].get(name), 2) for name, x in suspect["detectable"].items() if x is not None],
         "reason": _reason(suspect, fate, said),
     }
 
@@ -295,9 +304,11 @@ def _reason(suspect, fate, said):
         first = said["rounds"][0]["chosen"] if said["rounds"] else None
         alike = f"; {percent(suspect['alike'])} like {first}" if first and (suspect.get("alike") or 0.0) > 0.5 else ""
         return f"explains less{alike}"
-    if not suspect["refitted"] and suspect["absorbed"] >= 1.0:
-        return "calibration absorbs it: these records cannot show it"
-    return {causes.CLOSEST: "comes closest"}.get(fate, "below the threshold")
+    if not suspect["refitted"] and suspect["absorbed"] > MAX_ABSORBED:
+        return "calibration absorbs it: these records hardly show it"
+    if fate == causes.CLOSEST:
+        return "comes closest" if suspect["effect"] in said["closest"] else "comes as close"
+    return "below the threshold"
 
 
 # --- why this one ----------------------------------------------------------------------------------------------------
@@ -319,6 +330,10 @@ def _rounds(said):
             }
         )
         known += [found["chosen"]] if found["chosen"] else []
+    for exchange in said.get("exchanges", ()):  # not written by earlier versions
+        row = dict.fromkeys(("threshold", "share", "predicts", "rivals"), "-")
+        instead = f"{' + '.join(exchange['after'])} instead: {exchange['reason']}"
+        rows.append({**row, "model": " + ".join(["calibrated", *exchange["before"]]), "chosen": instead})
     return rows
 
 
@@ -375,7 +390,8 @@ def _why(said, outcomes):
 
 def _constancy(said):
     """Say whether the sizes differ among the channels; not that they do not where those of whole records disagree."""
-    differ, alone, z = inconstant(said), _agreements(said["gain"]), said["misfit"]["inconstancy"]
+    alone, z = _agreements(said["gain"]), said["misfit"]["inconstancy"]
+    differ = inconstant(said) and z > said["threshold"]
     if not differ and not all(agreement["agree"] for agreement in alone):
         return []
     how, end = "do not differ", ""

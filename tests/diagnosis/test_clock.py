@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.bench import Bench, Run
-from calib.diagnosis.clock import clock_slopes
+from calib.diagnosis.clock import CLOCK_RATE_STD, clock_slopes
+from calib.diagnosis.evidence import Part
+from calib.diagnosis.noise import STATED, Noise
+from calib.diagnosis.refit import Fit
 from calib.excitation import Excitation
 from calib.model import Model, Request
 from calib.objective import Objective, Reference, Term
@@ -61,3 +64,33 @@ def test_the_clock_beside_a_steady_tone_is_a_nuisance_and_has_no_slope():
     seen = made(Run("one", VALUES))
     with InProcess(made) as pool:
         assert clock_slopes(pool, made, {"one": seen}, VALUES) == {}
+
+
+@pytest.mark.parametrize("level", [1.0, 60.0])
+@pytest.mark.parametrize("share", [0.0, 0.3])
+def test_an_error_of_the_model_hides_the_clock_and_is_not_made_larger_by_it(level, share):
+    """The errors of a size whose signature is mostly that of the clock, against those that draws show.
+
+    level : of what the model leaves, over the stated noise; share : of the signature that is none of the clock's
+    """
+    time = np.arange(2000) / 100.0
+    clock = 6e4 * time * np.cos(40.0 * time)  # a standard deviation of the rate changes the record by some 1000
+    alone = np.abs(time - 10.0) * np.sin(23.0 * time)
+    column = clock / np.linalg.norm(clock) + share * alone / np.linalg.norm(alone)
+    ones, noise = np.ones((1, time.size)), (Noise(1.0, np.zeros(0), STATED),)
+    rng, found, errors = np.random.default_rng(5), [], []
+    for _ in range(100):
+        measured = level * rng.standard_normal(time.size) + CLOCK_RATE_STD * rng.standard_normal() * clock
+        part = Part("decay", ROWS[:1], time, measured[None], None, 1, (), noise, ones > 0.0, ones, clock[None])
+        for _ in range(2):  # by the noise as it is stated, then beside what is left
+            signature, residual = part.white(column[None]), part.white(measured[None])
+            size = signature @ residual / (signature @ signature)
+            fit = Fit(
+                None, (), residual - size * signature, signature[:, None], ("size",), (), np.zeros((time.size, 0)),
+                np.zeros(time.size, dtype=int),
+            )  # fmt: skip
+            part = part.with_remainder(fit.residual)
+        found.append(size)
+        errors.append(fit.error(["size"])[0])
+    assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(np.std(found), rel=0.25)
+    assert np.mean(np.abs(found) < 2.0 * np.array(errors)) >= 0.88

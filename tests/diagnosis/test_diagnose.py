@@ -1,12 +1,13 @@
 """The whole way: a small study with something missing, or nothing."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from calib.diagnosis.candidate import candidates
-from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.diagnose import _tried_on_records, diagnose
 from calib.diagnosis.effort import Budget
 from calib.diagnosis.suspect import Scored
 from calib.diagnosis.written import as_dict
@@ -291,7 +292,7 @@ def test_causes_that_explain_all_but_not_everywhere_alike_are_told_as_such():
     found = diagnosed(changing(5e4, 2.5e-5, 1e-5))
     assert found.selection.is_explained
     assert not found.selection.is_sufficient
-    assert "the size of channel_offset differs among the channels of the records" in found.summary
+    assert "the size of channel_offset differs among the records" in found.summary
     assert found.stand_ins == ("channel_offset",)
 
 
@@ -337,3 +338,39 @@ def test_the_number_of_simulations_is_foreseen_to_a_factor_of_two(cubic):
     begun = [foreseen for done, foreseen in heard if 0.1 < done / found.simulations < 0.9]
     assert min(begun) / found.simulations > 0.5
     assert max(begun) / found.simulations < 2.0
+
+
+@pytest.mark.parametrize(("held", "verdict"), [(5e5, "named"), (7e5, "unexplained")])
+def test_a_cause_of_another_size_in_a_record_held_out_stands_in_for_another(held, verdict):
+    """In the records that it was fitted to it leaves nothing but noise, and lowers the misfit of the one held out."""
+    known = references(["cubic_stiffness"], k3=5e5)
+    known["held"] = references(["cubic_stiffness"], k3=held)["held"]
+    found = diagnosed(known, library=("cubic_stiffness",))
+    assert found.verdict == verdict
+    assert found.gain.proven
+    assert found.stand_ins == (() if verdict == "named" else ("cubic_stiffness",))
+    assert ("the size of cubic_stiffness differs among the records" in found.summary) == (verdict == "unexplained")
+
+
+@pytest.mark.parametrize(
+    ("same", "verdict"), [({"a"}, ("a",)), ({"b", "c"}, ("b", "c")), ({"c"}, ("c",)), (set(), ("a", "b", "c"))]
+)
+def test_of_causes_that_explain_alike_those_of_one_size_are_preferred(monkeypatch, same, verdict):
+    """Stand-ins for selections; the first cause is the simplest that explains most."""
+
+    class Alike:
+        def __init__(self, name, names):
+            self.name, self.names, self.is_homogeneous = name, names, name in same
+            self.causes = (SimpleNamespace(name=name),)
+            self.rivals = tuple(SimpleNamespace(name=n, aic_penalty=2.0, chi2_reduction=1.0) for n in names)
+
+        def with_rivals(self, rivals):
+            return Alike(self.name, tuple(rival.name for rival in rivals))
+
+    room = "calib.diagnosis.diagnose"
+    monkeypatch.setattr(f"{room}.exchanged", lambda fitter, selection, one: Alike(one.name, (one.name,)))
+    monkeypatch.setattr(f"{room}._with_gain", lambda pool, bench, fitter, own, seed: (own, own.name))
+    found, gain = _tried_on_records(SimpleNamespace(spent=False), None, None, Alike("a", ("a", "b", "c")), 0)
+    assert found.names == (("a", "b", "c") if found.name == "a" else verdict)
+    assert found.name in verdict
+    assert gain == found.name

@@ -63,6 +63,15 @@ def test_an_error_of_the_model_gives_stated_noise_no_memory(error):
     assert noise.memory.size == 0
 
 
+@pytest.mark.parametrize("memory", [[], [0.8], [1.2, -0.5], [0.5, 0.2, -0.4, 0.1]])
+@pytest.mark.parametrize("lags", [1, 2, 4, 40])
+def test_the_autocorrelation_is_that_of_the_impulse_response(memory, lags):
+    impulse = lfilter([1.0], np.concatenate([[1.0], -np.array(memory)]), np.eye(1, 5000)[0])
+    whole = np.correlate(impulse, impulse, "full")[4999:]
+    noise = Noise(2.0, np.array(memory), "")
+    np.testing.assert_allclose(noise.autocorrelation(lags), (whole / whole[0])[:lags], atol=1e-9)
+
+
 @pytest.mark.parametrize("memory", [[], [0.8], [1.5, -0.7]])
 def test_the_mean_square_of_noise_varies_as_stated(memory):
     squares = [np.mean(series(memory, 2000, seed) ** 2) / 4.0 for seed in range(400)]

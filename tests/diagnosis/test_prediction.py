@@ -5,7 +5,7 @@ import pytest
 
 from calib.diagnosis.evidence import Evidence, Part
 from calib.diagnosis.noise import STATED, Noise
-from calib.diagnosis.prediction import predicted
+from calib.diagnosis.prediction import Prediction, predicted
 from calib.diagnosis.refit import Fit
 
 SIZE = 400
@@ -74,6 +74,14 @@ def test_a_cause_that_one_record_alone_shows_is_not_tested_on_it():
     shape = np.concatenate([np.sin(40.0 * TIME), np.zeros(SIZE)])
     found = predicted(*case(0, 0.5, 2, shape=shape), ("c",))
     assert found.folds == ("r1",)
+
+
+@pytest.mark.parametrize(
+    ("reduction", "folds", "fails"),
+    [(-5.0, 2, True), (5.0, 2, False), (-5.0, 1, False), (-140.0, 1, True), (140.0, 1, False)],
+)
+def test_a_single_fold_fails_where_the_misfit_rises_for_sure(reduction, folds, fails):
+    assert Prediction(reduction, 120.0, 100.0, ("one", "two")[:folds]).fails == fails
 
 
 def test_the_fall_is_that_of_least_squares_refitted_without_the_record():

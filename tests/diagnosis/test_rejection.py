@@ -53,6 +53,7 @@ def test_a_pair_takes_the_place_of_a_cause_only_where_it_explains_more_than_a_ne
 )
 def test_noise_is_another_where_its_level_or_its_autocorrelation_is(sigma, memory, differs):
     def evidence(sigma, memory):
-        return SimpleNamespace(parts=[SimpleNamespace(noise=(Noise(sigma, np.array(memory), STATED),))])
+        noise = (Noise(sigma, np.array(memory), STATED),)
+        return SimpleNamespace(parts=[SimpleNamespace(noise=noise, clock_share=0.0)])
 
     assert _differs(evidence(sigma, memory), evidence(1.0, [0.9])) is differs

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.evidence import Evidence, Part
-from calib.diagnosis.noise import RESIDUAL, STATED, Noise
+from calib.diagnosis.noise import RESIDUAL, STATED, Noise, Remainder
 from calib.diagnosis.remainder import remainder
 
 SIZE = 4000
@@ -26,12 +26,16 @@ def left(noise, measured, derivatives):
     constant = whole.parts[0].white(np.ones((2, SIZE)))[:, None]
     residual = whole.parts[0].white(measured)
     fit = SimpleNamespace(columns=constant, nuisances=np.zeros((2 * SIZE, 0)), residual=residual)
-    return remainder(whole, fit, [whole.parts[0].white(own)[:, None] for own in derivatives])["record"]
+    return remainder(whole, fit, [whole.parts[0].white(own)[:, None] for own in derivatives])["record"].rows
 
 
 def drawn(seed, memory=(), sigma=(2.0, 30.0)):
     rng = np.random.default_rng(seed)
     return np.array([Noise(level, np.array(memory), "").drawn(rng, SIZE) for level in sigma])
+
+
+def as_left(rows):
+    return {"record": Remainder(rows, np.zeros((2, 1, 1)))}
 
 
 WHITE = (Noise(2.0, np.zeros(0), STATED), Noise(30.0, np.zeros(0), STATED))
@@ -52,7 +56,7 @@ def test_without_the_candidate_it_is_left():
 
 def test_the_level_and_the_memory_of_noise_are_those_of_what_is_left():
     known = (Noise(9.0, np.zeros(0), RESIDUAL), Noise(30.0, np.zeros(0), STATED))
-    again = evidence(known, np.zeros((2, SIZE))).with_reestimated_noise({"record": drawn(2, memory=(0.7,))})
+    again = evidence(known, np.zeros((2, SIZE))).with_reestimated_noise(as_left(drawn(2, memory=(0.7,))))
     first, second = again.parts[0].noise
     assert (first.sigma, second.sigma) == (pytest.approx(2.0, rel=0.1), 30.0)
     assert (first.memory.sum(), second.memory.sum()) == pytest.approx((0.7, 0.7), abs=0.06)
@@ -60,5 +64,38 @@ def test_the_level_and_the_memory_of_noise_are_those_of_what_is_left():
 
 def test_noise_of_cycles_that_repeat_stays_as_it_is():
     known = (Noise(9.0, np.array([0.3]), STATED, repeated=True), Noise(3.0, np.zeros(0), RESIDUAL, repeated=True))
-    again = evidence(known, np.zeros((2, SIZE))).with_reestimated_noise({"record": drawn(2)})
+    again = evidence(known, np.zeros((2, SIZE))).with_reestimated_noise(as_left(drawn(2)))
     assert again.parts[0].noise == known
+
+
+def estimated(measured, columns):
+    """Noise of a row (n,) that is judged by what a fit of these columns (n, k) leaves of it."""
+    n, ones = measured.size, np.ones((1, measured.size))
+    unknown = (Noise(1.0, np.zeros(0), RESIDUAL),)
+    part = Part("record", ROWS[:1], np.arange(n) / n, measured[None], None, 1, (), unknown, ones > 0.0, ones)
+    fit = SimpleNamespace(columns=columns, nuisances=np.zeros((n, 0)), residual=measured)
+    whole = Evidence((part,))
+    return whole.with_reestimated_noise(remainder(whole, fit, [])).parts[0].noise[0]
+
+
+def slow(n, count):
+    """Cosines (n, count) of the lowest frequencies."""
+    return np.cos(np.pi * np.outer(np.arange(n) / n, np.arange(count)))
+
+
+@pytest.mark.parametrize("size", [55, 120, 200])
+@pytest.mark.parametrize("share", [0.1, 0.4])
+def test_a_fit_of_many_parameters_gives_white_noise_no_memory(size, share):
+    """As of a ball's fall of 55 samples, beside 20 candidates: slow columns leave a residual that is correlated."""
+    columns = slow(size, int(share * size))
+    found = [estimated(np.random.default_rng(seed).standard_normal(size), columns) for seed in range(60)]
+    assert np.mean([noise.memory.size > 0 for noise in found]) <= 0.15
+    assert np.mean([noise.sigma * noise.innovation for noise in found]) == pytest.approx(1.0, abs=0.08)
+
+
+def test_memory_is_told_beside_a_fit_that_takes_part_of_it():
+    """3 % of the frequencies, where an eighth of the variance is: 0.54 is the autocorrelation of what is left."""
+    drawn = Noise(2.0, np.array([0.6]), "").drawn(np.random.default_rng(3), 2000)
+    noise = estimated(drawn, slow(2000, 60))
+    assert noise.autocorrelation(2)[1] == pytest.approx(drawn[1:] @ drawn[:-1] / (drawn @ drawn), abs=0.01)
+    assert noise.sigma == pytest.approx(2.0, rel=0.08)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calib.diagnosis.search import rival_suspects
+from calib.diagnosis.search import _like_the_best, rival_suspects
 
 SIZE, LIMIT = 1000.0, 3.4
 EVIDENCE = SimpleNamespace(counted=lambda: SIZE)
@@ -36,3 +36,18 @@ def suspect(name, parameters, reduction, chi2):
 def test_a_rival_is_alike_within_what_its_parameters_and_the_noise_allow(parameters, behind, left, alike):
     best, other = suspect("best", 2, 200.0, left), suspect("other", parameters, 200.0 - behind, left)
     assert [s.name for s in rival_suspects(EVIDENCE, [other, best], LIMIT)] == ["best", "other"][: 1 + alike]
+
+
+def scored(name, reduction, angle):
+    """Stand in for a suspect with a score test, whose signature makes this angle with that of the first  [degrees]."""
+    signature = np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])[:, None]
+    return SimpleNamespace(name=name, predicted_reduction=reduction, signature_columns=signature)
+
+
+def test_what_is_much_like_the_best_is_refitted_though_its_score_test_predicts_less():
+    """Quadratic drag beside linear drag: 92 % by the score test, 99.7 % once it is fitted."""
+    best = SimpleNamespace(**vars(scored("linear_drag", 97.0, 0.0)), fit=SimpleNamespace(chi2=3.0))
+    worse = SimpleNamespace(**vars(scored("preload", 98.0, 17.0)), fit=SimpleNamespace(chi2=9.0))
+    significant = [worse, best, scored("softening", 93.0, 25.0), scored("quadratic_drag", 92.0, 7.6)]
+    assert [s.name for s in _like_the_best(significant, [worse, best])] == ["quadratic_drag"]
+    assert _like_the_best(significant, []) == []

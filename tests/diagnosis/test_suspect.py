@@ -16,6 +16,8 @@ FIT = SimpleNamespace(
     value={"k": 2.4}.get,
     error=lambda names: np.array([0.05]),
     half_width=lambda names: np.array([0.12]),
+    chi2=4.0,
+    residual=np.ones(4),
 )
 
 
@@ -49,6 +51,11 @@ def test_a_refitted_suspect_has_the_size_of_its_fit_and_the_deviate_that_can_be_
     assert (suspect.known_reduction, suspect.predicted_reduction) == (36.0, screened.predicted_reduction)
     assert (*suspect.size, *suspect.error, *suspect.half_width) == (2.4, 0.05, 0.12)
     assert (suspect.parameter_count, suspect.aic_penalty) == (2, 4.0)
+
+
+def test_what_a_refit_leaves_widens_the_deviate_of_one_without_a_score_test():
+    left = SimpleNamespace(**{**vars(FIT), "chi2": 36.0, "residual": np.full(4, 3.0)})  # nine times the noise
+    assert Untestable(CANDIDATE, "it has no derivative").refitted(left, 36.0).z == pytest.approx(2.0)
 
 
 def test_a_second_fit_replaces_the_first():

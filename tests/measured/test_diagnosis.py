@@ -71,8 +71,10 @@ def test_the_carriage_has_dry_friction_and_an_offset(diagnosed):
 @pytest.mark.slow
 def test_a_whiffle_ball_lacks_drag(diagnosed):
     found = diagnosed(STUDIES / "falling_balls" / "study.toml", "falling_balls/ball_drops.csv")
-    assert found.verdict in (NAMED, ONE_OF)
-    assert {names for names in found.classes} <= {("linear_drag",), ("quadratic_drag",)}
+    assert found.verdict == UNEXPLAINED
+    assert found.stand_ins == ("linear_drag",)  # of another size in the other drop: drag, but of another form
+    assert found.selection.explained_share > 0.99
+    assert transfers(found, "c1") == pytest.approx([0.573, 0.484], abs=0.02)
     assert found.gain.proven
 
 
