@@ -142,11 +142,14 @@ def _like_the_best(significant: Sequence[Scored], refitted: Sequence[Refitted]) 
 
     Which of them explains more, their score tests do not tell: where the misfit is large, these err by more.
     """
-    if not refitted:
-        return []
-    best, done = min(refitted, key=lambda s: s.fit.chi2), {s.name for s in refitted}
-    others = [s for s in leading_variants(significant) if s.name not in done]
-    return [s for s in others if (cosine(s, best) or 0.0) >= CRITERIA.min_alikeness]
+    done = {s.name for s in refitted}
+    return [s for s in leading_variants(significant) if s.name not in done and _is_like_the_best(s, refitted)]
+
+
+def _is_like_the_best(suspect: Suspect, refitted: Sequence[Refitted]) -> bool:
+    """Whether a suspect changes the records much as that refitted one does that explains most."""
+    best = min(refitted, key=lambda s: s.fit.chi2, default=None)
+    return best is not None and (cosine(suspect, best) or 0.0) >= CRITERIA.min_alikeness
 
 
 def _least_chi2(refitted: Sequence[Refitted], attained: float) -> float:
@@ -162,6 +165,9 @@ def _refits(
 ) -> tuple[list[Refitted], tuple[str, ...]]:
     """Refit the leaders; names of those for which the budget did not suffice.
 
+    A fit that is predicted to stay behind is given up, but not that of what changes the records much as the best so far
+    does: on its way there the prediction errs by more than the two differ in the end.
+
     significant : number of suspects above the threshold
     attained : chi-square that one of the candidates is known to attain
     """
@@ -173,7 +179,8 @@ def _refits(
             untried.append(suspect.name)
             continue
         largest_gap = (2.0 * CRITERIA.aic_tie + threshold**2) * max(1.0, attained / base.residual.size)
-        fitted = _refitted(fitter, base, suspect, threshold, attained + largest_gap)
+        rival = np.inf if _is_like_the_best(suspect, refitted) else attained + largest_gap
+        fitted = _refitted(fitter, base, suspect, threshold, rival)
         if fitted is not None:
             refitted.append(fitted)
             attained = min(attained, fitted.fit.chi2)

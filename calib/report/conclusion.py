@@ -86,6 +86,7 @@ def points(said: Mapping[str, Any], pictured: bool = True) -> list[str]:
         found.append(_gained(gain))
     if gain and (said["verdict"] in (NAMED, ONE_OF) or said.get("stand_ins")):
         found += disagreements(said)
+        found += moved_sizes(said)
         if moved_values(gain):
             found.append(
                 "With it, calibrated values move by more than their 95 % intervals in this diagnosis: "
@@ -115,6 +116,25 @@ def disagreements(said: Mapping[str, Any]) -> list[str]:
         "intervals): another effect that acts alike may be the cause, and the interval of the common size does not "
         "count that."
     ]
+
+
+def moved_sizes(said: Mapping[str, Any]) -> list[str]:
+    """Say which sizes leave their own 95 % interval where other causes are fitted beside them."""
+    alone = {suspect["effect"]: suspect for suspect in said["suspects"] if suspect["refitted"]}
+    found = []
+    for name, joint in said.get("joint_sizes", {}).items():
+        known = alone.get(name)
+        for parameter, size in joint["size"].items():
+            low, high = (known["interval"].get(parameter) if known else None) or (None, None)
+            limits = joint.get("limits", {}).get(parameter) or (None, None)
+            if None in (low, high, size) or low <= size <= high or _at_limit(size, limits):
+                continue
+            [own] = [text for text in sizes(known) if text.startswith(f"{parameter} = ")] or [parameter]
+            [beside] = [text for text in sizes(joint) if text.startswith(f"{parameter} = ")] or [parameter]
+            found.append(f"{own} alone and {beside.removeprefix(f'{parameter} = ')} beside the others")
+    if not found:
+        return []
+    return [f"Causes fitted together change each other's sizes by more than their intervals: {'; '.join(found)}."]
 
 
 def half_width(transfer: Mapping[str, Any]) -> float:

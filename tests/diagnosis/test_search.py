@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calib.diagnosis.search import _like_the_best, rival_suspects
+from calib.diagnosis.search import _like_the_best, _refits, rival_suspects
 
 SIZE, LIMIT = 1000.0, 3.4
 EVIDENCE = SimpleNamespace(counted=lambda: SIZE)
@@ -51,3 +51,20 @@ def test_what_is_much_like_the_best_is_refitted_though_its_score_test_predicts_l
     significant = [worse, best, scored("softening", 93.0, 25.0), scored("quadratic_drag", 92.0, 7.6)]
     assert [s.name for s in _like_the_best(significant, [worse, best])] == ["quadratic_drag"]
     assert _like_the_best(significant, []) == []
+
+
+def test_the_fit_of_what_is_much_like_the_best_is_not_given_up(monkeypatch):
+    """A zero of the height beside a gap under a falling cube: both explain the same, by ways of different length."""
+    rivals = {}
+
+    def refitted(fitter, base, suspect, threshold, rival):
+        rivals[suspect.name] = rival
+        return SimpleNamespace(**vars(suspect), fit=SimpleNamespace(chi2=9.0 if suspect.name == "other" else 5.0))
+
+    monkeypatch.setattr("calib.diagnosis.search._refitted", refitted)
+    effort = SimpleNamespace(foresee=lambda count: None, spent=False)
+    fitter = SimpleNamespace(effort=effort, expected_simulations=lambda scored, fits: 0)
+    leaders = [scored("gap", 90.0, 0.0), scored("other", 80.0, 40.0), scored("zero", 70.0, 1.0)]
+    done, untried = _refits(fitter, SimpleNamespace(residual=np.ones(2)), leaders, 3, LIMIT, np.inf)
+    assert ([s.name for s in done], untried) == (["gap", "other", "zero"], ())
+    assert rivals["other"] < np.inf == rivals["gap"] == rivals["zero"]

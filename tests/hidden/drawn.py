@@ -19,6 +19,7 @@ from calib.diagnosis.diagnose import Diagnosis
 KINDS = ("none", "one", "two", "absent", "remainder", "remainder_only")
 EMPTY = ("none", "remainder_only")  # kinds without an effect of the library
 SHARES = (0.005, 0.02, 0.05)  # of the motion that a remainder makes
+OVER_REMAINDER = (2.0, 5.0)  # z of an effect over that of the remainder beside it: 4 to 25 times its chi-square
 PAIRS = {
     "four_dof": (("quadratic_drag", "gap_offset"), ("cubic_stiffness", "channel_lag"), ("preload", "linear_drag")),
     "oscillator": (
@@ -42,7 +43,7 @@ def cases(
 
     Parameters
     ----------
-    strength : z of each hidden effect
+    strength : z of each hidden effect; beside a remainder at least twice to five times that of the remainder
     drift : of free-running clocks  [1]
     options : of the system
     """
@@ -96,11 +97,13 @@ def _hidden(case: Case, laboratory: Laboratory, folder: Path) -> tuple[tuple[str
     """
     rng, refusal = np.random.default_rng([case["seed"], KINDS.index(case["kind"])]), None
     share = SHARES[case["seed"] % len(SHARES)] if case["kind"].startswith("remainder") else None
+    over = float(np.random.default_rng([case["seed"], len(KINDS)]).uniform(*OVER_REMAINDER))
     for effects in _tries(case, rng):
         try:
             return effects, hide(
                 case["simulator"], effects or None, case["strength"] or None, case["seed"], folder=folder,
-                cache=folder / "clean", laboratory=laboratory, remainder=share, **case["options"],
+                cache=folder / "clean", laboratory=laboratory, remainder=share, over_remainder=over,
+                **case["options"],
             )  # fmt: skip
         except Refused as reason:
             refusal = reason

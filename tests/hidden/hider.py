@@ -82,6 +82,7 @@ def hide(
     nuisance: Sequence[str] = (),
     laboratory: int | Laboratory | None = None,
     remainder: float | None = None,
+    over_remainder: float = 0.0,
     **options,
 ) -> Hidden:
     """Write records with hidden effects, and a study that calibrates without them.
@@ -100,6 +101,7 @@ def hide(
     laboratory : that takes the records, or the seed that it is drawn from; it has its own clock, lengths of records and
         noise, in place of `noise`, `phi` and `stated`
     remainder : share of the motion that something makes which no candidate expresses; its kind is drawn from the seed
+    over_remainder : z of each effect at least, over that of the remainder  [1]
     options : of `four_dof.system` or `oscillator.system`
 
     Raises
@@ -111,6 +113,9 @@ def hide(
     at = bench(simulator, cache, noise, phi, nuisance, laboratory, **options)
     stated = stated if laboratory is None else laboratory.stated
     effects = () if effect is None else (effect,) if isinstance(effect, str) else tuple(effect)
+    kind, more = drawn_remainder(at, remainder, seed) if remainder else ("", {})
+    if more and over_remainder:
+        strength = max(strength, over_remainder * at.remainder_z(more))
     values, z = {}, {}
     for name in effects:
         if name not in at.system.effects:
@@ -118,7 +123,6 @@ def hide(
         known = at.size_for(name, strength) if size is None else size
         values |= at.hidden(name, known)
         z[name] = np.nan if name == "outliers" else at.z_of(name, known)
-    kind, more = drawn_remainder(at, remainder, seed) if remainder else ("", {})
     share = values.get("outlier_share", 0.0)
     acting = {name: value for name, value in (values | more).items() if name != "outlier_share"}
     folder = Path(folder)

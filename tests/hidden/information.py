@@ -226,6 +226,10 @@ class Bench:
         """
         return self._number(self._distance, effect, size)
 
+    def remainder_z(self, hidden: Mapping[str, float]) -> float:
+        """Length in the noise, beyond calibration, of what these hidden parameters [SI] change."""
+        return float(np.linalg.norm(self.beyond(self._between({"hidden": hidden}, {}))))
+
     def drift_z(self, drift: float) -> float:
         """Length in the noise, beyond calibration, of what a share `drift` by which clocks are fast does."""
         system = self.system

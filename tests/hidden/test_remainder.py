@@ -65,3 +65,11 @@ def test_the_seed_draws_the_kind_and_the_records_have_it(cache, tmp_path):
         assert np.sqrt(np.mean(shares)) == pytest.approx(0.05, rel=0.3)
     assert len(kinds) > 1
     assert kinds <= set(KINDS["oscillator"])
+
+
+def test_an_effect_may_be_hidden_at_a_multiple_of_the_remainder(cache, tmp_path):
+    asked = {"folder": tmp_path / "study", "cache": cache, "remainder": 0.02}
+    hidden = hide("oscillator", "quadratic_drag", 8.0, 3, over_remainder=3.0, **asked)
+    at = bench("oscillator", cache)
+    assert at.remainder_z(hidden.remainder_values) > 8.0
+    assert hidden.z["quadratic_drag"] == pytest.approx(3.0 * at.remainder_z(hidden.remainder_values), rel=0.03)

@@ -75,6 +75,32 @@ def test_the_sizes_of_several_causes_are_those_fitted_together():
     assert "c2 = 7.50 ± 0.50" in headline(said)
 
 
+@pytest.mark.parametrize(("joint", "moved"), [(2.45, False), (7.5, True)])
+def test_a_size_that_another_cause_moves_out_of_its_interval_is_told_with_both_values(joint, moved):
+    said = document("named", VALUES)
+    interval = {"c2": [joint - 0.5, joint + 0.5]}
+    said["joint_sizes"] = {"quadratic_drag": {**said["suspects"][0], "size": {"c2": joint}, "interval": interval}}
+    told = [point for point in points(said) if "change each other's sizes" in point]
+    assert bool(told) == moved
+    assert all("c2 = 2.40 ± 0.16 1/m alone and 7.50 ± 0.50 1/m beside the others" in point for point in told)
+
+
+def test_causes_that_were_exchanged_after_the_rounds_are_in_their_table(study):
+    exchange = {"before": ["gain"], "after": ["lag", "scale"], "reason": "of all pairs this one explains most"}
+    said = document("named", VALUES) | {"exchanges": [exchange]}
+    last = chapter(said, {}, {"values": VALUES}, study)["rounds"][-1]
+    assert last["model"] == "calibrated + gain"
+    assert last["chosen"] == "lag + scale instead: of all pairs this one explains most"
+
+
+def test_what_could_not_be_looked_at_does_not_hold(study):
+    said = document("named", VALUES)
+    gate = {"name": "time_step", "passed": True, "said": "it has none", "z": None, "tried": False}
+    said["gates"] = [*said["gates"], gate]
+    page = words(render(study, [], {}, {"values": VALUES}, diagnosis=said, motions={}))
+    assert "time_step not tried it has none" in page
+
+
 def test_outliers_are_a_cause_of_the_records_and_not_of_the_model():
     said = document("named", VALUES) | {"causes": ["outliers"], "outliers": 0.012}
     assert headline(said) == "In the records: outliers, 1.2\u00a0% of the samples."
