@@ -149,10 +149,10 @@ def _diagnosed(
     gates = (*_renewed(ready.gates, fitter, selection), *solver)
     if QUANTISATION in {cause.name for cause in selection.causes}:
         ready = replace(ready, rounding=0.0)
-    verdict, summary = verdict_of(selection, gates, ready)
+    verdict, summary = verdict_of(selection, gates, ready, gain)
     summary += untried(selection)
     design = None
-    if verdict == ONE_OF and laboratory is not None:
+    if len(selection.rivals) > 1 and verdict == ONE_OF and laboratory is not None:
         if pool.spent:
             summary += " (the budget was spent before a next measurement was sought)"
         else:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from calib.diagnosis.criteria import CRITERIA
+from calib.diagnosis.gain import RECORDS, Gain
 from calib.diagnosis.gates import Gate
 from calib.diagnosis.preparation import Prepared
 from calib.diagnosis.selection import Selection
@@ -11,8 +12,14 @@ NONE, NAMED, ONE_OF, UNEXPLAINED = "none", "named", "one_of", "unexplained"
 NOT_DIAGNOSABLE = "not_diagnosable"
 
 
-def verdict_of(selection: Selection, gates: Sequence[Gate], ready: Prepared) -> tuple[str, str]:
-    """Verdict, and its summary in a sentence."""
+def verdict_of(
+    selection: Selection, gates: Sequence[Gate], ready: Prepared, gain: Gain | None = None
+) -> tuple[str, str]:
+    """Verdict, and its summary in a sentence.
+
+    Of one steady tone nothing is named alone: it repeats whatever the model lacks, so that no part of it shows whether
+    a cause predicts. A record held out whose misfit falls shows it.
+    """
     if not all(gate.passed for gate in gates):
         return NOT_DIAGNOSABLE, failures(gates)
     if not selection.causes:
@@ -24,7 +31,15 @@ def verdict_of(selection: Selection, gates: Sequence[Gate], ready: Prepared) -> 
         alike = f"; they explain {share} alike" if selection.is_significant else ""
         return ONE_OF, " and ".join(_ways(selection)) + alike
     names, s = _subject(selection)
-    return NAMED, f"{names}: explain{s} {share}" if selection.is_significant else names
+    text = f"{names}: explain{s} {share}" if selection.is_significant else names
+    if _is_one_tone(ready) and not (gain is not None and gain.kind == RECORDS and gain.proven):
+        return ONE_OF, f"{text}; or what acts like that in this one steady tone, which cannot test a prediction"
+    return NAMED, text
+
+
+def _is_one_tone(ready: Prepared) -> bool:
+    """Whether all that was searched is one record of a periodic excitation."""
+    return [part.period is None for part in ready.fitter.evidence.parts] == [False]
 
 
 def failures(gates: Sequence[Gate]) -> str:

@@ -46,7 +46,8 @@ def headline(said: Mapping[str, Any]) -> str:
             found.append(f"{name}{''.join(given)}")
         return f"{'Missing in the model' if added(said) else 'In the records'}: {'; and '.join(found)}."
     if verdict == ONE_OF:
-        return f"Something is missing, and these records do not tell alternatives apart: {said['said']}."
+        apart = "these records do not tell alternatives apart" if len(said["class"]) > 1 else "one record is not enough"
+        return f"Something is missing, and {apart}: {said['said']}."
     if verdict == UNEXPLAINED:
         if inconstant(said):
             return f"No effect that is known here explains the misfit: {said['said']}."
@@ -215,7 +216,7 @@ def added(said: Mapping[str, Any]) -> list[str]:
 
 def _which(said):
     names = " and ".join(added(said))
-    return f"the best of them, {names}," if said["verdict"] == ONE_OF else names
+    return f"the best of them, {names}," if said["verdict"] == ONE_OF and len(said["class"]) > 1 else names
 
 
 def named_extension(said: Mapping[str, Any]) -> str:

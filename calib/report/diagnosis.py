@@ -364,7 +364,12 @@ def _why(said, outcomes):
             f"How far what {last['chosen']} changes in these records, beyond what calibration absorbs, is like what "
             f"others change (cosine of the angle between signatures): {', '.join(alike)}."
         )
-    if said["verdict"] == ONE_OF:
+    if said["verdict"] == ONE_OF and len(said["class"]) == 1:
+        found.append(
+            "A steady tone repeats whatever the model lacks: leaving cycles out proves nothing, and no record held out "
+            "shows whether the cause predicts. One at another amplitude or frequency would."
+        )
+    elif said["verdict"] == ONE_OF:
         found.append("With any one of them fitted, sums of squares differ too little: these records do not decide.")
     if said["verdict"] == UNEXPLAINED and said["closest"]:
         share = percent(max(0.0, said["misfit"]["share"]))

@@ -374,3 +374,29 @@ def test_of_causes_that_explain_alike_those_of_one_size_are_preferred(monkeypatc
     assert found.names == (("a", "b", "c") if found.name == "a" else verdict)
     assert found.name in verdict
     assert gain == found.name
+
+
+def tone(amplitude, use, seed):
+    """Record of a hardening spring that has settled beside a steady force at 10 Hz."""
+    excitation = Excitation("mass", "force", frequency=10.0, amplitude=amplitude)
+    model = OSCILLATOR.extended(*effects("cubic_stiffness"))
+    record = model.run({**TRUTH, "k3": 3e5}, excitation, Request(periods=8, samples=64))[["displacement", "velocity"]]
+    rng = np.random.default_rng(seed)
+    for channel in ("displacement", "velocity"):
+        rows = record[channel].values
+        sigma = 0.01 * np.sqrt((rows**2).mean())
+        record[channel] = record[channel].copy(data=rows + sigma * rng.standard_normal(rows.shape))
+        record[f"{channel}_sigma"] = ("body", [sigma], {"units": record[channel].attrs["units"]})
+    record.attrs["status"] = "ok"
+    return Reference(f"{amplitude:g} N", record, use, excitation=excitation, request=Request(periods=8, samples=64))
+
+
+@pytest.mark.parametrize(("more", "verdict"), [((), "one_of"), ((40.0,), "named")])
+def test_of_one_steady_tone_nothing_is_named_alone(more, verdict):
+    known = [tone(20.0, "calibrate", 1), *(tone(amplitude, "holdout", 2) for amplitude in more)]
+    found = diagnosed({reference.name: reference for reference in known}, library=("cubic_stiffness", "channel_offset"))
+    assert found.verdict == verdict
+    assert found.classes == (("cubic_stiffness",),)
+    assert found.causes == (("cubic_stiffness",) if more else ())
+    assert ("one steady tone, which cannot test a prediction" in found.summary) == (not more)
+    assert found.design is None
