@@ -63,6 +63,7 @@ class OrbitKind:
     zero_one : K of the 0-1 test, NaN where it was not needed  [1]
     status, reason : of the orbit
     visited : (n, dimension) states at the section, one a period, by which an irregular motion was judged
+    lingers : whether it is undecided because it is yet beside an unstable cycle
     runs, share : from starts that differ imperceptibly, and the share of them that led to this motion; 0 where it was
         found by Newton's method, or from a neighbouring value of a sweep, alone  [1]
     sightings : independent ones of a regular motion, by runs and by Newton's method; 3 are enough for it to be certain
@@ -86,6 +87,7 @@ class OrbitKind:
     status: str = OK
     reason: str = ""
     visited: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    lingers: bool = False
     runs: int = 1
     share: float = 1.0
     sightings: int = 3
@@ -167,16 +169,18 @@ def _beyond_laminar_phase(map: PeriodMap, found: OrbitKind) -> np.ndarray:
 
     A run that comes near such a cycle by chance stays for as many periods as 1 / exponent, many times over, and none of
     them tells what motion it belongs to (laminar phase of intermittency: Pomeau and Manneville, Communications in
-    Mathematical Physics 74 (1980) 189). It is pushed along the direction that grows most.
+    Mathematical Physics 74 (1980) 189). It is pushed along the direction that grows most, to the side to which it goes.
     """
+    if not found.lingers:
+        return found.state
     section = found.visited[-TAIL:] / map.scale
-    lingers = len(section) > LAGS and _recurrence(section).min() <= NEARBY
-    if not (lingers and found.exponent > SIGMAS * found.error):
+    lag = int(np.argmin(_recurrence(section))) + 1
+    grown = tangent(map, found.state, np.ones((found.state.size, 1)), ALIGNMENT + 2 * lag)
+    if len(grown.states) < ALIGNMENT + 2 * lag:
         return found.state
-    grown = tangent(map, found.state, np.ones((found.state.size, 1)), ALIGNMENT)
-    if len(grown.states) < ALIGNMENT:
-        return found.state
-    return grown.states[-1] + NEARBY * _size(section) * grown.vectors[:, 0] * map.scale
+    direction, going = grown.vectors[:, 0], (grown.states[-1] - grown.states[-1 - 2 * lag]) / map.scale
+    side = -1.0 if going @ direction < 0.0 else 1.0  # after twice the lag, a cycle that flips is on the same side
+    return grown.states[-1] + side * NEARBY * _size(section) * direction * map.scale
 
 
 def settled_orbit(
@@ -345,6 +349,7 @@ def _irregular(map: PeriodMap, found: OrbitKind) -> OrbitKind:
                 exponent=exponent.value,
                 error=exponent.error,
                 zero_one=signs.zero_one,
+                lingers=signs.lingers,
             )
         exponent = extended(map, exponent, len(exponent.logarithms), pseudo_tangent)
     orbit = _run(map, found.state, len(exponent.states) + 1)
@@ -411,10 +416,13 @@ class _Signs:
 
     @property
     def lingers(self) -> bool:
-        """Whether the motion is yet beside an unstable cycle: near returns, that grow all along or at a steady rate."""
+        """Whether the motion is yet beside an unstable cycle: near returns, that grow all along or at a steady rate.
+
+        Chaos of a map whose slope is the same everywhere grows steadily too, but its K is near 1.
+        """
         value, error = self.exponent.value, self.exponent.error
         growing = value > SIGMAS * error and self.recurrence <= NEARBY
-        return growing and (self.drifting or error < STEADY * value)
+        return growing and (self.drifting or (error < STEADY * value and not self.zero_one > REGULAR))
 
     @property
     def interrupted(self) -> bool:

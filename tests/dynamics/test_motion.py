@@ -207,6 +207,28 @@ def test_a_start_beside_a_weakly_unstable_cycle_tells_of_the_motion_it_goes_to(b
     assert found.exponent == pytest.approx(0.5 * math.log(abs(4.0 + 2.0 * a - a**2)), rel=1e-6)
 
 
+@pytest.mark.parametrize(("start", "end"), [(1.0 - 1e-4, 0.0), (1.0 + 1e-4, 2.0)])
+def test_a_start_beside_an_unstable_fixed_point_goes_to_the_side_it_is_on(start, end):
+    def function(x):
+        return x + 0.002 * (x - 1.0) * (1.0 - (x - 1.0) ** 2)
+
+    def derivative(x):
+        return np.array([[1.002 - 0.006 * (x[0] - 1.0) ** 2]])
+
+    found = kind_of_orbit(PlainMap(function, derivative, [start]))
+    assert found.kind == "period-1"
+    assert found.state[0] == pytest.approx(end, abs=1e-3)
+
+
+@pytest.mark.parametrize("slope", [1.03, 1.05, 1.4])
+def test_chaos_of_one_slope_everywhere_is_chaotic(slope):
+    def derivative(x):
+        return np.array([[math.copysign(slope, 0.5 - x[0])]])
+
+    tent = PlainMap(lambda x: slope * np.minimum(x, 1.0 - x), derivative, [0.3])
+    assert kind_of_orbit(tent).kind == CHAOTIC
+
+
 def test_a_diverging_map_has_failed():
     found = kind_of_orbit(logistic(4.1))
     assert (found.kind, found.status, found.label) == (FAILED, "diverged", FAILED)
