@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from calib.diagnosis.bench import Bench
+from calib.diagnosis.constancy import RECORDS
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.effort import Budget, Effort
 from calib.diagnosis.evidence import Evidence, rounding
@@ -17,6 +18,7 @@ from calib.diagnosis.preparation import OUTLIERS, QUANTISATION, Prepared, bench_
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.search import simplest
 from calib.diagnosis.selection import Selection, exchanged, select
+from calib.diagnosis.suspect import Refitted
 from calib.diagnosis.verdict import NAMED, NOT_DIAGNOSABLE, ONE_OF, UNEXPLAINED, failures, untried, verdict_of
 from calib.effect import Effect
 from calib.objective import Reference
@@ -181,20 +183,42 @@ def _tried_on_records(
 ) -> tuple[Selection, Gain | None]:
     """Try the causes on what was held out, and compare their sizes from record to record.
 
-    Where that of a cause differs, its rivals are tried: those that have one size are preferred to it.
+    Where that of a cause differs, its rivals are tried: those are preferred to it that have one size in the same
+    records, each of which knows it well enough to show as large a variation.
     """
     selection, gain = _with_gain(pool, bench, fitter, selection, seed)
-    if selection.is_homogeneous or len(selection.rivals) < 2 or pool.spent:
-        return selection, gain
-    names = {cause.name for cause in selection.causes}
-    others = [rival for rival in selection.rivals if rival.name not in names]
-    tried = [_with_gain(pool, bench, fitter, exchanged(fitter, selection, one), seed) for one in others]
-    same = [(one, outcome) for one, outcome in zip(others, tried, strict=True) if outcome[0].is_homogeneous]
-    if not same:
-        return selection, gain
-    chosen = simplest([one for one, _ in same])
-    [(homogeneous, gain)] = [outcome for one, outcome in same if one is chosen]
-    return homogeneous.with_rivals([one for one, _ in same]), gain
+    differing = {one.effect: one for one in selection.heterogeneous if one.among == RECORDS}
+    several = zip(selection.causes, selection.alternatives, strict=True)
+    for cause, rivals in [(c, own) for c, own in several if c.name in differing and len(own) > 1]:
+        same = []
+        for rival in rivals:
+            if rival.name == cause.name:
+                continue
+            if pool.spent:
+                return replace(selection, cut_short=True), gain
+            other = exchanged(fitter, selection, cause, rival)
+            outcome = None if other is None else _with_gain(pool, bench, fitter, other, seed)
+            if outcome and _has_one_size(rival, outcome, gain, differing[cause.name].variation):
+                same.append((rival, outcome))
+        if same:
+            chosen = simplest([rival for rival, _ in same])
+            [(homogeneous, gain)] = [outcome for rival, outcome in same if rival is chosen]
+            return homogeneous.with_rivals([rival for rival, _ in same]), gain
+    return selection, gain
+
+
+def _has_one_size(rival: Refitted, outcome: tuple[Selection, Gain | None], gain: Gain, variation: float) -> bool:
+    """Whether a rival, with which all causes have one size, shows that in all records that told the other's apart.
+
+    outcome : the selection with it, and what that brings
+    gain : of the cause in its place, whose size has this variation
+    """
+    selection, own = outcome
+    if own is None or not selection.is_homogeneous:
+        return False
+    found = [a for a in own.agreements if a.parameter in rival.candidate.free]
+    records = max((set(a.records) for a in gain.agreements), key=len)
+    return bool(found) and all(set(a.records) >= records and a.detectable <= variation for a in found)
 
 
 def _with_gain(

@@ -137,6 +137,7 @@ class Part:
         if self.clock is None or not residual.any():
             return self
         direction, _ = self._clock_direction
+        residual = residual - direction * (direction @ residual)  # what the clock itself may have made
         counted = (residual != 0.0) | (direction != 0.0)
         rows = np.repeat(np.arange(len(self.rows)), self.time.size)
         covariance, _ = sandwich(direction[counted, None], residual[counted], rows[counted])
@@ -359,7 +360,7 @@ def gathered(
                 stated, memory = _stated(reference.record, row), shared(shown, row, _step(reference))
                 known = weight[index], measured[name][index], stated
                 if memory is not None:
-                    noise = with_memory(memory, rest.scaled(index, weight[index]), *known)
+                    noise = with_memory(memory, rest.scaled(index, weight[index], memory), *known)
                 elif left is not None:
                     noise = from_residual(rest.rows[index], *known, rest.absorbed[index])
                 else:  # before anything is fitted to it a residual shows no memory of the noise

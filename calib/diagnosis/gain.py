@@ -13,6 +13,7 @@ from calib.diagnosis.clock import clock_slopes
 from calib.diagnosis.constancy import cochran, variation
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.evidence import Evidence, Part, gathered
+from calib.diagnosis.excess import significant
 from calib.diagnosis.refit import Fit, Fitter
 from calib.diagnosis.score import Projection, Signature, deviate
 from calib.diagnosis.signature import Direction, slopes
@@ -38,6 +39,8 @@ class Transfer:
     size, error : estimate and standard error  [unit of the parameter]
     held : whether the record had no part in calibration and naming
     freedom : degrees of freedom of the error: few where what is left changes slowly  [1]
+    max_bias : by how much what is left in this record beside the noise may bias the size, at most  [unit of the
+        parameter]
     """
 
     record: str
@@ -46,6 +49,7 @@ class Transfer:
     error: float
     held: bool
     freedom: float = np.inf
+    max_bias: float = 0.0
 
     @property
     def half_width(self) -> float:
@@ -69,6 +73,8 @@ class Agreement:
     degrees : of freedom
     z : normal deviate of the same probability  [1]
     variation : standard deviation of the sizes beyond their errors, over their mean  [1]
+    detectable : variation from which on they would not agree  [1]
+    records : that have such a size, in order
     agree : whether z is not above the threshold of the diagnosis
     """
 
@@ -78,6 +84,8 @@ class Agreement:
     z: float
     variation: float
     agree: bool
+    detectable: float = 0.0
+    records: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -276,17 +284,18 @@ def _transfers(evidence: Evidence, final: Fit, columns: Mapping[str, np.ndarray]
             others = np.column_stack([np.delete(columns[part.name], index, axis=1), nuisances[own]])
             alone = _refitted(residual[own], columns[part.name][:, index], others, numbers[own])
             if alone is not None:
-                size, error, freedom = alone
-                transfers.append(Transfer(part.name, name, final.value(name) + size, error, held, freedom))
+                step, error, freedom, max_bias = alone
+                transfers.append(Transfer(part.name, name, final.value(name) + step, error, held, freedom, max_bias))
     return tuple(transfers)
 
 
 def _refitted(
     residual: np.ndarray, column: np.ndarray, others: np.ndarray, rows: np.ndarray
-) -> tuple[float, float, float] | None:
-    """Step of one parameter, its standard error and the degrees of freedom of that: a partial regression.
+) -> tuple[float, float, float, float] | None:
+    """Step of one parameter, its standard error, the degrees of freedom of that, and its bias at most.
 
-    The `others` (n, k) are free as well.
+    A partial regression: the `others` (n, k) are free as well. What it leaves, where that is more than noise, may bias
+    the step as in `max_relative_bias`.
 
     The error counts what the model leaves beside the noise, as that of the joint size does; it is none less than what
     the noise alone makes. None where the others absorb the column but for the error of the derivatives.
@@ -304,7 +313,10 @@ def _refitted(
     counted = (remaining != 0.0) | (alone != 0.0)
     covariance, freedom = sandwich(alone[counted, None], remaining[counted], rows[counted])
     error = float(np.sqrt(max(covariance[0, 0], 1.0 / information)))
-    return step, error, max(1.0, float(freedom[0]) - projection.rank)  # the others take theirs
+    degrees = float(np.count_nonzero(remaining)) - projection.rank - 1.0
+    excess = float(remaining @ remaining) - degrees
+    max_bias = np.sqrt(excess / information) if significant(excess, np.sqrt(2.0 * max(degrees, 1.0))) else 0.0
+    return step, error, max(1.0, float(freedom[0]) - projection.rank), float(max_bias)  # the others take theirs
 
 
 def _columns(
@@ -348,7 +360,9 @@ def _sizes(transfers: tuple[Transfer, ...], threshold: float) -> dict[str, tuple
 def agreements(transfers: Sequence[Transfer], threshold: float) -> tuple[Agreement, ...]:
     """Whether the records agree on each size that several of them have: chi-square about the weighted mean.
 
-    An error of few degrees of freedom counts as that of the normal distribution with the same 95 % interval.
+    An error of few degrees of freedom counts as that of the normal distribution with the same 95 % interval. What is
+    left in a record beside the noise widens it by how much it may bias the size, but takes no weight from the record
+    where it is asked by how much sizes vary.
 
     Parameters
     ----------
@@ -359,10 +373,23 @@ def agreements(transfers: Sequence[Transfer], threshold: float) -> tuple[Agreeme
         own = [t for t in transfers if t.parameter == name and 0.0 < t.normal_error < np.inf]
         if len(own) < 2:
             continue
-        size, covariance = np.array([t.size for t in own]), np.diag([t.normal_error**2 for t in own])
-        q, degrees, mean_chi2 = cochran(size, covariance, np.zeros(len(own), dtype=int))
+        size, same = np.array([t.size for t in own]), np.zeros(len(own), dtype=int)
+        raw, _, raw_mean_chi2 = cochran(size, np.diag([t.normal_error**2 for t in own]), same)
+        q, degrees, mean_chi2 = cochran(size, np.diag([t.normal_error**2 + t.max_bias**2 for t in own]), same)
         z = float(deviate(q, degrees))
-        compared.append(Agreement(name, q, degrees, z, variation(q, degrees, mean_chi2), z <= threshold))
+        limit = float(stats.chi2.isf(2.0 * stats.norm.sf(threshold), degrees))
+        compared.append(
+            Agreement(
+                parameter=name,
+                chi2=q,
+                degrees=degrees,
+                z=z,
+                variation=variation(raw, degrees, raw_mean_chi2),
+                agree=z <= threshold,
+                detectable=variation(limit, degrees, mean_chi2),
+                records=tuple(t.record for t in own),
+            )
+        )
     return tuple(compared)
 
 

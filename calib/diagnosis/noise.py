@@ -75,7 +75,7 @@ class Noise:
         For Gaussian noise of the autocorrelations rho_k it is sqrt(2 / n times the sum of rho_k^2 over all lags)
         (Priestley, Spectral Analysis and Time Series, 1981, section 5.3.3).
         """
-        squares = self.autocorrelation(int(counted)) ** 2
+        squares = self.autocorrelation(max(1, int(counted))) ** 2
         return math.sqrt(2.0 / max(counted, 1.0) * float(2.0 * squares.sum() - squares[0]))
 
     def whitened(self, rows: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -116,10 +116,11 @@ class Remainder:
     rows: np.ndarray
     absorbed: np.ndarray
 
-    def scaled(self, row: int, weight: np.ndarray) -> np.ndarray:
-        """Return a row (n,), whose samples have this weight (n,), as large as the noise is on average."""
+    def scaled(self, row: int, weight: np.ndarray, memory: np.ndarray) -> np.ndarray:
+        """Return a row (n,) as large as noise of a known memory is on average; its samples have this weight (n,)."""
         counted = float((weight**2).sum())
-        return self.rows[row] * math.sqrt(counted / max(1.0, counted - self.absorbed[row, 0, 0]))
+        taken = _taken(self.absorbed[row], memory, 1)[0]
+        return self.rows[row] * math.sqrt(counted / max(1.0, counted - taken))
 
 
 def from_cycles(
@@ -175,17 +176,16 @@ def with_memory(
 
 
 def _noise(series, weight, measured, source, absorbed=NOTHING_ABSORBED) -> Noise:
-    memory = _autoregression(series * weight, weight, absorbed)
-    sigma = math.sqrt(float(((series * weight) ** 2).sum() / max(1.0, (weight**2).sum() - absorbed[0, 0])))
-    return Noise(max(sigma, _least(measured)), memory, source)
+    memory, variance = _autoregression(series * weight, weight, absorbed)
+    return Noise(max(math.sqrt(variance), _least(measured)), memory, source)
 
 
 def _least(measured: np.ndarray) -> float:
     return LEAST * float(np.sqrt(np.mean(measured**2))) or 1e-300
 
 
-def _autoregression(series: np.ndarray, weight: np.ndarray, absorbed: np.ndarray) -> np.ndarray:
-    """Coefficients by the Yule-Walker equations, of the order that Schwarz's criterion (1978) chooses.
+def _autoregression(series: np.ndarray, weight: np.ndarray, absorbed: np.ndarray) -> tuple[np.ndarray, float]:
+    """Coefficients by the Yule-Walker equations, of the order that Schwarz's criterion (1978) chooses; the variance.
 
     A fit leaves residuals that are correlated though the noise is white. What its projection absorbs of the products of
     residuals is added to them: of white noise at first, then of the noise that has come out (the correction of Worsley
@@ -196,17 +196,21 @@ def _autoregression(series: np.ndarray, weight: np.ndarray, absorbed: np.ndarray
     lags = range(min(ORDER, int(freedom) // SAMPLES_PER_COEFFICIENT) + 1)
     both = np.array([float((weight[lag:] * weight[: n - lag]).sum()) for lag in lags])
     products = np.array([float(series[lag:] @ series[: n - lag]) for lag in lags])
-    known = min(len(lags), len(absorbed))
-    memory = np.zeros(0)
+    memory, taken = np.zeros(0), _taken(absorbed, np.zeros(0), len(lags))
     for _ in range(FIXED_POINT_STEPS):
-        rho = Noise(1.0, memory, RESIDUAL).autocorrelation(known)
-        taken = np.zeros(len(lags))
-        taken[:known] = absorbed[:known, :known] @ rho
         variance = products[0] / max(1.0, both[0] - taken[0])
         before, memory = memory, _of_autocovariance((products + variance * taken) / np.maximum(both, 1.0), freedom)
-        if not memory.size or np.array_equal(before, memory):
+        taken = _taken(absorbed, memory, len(lags))
+        if np.array_equal(before, memory):
             break
-    return memory
+    return memory, float(products[0] / max(1.0, both[0] - taken[0]))
+
+
+def _taken(absorbed: np.ndarray, memory: np.ndarray, lags: int) -> np.ndarray:
+    """By how much a fit lowers the expected sums (lag,) of products of residuals of noise of unit variance."""
+    rho = Noise(1.0, memory, RESIDUAL).autocorrelation(len(absorbed))
+    taken = (absorbed @ rho)[:lags]
+    return np.pad(taken, (0, lags - taken.size))
 
 
 def _of_autocovariance(gamma: np.ndarray, freedom: float) -> np.ndarray:

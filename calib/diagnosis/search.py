@@ -81,10 +81,9 @@ def search(
     significant = _significant(suspects, threshold)
     leaders = _leaders(suspects, significant, excess_std)
     refitted, untried = _refits(fitter, base, leaders, len(significant), threshold, attained)
-    alike = _like_the_best(significant, refitted)
-    if alike:
-        more, left = _refits(fitter, base, alike, len(significant), threshold, _least_chi2(refitted, attained))
-        refitted, untried = [*refitted, *more], (*untried, *left)
+    alike = [s for s in _like_the_best(significant, refitted) if s.name not in untried]
+    refitted, left = _refits(fitter, base, alike, len(significant), threshold, attained, refitted)
+    untried = (*untried, *left)
     excess, rivals = excess_chi2(fitter.evidence, base), ()
     if refitted:
         common = fitter.evidence.with_weights([base.point.simulated, *(s.fit.point.simulated for s in refitted)])
@@ -143,7 +142,8 @@ def _like_the_best(significant: Sequence[Scored], refitted: Sequence[Refitted]) 
     Which of them explains more, their score tests do not tell: where the misfit is large, these err by more.
     """
     done = {s.name for s in refitted}
-    return [s for s in leading_variants(significant) if s.name not in done and _is_like_the_best(s, refitted)]
+    others = [s for s in leading_variants(significant) if s.name not in done]
+    return [s for s in others if _is_like_the_best(s, refitted)][: CRITERIA.max_refits]
 
 
 def _is_like_the_best(suspect: Suspect, refitted: Sequence[Refitted]) -> bool:
@@ -152,18 +152,19 @@ def _is_like_the_best(suspect: Suspect, refitted: Sequence[Refitted]) -> bool:
     return best is not None and (cosine(suspect, best) or 0.0) >= CRITERIA.min_alikeness
 
 
-def _least_chi2(refitted: Sequence[Refitted], attained: float) -> float:
-    """Chi-square that one of the candidates is known to attain."""
-    return min([attained, *(s.fit.chi2 for s in refitted)])
-
-
 # --- refits -----------------------------------------------------------------------------------------------------------
 
 
 def _refits(
-    fitter: Fitter, base: Fit, leaders: Sequence[Suspect], significant: int, threshold: float, attained: float
+    fitter: Fitter,
+    base: Fit,
+    leaders: Sequence[Suspect],
+    significant: int,
+    threshold: float,
+    attained: float,
+    before: Sequence[Refitted] = (),
 ) -> tuple[list[Refitted], tuple[str, ...]]:
-    """Refit the leaders; names of those for which the budget did not suffice.
+    """Refit the leaders, beside those that were before; names of those for which the budget did not suffice.
 
     A fit that is predicted to stay behind is given up, but not that of what changes the records much as the best so far
     does: on its way there the prediction errs by more than the two differ in the end.
@@ -171,19 +172,19 @@ def _refits(
     significant : number of suspects above the threshold
     attained : chi-square that one of the candidates is known to attain
     """
-    refitted, untried = [], []
+    refitted, untried = list(before), []
     for number, suspect in enumerate(leaders):
         fits = 2 * len(leaders) - number  # another search may follow
         fitter.effort.foresee(fitter.expected_simulations(significant, fits))
-        if number and fitter.effort.spent:
+        if (number or refitted) and fitter.effort.spent:
             untried.append(suspect.name)
             continue
-        largest_gap = (2.0 * CRITERIA.aic_tie + threshold**2) * max(1.0, attained / base.residual.size)
-        rival = np.inf if _is_like_the_best(suspect, refitted) else attained + largest_gap
+        best = min([attained, *(s.fit.chi2 for s in refitted)])
+        largest_gap = (2.0 * CRITERIA.aic_tie + threshold**2) * max(1.0, best / base.residual.size)
+        rival = np.inf if _is_like_the_best(suspect, refitted) else best + largest_gap
         fitted = _refitted(fitter, base, suspect, threshold, rival)
         if fitted is not None:
             refitted.append(fitted)
-            attained = min(attained, fitted.fit.chi2)
     return refitted, tuple(dict.fromkeys(untried))
 
 

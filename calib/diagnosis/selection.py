@@ -138,12 +138,12 @@ class Selection:
 
     def with_records_compared(self, agreements: Sequence[Agreement]) -> "Selection":
         """Return the selection with the constancy of its causes from record to record: of what each alone has."""
-        found = []
-        for cause, among_channels in zip(self.causes, self.constancy, strict=True):
+        among_channels, found = {c.effect: c for c in self.constancy}, []
+        for cause in self.causes:
             own = [a for a in agreements if a.parameter in cause.candidate.free]
             if own:
                 most = max(own, key=lambda a: a.z)
-                found.append(Constancy(cause.name, most.z, most.variation, among_channels.chi2, RECORDS))
+                found.append(Constancy(cause.name, most.z, most.variation, among_channels[cause.name].chi2, RECORDS))
         return replace(self, constancy=(*self.constancy, *found))
 
     @property
@@ -297,13 +297,27 @@ def _may_be_compromise(fitter: Fitter, state: _Stepwise) -> bool:
     return beyond and not dominant(excess - rejected.chi2_reduction, std)
 
 
-def exchanged(fitter: Fitter, selection: Selection, rival: Refitted) -> Selection:
-    """Return a selection with a rival of a cause in its place, and no rival beside it."""
-    index = next(k for k, own in enumerate(selection.alternatives) if any(one is rival for one in own))
-    causes = list(zip(selection.causes, selection.alternatives, strict=True))
-    state = _Stepwise(selection.null, selection.final, {}, selection.rounds, tuple(causes), selection.exchanges)
-    causes[index] = rival, (rival,)
-    final = fitter.with_derivatives(rival.fit)
+def exchanged(fitter: Fitter, selection: Selection, cause: Refitted, rival: Refitted) -> Selection | None:
+    """Return a selection with a rival in the place of a cause, fitted beside the others, and no rival beside it.
+
+    None where it cannot be fitted there, or would be rejected as a cause.
+    """
+    own, new = cause.candidate, rival.candidate
+    others = [other.candidate for other in selection.causes if other is not cause]
+    rest = {name: value for name, value in selection.final.point.values.items() if name not in own.absent()}
+    sizes = {name: rest[name] for candidate in others for name in candidate.absent()}
+    sizes |= {name: rival.fit.value(name) for name in new.absent()}
+    fit = fitter.fit(replace(selection.final.point, values=rest), (*others, new), sizes)
+    if not fit.names:
+        return None
+    final = fitter.with_derivatives(fit)
+    put = rival.refitted(final, rival.chi2_reduction)
+    pairs = list(zip(selection.causes, selection.alternatives, strict=True))
+    causes = [(put, (put,)) if known is cause else (known, rivals) for known, rivals in pairs]
+    threshold = selection.rounds[0].threshold
+    if _any_rejected(fitter, selection.null, [known for known, _ in causes], final, threshold):
+        return None
+    state = _Stepwise(selection.null, selection.final, {}, selection.rounds, tuple(pairs), selection.exchanges)
     return _selection(fitter, state.with_causes(causes, final, "it has one size in all records"))
 
 

@@ -122,8 +122,8 @@ def disagreements(said: Mapping[str, Any]) -> list[str]:
 def moved_sizes(said: Mapping[str, Any]) -> list[str]:
     """Say which sizes leave their own 95 % interval where other causes are fitted beside them."""
     alone = {suspect["effect"]: suspect for suspect in said["suspects"] if suspect["refitted"]}
-    found = []
-    for name, joint in said.get("joint_sizes", {}).items():
+    fitted, found = said.get("joint_sizes", {}), []
+    for name, joint in fitted.items() if len(fitted) > 1 else ():
         known = alone.get(name)
         for parameter, size in joint["size"].items():
             low, high = (known["interval"].get(parameter) if known else None) or (None, None)

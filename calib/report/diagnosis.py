@@ -507,7 +507,7 @@ def _agreement(found, said):
         f"(chi-square {number(found['chi2'], 3)} for {count(found['degrees'], 'degree')} of freedom, z = "
         f"{number(found['z'], 2)}, threshold {number(said['threshold'], 2)})"
     )
-    if found["agree"] and inconstant(said):
+    if found["agree"] and inconstant(said) and said["misfit"]["inconstancy"] > said["threshold"]:
         return f"{text}; what differs are the channels within them."
     return f"{text}."
 

@@ -94,3 +94,16 @@ def test_an_error_of_the_model_hides_the_clock_and_is_not_made_larger_by_it(leve
         errors.append(fit.error(["size"])[0])
     assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(np.std(found), rel=0.25)
     assert np.mean(np.abs(found) < 2.0 * np.array(errors)) >= 0.88
+
+
+@pytest.mark.parametrize("deviation", [0.0, 1.0, 1.7])
+def test_a_clock_that_an_error_of_the_model_hid_counts_again_once_that_is_explained(deviation):
+    time = np.arange(2000) / 100.0
+    clock = 6e4 * time * np.cos(40.0 * time)
+    ones, noise = np.ones((1, time.size)), (Noise(1.0, np.zeros(0), STATED),)
+    left = np.random.default_rng(1).standard_normal(time.size) + deviation * CLOCK_RATE_STD * clock
+    part = Part("decay", ROWS[:1], time, left[None], None, 1, (), noise, ones > 0.0, ones, clock[None], 1e8)
+    assert part.clock_share < 0.1
+    again = part.with_remainder(part.white(left[None]))
+    assert again.clock_share > 0.99
+    assert np.sum(again.white(left[None]) ** 2) < time.size + 3.0 * np.sqrt(2.0 * time.size)

@@ -80,7 +80,7 @@ def test_a_cause_that_one_record_alone_shows_is_not_tested_on_it():
     ("reduction", "folds", "fails"),
     [(-5.0, 2, True), (5.0, 2, False), (-5.0, 1, False), (-140.0, 1, True), (140.0, 1, False)],
 )
-def test_a_single_fold_fails_where_the_misfit_rises_for_sure(reduction, folds, fails):
+def test_a_single_fold_fails_where_the_misfit_rises_by_its_standard_error(reduction, folds, fails):
     assert Prediction(reduction, 120.0, 100.0, ("one", "two")[:folds]).fails == fails
 
 

@@ -114,8 +114,8 @@ def hide(
     stated = stated if laboratory is None else laboratory.stated
     effects = () if effect is None else (effect,) if isinstance(effect, str) else tuple(effect)
     kind, more = drawn_remainder(at, remainder, seed) if remainder else ("", {})
-    if more and over_remainder:
-        strength = max(strength, over_remainder * at.remainder_z(more))
+    if effects and more and over_remainder:
+        strength = max(strength or 0.0, over_remainder * at.remainder_z(more))
     values, z = {}, {}
     for name in effects:
         if name not in at.system.effects:

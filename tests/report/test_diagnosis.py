@@ -79,7 +79,8 @@ def test_the_sizes_of_several_causes_are_those_fitted_together():
 def test_a_size_that_another_cause_moves_out_of_its_interval_is_told_with_both_values(joint, moved):
     said = document("named", VALUES)
     interval = {"c2": [joint - 0.5, joint + 0.5]}
-    said["joint_sizes"] = {"quadratic_drag": {**said["suspects"][0], "size": {"c2": joint}, "interval": interval}}
+    own = {**said["suspects"][0], "size": {"c2": joint}, "interval": interval}
+    said["joint_sizes"] = {"quadratic_drag": own, "preload": {**own, "size": {}}}
     told = [point for point in points(said) if "change each other's sizes" in point]
     assert bool(told) == moved
     assert all("c2 = 2.40 ± 0.16 1/m alone and 7.50 ± 0.50 1/m beside the others" in point for point in told)
