@@ -19,7 +19,15 @@ from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, explained
 from calib.inquiry import inquire
 from calib.progress import INTERVAL
 from calib.report.causes import SENSELESS
-from calib.report.conclusion import REFITTED, disagreements, moved_values, proposal, sizes
+from calib.report.conclusion import (
+    REFITTED,
+    disagreements,
+    hardly_seen,
+    moved_sizes,
+    moved_values,
+    proposal,
+    sizes,
+)
 from calib.report.diagnosis import outcome
 from calib.units import shown
 
@@ -105,7 +113,7 @@ def show(found: Mapping[str, Any], folder: Path, extended: Path | None, console:
         console.print(f"sizes fitted together: {escape('; '.join(joint))}", soft_wrap=True)
     if found["suspects"]:
         console.print(_suspects(found, console.width))
-    for line in (*_gain(found), *disagreements(found)):
+    for line in (*_gain(found), *disagreements(found), *moved_sizes(found)):
         console.print(line, soft_wrap=True)
     if found["verdict"] == ONE_OF and found.get("design") is not None:
         console.print(escape(proposal(found["measurements"])), soft_wrap=True)
@@ -130,9 +138,10 @@ def _suspects(found: Mapping[str, Any], width: int) -> Table:
             escape(suspect["effect"]),
             "-" if suspect["z"] is None else f"{suspect['z']:.1f}",
             _explains(suspect, found),
-            ", ".join(sizes(joint.get(suspect["effect"], suspect))),
+            "-" if hardly_seen(suspect) else ", ".join(sizes(joint.get(suspect["effect"], suspect))),
         )
-        further = shown(suspect["detectable"][first], suspect["units"][first], 2), f"{suspect['absorbed']:.0%}"
+        least = None if hardly_seen(suspect) else suspect["detectable"][first]
+        further = shown(least, suspect["units"][first], 2), f"{suspect['absorbed']:.0%}"
         table.add_row(*row, *(further if wide else ()))
     return table
 

@@ -10,6 +10,7 @@ from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED, explained
 from calib.report.words import number, percent, quantity
 
 HALF_WIDTH = 1.96  # of a 95 % interval, in standard errors
+MAX_ABSORBED = 0.995  # share of a signature that calibration takes over, above which a size by score is none  [1]
 MAX_LISTED = 4  # records whose own sizes a sentence gives
 SAME = 1e-9  # relative difference of values that are the same
 REFITTED = "before, the calibrated model is refitted to the records as the diagnosis weighs them"
@@ -245,6 +246,11 @@ def stale(said: Mapping[str, Any], result: Mapping[str, Any]) -> bool:
 def remedy(gate: Mapping[str, Any]) -> str:
     """What to do where a condition fails."""
     return REMEDIES.get(gate["name"], REFINE)
+
+
+def hardly_seen(suspect: Mapping[str, Any]) -> bool:
+    """Whether calibration absorbs so much of an effect that its score says nothing of a size."""
+    return not suspect["refitted"] and suspect["absorbed"] > MAX_ABSORBED
 
 
 def sizes(suspect: Mapping[str, Any]) -> list[str]:

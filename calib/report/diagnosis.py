@@ -18,6 +18,7 @@ from calib.report.conclusion import (
     ONE_OF,
     UNEXPLAINED,
     added,
+    hardly_seen,
     headline,
     inconstant,
     named_extension,
@@ -33,7 +34,6 @@ TONES = {NAMED: "good", NONE: "good", ONE_OF: "mind", UNEXPLAINED: "mind"}
 QUESTIONS = {NAMED: "Why this one", ONE_OF: "Why these", NONE: "Why nothing", UNEXPLAINED: "Why none of them"}
 MIN_SHOWN_Z = 3.0  # of a feature that is shown at once  [standard errors]
 MOST = 12  # features shown at once
-MAX_ABSORBED = 0.995  # share of a signature that calibration takes over, above which a size by score is none  [1]
 ENOUGH = 10  # suspects shown at once
 
 RESIDUALS = (
@@ -262,7 +262,6 @@ def _strengths(said, outcomes):
 def _suspect(suspect, fate, said):
     held = [f"{name} = {quantity(value, suspect['units'].get(name))}" for name, value in suspect["held"].items()]
     untested = not suspect["refitted"] and all(x is None for x in suspect["detectable"].values())
-    unseen = not suspect["refitted"] and suspect["absorbed"] > MAX_ABSORBED
     misfit = said["misfit"]
     explains = significant(misfit["excess"], misfit["blur"]) and suspect["share"] is not None
     explains = explains and fate != causes.SENSELESS and suspect["drop"] > 0.0
@@ -275,13 +274,15 @@ def _suspect(suspect, fate, said):
         "colour": causes.COLOURS[fate],
         "bold": fate in (causes.NAMED, causes.CLASS, causes.CLOSEST),
         "z": "-" if untested or suspect["z"] is None else signed(suspect["z"]),
-        "sizes": ["-"] if untested or unseen else sizes(said.get("joint_sizes", {}).get(suspect["effect"], suspect)),
+        "sizes": ["-"]
+        if untested or hardly_seen(suspect)
+        else sizes(said.get("joint_sizes", {}).get(suspect["effect"], suspect)),
         "held": held,
         "share": explained(suspect["share"]) if explains else "-",
         "predicted": explains and not suspect["refitted"],
         "absorbed": "-" if untested else percent(suspect["absorbed"]),
         "detectable": []
-        if unseen
+        if hardly_seen(suspect)
         else [quantity(x, suspect["units"].get(name), 2) for name, x in suspect["detectable"].items() if x is not None],
         "reason": _reason(suspect, fate, said),
     }
@@ -304,7 +305,7 @@ def _reason(suspect, fate, said):
         first = said["rounds"][0]["chosen"] if said["rounds"] else None
         alike = f"; {percent(suspect['alike'])} like {first}" if first and (suspect.get("alike") or 0.0) > 0.5 else ""
         return f"explains less{alike}"
-    if not suspect["refitted"] and suspect["absorbed"] > MAX_ABSORBED:
+    if hardly_seen(suspect):
         return "calibration absorbs it: these records hardly show it"
     if fate == causes.CLOSEST:
         return "comes closest" if suspect["effect"] in said["closest"] else "comes as close"
