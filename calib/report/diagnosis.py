@@ -37,11 +37,14 @@ MOST = 12  # features shown at once
 ENOUGH = 10  # suspects shown at once
 
 RESIDUALS = (
-    "Measured less simulated: dots are samples, the blue line is the mean of the cycles, the grey band two standard "
-    "deviations of the noise, the darker one that of the mean{impacts}. Bars: amplitudes of the mean's harmonics; "
-    "blue ones stand clear of what noise leaves in 19 of 20 cases (grey)."
+    "Measured less simulated: dots are samples, the blue line is the mean of the cycles, a green one that of the "
+    "extended model, the grey band two standard deviations of the noise, the darker one that of the mean{impacts}. "
+    "Bars: amplitudes of the mean's harmonics; blue ones stand clear of what noise leaves in 19 of 20 cases (grey)."
 )
-RESIDUALS_IN_TIME = "Measured less simulated over time; the grey band is two standard deviations of the noise."
+RESIDUALS_IN_TIME = (
+    "Measured less simulated over time: grey dots by the calibrated model, green ones by the extended one; the grey "
+    "band is two standard deviations of the noise."
+)
 IMPACTS = "; where the ground is orange, next to impacts, velocity is not compared"
 LOOPS = (
     "Measured phase curves, coloured by the local misfit: the residuals of displacement and velocity, each averaged "
@@ -116,7 +119,7 @@ def chapter(
         "points": points(said, pictured=bool(forces)),
         "stale": stale(said, result),
         "gates": [_gate(gate, motions) for gate in said["gates"]],
-        "residuals": _residuals(motions),
+        "residuals": _residuals(motions, named_extension(said)),
         "loops": _pictured(remains.misfit_loops(motions), "misfit-loops", LOOPS),
         "forces": forces,
         "features": _features(said),
@@ -160,15 +163,15 @@ def _gate(gate, motions):
     }
 
 
-def _residuals(motions):
-    """Pictures of each record's residual, the worst record first."""
+def _residuals(motions, label):
+    """Pictures of each record's residual, the worst record first; label: of the extended model."""
     found = []
     for name in sorted(motions, key=lambda name: -remains.strength(motions[name])):
         motion = motions[name]
         skipped = any(not motion.weight.values[row].all() for row, *_ in remains.rows(motion))
         caption = RESIDUALS.format(impacts=IMPACTS if skipped else "")
         caption = caption if "period" in motion.attrs else RESIDUALS_IN_TIME
-        picture = _pictured(remains.residuals(motion), f"diagnosed-{name}", caption)
+        picture = _pictured(remains.residuals(motion, label), f"diagnosed-{name}", caption)
         if picture is not None:
             found.append({"record": name, **picture})
     return found

@@ -117,8 +117,11 @@ def _loops(motion):
 # --- over the cycle and in harmonics ---------------------------------------------------------------------------------
 
 
-def residuals(motion: xr.Dataset) -> Figure | None:
-    """Residual of each channel over the cycle or time within the band of its noise; beside it its harmonics."""
+def residuals(motion: xr.Dataset, label: str = "") -> Figure | None:
+    """Residual of each channel over the cycle or time within the band of its noise; beside it its harmonics.
+
+    label : of the extended model, whose residual is drawn too where there is one
+    """
     compared = rows(motion)
     if not compared:
         return None
@@ -140,13 +143,16 @@ def residuals(motion: xr.Dataset) -> Figure | None:
         if periodic:
             grid[0, 1].set_title("amplitude of its harmonics")
             grid[-1, 1].set_xlabel("Order [multiples of the excitation]")
+        drawn = _line if periodic else _dot
         handles = [
             _dot(MEASURED, "residual"),
             *([_line(SIMULATED, "mean of the cycles")] if periodic else []),
+            *([drawn(EXTENDED, label)] if label and "extended" in motion else []),
             mpl.patches.Patch(color=NOISE, label="noise, ±2 standard deviations"),
             *([mpl.patches.Patch(color=MEANS, label="noise of the mean")] if periodic else []),
         ]
-        figure.legend(handles=handles, loc="outside upper right", ncols=4, columnspacing=1.4, handletextpad=0.5)
+        columns = len(handles) if len(handles) < 5 else 3
+        figure.legend(handles=handles, loc="outside upper right", ncols=columns, columnspacing=1.4, handletextpad=0.5)
     return figure
 
 
@@ -159,14 +165,20 @@ def _residual(axes, motion, row, own, factor):
         time = motion.time.values / float(motion.attrs["period"]) % int(motion.attrs["cycle"])
     place, residual = time[counts], residual[counts]
     keep = thin(place.size, CLOUD)
-    look = {"color": "#777777", "markersize": spot(keep.size), "markeredgewidth": 0, "alpha": 0.7, "rasterized": True}
-    axes.plot(place[keep], residual[keep], ".", zorder=2, **look)
+    look = {"markersize": spot(keep.size), "markeredgewidth": 0, "alpha": 0.7, "rasterized": True}
+    axes.plot(place[keep], residual[keep], ".", color="#777777", zorder=2, **look)
     if "period" in motion.attrs:
         axes.axhspan(-2.0 * factor * own.sigma, 2.0 * factor * own.sigma, color=MEANS, linewidth=0, zorder=1)
-        line(axes, own.at, np.where(own.weight > 0.5, factor * (own.measured - own.calibrated), np.nan), width=1.3)
+        for simulated, colour in ((own.calibrated, SIMULATED), (own.extended, EXTENDED)):
+            if simulated is not None:
+                left = np.where(own.weight > 0.5, factor * (own.measured - simulated), np.nan)
+                line(axes, own.at, left, colour, width=1.3)
         half = 0.5 / max(1.0, own.at.size / int(motion.attrs["cycle"]))
         for at in own.at[own.weight <= 0.5]:
             axes.axvspan(at - half, at + half, color=MARK, alpha=0.25, linewidth=0, zorder=1)
+    elif "extended" in motion:
+        left = factor * (motion.measured.values[row] - motion.extended.values[row])
+        axes.plot(place[keep], left[counts][keep], ".", color=EXTENDED, zorder=3, **look)
     axes.axhline(0.0, color=LINE, linewidth=0.6, zorder=1)
     axes.margins(x=0.01)
     limit = max(np.quantile(np.abs(residual), 0.998), 3.0 * sigma) * 1.12 if residual.size else 3.0 * sigma

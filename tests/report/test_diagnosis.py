@@ -20,7 +20,7 @@ from calib.report import render
 from calib.report.conclusion import headline, points, stale
 from calib.report.diagnosis import chapter, outcome
 from calib.report.lacking import accelerations, stands_clear
-from calib.report.remains import loop, residuals, rows
+from calib.report.remains import EXTENDED, loop, residuals, rows
 from calib.report.separation import separation_lines, separation_map
 
 VERDICTS = ("named", "one_of", "none", "unexplained", "not_diagnosable")
@@ -305,6 +305,20 @@ def test_a_record_without_a_period_is_drawn_over_time():
     figure = residuals(record)
     assert figure.axes[-1].get_xlabel() == "Time [s]"
     assert loop(record, 0).cycles == 1
+
+
+@pytest.mark.parametrize("period", [True, False])
+@pytest.mark.parametrize("label", ["with drag", ""])
+def test_the_residual_of_the_extended_model_is_drawn_beside_that_of_the_calibrated(period, label):
+    record = motion(np.random.default_rng(9), lack=0.03)
+    record["extended"] = record.measured.copy()
+    record.attrs = record.attrs if period else {"cycle": 1}
+    figure = residuals(record, label)
+    named = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert ("with drag" in named) == bool(label)
+    green = [line for line in figure.axes[0].lines if line.get_color() == EXTENDED]
+    assert len(green) == 1
+    assert np.nanmax(np.abs(green[0].get_ydata())) == 0.0
 
 
 def test_the_mean_cycle_of_a_motion_is_less_noisy_than_its_samples():
