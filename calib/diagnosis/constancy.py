@@ -29,10 +29,10 @@ class Constancy:
     Attributes
     ----------
     effect : its name
-    among : CHANNELS or RECORDS
     z : normal deviate of Cochran's Q  [1]
     variation : standard deviation of the sizes over their mean, both weighted by the information on them  [1]
     chi2 : by which the sum of squares would rise without the effect, to first order  [1]
+    among : CHANNELS or RECORDS
     """
 
     effect: str

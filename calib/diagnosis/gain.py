@@ -73,9 +73,9 @@ class Agreement:
     degrees : of freedom
     z : normal deviate of the same probability  [1]
     variation : standard deviation of the sizes beyond their errors, over their mean  [1]
+    agree : whether z is not above the threshold of the diagnosis
     detectable : variation from which on they would not agree  [1]
     records : that have such a size, in order
-    agree : whether z is not above the threshold of the diagnosis
     """
 
     parameter: str
@@ -84,8 +84,8 @@ class Agreement:
     z: float
     variation: float
     agree: bool
-    detectable: float = 0.0
-    records: tuple[str, ...] = ()
+    detectable: float
+    records: tuple[str, ...]
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,7 @@ class Prediction:
 
     @property
     def fails(self) -> bool:
-        """Whether the misfit does not fall; of a single fold, which tells less, that it rises by a standard error."""
+        """Whether the misfit does not fall; a single fold tells less: there it has to rise by its standard error."""
         return self.reduction <= (0.0 if len(self.folds) > 1 else -self.error)
 
 

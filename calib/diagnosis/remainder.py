@@ -33,7 +33,8 @@ def _absorbed(basis: np.ndarray) -> np.ndarray:
 
     With D_j the matrix of ones between samples j apart, the products of residuals l apart are e' D_l e / 2 and their
     expectation for each unit of the autocovariance at lag j is tr(D_l (1 - P) D_j (1 - P)) / 2; less that without P.
-    What a shift moves beyond the ends of the row is left out of tr(P D_l D_j).
+    What a shift moves beyond the ends of the row is left out of tr(P D_l D_j). Source: Worsley et al., NeuroImage 15
+    (2002) 1, section 2.3.
     """
     n, lags = len(basis), np.arange(min(ORDER, (len(basis) - 1) // 2) + 1)
     shifted = [basis[lag:].T @ basis[: n - lag] for lag in range(2 * lags.size)]

@@ -31,7 +31,7 @@ REST = 1e-6  # of the map's scale: a smaller motion is at rest, and is measured 
 TO_GO = 0.05  # how far a motion may yet move, as a share of what tells its period from a shorter one
 NEUTRAL = 1e-3  # an exponent that cannot be told from zero: some 1/n of a torus over n = 3200 periods  [1/period]
 GROWING = 1e-3  # the least exponent of chaos, where the 0-1 test agrees  [1/period]
-STEADY = 0.01  # error of an exponent, relative, that is no chaos: the same growth in every period
+STEADY = 0.01  # error of an exponent, as a share of it, below which growth is the same in every period
 SIGMAS = 3.0  # standard errors that an exponent has to differ from zero by
 GROWTH_SIGMAS = 2.0  # standard errors that the exponent of chaos has to be above zero by, where the 0-1 test agrees
 REGULAR = 0.2  # K of the 0-1 test below which a series is not chaotic

@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.candidate import candidates
-from calib.diagnosis.constancy import RECORDS, Constancy
+from calib.diagnosis.constancy import CHANNELS, RECORDS, Constancy
 from calib.diagnosis.diagnose import _tried_on_records, diagnose
-from calib.diagnosis.effort import Budget
+from calib.diagnosis.effort import Budget, Effort
+from calib.diagnosis.gain import Agreement
+from calib.diagnosis.preparation import bench_of, prepared
+from calib.diagnosis.selection import exchanged, select
 from calib.diagnosis.suspect import Scored
 from calib.diagnosis.written import as_dict
 from calib.excitation import Excitation
@@ -437,3 +440,30 @@ def test_of_one_steady_tone_nothing_is_named_alone(more, verdict):
     assert found.causes == (("cubic_stiffness",) if more else ())
     assert ("one steady tone, which cannot test a prediction" in found.summary) == (not more)
     assert found.design is None
+
+
+def test_a_rival_in_the_place_of_a_cause_is_fitted_beside_the_others_and_judged_like_any_cause():
+    """The order of causes and of candidates in the model is not one: the last fitted stands last there."""
+    known = references(["cubic_stiffness", "channel_offset"], k3=3e5, offset_displacement=2.5e-4)
+    made, others = study(known), {"loud": known["loud"]}
+    bench, values = bench_of(made, others), {**OSCILLATOR.nominal, **TRUTH}
+    with InProcess(bench) as pool:
+        ready = prepared(Effort(pool), bench, made, values, effects(*LIBRARY), lambda text: None)
+        selection = select(ready.fitter, ready.null, ready.suspects, 3)
+        names = [cause.name for cause in selection.causes]
+        assert set(names) == {"cubic_stiffness", "channel_offset"}
+        for cause in selection.causes:
+            again = exchanged(ready.fitter, selection, cause, cause)
+            assert [own.name for own in again.causes] == names
+            assert again.exchanges == ()
+            assert again.remaining_chi2 == pytest.approx(selection.remaining_chi2, abs=1.0)
+            assert again.final.value("k3") == pytest.approx(selection.final.value("k3"), rel=1e-3)
+            agreements = [Agreement(n, 0.0, 1, 1.0, 0.1, True, 0.1, ("soft", "loud")) for n in again.final.names]
+            compared = again.with_records_compared(agreements).constancy
+            channels, records = ({c.effect: c.chi2 for c in compared if c.among == a} for a in (CHANNELS, RECORDS))
+            assert channels == records
+        [cubic] = [cause for cause in selection.causes if cause.name == "cubic_stiffness"]
+        [scored] = [s for s in selection.rounds[0].suspects if s.name == "quadratic_stiffness"]
+        fit = ready.fitter.fit(ready.null.point, (scored.candidate,), scored.candidate.absent())
+        other = exchanged(ready.fitter, selection, cubic, scored.refitted(fit, 0.0))
+    assert other is None  # beside the offset it explains next to nothing

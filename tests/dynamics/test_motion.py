@@ -9,7 +9,16 @@ from dynamics.quasi_periodic_maps import GOLDEN, Struck, circle, spiral, torus
 
 from calib.dynamics.motion import kind_of_orbit
 from calib.dynamics.pseudo_orbit import pseudo_orbit
-from calib.dynamics.single_run import CHAOTIC, FAILED, QUASI_PERIODIC, _returned
+from calib.dynamics.single_run import (
+    CHAOTIC,
+    FAILED,
+    QUASI_PERIODIC,
+    _beyond_laminar_phase,
+    _irregular,
+    _returned,
+    kind_of_run,
+    settled_orbit,
+)
 from calib.errors import CalibError
 
 # the returns of the circle by 0.35... all but stand still, yet fall in each block of its section
@@ -218,6 +227,27 @@ def test_a_start_beside_an_unstable_fixed_point_goes_to_the_side_it_is_on(start,
     found = kind_of_orbit(PlainMap(function, derivative, [start]))
     assert found.kind == "period-1"
     assert found.state[0] == pytest.approx(end, abs=1e-3)
+
+
+def test_a_push_to_where_there_is_no_motion_is_taken_back():
+    """The second component follows the first up to 0.004; beyond 0.006, where the push leads, the map has no image."""
+    def function(x):
+        away = x[0] - 1.0
+        follows = 0.5 * x[1] + 0.5 * np.clip(away, -0.004, 0.004)
+        return np.array([x[0] + 0.002 * away * (1.0 - away**2), follows if abs(x[1]) < 0.006 else np.inf])
+
+    def derivative(x):
+        away = x[0] - 1.0
+        return np.array([[1.002 - 0.006 * away**2, 0.0], [0.5 * (abs(away) < 0.004), 0.5]])
+
+    map = PlainMap(function, derivative, [1.0 + 1e-4, 1e-4])
+    found = settled_orbit(map, map.initial)
+    lingering = _irregular(map, found)
+    pushed = _beyond_laminar_phase(map, lingering)
+    assert lingering.lingers
+    assert map.orbit(pushed, 2).status == "diverged"
+    found = kind_of_run(map, map.initial)
+    assert (found.kind, found.state.tolist()) == ("period-1", pytest.approx([2.0, 0.004], abs=1e-6))
 
 
 @pytest.mark.parametrize("slope", [1.03, 1.05, 1.4])

@@ -92,13 +92,13 @@ def test_it_reaches_the_target(name):
     ("ringdown9", 220), ("failing6", 180), ("receptance8", 120), ("kinds6", 120), ("creep5", 100), ("ackley6", 1500),
     ("rosenbrock6", 500)])
 def test_it_reaches_the_target_from_several_seeds(name, median):
-    """A sample: `tests/benchmarks/compare_optimisers.py` runs twenty seeds, beside peers, to which the medians apply.
+    """A sample: `tests/benchmarks/compare_optimisers.py` runs twenty seeds, beside peers.
 
-    Last digits change the way of a search: the median of five differs by half from one processor to another.
+    Last digits change the way of a search: the median of five seeds would differ by half from one processor to another.
     """
     spent = []
-    for seed in range(5):
+    for seed in range(9):
         problem = PROBLEMS[name](seed)
         spent.append(evaluations_to_target(Multistart(problem.dim, seed, 4000), problem, 4000))
-    assert np.isfinite(spent).sum() >= 4
-    assert np.median(spent) <= 1.5 * median
+    assert np.isfinite(spent).sum() >= 8
+    assert np.median(spent) <= median

@@ -37,13 +37,6 @@ def place_and_share(record):
     return np.abs(record.contact_place.values), record.contact_share.values
 
 
-def assert_it_does_not_return(record):
-    """It is irregular, or undecided where rounding lets the returns of so few periods fall by chance."""
-    motion = kind_of_motion(record)
-    assert motion.period is None
-    assert min(motion.recurrence) > 0.05
-
-
 def test_the_study_files_hold_the_paper_s_sets():
     names = ("alpha", "f", "c_con", "dt", "g_max", "s")
     sets = {n: load(STUDY / f"fig{n:02d}.toml").setting() for n in figures.SAID}
@@ -65,13 +58,15 @@ def test_the_study_files_hold_the_paper_s_sets():
 
 @pytest.mark.slow
 def test_figure_9_does_not_return():
-    assert_it_does_not_return(figures.motion(9))
+    assert kind_of_motion(figures.motion(9)).kind == "irregular"
 
 
 @pytest.mark.slow
 def test_figure_9_does_not_return_in_full_fidelity_either():
     record = figures.motion(9, fidelity="full")
-    assert_it_does_not_return(record)
+    motion = kind_of_motion(record)
+    assert motion.period is None  # undecided on some processors: of 16 returns one may fall by chance
+    assert min(motion.recurrence) > 0.05
     amplitude = figures.obtained(record).displacement
     reduced = figures.obtained(figures.motion(9)).displacement
     assert amplitude == pytest.approx(reduced, rel=0.02)
@@ -88,7 +83,7 @@ def test_figure_11_has_a_large_amplitude_of_the_layer_in_a_narrow_band():
 
 def test_figure_10_is_not_the_paper_s_bifurcated_motion_here():
     """Not a claim that holds: if it does one day, the study's README has to be written anew."""
-    assert_it_does_not_return(figures.motion(10))
+    assert kind_of_motion(figures.motion(10)).kind == "irregular"
 
 
 # --- Figures 12 to 14: alpha 500 1/s
