@@ -37,14 +37,15 @@ MOST = 12  # features shown at once
 ENOUGH = 10  # suspects shown at once
 
 RESIDUALS = (
-    "Measured less simulated: dots are samples, the blue line is the mean of the cycles, a green one that of the "
-    "extended model, the grey band two standard deviations of the noise, the darker one that of the mean{impacts}. "
-    "Bars: amplitudes of the mean's harmonics; blue ones stand clear of what noise leaves in 19 of 20 cases (grey)."
+    "Measured less simulated: dots are samples, the blue line is the mean of the cycles{extended}, the grey band two "
+    "standard deviations of the noise, the darker one that of the mean{impacts}. Bars: amplitudes of the mean's "
+    "harmonics; blue ones stand clear of what noise leaves in 19 of 20 cases (grey)."
 )
 RESIDUALS_IN_TIME = (
-    "Measured less simulated over time: grey dots by the calibrated model, green ones by the extended one; the grey "
-    "band is two standard deviations of the noise."
+    "Measured less simulated over time: grey dots by the calibrated model{extended}; the grey band is two standard "
+    "deviations of the noise."
 )
+GREEN = ", green by the extended one"
 IMPACTS = "; where the ground is orange, next to impacts, velocity is not compared"
 LOOPS = (
     "Measured phase curves, coloured by the local misfit: the residuals of displacement and velocity, each averaged "
@@ -169,8 +170,8 @@ def _residuals(motions, label):
     for name in sorted(motions, key=lambda name: -remains.strength(motions[name])):
         motion = motions[name]
         skipped = any(not motion.weight.values[row].all() for row, *_ in remains.rows(motion))
-        caption = RESIDUALS.format(impacts=IMPACTS if skipped else "")
-        caption = caption if "period" in motion.attrs else RESIDUALS_IN_TIME
+        caption = RESIDUALS if "period" in motion.attrs else RESIDUALS_IN_TIME
+        caption = caption.format(impacts=IMPACTS if skipped else "", extended=GREEN if "extended" in motion else "")
         picture = _pictured(remains.residuals(motion, label), f"diagnosed-{name}", caption)
         if picture is not None:
             found.append({"record": name, **picture})
@@ -298,7 +299,7 @@ def _reason(suspect, fate, said):
         rounds = [k for k, found in enumerate(said["rounds"], 1) if found["chosen"] == suspect["effect"]]
         return f"named in round {rounds[0]}" if rounds and len(said["causes"]) > 1 else "named"
     if fate == causes.CLASS:
-        return "not told from the others of the class"
+        return "not told from the others of the class" if len(said["class"]) > 1 else "one steady tone shows it"
     if fate == causes.SENSELESS:
         [name] = suspect["null"]
         low, high = suspect["limits"][name]
@@ -376,10 +377,11 @@ def _why(said, outcomes):
     elif said["verdict"] == ONE_OF:
         found.append("With any one of them fitted, sums of squares differ too little: these records do not decide.")
     if said["verdict"] == UNEXPLAINED and said["closest"]:
-        share = percent(max(0.0, said["misfit"]["share"]))
+        share = explained(max(0.0, said["misfit"]["share"]))
         found.append(
             f"Of the excess, {share} is explained by {' and '.join(said['closest'])}. Named is what leaves no more "
-            "than noise, or explains half where far more than noise is left; of several, what has one size everywhere."
+            "than noise, or explains half where far more than noise is left, and has one size in all records; of "
+            "several causes, each in all their channels too."
         )
     if said["misfit"].get("inconstancy") and added(said):
         found += _constancy(said)

@@ -353,3 +353,24 @@ def test_what_a_diagnosis_leaves_in_its_folder_can_be_read_again(tmp_path):
     assert list(again) == ["clapping", "one more"]
     assert again["clapping"].identical(views["clapping"])
     assert residuals(again["clapping"]) is not None
+
+
+def test_a_class_of_one_is_not_said_to_have_others(study):
+    said = document("one_of", VALUES)
+    said |= {"class": [["quadratic_drag"]], "said": "quadratic_drag: explains all; or what acts alike"}
+    told = chapter(said, {}, {"values": VALUES}, study)
+    [row] = [row for row in told["suspects"]["shown"] if row["effect"] == "quadratic_drag"]
+    assert row["reason"] == "one steady tone shows it"
+    assert "one record is not enough: quadratic_drag" in told["headline"]
+    assert any("leaving cycles out proves nothing" in text for text in told["why"])
+    assert not any("the best of them" in point for point in told["points"])
+
+
+@pytest.mark.parametrize("extended", [True, False])
+def test_a_caption_tells_of_green_where_it_is_drawn(extended, study):
+    record = motion(np.random.default_rng(9), lack=0.03)
+    record = record.drop_vars("extended", errors="ignore")
+    record = record.assign(extended=record.measured.copy()) if extended else record
+    told = chapter(document("named", VALUES), {"clapping": record}, {"values": VALUES}, study)
+    assert all(("green by the extended one" in picture["caption"]) == extended for picture in told["residuals"])
+    assert told["residuals"]
