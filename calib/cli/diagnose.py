@@ -23,6 +23,7 @@ from calib.report.conclusion import (
     REFITTED,
     disagreements,
     hardly_seen,
+    left_out,
     moved_sizes,
     moved_values,
     proposal,
@@ -113,7 +114,7 @@ def show(found: Mapping[str, Any], folder: Path, extended: Path | None, console:
         console.print(f"sizes fitted together: {escape('; '.join(joint))}", soft_wrap=True)
     if found["suspects"]:
         console.print(_suspects(found, console.width))
-    for line in (*_gain(found), *disagreements(found), *moved_sizes(found)):
+    for line in (*left_out(found), *_gain(found), *disagreements(found), *moved_sizes(found)):
         console.print(line, soft_wrap=True)
     if found["verdict"] == ONE_OF and found.get("design") is not None:
         console.print(escape(proposal(found["measurements"])), soft_wrap=True)

@@ -19,8 +19,11 @@ class Criteria:
         of the noise's chi-square  [1]; 0.5 is a reduced chi-square of 2
     negligible_share : excess chi-square that is left or gained and says nothing of a cause, relative to the excess of
         the calibrated model  [1]; convention
-    min_explained_share : excess chi-square that causes explain at least, relative to that of the calibrated model
-        [1]; convention
+    min_over_remainder : rise of chi-square without a cause that is named, relative to the excess chi-square that all
+        causes leave where that is a misfit  [1]; convention: at 2 the angle between what the cause changes and what the
+        others leave has a cosine of 0.82 or more
+    min_explained_share : excess chi-square that the steps of converters explain at least to stand in the place of
+        causes, relative to that of the calibrated model  [1]; convention
     min_share_of_remainder : excess chi-square that a further cause explains at least, relative to what the causes
         before it leave  [1]; convention
     confidence_level : of intervals, and of the joint region that holds an absent effect  [1]; textbook value
@@ -65,6 +68,7 @@ class Criteria:
     significance_std: float = 3.0
     dominant_excess: float = 0.5
     negligible_share: float = 0.01
+    min_over_remainder: float = 2.0
     min_explained_share: float = 0.5
     min_share_of_remainder: float = 0.25
     confidence_level: float = 0.95

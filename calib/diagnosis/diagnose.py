@@ -183,14 +183,16 @@ def _tried_on_records(
 ) -> tuple[Selection, Gain | None]:
     """Try the causes on what was held out, and compare their sizes from record to record.
 
-    Where that of a cause differs, its rivals are tried: those are preferred to it that have one size in the same
-    records, each of which knows it well enough to show as large a variation.
+    Where the size of a cause differs, its rivals are tried: those are preferred to it that have one size in the same
+    records, each of which knows it well enough to show as large a variation. Where a misfit rises, those of all causes
+    are: none is preferred with which it rises too.
     """
     selection, gain = _with_gain(pool, bench, fitter, selection, seed)
-    differing = {one.effect: one for one in selection.heterogeneous if one.among == RECORDS}
+    differing = {one.effect: one.variation for one in selection.heterogeneous if one.among == RECORDS}
+    refuted = gain is not None and gain.refutes
     several = zip(selection.causes, selection.alternatives, strict=True)
-    for cause, rivals in [(c, own) for c, own in several if c.name in differing and len(own) > 1]:
-        same = []
+    for cause, rivals in [(c, own) for c, own in several if len(own) > 1 and (refuted or c.name in differing)]:
+        better = []
         for rival in rivals:
             if rival.name == cause.name:
                 continue
@@ -198,24 +200,35 @@ def _tried_on_records(
                 return replace(selection, cut_short=True), gain
             other = exchanged(fitter, selection, cause, rival)
             outcome = None if other is None else _with_gain(pool, bench, fitter, other, seed)
-            if outcome and _has_one_size(rival, outcome, gain, differing[cause.name].variation):
-                same.append((rival, outcome))
-        if same:
-            chosen = simplest([rival for rival, _ in same])
-            [(homogeneous, gain)] = [outcome for rival, outcome in same if rival is chosen]
-            return homogeneous.with_rivals([rival for rival, _ in same]), gain
+            if outcome and _holds(rival, outcome, gain, differing.get(cause.name)):
+                better.append((rival, outcome))
+        if better:
+            chosen = simplest([rival for rival, _ in better])
+            [(selection, gain)] = [outcome for rival, outcome in better if rival is chosen]
+            return selection.with_rivals([rival for rival, _ in better]), gain
     return selection, gain
 
 
-def _has_one_size(rival: Refitted, outcome: tuple[Selection, Gain | None], gain: Gain, variation: float) -> bool:
-    """Whether a rival, with which all causes have one size, shows that in all records that told the other's apart.
+def _holds(
+    rival: Refitted, outcome: tuple[Selection, Gain | None], gain: Gain, differing: float | None
+) -> bool:
+    """Whether with a rival all causes have one size, and the misfit of no record held out rises.
 
     outcome : the selection with it, and what that brings
-    gain : of the cause in its place, whose size has this variation
+    gain : of the cause in its place
+    differing : variation of the size of that cause, which the records have to show the rival's by; None: it has none
     """
     selection, own = outcome
-    if own is None or not selection.is_homogeneous:
+    if own is None or own.refutes or not selection.is_homogeneous:
         return False
+    return differing is None or _has_one_size(rival, own, gain, differing)
+
+
+def _has_one_size(rival: Refitted, own: Gain, gain: Gain, variation: float) -> bool:
+    """Whether a rival has one size in all records that told that of the cause in its place apart.
+
+    own, gain : what the rival brings, and the cause in its place, whose size has this variation
+    """
     found = [a for a in own.agreements if a.parameter in rival.candidate.free]
     records = max((set(a.records) for a in gain.agreements), key=len)
     return bool(found) and all(set(a.records) >= records and a.detectable <= variation for a in found)

@@ -145,6 +145,11 @@ class Gain:
         """Whether the misfit falls for sure."""
         return self.interval[0] > 0.0
 
+    @property
+    def refutes(self) -> bool:
+        """Whether the misfit of records held out rises for sure."""
+        return self.kind == RECORDS and self.interval[1] < 0.0
+
 
 def gained(
     pool: Pool,

@@ -8,6 +8,7 @@ import numpy as np
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.constancy import CHANNELS, RECORDS, Constancy, constancies
 from calib.diagnosis.criteria import CRITERIA
+from calib.diagnosis.elimination import LeftOut, eliminated
 from calib.diagnosis.evidence import Evidence, clocks_differ
 from calib.diagnosis.excess import (
     chi2_std,
@@ -53,10 +54,12 @@ class Selection:
     null, final : the calibrated model, and the one with the causes
     causes : that are in the final model
     alternatives : of each cause, suspects indistinguishable from it beside the others, itself included
+    is_explained : whether nothing but noise is left, or each cause explains several times what is left
     excess_chi2, remaining_chi2 : excess chi-square of the calibrated and of the final model
     chi2_std : standard deviation of the chi-square of noise alone
     constancy : how much the size of each cause differs among the channels of the records, and from record to record
     exchanges : of causes for others after the rounds, in order
+    left_out : that explain part of what the causes leave, and too little to be causes
     cut_short : whether the budget was spent before all that might change the answer was tried
     noise_is_independent : whether the noise is known otherwise than as what a fit leaves
     """
@@ -66,18 +69,27 @@ class Selection:
     final: Fit
     causes: tuple[Refitted, ...]
     alternatives: tuple[tuple[Refitted, ...], ...]
+    is_explained: bool
     excess_chi2: float
     remaining_chi2: float
     chi2_std: float
     constancy: tuple[Constancy, ...] = ()
     exchanges: tuple[Exchange, ...] = ()
+    left_out: tuple[LeftOut, ...] = ()
     cut_short: bool = False
     noise_is_independent: bool = True
 
     def without_causes(self) -> "Selection":
         """Return the same search with the calibrated model as its answer."""
         return replace(
-            self, final=self.null, causes=(), alternatives=(), remaining_chi2=self.excess_chi2, constancy=()
+            self,
+            final=self.null,
+            causes=(),
+            alternatives=(),
+            is_explained=not self.is_significant,
+            remaining_chi2=self.excess_chi2,
+            constancy=(),
+            left_out=(),
         )
 
     @property
@@ -101,30 +113,18 @@ class Selection:
         return dominant(self.remaining_chi2, self.chi2_std)
 
     @property
-    def is_explained(self) -> bool:
-        """Whether the causes leave noise or a negligible share; where the remainder dominates, at least explain half.
-
-        Where noise is the larger part of what is left it is known so well that the right causes would leave nothing
-        beside it; a misfit that dominates the noise is only ever explained in part.
-        """
-        insignificant = CRITERIA.significance_std * self.chi2_std
-        negligible = CRITERIA.negligible_share * self.excess_chi2
-        if self.remaining_chi2 < max(insignificant, negligible):
-            return True
-        return self.remainder_dominates and self.explained_share >= CRITERIA.min_explained_share
-
-    @property
     def heterogeneous(self) -> tuple[Constancy, ...]:
         """Causes whose sizes differ among the records, or among their channels: each acts like an effect, and is none.
 
         Several that do may imitate any other: together they are a flexible model. One cause that leaves nothing but
         noise speaks for itself in the records that it was fitted to, unless noise is what it leaves. What is left
-        beside the noise may bias sizes (`max_relative_bias`).
+        beside the noise may bias the size of a channel (`max_relative_bias`); from record to record that is counted
+        where sizes are compared.
         """
         speaks_for_itself = len(self.causes) < 2 and not self.remainder_dominates and self.noise_is_independent
-        remainder, threshold = self.remaining_chi2 if self.remainder_dominates else 0.0, self.rounds[0].threshold
+        remainder, threshold = self.remaining_chi2 if self.remainder_is_significant else 0.0, self.rounds[0].threshold
         differing = [c for c in self.constancy if c.z > threshold and not (speaks_for_itself and c.among == CHANNELS)]
-        return tuple(c for c in differing if c.variation > max_relative_bias(remainder, c.chi2))
+        return tuple(c for c in differing if c.among == RECORDS or c.variation > max_relative_bias(remainder, c.chi2))
 
     @property
     def is_homogeneous(self) -> bool:
@@ -161,10 +161,10 @@ class Selection:
         """
         if self.is_explained and not self.is_homogeneous:
             return (max(c.z for c in self.heterogeneous) - self.rounds[0].threshold) ** 2
-        chosen = [r for r in self.rounds if r.chosen is not None]
-        if [r.chosen.name for r in chosen] != [cause.name for cause in self.causes]:
+        by_name = {r.chosen.name: r.margin for r in self.rounds if r.chosen is not None}
+        if not all(cause.name in by_name for cause in self.causes):
             return 0.0
-        margins = [r.margin for r in chosen]
+        margins = [by_name[cause.name] for cause in self.causes]
         return max(0.0, min(margins if self.is_sufficient and margins else [self.remaining_chi2, *margins]))
 
     def with_rivals(self, rivals: Sequence[Refitted]) -> "Selection":
@@ -205,6 +205,7 @@ class _Stepwise:
     rounds : searches one after the other
     causes : in the final model
     exchanges : of causes for others
+    is_explained, left_out : as of a `Selection`, once the causes have been through elimination
     """
 
     null: Fit
@@ -213,6 +214,8 @@ class _Stepwise:
     rounds: tuple[Round, ...] = ()
     causes: tuple[Cause, ...] = ()
     exchanges: tuple[Exchange, ...] = ()
+    is_explained: bool = False
+    left_out: tuple[LeftOut, ...] = ()
 
     def with_causes(self, causes: Sequence[Cause], final: Fit, reason: str) -> "_Stepwise":
         """Return it with these causes instead of its own, and why."""
@@ -230,17 +233,34 @@ def select(
 ) -> Selection:
     """Search for causes one after the other, at most three; then look for each earlier one again beside the others.
 
-    Where the causes leave more than noise, but not much more, one of them may be a compromise between two: then the
-    best pair is tried in their place.
+    Those go that explain little beside what remains. Where the causes leave more than noise, but not much more, one of
+    them may be a compromise between two: then the best pair is tried in their place.
     """
-    state = _forward(fitter, null, candidates, seed, on_stage)
+    state = _through_elimination(fitter, _forward(fitter, null, candidates, seed, on_stage))
     if len(state.causes) > 1 and not fitter.effort.spent:
         causes, final = replaced(fitter, state.null, state.causes, state.final, candidates, seed, state.known)
         state = state.with_causes(causes, final, "each was looked for again beside the others")
     if _may_be_compromise(fitter, state) and not fitter.effort.spent:
         on_stage("pairs")
         state = _with_best_pair(fitter, state, candidates, seed)
-    return _selection(fitter, state)
+    return _selection(fitter, _through_elimination(fitter, state))
+
+
+def _through_elimination(fitter: Fitter, state: _Stepwise) -> _Stepwise:
+    """Leave out causes that explain little beside what remains; if that is all, they stay as what comes closest."""
+    if not state.causes:
+        explained = not significant(excess_chi2(fitter.evidence, state.final), chi2_std(fitter.evidence))
+        return replace(state, is_explained=explained)
+    left = eliminated(fitter, state.null, state.causes, state.final)
+    if left is None:
+        return replace(state, is_explained=False)
+    return replace(
+        state,
+        causes=left.causes,
+        final=left.final,
+        is_explained=True,
+        left_out=tuple({one.effect: one for one in (*state.left_out, *left.left_out)}.values()),
+    )
 
 
 def _with_best_pair(fitter: Fitter, state: _Stepwise, candidates: Sequence[Candidate], seed: int) -> _Stepwise:
@@ -255,6 +275,9 @@ def _with_best_pair(fitter: Fitter, state: _Stepwise, candidates: Sequence[Candi
         return state
     causes, final = replaced(fitter, null, *pair, candidates, seed, {}, last_too=True)
     if not _explains_more(fitter.evidence, null, state.causes, state.final, (causes, final)):
+        return state
+    left = eliminated(fitter, null, causes, final) if state.is_explained else None
+    if state.is_explained and (left is None or left.left_out):
         return state
     rejected = _any_rejected(fitter, null, [cause for cause, _ in causes], final, threshold)
     return state if rejected else state.with_causes(causes, final, "of all pairs this one explains most, and more")
@@ -318,7 +341,8 @@ def exchanged(fitter: Fitter, selection: Selection, cause: Refitted, rival: Refi
     if _any_rejected(fitter, selection.null, [known for known, _ in causes], final, threshold):
         return None
     state = _Stepwise(selection.null, selection.final, {}, selection.rounds, tuple(pairs), selection.exchanges)
-    return _selection(fitter, state.with_causes(causes, final, "it has one size in all records"))
+    state = _through_elimination(fitter, state.with_causes(causes, final, "it has one size in all records"))
+    return _selection(fitter, state) if put.name in {known.name for known, _ in state.causes} else None
 
 
 def _selection(fitter: Fitter, state: _Stepwise) -> Selection:
@@ -331,11 +355,13 @@ def _selection(fitter: Fitter, state: _Stepwise) -> Selection:
         final=final,
         causes=tuple(cause.within(final) for cause, _ in causes),
         alternatives=tuple(rivals for _, rivals in causes),
+        is_explained=state.is_explained,
         excess_chi2=null.chi2_over(common) - degrees_of_freedom(common, null),
         remaining_chi2=final.chi2_over(common) - degrees_of_freedom(common, final),
         chi2_std=chi2_std(common),
         constancy=constancies(fitter.evidence, final) if causes else (),
         exchanges=state.exchanges,
+        left_out=tuple(one for one in state.left_out if one.effect not in {cause.name for cause, _ in causes}),
         cut_short=fitter.effort.spent,
         noise_is_independent=all(n.is_independent for part in common.parts for n in part.compared_noise),
     )

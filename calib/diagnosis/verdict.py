@@ -18,7 +18,7 @@ def verdict_of(
     """Verdict, and its summary in a sentence.
 
     Of one steady tone nothing is named alone: it repeats whatever the model lacks, so that no part of it shows whether
-    a cause predicts. A record held out whose misfit falls shows it.
+    a cause predicts. A record held out whose misfit falls shows it; where that rises the causes do not predict.
     """
     if not all(gate.passed for gate in gates):
         return NOT_DIAGNOSABLE, failures(gates)
@@ -26,6 +26,8 @@ def verdict_of(
         return _without_causes(selection, ready)
     if not selection.is_sufficient:
         return UNEXPLAINED, _insufficient(selection)
+    if gain is not None and gain.refutes:
+        return UNEXPLAINED, _refuted(selection, gain)
     share = f"{explained(selection.explained_share)} of the excess misfit"
     if len(selection.rivals) > 1:
         alike = f"; they explain {share} alike" if selection.is_significant else ""
@@ -82,14 +84,27 @@ def _insufficient(selection: Selection) -> str:
     """Why the causes do not explain enough to be named."""
     names, s = " and ".join(_ways(selection)), "s" if len(selection.causes) == 1 else ""
     share = f"{explained(selection.explained_share)} of the excess misfit"
-    if selection.explained_share < CRITERIA.min_explained_share:
-        return f"{names} come{s} closest, but explain{s} only {share}"
+    if not selection.is_explained and selection.cut_short:
+        return f"{names} come{s} closest and explain{s} {share}, but the budget was spent before it was judged"
     if not selection.is_explained:
-        return f"{names} come{s} closest and explain{s} {share}, but leave{s} more than noise"
+        which = "" if s else "one of them "
+        return (
+            f"{names} come{s} closest and explain{s} {share}, but {which}less than "
+            f"{CRITERIA.min_over_remainder:g} times what remains, as an effect that only looks like it may"
+        )
     explain = f" and explain{s} {share}" if selection.is_significant else ""
     largest = max(selection.heterogeneous, key=lambda c: c.z)
     differ = f"the size of {largest.effect} differs among {largest.among} (z = {largest.z:.2g})"
     return f"{names} come{s} closest{explain}, but {differ}: it changes, or stands for another cause"
+
+
+def _refuted(selection: Selection, gain: Gain) -> str:
+    """What causes do to the misfit of records held out, which they do not predict."""
+    names, s = " and ".join(_ways(selection)), "s" if len(selection.causes) == 1 else ""
+    explain = f" and explain{s} {explained(selection.explained_share)} of the excess misfit"
+    change = f"rises from {100.0 * gain.before:.3g} to {100.0 * gain.after:.3g} %"
+    where = ", ".join(gain.records)
+    return f"{names} come{s} closest{explain}, but on what was held out ({where}) the misfit {change}"
 
 
 def explained(share: float) -> str:

@@ -36,6 +36,7 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         else [_suspect(s, first.excess_chi2, first.chosen) for s in leading_variants(first.suspects)],
         "rounds": [] if selection is None else [_round(r) for r in selection.rounds],
         "exchanges": [] if selection is None else [asdict(exchange) for exchange in selection.exchanges],
+        "left_out": [] if selection is None else [asdict(left_out) for left_out in selection.left_out],
         "refused": dict(diagnosis.refused),
         "gates": [_gate(gate) for gate in diagnosis.gates],
         "outliers": diagnosis.outliers,

@@ -4,11 +4,13 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.next_measurement import DECISIVE_Z
 from calib.diagnosis.preparation import OUTLIERS, QUANTISATION
 from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED, explained
 from calib.report.words import number, percent, quantity
 
+LEAST_SHARE = CRITERIA.min_over_remainder / (1.0 + CRITERIA.min_over_remainder)  # of a remainder, by a cause  [1]
 HALF_WIDTH = 1.96  # of a 95 % interval, in standard errors
 MAX_ABSORBED = 0.995  # share of a signature that calibration takes over, above which a size by score is none  [1]
 MAX_LISTED = 4  # records whose own sizes a sentence gives
@@ -50,10 +52,9 @@ def headline(said: Mapping[str, Any]) -> str:
         apart = "these records do not tell alternatives apart" if len(said["class"]) > 1 else "one record is not enough"
         return f"Something is missing, and {apart}: {said['said']}."
     if verdict == UNEXPLAINED:
-        if inconstant(said):
+        if said["closest"]:
             return f"No effect that is known here explains the misfit: {said['said']}."
-        nearest = f"; closest: {' and '.join(said['closest'])}" if said["closest"] else ""
-        return f"The misfit is more than noise, and no effect that is known here explains it{nearest}."
+        return "The misfit is more than noise, and no effect that is known here explains it."
     if verdict == NONE:
         return "Nothing that could be named is missing: what the calibrated model leaves is what noise leaves."
     failed = [gate["name"] for gate in said["gates"] if not gate["passed"]]
@@ -70,6 +71,7 @@ def points(said: Mapping[str, Any], pictured: bool = True) -> list[str]:
     if misfit and not found:
         found.append(_excess(misfit, said))
     found += _remains(said)
+    found += left_out(said)
     if said["verdict"] == NONE and said["suspects"]:
         found.append("An effect as large as the smallest size seen in the table below would have been found.")
     if said["verdict"] == UNEXPLAINED:
@@ -201,6 +203,19 @@ def _remains(said):
         where = f"{most['channel']} of {most['body']} in {most['record']}"
         text += f"; {percent(most['beyond_noise'] / whole)} of it is in the {where}"
     return [f"{text}. Standard errors count it, but a remainder that nobody has modelled can bias sizes beyond them."]
+
+
+def left_out(said: Mapping[str, Any]) -> list[str]:
+    """Say which effects explain part of what remains, and too little to be named."""
+    shares = [(one["effect"], percent(one["share"])) for one in said.get("left_out", ())]
+    if not shares or said["verdict"] not in (NAMED, ONE_OF, UNEXPLAINED):
+        return []
+    which = " and ".join(f"{effect} explains {share} of what then remains" for effect, share in shares)
+    subject = "It is" if len(shares) == 1 else "They are"
+    return [
+        f"Beside {' and '.join(added(said))}, {which}. {subject} not named: what explains less than "
+        f"{percent(LEAST_SHARE)} of a remainder may only look like it. A record in which it would be larger tells."
+    ]
 
 
 def inconstant(said: Mapping[str, Any]) -> bool:

@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 from markupsafe import Markup
 
+from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.excess import significant
 from calib.diagnosis.laboratory import AMPLITUDE_RANGE, FREQUENCY_RANGE, RELEASE_RANGE
 from calib.diagnosis.next_measurement import DECISIVE_Z
@@ -339,6 +340,10 @@ def _rounds(said):
         row = dict.fromkeys(("threshold", "share", "predicts", "rivals"), "-")
         instead = f"{' + '.join(exchange['after'])} instead: {exchange['reason']}"
         rows.append({**row, "model": " + ".join(["calibrated", *exchange["before"]]), "chosen": instead})
+    for one in said.get("left_out", ()):
+        row = dict.fromkeys(("threshold", "share", "predicts", "rivals"), "-")
+        why = f"without {one['effect']}, which explains {explained(one['share'])} of what the others leave: too little"
+        rows.append({**row, "model": f"that with {one['effect']}", "chosen": why})
     return rows
 
 
@@ -357,10 +362,14 @@ def _none(found):
     return f"none: {found['rejected']} explains most, but {found['rejection']}"
 
 
+def _left_out(said):
+    return {one["effect"] for one in said.get("left_out", ())}
+
+
 def _why(said, outcomes):
     """Sentences: what distinguishes the cause from the others, or why nothing does."""
     found = []
-    last = next((r for r in reversed(said["rounds"]) if r["chosen"]), None)
+    last = next((r for r in reversed(said["rounds"]) if r["chosen"] and r["chosen"] not in _left_out(said)), None)
     if last is None:
         return found
     alike = [f"{name} {percent(x, 3)}" for name, x in (last.get("alike") or {}).items() if x is not None]
@@ -379,9 +388,9 @@ def _why(said, outcomes):
     if said["verdict"] == UNEXPLAINED and said["closest"]:
         share = explained(max(0.0, said["misfit"]["share"]))
         found.append(
-            f"Of the excess, {share} is explained by {' and '.join(said['closest'])}. Named is what leaves no more "
-            "than noise, or explains half where far more than noise is left, and has one size in all records; of "
-            "several causes, each in all their channels too."
+            f"Of the excess, {share} is explained by {' and '.join(said['closest'])}. Named is what predicts, has one "
+            "size in all records (of several causes, each in all their channels too), and leaves no more than noise, "
+            f"or explains at least {CRITERIA.min_over_remainder:g} times what remains."
         )
     if said["misfit"].get("inconstancy") and added(said):
         found += _constancy(said)

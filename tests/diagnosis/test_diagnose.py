@@ -10,10 +10,12 @@ from calib.diagnosis.candidate import candidates
 from calib.diagnosis.constancy import CHANNELS, RECORDS, Constancy
 from calib.diagnosis.diagnose import _tried_on_records, diagnose
 from calib.diagnosis.effort import Budget, Effort
-from calib.diagnosis.gain import Agreement
+from calib.diagnosis.gain import BLOCKS, Agreement, Gain
+from calib.diagnosis.gain import RECORDS as RECORDS_HELD_OUT
 from calib.diagnosis.preparation import bench_of, prepared
 from calib.diagnosis.selection import exchanged, select
 from calib.diagnosis.suspect import Scored
+from calib.diagnosis.verdict import verdict_of
 from calib.diagnosis.written import as_dict
 from calib.excitation import Excitation
 from calib.model import Model, Request
@@ -372,18 +374,24 @@ KNOWN, VAGUE, ELSEWHERE = (0.1, ("one", "two")), (0.5, ("one", "two")), (0.1, ("
 
 
 @pytest.mark.parametrize(
-    ("one_size", "left"),
+    ("one_size", "refuted", "left"),
     [
-        ({"a": KNOWN}, ("a", "b", "c")),  # it speaks for itself: its rivals are not tried
-        ({"b": KNOWN, "c": KNOWN}, ("b", "c")),
-        ({"c": KNOWN}, ("c",)),
-        ({"b": VAGUE, "c": KNOWN}, ("c",)),  # sizes so vague would not show what told a apart
-        ({"b": ELSEWHERE}, ("a", "b", "c")),  # nor would those of another record
-        ({"rejected": KNOWN}, ("a", "b", "c")),
-        ({}, ("a", "b", "c")),
+        ({"a": KNOWN}, "", ("a", "b", "c")),  # it speaks for itself: its rivals are not tried
+        ({"b": KNOWN, "c": KNOWN}, "", ("b", "c")),
+        ({"c": KNOWN}, "", ("c",)),
+        ({"b": VAGUE, "c": KNOWN}, "", ("c",)),  # sizes so vague would not show what told a apart
+        ({"b": ELSEWHERE}, "", ("a", "b", "c")),  # nor would those of another record
+        ({"rejected": KNOWN}, "", ("a", "b", "c")),
+        ({}, "", ("a", "b", "c")),
+        ({"b": KNOWN, "c": KNOWN}, "c", ("b",)),  # with c the misfit of a record held out rises
+        ({"a": KNOWN, "b": VAGUE, "c": KNOWN}, "a", ("b", "c")),  # all have one size: prediction alone decides
+        ({"a": KNOWN, "b": KNOWN}, "abc", ("a", "b", "c")),
+        ({"a": KNOWN}, "a", ("a", "b", "c")),  # what predicts has several sizes
     ],
 )
-def test_of_causes_that_explain_alike_those_of_one_size_are_preferred(monkeypatch, one_size, left):
+def test_of_causes_that_explain_alike_those_are_preferred_that_have_one_size_and_predict(
+    monkeypatch, one_size, refuted, left
+):
     """Stand-ins for selections, of which each has a cause with rivals."""
 
     class Alike:
@@ -403,7 +411,7 @@ def test_of_causes_that_explain_alike_those_of_one_size_are_preferred(monkeypatc
     def with_gain(pool, bench, fitter, own, seed):
         detectable, records = one_size.get(own.name, KNOWN)
         agreement = SimpleNamespace(parameter=own.name, detectable=detectable, records=records)
-        return own, SimpleNamespace(name=own.name, agreements=(agreement,))
+        return own, SimpleNamespace(name=own.name, agreements=(agreement,), refutes=own.name in refuted)
 
     def exchanged(fitter, selection, cause, rival):
         return None if rival.name == "rejected" else Alike(rival.name, (rival.name,))
@@ -429,6 +437,43 @@ def tone(amplitude, use, seed):
         record[f"{channel}_sigma"] = ("body", [sigma], {"units": record[channel].attrs["units"]})
     record.attrs["status"] = "ok"
     return Reference(f"{amplitude:g} N", record, use, excitation=excitation, request=Request(periods=8, samples=64))
+
+
+def test_a_cause_with_which_the_misfit_of_a_record_held_out_rises_is_not_named():
+    """A hardening spring in the records, a softening one, as large, in the one held out."""
+    known = references(["cubic_stiffness"], k3=3e5)
+    known["held"] = references(["cubic_stiffness"], k3=-3e5)["held"]
+    found = diagnosed(known)
+    assert found.gain.refutes
+    assert not found.gain.proven
+    assert (found.verdict, found.causes) == ("unexplained", ())
+    assert "on what was held out (held) the misfit rises from" in found.summary
+
+
+@pytest.mark.parametrize(
+    ("kind", "interval", "verdict"),
+    [
+        (RECORDS_HELD_OUT, (-0.02, -0.01), "unexplained"),
+        (RECORDS_HELD_OUT, (-0.02, 0.01), "named"),  # it may as well fall
+        (BLOCKS, (-0.02, -0.01), "named"),  # halves of what the causes were found in
+    ],
+)
+def test_causes_of_one_size_are_refuted_by_what_they_do_not_predict(kind, interval, verdict):
+    """A stand-in for a selection whose two causes explain enough."""
+    causes = [SimpleNamespace(name=name) for name in ("cubic_stiffness", "channel_lag")]
+    alone = [(cause,) for cause in causes]
+    selection = SimpleNamespace(
+        causes=causes, alternatives=alone, rivals=alone[-1],
+        is_sufficient=True, is_significant=True, explained_share=0.97,
+    )  # fmt: skip
+    ready = SimpleNamespace(fitter=SimpleNamespace(evidence=SimpleNamespace(parts=[])))
+    told, summary = verdict_of(selection, [], ready, Gain(kind, ("louder",), 0.3425, 0.358, interval))
+    assert told == verdict
+    refuted = (
+        "cubic_stiffness and channel_lag come closest and explain 97 % of the excess misfit, but on what was held out "
+        "(louder) the misfit rises from 34.2 to 35.8 %"
+    )
+    assert (summary == refuted) == (verdict == "unexplained")
 
 
 @pytest.mark.parametrize(("more", "verdict"), [((), "one_of"), ((40.0,), "named")])

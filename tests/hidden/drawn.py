@@ -11,6 +11,7 @@ from hidden.hider import SYSTEMS, Hidden, bench, hide
 from hidden.information import Bench
 from hidden.laboratory import Laboratory
 from hidden.motion import Refused
+from hidden.remainder import expressed_by
 from hidden.seeker import seek
 from scipy.stats import binomtest
 
@@ -77,7 +78,7 @@ def played(case: Case) -> Case:
         seen = at.drift_z(drift) if drift else 0.0
         nearest = _nearest(at, effects[0]) if case["kind"] in ("one", "absent", "remainder") else None
         if case["kind"] == "remainder_only":
-            nearest = _likest(at, hidden.remainder_values)
+            nearest = list(expressed_by(at, hidden.remainder_values))
         found = seek(folder, without=effects if case["kind"] == "absent" else ())
     return {
         **case, "effect": list(effects), "values": dict(hidden.values), "z": dict(hidden.z),
@@ -130,16 +131,6 @@ def _nearest(at: Bench, effect: str) -> list | None:
         return None
     row[effects.index(effect)] = 0.0
     return [effects[int(row.argmax())], float(row.max())]
-
-
-def _likest(at: Bench, hidden: Mapping[str, float]) -> list | None:
-    """Effect that imitates these hidden parameters best after calibration, and |cos|; None where that is not known."""
-    effects = tuple(name for name in at.system.effects if name != "outliers")
-    try:
-        cosines = np.nan_to_num(at.imitations(hidden, effects))
-    except Refused:
-        return None
-    return [effects[int(cosines.argmax())], float(cosines.max())]
 
 
 def _sizes(found: Diagnosis, effects: tuple[str, ...], values: Mapping[str, float]) -> dict[str, list[float]]:

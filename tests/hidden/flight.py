@@ -22,6 +22,7 @@ TOLERANCE = 1e-12  # of a step, relative to the sizes of the motion
 LEAST = 1e-10  # s; a shorter step is taken whatever its error: a law jumps there
 FLOOR = 0.02  # of the gap, below which the film of air does not get thinner
 DONE, BROKEN = 0, 1
+TURN = 2.0 * math.pi
 
 
 class Plant(NamedTuple):
@@ -90,11 +91,18 @@ class Laws(NamedTuple):
     rate_speed: float = 1.0
     squeeze: float = 0.0
     lowpass: float = 0.0
-    k5: float = 0.0
-    stop_stiffness: float = 0.0
+    quintic: float = 0.0
+    second_stop: float = 0.0
     stop_place: float = 1.0
     parametric: float = 0.0
+    parametric_order: float = 2.0
     coupling: float = 0.0
+    magnet: float = 0.0
+    magnet_place: float = 0.0
+    magnet_width: float = 1.0
+    cogging: float = 0.0
+    cogging_pitch: float = 1.0
+    valve: float = 0.0
 
     @property
     def stateful(self) -> bool:
@@ -136,10 +144,16 @@ def on_body(t, x, v, z, p):
     a = -p.c1 * v - p.c2 * v * abs(v) - p.k3 * x**3 - p.k2 * x**2 - p.kx * x * abs(x) + p.preload - p.detuning * t * x
     if p.friction != 0.0:
         a -= p.friction * math.tanh(v / p.friction_slip)
-    if p.k5 != 0.0:
-        a -= p.k5 * x**5
-    if p.stop_stiffness != 0.0:  # as spheres touch
-        a += p.stop_stiffness * max(0.0, -p.stop_place - x) ** 1.5
+    if p.quintic != 0.0:
+        a -= p.quintic * x**5
+    if p.second_stop != 0.0:  # as spheres touch
+        a += p.second_stop * max(0.0, -p.stop_place - x) ** 1.5
+    if p.magnet != 0.0:  # pulled to a place that it passes
+        u = (x - p.magnet_place) / p.magnet_width
+        a -= p.magnet * u * math.exp(-0.5 * u * u)
+    if p.cogging != 0.0:
+        a -= p.cogging * math.sin(TURN * x / p.cogging_pitch)
+    a -= p.valve * max(0.0, x) * max(0.0, v)  # which throttles one way only, and the more the further out
     if p.backlash_stiffness != 0.0:
         a += backlash(x, z, p)
     return a
@@ -158,9 +172,9 @@ def clearance(y, plant):
 
 @njit(cache=True)
 def modulated(t, x, stiffness, plant, p):
-    """Acceleration [m/s^2] by a stiffness that varies twice a period of the drive, or of the body's own motion."""
+    """Acceleration [m/s^2] by a stiffness that varies at an order of the drive, or of the body's own motion."""
     turn = plant.tones[0, 1] * t + plant.tones[0, 2] if plant.harmonic else math.sqrt(stiffness) * t
-    return -p.parametric * math.cos(2.0 * turn) * x
+    return -p.parametric * math.cos(p.parametric_order * turn) * x
 
 
 @njit(cache=True)

@@ -7,42 +7,64 @@ from hidden.causes import scale
 from hidden.information import Bench
 from hidden.motion import Refused
 
-KINDS = {
-    "oscillator": ("second_stop", "quintic", "parametric"),
-    "four_dof": ("second_stop", "quintic", "parametric", "coupling"),
-}
+KINDS = ("second_stop", "quintic", "parametric", "magnet", "cogging", "valve")
+BETWEEN = ("coupling",)  # of a plant with two measured bodies
+EXPRESSED = 0.87  # |cos| after calibration from which an effect explains three quarters of what a remainder does
+DRAWS = 12  # of a kind and its shape, until no effect expresses it
 FIRST = 1e-3  # size that is tried first, in natural scales
 CLOSE = 0.03  # of the wanted share
 ROUNDS = 24
-REACH = 0.5  # of the amplitude of the first record, where the second stop stands
 
 
 def remainder(at: Bench, share: float, seed: int) -> tuple[str, dict[str, float]]:
-    """Draw a kind that the plant can have with this share of the motion; return it with its parameters, SI.
+    """Draw a kind, and a shape of it, that the plant can have with this share of the motion and no effect expresses.
+
+    Returns
+    -------
+    The kind, and its parameters by name, SI
 
     Raises
     ------
-    Refused : no kind leaves a motion that a record can be made of
+    Refused : none of those that were drawn is such
     """
-    refusal = None
-    for kind in np.random.default_rng([seed, 5]).permutation(KINDS[at.system.name]).tolist():
+    rng, refusal = np.random.default_rng([seed, 5]), None
+    for _ in range(DRAWS):
+        kind = str(rng.choice(kinds(at)))
         try:
-            return kind, scaled(at, kind, share)
+            values = scaled(at, kind, share, rng)
+            name, cosine = expressed_by(at, values)
         except Refused as reason:
             refusal = reason
+            continue
+        if cosine < EXPRESSED:
+            return kind, values
+        refusal = Refused(f"{name} expresses {kind!r} (|cos| = {cosine:.2f})")
     raise refusal
 
 
-def scaled(at: Bench, kind: str, share: float) -> dict[str, float]:
-    """Parameters of a remainder that changes the records by this share, see `change`.
+def kinds(at: Bench) -> tuple[str, ...]:
+    """Kinds of remainders that a plant may have."""
+    return KINDS + (BETWEEN if len(at.system.measured) > 1 else ())
+
+
+def expressed_by(at: Bench, values: Mapping[str, float]) -> tuple[str, float]:
+    """Effect that imitates these hidden parameters best after calibration, and |cos| between them."""
+    effects = tuple(name for name in at.system.effects if name != "outliers")
+    cosines = np.nan_to_num(at.imitations(values, effects))
+    return effects[int(cosines.argmax())], float(cosines.max())
+
+
+def scaled(at: Bench, kind: str, share: float, rng: np.random.Generator) -> dict[str, float]:
+    """Parameters of a remainder that changes the records by this share, see `change`; its shape is drawn.
 
     Raises
     ------
     Refused : there is no such size
     """
     size, low, high = FIRST, 0.0, np.inf
+    shape = drawn_shape(at, kind, rng)
     for _ in range(ROUNDS):
-        values = parameters(at, kind, size)
+        values = {kind: size * scale(at.system, POWERS[kind]), **shape}
         try:
             reached = change(at, values)
         except Refused:
@@ -73,11 +95,22 @@ def change(at: Bench, values: Mapping[str, float]) -> float:
     return float(np.sqrt(np.mean(shares)))
 
 
-def parameters(at: Bench, kind: str, size: float) -> dict[str, float]:
-    """Parameters of a remainder of that size in natural scales, SI."""
-    system = at.system
+POWERS = {  # of metre and second, of the parameter that makes the size of a kind
+    "second_stop": (-0.5, -2), "quintic": (-4, -2), "parametric": (0, -2), "magnet": (1, -2), "cogging": (1, -2),
+    "valve": (-1, -1), "coupling": (-2, -2),
+}  # fmt: skip
+
+
+def drawn_shape(at: Bench, kind: str, rng: np.random.Generator) -> dict[str, float]:
+    """Parameters of a remainder beside its size: where it acts, relative to the first record's motion, and how fast."""
+    reached = float(np.abs(at.clean(at.system.plans[0]).rows[len(at.system.measured) - 1]).max())
     if kind == "second_stop":
-        body = at.clean(system.plans[0]).rows[len(system.measured) - 1]
-        return {"stop_stiffness": size * scale(system, (-0.5, -2)), "stop_place": REACH * float(np.abs(body).max())}
-    name, power = {"quintic": ("k5", -4), "parametric": ("parametric", 0), "coupling": ("coupling", -2)}[kind]
-    return {name: size * scale(system, (power, -2))}
+        return {"stop_place": reached * rng.uniform(0.3, 0.9)}
+    if kind == "magnet":
+        place = reached * rng.uniform(0.2, 0.7) * rng.choice([-1.0, 1.0])
+        return {"magnet_place": place, "magnet_width": reached * rng.uniform(0.1, 0.25)}
+    if kind == "cogging":
+        return {"cogging_pitch": reached * rng.uniform(0.3, 1.2)}
+    if kind == "parametric":
+        return {"parametric_order": float(rng.integers(1, 4))}
+    return {}

@@ -54,14 +54,16 @@ def test_the_spring_of_the_silverbox_hardens(diagnosed):
 
 
 @pytest.mark.slow
-def test_the_carriage_has_dry_friction_and_an_offset(diagnosed):
+def test_the_carriage_has_dry_friction_and_an_offset_that_explains_less_than_twice_what_remains(diagnosed):
     found = diagnosed(STUDIES / "emps" / "study.toml", "emps/DATA_EMPS.mat", "emps/DATA_EMPS_PULSES.mat")
     assert found.verdict == NAMED
-    assert found.causes == ("coulomb_friction", "preload")
+    assert found.causes == ("coulomb_friction",)
+    [offset] = found.selection.left_out
+    assert offset.effect == "preload"
+    assert offset.share == pytest.approx(0.637, abs=0.02)
     mass = found.selection.final.value("mass")
     assert mass == pytest.approx(95.11, rel=0.01)
     assert mass * sizes(found)["friction"] == pytest.approx(20.39, rel=0.03)
-    assert mass * sizes(found)["preload"] == pytest.approx(3.16, rel=0.05)
     assert found.gain.proven
     (viscous,) = [shift for shift in found.gain.shifts if shift.parameter == "damping"]
     assert viscous.before == pytest.approx(409.0, rel=0.01)  # published 203.5: twice, for want of dry friction
@@ -117,12 +119,14 @@ def test_the_ground_under_the_cube_lies_lower(diagnosed, measured, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_friction_device_has_play_and_stiffness_before_it_slips(diagnosed):
+def test_the_friction_device_has_play(diagnosed):
     found = diagnosed(STUDIES / "backlash_damper" / "study.toml", *DAMPER)
     assert found.verdict == NAMED
-    assert found.causes == ("gap_offset", "presliding")
-    assert transfers(found, "dg") == pytest.approx(2 * [2.7e-3], abs=0.1e-3)  # the same where it was not fitted
-    assert [transfer.error < 0.05 * transfer.size for transfer in found.gain.transfers[::2]] == [True, True]
+    assert found.causes == ("gap_offset",)
+    assert [one.effect for one in found.selection.left_out] == ["presliding"]
+    assert sizes(found)["dg"] == pytest.approx(2.3e-3, abs=0.05e-3)  # six tests, each fitted alone: 2.1 to 2.3 mm
+    assert transfers(found, "dg") == pytest.approx(2 * [2.3e-3], abs=0.05e-3)  # the same where it was not fitted
+    assert [transfer.error < 0.05 * transfer.size for transfer in found.gain.transfers] == [True, True]
     assert all(agreement.agree for agreement in found.gain.agreements)
     assert found.gain.proven
 
@@ -136,8 +140,11 @@ def test_spring_and_damper_in_the_place_of_the_friction_device_lack_friction(dia
 
 
 @pytest.mark.slow
-def test_the_upper_tank_spills(diagnosed):
+def test_that_the_upper_tank_spills_comes_closest_and_half_as_much_again_remains(diagnosed):
     found = diagnosed(STUDIES / "cascaded_tanks" / "study.toml", "cascaded_tanks/dataBenchmark.csv")
-    assert found.verdict == NAMED
-    assert "overflow" in found.causes
+    assert found.verdict == UNEXPLAINED
+    assert found.stand_ins == ()
+    assert "overflow" in {cause.name for cause in found.selection.causes}
+    assert 0.5 < found.selection.explained_share < 0.7
+    assert "less than 2 times what remains" in found.summary
     assert found.gain.proven

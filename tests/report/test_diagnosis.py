@@ -17,7 +17,7 @@ from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.evidence import Evidence, Part
 from calib.diagnosis.noise import Noise
 from calib.report import render
-from calib.report.conclusion import headline, points, stale
+from calib.report.conclusion import headline, left_out, points, stale
 from calib.report.diagnosis import chapter, outcome
 from calib.report.lacking import accelerations, stands_clear
 from calib.report.remains import EXTENDED, loop, residuals, rows
@@ -220,11 +220,23 @@ def test_what_became_of_each_suspect():
 def test_whether_several_causes_have_one_size_everywhere_is_said(z, differ, study):
     said = document("unexplained", VALUES)
     said |= {"closest": ["quadratic_drag", "channel_lag"], "misfit": said["misfit"] | {"inconstancy": z}}
-    said |= {"stand_ins": ["channel_lag"] if differ else []}
-    assert headline(said).startswith("No effect that is known here explains the misfit: ") == differ
+    said |= {"stand_ins": ["channel_lag"] if differ else [], "said": "both come closest, but why not"}
+    assert headline(said) == "No effect that is known here explains the misfit: both come closest, but why not."
     [told] = [text for text in chapter(said, {}, {"values": VALUES}, study)["why"] if "threshold" in text]
     how = "differ" if differ else "do not differ"
     assert told.startswith(f"The sizes of quadratic_drag and channel_lag {how} among the channels of the records")
+
+
+def test_what_explains_too_little_of_a_remainder_is_told_and_not_named(study):
+    said = document("named", VALUES)
+    assert not left_out(said)
+    said["left_out"] = [{"effect": "preload", "share": 0.637}]
+    [sentence] = left_out(said)
+    assert sentence.startswith("Beside quadratic_drag, preload explains 64\u00a0% of what then remains. It is not ")
+    assert sentence in points(said)
+    last = chapter(said, {}, {"values": VALUES}, study)["rounds"][-1]
+    assert last["chosen"] == "without preload, which explains 64 % of what the others leave: too little"
+    assert last["share"] == "-"
 
 
 @pytest.mark.parametrize("inconstancy", [0.13, 5.3])
