@@ -8,6 +8,11 @@ lacks, so that leaving some of them out would prove nothing: there prediction ca
 The fall of the sum of squares on the left-out data is a sum over segments of the records; its standard error is that of
 a sum of as many independent terms (the test of equal predictive accuracy of Diebold & Mariano, Journal of Business and
 Economic Statistics 13 (1995) 253-263, its autocorrelation within a segment counted by summing over it).
+
+Few folds tell parameters poorly, and the more so the more of them there are. What their errors alone are expected to
+add on the left-out data, tr(J C J') of the derivatives J there and the covariance C from the other folds (the variance
+in the decomposition of an expected prediction error: Hastie, Tibshirani & Friedman, The Elements of Statistical
+Learning, 2009, section 7.3), is not held against a cause.
 """
 
 from collections.abc import Sequence
@@ -15,6 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.confidence.covariance import sandwich
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.refit import Fit
 from calib.diagnosis.score import Projection
@@ -35,17 +41,23 @@ class Prediction:
     error : its standard error
     without : sum of squares on the left-out data without the cause, in units of the noise's variance
     folds : what was left out in turn
+    uncertainty : by how much the sum of squares is expected to be larger with the cause than without it for the errors
+        of the refitted parameters alone, in units of the noise's variance
     """
 
     reduction: float
     error: float
     without: float
     folds: tuple[str, ...]
+    uncertainty: float = 0.0
 
     @property
     def fails(self) -> bool:
-        """Whether the misfit does not fall; a single fold tells less: there it has to rise by its standard error."""
-        return self.reduction <= (0.0 if len(self.folds) > 1 else -self.error)
+        """Whether the misfit does not fall, though it be allowed what the errors of parameters add.
+
+        A single fold tells less: there it has to rise by its standard error.
+        """
+        return self.reduction + max(0.0, self.uncertainty) <= (0.0 if len(self.folds) > 1 else -self.error)
 
 
 def predicted(evidence: Evidence, base: Fit, extended: Fit, own: Sequence[str]) -> Prediction | None:
@@ -62,24 +74,36 @@ def predicted(evidence: Evidence, base: Fit, extended: Fit, own: Sequence[str]) 
     None where no fold can be left out: of one steady tone, where but one fold shows the cause at all, or where the
     refits leave the range of their linearisation
     """
-    segments = evidence.segments()
-    falls, tested, without = [], [], 0.0
+    segments, rows = evidence.segments(), evidence.rows()
+    falls, tested, without, uncertainty = [], [], 0.0, 0.0
     for name, left_out in _folds(evidence):
         if _information(extended, own, ~left_out) < LEAST_INFORMATION:
             continue
-        squares = [_residual(fit, left_out) ** 2 for fit in (base, extended)]
-        if max(map(np.sum, squares)) > MAX_GROWTH * np.sum(base.residual[left_out] ** 2):
+        before, after = (_left_out(fit, left_out, rows) for fit in (base, extended))
+        if max(before.chi2, after.chi2) > MAX_GROWTH * np.sum(base.residual[left_out] ** 2):
             continue
-        fall = squares[0] - squares[1]
         numbers = segments[left_out]
-        without += float(squares[0].sum())
-        falls.append(np.bincount(numbers - numbers.min(), fall))
+        without += before.chi2
+        uncertainty += after.uncertainty - before.uncertainty
+        falls.append(np.bincount(numbers - numbers.min(), before.residual**2 - after.residual**2))
         tested.append(name)
     if not tested:
         return None
     sums = np.concatenate(falls)
     error = float(np.sqrt(sums.size * np.var(sums, ddof=1))) if sums.size > 1 else np.inf
-    return Prediction(float(sums.sum()), error, without, tuple(tested))
+    return Prediction(float(sums.sum()), error, without, tuple(tested), uncertainty)
+
+
+@dataclass(frozen=True, eq=False)
+class _LeftOut:
+    """Residual of left-out data (n,), and what errors of the refitted parameters are expected to add to its squares."""
+
+    residual: np.ndarray
+    uncertainty: float
+
+    @property
+    def chi2(self) -> float:
+        return float(self.residual @ self.residual)
 
 
 def _folds(evidence: Evidence) -> list[tuple[str, np.ndarray]]:
@@ -99,13 +123,23 @@ def _folds(evidence: Evidence) -> list[tuple[str, np.ndarray]]:
     return [(f"block {k + 1} of {TIME_FOLDS} of {part.name}", block == k) for k in range(TIME_FOLDS)]
 
 
-def _residual(fit: Fit, left_out: np.ndarray) -> np.ndarray:
-    """Residual of the left-out data by the model refitted to the others, linearised about its fit to all."""
+def _left_out(fit: Fit, left_out: np.ndarray, rows: np.ndarray) -> _LeftOut:
+    """Left-out data by the model refitted to the others, linearised about its fit to all.
+
+    rows : (N,) number of the row that each residual belongs to
+    """
     columns = fit.free(fit.columns)
     scale = np.linalg.norm(columns, axis=0)
     columns = columns[:, scale > 0.0] / scale[scale > 0.0]
-    step = np.linalg.lstsq(columns[~left_out], fit.residual[~left_out], rcond=RANK)[0]
-    return (fit.residual - columns @ step)[left_out]
+    _, singular, turn = np.linalg.svd(columns[~left_out], full_matrices=False)
+    columns = columns @ turn[singular > RANK * singular[0]].T  # what the others do not tell stays where it is
+    kept, residual = columns[~left_out], fit.residual[~left_out]
+    step = np.linalg.lstsq(kept, residual, rcond=None)[0]
+    residual = residual - kept @ step
+    counted = (residual != 0.0) | kept.any(axis=1)
+    covariance, _ = sandwich(kept[counted], residual[counted], rows[~left_out][counted])
+    there = columns[left_out]
+    return _LeftOut(fit.residual[left_out] - there @ step, float(np.sum((there @ covariance) * there)))
 
 
 def _information(fit: Fit, own: Sequence[str], kept: np.ndarray) -> float:

@@ -1,5 +1,7 @@
 """Prediction of data left out, on linear models with Gaussian noise and known answers."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -77,11 +79,52 @@ def test_a_cause_that_one_record_alone_shows_is_not_tested_on_it():
 
 
 @pytest.mark.parametrize(
-    ("reduction", "folds", "fails"),
-    [(-5.0, 2, True), (5.0, 2, False), (-5.0, 1, False), (-140.0, 1, True), (140.0, 1, False)],
+    ("reduction", "uncertainty", "folds", "fails"),
+    [
+        (-5.0, 0.0, 2, True),
+        (5.0, 0.0, 2, False),
+        (-5.0, 8.0, 2, False),
+        (-9.0, 8.0, 2, True),
+        (5.0, -8.0, 2, False),
+        (-5.0, 0.0, 1, False),
+        (-140.0, 0.0, 1, True),
+        (-140.0, 30.0, 1, False),
+    ],
 )
-def test_a_single_fold_fails_where_the_misfit_rises_by_its_standard_error(reduction, folds, fails):
-    assert Prediction(reduction, 120.0, 100.0, ("one", "two")[:folds]).fails == fails
+def test_a_prediction_is_allowed_what_errors_of_parameters_add_and_a_single_fold_its_error(
+    reduction, uncertainty, folds, fails
+):
+    assert Prediction(reduction, 120.0, 100.0, ("one", "two")[:folds], uncertainty).fails == fails
+
+
+@pytest.mark.parametrize("sigma", [1.0, 3.0])
+def test_what_the_errors_of_parameters_add_is_that_of_least_squares(sigma):
+    """Of a straight line, and of one that is bent: sigma^2 tr(J (K' K)^-1 J') of each fold, whatever the noise."""
+    bent = np.tile((TIME - 0.5) ** 2, 2)
+    expected, found = 0.0, []
+    for seed in range(60):
+        known, without, with_it = case(seed, 0.0, shape=bent)
+        scaled = [replace(fit, residual=sigma * fit.residual) for fit in (without, with_it)]
+        found.append(predicted(known, *scaled, ("c",)).uncertainty)
+    for own in (slice(0, SIZE), slice(SIZE, 2 * SIZE)):
+        rest = np.ones(2 * SIZE, dtype=bool)
+        rest[own] = False
+        for fit, sign in ((with_it, 1.0), (without, -1.0)):
+            inverse = np.linalg.inv(fit.columns[rest].T @ fit.columns[rest])
+            expected += sign * sigma**2 * np.trace(fit.columns[own] @ inverse @ fit.columns[own].T)
+    assert np.mean(found) == pytest.approx(expected, rel=0.2)
+
+
+def test_a_cause_whose_size_the_other_records_hardly_tell_is_not_refuted_by_them():
+    """In the first record it is large; the second, at a third of the size, tells little, and predicts badly."""
+    shape = np.concatenate([np.sin(40.0 * TIME), 0.3 * np.sin(40.0 * TIME)])
+    fails = []
+    for seed in range(40):
+        known, without, with_it = case(seed, 0.15, shape=shape)
+        with_prediction = predicted(known, without, with_it, ("c",))
+        fails.append((with_prediction.fails, with_prediction.reduction <= 0.0))
+    allowed, strict = np.mean(fails, axis=0)
+    assert allowed < 0.5 * strict
 
 
 def test_the_fall_is_that_of_least_squares_refitted_without_the_record():
