@@ -27,6 +27,7 @@ LEGEND = {
     BELOW: "below the threshold",
 }
 STEEP = 12.0  # largest |z| over the threshold, from which the axis is logarithmic
+MAX_LINEAR = 200.0  # largest shift, in standard errors, up to which the axis is linear  [1]
 WIDE = 0.62 * WIDTH  # inch: of a picture that would be too wide over the whole page
 
 
@@ -180,8 +181,10 @@ def shifts(found: Sequence[Mapping[str, Any]]) -> Figure | None:
             axes.annotate(signed(moved, "+"), (moved, k), (3 * side, 0), fontsize=7.5, **place)
         axes.set_yticks(range(len(known)), [s["parameter"] for s in reversed(known)])
         axes.set_ylim(-0.6, len(known) - 0.4)
-        axes.set_xlim(-1.3 * max(largest, 2.5), 1.3 * max(largest, 2.5))
-        if largest > 200.0:
+        logarithmic = largest > MAX_LINEAR
+        reach = (40.0 if logarithmic else 1.3) * max(largest, 2.5)  # room for the labels
+        axes.set_xlim(-reach, reach)
+        if logarithmic:
             axes.set_xscale("symlog", linthresh=2.0)
             axes.xaxis.set_minor_locator(NullLocator())
             axes.xaxis.set_minor_formatter(NullFormatter())

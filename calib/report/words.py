@@ -5,6 +5,8 @@ import re
 
 from calib.units import reading
 
+MAX_Z = 100.0  # that is written: how many hundreds of standard errors there are nobody can know  [1]
+
 
 def number(x: float | str | None, digits: int = 4) -> str:
     """Write a number for a reader: `digits` significant ones, powers of ten as such."""
@@ -84,7 +86,9 @@ def percent(share: float | None, digits: int = 2) -> str:
 
 
 def signed(z: float, plus: str = "") -> str:
-    """Write a z to one decimal place, nothing as 0.0."""
+    """Write a z to one decimal place, nothing as 0.0; beyond 100 it says no more than that."""
+    if abs(z) > MAX_Z:
+        return f"< −{MAX_Z:g}" if z < 0.0 else f"> {MAX_Z:g}"
     written = f"{abs(z):.1f}"
     return written if written == "0.0" else f"{'−' if z < 0.0 else plus}{written}"
 

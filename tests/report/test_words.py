@@ -2,7 +2,7 @@
 
 import pytest
 
-from calib.report.words import quantity, rounded, with_error
+from calib.report.words import quantity, rounded, signed, with_error
 
 
 @pytest.mark.parametrize(
@@ -28,3 +28,10 @@ def test_a_value_alone_is_rounded_by_twice_its_error():
 def test_a_quantity_has_the_unit_of_its_size():
     assert quantity(-1.2e-3, "m", half=3.4e-4) == "−1.20 ± 0.34 mm"
     assert quantity(4.8e-6, "m") == "4.8 µm"
+
+
+@pytest.mark.parametrize(
+    ("z", "written"), [(0.04, "0.0"), (-3.14, "−3.1"), (99.9, "+99.9"), (312.6, "> 100"), (-14646.0, "< −100")]
+)
+def test_no_one_counts_hundreds_of_standard_errors(z, written):
+    assert signed(z, "+") == written
