@@ -158,10 +158,14 @@ def _gain(found: Mapping[str, Any]) -> list[str]:
     if gain is None or gain["before"] is None:
         return []
     low, high = gain["interval"]
-    proven = "" if gain["proven"] else " [yellow]- no gain: the interval includes zero[/]"
+    change = f"less by {low:.2g} to {high:.2g}"
+    if high is not None and high < 0.0:
+        change = f"more by {-high:.2g} to {-low:.2g} [yellow]- what was held out refutes it[/]"
+    elif not gain["proven"]:
+        change += " [yellow]- no gain: the interval includes zero[/]"
     lines = [
         f"gain on {gain['kind']} ({', '.join(gain['records'])}): misfit {gain['before']:.3g} -> {gain['after']:.3g}, "
-        f"less by {low:.2g} to {high:.2g}{proven}",
+        f"{change}",
         f"misfit: {gain['metric']}; {REFITTED}",
     ]
     if moved_values(gain):

@@ -25,6 +25,8 @@ from calib.objective import Reference
 from calib.pool import LocalPool
 from calib.study import Pool, Study
 
+ONE_SIZE = "it has one size in all records"
+
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
@@ -185,7 +187,7 @@ def _tried_on_records(
 
     Where the size of a cause differs, its rivals are tried: those are preferred to it that have one size in the same
     records, each of which knows it well enough to show as large a variation. Where a misfit rises, those of all causes
-    are: none is preferred with which it rises too.
+    are: none is preferred with which that of the same records rises too.
     """
     selection, gain = _with_gain(pool, bench, fitter, selection, seed)
     differing = {one.effect: one.variation for one in selection.heterogeneous if one.among == RECORDS}
@@ -198,7 +200,8 @@ def _tried_on_records(
                 continue
             if pool.spent:
                 return replace(selection, cut_short=True), gain
-            other = exchanged(fitter, selection, cause, rival)
+            reason = ONE_SIZE if cause.name in differing else "what was held out refutes the others"
+            other = exchanged(fitter, selection, cause, rival, reason)
             outcome = None if other is None else _with_gain(pool, bench, fitter, other, seed)
             if outcome and _holds(rival, outcome, gain, differing.get(cause.name)):
                 better.append((rival, outcome))
@@ -212,14 +215,14 @@ def _tried_on_records(
 def _holds(
     rival: Refitted, outcome: tuple[Selection, Gain | None], gain: Gain, differing: float | None
 ) -> bool:
-    """Whether with a rival all causes have one size, and the misfit of no record held out rises.
+    """Whether with a rival all causes explain enough, have one size each, and are not refuted by what was held out.
 
     outcome : the selection with it, and what that brings
     gain : of the cause in its place
     differing : variation of the size of that cause, which the records have to show the rival's by; None: it has none
     """
     selection, own = outcome
-    if own is None or own.refutes or not selection.is_homogeneous:
+    if own is None or not selection.is_sufficient or not own.tries_as_much_as(gain) or own.refutes:
         return False
     return differing is None or _has_one_size(rival, own, gain, differing)
 

@@ -27,51 +27,66 @@ class LeftOut:
     ----------
     effect : its name
     share : of the excess chi-square that the other causes leave, which it explains  [1]
+    beside : names of those others
     """
 
     effect: str
     share: float
+    beside: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Elimination:
-    """Causes that are left, in their model, and those that were left out, the weakest first."""
+    """What becomes of causes beside what remains.
+
+    Attributes
+    ----------
+    causes, final : that are left, and their model; those from which it began where none would be left
+    is_explained : whether some are left
+    left_out : the others, the weakest first; none where none would be left
+    margin : excess chi-square by which the nearest of all comparisons was decided; infinite where nothing but noise is
+        left
+    """
 
     causes: tuple[Cause, ...]
     final: Fit
-    left_out: tuple[LeftOut, ...]
+    is_explained: bool
+    left_out: tuple[LeftOut, ...] = ()
+    margin: float = np.inf
 
 
-def eliminated(fitter: Fitter, null: Fit, causes: Sequence[Cause], final: Fit) -> Elimination | None:
+def eliminated(fitter: Fitter, null: Fit, causes: Sequence[Cause], final: Fit) -> Elimination:
     """Leave out the weakest cause in turn, until each explains several times what all leave, or no misfit is left.
 
-    The others are refitted without it.
+    The others are refitted without it; where the budget is spent no fit begins: a cause is then taken to explain what
+    it did when it was found, and all are left or none.
 
     Parameters
     ----------
     null, final : the calibrated model, and the one with the causes
-
-    Returns
-    -------
-    None where none would be left, or the budget was spent before that is known
     """
-    kept, left_out = tuple(causes), []
+    kept, model, left_out, margin = tuple(causes), final, [], np.inf
     while kept:
-        remaining = excess_chi2(fitter.evidence, final)
+        remaining = excess_chi2(fitter.evidence, model)
         if not significant(remaining, chi2_std(fitter.evidence)):
-            return Elimination(kept, final, tuple(left_out))
-        if len(kept) > 1 and fitter.effort.spent:
-            return None
-        reduced = [_without(fitter, null, final, kept, cause) for cause in kept]
-        rises = [fit.chi2 - final.chi2 if fit.names else np.inf for fit in reduced]
+            return Elimination(kept, model, True, tuple(left_out), margin)
+        spent = len(kept) > 1 and fitter.effort.spent
+        reduced = [] if spent else [_without(fitter, null, model, kept, cause) for cause in kept]
+        rises = [fit.chi2 - model.chi2 if fit.names else np.inf for fit in reduced]
+        rises = rises or [cause.chi2_reduction for cause, _ in kept]
         weakest = int(np.argmin(rises))
-        if rises[weakest] >= CRITERIA.min_over_remainder * remaining:
-            return Elimination(kept, final, tuple(left_out))
-        left_out.append(LeftOut(kept[weakest][0].name, rises[weakest] / (rises[weakest] + remaining)))
-        kept = (*kept[:weakest], *kept[weakest + 1 :])
+        over = rises[weakest] - CRITERIA.min_over_remainder * remaining
+        margin = min(margin, abs(over))
+        if over >= 0.0:
+            return Elimination(kept, model, True, tuple(left_out), margin)
+        if spent:
+            break
+        share = rises[weakest] / (rises[weakest] + remaining)
+        out, kept = kept[weakest], (*kept[:weakest], *kept[weakest + 1 :])
+        left_out.append(LeftOut(out[0].name, share, tuple(cause.name for cause, _ in kept)))
         if kept:
-            final = fitter.with_derivatives(reduced[weakest])
-    return None
+            model = fitter.with_derivatives(reduced[weakest])
+    return Elimination(tuple(causes), final, False, margin=margin)
 
 
 def _without(fitter: Fitter, null: Fit, final: Fit, causes: Sequence[Cause], left_out: Cause) -> Fit:

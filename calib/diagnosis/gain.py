@@ -147,8 +147,13 @@ class Gain:
 
     @property
     def refutes(self) -> bool:
-        """Whether the misfit of records held out rises for sure."""
+        """Whether the misfit of all records held out together rises for sure."""
         return self.kind == RECORDS and self.interval[1] < 0.0
+
+    def tries_as_much_as(self, other: "Gain") -> bool:
+        """Whether all that another was tried on could be simulated here too."""
+        same = self.kind == other.kind and set(self.records) >= set(other.records)
+        return same and bool(np.isfinite(self.interval).all())
 
 
 def gained(

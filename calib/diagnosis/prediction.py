@@ -132,7 +132,8 @@ def _left_out(fit: Fit, left_out: np.ndarray, rows: np.ndarray) -> _LeftOut:
     scale = np.linalg.norm(columns, axis=0)
     columns = columns[:, scale > 0.0] / scale[scale > 0.0]
     _, singular, turn = np.linalg.svd(columns[~left_out], full_matrices=False)
-    columns = columns @ turn[singular > RANK * singular[0]].T  # what the others do not tell stays where it is
+    told = singular > RANK * singular.max(initial=0.0)
+    columns = columns @ turn[told].T  # what the others do not tell stays where it is
     kept, residual = columns[~left_out], fit.residual[~left_out]
     step = np.linalg.lstsq(kept, residual, rcond=None)[0]
     residual = residual - kept @ step

@@ -8,7 +8,7 @@ import numpy as np
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.constancy import CHANNELS, RECORDS, Constancy, constancies
 from calib.diagnosis.criteria import CRITERIA
-from calib.diagnosis.elimination import LeftOut, eliminated
+from calib.diagnosis.elimination import Elimination, LeftOut, eliminated
 from calib.diagnosis.evidence import Evidence, clocks_differ
 from calib.diagnosis.excess import (
     chi2_std,
@@ -60,6 +60,7 @@ class Selection:
     constancy : how much the size of each cause differs among the channels of the records, and from record to record
     exchanges : of causes for others after the rounds, in order
     left_out : that explain part of what the causes leave, and too little to be causes
+    elimination_margin : excess chi-square by which it is decided that the causes explain enough, and these do not
     cut_short : whether the budget was spent before all that might change the answer was tried
     noise_is_independent : whether the noise is known otherwise than as what a fit leaves
     """
@@ -76,6 +77,7 @@ class Selection:
     constancy: tuple[Constancy, ...] = ()
     exchanges: tuple[Exchange, ...] = ()
     left_out: tuple[LeftOut, ...] = ()
+    elimination_margin: float = np.inf
     cut_short: bool = False
     noise_is_independent: bool = True
 
@@ -90,6 +92,7 @@ class Selection:
             remaining_chi2=self.excess_chi2,
             constancy=(),
             left_out=(),
+            elimination_margin=np.inf,
         )
 
     @property
@@ -155,17 +158,21 @@ class Selection:
     def margin(self) -> float:
         """Reduction of chi-square that the answer rests on: an error that moves less of it does not change it.
 
-        Of each cause what it explains more than the best that is distinguishable from it; the excess where there is no
-        cause; nothing where causes were replaced by others. Of causes that explain enough, but have several sizes, what
-        shows that.
+        Of each cause what it explains more than the best that is distinguishable from it, and by how much more than is
+        asked beside what remains; the excess where there is no cause; nothing where causes were replaced by others. Of
+        causes that explain enough, but have several sizes, what shows that.
         """
         if self.is_explained and not self.is_homogeneous:
             return (max(c.z for c in self.heterogeneous) - self.rounds[0].threshold) ** 2
         by_name = {r.chosen.name: r.margin for r in self.rounds if r.chosen is not None}
         if not all(cause.name in by_name for cause in self.causes):
             return 0.0
-        margins = [by_name[cause.name] for cause in self.causes]
+        margins = [*(by_name[cause.name] for cause in self.causes), *self._elimination_margins]
         return max(0.0, min(margins if self.is_sufficient and margins else [self.remaining_chi2, *margins]))
+
+    @property
+    def _elimination_margins(self) -> tuple[float, ...]:
+        return (self.elimination_margin,) if np.isfinite(self.elimination_margin) else ()
 
     def with_rivals(self, rivals: Sequence[Refitted]) -> "Selection":
         """Return the selection with these indistinguishable from the one of its causes that is among them."""
@@ -205,7 +212,7 @@ class _Stepwise:
     rounds : searches one after the other
     causes : in the final model
     exchanges : of causes for others
-    is_explained, left_out : as of a `Selection`, once the causes have been through elimination
+    elimination : of these causes; None before they have been through it
     """
 
     null: Fit
@@ -214,14 +221,24 @@ class _Stepwise:
     rounds: tuple[Round, ...] = ()
     causes: tuple[Cause, ...] = ()
     exchanges: tuple[Exchange, ...] = ()
-    is_explained: bool = False
-    left_out: tuple[LeftOut, ...] = ()
+    elimination: Elimination | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the causes."""
+        return tuple(cause.name for cause, _ in self.causes)
+
+    @property
+    def is_explained(self) -> bool:
+        """Whether the causes, which have been through elimination, explain enough."""
+        return self.elimination is not None and self.elimination.is_explained
 
     def with_causes(self, causes: Sequence[Cause], final: Fit, reason: str) -> "_Stepwise":
         """Return it with these causes instead of its own, and why."""
         before, after = (tuple(cause.name for cause, _ in own) for own in (self.causes, causes))
         told = () if set(before) == set(after) else (Exchange(before, after, reason),)
-        return replace(self, causes=tuple(causes), final=final, exchanges=(*self.exchanges, *told))
+        exchanges, elimination = (*self.exchanges, *told), None if told else self.elimination
+        return replace(self, causes=tuple(causes), final=final, exchanges=exchanges, elimination=elimination)
 
 
 def select(
@@ -236,31 +253,37 @@ def select(
     Those go that explain little beside what remains. Where the causes leave more than noise, but not much more, one of
     them may be a compromise between two: then the best pair is tried in their place.
     """
-    state = _through_elimination(fitter, _forward(fitter, null, candidates, seed, on_stage))
-    if len(state.causes) > 1 and not fitter.effort.spent:
-        causes, final = replaced(fitter, state.null, state.causes, state.final, candidates, seed, state.known)
-        state = state.with_causes(causes, final, "each was looked for again beside the others")
+    state = _forward(fitter, null, candidates, seed, on_stage)
+    state = _looked_for_again(fitter, state, candidates, seed)
     if _may_be_compromise(fitter, state) and not fitter.effort.spent:
         on_stage("pairs")
         state = _with_best_pair(fitter, state, candidates, seed)
     return _selection(fitter, _through_elimination(fitter, state))
 
 
+def _looked_for_again(fitter: Fitter, state: _Stepwise, candidates: Sequence[Candidate], seed: int) -> _Stepwise:
+    """Look for each cause again beside the others, once those are left out that explain little beside what remains.
+
+    The last one was found beside the others and has its rivals from there, unless one of these was left out.
+    """
+    for again in range(CRITERIA.max_causes):
+        found, state = state.names, _through_elimination(fitter, state)
+        last_too = state.names != found[: len(state.names)]
+        if fitter.effort.spent or not (last_too or (len(state.causes) > 1 and not again)):
+            break
+        causes, final = replaced(
+            fitter, state.null, state.causes, state.final, candidates, seed, state.known, last_too=last_too
+        )
+        state = state.with_causes(causes, final, "each was looked for again beside the others")
+    return _through_elimination(fitter, state)
+
+
 def _through_elimination(fitter: Fitter, state: _Stepwise) -> _Stepwise:
     """Leave out causes that explain little beside what remains; if that is all, they stay as what comes closest."""
-    if not state.causes:
-        explained = not significant(excess_chi2(fitter.evidence, state.final), chi2_std(fitter.evidence))
-        return replace(state, is_explained=explained)
+    if not state.causes or state.elimination is not None:
+        return state
     left = eliminated(fitter, state.null, state.causes, state.final)
-    if left is None:
-        return replace(state, is_explained=False)
-    return replace(
-        state,
-        causes=left.causes,
-        final=left.final,
-        is_explained=True,
-        left_out=tuple({one.effect: one for one in (*state.left_out, *left.left_out)}.values()),
-    )
+    return replace(state, causes=left.causes, final=left.final, elimination=left)
 
 
 def _with_best_pair(fitter: Fitter, state: _Stepwise, candidates: Sequence[Candidate], seed: int) -> _Stepwise:
@@ -276,9 +299,10 @@ def _with_best_pair(fitter: Fitter, state: _Stepwise, candidates: Sequence[Candi
     causes, final = replaced(fitter, null, *pair, candidates, seed, {}, last_too=True)
     if not _explains_more(fitter.evidence, null, state.causes, state.final, (causes, final)):
         return state
-    left = eliminated(fitter, null, causes, final) if state.is_explained else None
-    if state.is_explained and (left is None or left.left_out):
-        return state
+    if state.is_explained:
+        left = eliminated(fitter, null, causes, final)
+        if left.left_out or not left.is_explained:
+            return state
     rejected = _any_rejected(fitter, null, [cause for cause, _ in causes], final, threshold)
     return state if rejected else state.with_causes(causes, final, "of all pairs this one explains most, and more")
 
@@ -320,10 +344,16 @@ def _may_be_compromise(fitter: Fitter, state: _Stepwise) -> bool:
     return beyond and not dominant(excess - rejected.chi2_reduction, std)
 
 
-def exchanged(fitter: Fitter, selection: Selection, cause: Refitted, rival: Refitted) -> Selection | None:
+def exchanged(
+    fitter: Fitter, selection: Selection, cause: Refitted, rival: Refitted, reason: str
+) -> Selection | None:
     """Return a selection with a rival in the place of a cause, fitted beside the others, and no rival beside it.
 
     None where it cannot be fitted there, or would be rejected as a cause.
+
+    Parameters
+    ----------
+    reason : why, as the end of a sentence
     """
     own, new = cause.candidate, rival.candidate
     others = [other.candidate for other in selection.causes if other is not cause]
@@ -341,27 +371,30 @@ def exchanged(fitter: Fitter, selection: Selection, cause: Refitted, rival: Refi
     if _any_rejected(fitter, selection.null, [known for known, _ in causes], final, threshold):
         return None
     state = _Stepwise(selection.null, selection.final, {}, selection.rounds, tuple(pairs), selection.exchanges)
-    state = _through_elimination(fitter, state.with_causes(causes, final, "it has one size in all records"))
-    return _selection(fitter, state) if put.name in {known.name for known, _ in state.causes} else None
+    state = _through_elimination(fitter, state.with_causes(causes, final, reason))
+    return _selection(fitter, state) if put.name in state.names else None
 
 
 def _selection(fitter: Fitter, state: _Stepwise) -> Selection:
     """Compare both models where the simulations of both are to be trusted."""
-    null, final, causes = state.null, state.final, state.causes
+    null, final, causes, left = state.null, state.final, state.causes, state.elimination
     common = fitter.evidence.with_weights([null.point.simulated, final.point.simulated])
+    excess, std = null.chi2_over(common) - degrees_of_freedom(common, null), chi2_std(common)
+    told = {rival.name for _, rivals in causes for rival in rivals}
     return Selection(
         rounds=state.rounds,
         null=null,
         final=final,
         causes=tuple(cause.within(final) for cause, _ in causes),
         alternatives=tuple(rivals for _, rivals in causes),
-        is_explained=state.is_explained,
-        excess_chi2=null.chi2_over(common) - degrees_of_freedom(common, null),
+        is_explained=state.is_explained if causes else not significant(excess, std),
+        excess_chi2=excess,
         remaining_chi2=final.chi2_over(common) - degrees_of_freedom(common, final),
-        chi2_std=chi2_std(common),
+        chi2_std=std,
         constancy=constancies(fitter.evidence, final) if causes else (),
         exchanges=state.exchanges,
-        left_out=tuple(one for one in state.left_out if one.effect not in {cause.name for cause, _ in causes}),
+        left_out=tuple(one for one in left.left_out if one.effect not in told) if left else (),
+        elimination_margin=left.margin if left else np.inf,
         cut_short=fitter.effort.spent,
         noise_is_independent=all(n.is_independent for part in common.parts for n in part.compared_noise),
     )

@@ -84,13 +84,11 @@ def _insufficient(selection: Selection) -> str:
     """Why the causes do not explain enough to be named."""
     names, s = " and ".join(_ways(selection)), "s" if len(selection.causes) == 1 else ""
     share = f"{explained(selection.explained_share)} of the excess misfit"
-    if not selection.is_explained and selection.cut_short:
-        return f"{names} come{s} closest and explain{s} {share}, but the budget was spent before it was judged"
     if not selection.is_explained:
-        which = "" if s else "one of them "
+        less, it = ("less than", "it") if s else ("not each of them at least", "them")
         return (
-            f"{names} come{s} closest and explain{s} {share}, but {which}less than "
-            f"{CRITERIA.min_over_remainder:g} times what remains, as an effect that only looks like it may"
+            f"{names} come{s} closest and explain{s} {share}, but {less} {CRITERIA.min_over_remainder:g} times what "
+            f"remains: what is missing may only look like {it}"
         )
     explain = f" and explain{s} {share}" if selection.is_significant else ""
     largest = max(selection.heterogeneous, key=lambda c: c.z)
@@ -101,7 +99,8 @@ def _insufficient(selection: Selection) -> str:
 def _refuted(selection: Selection, gain: Gain) -> str:
     """What causes do to the misfit of records held out, which they do not predict."""
     names, s = " and ".join(_ways(selection)), "s" if len(selection.causes) == 1 else ""
-    explain = f" and explain{s} {explained(selection.explained_share)} of the excess misfit"
+    share = f" and explain{s} {explained(selection.explained_share)} of the excess misfit"
+    explain = share if selection.is_significant else ""
     change = f"rises from {100.0 * gain.before:.3g} to {100.0 * gain.after:.3g} %"
     where = ", ".join(gain.records)
     return f"{names} come{s} closest{explain}, but on what was held out ({where}) the misfit {change}"

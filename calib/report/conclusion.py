@@ -207,14 +207,13 @@ def _remains(said):
 
 def left_out(said: Mapping[str, Any]) -> list[str]:
     """Say which effects explain part of what remains, and too little to be named."""
-    shares = [(one["effect"], percent(one["share"])) for one in said.get("left_out", ())]
-    if not shares or said["verdict"] not in (NAMED, ONE_OF, UNEXPLAINED):
+    if said["verdict"] not in (NAMED, ONE_OF, UNEXPLAINED):
         return []
-    which = " and ".join(f"{effect} explains {share} of what then remains" for effect, share in shares)
-    subject = "It is" if len(shares) == 1 else "They are"
     return [
-        f"Beside {' and '.join(added(said))}, {which}. {subject} not named: what explains less than "
-        f"{percent(LEAST_SHARE)} of a remainder may only look like it. A record in which it would be larger tells."
+        f"Beside {' and '.join(one['beside'])}, {one['effect']} explains {percent(one['share'])} of what then remains. "
+        f"It is not named: what explains less than {percent(LEAST_SHARE)} of a remainder may only look like it. A "
+        "record in which it would be larger tells."
+        for one in said.get("left_out", ())  # not written by earlier versions
     ]
 
 
@@ -247,8 +246,10 @@ def _gained(gain):
     text = f"On {where} the misfit goes from {percent(gain['before'], 3)} to {percent(gain['after'], 3)}"
     if None not in gain["interval"]:
         low, high = gain["interval"]
-        text += f": less by {number(100 * low, 2)} to {number(100 * high, 2)} percentage points (95\u00a0% interval)"
-        text += "" if gain["proven"] else ", which includes zero: the gain is not proven"
+        change, ends = ("more", (-high, -low)) if high < 0.0 else ("less", (low, high))
+        first, last = (number(100.0 * end, 2) for end in ends)
+        text += f": {change} by {first} to {last} percentage points (95\u00a0% interval)"
+        text += ", which includes zero: the gain is not proven" if low <= 0.0 <= high else ""
     return f"{text}. Misfit: {gain['metric']}; {REFITTED}."
 
 

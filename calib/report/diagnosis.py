@@ -306,6 +306,8 @@ def _reason(suspect, fate, said):
         low, high = suspect["limits"][name]
         bound = "<" if suspect["null"][name] == low else ">"
         return f"would need {name} {bound} {number(suspect['null'][name])}"
+    if fate == causes.LESS and suspect["effect"] in _left_out(said):
+        return "explains too little beside what is named"
     if fate == causes.LESS:
         first = said["rounds"][0]["chosen"] if said["rounds"] else None
         alike = f"; {percent(suspect['alike'])} like {first}" if first and (suspect.get("alike") or 0.0) > 0.5 else ""
@@ -390,15 +392,17 @@ def _why(said, outcomes):
         found.append(
             f"Of the excess, {share} is explained by {' and '.join(said['closest'])}. Named is what predicts, has one "
             "size in all records (of several causes, each in all their channels too), and leaves no more than noise, "
-            f"or explains at least {CRITERIA.min_over_remainder:g} times what remains."
+            f"or explains at least {CRITERIA.min_over_remainder:g} times what remains (of several, each)."
         )
     if said["misfit"].get("inconstancy") and added(said):
         found += _constancy(said)
-    others = [s for s in said["suspects"] if outcomes[s["effect"]] == causes.LESS and s["share"] is not None]
+    less = [s for s in said["suspects"] if outcomes[s["effect"]] == causes.LESS and s["effect"] not in _left_out(said)]
+    others = [s for s in less if s["share"] is not None]
     if said["verdict"] == NAMED and others:
         best = max(others, key=lambda s: s["share"])
         chosen, alike = said["rounds"][0]["chosen"], best.get("alike")
-        alike = "" if alike is None else f"; its signature is {percent(alike)} like that of {chosen}"
+        told = alike is not None and chosen in said["causes"]
+        alike = f"; its signature is {percent(alike)} like that of {chosen}" if told else ""
         found.append(
             f"The next best of the first round, {best['effect']}, explains {explained(best['share'])} of the "
             f"excess on its own{alike}."

@@ -30,7 +30,7 @@ PAIRS = {
 IN_RECORDS = ("outliers", "quantisation")  # seen in the samples themselves, not in what a model leaves
 FOUND = ("named", "one_of", "unexplained")
 CLEAR = 0.9  # |cos| after calibration above which two effects are not to be told apart
-UNLIKE = 0.7  # |cos| below which no other effect explains half of what one does, which is what naming asks for
+UNLIKE = 0.7  # |cos| below which no other effect explains half of what one does; naming asks for two thirds
 SURE = 1.96  # standard errors on each side of a 95 % interval
 OFF = 3.0  # standard errors by which a size may be off
 

@@ -7,9 +7,12 @@ from hidden.causes import scale
 from hidden.information import Bench
 from hidden.motion import Refused
 
+from calib.diagnosis.criteria import CRITERIA
+
 KINDS = ("second_stop", "quintic", "parametric", "magnet", "cogging", "valve")
 BETWEEN = ("coupling",)  # of a plant with two measured bodies
-EXPRESSED = 0.87  # |cos| after calibration from which an effect explains three quarters of what a remainder does
+LEAST = CRITERIA.min_over_remainder
+EXPRESSED = float(np.sqrt(LEAST / (1.0 + LEAST)))  # |cos| after calibration from which an effect may be named for it
 DRAWS = 12  # of a kind and its shape, until no effect expresses it
 FIRST = 1e-3  # size that is tried first, in natural scales
 CLOSE = 0.03  # of the wanted share

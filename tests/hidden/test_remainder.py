@@ -7,6 +7,7 @@ from hidden.flight import Laws, rates
 from hidden.four_dof import PLANS, plant
 from hidden.four_dof import TRUTH as FOUR_DOF
 from hidden.hider import bench, hide
+from hidden.motion import Refused
 from hidden.remainder import BETWEEN, EXPRESSED, KINDS, change, expressed_by, remainder, scaled
 from simulators.four_dof_peer import spring_drive
 
@@ -28,13 +29,16 @@ def test_a_remainder_makes_the_wanted_share_of_the_motion(simulator, kind, cache
     assert change(at, values) == pytest.approx(0.02, rel=0.05)
 
 
-@pytest.mark.parametrize("simulator", ["oscillator", "four_dof"])
 @pytest.mark.parametrize("share", SHARES)
-def test_no_effect_expresses_a_remainder_that_is_drawn(simulator, share, cache):
-    at = bench(simulator, cache)
-    _, values = remainder(at, share, seed=8)
-    assert change(at, values) == pytest.approx(share, rel=0.05)
-    assert expressed_by(at, values)[1] < EXPRESSED
+def test_what_an_effect_expresses_is_no_remainder(share, cache, monkeypatch):
+    at = bench("oscillator", cache)
+    monkeypatch.setattr("hidden.remainder.KINDS", ("quintic",))
+    with pytest.raises(Refused, match="cubic_stiffness expresses 'quintic'"):
+        remainder(at, share, seed=8)
+    monkeypatch.setattr("hidden.remainder.KINDS", ("quintic", "magnet"))
+    kind, values = remainder(at, share, seed=8)
+    assert kind == "magnet"
+    assert set(values) == {"magnet", "magnet_place", "magnet_width"}
 
 
 def test_how_well_an_effect_imitates_a_remainder_is_known(cache):

@@ -230,13 +230,26 @@ def test_whether_several_causes_have_one_size_everywhere_is_said(z, differ, stud
 def test_what_explains_too_little_of_a_remainder_is_told_and_not_named(study):
     said = document("named", VALUES)
     assert not left_out(said)
-    said["left_out"] = [{"effect": "preload", "share": 0.637}]
+    said["left_out"] = [{"effect": "preload", "share": 0.637, "beside": ["quadratic_drag"]}]
     [sentence] = left_out(said)
     assert sentence.startswith("Beside quadratic_drag, preload explains 64\u00a0% of what then remains. It is not ")
     assert sentence in points(said)
+    beside = ["quadratic_drag", "preload"]
+    said["left_out"].insert(0, {"effect": "coulomb_friction", "share": 0.4, "beside": beside})
+    assert left_out(said)[0].startswith("Beside quadratic_drag and preload, coulomb_friction explains 40\u00a0%")
     last = chapter(said, {}, {"values": VALUES}, study)["rounds"][-1]
     assert last["chosen"] == "without preload, which explains 64 % of what the others leave: too little"
     assert last["share"] == "-"
+
+
+def test_a_misfit_that_rises_on_what_was_held_out_is_said_to_rise(capsys):
+    said = document("unexplained", VALUES) | {"closest": ["quadratic_drag"]}
+    said["gain"] = GAIN | {"before": 0.34, "after": 0.36, "interval": [-0.03, -0.01], "proven": False}
+    [told] = [text for text in points(said) if text.startswith("On ")]
+    assert "more by 1 to 3 percentage points" in told
+    assert "includes zero" not in told
+    show(said, "out", None, Console(file=(shown := io.StringIO()), width=200))
+    assert "more by 0.01 to 0.03 - what was held out refutes it" in shown.getvalue()
 
 
 @pytest.mark.parametrize("inconstancy", [0.13, 5.3])
