@@ -167,12 +167,9 @@ class Selection:
         by_name = {r.chosen.name: r.margin for r in self.rounds if r.chosen is not None}
         if not all(cause.name in by_name for cause in self.causes):
             return 0.0
-        margins = [*(by_name[cause.name] for cause in self.causes), *self._elimination_margins]
-        return max(0.0, min(margins if self.is_sufficient and margins else [self.remaining_chi2, *margins]))
-
-    @property
-    def _elimination_margins(self) -> tuple[float, ...]:
-        return (self.elimination_margin,) if np.isfinite(self.elimination_margin) else ()
+        margins = [by_name[cause.name] for cause in self.causes]
+        rests_on = margins if self.is_sufficient and margins else [self.remaining_chi2, *margins]
+        return max(0.0, min(self.elimination_margin, *rests_on))
 
     def with_rivals(self, rivals: Sequence[Refitted]) -> "Selection":
         """Return the selection with these indistinguishable from the one of its causes that is among them."""
@@ -338,7 +335,7 @@ def _may_be_compromise(fitter: Fitter, state: _Stepwise) -> bool:
     """
     excess, std = excess_chi2(fitter.evidence, state.final), chi2_std(fitter.evidence)
     rejected = state.rounds[-1].rejected
-    if rejected is None or rejected.name in {cause.name for cause, _ in state.causes}:
+    if rejected is None or rejected.name in state.names:
         return significant(excess, std) and not dominant(excess, std)
     beyond = significant(excess, std) or bool(state.causes)
     return beyond and not dominant(excess - rejected.chi2_reduction, std)
@@ -426,8 +423,7 @@ def _round(
 ) -> tuple[Round, Fit | None]:
     """Search for a further cause and judge it; beside it the model with it, None where nothing was chosen."""
     evidence, base = fitter.evidence, state.final
-    taken = {cause.name for cause, _ in state.causes}
-    rest = [c for c in candidates if c.name not in taken]
+    rest = [c for c in candidates if c.name not in state.names]
     outcome = search(fitter, base, rest, seed, excess_chi2(evidence, base) / chi2_std(evidence), state.known)
     outcome = replace(outcome, excess_chi2_of_null=excess_chi2(evidence, state.null))
     if outcome.chosen is None:

@@ -28,6 +28,7 @@ LEGEND = {
 }
 STEEP = 12.0  # largest |z| over the threshold, from which the axis is logarithmic
 MAX_LINEAR = 200.0  # largest shift, in standard errors, up to which the axis is linear  [1]
+ROOM, ROOM_OF_LOGARITHMS = 1.3, 40.0  # end of that axis over the largest shift, which leaves room for the labels  [1]
 WIDE = 0.62 * WIDTH  # inch: of a picture that would be too wide over the whole page
 
 
@@ -182,7 +183,7 @@ def shifts(found: Sequence[Mapping[str, Any]]) -> Figure | None:
         axes.set_yticks(range(len(known)), [s["parameter"] for s in reversed(known)])
         axes.set_ylim(-0.6, len(known) - 0.4)
         logarithmic = largest > MAX_LINEAR
-        reach = (40.0 if logarithmic else 1.3) * max(largest, 2.5)  # room for the labels
+        reach = (ROOM_OF_LOGARITHMS if logarithmic else ROOM) * max(largest, 2.5)
         axes.set_xlim(-reach, reach)
         if logarithmic:
             axes.set_xscale("symlog", linthresh=2.0)

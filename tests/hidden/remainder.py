@@ -9,6 +9,10 @@ from hidden.motion import Refused
 
 from calib.diagnosis.criteria import CRITERIA
 
+POWERS = {  # of metre and second, of the parameter that makes the size of a kind
+    "second_stop": (-0.5, -2), "quintic": (-4, -2), "parametric": (0, -2), "magnet": (1, -2), "cogging": (1, -2),
+    "valve": (-1, -1), "coupling": (-2, -2),
+}  # fmt: skip
 KINDS = ("second_stop", "quintic", "parametric", "magnet", "cogging", "valve")
 BETWEEN = ("coupling",)  # of a plant with two measured bodies
 LEAST = CRITERIA.min_over_remainder
@@ -96,12 +100,6 @@ def change(at: Bench, values: Mapping[str, float]) -> float:
         changed[len(changed) // 2 :, at.blind(plan, np.concatenate([before.impacts, after.impacts]))] = 0.0
         shares += ((changed**2).mean(axis=1) / (before.rows**2).mean(axis=1)).tolist()
     return float(np.sqrt(np.mean(shares)))
-
-
-POWERS = {  # of metre and second, of the parameter that makes the size of a kind
-    "second_stop": (-0.5, -2), "quintic": (-4, -2), "parametric": (0, -2), "magnet": (1, -2), "cogging": (1, -2),
-    "valve": (-1, -1), "coupling": (-2, -2),
-}  # fmt: skip
 
 
 def drawn_shape(at: Bench, kind: str, rng: np.random.Generator) -> dict[str, float]:

@@ -29,6 +29,12 @@ def test_a_remainder_makes_the_wanted_share_of_the_motion(simulator, kind, cache
     assert change(at, values) == pytest.approx(0.02, rel=0.05)
 
 
+@pytest.mark.parametrize("simulator", ["oscillator", "four_dof"])
+def test_a_large_remainder_can_be_made_of_every_system(simulator, cache):
+    at, rng = bench(simulator, cache), np.random.default_rng(3)
+    assert any(change(at, scaled(at, kind, 0.05, rng)) > 0.04 for kind in KINDS[:2])
+
+
 @pytest.mark.parametrize("share", SHARES)
 def test_what_an_effect_expresses_is_no_remainder(share, cache, monkeypatch):
     at = bench("oscillator", cache)
