@@ -22,6 +22,9 @@ class Criteria:
     min_over_remainder : rise of chi-square without a cause that is named, relative to the excess chi-square that all
         causes leave where that is a misfit  [1]; convention: at 2 the angle between what the cause changes and what the
         others leave has a cosine of 0.82 or more
+    model_error_cosine : of the angle between what a cause changes in a record and what the model lacks there, root mean
+        square  [1]; of laws that no effect expresses those most like effects, 0.13 to 0.39 by law and laboratory
+        (tests/benchmarks/bench_model_error.py)
     min_explained_share : excess chi-square that the steps of converters explain at least to stand in the place of
         causes, relative to that of the calibrated model  [1]; convention
     min_share_of_remainder : excess chi-square that a further cause explains at least, relative to what the causes
@@ -69,6 +72,7 @@ class Criteria:
     dominant_excess: float = 0.5
     negligible_share: float = 0.01
     min_over_remainder: float = 2.0
+    model_error_cosine: float = 0.35
     min_explained_share: float = 0.5
     min_share_of_remainder: float = 0.25
     confidence_level: float = 0.95

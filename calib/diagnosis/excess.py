@@ -39,3 +39,12 @@ def max_relative_bias(excess: float, chi2: float) -> float:
     (the inequality of Cauchy and Schwarz).
     """
     return float(np.sqrt(max(0.0, excess) / max(chi2, 1e-300)))
+
+
+def bias_std(excess: float, information: float) -> float:
+    """Standard deviation of what an excess chi-square biases a size of this information by  [unit of the size].
+
+    The bound of Cauchy and Schwarz, sqrt(excess / information), is met by what is just like the effect; of it this is
+    the share that is typical for what a model lacks.
+    """
+    return CRITERIA.model_error_cosine * float(np.sqrt(max(0.0, excess) / information))

@@ -13,7 +13,7 @@ from calib.diagnosis.clock import clock_slopes
 from calib.diagnosis.constancy import cochran, variation
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.evidence import Evidence, Part, gathered
-from calib.diagnosis.excess import significant
+from calib.diagnosis.excess import bias_std, significant
 from calib.diagnosis.refit import Fit, Fitter
 from calib.diagnosis.score import Projection, Signature, deviate
 from calib.diagnosis.signature import Direction, slopes
@@ -39,8 +39,7 @@ class Transfer:
     size, error : estimate and standard error  [unit of the parameter]
     held : whether the record had no part in calibration and naming
     freedom : degrees of freedom of the error: few where what is left changes slowly  [1]
-    max_bias : by how much what is left in this record beside the noise may bias the size, at most  [unit of the
-        parameter]
+    bias : standard deviation of the bias by what is left in this record beside the noise  [unit of the parameter]
     """
 
     record: str
@@ -49,7 +48,7 @@ class Transfer:
     error: float
     held: bool
     freedom: float = np.inf
-    max_bias: float = 0.0
+    bias: float = 0.0
 
     @property
     def half_width(self) -> float:
@@ -294,18 +293,18 @@ def _transfers(evidence: Evidence, final: Fit, columns: Mapping[str, np.ndarray]
             others = np.column_stack([np.delete(columns[part.name], index, axis=1), nuisances[own]])
             alone = _refitted(residual[own], columns[part.name][:, index], others, numbers[own])
             if alone is not None:
-                step, error, freedom, max_bias = alone
-                transfers.append(Transfer(part.name, name, final.value(name) + step, error, held, freedom, max_bias))
+                step, error, freedom, bias = alone
+                transfers.append(Transfer(part.name, name, final.value(name) + step, error, held, freedom, bias))
     return tuple(transfers)
 
 
 def _refitted(
     residual: np.ndarray, column: np.ndarray, others: np.ndarray, rows: np.ndarray
 ) -> tuple[float, float, float, float] | None:
-    """Step of one parameter, its standard error, the degrees of freedom of that, and its bias at most.
+    """Step of one parameter, its standard error, the degrees of freedom of that, and the standard deviation of its bias.
 
-    A partial regression: the `others` (n, k) are free as well. What it leaves, where that is more than noise, may bias
-    the step as in `max_relative_bias`.
+    A partial regression: the `others` (n, k) are free as well. What it leaves, where that is more than noise, biases
+    the step as in `bias_std`.
 
     The error counts what the model leaves beside the noise, as that of the joint size does; it is none less than what
     the noise alone makes. None where the others absorb the column but for the error of the derivatives.
@@ -325,8 +324,8 @@ def _refitted(
     error = float(np.sqrt(max(covariance[0, 0], 1.0 / information)))
     degrees = float(np.count_nonzero(remaining)) - projection.rank - 1.0
     excess = float(remaining @ remaining) - degrees
-    max_bias = np.sqrt(excess / information) if significant(excess, np.sqrt(2.0 * max(degrees, 1.0))) else 0.0
-    return step, error, max(1.0, float(freedom[0]) - projection.rank), float(max_bias)  # the others take theirs
+    bias = bias_std(excess, information) if significant(excess, np.sqrt(2.0 * max(degrees, 1.0))) else 0.0
+    return step, error, max(1.0, float(freedom[0]) - projection.rank), bias  # the others take theirs
 
 
 def _columns(
@@ -371,7 +370,7 @@ def agreements(transfers: Sequence[Transfer], threshold: float) -> tuple[Agreeme
     """Whether the records agree on each size that several of them have: chi-square about the weighted mean.
 
     An error of few degrees of freedom counts as that of the normal distribution with the same 95 % interval. What is
-    left in a record beside the noise widens it by how much it may bias the size, but takes no weight from the record
+    left in a record beside the noise widens it by the bias that it may make, but takes no weight from the record
     where it is asked by how much sizes vary.
 
     Parameters
@@ -385,7 +384,7 @@ def agreements(transfers: Sequence[Transfer], threshold: float) -> tuple[Agreeme
             continue
         size, same = np.array([t.size for t in own]), np.zeros(len(own), dtype=int)
         raw, _, raw_mean_chi2 = cochran(size, np.diag([t.normal_error**2 for t in own]), same)
-        q, degrees, mean_chi2 = cochran(size, np.diag([t.normal_error**2 + t.max_bias**2 for t in own]), same)
+        q, degrees, mean_chi2 = cochran(size, np.diag([t.normal_error**2 + t.bias**2 for t in own]), same)
         z = float(deviate(q, degrees))
         limit = float(stats.chi2.isf(2.0 * stats.norm.sf(threshold), degrees))
         compared.append(

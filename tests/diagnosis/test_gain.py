@@ -27,8 +27,8 @@ def test_the_error_of_a_record_alone_covers_what_calibrated_parameters_take():
     for _ in range(300):
         noise = rng.standard_normal(N)
         residual = 0.7 * column - 2.0 * others[:, 0] + noise  # the calibrated value is off, too
-        size, error, _, max_bias = _refitted(residual, column, others, ROW)
-        biased += max_bias > 0.0
+        size, error, _, bias = _refitted(residual, column, others, ROW)
+        biased += bias > 0.0
         deviates.append((size - 0.7) / error)
         raw.append(error * np.linalg.norm(column))
     assert np.std(deviates) == pytest.approx(1.0, abs=0.15)
