@@ -301,7 +301,7 @@ def _transfers(evidence: Evidence, final: Fit, columns: Mapping[str, np.ndarray]
 def _refitted(
     residual: np.ndarray, column: np.ndarray, others: np.ndarray, rows: np.ndarray
 ) -> tuple[float, float, float, float] | None:
-    """Step of one parameter, its standard error, the degrees of freedom of that, and the standard deviation of its bias.
+    """Step of one parameter, its standard error and its degrees of freedom, and the standard deviation of its bias.
 
     A partial regression: the `others` (n, k) are free as well. What it leaves, where that is more than noise, biases
     the step as in `bias_std`.

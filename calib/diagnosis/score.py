@@ -103,8 +103,8 @@ def score_test(residual: np.ndarray, signature: Signature, segments: np.ndarray)
         return ScoreTest(0.0, size, error, 0.0)
     unit = signature.columns[:, nonzero] / scale[nonzero]
     equations = _NormalEquations(_products(unit, unit, segments))
-    theta, reduction, inflation = equations.solved(_products(unit, residual[:, None], segments)[None, :, :, 0])
-    size[nonzero] = theta[0] / scale[nonzero]
+    theta, reduction, inflation = equations.solved(_products(unit, residual[:, None], segments))
+    size[nonzero] = theta[:, 0] / scale[nonzero]
     error[nonzero] = np.sqrt(inflation[0] * np.diag(equations.inverse)) / scale[nonzero]
     sign = np.sign(theta[0, 0]) if nonzero.sum() == 1 else 1.0
     z = float(sign * deviate(reduction[0] / inflation[0], equations.rank))
@@ -124,15 +124,15 @@ class _NormalEquations:
         self.rank = max(1, int(np.linalg.matrix_rank(gram, tol=1e-6, hermitian=True)))
 
     def solved(self, scores: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Estimates (draw, p), reduction of chi-square (draw,), inflation of variance by autocorrelation (draw,).
+        """Estimates (p, draw), reduction of chi-square (draw,), inflation of variance by autocorrelation (draw,).
 
-        scores : (draw, segment, p)
+        scores : (segment, p, draw)
         """
-        total = scores.sum(axis=1)
-        theta = total @ self.inverse
-        residual = scores - np.einsum("bij,dj->dbi", self.parts, theta)
-        spread = np.einsum("dbi,dbi->d", residual @ self.inverse, residual) / self.rank
-        return theta, (theta * total).sum(axis=1), np.maximum(1.0, spread)
+        total = scores.sum(axis=0)
+        theta = self.inverse @ total
+        residual = scores - self.parts @ theta
+        spread = ((self.inverse @ residual) * residual).sum(axis=(0, 1)) / self.rank
+        return theta, (theta * total).sum(axis=0), np.maximum(1.0, spread)
 
 
 def _products(one: np.ndarray, other: np.ndarray, segments: np.ndarray) -> np.ndarray:
@@ -173,16 +173,15 @@ def threshold(signatures: Sequence[Signature], segments: np.ndarray, seed: int, 
     parts = _products(whole, whole, segments)
     values, vectors = np.linalg.eigh(parts)
     roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
-    white = rng.standard_normal((NOISE_DRAWS, len(roots), roots.shape[-1]))
-    drawn = (roots @ white.transpose(1, 2, 0)).transpose(2, 0, 1)
+    drawn = roots @ rng.standard_normal((*roots.shape[:-1], NOISE_DRAWS))
     largest, first = np.zeros(NOISE_DRAWS), 0
     for columns, sign in units:
         own = slice(first, first + columns.shape[1])
         first = own.stop
         equations = _NormalEquations(parts[:, own, own])
-        theta, reduction, inflation = equations.solved(drawn[:, :, own])
+        theta, reduction, inflation = equations.solved(drawn[:, own])
         z = deviate(reduction / inflation, equations.rank)
         if sign and columns.shape[1] == 1:
-            z = np.where(theta[:, 0] * sign > 0.0, z, 0.0)
+            z = np.where(theta[0] * sign > 0.0, z, 0.0)
         largest = np.maximum(largest, z)
     return float(np.quantile(largest, CRITERIA.threshold_quantile))
