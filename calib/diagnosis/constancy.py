@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.confidence.covariance import sandwich
+from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.refit import Fit
 from calib.diagnosis.score import Projection, deviate
@@ -40,6 +41,21 @@ class Constancy:
     variation: float
     chi2: float
     among: str = CHANNELS
+
+
+def differing(found: Sequence[Constancy], threshold: float, explained_by_several: bool) -> tuple[Constancy, ...]:
+    """Return those whose sizes differ: each acts like an effect, and is none.
+
+    For sure, and among channels by more than what is left may have made. Where several effects leave nothing but noise
+    nothing has: they may imitate any other, and have one size each if they do not.
+
+    Parameters
+    ----------
+    threshold : of the normal deviate
+    explained_by_several : whether these effects are several, and leave nothing but noise
+    """
+    least = 0.0 if explained_by_several else CRITERIA.max_variation
+    return tuple(c for c in found if c.z > threshold and (c.among == RECORDS or c.variation > least))
 
 
 def constancies(evidence: Evidence, fit: Fit) -> tuple[Constancy, ...]:

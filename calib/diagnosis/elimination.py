@@ -1,17 +1,18 @@
-"""Backward elimination: where causes leave a misfit, those are kept of which each explains several times as much as it.
+"""Backward elimination: those causes are kept that explain several times what may remain, with one size each.
 
 What nobody has modelled looks a little like any effect, and like some of many by chance. One that explains W of what
 the other causes leave, W + R, makes an angle with it whose cosine is sqrt(W / (W + R)), and of the size that fits,
 a remainder R may have made sqrt(R / W) at most (the inequality of Cauchy and Schwarz). An effect that is told from what
-remains therefore explains much more than that. Source of the procedure: Miller, Subset Selection in Regression, 2002,
-section 3.
+remains therefore explains much more than that. How much remains the sum of squares tells, to its standard error; what
+was left out remains in any case. Source of the procedure: Miller, Subset Selection in Regression, 2002, section 3.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.diagnosis.constancy import Constancy, constancies, differing
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.excess import chi2_std, excess_chi2, significant
 from calib.diagnosis.refit import Fit, Fitter
@@ -21,18 +22,21 @@ from calib.diagnosis.suspect import Cause
 
 @dataclass(frozen=True)
 class LeftOut:
-    """A cause that explains too little beside what remains to be told from something that only looks like it.
+    """A cause that may as well be something else that only looks like it.
 
     Attributes
     ----------
     effect : its name
-    share : of the excess chi-square that the other causes leave, which it explains  [1]
+    share : of the excess chi-square that the other causes may leave, which it explains  [1]
     beside : names of those others
+    variation : by which its size differs among the channels of the records, if that is why  [1]; 0: it explains too
+        little
     """
 
     effect: str
     share: float
     beside: tuple[str, ...]
+    variation: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,9 +47,8 @@ class Elimination:
     ----------
     causes, final : that are left, and their model; those from which it began where none would be left
     is_explained : whether some are left
-    left_out : the others, the weakest first; none where none would be left
-    margin : excess chi-square by which the nearest of all comparisons was decided; infinite where nothing but noise is
-        left
+    left_out : the others, in order; none where none would be left
+    margin : excess chi-square by which the nearest of all comparisons was decided; infinite where there was none
     """
 
     causes: tuple[Cause, ...]
@@ -55,41 +58,102 @@ class Elimination:
     margin: float = np.inf
 
 
-def eliminated(fitter: Fitter, null: Fit, causes: Sequence[Cause], final: Fit) -> Elimination:
-    """Leave out the weakest cause in turn, until each explains several times what all leave, or no misfit is left.
+def eliminated(
+    fitter: Fitter, null: Fit, causes: Sequence[Cause], final: Fit, threshold: float, attained: float
+) -> Elimination:
+    """Leave out the weakest cause in turn, until each explains several times what may remain.
 
-    The others are refitted without it; where the budget is spent no fit begins: a cause is then taken to explain what
-    it did when it was found, and all are left or none.
+    Then those whose sizes differ among channels, the weakest first, if what is left explains enough without them. The
+    others are refitted without it; where the budget is spent no fit begins: a cause is then taken to explain what it
+    did when it was found, and all are left or none.
 
     Parameters
     ----------
     null, final : the calibrated model, and the one with the causes
+    threshold : of the normal deviate, from which sizes differ
+    attained : chi-square with these causes, and others that were left out before
     """
-    kept, model, left_out, margin = tuple(causes), final, [], np.inf
-    while kept:
-        remaining = excess_chi2(fitter.evidence, model)
-        if not significant(remaining, chi2_std(fitter.evidence)):
-            return Elimination(kept, model, True, tuple(left_out), margin)
-        spent = len(kept) > 1 and fitter.effort.spent
-        reduced = [] if spent else [_without(fitter, null, model, kept, cause) for cause in kept]
-        rises = [fit.chi2 - model.chi2 if fit.names else np.inf for fit in reduced]
-        rises = rises or [cause.chi2_reduction for cause, _ in kept]
+    whole = Elimination(tuple(causes), final, True)
+    heavy = found = _outweighing(fitter, null, whole, attained)
+    while found.is_explained and (unlike := _of_several_sizes(fitter, found, threshold)):
+        if len(found.causes) == 1 or fitter.effort.spent:
+            return heavy
+        least = min(unlike, key=lambda c: c.chi2)
+        [cause] = [c for c in found.causes if c[0].name == least.effect]
+        model = _without(fitter, null, found, cause)
+        if not model.names:
+            return heavy
+        share = _share(model.chi2 - found.final.chi2, _remaining(fitter, null, found, attained))
+        found = _outweighing(fitter, null, _less(fitter, found, cause, model, share, least.variation), attained)
+    return found if found.is_explained else heavy
+
+
+def _of_several_sizes(fitter: Fitter, found: Elimination, threshold: float) -> tuple[Constancy, ...]:
+    """Causes whose sizes differ among channels."""
+    explained_by_several = len(found.causes) > 1 and _leaves_noise(fitter, found)
+    return differing(constancies(fitter.evidence, found.final), threshold, explained_by_several)
+
+
+def _leaves_noise(fitter: Fitter, found: Elimination) -> bool:
+    """Whether a model leaves nothing but noise, as far as the sum of squares tells."""
+    return not significant(excess_chi2(fitter.evidence, found.final), chi2_std(fitter.evidence))
+
+
+def _outweighing(fitter: Fitter, null: Fit, begun: Elimination, attained: float) -> Elimination:
+    """Leave out the weakest cause in turn, until each explains several times what may remain.
+
+    attained : chi-square with all causes, those included that were left out
+    """
+    found = begun
+    while found.causes:
+        alone, remaining = len(found.causes) == 1, _remaining(fitter, null, found, attained)
+        spent = not alone and fitter.effort.spent
+        if spent and _leaves_noise(fitter, found):
+            return found
+        reduced = [] if spent else [_without(fitter, null, found, cause) for cause in found.causes]
+        rises = [fit.chi2 - found.final.chi2 if fit.names else np.inf for fit in reduced]
+        rises = rises or [cause.chi2_reduction for cause, _ in found.causes]
         weakest = int(np.argmin(rises))
         over = rises[weakest] - CRITERIA.min_over_remainder * remaining
-        margin = min(margin, abs(over))
+        found = replace(found, margin=min(found.margin, abs(over)))
         if over >= 0.0:
-            return Elimination(kept, model, True, tuple(left_out), margin)
-        if spent:
+            return found
+        if spent or alone:
             break
-        share = rises[weakest] / (rises[weakest] + remaining)
-        out, kept = kept[weakest], (*kept[:weakest], *kept[weakest + 1 :])
-        left_out.append(LeftOut(out[0].name, share, tuple(cause.name for cause, _ in kept)))
-        if kept:
-            model = fitter.with_derivatives(reduced[weakest])
-    return Elimination(tuple(causes), final, False, margin=margin)
+        share = _share(rises[weakest], remaining)
+        found = _less(fitter, found, found.causes[weakest], reduced[weakest], share)
+    return replace(begun, is_explained=False, margin=found.margin)
 
 
-def _without(fitter: Fitter, null: Fit, final: Fit, causes: Sequence[Cause], left_out: Cause) -> Fit:
+def _remaining(fitter: Fitter, null: Fit, found: Elimination, attained: float) -> float:
+    """Excess chi-square that a model leaves, if it is a misfit, and no less than those explained that were left out.
+
+    Of several causes the upper limit of what it leaves, though no more than the form of laws, which is never quite the
+    right one, may make.
+    """
+    excess, model = excess_chi2(fitter.evidence, found.final), found.final
+    known = max(0.0 if _leaves_noise(fitter, found) else excess, model.chi2 - attained)
+    if len(found.causes) == 1:
+        return known
+    limit = excess + CRITERIA.upper_limit_std * chi2_std(fitter.evidence)
+    return max(known, min(limit, CRITERIA.model_error_share * (null.chi2 - model.chi2)))
+
+
+def _share(rise: float, remaining: float) -> float:
+    """Share that a cause explains of what the others leave."""
+    return rise / (rise + remaining)
+
+
+def _less(
+    fitter: Fitter, found: Elimination, cause: Cause, model: Fit, share: float, variation: float = 0.0
+) -> Elimination:
+    """Leave out a cause; model : without it."""
+    kept = tuple(other for other in found.causes if other is not cause)
+    out = LeftOut(cause[0].name, share, tuple(other.name for other, _ in kept), variation)
+    return replace(found, causes=kept, final=fitter.with_derivatives(model), left_out=(*found.left_out, out))
+
+
+def _without(fitter: Fitter, null: Fit, found: Elimination, left_out: Cause) -> Fit:
     """Fit the model with all causes but one."""
-    others = tuple(cause.candidate for cause, _ in causes if cause is not left_out[0])
-    return without_cause(fitter, null, final, left_out[0], others)
+    others = tuple(cause.candidate for cause, _ in found.causes if cause is not left_out[0])
+    return without_cause(fitter, null, found.final, left_out[0], others)

@@ -32,15 +32,6 @@ def dominant(excess: float, std: float) -> bool:
     return excess > CRITERIA.dominant_excess * std**2
 
 
-def max_relative_bias(excess: float, chi2: float) -> float:
-    """By how much an excess chi-square may bias the size of an effect of this chi-square, relative to the size.
-
-    A remainder of chi-square R moves a size, whose effect has the chi-square W, by sqrt(R / W) of itself at most
-    (the inequality of Cauchy and Schwarz).
-    """
-    return float(np.sqrt(max(0.0, excess) / max(chi2, 1e-300)))
-
-
 def bias_std(excess: float, information: float) -> float:
     """Standard deviation of what an excess chi-square biases a size of this information by  [unit of the size].
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from calib.diagnosis.constancy import constancies
+from calib.diagnosis.constancy import constancies, differing
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.evidence import Evidence
-from calib.diagnosis.excess import chi2_std, dominant, excess_chi2, max_relative_bias, significant
+from calib.diagnosis.excess import chi2_std, dominant, excess_chi2, significant
 from calib.diagnosis.prediction import Prediction, predicted
 from calib.diagnosis.refit import Fit
 from calib.diagnosis.suspect import Refitted
@@ -106,8 +106,7 @@ def _is_heterogeneous(evidence: Evidence, extended: Fit, cause: Refitted, thresh
 
     threshold : of the normal deviate from which sizes differ
     """
-    remainder = excess_chi2(evidence, extended)
-    if not dominant(remainder, chi2_std(evidence)):
+    if not dominant(excess_chi2(evidence, extended), chi2_std(evidence)):
         return False
-    [constancy] = [c for c in constancies(evidence, extended) if c.effect == cause.name]
-    return constancy.z > threshold and constancy.variation > max_relative_bias(remainder, constancy.chi2)
+    own = [c for c in constancies(evidence, extended) if c.effect == cause.name]
+    return bool(differing(own, threshold, explained_by_several=False))

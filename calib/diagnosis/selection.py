@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.diagnosis.candidate import Candidate
-from calib.diagnosis.constancy import CHANNELS, RECORDS, Constancy, constancies
+from calib.diagnosis.constancy import CHANNELS, RECORDS, Constancy, constancies, differing
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.elimination import Elimination, LeftOut, eliminated
 from calib.diagnosis.evidence import Evidence, clocks_differ
@@ -15,7 +15,6 @@ from calib.diagnosis.excess import (
     degrees_of_freedom,
     dominant,
     excess_chi2,
-    max_relative_bias,
     significant,
 )
 from calib.diagnosis.gain import Agreement
@@ -62,7 +61,6 @@ class Selection:
     left_out : that explain part of what the causes leave, and too little to be causes
     elimination_margin : excess chi-square by which it is decided that the causes explain enough, and these do not
     cut_short : whether the budget was spent before all that might change the answer was tried
-    noise_is_independent : whether the noise is known otherwise than as what a fit leaves
     """
 
     rounds: tuple[Round, ...]
@@ -79,7 +77,6 @@ class Selection:
     left_out: tuple[LeftOut, ...] = ()
     elimination_margin: float = np.inf
     cut_short: bool = False
-    noise_is_independent: bool = True
 
     def without_causes(self) -> "Selection":
         """Return the same search with the calibrated model as its answer."""
@@ -111,23 +108,10 @@ class Selection:
         return significant(self.remaining_chi2, self.chi2_std)
 
     @property
-    def remainder_dominates(self) -> bool:
-        """Whether more of what the causes leave is error of the model than noise."""
-        return dominant(self.remaining_chi2, self.chi2_std)
-
-    @property
     def heterogeneous(self) -> tuple[Constancy, ...]:
-        """Causes whose sizes differ among the records, or among their channels: each acts like an effect, and is none.
-
-        Several that do may imitate any other: together they are a flexible model. One cause that leaves nothing but
-        noise speaks for itself in the records that it was fitted to, unless noise is what it leaves. What is left
-        beside the noise may bias the size of a channel (`max_relative_bias`); from record to record that is counted
-        where sizes are compared.
-        """
-        speaks_for_itself = len(self.causes) < 2 and not self.remainder_dominates and self.noise_is_independent
-        remainder, threshold = self.remaining_chi2 if self.remainder_is_significant else 0.0, self.rounds[0].threshold
-        differing = [c for c in self.constancy if c.z > threshold and not (speaks_for_itself and c.among == CHANNELS)]
-        return tuple(c for c in differing if c.among == RECORDS or c.variation > max_relative_bias(remainder, c.chi2))
+        """Causes whose sizes differ among the records or their channels: each acts like an effect, and is none."""
+        several = len(self.causes) > 1 and not self.remainder_is_significant
+        return differing(self.constancy, self.rounds[0].threshold, explained_by_several=several)
 
     @property
     def is_homogeneous(self) -> bool:
@@ -210,6 +194,7 @@ class _Stepwise:
     causes : in the final model
     exchanges : of causes for others
     elimination : of these causes; None before they have been through it
+    attained : least chi-square of a model that went through elimination: what its causes explained remains without them
     """
 
     null: Fit
@@ -219,6 +204,7 @@ class _Stepwise:
     causes: tuple[Cause, ...] = ()
     exchanges: tuple[Exchange, ...] = ()
     elimination: Elimination | None = None
+    attained: float = np.inf
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -279,8 +265,9 @@ def _through_elimination(fitter: Fitter, state: _Stepwise) -> _Stepwise:
     """Leave out causes that explain little beside what remains; if that is all, they stay as what comes closest."""
     if not state.causes or state.elimination is not None:
         return state
-    left = eliminated(fitter, state.null, state.causes, state.final)
-    return replace(state, causes=left.causes, final=left.final, elimination=left)
+    attained = min(state.attained, state.final.chi2)
+    left = eliminated(fitter, state.null, state.causes, state.final, state.rounds[0].threshold, attained)
+    return replace(state, causes=left.causes, final=left.final, elimination=left, attained=attained)
 
 
 def _with_best_pair(fitter: Fitter, state: _Stepwise, candidates: Sequence[Candidate], seed: int) -> _Stepwise:
@@ -297,7 +284,7 @@ def _with_best_pair(fitter: Fitter, state: _Stepwise, candidates: Sequence[Candi
     if not _explains_more(fitter.evidence, null, state.causes, state.final, (causes, final)):
         return state
     if state.is_explained:
-        left = eliminated(fitter, null, causes, final)
+        left = eliminated(fitter, null, causes, final, threshold, final.chi2)
         if left.left_out or not left.is_explained:
             return state
     rejected = _any_rejected(fitter, null, [cause for cause, _ in causes], final, threshold)
@@ -393,7 +380,6 @@ def _selection(fitter: Fitter, state: _Stepwise) -> Selection:
         left_out=tuple(one for one in left.left_out if one.effect not in told) if left else (),
         elimination_margin=left.margin if left else np.inf,
         cut_short=fitter.effort.spent,
-        noise_is_independent=all(n.is_independent for part in common.parts for n in part.compared_noise),
     )
 
 

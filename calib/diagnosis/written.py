@@ -184,6 +184,7 @@ def _gain(gain: Gain) -> dict[str, Any]:
         "proven": gain.proven,
         "each": {name: list(pair) for name, pair in gain.each.items()},
         "failed": dict(gain.failed),
+        "unaffected": list(gain.unaffected),
         "transfers": [{**asdict(transfer), "half_width": transfer.half_width} for transfer in gain.transfers],
         "agreements": [asdict(agreement) for agreement in gain.agreements],
         "shifts": [{**asdict(shift), "errors": shift.errors} for shift in gain.shifts],

@@ -206,15 +206,21 @@ def _remains(said):
 
 
 def left_out(said: Mapping[str, Any]) -> list[str]:
-    """Say which effects explain part of what remains, and too little to be named."""
+    """Say which effects explain part of what the named ones leave, and why they are not named."""
     if said["verdict"] not in (NAMED, ONE_OF, UNEXPLAINED):
         return []
     return [
-        f"Beside {' and '.join(one['beside'])}, {one['effect']} explains {percent(one['share'])} of what then remains. "
-        f"It is not named: what explains less than {percent(LEAST_SHARE)} of a remainder may only look like it. A "
-        "record in which it would be larger tells."
+        f"Beside {' and '.join(one['beside'])}, {one['effect']} explains {percent(one['share'])} of what may then "
+        f"remain. It is not named: {_why_left_out(one)}"
         for one in said.get("left_out", ())  # not written by earlier versions
     ]
+
+
+def _why_left_out(one: Mapping[str, Any]) -> str:
+    if one.get("variation"):  # not written by earlier versions
+        return f"its size differs by {percent(one['variation'])} among the channels: it stands in for something else."
+    small = f"what explains less than {percent(LEAST_SHARE)} of a remainder may only look like it."
+    return f"{small} A record in which it would be larger tells."
 
 
 def inconstant(said: Mapping[str, Any]) -> bool:
