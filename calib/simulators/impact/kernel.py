@@ -84,7 +84,7 @@ def fly(problem, state, w, ye, ve):
 
     A step over which the loads do not hold is halved; the next ones are at most twice as long as the one before.
     A step that an event ends is taken anew up to the event where laws act: at its end the collocation is of order 8,
-    within it only of order 5.
+    within it only of order 5. Where the loads do not hold up to there, the event is taken from a shorter step.
 
     Returns
     -------
@@ -98,13 +98,13 @@ def fly(problem, state, w, ye, ve):
     if wary and 2.0 * w.trust[0] < 0.99 * step:  # no sliver is left of it, which rounding might make nothing of
         step = 2.0 * w.trust[0]
     search = problem.exact and problem.stop
-    halved, again = False, 0
+    halved, again, rough = False, 0, False
     while True:
         state.count[STEPS] += 1
         if problem.collocated:
             converged = collocate(problem, r, state, time, step, w)
             if not converged and problem.exact and step > SHORTEST * problem.step:
-                halved = True
+                halved, rough = True, rough or again > 0
                 again = 0
                 step *= 0.5
                 continue
@@ -129,7 +129,7 @@ def fly(problem, state, w, ye, ve):
             w.added, step, step, problem.resolution, problem.lift, ye, ve,
         )  # fmt: skip
         state.count[STEPS] += jumps
-        if outcome != FOUND or problem.counts[0] == 0 or tau <= 0.0:
+        if outcome != FOUND or problem.counts[0] == 0 or rough or tau <= 0.0:
             return outcome, tau, step
         again = 1
         step = tau

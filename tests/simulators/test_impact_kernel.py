@@ -1,0 +1,25 @@
+"""One step of the exact integration, with loads and witnesses that stand in for those of a problem."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from calib.simulators.impact import kernel
+
+
+def test_a_step_is_found_where_its_loads_do_not_hold_up_to_the_event(monkeypatch):
+    """They hold over a second; the event seems to be earlier in every step, and later once the step ends with it."""
+    problem = SimpleNamespace(
+        exact=True, collocated=True, stop=True, counts=[1], step=1.6, resolution=1e-9, lift=0.0, regimes=None, omega=1.0
+    )
+    state = SimpleNamespace(count=np.zeros(16, dtype=int), clock=[0.0], y=None, v=None)
+    w = SimpleNamespace(trust=[1.6], load=None, added=None)
+    monkeypatch.setattr(kernel, "_step_length", lambda problem, state: 1.6)
+    monkeypatch.setattr(kernel, "collocate", lambda problem, r, state, time, step, w: step <= 1.0)
+    monkeypatch.setattr(kernel, "flow", lambda *state: None)
+    monkeypatch.setattr(kernel, "witness", lambda *state: (0.5, -1.0, 0.0, 0.0))  # half a second more
+    monkeypatch.setattr(kernel, "first_zero", lambda *state: (kernel.FOUND, 0.9 * state[10], 1))
+    outcome, tau, step = kernel.fly.py_func(problem, state, w, None, None)
+    assert outcome == kernel.FOUND
+    assert tau < step <= 1.0
+    assert state.count[kernel.STEPS] < 20
