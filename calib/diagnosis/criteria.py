@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-from scipy import stats
-
 
 @dataclass(frozen=True)
 class Criteria:
@@ -26,8 +24,6 @@ class Criteria:
         others leave has a cosine of 0.82 or more
     max_variation : standard deviation of the size of a cause among channels, relative to its mean, up to which what it
         leaves may have made them differ  [1]; convention: where it explains twice that, 0.25 is typical
-    model_error_share : excess chi-square that causes may leave because the form of a law is never quite the right one,
-        where the records cannot tell, relative to what they explain  [1]; convention
     model_error_cosine : of the angle between what a cause changes in a record and what the model lacks there, root mean
         square  [1]; of laws that no effect expresses those most like effects, 0.13 to 0.39 by law and laboratory
         (tests/benchmarks/bench_model_error.py)
@@ -79,7 +75,6 @@ class Criteria:
     negligible_share: float = 0.01
     min_over_remainder: float = 2.0
     max_variation: float = 1.0 / 3.0
-    model_error_share: float = 0.05
     model_error_cosine: float = 0.35
     min_explained_share: float = 0.5
     min_share_of_remainder: float = 0.25
@@ -105,11 +100,6 @@ class Criteria:
     min_variance_deficit_std: float = 5.0
     max_solver_share: float = 0.1
     max_solver_change: float = 0.01
-
-    @property
-    def upper_limit_std(self) -> float:
-        """Standard errors by which the upper limit of the confidence level is above an estimate."""
-        return float(stats.norm.ppf(self.confidence_level))
 
     @property
     def tail_probability(self) -> float:

@@ -83,7 +83,7 @@ def eliminated(
         model = _without(fitter, null, found, cause)
         if not model.names:
             return heavy
-        share = _share(model.chi2 - found.final.chi2, _remaining(fitter, null, found, attained))
+        share = _share(model.chi2 - found.final.chi2, _remaining(fitter, found, attained))
         found = _outweighing(fitter, null, _less(fitter, found, cause, model, share, least.variation), attained)
     return found if found.is_explained else heavy
 
@@ -106,7 +106,7 @@ def _outweighing(fitter: Fitter, null: Fit, begun: Elimination, attained: float)
     """
     found = begun
     while found.causes:
-        alone, remaining = len(found.causes) == 1, _remaining(fitter, null, found, attained)
+        alone, remaining = len(found.causes) == 1, _remaining(fitter, found, attained)
         spent = not alone and fitter.effort.spent
         if spent and _leaves_noise(fitter, found):
             return found
@@ -125,18 +125,16 @@ def _outweighing(fitter: Fitter, null: Fit, begun: Elimination, attained: float)
     return replace(begun, is_explained=False, margin=found.margin)
 
 
-def _remaining(fitter: Fitter, null: Fit, found: Elimination, attained: float) -> float:
-    """Excess chi-square that a model leaves, if it is a misfit, and no less than those explained that were left out.
+def _remaining(fitter: Fitter, found: Elimination, attained: float) -> float:
+    """Excess chi-square that a model may leave, and no less than those explained that were left out.
 
-    Of several causes the upper limit of what it leaves, though no more than the form of laws, which is never quite the
-    right one, may make.
+    Of one cause what it leaves if that is a misfit. Of several, which are more easily like something else, as much more
+    as the sum of squares is uncertain by.
     """
-    excess, model = excess_chi2(fitter.evidence, found.final), found.final
-    known = max(0.0 if _leaves_noise(fitter, found) else excess, model.chi2 - attained)
-    if len(found.causes) == 1:
-        return known
-    limit = excess + CRITERIA.upper_limit_std * chi2_std(fitter.evidence)
-    return max(known, min(limit, CRITERIA.model_error_share * (null.chi2 - model.chi2)))
+    lost, excess = found.final.chi2 - attained, excess_chi2(fitter.evidence, found.final)
+    if len(found.causes) > 1:
+        return max(lost, max(0.0, excess) + chi2_std(fitter.evidence))
+    return max(lost, 0.0 if _leaves_noise(fitter, found) else excess)
 
 
 def _share(rise: float, remaining: float) -> float:
