@@ -102,6 +102,11 @@ class Criteria:
     max_solver_change: float = 0.01
 
     @property
+    def max_model_error_cosine(self) -> float:
+        """Cosine up to which what a model lacks may be like a given change of the records, two root mean squares  [1]."""
+        return 2.0 * self.model_error_cosine
+
+    @property
     def tail_probability(self) -> float:
         """Probability beyond each end of an interval of the confidence level  [1]."""
         return 0.5 * (1.0 - self.confidence_level)

@@ -8,6 +8,7 @@ from calib.diagnosis.bench import Bench
 from calib.diagnosis.constancy import RECORDS
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.effort import Budget, Effort
+from calib.diagnosis.elimination import several_sizes
 from calib.diagnosis.evidence import Evidence, rounding
 from calib.diagnosis.gain import Gain, gained
 from calib.diagnosis.gates import Gate, above_noise, converged, noise_known
@@ -17,7 +18,7 @@ from calib.diagnosis.next_measurement import Design, next_measurement
 from calib.diagnosis.preparation import OUTLIERS, QUANTISATION, Prepared, bench_of, numerical, prepared
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.search import simplest
-from calib.diagnosis.selection import Selection, exchanged, select
+from calib.diagnosis.selection import Selection, exchanged, left_out, select
 from calib.diagnosis.suspect import Refitted
 from calib.diagnosis.verdict import NAMED, NOT_DIAGNOSABLE, ONE_OF, UNEXPLAINED, failures, untried, verdict_of
 from calib.effect import Effect
@@ -187,9 +188,38 @@ def _tried_on_records(
 
     Where the size of a cause differs, its rivals are tried: those are preferred to it that have one size in the same
     records, each of which knows it well enough to show as large a variation. Where a misfit rises, those of all causes
-    are: none is preferred with which that of the same records rises too.
+    are: none is preferred with which that of the same records rises too. Where no rival is better, the cause that
+    differs, or the weakest one, is left out if the others explain enough without it.
     """
     selection, gain = _with_gain(pool, bench, fitter, selection, seed)
+    tried = found = _exchanged_by_records(pool, bench, fitter, selection, gain, seed)
+    while len(tried[0].causes) > 1 and tried[0].is_explained and not _stands(*tried) and not pool.spent:
+        fewer = left_out(fitter, tried[0], *_least_tenable(tried[0]))
+        if fewer is None:
+            break
+        tried = _with_gain(pool, bench, fitter, fewer, seed)
+    return tried if _stands(*tried) else found
+
+
+def _stands(selection: Selection, gain: Gain | None) -> bool:
+    """Whether causes explain enough, have one size each, and are not refuted by what was held out."""
+    return selection.is_sufficient and not (gain is not None and gain.refutes)
+
+
+def _least_tenable(selection: Selection) -> tuple[Refitted, str]:
+    """Return the weakest of the causes whose sizes differ, or else of all, and why it is none."""
+    differing = {one.effect: one for one in sorted(selection.heterogeneous, key=lambda one: one.z)}
+    among = differing or {cause.name: None for cause in selection.causes}
+    explained = {one.effect: one.chi2 for one in selection.constancy}
+    name = min(among, key=lambda name: explained.get(name, 0.0))
+    [cause] = [cause for cause in selection.causes if cause.name == name]
+    return cause, several_sizes(differing[name]) if differing else "with it the misfit of what was held out rises"
+
+
+def _exchanged_by_records(
+    pool: Effort, bench: Bench, fitter: Fitter, selection: Selection, gain: Gain | None, seed: int
+) -> tuple[Selection, Gain | None]:
+    """Put a rival in the place of a cause that the records refute, or whose size differs from record to record."""
     differing = {one.effect: one.variation for one in selection.heterogeneous if one.among == RECORDS}
     refuted = gain is not None and gain.refutes
     several = zip(selection.causes, selection.alternatives, strict=True)

@@ -29,14 +29,13 @@ class LeftOut:
     effect : its name
     share : of the excess chi-square that the other causes may leave, which it explains  [1]
     beside : names of those others
-    variation : by which its size differs among the channels of the records, if that is why  [1]; 0: it explains too
-        little
+    reason : why, as a clause; "": it explains too little
     """
 
     effect: str
     share: float
     beside: tuple[str, ...]
-    variation: float = 0.0
+    reason: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +83,13 @@ def eliminated(
         if not model.names:
             return heavy
         share = _share(model.chi2 - found.final.chi2, _remaining(fitter, found, attained))
-        found = _outweighing(fitter, null, _less(fitter, found, cause, model, share, least.variation), attained)
+        found = _outweighing(fitter, null, _less(fitter, found, cause, model, share, several_sizes(least)), attained)
     return found if found.is_explained else heavy
+
+
+def several_sizes(constancy: Constancy) -> str:
+    """Say that the size of a cause differs."""
+    return f"its size differs by {100.0 * constancy.variation:.0f} % among {constancy.among}"
 
 
 def _of_several_sizes(fitter: Fitter, found: Elimination, threshold: float) -> tuple[Constancy, ...]:
@@ -143,11 +147,11 @@ def _share(rise: float, remaining: float) -> float:
 
 
 def _less(
-    fitter: Fitter, found: Elimination, cause: Cause, model: Fit, share: float, variation: float = 0.0
+    fitter: Fitter, found: Elimination, cause: Cause, model: Fit, share: float, reason: str = ""
 ) -> Elimination:
     """Leave out a cause; model : without it."""
     kept = tuple(other for other in found.causes if other is not cause)
-    out = LeftOut(cause[0].name, share, tuple(other.name for other, _ in kept), variation)
+    out = LeftOut(cause[0].name, share, tuple(other.name for other, _ in kept), reason)
     return replace(found, causes=kept, final=fitter.with_derivatives(model), left_out=(*found.left_out, out))
 
 

@@ -14,7 +14,7 @@ from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.effort import Effort
 from calib.diagnosis.evidence import Evidence
-from calib.diagnosis.score import Projection
+from calib.diagnosis.score import Projection, Signature
 from calib.diagnosis.signature import Direction, Point, Slope, slopes
 from calib.model import Model
 from calib.objective import INITIAL_STATE
@@ -82,10 +82,8 @@ class Fit:
         return self._without_nuisances(columns)
 
     @cached_property
-    def _sandwich(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _sandwich(self) -> tuple[np.ndarray, np.ndarray]:
         """Covariance (k, k) of the parameters `names`, in their units, and degrees of freedom (k,) of its variances.
-
-        Beside these the variances (k,) that the noise alone makes.
 
         What the model leaves beside the noise has a level and an autocorrelation of its own in each channel of each
         record, as in the intervals of a calibration; no variance is less than what the noise alone makes.
@@ -97,27 +95,34 @@ class Fit:
         scale[scale == 0.0] = 1.0
         noise = np.diag(np.linalg.pinv((free / scale).T @ (free / scale), rcond=1e-12, hermitian=True)) / scale**2
         wider = np.sqrt(np.maximum(1.0, noise / np.diag(covariance)))
-        return covariance * np.outer(wider, wider), freedom, noise
+        return covariance * np.outer(wider, wider), freedom
 
     def error(self, names: Sequence[str]) -> np.ndarray:
         """Standard errors of these parameters, jointly with all others; infinite where no derivative tells."""
         if not self.names:
             return np.full(len(names), np.inf)
-        covariance, _, _ = self._sandwich
+        covariance, _ = self._sandwich
         known = np.where(self.columns.any(axis=0), np.sqrt(np.maximum(0.0, np.diag(covariance))), np.inf)
         return known[[self.names.index(name) for name in names]]
 
     def inflation(self, names: Sequence[str]) -> float:
-        """Variance of these parameters over what the noise alone makes, the largest; 1 where nothing else is left."""
-        covariance, _, noise = self._sandwich
-        index = [self.names.index(name) for name in names]
-        return float((np.diag(covariance)[index] / np.maximum(noise[index], 1e-300)).max())
+        """Variance of what these parameters change, over what the noise alone makes, the largest; 1 where that is all.
+
+        Of what they change beside all other parameters, in whatever combination: some of them may not be told apart.
+        """
+        own = np.isin(self.names, names)
+        others = Projection(np.column_stack([self.columns[:, ~own], self.nuisances]))
+        changed = Signature.of(self.columns[:, own], others, np.zeros(own.sum())).columns
+        directions = np.column_stack([others.basis, Projection(changed).basis])
+        counted = (self.residual != 0.0) | directions.any(axis=1)
+        covariance, _ = sandwich(directions[counted], self.residual[counted], self.rows[counted])
+        return max(1.0, float(np.diag(covariance)[others.rank :].max(initial=1.0)))
 
     def half_width(self, names: Sequence[str]) -> np.ndarray:
         """Half widths of the 95 % intervals of these parameters, by Student's t."""
         if not self.names:
             return np.full(len(names), np.inf)
-        _, freedom, _ = self._sandwich
+        _, freedom = self._sandwich
         index = [self.names.index(name) for name in names]
         return self.error(names) * stats.t.isf(CRITERIA.tail_probability, freedom[index])
 

@@ -8,7 +8,7 @@ import numpy as np
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.evidence import Evidence
-from calib.diagnosis.excess import degrees_of_freedom, excess_chi2
+from calib.diagnosis.excess import chi2_std, degrees_of_freedom, excess_chi2, significant
 from calib.diagnosis.prediction import Prediction
 from calib.diagnosis.refit import Fit, Fitter
 from calib.diagnosis.score import deviate
@@ -84,13 +84,14 @@ def search(
     alike = [s for s in _like_the_best(significant, refitted) if s.name not in untried]
     refitted, left = _refits(fitter, base, alike, len(significant), threshold, attained, refitted)
     untried = (*untried, *left)
-    excess, rivals = excess_chi2(fitter.evidence, base), ()
+    excess, rivals, possible = excess_chi2(fitter.evidence, base), (), []
     if refitted:
         common = fitter.evidence.with_weights([base.point.simulated, *(s.fit.point.simulated for s in refitted)])
         before = base.chi2_over(common)
         excess = before - degrees_of_freedom(common, base)
         refitted = [replace(s, chi2_reduction=before - s.fit.chi2_over(common)) for s in refitted]
-        rivals = rival_suspects(fitter.evidence, [s for s in refitted if _is_possible(s, threshold)], threshold)
+        possible = [s for s in refitted if _is_possible(s, threshold)]
+        rivals = rival_suspects(fitter.evidence, possible, threshold)
     latest = {id(s.candidate): s for s in refitted}
     if rivals:  # indistinguishable suspects are compared again, each with the form that suits it best
         formed = {id(s.candidate): _with_fitted_form(fitter, s, before, common) for s in rivals}
@@ -98,6 +99,7 @@ def search(
         rivals = rival_suspects(fitter.evidence, list(formed.values()), threshold)
     compared = sorted((latest.get(id(s.candidate), s) for s in suspects), key=lambda s: -s.known_reduction)
     chosen = simplest(rivals) if rivals else None
+    rivals = with_those_behind(fitter.evidence, rivals, [latest[id(s.candidate)] for s in possible])
     return Round(base, tuple(compared), threshold, chosen, rivals, excess, untried=untried)
 
 
@@ -284,6 +286,30 @@ def rival_suspects(evidence: Evidence, refitted: Sequence[Refitted], threshold: 
     best = ordered[0]
     dispersion = max(1.0, best.fit.chi2 / max(1.0, degrees_of_freedom(evidence, best.fit)))
     return tuple(leading_variants(s for s in ordered if _is_rival(s, best, dispersion, threshold)))
+
+
+def with_those_behind(
+    evidence: Evidence, rivals: Sequence[Refitted], refitted: Sequence[Refitted]
+) -> tuple[Refitted, ...]:
+    """Rivals, the best first, and those of the refitted suspects that what nobody has modelled may have put behind it.
+
+    Where the best leaves more than noise another may be the cause. Then what is left beside that other, R, is like the
+    difference d of both models with the cosine (X2 of the other - X2 of the best + |d|^2) / (2 |d| sqrt(R)); what a
+    model lacks is so like a given difference only by chance.
+    """
+    if not rivals or not significant(excess_chi2(evidence, rivals[0].fit), chi2_std(evidence)):
+        return tuple(rivals)
+    known = {rival.name for rival in rivals}
+    others = sorted((s for s in refitted if s.name not in known), key=lambda s: s.fit.chi2)
+    return tuple(leading_variants([*rivals, *(s for s in others if _may_be_behind(evidence, s, rivals[0]))]))
+
+
+def _may_be_behind(evidence: Evidence, other: Refitted, best: Refitted) -> bool:
+    """Whether what a suspect leaves may hide that it is the cause, and not the best."""
+    apart = other.fit.residual - best.fit.residual
+    square = float(apart @ apart)
+    product = np.sqrt(square * excess_chi2(evidence, other.fit))
+    return other.fit.chi2 - best.fit.chi2 + square <= 2.0 * CRITERIA.max_model_error_cosine * product
 
 
 def simplest(rivals: Sequence[Refitted]) -> Refitted:

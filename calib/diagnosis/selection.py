@@ -24,7 +24,7 @@ from calib.diagnosis.rejection import extension, is_negligible, rejection
 from calib.diagnosis.remainder import remainder
 from calib.diagnosis.replacement import aic, best_pair, replaced, without_cause
 from calib.diagnosis.screening import Derivatives, KnownDerivatives, screened
-from calib.diagnosis.search import Round, rival_suspects, search, simplest
+from calib.diagnosis.search import Round, rival_suspects, search, simplest, with_those_behind
 from calib.diagnosis.suspect import Cause, Refitted
 
 
@@ -60,6 +60,7 @@ class Selection:
     exchanges : of causes for others after the rounds, in order
     left_out : that explain part of what the causes leave, and too little to be causes
     elimination_margin : excess chi-square by which it is decided that the causes explain enough, and these do not
+    attained : least chi-square of a model that was considered
     cut_short : whether the budget was spent before all that might change the answer was tried
     """
 
@@ -76,6 +77,7 @@ class Selection:
     exchanges: tuple[Exchange, ...] = ()
     left_out: tuple[LeftOut, ...] = ()
     elimination_margin: float = np.inf
+    attained: float = np.inf
     cut_short: bool = False
 
     def without_causes(self) -> "Selection":
@@ -354,9 +356,38 @@ def exchanged(
     threshold = selection.rounds[0].threshold
     if _any_rejected(fitter, selection.null, [known for known, _ in causes], final, threshold):
         return None
-    state = _Stepwise(selection.null, selection.final, {}, selection.rounds, tuple(pairs), selection.exchanges)
+    state = _Stepwise(
+        selection.null, selection.final, {}, selection.rounds, tuple(pairs), selection.exchanges,
+        attained=selection.attained,
+    )  # fmt: skip
     state = _through_elimination(fitter, state.with_causes(causes, final, reason))
     return _selection(fitter, state) if put.name in state.names else None
+
+
+def left_out(fitter: Fitter, selection: Selection, cause: Refitted, reason: str) -> Selection | None:
+    """Return a selection without one of its causes; None where the others do not explain enough without it.
+
+    Parameters
+    ----------
+    reason : why, as a clause
+    """
+    others = [pair for pair in zip(selection.causes, selection.alternatives, strict=True) if pair[0] is not cause]
+    names = tuple(other.name for other, _ in others)
+    candidates = tuple(other.candidate for other, _ in others)
+    fit = without_cause(fitter, selection.null, selection.final, cause, candidates)
+    if not fit.names:
+        return None
+    rise, attained = fit.chi2 - selection.final.chi2, min(selection.attained, selection.final.chi2)
+    out = LeftOut(cause.name, rise / (rise + max(0.0, selection.remaining_chi2)), names, reason)
+    state = _Stepwise(
+        selection.null, fitter.with_derivatives(fit), {}, selection.rounds, tuple(others), selection.exchanges,
+        attained=attained,
+    )  # fmt: skip
+    state = _through_elimination(fitter, state)
+    if not state.is_explained:
+        return None
+    told = (*selection.left_out, out, *state.elimination.left_out)
+    return _selection(fitter, replace(state, elimination=replace(state.elimination, left_out=told)))
 
 
 def _selection(fitter: Fitter, state: _Stepwise) -> Selection:
@@ -379,6 +410,7 @@ def _selection(fitter: Fitter, state: _Stepwise) -> Selection:
         exchanges=state.exchanges,
         left_out=tuple(one for one in left.left_out if one.effect not in told) if left else (),
         elimination_margin=left.margin if left else np.inf,
+        attained=state.attained,
         cut_short=fitter.effort.spent,
     )
 
@@ -440,7 +472,8 @@ def _reestimated(fitter: Fitter, state: _Stepwise) -> _Stepwise:
     null = fitter.fit(state.null.point)
     earlier = [cause.candidate for cause, _ in state.causes[:-1]]
     base = fitter.fit(state.rounds[-1].base.point, earlier) if earlier else null
-    rivals = _refitted_rivals(fitter, base, state) if null.names and base.names else ()
+    refitted = _refitted_rivals(fitter, base, state) if null.names and base.names else []
+    rivals = rival_suspects(fitter.evidence, refitted, state.rounds[-1].threshold)
     if not rivals:
         fitter.evidence = old
         return state
@@ -448,12 +481,12 @@ def _reestimated(fitter: Fitter, state: _Stepwise) -> _Stepwise:
         state.known[key] = Derivatives(evidence.carried(known.columns, old), known.relative_error)
     chosen = simplest(rivals)
     final = fitter.with_derivatives(chosen.fit)
-    cause = replace(chosen, fit=final), rivals
+    cause = replace(chosen, fit=final), with_those_behind(fitter.evidence, rivals, refitted)
     return replace(state, null=null, final=final, causes=(*state.causes[:-1], cause))
 
 
-def _refitted_rivals(fitter: Fitter, base: Fit, state: _Stepwise) -> tuple[Refitted, ...]:
-    """The last cause and its rivals fitted in another noise, as far as they can be and are rivals there too.
+def _refitted_rivals(fitter: Fitter, base: Fit, state: _Stepwise) -> list[Refitted]:
+    """The last cause and its rivals fitted in another noise, as far as they can be.
 
     base : the model without them, in that noise
     """
@@ -462,7 +495,7 @@ def _refitted_rivals(fitter: Fitter, base: Fit, state: _Stepwise) -> tuple[Refit
         fit = fitter.fit(rival.fit.point, rival.fit.candidates)
         if fit.names:
             refitted.append(rival.refitted(fit, base.chi2 - fit.chi2))
-    return rival_suspects(fitter.evidence, refitted, state.rounds[-1].threshold)
+    return refitted
 
 
 def _differs(one: Evidence, other: Evidence) -> bool:

@@ -217,8 +217,8 @@ def left_out(said: Mapping[str, Any]) -> list[str]:
 
 
 def _why_left_out(one: Mapping[str, Any]) -> str:
-    if one.get("variation"):  # not written by earlier versions
-        return f"its size differs by {percent(one['variation'])} among the channels: it stands in for something else."
+    if one.get("reason"):  # not written by earlier versions
+        return f"{one['reason']}, so that it stands in for something else."
     small = f"what explains less than {percent(LEAST_SHARE)} of a remainder may only look like it."
     return f"{small} A record in which it would be larger tells."
 

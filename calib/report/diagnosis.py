@@ -307,7 +307,7 @@ def _reason(suspect, fate, said):
         bound = "<" if suspect["null"][name] == low else ">"
         return f"would need {name} {bound} {number(suspect['null'][name])}"
     if fate == causes.LESS and suspect["effect"] in _left_out(said):
-        return "explains too little beside what is named, or has several sizes"
+        return "explains too little beside what is named, or stands in for something else"
     if fate == causes.LESS:
         first = said["rounds"][0]["chosen"] if said["rounds"] else None
         alike = f"; {percent(suspect['alike'])} like {first}" if first and (suspect.get("alike") or 0.0) > 0.5 else ""
@@ -344,10 +344,8 @@ def _rounds(said):
         rows.append({**row, "model": " + ".join(["calibrated", *exchange["before"]]), "chosen": instead})
     for one in said.get("left_out", ()):
         row = dict.fromkeys(("threshold", "share", "predicts", "rivals"), "-")
-        why = f"which explains {explained(one['share'])} of what the others may leave: too little"
-        if one.get("variation"):  # not written by earlier versions
-            why = f"whose size differs by {percent(one['variation'])} among the channels"
-        rows.append({**row, "model": f"that with {one['effect']}", "chosen": f"without {one['effect']}, {why}"})
+        why = one.get("reason") or f"it explains {explained(one['share'])} of what the others may leave: too little"
+        rows.append({**row, "model": f"that with {one['effect']}", "chosen": f"without {one['effect']}: {why}"})
     return rows
 
 

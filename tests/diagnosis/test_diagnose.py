@@ -458,7 +458,7 @@ def test_what_explains_less_than_twice_what_remains_is_told_beside_the_cause():
     assert 0.25 < one.share < 0.6
     assert found.selection.remainder_is_significant
     assert found.selection.margin <= found.selection.elimination_margin < np.inf
-    told = {"effect": one.effect, "share": one.share, "beside": ["cubic_stiffness"], "variation": 0.0}
+    told = {"effect": one.effect, "share": one.share, "beside": ["cubic_stiffness"], "reason": ""}
     assert as_dict(found)["left_out"] == [told]
     everything = diagnosed(known, library=("cubic_stiffness", "quadratic_stiffness", "velocity_differencing"))
     assert set(everything.causes) == {"cubic_stiffness", "quadratic_stiffness", "velocity_differencing"}

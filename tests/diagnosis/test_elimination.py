@@ -106,8 +106,9 @@ def test_causes_of_several_sizes_are_left_out_where_the_others_explain_enough(ow
     found = left(own, 0.0, monkeypatch, sizes=constancies)
     assert found.is_explained
     assert set(names(found)) == set(kept)
-    assert [(one.effect, one.variation) for one in found.left_out] == [
-        (one.effect, one.variation) for one in sorted(unlike, key=lambda c: c.chi2) if one.effect not in kept
+    out = [one for one in sorted(unlike, key=lambda c: c.chi2) if one.effect not in kept]
+    assert [(one.effect, one.reason) for one in found.left_out] == [
+        (one.effect, f"its size differs by {100 * one.variation:.0f} % among {one.among}") for one in out
     ]
 
 

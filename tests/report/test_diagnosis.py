@@ -238,7 +238,7 @@ def test_what_explains_too_little_of_a_remainder_is_told_and_not_named(study):
     said["left_out"].insert(0, {"effect": "coulomb_friction", "share": 0.4, "beside": beside})
     assert left_out(said)[0].startswith("Beside quadratic_drag and preload, coulomb_friction explains 40\u00a0%")
     last = chapter(said, {}, {"values": VALUES}, study)["rounds"][-1]
-    assert last["chosen"] == "without preload, which explains 64 % of what the others may leave: too little"
+    assert last["chosen"] == "without preload: it explains 64 % of what the others may leave: too little"
     assert last["share"] == "-"
 
 
