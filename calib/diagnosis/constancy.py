@@ -32,7 +32,8 @@ class Constancy:
     effect : its name
     z : normal deviate of Cochran's Q  [1]
     variation : standard deviation of the sizes over their mean, both weighted by the information on them  [1]
-    chi2 : by which the sum of squares would rise without the effect, to first order  [1]
+    chi2 : by which the sum of squares would rise without the effect, to first order; infinite where it is absent only
+        at an infinite size  [1]
     among : CHANNELS or RECORDS
     """
 
@@ -90,9 +91,14 @@ def _shows(alone: np.ndarray, column: np.ndarray) -> bool:
 
 
 def _chi2(fit: Fit, null: dict, names: Sequence[str], columns: np.ndarray) -> float:
-    """Rise of the sum of squares where the sizes of these names go to null; columns (N, p) without what others take."""
-    away = [fit.value(name) - null[name] if np.isfinite(null.get(name, np.nan)) else 0.0 for name in names]
-    change = columns @ np.array(away)
+    """Rise of the sum of squares where the sizes of these names go to null; columns (N, p) without what others take.
+
+    Infinite where a null is.
+    """
+    away = np.array([fit.value(name) - null.get(name, fit.value(name)) for name in names])
+    if not np.isfinite(away).all():
+        return np.inf
+    change = columns @ away
     return float(change @ change)
 
 

@@ -103,7 +103,7 @@ class Criteria:
 
     @property
     def max_model_error_cosine(self) -> float:
-        """Cosine up to which what a model lacks may be like a given change of the records, two root mean squares  [1]."""
+        """Cosine up to which what a model lacks may be like a given change: two root mean squares  [1]."""
         return 2.0 * self.model_error_cosine
 
     @property
