@@ -28,7 +28,8 @@ class Criteria:
         square  [1]; of laws that no effect expresses those most like effects, 0.13 to 0.39 by law and laboratory
         (tests/benchmarks/bench_model_error.py)
     min_explained_share : excess chi-square that the steps of converters explain at least to stand in the place of
-        causes, relative to that of the calibrated model  [1]; convention
+        causes, relative to that of the calibrated model, and another suspect, to be the cause, relative to what the
+        best explains  [1]; convention
     min_share_of_remainder : excess chi-square that a further cause explains at least, relative to what the causes
         before it leave  [1]; convention
     confidence_level : of intervals, and of the joint region that holds an absent effect  [1]; textbook value

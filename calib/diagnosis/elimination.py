@@ -132,13 +132,12 @@ def _outweighing(fitter: Fitter, null: Fit, begun: Elimination, attained: float)
 def _remaining(fitter: Fitter, found: Elimination, attained: float) -> float:
     """Excess chi-square that a model may leave, and no less than those explained that were left out.
 
-    Of one cause what it leaves if that is a misfit. Of several, which are more easily like something else, as much more
-    as the sum of squares is uncertain by.
+    Where the sum of squares shows no misfit nothing beside one cause; beside several, which are more easily like
+    something else, as much as it is uncertain by.
     """
-    lost, excess = found.final.chi2 - attained, excess_chi2(fitter.evidence, found.final)
-    if len(found.causes) > 1:
-        return max(lost, max(0.0, excess) + chi2_std(fitter.evidence))
-    return max(lost, 0.0 if _leaves_noise(fitter, found) else excess)
+    excess, std = excess_chi2(fitter.evidence, found.final), chi2_std(fitter.evidence)
+    unseen = std if len(found.causes) > 1 else 0.0
+    return max(found.final.chi2 - attained, excess if significant(excess, std) else unseen)
 
 
 def _share(rise: float, remaining: float) -> float:

@@ -293,6 +293,8 @@ def with_those_behind(
 ) -> tuple[Refitted, ...]:
     """Rivals, the best first, and those of the refitted suspects that what nobody has modelled may have put behind it.
 
+    Those that explain about as much, that is.
+
     Where the best leaves more than noise another may be the cause. Then what is left beside that other, R, is like the
     difference d of both models with the cosine (X2 of the other - X2 of the best + |d|^2) / (2 |d| sqrt(R)); what a
     model lacks is so like a given difference only by chance.
@@ -308,6 +310,8 @@ def _may_be_behind(evidence: Evidence, other: Refitted, best: Refitted) -> bool:
     """Whether what a suspect leaves may hide that it is the cause, and not the best."""
     apart = other.fit.residual - best.fit.residual
     square = float(apart @ apart)
+    if other.chi2_reduction < CRITERIA.min_explained_share * best.chi2_reduction:
+        return False
     product = np.sqrt(square * excess_chi2(evidence, other.fit))
     return other.fit.chi2 - best.fit.chi2 + square <= 2.0 * CRITERIA.max_model_error_cosine * product
 

@@ -50,7 +50,7 @@ def names(found):
     [
         ({"drag": 9000.0, "friction": 250.0}, 0.0, ("drag",)),  # noise may hide half of that
         ({"drag": 9000.0, "friction": 300.0}, 0.0, ("drag", "friction")),
-        ({"drag": 9000.0, "friction": 300.0}, -100.0, ("drag", "friction")),
+        ({"drag": 9000.0, "friction": 300.0}, 2.9 * STD, ("drag", "friction")),
         ({"drag": 350.0, "friction": 250.0}, -100.0, ()),  # beside what friction explains drag is no more
         ({"drag": 9000.0, "friction": 2800.0}, 1000.0, ("drag", "friction")),
         ({"drag": 90_000.0, "friction": 1900.0}, 1000.0, ("drag",)),  # what is left may as well look like friction
@@ -76,7 +76,7 @@ def test_each_cause_explains_twice_what_all_may_leave_or_goes_the_weakest_first(
         others.remove(one.effect)
         assert one.beside == tuple(others)
         known = own[one.effect] / (own[one.effect] + remaining)
-        assert 0.3 < one.share < known
+        assert 0.3 < one.share <= known + 1e-12
         remaining += own[one.effect]
     assert tuple(others) == kept
 
@@ -117,7 +117,7 @@ def test_causes_of_several_sizes_are_left_out_where_the_others_explain_enough(ow
     [
         ({"drag": 2500.0}, 1000.0, 500.0),
         ({"drag": 1700.0}, 1000.0, 300.0),
-        ({"drag": 90_000.0, "friction": 1900.0}, 1000.0, 382.8),  # that friction goes is less sure than that drag stays
+        ({"drag": 90_000.0, "friction": 1900.0}, 1000.0, 100.0),  # that friction goes is less sure than that drag stays
         ({"drag": 10.0}, 2.9 * STD, 10.0),
     ],
 )
