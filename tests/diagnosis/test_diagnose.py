@@ -431,6 +431,49 @@ def test_of_causes_that_explain_alike_those_are_preferred_that_have_one_size_and
     assert found.name == gain.name == found.names[0]
 
 
+@pytest.mark.parametrize(
+    ("differing", "refuted", "insufficient", "kept", "reason"),
+    [
+        ({}, (), (), "abc", ""),
+        ({"b": RECORDS}, (), (), "ac", "its size differs by 30 % among the records"),
+        ({}, ("abc",), (), "ab", "with it the misfit of what was held out rises"),  # c is the weakest
+        ({}, ("abc", "ab"), (), "a", "with it the misfit of what was held out rises"),
+        ({"b": RECORDS, "a": RECORDS}, (), (), "abc", ""),  # c alone is no better: neither is left out
+        ({"b": RECORDS}, (), ("ac",), "abc", ""),  # the others explain too little
+        ({}, ("abc", "ab", "a"), (), "abc", ""),
+    ],
+)
+def test_a_cause_that_the_records_refute_is_left_out_where_the_others_hold(
+    monkeypatch, differing, refuted, insufficient, kept, reason
+):
+    """Stand-ins for selections of causes a, b and c, c the weakest, without rivals."""
+    left = {}
+
+    class Chosen:
+        is_explained = True
+
+        def __init__(self, names):
+            self.name, self.causes = names, tuple(SimpleNamespace(name=name) for name in names)
+            self.alternatives = tuple((cause,) for cause in self.causes)
+            self.heterogeneous = tuple(Constancy(n, 9.0, 0.3, 1.0, differing[n]) for n in names if n in differing)
+            self.constancy = tuple(Constancy(n, 0.0, 0.0, 100.0 - ord(n)) for n in names)
+            self.is_sufficient = not self.heterogeneous and (len(names) > 1 or not differing)
+
+    def left_out(fitter, selection, cause, why):
+        left[cause.name] = why
+        names = selection.name.replace(cause.name, "")
+        return None if names in insufficient else Chosen(names)
+
+    def with_gain(pool, bench, fitter, own, seed):
+        return own, SimpleNamespace(refutes=own.name in refuted)
+
+    monkeypatch.setattr("calib.diagnosis.diagnose.left_out", left_out)
+    monkeypatch.setattr("calib.diagnosis.diagnose._with_gain", with_gain)
+    found, _ = _tried_on_records(SimpleNamespace(spent=False), None, None, Chosen("abc"), 0)
+    assert found.name == kept
+    assert [left[name] for name in "abc" if name not in kept] == [reason] * (3 - len(kept))
+
+
 def tone(amplitude, use, seed):
     """Record of a hardening spring that has settled beside a steady force at 10 Hz."""
     excitation = Excitation("mass", "force", frequency=10.0, amplitude=amplitude)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calib.diagnosis.gain import Transfer, _fixed_alone, _refitted, agreements
+from calib.diagnosis.gain import RECORDS, Gain, Transfer, _changed, _fixed_alone, _refitted, agreements
 from calib.diagnosis.refit import Fit
 from calib.parameter import Parameter, Space, Window
 
@@ -93,3 +93,28 @@ def test_what_is_fixed_for_a_record_and_searched_for_others_is_free_in_its_refit
     [own] = _fixed_alone(fitter, final, "b")
     assert (own.name, own.at, own.scale, own.low) == ("x@b", 1.5, 4.0, -9.0)
     assert _fixed_alone(fitter, final, "a") == []
+
+
+def test_a_record_in_which_no_cause_acts_refutes_none():
+    rises = {"before": 0.1, "after": 0.2, "interval": (-0.12, -0.08)}
+    assert Gain(RECORDS, ("a", "b"), **rises).refutes
+    assert Gain(RECORDS, ("a", "b"), **rises, unaffected=("a",)).refutes
+    assert not Gain(RECORDS, ("a", "b"), **rises, unaffected=("a", "b")).refutes
+
+
+def test_a_cause_acts_in_a_record_where_its_size_changes_it():
+    def cause(name, null, *free):
+        return SimpleNamespace(name=name, free=free, null=np.array(null))
+
+    values = {"stiffness": 4.0, "k3": 2.0, "cos": 1.0, "sin": 3.0, "limit": 0.5}
+    cubic, harmonic = cause("cubic", [0.0], "k3"), cause("harmonic", [1.0, 0.0], "cos", "sin")
+    causes = (cubic, harmonic, cause("clip", [np.inf], "limit"))
+    final = SimpleNamespace(candidates=causes, names=tuple(values), value=values.get)
+    columns = np.zeros((4, 5))
+    assert _changed(final, columns) == ("clip",)  # absent at an infinite limit only: how much it changes is not told
+    columns[:, 2] = 9.0  # by what is at its null
+    columns[:, 1] = 0.2
+    assert _changed(final, columns) == ("clip",)
+    columns[:, 1] = 0.3
+    columns[0, 3] = 1.0
+    assert _changed(final, columns) == ("cubic", "harmonic", "clip")

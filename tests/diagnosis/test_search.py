@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calib.diagnosis.search import _like_the_best, _refits, rival_suspects
+from calib.diagnosis.search import _like_the_best, _refits, rival_suspects, with_those_behind
 
 SIZE, LIMIT = 1000.0, 3.4
 EVIDENCE = SimpleNamespace(counted=lambda: SIZE)
@@ -36,6 +36,36 @@ def suspect(name, parameters, reduction, chi2):
 def test_a_rival_is_alike_within_what_its_parameters_and_the_noise_allow(parameters, behind, left, alike):
     best, other = suspect("best", 2, 200.0, left), suspect("other", parameters, 200.0 - behind, left)
     assert [s.name for s in rival_suspects(EVIDENCE, [other, best], LIMIT)] == ["best", "other"][: 1 + alike]
+
+
+def fitted(name, reduction, *residual):
+    """Stand in for a refitted suspect, whose fit leaves this beside the noise in directions that are told apart."""
+    whole = np.array([np.sqrt(SIZE), *residual, *[0.0] * (3 - len(residual))])
+    found = suspect(name, 1, reduction, float(whole @ whole))
+    found.fit.residual = whole
+    return found
+
+
+@pytest.mark.parametrize(
+    ("remainder", "reduction", "alike"),
+    [
+        ((20.0, 20.0), 0.99, True),  # of 800 left only half is like what tells them apart
+        ((0.0, 28.0), 0.99, False),  # all of it would have to be
+        ((20.0, 20.0), 0.4, False),  # it explains too little to be what the best stands for
+    ],
+)
+def test_where_more_than_noise_is_left_a_suspect_may_be_behind_for_that(remainder, reduction, alike):
+    """The best takes 20 of what the other leaves, which is the cause."""
+    best = fitted("best", 5000.0, remainder[0], remainder[1] - 20.0, 16.0)
+    other = fitted("other", 5000.0 * reduction, *remainder, 16.0)
+    found = with_those_behind(EVIDENCE, (best,), [other, best])
+    assert [s.name for s in found] == ["best", "other"][: 1 + alike]
+
+
+def test_where_noise_is_left_no_suspect_is_behind_for_anything_else():
+    best, other = fitted("best", 500.0, 5.0), fitted("other", 490.0, 5.0, 4.0)
+    assert with_those_behind(EVIDENCE, (best,), [other]) == (best,)
+    assert with_those_behind(EVIDENCE, (), [other]) == ()
 
 
 def scored(name, reduction, angle):
