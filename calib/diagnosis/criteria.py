@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from scipy import stats
+
 
 @dataclass(frozen=True)
 class Criteria:
@@ -104,8 +106,8 @@ class Criteria:
 
     @property
     def max_model_error_cosine(self) -> float:
-        """Cosine up to which what a model lacks may be like a given change: two root mean squares  [1]."""
-        return 2.0 * self.model_error_cosine
+        """Cosine up to which what a model lacks may be like a given change, at the confidence level  [1]."""
+        return float(stats.norm.ppf(self.confidence_level)) * self.model_error_cosine
 
     @property
     def tail_probability(self) -> float:

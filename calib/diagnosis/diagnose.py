@@ -27,6 +27,7 @@ from calib.pool import LocalPool
 from calib.study import Pool, Study
 
 ONE_SIZE = "it has one size in all records"
+MAX_RUNNERS_UP = 3  # that are tried where what was held out refutes the only cause
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,12 +199,42 @@ def _tried_on_records(
         if fewer is None:
             break
         tried = _with_gain(pool, bench, fitter, fewer, seed)
-    return tried if _stands(*tried) else found
+    if not _stands(*tried):
+        return found
+    return _with_rivals_that_stand(pool, bench, fitter, *tried, seed)
 
 
 def _stands(selection: Selection, gain: Gain | None) -> bool:
     """Whether causes explain enough, have one size each, and are not refuted by what was held out."""
     return selection.is_sufficient and not (gain is not None and gain.refutes)
+
+
+def _with_rivals_that_stand(
+    pool: Effort, bench: Bench, fitter: Fitter, selection: Selection, gain: Gain | None, seed: int
+) -> tuple[Selection, Gain | None]:
+    """Try the rivals of each cause in its place, where more than noise is left.
+
+    Those go that do not stand there, or surely lower the misfit of what was held out by less.
+    """
+    several = zip(selection.causes, selection.alternatives, strict=True)
+    for cause, rivals in [(c, own) for c, own in several if len(own) > 1 and selection.remainder_is_significant]:
+        standing = [rival for rival in rivals if rival.name == cause.name]
+        for rival in (rival for rival in rivals if rival.name != cause.name):
+            if pool.spent:
+                return replace(selection, cut_short=True), gain
+            other = exchanged(fitter, selection, cause, rival, "as a rival")
+            outcome = None if other is None else _with_gain(pool, bench, fitter, other, seed)
+            if outcome and _stands(*outcome) and _predicts_as_well(outcome[1], gain):
+                standing.append(rival)
+        selection = selection.with_rivals(standing)
+    return selection, gain
+
+
+def _predicts_as_well(own: Gain | None, gain: Gain | None) -> bool:
+    """Whether causes are tried on all that others, whose gain is given, were tried on, and may bring as much."""
+    if gain is None:
+        return True
+    return own is not None and own.tries_as_much_as(gain) and own.interval[1] >= gain.interval[0]
 
 
 def _least_tenable(selection: Selection) -> tuple[Refitted, str]:
@@ -219,11 +250,17 @@ def _least_tenable(selection: Selection) -> tuple[Refitted, str]:
 def _exchanged_by_records(
     pool: Effort, bench: Bench, fitter: Fitter, selection: Selection, gain: Gain | None, seed: int
 ) -> tuple[Selection, Gain | None]:
-    """Put a rival in the place of a cause that the records refute, or whose size differs from record to record."""
+    """Put a rival in the place of a cause that the records refute, or whose size differs from record to record.
+
+    Where what was held out refutes the only cause and its rivals, those are tried that explained less in its search.
+    """
     differing = {one.effect: one.variation for one in selection.heterogeneous if one.among == RECORDS}
     refuted = gain is not None and gain.refutes
-    several = zip(selection.causes, selection.alternatives, strict=True)
-    for cause, rivals in [(c, own) for c, own in several if len(own) > 1 and (refuted or c.name in differing)]:
+    several = [(c, own) for c, own in zip(selection.causes, selection.alternatives, strict=True) if len(own) > 1]
+    groups = [(c, own) for c, own in several if refuted or c.name in differing]
+    if refuted and len(selection.causes) == 1:
+        groups.append((selection.causes[0], selection.runners_up[:MAX_RUNNERS_UP]))
+    for cause, rivals in groups:
         better = []
         for rival in rivals:
             if rival.name == cause.name:

@@ -133,10 +133,10 @@ def _remaining(fitter: Fitter, found: Elimination, attained: float) -> float:
     """Excess chi-square that a model may leave, and no less than those explained that were left out.
 
     Where the sum of squares shows no misfit nothing beside one cause; beside several, which are more easily like
-    something else, as much as it is uncertain by.
+    something else, so much that each has to explain more than the standard deviation of that sum.
     """
     excess, std = excess_chi2(fitter.evidence, found.final), chi2_std(fitter.evidence)
-    unseen = std if len(found.causes) > 1 else 0.0
+    unseen = std / CRITERIA.min_over_remainder if len(found.causes) > 1 else 0.0
     return max(found.final.chi2 - attained, excess if significant(excess, std) else unseen)
 
 

@@ -25,7 +25,7 @@ from calib.diagnosis.remainder import remainder
 from calib.diagnosis.replacement import aic, best_pair, replaced, without_cause
 from calib.diagnosis.screening import Derivatives, KnownDerivatives, screened
 from calib.diagnosis.search import Round, rival_suspects, search, simplest, with_those_behind
-from calib.diagnosis.suspect import Cause, Refitted
+from calib.diagnosis.suspect import Cause, Refitted, leading_variants
 
 
 @dataclass(frozen=True)
@@ -171,6 +171,17 @@ class Selection:
         """Suspects indistinguishable from a cause: from the last one that has such."""
         several = [rivals for rivals in self.alternatives if len(rivals) > 1]
         return several[-1] if several else self.alternatives[-1] if self.alternatives else ()
+
+    @property
+    def runners_up(self) -> tuple[Refitted, ...]:
+        """Suspects that explained less in the search that chose the only cause, the best first."""
+        names = {cause.name for cause in self.causes}
+        found = next((r for r in self.rounds if r.chosen is not None and {r.chosen.name} == names), None)
+        if found is None:
+            return ()
+        told = {rival.name for rival in self.rivals}
+        suspects = [s for s in found.suspects if isinstance(s, Refitted) and s.fit.names and s.name not in told]
+        return tuple(sorted(leading_variants(suspects), key=lambda s: -s.chi2_reduction))
 
     @property
     def classes(self) -> tuple[tuple[str, ...], ...]:

@@ -397,6 +397,8 @@ def test_of_causes_that_explain_alike_those_are_preferred_that_have_one_size_and
     """Stand-ins for selections, of which each has a cause with rivals."""
 
     class Alike:
+        remainder_is_significant, runners_up = False, ()
+
         def __init__(self, name, names):
             self.name, self.names, self.is_homogeneous = name, names, name in one_size
             self.is_sufficient = self.is_homogeneous and name != "weak"
@@ -450,7 +452,7 @@ def test_a_cause_that_the_records_refute_is_left_out_where_the_others_hold(
     left = {}
 
     class Chosen:
-        is_explained = True
+        is_explained, remainder_is_significant, runners_up = True, False, ()
 
         def __init__(self, names):
             self.name, self.causes = names, tuple(SimpleNamespace(name=name) for name in names)
@@ -472,6 +474,47 @@ def test_a_cause_that_the_records_refute_is_left_out_where_the_others_hold(
     found, _ = _tried_on_records(SimpleNamespace(spent=False), None, None, Chosen("abc"), 0)
     assert found.name == kept
     assert [left[name] for name in "abc" if name not in kept] == [reason] * (3 - len(kept))
+
+
+@pytest.mark.parametrize(
+    ("significant", "refuted", "vague", "behind", "kept"),
+    [
+        (True, "b", "", (), "ac"),  # what was held out refutes b
+        (True, "", "c", (), "ab"),  # c surely lowers the misfit there by less
+        (False, "b", "c", (), "abc"),  # nothing but noise is left: they differ by too little
+        (True, "a", "", ("d", "e"), "bc"),
+        (True, "abc", "", ("d", "e"), "d"),  # e explains too little
+        (True, "abcd", "", ("d", "e"), "abc"),
+    ],
+)
+def test_where_more_is_left_each_rival_stands_in_the_place_of_the_cause(
+    monkeypatch, significant, refuted, vague, behind, kept
+):
+    """Stand-ins for a selection of the cause a, whose rivals are b and c, and others that explained less."""
+
+    class Chosen:
+        is_explained, remainder_is_significant = True, significant
+        heterogeneous, is_homogeneous = (), True
+
+        def __init__(self, names):
+            self.names, self.is_sufficient = names, names != "e"
+            rivals = [SimpleNamespace(name=n, aic_penalty=2.0, chi2_reduction=100.0 - ord(n)) for n in names]
+            self.alternatives, self.causes = (tuple(rivals),), tuple(rivals[:1])
+            self.runners_up = tuple(SimpleNamespace(name=n, aic_penalty=2.0, chi2_reduction=0.0) for n in behind)
+
+        def with_rivals(self, rivals):
+            return Chosen("".join(rival.name for rival in rivals))
+
+    def with_gain(pool, bench, fitter, own, seed):
+        interval = (0.1, 0.2) if own.names in vague else (0.3, 0.4)
+        refutes = own.names[0] in refuted
+        tried = {"refutes": refutes, "tries_as_much_as": lambda _: True, "interval": interval, "agreements": ()}
+        return own, SimpleNamespace(**tried)
+
+    monkeypatch.setattr("calib.diagnosis.diagnose.exchanged", lambda f, s, cause, rival, reason: Chosen(rival.name))
+    monkeypatch.setattr("calib.diagnosis.diagnose._with_gain", with_gain)
+    found, _ = _tried_on_records(SimpleNamespace(spent=False), None, None, Chosen("abc"), 0)
+    assert found.names == kept
 
 
 def tone(amplitude, use, seed):

@@ -49,9 +49,9 @@ def fitted(name, reduction, *residual):
 @pytest.mark.parametrize(
     ("remainder", "reduction", "alike"),
     [
-        ((20.0, 20.0), 0.99, True),  # of 800 left only half is like what tells them apart
+        ((25.0, 20.0), 0.99, True),  # of what is left a small part is like what tells them apart
         ((0.0, 28.0), 0.99, False),  # all of it would have to be
-        ((20.0, 20.0), 0.4, False),  # it explains too little to be what the best stands for
+        ((25.0, 20.0), 0.4, False),  # it explains too little to be what the best stands for
     ],
 )
 def test_where_more_than_noise_is_left_a_suspect_may_be_behind_for_that(remainder, reduction, alike):
