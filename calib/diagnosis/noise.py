@@ -128,6 +128,9 @@ def from_cycles(
 ) -> Noise:
     """Noise of one channel from what its cycles leave about their mean.
 
+    A stated level is that of the noise as a whole. Where the noise has memory, what is new in each sample is judged by,
+    and that the cycles tell better: the level of a sample of such noise is off by chance, what is new in it hardly.
+
     Parameters
     ----------
     residual, weight, measured : (n,)
@@ -141,7 +144,11 @@ def from_cycles(
     new = noise.whitened(residual, weight)[noise.memory.size :]
     sigma = max(noise.sigma * math.sqrt(float(new @ new) / freedom), _least(measured))
     noise = replace(noise, sigma=sigma, repeated=True)
-    return noise if stated is None else replace(noise, sigma=stated, source=STATED)
+    if stated is None:
+        return noise
+    chance = CRITERIA.significance_std * noise.mean_square_std(free)
+    of_sample = noise.memory.size > 0 and abs((sigma / stated) ** 2 - 1.0) < chance
+    return replace(noise, sigma=sigma if of_sample else stated, source=STATED)
 
 
 def from_residual(

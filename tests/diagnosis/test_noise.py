@@ -95,3 +95,21 @@ def test_filter_and_draw_agree_with_scipy():
     noise = Noise(1.0, np.array([0.5]), "")
     row = np.random.default_rng(1).standard_normal(50)
     np.testing.assert_allclose(noise.whitened(row, np.ones(50)), lfilter([1.0, -0.5], [1.0], row) / np.sqrt(0.75))
+
+
+def test_of_stated_noise_with_memory_what_is_new_is_judged_by_its_cycles():
+    """Its level in 70 cycles is off by chance, more than what is new in each sample."""
+    memory, weight = np.array([1.3582, -0.6873]), np.ones(4000)
+    by_level, whitened = [], []
+    for seed in range(60):
+        row = series(memory, 4000, seed)
+        noise = from_cycles(row, weight, row, 0, 2.0)
+        assert noise.source == STATED
+        by_level.append(np.mean(Noise(2.0, noise.memory, STATED).whitened(row, weight)[2:] ** 2))
+        whitened.append(np.mean(noise.whitened(row, weight)[2:] ** 2))
+    assert np.std(whitened) < 0.005 < 0.02 < np.std(by_level)
+    assert np.mean(whitened) == pytest.approx(1.0, abs=0.003)
+    wrong = from_cycles(row, weight, row, 0, 1.0)  # stated as half of what it is
+    assert (wrong.sigma, wrong.source) == (1.0, STATED)
+    white = series(np.zeros(0), 4000)
+    assert from_cycles(white, weight, white, 0, 2.05).sigma == 2.05
