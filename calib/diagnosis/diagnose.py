@@ -289,7 +289,7 @@ def _holds(
     differing : variation of the size of that cause, which the records have to show the rival's by; None: it has none
     """
     selection, own = outcome
-    if own is None or not selection.is_sufficient or not own.tries_as_much_as(gain) or own.refutes:
+    if own is None or not _stands(selection, own) or not own.tries_as_much_as(gain):
         return False
     return differing is None or _has_one_size(rival, own, gain, differing)
 
