@@ -87,9 +87,9 @@ class Part:
         return self._shrunk(alone[:, None] * self._shrunk(columns, -1.0), 1.0)
 
     def restored(self, columns: np.ndarray) -> np.ndarray:
-        """Undo `white`: columns (row * n, k) to (row, n, k) in the units of the rows, all samples weighted alike."""
-        blocks = np.split(self._shrunk(columns, -1.0), len(self.rows))
-        return np.array([noise.coloured(block.T).T for noise, block in zip(self.noise, blocks, strict=True)])
+        """Undo `white`: columns (row * n, k) to (row, n, k) in the units of the rows; 0 where nothing counts."""
+        blocks = zip(self.noise, np.split(self._shrunk(columns, -1.0), len(self.rows)), self.weight, strict=True)
+        return np.array([noise.coloured(block.T, weight).T for noise, block, weight in blocks])
 
     def without_clock(self, rows: np.ndarray) -> np.ndarray:
         """Residual rows (row, n) less what the clock's rate is expected to make of them, within what clocks have."""
@@ -209,8 +209,8 @@ class Evidence:
         """Columns (N, k) in units of the noise of `other`, which weighs the same samples, in units of this noise."""
         blocks = []
         for part, old in zip(self.parts, other.parts, strict=True):
-            plain, even = old.restored(columns[other.of(old.name)]), replace(part, weight=np.ones_like(part.weight))
-            whitened = np.column_stack([even._whitened(plain[:, :, k]) for k in range(columns.shape[1])])
+            plain = old.restored(columns[other.of(old.name)])
+            whitened = np.column_stack([part._whitened(plain[:, :, k]) for k in range(columns.shape[1])])
             blocks.append(part._shrunk(whitened, 1.0))
         return np.concatenate(blocks)
 

@@ -14,10 +14,12 @@ sure.
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from scipy.linalg import solve_toeplitz
+from scipy.linalg import solve_banded, solve_toeplitz
 from scipy.signal import lfilter, lfiltic
+from scipy.sparse import dia_array
 
 from calib.diagnosis.criteria import CRITERIA
 
@@ -57,7 +59,7 @@ class Noise:
     @property
     def innovation(self) -> float:
         """Standard deviation of what is new in each sample, over that of the noise  [1]."""
-        return _innovation(self.memory)
+        return math.sqrt(max(1e-12, 1.0 - float(self.memory @ _correlations(self.memory))))
 
     def autocorrelation(self, lags: int) -> np.ndarray:
         """Correlation (lags,) of samples 0, 1, 2, ... apart  [1]."""
@@ -78,14 +80,56 @@ class Noise:
         squares = self.autocorrelation(max(1, int(counted))) ** 2
         return math.sqrt(2.0 / max(counted, 1.0) * float(2.0 * squares.sum() - squares[0]))
 
-    def whitened(self, rows: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        """Rows (..., n) in units of the noise, weighted (n,), their memory taken out: white of unit variance."""
-        scaled = rows * weight / (self.sigma * self.innovation)
-        return lfilter(np.concatenate([[1.0], -self.memory]), [1.0], scaled, axis=-1)
+    @cached_property
+    def _predictors(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of a sample from the 0, 1, ..., order samples before it: coefficients (order + 1, order), what is new in it.
 
-    def coloured(self, white: np.ndarray) -> np.ndarray:
-        """Give white rows (..., n) their memory and unit back: the inverse of `whitened` with weights of 1."""
-        return lfilter([1.0], np.concatenate([[1.0], -self.memory]), white) * self.sigma * self.innovation
+        By the equations of Yule and Walker; the last of them is the autoregression itself.
+        """
+        order, rho = self.memory.size, self.autocorrelation(self.memory.size + 1)
+        coefficients, new = np.zeros((order + 1, order)), np.ones(order + 1)
+        for known in range(1, order + 1):
+            own = self.memory if known == order else solve_toeplitz(rho[:known], rho[1 : known + 1])
+            coefficients[known, :known] = own
+            new[known] = math.sqrt(max(1e-12, 1.0 - float(own @ rho[1 : known + 1])))
+        return coefficients, self.sigma * new
+
+    def _bands(self, weight: np.ndarray) -> np.ndarray:
+        """Diagonals (order + 1, n), from the main one down, of the matrix that takes the memory out of rows.
+
+        Each sample is predicted from those just before it, as far as all of them count as much as it does: what is
+        known of it may not rest on what is less to be trusted. After a gap the prediction begins anew.
+        """
+        order, n = self.memory.size, weight.size
+        known, goes_on = np.zeros(n, dtype=int), weight > 0.0
+        for lag in range(1, min(order, n - 1) + 1):
+            goes_on = goes_on & np.concatenate([np.zeros(lag, dtype=bool), weight[:-lag] >= weight[lag:]])
+            known += goes_on
+        coefficients, new = self._predictors
+        bands = np.zeros((order + 1, n))
+        bands[0] = 1.0 / new[known]
+        for lag in range(1, min(order, n - 1) + 1):
+            bands[lag, :-lag] = -(coefficients[known, lag - 1] / new[known])[lag:]
+        return bands
+
+    def whitened(self, rows: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """Rows (..., n) in units of the noise, their memory taken out, weighted (n,).
+
+        Of such noise they are white, and of variance weight^2.
+        """
+        if not self.memory.size:
+            return rows * weight / self.sigma
+        below = dia_array((self._bands(weight), -np.arange(self.memory.size + 1)), shape=(weight.size, weight.size))
+        return (below @ rows.reshape(-1, weight.size).T).T.reshape(rows.shape) * weight
+
+    def coloured(self, white: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """Undo `whitened` for rows (..., n) where the weight (n,) is not 0; 0 elsewhere."""
+        counts = weight > 0.0
+        even = np.divide(white, weight, out=np.zeros(white.shape), where=counts)
+        if not self.memory.size:
+            return even * self.sigma
+        bands, flat = self._bands(weight), even.reshape(-1, weight.size).T
+        return solve_banded((self.memory.size, 0), bands, flat).T.reshape(white.shape) * counts
 
     def drawn(self, rng: np.random.Generator, size: int) -> np.ndarray:
         """Draw noise (size,)."""
@@ -141,7 +185,7 @@ def from_cycles(
     noise = _noise(residual * math.sqrt(counted / free), weight, measured, CYCLIC)
     # level at which what is new in each sample, the residual once whitened, has unit variance, without bias
     freedom = max(free - noise.memory.size - 2.0, 1.0)
-    new = noise.whitened(residual, weight)[noise.memory.size :]
+    new = noise.whitened(residual, weight)
     sigma = max(noise.sigma * math.sqrt(float(new @ new) / freedom), _least(measured))
     noise = replace(noise, sigma=sigma, repeated=True)
     if stated is None:
@@ -176,9 +220,9 @@ def with_memory(
     """Noise of known memory; its level from the fastest part of the residual."""
     if stated is not None:
         return Noise(stated, memory, STATED, repeated=True)
-    new = lfilter(np.concatenate([[1.0], -memory]), [1.0], residual * weight)[memory.size :]
+    new = Noise(1.0, memory, RESIDUAL).whitened(residual, weight)
     quick = np.abs(2.0 * new[2:-2] - new[:-4] - new[4:])
-    level = QUICK * float(np.median(quick)) / _innovation(memory)
+    level = QUICK * float(np.median(quick))
     return Noise(max(level, _least(measured)), memory, RESIDUAL, repeated=True)
 
 
@@ -235,11 +279,6 @@ def _of_autocovariance(gamma: np.ndarray, freedom: float) -> np.ndarray:
 
 def _stable(memory: np.ndarray) -> bool:
     return bool(np.abs(np.roots(np.concatenate([[1.0], -memory]))).max(initial=0.0) < 0.9999)
-
-
-def _innovation(memory: np.ndarray) -> float:
-    """Standard deviation of the innovations over that of the process."""
-    return math.sqrt(max(1e-12, 1.0 - float(memory @ _correlations(memory))))
 
 
 def _correlations(memory: np.ndarray) -> np.ndarray:

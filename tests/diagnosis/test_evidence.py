@@ -18,7 +18,7 @@ RNG = np.random.default_rng(3)
 def part(name, *memories):
     noise = tuple(Noise(0.1 * (k + 1), np.array(memory), STATED) for k, memory in enumerate(memories))
     weight = np.ones((2, SIZE))
-    weight[1, 40:50] = 0.0  # next to an impact
+    weight[1, 40:50], weight[1, 50:53] = 0.0, (0.2, 0.6, 0.9)  # next to an impact
     measured = RNG.standard_normal((2, SIZE))
     return Part(name, ROWS, 1e-3 * np.arange(SIZE), measured, None, 1, (), noise, weight > 0.0, weight)
 

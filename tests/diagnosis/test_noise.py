@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from calib.cycles import mean_cycle
@@ -33,14 +34,48 @@ def test_level_and_memory_are_found_from_cycles_of_whatever_motion(memory, per_c
 @pytest.mark.parametrize("memory", [[], [0.8], [1.2, -0.5]])
 def test_whitened_noise_is_white_and_of_unit_variance(memory):
     noise = Noise(2.0, np.array(memory), "")
-    white = noise.whitened(series(memory, 100_000), np.ones(100_000))[50:]
+    white = noise.whitened(series(memory, 100_000), np.ones(100_000))
     assert white.std() == pytest.approx(1.0, rel=0.02)
     assert abs(np.corrcoef(white[1:], white[:-1])[0, 1]) < 0.02
 
 
-def test_colouring_undoes_whitening():
-    noise, row = Noise(2.0, np.array([0.8]), ""), series([0.8], 300)
-    np.testing.assert_allclose(noise.coloured(noise.whitened(row, np.ones(300))), row, atol=1e-12)
+MEMORIES = [[], [0.8], [1.3582, -0.6873], [0.5, 0.2, -0.4, 0.1]]
+
+
+def gaps(size):
+    """Weights (size,) of a velocity beside impacts: gaps, single samples between them, weights that fall and rise."""
+    weight = np.ones(size)
+    weight[10:13], weight[20], weight[22:25] = 0.0, 0.0, 0.0
+    weight[30:36] = 0.8, 0.3, 0.0, 0.05, 0.6, 0.9
+    return weight
+
+
+@pytest.mark.parametrize("memory", MEMORIES)
+def test_noise_beside_gaps_has_the_variance_of_its_weights_once_whitened_and_no_memory_between_them(memory):
+    """By the covariance of the noise itself: no sample counts more than it was meant to because its past is unknown."""
+    noise, weight = Noise(2.0, np.array(memory), ""), gaps(60)
+    covariance = 4.0 * toeplitz(noise.autocorrelation(60))
+    matrix = noise.whitened(np.eye(60), weight).T
+    whitened = matrix @ covariance @ matrix.T
+    np.testing.assert_allclose(np.diag(whitened), weight**2, atol=1e-9)
+    for run in (slice(0, 10), slice(13, 20), slice(25, 30), slice(36, 60)):
+        np.testing.assert_allclose(whitened[run, run], np.eye(run.stop - run.start), atol=1e-9)
+
+
+@pytest.mark.parametrize("memory", MEMORIES)
+def test_what_is_hardly_trusted_changes_nothing_else(memory):
+    noise, weight = Noise(2.0, np.array(memory), ""), gaps(60)
+    row, spoilt = series([0.8], 60), series([0.8], 60)
+    spoilt[weight < 1.0] += 1e6
+    whole = weight == 1.0
+    np.testing.assert_array_equal(noise.whitened(row, weight)[whole], noise.whitened(spoilt, weight)[whole])
+
+
+@pytest.mark.parametrize("memory", MEMORIES)
+def test_colouring_undoes_whitening(memory):
+    noise, weight = Noise(2.0, np.array(memory), ""), gaps(300)
+    rows = np.array([series([0.8], 300, seed) for seed in range(3)])
+    np.testing.assert_allclose(noise.coloured(noise.whitened(rows, weight), weight), rows * (weight > 0.0), atol=1e-9)
 
 
 def test_a_stated_level_comes_first():
@@ -91,10 +126,10 @@ def test_samples_without_weight_do_not_count():
     assert from_residual(row, weight, np.ones(4000), None).sigma == pytest.approx(2.0, rel=0.1)
 
 
-def test_filter_and_draw_agree_with_scipy():
-    noise = Noise(1.0, np.array([0.5]), "")
+def test_away_from_gaps_whitening_is_the_filter_of_scipy():
     row = np.random.default_rng(1).standard_normal(50)
-    np.testing.assert_allclose(noise.whitened(row, np.ones(50)), lfilter([1.0, -0.5], [1.0], row) / np.sqrt(0.75))
+    filtered = lfilter([1.0, -0.5], [1.0], row) / np.sqrt(0.75)
+    np.testing.assert_allclose(Noise(1.0, np.array([0.5]), "").whitened(row, np.ones(50))[1:], filtered[1:])
 
 
 def test_of_stated_noise_with_memory_what_is_new_is_judged_by_its_cycles():
@@ -105,8 +140,8 @@ def test_of_stated_noise_with_memory_what_is_new_is_judged_by_its_cycles():
         row = series(memory, 4000, seed)
         noise = from_cycles(row, weight, row, 0, 2.0)
         assert noise.source == STATED
-        by_level.append(np.mean(Noise(2.0, noise.memory, STATED).whitened(row, weight)[2:] ** 2))
-        whitened.append(np.mean(noise.whitened(row, weight)[2:] ** 2))
+        by_level.append(np.mean(Noise(2.0, noise.memory, STATED).whitened(row, weight) ** 2))
+        whitened.append(np.mean(noise.whitened(row, weight) ** 2))
     assert np.std(whitened) < 0.005 < 0.02 < np.std(by_level)
     assert np.mean(whitened) == pytest.approx(1.0, abs=0.003)
     wrong = from_cycles(row, weight, row, 0, 1.0)  # stated as half of what it is
