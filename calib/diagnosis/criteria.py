@@ -41,6 +41,8 @@ class Criteria:
         (Burnham & Anderson, Model Selection and Multimodel Inference, 2002, section 2.6)
     max_causes : that are named  [count]; convention
     max_refits : suspects that are refitted in one search  [count]; convention
+    max_pairs : pairs of suspects that are fitted to find the best  [count]; convention
+    max_runners_up : suspects that are tried where what was held out refutes the only cause  [count]; convention
     min_leader_share : predicted reduction of chi-square of a suspect that is refitted, relative to the largest  [1];
         convention
     min_alikeness : cosine of the angle between what two suspects change in the records, from which on one is refitted
@@ -86,6 +88,8 @@ class Criteria:
     aic_tie: float = 6.0
     max_causes: int = 3
     max_refits: int = 8
+    max_pairs: int = 5
+    max_runners_up: int = 3
     min_leader_share: float = 0.3
     min_alikeness: float = 0.95
     min_rescored_share: float = 0.15

@@ -27,7 +27,6 @@ from calib.pool import LocalPool
 from calib.study import Pool, Study
 
 ONE_SIZE = "it has one size in all records"
-MAX_RUNNERS_UP = 3  # that are tried where what was held out refutes the only cause
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,7 +258,7 @@ def _exchanged_by_records(
     several = [(c, own) for c, own in zip(selection.causes, selection.alternatives, strict=True) if len(own) > 1]
     groups = [(c, own) for c, own in several if refuted or c.name in differing]
     if refuted and len(selection.causes) == 1:
-        groups.append((selection.causes[0], selection.runners_up[:MAX_RUNNERS_UP]))
+        groups.append((selection.causes[0], selection.runners_up[: CRITERIA.max_runners_up]))
     for cause, rivals in groups:
         better = []
         for rival in rivals:

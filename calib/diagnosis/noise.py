@@ -183,10 +183,9 @@ def from_cycles(
     counted = float((weight**2).sum())
     free = max(counted - parameters, 1.0)
     noise = _noise(residual * math.sqrt(counted / free), weight, measured, CYCLIC)
-    # level at which what is new in each sample, the residual once whitened, has unit variance, without bias
-    freedom = max(free - noise.memory.size - 2.0, 1.0)
+    # what is new in each sample, the residual once whitened, has unit variance in this record: its misfit is judged by it
     new = noise.whitened(residual, weight)
-    sigma = max(noise.sigma * math.sqrt(float(new @ new) / freedom), _least(measured))
+    sigma = max(noise.sigma * math.sqrt(float(new @ new) / free), _least(measured))
     noise = replace(noise, sigma=sigma, repeated=True)
     if stated is None:
         return noise

@@ -7,6 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from calib.diagnosis.candidate import Candidate
+from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.excess import chi2_std, excess_chi2
 from calib.diagnosis.refit import Fit, Fitter
 from calib.diagnosis.screening import KnownDerivatives
@@ -96,24 +97,29 @@ def aic(causes: Sequence[Cause], final: Fit) -> float:
 
 
 def best_pair(fitter: Fitter, null: Fit, suspects: Sequence[Suspect]) -> tuple[list[Cause], Fit] | None:
-    """The two causes of the least predicted AIC beside the calibrated model, fitted; None where there are no two.
+    """The two causes of the least AIC beside the calibrated model, fitted; None where there are no two.
 
-    The reduction of chi-square is predicted linearly, along both signatures.
+    Those pairs are fitted of which the least is predicted: the reduction of chi-square is linearly, along both
+    signatures, which orders them, but may miss the actual one by half.
     """
     testable = [s for s in suspects if s.is_testable and s.signature_columns.any()]
-    residual, least, best = null.projection(null.residual), 0.0, None
+    residual, predicted = null.projection(null.residual), []
     for pair in combinations(testable, 2):
         reduction = _predicted_reduction(residual, *pair) - pair[0].aic_penalty - pair[1].aic_penalty
-        if pair[0].name != pair[1].name and reduction > least:
-            least, best = reduction, pair
-    if best is None:
-        return None
-    candidates = tuple(s.candidate for s in best)
-    fit = fitter.fit(null.point, candidates, {name: x for c in candidates for name, x in c.absent().items()})
-    if not fit.names:
-        return None
-    causes = [suspect.refitted(fit, null.chi2 - fit.chi2) for suspect in best]
-    return [(cause, (cause,)) for cause in causes], fitter.with_derivatives(fit)
+        if pair[0].name != pair[1].name and reduction > 0.0:
+            predicted.append((reduction, pair))
+    best, attained = None, np.inf
+    for _, pair in sorted(predicted, key=lambda one: -one[0])[: CRITERIA.max_pairs]:
+        if best is not None and fitter.effort.spent:
+            break
+        candidates = tuple(suspect.candidate for suspect in pair)
+        sizes = {name: size for candidate in candidates for name, size in candidate.absent().items()}
+        fit = fitter.fit(null.point, candidates, sizes, rival=attained)
+        causes = [suspect.refitted(fit, null.chi2 - fit.chi2) for suspect in pair] if fit.names else []
+        pairs = [(cause, (cause,)) for cause in causes]
+        if pairs and (best is None or aic(pairs, fit) < aic(*best)):
+            best, attained = (pairs, fit), fit.chi2
+    return best and (best[0], fitter.with_derivatives(best[1]))
 
 
 def _predicted_reduction(residual: np.ndarray, one: Suspect, other: Suspect) -> float:
