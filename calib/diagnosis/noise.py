@@ -183,7 +183,7 @@ def from_cycles(
     counted = float((weight**2).sum())
     free = max(counted - parameters, 1.0)
     noise = _noise(residual * math.sqrt(counted / free), weight, measured, CYCLIC)
-    # what is new in each sample, the residual once whitened, has unit variance in this record: its misfit is judged by it
+    # once whitened, the residual has unit variance in this record: the misfit of the same samples is judged by it
     new = noise.whitened(residual, weight)
     sigma = max(noise.sigma * math.sqrt(float(new @ new) / free), _least(measured))
     noise = replace(noise, sigma=sigma, repeated=True)
