@@ -1,5 +1,6 @@
 """What an extension brings on data that had no part in finding it."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -13,7 +14,7 @@ from calib.diagnosis.clock import clock_slopes
 from calib.diagnosis.constancy import cochran, variation
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.evidence import Evidence, Part, gathered
-from calib.diagnosis.excess import bias_std, significant
+from calib.diagnosis.excess import bias_std, chi2_std, excess_chi2, significant
 from calib.diagnosis.refit import Fit, Fitter
 from calib.diagnosis.score import Projection, Signature, deviate
 from calib.diagnosis.signature import Direction, slopes
@@ -178,7 +179,8 @@ def gained(
     """
     shifts = _shifts(fitter, null, final)
     columns = _columns(pool, fitter, fitter.evidence, final, final.columns)
-    transfers = _transfers(fitter.evidence, final, columns, held=False)
+    remains = significant(excess_chi2(fitter.evidence, final), chi2_std(fitter.evidence))
+    transfers = _transfers(fitter.evidence, final, columns, remains, held=False)
     held = [name for name, reference in bench.objective.references.items() if reference.use == "holdout"]
     if not held:
         return _of_blocks(fitter, null, final, causes, seed, shifts=shifts, **_sizes(transfers, threshold))
@@ -190,7 +192,7 @@ def gained(
     parts = [(part, before[part.name], after[part.name]) for part in evidence.parts]
     there = replace(final, point=replace(final.point, simulated=after))
     columns = _columns(pool, fitter, evidence, there)
-    transfers += _transfers(evidence, there, columns, held=True)
+    transfers += _transfers(evidence, there, columns, remains, held=True)
     unaffected = tuple(name for name, own in columns.items() if not _changed(there, own))
     rest = {"failed": failed, "unaffected": unaffected, "shifts": shifts, **_sizes(transfers, threshold)}
     return _summed(RECORDS, parts, seed, **rest)
@@ -292,12 +294,15 @@ def _by_segment(part: Part, view: Seen) -> Squares:
     return Squares.of(part.measured, view.rows, weight, part.segments()[: part.time.size])
 
 
-def _transfers(evidence: Evidence, final: Fit, columns: Mapping[str, np.ndarray], held: bool) -> tuple[Transfer, ...]:
+def _transfers(
+    evidence: Evidence, final: Fit, columns: Mapping[str, np.ndarray], remains: bool, held: bool
+) -> tuple[Transfer, ...]:
     """Sizes of the causes refitted to each record alone, with all other parameters and its nuisances free.
 
     Parameters
     ----------
     columns : record -> (n, k) derivatives by the parameters `final.names`, then by what else is free
+    remains : whether the model leaves more than noise in the records of its fit
     """
     residual, nuisances = evidence.residual(final.point.simulated), evidence.tangents(final.point.simulated)
     numbers, transfers = evidence.rows(), []
@@ -308,7 +313,7 @@ def _transfers(evidence: Evidence, final: Fit, columns: Mapping[str, np.ndarray]
         for name in (name for c in final.candidates if c.name in changed for name in c.free):
             index = final.names.index(name)
             others = np.column_stack([np.delete(columns[part.name], index, axis=1), nuisances[own]])
-            alone = _refitted(residual[own], columns[part.name][:, index], others, numbers[own])
+            alone = _refitted(residual[own], columns[part.name][:, index], others, numbers[own], remains)
             if alone is not None:
                 step, error, freedom, bias = alone
                 transfers.append(Transfer(part.name, name, final.value(name) + step, error, held, freedom, bias))
@@ -316,17 +321,21 @@ def _transfers(evidence: Evidence, final: Fit, columns: Mapping[str, np.ndarray]
 
 
 def _refitted(
-    residual: np.ndarray, column: np.ndarray, others: np.ndarray, rows: np.ndarray
+    residual: np.ndarray, column: np.ndarray, others: np.ndarray, rows: np.ndarray, remains: bool
 ) -> tuple[float, float, float, float] | None:
     """Step of one parameter, its standard error and its degrees of freedom, and the standard deviation of its bias.
 
-    A partial regression: the `others` (n, k) are free as well. What it leaves, where that is more than noise, biases
-    the step as in `bias_std`.
+    A partial regression: the `others` (n, k) are free as well. What it leaves biases the step as in `bias_std`, where
+    that is more than noise here, or all records together show that something remains: by a standard deviation of its
+    sum of squares more then, for a sum that shows nothing may hide as much.
 
     The error counts what the model leaves beside the noise, as that of the joint size does; it is none less than what
     the noise alone makes. None where the others absorb the column but for the error of the derivatives.
 
+    Parameters
+    ----------
     rows : (n,) number of the row that each residual belongs to
+    remains : whether the model leaves more than noise in all records together
     """
     projection = Projection(others)
     signature = Signature.of(column[:, None], projection, np.array([DERIVATIVE_ERROR]))
@@ -340,8 +349,9 @@ def _refitted(
     covariance, freedom = sandwich(alone[counted, None], remaining[counted], rows[counted])
     error = float(np.sqrt(max(covariance[0, 0], 1.0 / information)))
     degrees = float(np.count_nonzero(remaining)) - projection.rank - 1.0
-    excess = float(remaining @ remaining) - degrees
-    bias = bias_std(excess, information) if significant(excess, np.sqrt(2.0 * max(degrees, 1.0))) else 0.0
+    excess, std = float(remaining @ remaining) - degrees, math.sqrt(2.0 * max(degrees, 1.0))
+    may_be_biased = remains or significant(excess, std)
+    bias = bias_std(max(0.0, excess) + std, information) if may_be_biased else 0.0
     return step, error, max(1.0, float(freedom[0]) - projection.rank), bias  # the others take theirs
 
 

@@ -21,7 +21,7 @@ class Cause(NamedTuple):
         their weights to it, in natural scales
     holds : parameter -> (power of its unit, value in natural scales)
     derived : whether the records have a derivative where it is absent
-    step : of a derivative, in natural scales of the size
+    step : of a derivative, in natural scales of the size, of a system whose steps are the usual ones
     one_sided : whether the size must not be negative
     """
 
@@ -85,6 +85,12 @@ def scale(system: System, power: tuple[float, float]) -> float:
 def natural(system: System, effect: str) -> float:
     """Natural scale of the size of an effect, SI."""
     return scale(system, next(iter(CAUSES[effect].grows.values()))[0])
+
+
+def first_step(system: System, effect: str) -> float:
+    """Step of a derivative by the size of an effect, or of a secant, SI."""
+    cause = CAUSES[effect]
+    return cause.step * natural(system, effect) * (system.step / System.step if cause.derived else 1.0)
 
 
 def parameters(

@@ -88,4 +88,5 @@ def system(
         periods=6,
         samples=200,
         time=np.zeros(0),
+        remainders=(*System.remainders, "coupling"),
     )

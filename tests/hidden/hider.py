@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from hidden import four_dof, oscillator
+from hidden import beam, four_dof, oscillator
 from hidden.information import Bench
 from hidden.laboratory import Laboratory
 from hidden.motion import Refused
@@ -20,7 +20,7 @@ from hidden.system import Plan
 from calib.record import make, write
 
 FAR = 20.0  # of an outlier from its place, over the noise
-SYSTEMS = {"four_dof": four_dof.system, "oscillator": oscillator.system}
+SYSTEMS = {"four_dof": four_dof.system, "oscillator": oscillator.system, "delaminated_beam": beam.system}
 
 
 class Hidden(NamedTuple):
@@ -53,7 +53,7 @@ def bench(
     laboratory: int | Laboratory | None = None,
     **options,
 ) -> Bench:
-    """Return the system of a simulator with its records; `options` of `four_dof.system` or `oscillator.system`.
+    """Return the system of a simulator with its records; `options` of its `system`.
 
     laboratory : that takes the records, or the seed that it is drawn from; its noise is then that of the records
     """
@@ -89,7 +89,7 @@ def hide(
 
     Parameters
     ----------
-    simulator : "four_dof" or "oscillator"
+    simulator : one of `SYSTEMS`
     effect : one, several, or none
     strength : z of each effect, see `Bench.z_of`
     seed : of the noise
@@ -102,7 +102,7 @@ def hide(
         noise, in place of `noise`, `phi` and `stated`
     remainder : share of the motion that something makes which no candidate expresses; its kind is drawn from the seed
     over_remainder : z of each effect at least, over that of the remainder  [1]
-    options : of `four_dof.system` or `oscillator.system`
+    options : of the simulator's `system`
 
     Raises
     ------

@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from hidden.causes import CAUSES, natural, parameters
+from hidden.causes import CAUSES, first_step, parameters
 from hidden.motion import Refused
 from hidden.noise import whitened
 from hidden.system import Plan, System
 
-STEP = 1e-5  # of derivatives by calibrated parameters, relative
 LATER = 1e-6  # of derivatives by the beginning of a record, in periods
 BLIND = 2.0  # samples on both sides of an impact that are not looked at in velocities: the sample that jumps is chance
 ABSORBED = 1e-4  # share of an effect beyond what calibration imitates, below which nothing is left
@@ -176,8 +175,9 @@ class Bench:
         columns = []
         for name in self.system.windows:
             value = self.system.truth[name]
-            ahead, behind = ({name: value * (1.0 + step)} for step in (STEP, -STEP))
-            columns.append(self._between(ahead, behind) / (2.0 * STEP * value))
+            step = self.system.step
+            ahead, behind = ({name: value * (1.0 + sign * step)} for sign in (1.0, -1.0))
+            columns.append(self._between(ahead, behind) / (2.0 * step * value))
         for plan in self.plans:
             if plan.name in self.trigger:
                 parts = [np.zeros(self.clean(p).rows.size) for p in self.plans]
@@ -202,7 +202,7 @@ class Bench:
     def derivative(self, effect: str, weights: Mapping[str, float] | None = None) -> np.ndarray:
         """Derivative of all records by the size of an effect, where it is absent; a secant where there is none."""
         cause = CAUSES[effect]
-        step = cause.step * natural(self.system, effect)
+        step = first_step(self.system, effect)
         if cause.derived and not cause.one_sided:
             ahead, behind = ({"hidden": self.hidden(effect, s, weights)} for s in (step, -step))
             return self._between(ahead, behind) / (2.0 * step)
@@ -273,7 +273,7 @@ class Bench:
         whole, left = (float(np.linalg.norm(c)) for c in (column, self.beyond(column)))
         if not left > ABSORBED * whole:
             raise Refused(f"{effect!r} changes {whole:.1e} a unit, of which {left:.1e} is beyond calibration")
-        small = CAUSES[effect].step * natural(self.system, effect)
+        small = first_step(self.system, effect)
         return self._searched(effect, z, z / left if CAUSES[effect].derived else small)
 
     def _searched(self, effect: str, z: float, size: float) -> float:

@@ -7,7 +7,6 @@ import numpy as np
 from hidden.system import Clock, Plan, System
 
 SAMPLES = (20.0, 400.0)  # per period of a free-running clock
-CYCLES = (2.5, 100.0)  # periods of a harmonic record
 MOST = 20_000  # samples of a record
 NOISE = (0.003, 0.03)  # over the rms of a channel
 PHI = (0.3, 0.9)  # correlation of neighbouring samples, or modulus of the poles of an AR(2), at REFERENCE
@@ -46,7 +45,7 @@ class Laboratory:
         phi, angle, noise = rng.uniform(*PHI), rng.uniform(*ANGLE), _log_uniform(rng, NOISE)
         clocks, memory, facts = {}, {}, {}
         for plan in system.plans:
-            samples, cycles = _log_uniform(rng, SAMPLES), _log_uniform(rng, CYCLES)
+            samples, cycles = _log_uniform(rng, SAMPLES), _log_uniform(rng, system.cycles)
             if plan.kind == "harmonic" and not free:
                 samples = float(system.samples)
             clocks[plan.name] = _clock(rng, system, plan, samples, cycles, drift, told if free else None)

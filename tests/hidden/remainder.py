@@ -11,10 +11,9 @@ from calib.diagnosis.criteria import CRITERIA
 
 POWERS = {  # of metre and second, of the parameter that makes the size of a kind
     "second_stop": (-0.5, -2), "quintic": (-4, -2), "parametric": (0, -2), "magnet": (1, -2), "cogging": (1, -2),
-    "valve": (-1, -1), "coupling": (-2, -2),
+    "valve": (-1, -1), "coupling": (-2, -2), "wave": (1, 0),
+    "thicker_layer": (0, 0), "stiffness_damping": (0, 0),
 }  # fmt: skip
-KINDS = ("second_stop", "quintic", "parametric", "magnet", "cogging", "valve")
-BETWEEN = ("coupling",)  # of a plant with two measured bodies
 LEAST = CRITERIA.min_over_remainder
 EXPRESSED = float(np.sqrt(LEAST / (1.0 + LEAST)))  # |cos| after calibration from which an effect may be named for it
 DRAWS = 12  # of a kind and its shape, until no effect expresses it
@@ -36,7 +35,7 @@ def remainder(at: Bench, share: float, seed: int) -> tuple[str, dict[str, float]
     """
     rng, refusal = np.random.default_rng([seed, 5]), None
     for _ in range(DRAWS):
-        kind = str(rng.choice(kinds(at)))
+        kind = str(rng.choice(at.system.remainders))
         try:
             values = scaled(at, kind, share, rng)
             name, cosine = expressed_by(at, values)
@@ -49,11 +48,6 @@ def remainder(at: Bench, share: float, seed: int) -> tuple[str, dict[str, float]
     raise refusal
 
 
-def kinds(at: Bench) -> tuple[str, ...]:
-    """Kinds of remainders that a plant may have."""
-    return KINDS + (BETWEEN if len(at.system.measured) > 1 else ())
-
-
 def expressed_by(at: Bench, values: Mapping[str, float]) -> tuple[str, float]:
     """Effect that imitates these hidden parameters best after calibration, and |cos| between them."""
     effects = tuple(name for name in at.system.effects if name != "outliers")
@@ -64,10 +58,16 @@ def expressed_by(at: Bench, values: Mapping[str, float]) -> tuple[str, float]:
 def scaled(at: Bench, kind: str, share: float, rng: np.random.Generator) -> dict[str, float]:
     """Parameters of a remainder that changes the records by this share, see `change`; its shape is drawn.
 
+    All elements instead of modes change the beam by one share, which has to be no less.
+
     Raises
     ------
     Refused : there is no such size
     """
+    if kind == "full":  # has one size
+        if change(at, {kind: 1.0}) < share:
+            raise Refused(f"{kind!r} makes less than {share:.1%} of the motion of {at.system.name}")
+        return {kind: 1.0}
     size, low, high = FIRST, 0.0, np.inf
     shape = drawn_shape(at, kind, rng)
     for _ in range(ROUNDS):
@@ -114,4 +114,8 @@ def drawn_shape(at: Bench, kind: str, rng: np.random.Generator) -> dict[str, flo
         return {"cogging_pitch": reached * rng.uniform(0.3, 1.2)}
     if kind == "parametric":
         return {"parametric_order": float(rng.integers(1, 4))}
+    if kind == "wave":
+        return {"wave_order": float(rng.uniform(2.0, 8.0)), "full": 1.0}
+    if kind in ("thicker_layer", "stiffness_damping"):
+        return {"full": 1.0}
     return {}

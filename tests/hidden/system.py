@@ -67,6 +67,9 @@ class System:
     periods, samples : of a harmonic record
     time : (n,) of another record  [s]
     clocks : of the records, by name; None: all sample in step with the drive, at `samples` per period, or at `time`
+    remainders : kinds of what the plant may have besides, which no effect expresses
+    step : of derivatives, relative
+    cycles : of a harmonic record in a laboratory that is drawn: least and most
     """
 
     name: str
@@ -88,6 +91,9 @@ class System:
     samples: int
     time: np.ndarray
     clocks: Mapping[str, Clock] | None = None
+    remainders: tuple[str, ...] = ("second_stop", "quintic", "parametric", "magnet", "cogging", "valve")
+    step: float = 1e-5
+    cycles: tuple[float, float] = (2.5, 100.0)
 
     def clock(self, plan: Plan) -> Clock:
         """Clock of a record."""

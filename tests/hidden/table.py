@@ -32,7 +32,7 @@ from pathlib import Path
 import numpy as np
 from hidden import drawn
 from hidden.drawn import CLEAR, IN_RECORDS, PAIRS, UNLIKE
-from hidden.hider import bench, hide
+from hidden.hider import SYSTEMS, bench, hide
 from hidden.laboratory import DRIFT
 from hidden.motion import Refused
 from hidden.seeker import seek
@@ -231,7 +231,7 @@ def all_played(wanted: list[dict], key: Callable, play: Callable, line: Callable
 def main():
     """Play what is missing, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("simulator", choices=["four_dof", "oscillator"])
+    parser.add_argument("simulator", choices=sorted(SYSTEMS))
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--cache", type=Path, default=Path(tempfile.gettempdir()) / "hidden")
     parser.add_argument("--kinds", default="one,none,two,absent")

@@ -1,20 +1,21 @@
 """The remainder: a law of physics that makes the wanted share of the motion, and that no effect is."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hidden.drawn import SHARES
 from hidden.flight import Laws, rates
 from hidden.four_dof import PLANS, plant
 from hidden.four_dof import TRUTH as FOUR_DOF
-from hidden.hider import bench, hide
+from hidden.hider import SYSTEMS, bench, hide
 from hidden.motion import Refused
-from hidden.remainder import BETWEEN, EXPRESSED, KINDS, change, expressed_by, remainder, scaled
+from hidden.remainder import EXPRESSED, change, expressed_by, remainder, scaled
 from simulators.four_dof_peer import spring_drive
 
 from calib.record import read
 
-ALL = [(simulator, kind) for simulator in ("oscillator", "four_dof") for kind in KINDS]
-ALL += [("four_dof", kind) for kind in BETWEEN]
+ALL = [(name, kind) for name, system in SYSTEMS.items() for kind in system().remainders if kind != "full"]
 
 
 @pytest.fixture(scope="module")
@@ -32,16 +33,16 @@ def test_a_remainder_makes_the_wanted_share_of_the_motion(simulator, kind, cache
 @pytest.mark.parametrize("simulator", ["oscillator", "four_dof"])
 def test_a_large_remainder_can_be_made_of_every_system(simulator, cache):
     at, rng = bench(simulator, cache), np.random.default_rng(3)
-    assert any(change(at, scaled(at, kind, 0.05, rng)) > 0.04 for kind in KINDS[:2])
+    assert any(change(at, scaled(at, kind, 0.05, rng)) > 0.04 for kind in at.system.remainders[:2])
 
 
 @pytest.mark.parametrize("share", SHARES)
-def test_what_an_effect_expresses_is_no_remainder(share, cache, monkeypatch):
+def test_what_an_effect_expresses_is_no_remainder(share, cache):
     at = bench("oscillator", cache)
-    monkeypatch.setattr("hidden.remainder.KINDS", ("quintic",))
+    at.system = replace(at.system, remainders=("quintic",))
     with pytest.raises(Refused, match="cubic_stiffness expresses 'quintic'"):
         remainder(at, share, seed=8)
-    monkeypatch.setattr("hidden.remainder.KINDS", ("quintic", "magnet"))
+    at.system = replace(at.system, remainders=("quintic", "magnet"))
     kind, values = remainder(at, share, seed=8)
     assert kind == "magnet"
     assert set(values) == {"magnet", "magnet_place", "magnet_width"}
@@ -81,7 +82,7 @@ def test_the_seed_draws_the_kind_and_the_records_have_it(cache, tmp_path):
             shares.append((apart**2).mean() / (clean**2).mean() - 0.01**2)
         assert np.sqrt(np.mean(shares)) == pytest.approx(0.05, rel=0.3)
     assert len(kinds) > 1
-    assert kinds <= set(KINDS)
+    assert kinds <= set(SYSTEMS["oscillator"]().remainders)
 
 
 def test_an_effect_may_be_hidden_at_a_multiple_of_the_remainder(cache, tmp_path):
