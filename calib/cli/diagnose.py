@@ -133,15 +133,15 @@ def _suspects(found: Mapping[str, Any], width: int) -> Table:
     for heading in ("z", "explains", "size, 95 % interval", *(("detectable", "absorbed") if wide else ())):
         table.add_column(heading, justify="right", no_wrap=not heading.startswith("size"))
     joint = found.get("joint_sizes", {})
-    for suspect in found["suspects"][:MOST]:
-        first = next(iter(suspect["size"]))
+    for suspect in sorted(found["suspects"], key=hardly_seen)[:MOST]:
+        first, absorbed = next(iter(suspect["size"])), hardly_seen(suspect)
         row = (
             escape(suspect["effect"]),
-            "-" if suspect["z"] is None else f"{suspect['z']:.1f}",
+            "-" if absorbed or suspect["z"] is None else f"{suspect['z']:.1f}",
             _explains(suspect, found),
-            "-" if hardly_seen(suspect) else ", ".join(sizes(joint.get(suspect["effect"], suspect))),
+            "-" if absorbed else ", ".join(sizes(joint.get(suspect["effect"], suspect))),
         )
-        least = None if hardly_seen(suspect) else suspect["detectable"][first]
+        least = None if absorbed else suspect["detectable"][first]
         further = shown(least, suspect["units"][first], 2), f"{suspect['absorbed']:.0%}"
         table.add_row(*row, *(further if wide else ()))
     return table

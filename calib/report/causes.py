@@ -14,9 +14,10 @@ from calib.report.remains import EXTENDED
 from calib.report.words import signed
 
 NAMED, CLASS, LESS, SENSELESS, BELOW = "named", "in the class", "explains less", "wrong sign", "below"
-CLOSEST = "comes closest"
+CLOSEST, ABSORBED = "comes closest", "absorbed"
 COLOURS = {
     NAMED: EXTENDED, CLASS: "#E69F00", CLOSEST: "#E69F00", LESS: SIMULATED, SENSELESS: "#9cc3dd", BELOW: "#cfcfcf",
+    ABSORBED: "#cfcfcf",
 }  # fmt: skip
 LEGEND = {
     NAMED: "named",

@@ -230,6 +230,8 @@ def outcome(suspect: Mapping[str, Any], said: Mapping[str, Any]) -> str:
         return causes.CLASS
     if name in said["closest"] or name in _as_close(said):
         return causes.CLOSEST
+    if hardly_seen(suspect):
+        return causes.ABSORBED
     if suspect["z"] is None or said["threshold"] is None or abs(suspect["z"]) <= said["threshold"]:
         return causes.BELOW
     return causes.SENSELESS if suspect["z"] < 0.0 and _one_sided(suspect) else causes.LESS
@@ -249,10 +251,10 @@ def _one_sided(suspect):
 
 def _suspects(said, outcomes):
     """Rows of the table of suspects: those shown at once, and the rest."""
-    rank = {causes.NAMED: 0, causes.CLASS: 0, causes.CLOSEST: 0}
+    rank = {causes.NAMED: 0, causes.CLASS: 0, causes.CLOSEST: 0, causes.ABSORBED: 2}
     ordered = sorted(said["suspects"], key=lambda s: (rank.get(outcomes[s["effect"]], 1), -abs(s["z"] or 0.0)))
     rows = [_suspect(suspect, outcomes[suspect["effect"]], said) for suspect in ordered]
-    shown = sum(row["fate"] != causes.BELOW for row in rows)
+    shown = sum(row["fate"] not in (causes.BELOW, causes.ABSORBED) for row in rows)
     shown = len(rows) if said["verdict"] == NONE else min(max(shown, 3), ENOUGH)
     return {"shown": rows[:shown], "rest": rows[shown:]}
 
@@ -260,7 +262,8 @@ def _suspects(said, outcomes):
 def _strengths(said, outcomes):
     if said["threshold"] is None:
         return None
-    strengths = [(s["effect"], abs(s["z"]), outcomes[s["effect"]]) for s in said["suspects"] if s["z"] is not None]
+    known = [(s, outcomes[s["effect"]]) for s in said["suspects"] if s["z"] is not None]
+    strengths = [(s["effect"], abs(s["z"]), fate) for s, fate in known if fate != causes.ABSORBED]
     return _pictured(causes.suspects(strengths, said["threshold"]), "suspects", SUSPECTS)
 
 
@@ -278,7 +281,7 @@ def _suspect(suspect, fate, said):
         "fate": fate,
         "colour": causes.COLOURS[fate],
         "bold": fate in (causes.NAMED, causes.CLASS, causes.CLOSEST),
-        "z": "-" if untested or suspect["z"] is None else signed(suspect["z"]),
+        "z": "-" if untested or suspect["z"] is None or fate == causes.ABSORBED else signed(suspect["z"]),
         "sizes": ["-"]
         if untested or hardly_seen(suspect)
         else sizes(said.get("joint_sizes", {}).get(suspect["effect"], suspect)),
@@ -312,7 +315,7 @@ def _reason(suspect, fate, said):
         first = said["rounds"][0]["chosen"] if said["rounds"] else None
         alike = f"; {percent(suspect['alike'])} like {first}" if first and (suspect.get("alike") or 0.0) > 0.5 else ""
         return f"explains less{alike}"
-    if hardly_seen(suspect):
+    if fate == causes.ABSORBED:
         return "calibration absorbs it: these records hardly show it"
     if fate == causes.CLOSEST:
         return "comes closest" if suspect["effect"] in said["closest"] else "comes as close"
