@@ -23,6 +23,7 @@ class Cause(NamedTuple):
     derived : whether the records have a derivative where it is absent
     step : of a derivative, in natural scales of the size, of a system whose steps are the usual ones
     one_sided : whether the size must not be negative
+    most : largest size, SI
     """
 
     grows: Mapping[str, tuple[Power, float]]
@@ -30,6 +31,7 @@ class Cause(NamedTuple):
     derived: bool = True
     step: float = 1e-5
     one_sided: bool = False
+    most: float = math.inf
 
 
 CAUSES = {
@@ -65,7 +67,7 @@ CAUSES = {
     "channel_drift": Cause({"drift_displacement": (SPEED, 1.0), "drift_velocity": (ACCELERATION, 0.5)}),
     "channel_lag": Cause({"lag": (SECOND, 1.0)}),
     "velocity_lowpass": Cause({"lowpass": (SECOND, 1.0)}, step=1e-3, one_sided=True),
-    "velocity_differencing": Cause({"differencing": (NUMBER, 1.0)}),
+    "velocity_differencing": Cause({"differencing": (NUMBER, 1.0)}, most=1.0),
     "plot_shear": Cause({"shear": (SECOND, 1.0)}),
     "plot_scale": Cause({"plot_scale": (NUMBER, 1.0)}),
     "axis_tilt": Cause({"tilt": (NUMBER, 1.0)}),

@@ -295,6 +295,8 @@ class Bench:
         raise refusal
 
     def _check_modest(self, effect: str, size: float) -> None:
+        if size > CAUSES[effect].most:
+            raise Refused(f"{effect!r} of size {size:.3g} is more than there can be, {CAUSES[effect].most:g}")
         for plan in self.plans:
             before, after = self.clean(plan).rows, self.clean(plan, self.hidden(effect, size)).rows
             change = np.sqrt(((after - before) ** 2).mean(axis=1) / (before**2).mean(axis=1)).max()

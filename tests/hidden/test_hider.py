@@ -57,6 +57,14 @@ def simulated(at, plan, effects=(), hidden=(), samples=None):
     return record, np.concatenate([record.displacement.values, record.velocity.values])
 
 
+def test_no_effect_is_hidden_beyond_what_the_library_says_there_can_be(cache):
+    for name, cause in CAUSES.items():
+        own = {p.name: p for p in named("calib.effects", HERE.get(name, name)).parameters}
+        assert all(own[grown].high >= cause.most for grown in cause.grows if name != "outliers")
+    with pytest.raises(Refused, match="more than there can be"):
+        bench("oscillator", cache, noise=1e-4).size_for("velocity_differencing", 1e5)
+
+
 def apart(one, other):
     """Largest difference of rows, relative to the amplitude of each."""
     return (np.abs(one - other).max(axis=1) / np.abs(other).max(axis=1)).max()
