@@ -12,7 +12,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 from calib.confidence.covariance import sandwich
 from calib.cycles import mean_cycle
 from calib.diagnosis.bench import Seen
-from calib.diagnosis.clock import CLOCK_RATE_STD, MAX_CLOCK_RATE, clock_sensitivity
+from calib.diagnosis.clock import CLOCK_RATE_STD, clock_sensitivity
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.noise import (
     LEAST_CYCLES,
@@ -90,15 +90,6 @@ class Part:
         """Undo `white`: columns (row * n, k) to (row, n, k) in the units of the rows; 0 where nothing counts."""
         blocks = zip(self.noise, np.split(self._shrunk(columns, -1.0), len(self.rows)), self.weight, strict=True)
         return np.array([noise.coloured(block.T, weight).T for noise, block, weight in blocks])
-
-    def without_clock(self, rows: np.ndarray) -> np.ndarray:
-        """Residual rows (row, n) less what the clock's rate is expected to make of them, within what clocks have."""
-        if self.clock is None:
-            return rows
-        direction, length = self._clock_direction
-        along = float(direction @ self._whitened(rows)) / math.sqrt(self.variance_along_clock)
-        rate = CLOCK_RATE_STD * length * along / (1.0 + length**2)
-        return rows - np.clip(rate, -MAX_CLOCK_RATE, MAX_CLOCK_RATE) * self.clock
 
     def _shrunk(self, columns: np.ndarray, power: float) -> np.ndarray:
         """Columns (row * n,) or (row * n, k) in units of the noise and of what the clock's rate adds to it.
@@ -223,6 +214,14 @@ class Evidence:
             whole[row : row + len(block), column : column + block.shape[1]] = block
             row, column = row + len(block), column + block.shape[1]
         return whole
+
+    def clock_changes(self) -> np.ndarray:
+        """Change of the rows with the rate of each clock that is uncertain, in units of the noise (N, k)."""
+        clocked = [part for part in self.parts if part.clock is not None]
+        columns = np.zeros((sum(part.measured.size for part in self.parts), len(clocked)))
+        for column, part in zip(columns.T, clocked, strict=True):
+            column[self.of(part.name)] = part.white(part.clock)
+        return columns
 
     def initial_moves(self, simulated: Mapping[str, Seen], residual: np.ndarray) -> dict[str, dict[str, float]]:
         """Changes of initial states that are nuisances, by record, which fit a residual (N,) best, to first order."""

@@ -13,16 +13,19 @@ from calib.diagnosis.score import Projection
 def remainder(evidence: Evidence, fit: Fit, derivatives: Sequence[np.ndarray]) -> dict[str, Remainder]:
     """What is left of the measured rows when all candidates are fitted to them at once, to first order, by record.
 
+    So is the rate of each clock that is uncertain: beside so many candidates nothing tells how much of what is left
+    along its change a clock makes.
+
     Parameters
     ----------
     derivatives : columns (N, k) by the parameters of the candidates, in units of the noise
     """
-    everything = Projection(np.column_stack([fit.columns, fit.nuisances, *derivatives]))
+    everything = Projection(np.column_stack([fit.columns, fit.nuisances, evidence.clock_changes(), *derivatives]))
     residual = everything(fit.residual)
     left = {}
     for part in evidence.parts:
         own = evidence.of(part.name)
-        rows = part.without_clock(part.restored(residual[own, None])[:, :, 0])
+        rows = part.restored(residual[own, None])[:, :, 0]
         bases = everything.basis[own].reshape(*rows.shape, -1)
         left[part.name] = Remainder(rows, np.array([_absorbed(basis) for basis in bases]))
     return left

@@ -77,13 +77,6 @@ def test_whitened_columns_are_restored():
     assert own.restored(own.white(rows)[:, None])[:, :, 0] == pytest.approx(rows, abs=1e-9)
 
 
-def test_what_a_clock_makes_of_a_residual_is_taken_out():
-    own = clocked()
-    noise = np.array([n.drawn(np.random.default_rng(2), SIZE) for n in own.noise])
-    left = own.without_clock(noise + CLOCK_RATE_STD * own.clock)
-    assert np.abs(left - noise).max() < 0.2 * CLOCK_RATE_STD * np.abs(own.clock).max()
-
-
 def test_a_rate_far_beyond_what_clocks_have_is_still_seen():
     own = clocked()
     assert np.linalg.norm(own.white(100.0 * CLOCK_RATE_STD * own.clock)) > 50.0

@@ -1,5 +1,6 @@
 """What no candidate explains, and the noise that is judged by it."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -47,6 +48,20 @@ def test_what_a_candidate_explains_is_taken_out_in_the_units_of_the_rows():
     np.testing.assert_allclose(found.std(axis=1), [2.0, 30.0], rtol=0.05)
     assert abs(found[0] @ MISSING) / SIZE < 0.05
     assert np.corrcoef(found[0], noise[0])[0, 1] > 0.999
+
+
+def test_what_a_clock_makes_is_no_noise_however_far_candidates_that_are_like_it_are_moved():
+    """A clock's rate costs them little: it is as uncertain as clocks are, which is much beside the noise."""
+    noise, change = drawn(1), 1e7 * np.array([TIME * MISSING, TIME * MISSING])
+    whole = evidence(WHITE, noise + 60e-6 * change)
+    whole = Evidence((replace(whole.parts[0], clock=change),))
+    like = 1e-6 * change + 0.3 * np.array([np.cos(7.0 * TIME), 0.0 * TIME])
+    columns = np.column_stack([whole.parts[0].white(row) for row in (like, np.ones((2, SIZE)))])
+    fit = SimpleNamespace(
+        columns=columns[:, 1:], nuisances=np.zeros((2 * SIZE, 0)), residual=whole.parts[0].white(whole.parts[0].measured)
+    )
+    found = remainder(whole, fit, [columns[:, :1]])["record"].rows
+    np.testing.assert_allclose(found.std(axis=1), [2.0, 30.0], rtol=0.05)
 
 
 def test_without_the_candidate_it_is_left():
