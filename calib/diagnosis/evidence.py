@@ -460,24 +460,28 @@ def _repeating(
     weight: np.ndarray,
     cycle: int,
 ) -> dict[tuple[str, str], Noise]:
-    """Noise of the rows (row, n) whose cycles show it: what the mean cycle of the residual and the clock's rate leave.
+    """Noise of the rows (row, n) whose cycles show it: what the mean cycle of the residual leaves.
 
-    What the model lacks repeats, and is in the mean cycle.
+    What the model lacks repeats, and is in the mean cycle; or it changes slowly, and is no noise either.
     """
     residual = measured - simulated
     period, time = reference.excitation.period, reference.record.time.values
     if period is None or not rows or time[-1] - time[0] < LEAST_CYCLES * cycle * period:
         return {}
-    clock = clock_sensitivity(time, simulated)
-    mean, drift = (mean_cycle(time, values, period, cycle, weight=weight) for values in (residual, clock))
-    precision = weight / np.maximum((weight * mean.residual**2).sum(axis=1, keepdims=True), 1e-300)
-    rate = (precision * drift.residual * mean.residual).sum() / max((precision * drift.residual**2).sum(), 1e-300)
-    noises = zip(rows, mean.residual - rate * drift.residual, weight, measured, strict=True)
+    mean = mean_cycle(time, residual, period, cycle, weight=weight)
+    slow = [mean_cycle(time, change, period, cycle, weight=weight).residual for change in _slow(time, simulated)]
+    compared = zip(rows, mean.residual, weight, measured, np.stack(slow, axis=2), strict=True)
     return {
-        row: from_cycles(left, w, values, mean.parameters, _stated(reference.record, row))
-        for row, left, w, values in noises
+        row: from_cycles(left, w, values, mean.parameters, _stated(reference.record, row), (own[:, :1], own))
+        for row, left, w, values, own in compared
         if w.any()
     }
+
+
+def _slow(time: np.ndarray, rows: np.ndarray) -> list[np.ndarray]:
+    """Changes (row, n) of a motion in proportion to time: of its phase, its frequency, its amplitude and its zero."""
+    passed, clock = time - time[0], clock_sensitivity(time, rows)
+    return [clock, passed * clock, passed * rows, np.broadcast_to(passed, rows.shape)]
 
 
 def _step(reference: Reference) -> float:

@@ -12,7 +12,7 @@ sure.
 """
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -22,6 +22,7 @@ from scipy.signal import lfilter, lfiltic
 from scipy.sparse import dia_array
 
 from calib.diagnosis.criteria import CRITERIA
+from calib.diagnosis.score import Projection
 
 ORDER = 12  # highest of the autoregression
 SAMPLES_PER_COEFFICIENT = 8  # of it, at least
@@ -167,8 +168,30 @@ class Remainder:
         return self.rows[row] * math.sqrt(counted / max(1.0, counted - taken))
 
 
+def absorbed(basis: np.ndarray) -> np.ndarray:
+    """What a projection P on an orthonormal basis, of which a row has this part (n, k), absorbs: see `Remainder`.
+
+    With D_j the matrix of ones between samples j apart, the products of residuals l apart are e' D_l e / 2 and their
+    expectation for each unit of the autocovariance at lag j is tr(D_l (1 - P) D_j (1 - P)) / 2; less that without P.
+    What a shift moves beyond the ends of the row is left out of tr(P D_l D_j). Source: Worsley et al., NeuroImage 15
+    (2002) 1, section 2.3.
+    """
+    n, lags = len(basis), np.arange(min(ORDER, (len(basis) - 1) // 2) + 1)
+    shifted = [basis[lag:].T @ basis[: n - lag] for lag in range(2 * lags.size)]
+    sums = 2.0 * np.array([np.trace(product) for product in shifted])
+    once = sums[np.abs(lags[:, None] - lags)] + sums[lags[:, None] + lags]  # tr(P D_l D_j), where D_0 counted twice
+    both = np.array([(product + product.T).ravel() for product in shifted[: lags.size]])
+    halves = np.where(lags == 0, 0.5, 1.0)
+    return np.outer(np.where(lags == 0, 1.0, 0.5) * halves, halves) * (2.0 * once - both @ both.T)
+
+
 def from_cycles(
-    residual: np.ndarray, weight: np.ndarray, measured: np.ndarray, parameters: int, stated: float | None
+    residual: np.ndarray,
+    weight: np.ndarray,
+    measured: np.ndarray,
+    parameters: int,
+    stated: float | None,
+    slow: Sequence[np.ndarray] = (),
 ) -> Noise:
     """Noise of one channel from what its cycles leave about their mean.
 
@@ -179,19 +202,38 @@ def from_cycles(
     ----------
     residual, weight, measured : (n,)
     parameters : of the mean cycle, which take as many degrees of freedom
+    slow : columns (n, k) of changes of the motion from cycle to cycle that would be no noise; those of one of them are
+        taken out where Schwarz's criterion asks for it
     """
-    counted = float((weight**2).sum())
-    free = max(counted - parameters, 1.0)
-    noise = _noise(residual * math.sqrt(counted / free), weight, measured, CYCLIC)
-    # once whitened, the residual has unit variance in this record: the misfit of the same samples is judged by it
-    new = noise.whitened(residual, weight)
-    sigma = max(noise.sigma * math.sqrt(float(new @ new) / free), _least(measured))
-    noise = replace(noise, sigma=sigma, repeated=True)
+    taken = (np.zeros((residual.size, 0)), *slow)
+    known = (_about_mean(residual, weight, measured, parameters, Projection(c * weight[:, None])) for c in taken)
+    noise, free, _ = min(known, key=lambda one: one[2])
     if stated is None:
         return noise
     chance = CRITERIA.significance_std * noise.mean_square_std(free)
-    of_sample = noise.memory.size > 0 and abs((sigma / stated) ** 2 - 1.0) < chance
-    return replace(noise, sigma=sigma if of_sample else stated, source=STATED)
+    of_sample = noise.memory.size > 0 and abs((noise.sigma / stated) ** 2 - 1.0) < chance
+    return replace(noise, sigma=noise.sigma if of_sample else stated, source=STATED)
+
+
+def _about_mean(
+    residual: np.ndarray,
+    weight: np.ndarray,
+    measured: np.ndarray,
+    parameters: int,
+    slow: Projection,
+) -> tuple[Noise, float, float]:
+    """Noise about the mean cycle and slow changes of it, its degrees of freedom, and Schwarz's criterion."""
+    counted = float((weight**2).sum())
+    left = np.where(weight > 0.0, slow(residual * weight) / np.maximum(weight, 1e-300), 0.0)
+    table = absorbed(slow.basis) if slow.rank else NOTHING_ABSORBED
+    noise = _noise(left * math.sqrt(counted / max(counted - parameters, 1.0)), weight, measured, CYCLIC, table)
+    free = max(counted - parameters - slow.rank, 1.0)
+    # once whitened, the residual has unit variance in this record: the misfit of the same samples is judged by it
+    new = noise.whitened(left, weight)
+    sigma = max(noise.sigma * math.sqrt(float(new @ new) / free), _least(measured))
+    noise = replace(noise, sigma=sigma, repeated=True)
+    criterion = 2.0 * free * math.log(sigma * noise.innovation) + (noise.memory.size + slow.rank) * math.log(free)
+    return noise, free, criterion
 
 
 def from_residual(

@@ -148,3 +148,19 @@ def test_of_stated_noise_with_memory_what_is_new_is_judged_by_its_cycles():
     assert (wrong.sigma, wrong.source) == (1.0, STATED)
     white = series(np.zeros(0), 4000)
     assert from_cycles(white, weight, white, 0, 2.05).sigma == 2.05
+
+
+@pytest.mark.parametrize("memory", [[], [0.8], [1.3582, -0.6873]])
+@pytest.mark.parametrize("stated", [None, 2.0])
+def test_what_changes_slowly_from_cycle_to_cycle_is_no_noise(memory, stated):
+    """A zero that drifts by several times the noise would be taken for a memory without end, and be whitened away."""
+    time = np.arange(4000) / 100.0
+    slow = np.column_stack([time - time.mean(), time * np.sin(2.0 * np.pi * time)])
+    row = series(memory, 4000) + 0.5 * slow[:, 0]
+    noise = from_cycles(row, np.ones(4000), row, 0, stated, (slow[:, 1:], slow))
+    assert noise.sigma == pytest.approx(2.0, rel=0.06)
+    np.testing.assert_allclose(noise.memory[: len(memory)], memory[: noise.memory.size], atol=0.06)
+    assert noise.memory.size < 5
+    none = from_cycles(series(memory, 4000), np.ones(4000), row, 0, stated, (slow[:, 1:], slow))
+    same = from_cycles(series(memory, 4000), np.ones(4000), row, 0, stated)
+    np.testing.assert_array_equal(none.memory, same.memory)  # Schwarz's criterion asks for no change where there is none

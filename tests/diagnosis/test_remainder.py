@@ -57,9 +57,8 @@ def test_what_a_clock_makes_is_no_noise_however_far_candidates_that_are_like_it_
     whole = Evidence((replace(whole.parts[0], clock=change),))
     like = 1e-6 * change + 0.3 * np.array([np.cos(7.0 * TIME), 0.0 * TIME])
     columns = np.column_stack([whole.parts[0].white(row) for row in (like, np.ones((2, SIZE)))])
-    fit = SimpleNamespace(
-        columns=columns[:, 1:], nuisances=np.zeros((2 * SIZE, 0)), residual=whole.parts[0].white(whole.parts[0].measured)
-    )
+    residual = whole.parts[0].white(whole.parts[0].measured)
+    fit = SimpleNamespace(columns=columns[:, 1:], nuisances=np.zeros((2 * SIZE, 0)), residual=residual)
     found = remainder(whole, fit, [columns[:, :1]])["record"].rows
     np.testing.assert_allclose(found.std(axis=1), [2.0, 30.0], rtol=0.05)
 
