@@ -295,12 +295,14 @@ class Evidence:
         parts = []
         for part in self.parts:
             rest = left[part.name]
-            rows = zip(part.noise, rest.rows, part.weight, part.measured, rest.absorbed, strict=True)
+            rows = zip(part.noise, rest.rows, rest.whole, part.weight, part.measured, rest.absorbed, strict=True)
             noise = [
                 known
                 if known.repeated
-                else from_residual(row, weight, measured, known.sigma if known.source == STATED else None, absorbed)
-                for known, row, weight, measured, absorbed in rows
+                else from_residual(
+                    row, weight, measured, known.sigma if known.source == STATED else None, absorbed
+                ).within(whole, weight)
+                for known, row, whole, weight, measured, absorbed in rows
             ]
             parts.append(replace(part, noise=tuple(noise)))
         return Evidence(tuple(parts))
@@ -351,7 +353,7 @@ def gathered(
     for name, reference in references.items():
         weight, time = weights[name], reference.record.time.values
         residual = mended[name] - seen[name].rows
-        rest = Remainder(residual, np.zeros((len(residual), 1, 1))) if left is None else left[name]
+        rest = Remainder(residual, residual, np.zeros((len(residual), 1, 1))) if left is None else left[name]
         noises = []
         for index, row in enumerate(rows[name]):
             noise = repeating[name].get(row)
@@ -364,6 +366,7 @@ def gathered(
                     noise = from_residual(rest.rows[index], *known, rest.absorbed[index])
                 else:  # before anything is fitted to it a residual shows no memory of the noise
                     noise = replace(with_memory(np.zeros(0), rest.rows[index], *known), repeated=False)
+                noise = noise.within(rest.whole[index], weight[index])
             noises.append(noise)
         parts.append(
             Part(

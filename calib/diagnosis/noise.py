@@ -132,6 +132,14 @@ class Noise:
         bands, flat = self._bands(weight), even.reshape(-1, weight.size).T
         return solve_banded((self.memory.size, 0), bands, flat).T.reshape(white.shape) * counts
 
+    def within(self, residual: np.ndarray, weight: np.ndarray) -> "Noise":
+        """Return it no larger than a residual (n,) of this weight (n,), unless its level is known otherwise."""
+        if self.source != RESIDUAL:
+            return self
+        new = self.whitened(residual, weight)
+        share = float(new @ new) / max(1.0, float(weight @ weight))
+        return replace(self, sigma=self.sigma * math.sqrt(min(1.0, share)))
+
     def drawn(self, rng: np.random.Generator, size: int) -> np.ndarray:
         """Draw noise (size,)."""
         lead = 20 * (self.memory.size + 1)
@@ -154,11 +162,13 @@ class Remainder:
     Attributes
     ----------
     rows : (row, n)  [unit of the row]
+    whole : (row, n) what is left before the candidates are fitted: that the noise does not exceed
     absorbed : (row, lag, lag) by how much the fit lowers the expected sum of the products of residuals l samples apart,
         for each unit of the noise's autocovariance at lag j  [1]; at l = j = 0 the degrees of freedom that it takes
     """
 
     rows: np.ndarray
+    whole: np.ndarray
     absorbed: np.ndarray
 
     def scaled(self, row: int, weight: np.ndarray, memory: np.ndarray) -> np.ndarray:

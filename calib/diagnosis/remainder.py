@@ -27,5 +27,6 @@ def remainder(evidence: Evidence, fit: Fit, derivatives: Sequence[np.ndarray]) -
         own = evidence.of(part.name)
         rows = part.restored(residual[own, None])[:, :, 0]
         bases = everything.basis[own].reshape(*rows.shape, -1)
-        left[part.name] = Remainder(rows, np.array([absorbed(basis) for basis in bases]))
+        whole = part.restored(fit.residual[own, None])[:, :, 0]
+        left[part.name] = Remainder(rows, whole, np.array([absorbed(basis) for basis in bases]))
     return left

@@ -6,7 +6,7 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from calib.cycles import mean_cycle
-from calib.diagnosis.noise import STATED, Noise, from_cycles, from_residual, with_memory
+from calib.diagnosis.noise import RESIDUAL, STATED, Noise, from_cycles, from_residual, with_memory
 
 
 def series(memory, size, seed=0, sigma=2.0):
@@ -163,4 +163,13 @@ def test_what_changes_slowly_from_cycle_to_cycle_is_no_noise(memory, stated):
     assert noise.memory.size < 5
     none = from_cycles(series(memory, 4000), np.ones(4000), row, 0, stated, (slow[:, 1:], slow))
     same = from_cycles(series(memory, 4000), np.ones(4000), row, 0, stated)
-    np.testing.assert_array_equal(none.memory, same.memory)  # Schwarz's criterion asks for no change where there is none
+    np.testing.assert_array_equal(none.memory, same.memory)  # where nothing changes none is taken out
+
+
+@pytest.mark.parametrize("memory", [[], [0.8]])
+def test_noise_that_is_judged_by_a_residual_does_not_exceed_it(memory):
+    row, weight = series(memory, 4000), np.ones(4000)
+    judged = Noise(3.0, np.array(memory), RESIDUAL)
+    assert judged.within(row, weight).sigma == pytest.approx(2.0, rel=0.05)
+    assert judged.within(2.0 * row, weight).sigma == 3.0
+    assert Noise(3.0, np.array(memory), STATED).within(row, weight).sigma == 3.0

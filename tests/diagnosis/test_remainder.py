@@ -36,7 +36,7 @@ def drawn(seed, memory=(), sigma=(2.0, 30.0)):
 
 
 def as_left(rows):
-    return {"record": Remainder(rows, np.zeros((2, 1, 1)))}
+    return {"record": Remainder(rows, rows, np.zeros((2, 1, 1)))}
 
 
 WHITE = (Noise(2.0, np.zeros(0), STATED), Noise(30.0, np.zeros(0), STATED))
