@@ -28,6 +28,7 @@ from calib.report.conclusion import (
     moved_values,
     proposal,
     sizes,
+    untested,
 )
 from calib.report.diagnosis import outcome
 from calib.units import shown
@@ -135,9 +136,10 @@ def _suspects(found: Mapping[str, Any], width: int) -> Table:
     joint = found.get("joint_sizes", {})
     for suspect in sorted(found["suspects"], key=hardly_seen)[:MOST]:
         first, absorbed = next(iter(suspect["size"])), hardly_seen(suspect)
+        no_score = absorbed or untested(suspect) or suspect["z"] is None
         row = (
             escape(suspect["effect"]),
-            "-" if absorbed or suspect["z"] is None else f"{suspect['z']:.1f}",
+            "-" if no_score else f"{suspect['z']:.1f}",
             _explains(suspect, found),
             "-" if absorbed else ", ".join(sizes(joint.get(suspect["effect"], suspect))),
         )

@@ -199,12 +199,16 @@ def gained(
 
 
 def _changed(final: Fit, columns: np.ndarray) -> tuple[str, ...]:
-    """Names of the causes that change a record, of which these are the derivatives (n, k) by `final.names`."""
+    """Names of the causes that change a record, of which these are the derivatives (n, k) by `final.names`.
+
+    From where they are absent; where that is at infinity, by as much as their own size.
+    """
     changed = []
     for candidate in final.candidates:
-        away = np.array([final.value(name) for name in candidate.free]) - candidate.null
-        change = columns[:, [final.names.index(name) for name in candidate.free]] @ np.nan_to_num(away)
-        if not np.isfinite(away).all() or change @ change > MIN_CHANGE:
+        size = np.array([final.value(name) for name in candidate.free])
+        away = size - np.where(np.isfinite(candidate.null), candidate.null, 0.0)
+        change = columns[:, [final.names.index(name) for name in candidate.free]] @ away
+        if change @ change > MIN_CHANGE:
             changed.append(candidate.name)
     return tuple(changed)
 

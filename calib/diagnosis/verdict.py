@@ -31,7 +31,7 @@ def verdict_of(
     share = f"{explained(selection.explained_share)} of the excess misfit"
     if len(selection.rivals) > 1:
         alike = f"; they explain {share} alike" if selection.is_significant else ""
-        return ONE_OF, " and ".join(_ways(selection)) + alike
+        return ONE_OF, joined(_ways(selection)) + alike
     names, s = _subject(selection)
     text = f"{names}: explain{s} {share}" if selection.is_significant else names
     if _is_one_tone(ready) and not (gain is not None and gain.kind == RECORDS and gain.proven):
@@ -56,7 +56,7 @@ def _ways(selection: Selection) -> list[str]:
 
 def _subject(selection: Selection) -> tuple[str, str]:
     """Names of the causes as the subject of a sentence, and the ending of its verb."""
-    return " and ".join(c.name for c in selection.causes), "s" if len(selection.causes) == 1 else ""
+    return joined([c.name for c in selection.causes]), "s" if len(selection.causes) == 1 else ""
 
 
 def _without_causes(selection: Selection, ready: Prepared) -> tuple[str, str]:
@@ -82,7 +82,7 @@ def _closest(selection: Selection) -> str:
 
 def _insufficient(selection: Selection) -> str:
     """Why the causes do not explain enough to be named."""
-    names, s = " and ".join(_ways(selection)), "s" if len(selection.causes) == 1 else ""
+    names, s = joined(_ways(selection)), "s" if len(selection.causes) == 1 else ""
     share = f"{explained(selection.explained_share)} of the excess misfit"
     if not selection.is_explained:
         less, it = ("less than", "it") if s else ("not each of them at least", "them")
@@ -98,12 +98,19 @@ def _insufficient(selection: Selection) -> str:
 
 def _refuted(selection: Selection, gain: Gain) -> str:
     """What causes do to the misfit of records held out, which they do not predict."""
-    names, s = " and ".join(_ways(selection)), "s" if len(selection.causes) == 1 else ""
+    names, s = joined(_ways(selection)), "s" if len(selection.causes) == 1 else ""
     share = f" and explain{s} {explained(selection.explained_share)} of the excess misfit"
     explain = share if selection.is_significant else ""
     change = f"rises from {100.0 * gain.before:.3g} to {100.0 * gain.after:.3g} %"
     where = ", ".join(gain.records)
     return f"{names} come{s} closest{explain}, but on what was held out ({where}) the misfit {change}"
+
+
+def joined(names: Sequence[str]) -> str:
+    """Write names, or lists of them, as one enumeration."""
+    if len(names) < 2 or any(", " in name for name in names):
+        return " and ".join(names)
+    return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def explained(share: float) -> str:

@@ -1,11 +1,12 @@
 """A diagnosis as one JSON document."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
+from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.gain import Gain
 from calib.diagnosis.gates import Gate
@@ -16,6 +17,8 @@ from calib.diagnosis.suspect import Refitted, Suspect, cosine, leading_variants
 from calib.diagnosis.verdict import UNEXPLAINED
 from calib.objective import MISFIT
 from calib.store.plain import plain
+
+UNDETERMINED = 10.0  # half of a 95 % interval, over the natural scale of a parameter, from which nothing tells it  [1]
 
 
 def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -74,14 +77,20 @@ def design_as_dict(design: Design) -> dict[str, Any]:
     return {**rest, "points": points, "decisive_z": DECISIVE_Z}
 
 
-def _about(size: float, half: float) -> list[float]:
-    """Ends of an interval; of a size that is infinite where the effect is absent, none."""
-    return [size - half, size + half] if np.isfinite(size) else [np.nan, np.nan]
+def _intervals(candidate: Candidate, sizes: Sequence[float], halves: Sequence[float]) -> dict[str, list[float]]:
+    """Ends of the 95 % intervals of an effect's free parameters.
+
+    None of a size that is infinite where the effect is absent, nor of one that the records do not determine.
+    """
+    ends = {}
+    for name, size, half in zip(candidate.free, sizes, halves, strict=True):
+        told = np.isfinite(size) and half < UNDETERMINED * candidate.scale.get(name, np.inf)
+        ends[name] = [size - half, size + half] if told else [np.nan, np.nan]
+    return ends
 
 
 def _suspect(suspect: Suspect, excess: float, chosen: Suspect | None) -> dict[str, Any]:
     names, null = suspect.candidate.free, suspect.candidate.null
-    half = suspect.half_width
     reduction = suspect.known_reduction
     return {
         "effect": suspect.name,
@@ -90,7 +99,7 @@ def _suspect(suspect: Suspect, excess: float, chosen: Suspect | None) -> dict[st
         "bodies": suspect.candidate.effect.bodies,
         "z": suspect.z,
         "size": dict(zip(names, suspect.size, strict=True)),
-        "interval": {n: _about(x, h) for n, x, h in zip(names, suspect.size, half, strict=True)},
+        "interval": _intervals(suspect.candidate, suspect.size, suspect.half_width),
         "held": dict(suspect.candidate.held),
         "limits": {p.name: [p.low, p.high] for p in suspect.candidate.parameters},
         "units": {p.name: p.unit for p in suspect.candidate.effect.parameters},
@@ -155,10 +164,10 @@ def _remains(diagnosis: Diagnosis) -> dict[str, Any]:
 def _joint_size(cause: Suspect, selection: Selection) -> dict[str, Any]:
     """Sizes of a cause with their 95 % intervals, all causes and calibrated parameters being fitted together."""
     final, names = selection.final, cause.candidate.free
-    size, half = [final.value(name) for name in names], final.half_width(names)
+    size = [final.value(name) for name in names]
     return {
         "size": dict(zip(names, size, strict=True)),
-        "interval": {n: _about(x, h) for n, x, h in zip(names, size, half, strict=True)},
+        "interval": _intervals(cause.candidate, size, final.half_width(names)),
         "limits": {p.name: [p.low, p.high] for p in cause.candidate.parameters},
         "units": {p.name: p.unit for p in cause.candidate.effect.parameters},
     }

@@ -7,7 +7,7 @@ from typing import Any
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.next_measurement import DECISIVE_Z
 from calib.diagnosis.preparation import OUTLIERS, QUANTISATION
-from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED, explained
+from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED, explained, joined
 from calib.report.words import number, percent, quantity
 
 LEAST_SHARE = CRITERIA.min_over_remainder / (1.0 + CRITERIA.min_over_remainder)  # of a remainder, by a cause  [1]
@@ -236,7 +236,7 @@ def added(said: Mapping[str, Any]) -> list[str]:
 
 
 def _which(said):
-    names = " and ".join(added(said))
+    names = joined(added(said))
     return f"the best of them, {names}," if said["verdict"] == ONE_OF and len(said["class"]) > 1 else names
 
 
@@ -268,6 +268,11 @@ def stale(said: Mapping[str, Any], result: Mapping[str, Any]) -> bool:
 def remedy(gate: Mapping[str, Any]) -> str:
     """What to do where a condition fails."""
     return REMEDIES.get(gate["name"], REFINE)
+
+
+def untested(suspect: Mapping[str, Any]) -> bool:
+    """Whether nothing is known of a suspect: it has no score test, and was not refitted."""
+    return not suspect["refitted"] and all(x is None for x in suspect["detectable"].values())
 
 
 def hardly_seen(suspect: Mapping[str, Any]) -> bool:

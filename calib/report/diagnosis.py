@@ -27,6 +27,7 @@ from calib.report.conclusion import (
     remedy,
     sizes,
     stale,
+    untested,
 )
 from calib.report.words import count, number, percent, quantity, raised, rounded, signed, with_error
 from calib.units import reading
@@ -269,7 +270,7 @@ def _strengths(said, outcomes):
 
 def _suspect(suspect, fate, said):
     held = [f"{name} = {quantity(value, suspect['units'].get(name))}" for name, value in suspect["held"].items()]
-    untested = not suspect["refitted"] and all(x is None for x in suspect["detectable"].values())
+    nothing_known = untested(suspect)
     misfit = said["misfit"]
     explains = significant(misfit["excess"], misfit["blur"]) and suspect["share"] is not None
     explains = explains and fate != causes.SENSELESS and suspect["drop"] > 0.0
@@ -281,14 +282,14 @@ def _suspect(suspect, fate, said):
         "fate": fate,
         "colour": causes.COLOURS[fate],
         "bold": fate in (causes.NAMED, causes.CLASS, causes.CLOSEST),
-        "z": "-" if untested or suspect["z"] is None or fate == causes.ABSORBED else signed(suspect["z"]),
+        "z": "-" if nothing_known or suspect["z"] is None or fate == causes.ABSORBED else signed(suspect["z"]),
         "sizes": ["-"]
-        if untested or hardly_seen(suspect)
+        if nothing_known or hardly_seen(suspect)
         else sizes(said.get("joint_sizes", {}).get(suspect["effect"], suspect)),
         "held": held,
         "share": explained(suspect["share"]) if explains else "-",
         "predicted": explains and not suspect["refitted"],
-        "absorbed": "-" if untested else percent(suspect["absorbed"]),
+        "absorbed": "-" if nothing_known else percent(suspect["absorbed"]),
         "detectable": []
         if hardly_seen(suspect)
         else [quantity(x, suspect["units"].get(name), 2) for name, x in suspect["detectable"].items() if x is not None],

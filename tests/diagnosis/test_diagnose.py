@@ -15,7 +15,7 @@ from calib.diagnosis.gain import RECORDS as RECORDS_HELD_OUT
 from calib.diagnosis.preparation import bench_of, prepared
 from calib.diagnosis.selection import exchanged, select
 from calib.diagnosis.suspect import Scored
-from calib.diagnosis.verdict import verdict_of
+from calib.diagnosis.verdict import joined, verdict_of
 from calib.diagnosis.written import as_dict
 from calib.excitation import Excitation
 from calib.model import Model, Request
@@ -623,3 +623,24 @@ def test_a_rival_in_the_place_of_a_cause_is_fitted_beside_the_others_and_judged_
         fit = ready.fitter.fit(ready.null.point, (scored.candidate,), scored.candidate.absent())
         other = exchanged(ready.fitter, selection, cubic, scored.refitted(fit, 0.0), "of a test")
     assert other is None  # beside the offset it explains next to nothing
+
+
+def test_a_size_that_the_records_do_not_determine_has_no_interval(cubic):
+    """One whose half interval is twenty times the scale of its parameter, and the same one with a scale of its own."""
+    found = cubic
+    selection = found.selection
+    lag = next(s for s in selection.rounds[0].suspects if s.name == "channel_lag")
+    vague = replace(lag, candidate=replace(lag.candidate, scale={"lag": float(lag.half_width[0]) / 20.0}))
+    first = replace(selection.rounds[0], suspects=(lag, vague))
+    told = as_dict(replace(found, selection=replace(selection, rounds=(first, *selection.rounds[1:]))))
+    [suspect] = [one for one in told["suspects"] if one["effect"] == "channel_lag"][:1]
+    assert None not in suspect["interval"]["lag"]
+    told = as_dict(replace(found, selection=replace(selection, rounds=(replace(first, suspects=(vague,)),))))
+    assert told["suspects"][0]["interval"]["lag"] == [None, None]
+
+
+def test_names_are_written_as_one_enumeration():
+    assert joined(["a"]) == "a"
+    assert joined(["a", "b"]) == "a and b"
+    assert joined(["a", "b", "c"]) == "a, b and c"
+    assert joined(["one of a, b", "c"]) == "one of a, b and c"

@@ -133,7 +133,9 @@ def test_a_cause_acts_in_a_record_where_its_size_changes_it():
     causes = (cubic, harmonic, cause("clip", [np.inf], "limit"))
     final = SimpleNamespace(candidates=causes, names=tuple(values), value=values.get)
     columns = np.zeros((4, 5))
-    assert _changed(final, columns) == ("clip",)  # absent at an infinite limit only: how much it changes is not told
+    assert _changed(final, columns) == ()
+    columns[:, 4] = 1.1  # of what is absent at infinity: by as much as its own size
+    assert _changed(final, columns) == ("clip",)
     columns[:, 2] = 9.0  # by what is at its null
     columns[:, 1] = 0.2
     assert _changed(final, columns) == ("clip",)

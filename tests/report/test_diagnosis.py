@@ -216,6 +216,18 @@ def test_what_became_of_each_suspect():
     assert [*found.values()].count("comes closest") == 2
 
 
+def test_what_calibration_absorbs_has_no_score(study):
+    """However large its z is: almost nothing of it shows in the records."""
+    said = document("named", VALUES)
+    channel_lag = next(suspect for suspect in said["suspects"] if suspect["effect"] == "channel_lag")
+    channel_lag |= {"z": 51.0, "absorbed": 0.9999, "refitted": False}
+    assert outcome(channel_lag, said) == "absorbed"
+    rows = chapter(said, {}, {"values": VALUES}, study)["suspects"]
+    [row] = [row for row in rows["shown"] + rows["rest"] if row["effect"] == "channel_lag"]
+    assert (row["z"], row["sizes"]) == ("-", ["-"])
+    assert "calibration absorbs it" in row["reason"]
+
+
 @pytest.mark.parametrize(("z", "differ"), [(0.7, False), (5.3, True)])
 def test_whether_several_causes_have_one_size_everywhere_is_said(z, differ, study):
     said = document("unexplained", VALUES)
