@@ -12,7 +12,7 @@ from calib.diagnosis.criteria import CRITERIA
 POWERS = {  # of metre and second, of the parameter that makes the size of a kind
     "second_stop": (-0.5, -2), "quintic": (-4, -2), "parametric": (0, -2), "magnet": (1, -2), "cogging": (1, -2),
     "valve": (-1, -1), "coupling": (-2, -2), "wave": (1, 0),
-    "thicker_layer": (0, 0), "stiffness_damping": (0, 0),
+    "thicker_layer": (0, 0),
 }  # fmt: skip
 LEAST = CRITERIA.min_over_remainder
 EXPRESSED = float(np.sqrt(LEAST / (1.0 + LEAST)))  # |cos| after calibration from which an effect may be named for it
@@ -58,16 +58,10 @@ def expressed_by(at: Bench, values: Mapping[str, float]) -> tuple[str, float]:
 def scaled(at: Bench, kind: str, share: float, rng: np.random.Generator) -> dict[str, float]:
     """Parameters of a remainder that changes the records by this share, see `change`; its shape is drawn.
 
-    All elements instead of modes change the beam by one share, which has to be no less.
-
     Raises
     ------
     Refused : there is no such size
     """
-    if kind == "full":  # has one size
-        if change(at, {kind: 1.0}) < share:
-            raise Refused(f"{kind!r} makes less than {share:.1%} of the motion of {at.system.name}")
-        return {kind: 1.0}
     size, low, high = FIRST, 0.0, np.inf
     shape = drawn_shape(at, kind, rng)
     for _ in range(ROUNDS):
@@ -116,6 +110,6 @@ def drawn_shape(at: Bench, kind: str, rng: np.random.Generator) -> dict[str, flo
         return {"parametric_order": float(rng.integers(1, 4))}
     if kind == "wave":
         return {"wave_order": float(rng.uniform(2.0, 8.0)), "full": 1.0}
-    if kind in ("thicker_layer", "stiffness_damping"):
+    if kind == "thicker_layer":
         return {"full": 1.0}
     return {}

@@ -15,7 +15,7 @@ from simulators.four_dof_peer import spring_drive
 
 from calib.record import read
 
-ALL = [(name, kind) for name, system in SYSTEMS.items() for kind in system().remainders if kind != "full"]
+ALL = [(name, kind) for name, system in SYSTEMS.items() for kind in system().remainders]
 
 
 @pytest.fixture(scope="module")
