@@ -29,6 +29,8 @@ class Criteria:
     model_error_cosine : of the angle between what a cause changes in a record and what the model lacks there, root mean
         square  [1]; of laws that no effect expresses those most like effects, 0.13 to 0.39 by law and laboratory
         (tests/benchmarks/bench_model_error.py)
+    min_change_chi2 : sum of squares of what a cause changes in a record, in units of the noise, from which on that
+        record says something of it  [1]; the variance of one residual
     min_explained_share : excess chi-square that the steps of converters explain at least to stand in the place of
         causes, relative to that of the calibrated model, and another suspect, to be the cause, relative to what the
         best explains  [1]; convention
@@ -81,6 +83,7 @@ class Criteria:
     min_over_remainder: float = 2.0
     max_variation: float = 1.0 / 3.0
     model_error_cosine: float = 0.35
+    min_change_chi2: float = 1.0
     min_explained_share: float = 0.5
     min_share_of_remainder: float = 0.25
     confidence_level: float = 0.95

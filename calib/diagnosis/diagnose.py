@@ -221,8 +221,7 @@ def _with_rivals_that_stand(
         for rival in (rival for rival in rivals if rival.name != cause.name):
             if pool.spent:
                 return replace(selection, cut_short=True), gain
-            other = exchanged(fitter, selection, cause, rival, "as a rival")
-            outcome = None if other is None else _with_gain(pool, bench, fitter, other, seed)
+            outcome = _in_its_place(pool, bench, fitter, selection, cause, rival, "as a rival", seed)
             if outcome and _stands(*outcome) and _predicts_as_well(outcome[1], gain):
                 standing.append(rival)
         selection = selection.with_rivals(standing)
@@ -267,8 +266,7 @@ def _exchanged_by_records(
             if pool.spent:
                 return replace(selection, cut_short=True), gain
             reason = ONE_SIZE if cause.name in differing else "what was held out refutes the others"
-            other = exchanged(fitter, selection, cause, rival, reason)
-            outcome = None if other is None else _with_gain(pool, bench, fitter, other, seed)
+            outcome = _in_its_place(pool, bench, fitter, selection, cause, rival, reason, seed)
             if outcome and _holds(rival, outcome, gain, differing.get(cause.name)):
                 better.append((rival, outcome))
         if better:
@@ -276,6 +274,24 @@ def _exchanged_by_records(
             [(selection, gain)] = [outcome for rival, outcome in better if rival is chosen]
             return selection.with_rivals([rival for rival, _ in better]), gain
     return selection, gain
+
+
+def _in_its_place(
+    pool: Effort,
+    bench: Bench,
+    fitter: Fitter,
+    selection: Selection,
+    cause: Refitted,
+    rival: Refitted,
+    reason: str,
+    seed: int,
+) -> tuple[Selection, Gain | None] | None:
+    """Put a rival in the place of a cause, and try that on what was held out; None where it is no cause there.
+
+    reason : why, as the end of a sentence
+    """
+    other = exchanged(fitter, selection, cause, rival, reason)
+    return None if other is None else _with_gain(pool, bench, fitter, other, seed)
 
 
 def _holds(

@@ -24,7 +24,6 @@ from calib.study import Pool
 
 BOOTSTRAP_DRAWS = 2000
 DERIVATIVE_ERROR = 0.003  # relative, of differences: by it a signature is told from rounding
-MIN_CHANGE = 1.0  # chi-square of what causes change in a record, below which it says nothing of them
 RECORDS, BLOCKS = "records held out", "blocks of the calibrated records"
 
 
@@ -208,7 +207,7 @@ def _changed(final: Fit, columns: np.ndarray) -> tuple[str, ...]:
         size = np.array([final.value(name) for name in candidate.free])
         away = size - np.where(np.isfinite(candidate.null), candidate.null, 0.0)
         change = columns[:, [final.names.index(name) for name in candidate.free]] @ away
-        if change @ change > MIN_CHANGE:
+        if change @ change > CRITERIA.min_change_chi2:
             changed.append(candidate.name)
     return tuple(changed)
 
