@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from calib.diagnosis.bench import Bench
+from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.constancy import RECORDS
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.effort import Budget, Effort
@@ -18,7 +19,7 @@ from calib.diagnosis.next_measurement import Design, next_measurement
 from calib.diagnosis.preparation import OUTLIERS, QUANTISATION, Prepared, bench_of, numerical, prepared
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.search import simplest
-from calib.diagnosis.selection import Selection, exchanged, left_out, select
+from calib.diagnosis.selection import Selection, exchanged, left_out, paired, select
 from calib.diagnosis.suspect import Refitted
 from calib.diagnosis.verdict import NAMED, NOT_DIAGNOSABLE, ONE_OF, UNEXPLAINED, failures, untried, verdict_of
 from calib.effect import Effect
@@ -149,7 +150,7 @@ def _diagnosed(
     gain, threshold = None, selection.rounds[0].threshold
     if selection.causes:
         on_stage("gain")
-        selection, gain = _tried_on_records(pool, bench, fitter, selection, seed)
+        selection, gain = _tried_on_records(pool, bench, fitter, selection, ready.suspects, seed)
     solver = converged(fitter, selection.final, numerical(effects), threshold, selection.margin)
     gates = (*_renewed(ready.gates, fitter, selection), *solver)
     if QUANTISATION in {cause.name for cause in selection.causes}:
@@ -182,14 +183,20 @@ def _diagnosed(
 
 
 def _tried_on_records(
-    pool: Effort, bench: Bench, fitter: Fitter, selection: Selection, seed: int
+    pool: Effort,
+    bench: Bench,
+    fitter: Fitter,
+    selection: Selection,
+    candidates: Sequence[Candidate],
+    seed: int,
 ) -> tuple[Selection, Gain | None]:
     """Try the causes on what was held out, and compare their sizes from record to record.
 
     Where the size of a cause differs, its rivals are tried: those are preferred to it that have one size in the same
     records, each of which knows it well enough to show as large a variation. Where a misfit rises, those of all causes
     are: none is preferred with which that of the same records rises too. Where no rival is better, the cause that
-    differs, or the weakest one, is left out if the others explain enough without it.
+    differs, or the weakest one, is left out if the others explain enough without it. An only cause may stand for two:
+    the best pair is then tried in its place.
     """
     selection, gain = _with_gain(pool, bench, fitter, selection, seed)
     tried = found = _exchanged_by_records(pool, bench, fitter, selection, gain, seed)
@@ -198,6 +205,9 @@ def _tried_on_records(
         if fewer is None:
             break
         tried = _with_gain(pool, bench, fitter, fewer, seed)
+    if len(tried[0].causes) == 1 and tried[0].is_explained and not _stands(*tried) and not pool.spent:
+        pair = paired(fitter, tried[0], candidates, seed)
+        tried = tried if pair is None else _with_gain(pool, bench, fitter, pair, seed)
     if not _stands(*tried):
         return found
     return _with_rivals_that_stand(pool, bench, fitter, *tried, seed)

@@ -375,6 +375,16 @@ def exchanged(
     return _selection(fitter, state) if put.name in state.names else None
 
 
+def paired(fitter: Fitter, selection: Selection, candidates: Sequence[Candidate], seed: int) -> Selection | None:
+    """Return a selection with the best pair in the place of its causes; None where none explains more."""
+    causes = tuple(zip(selection.causes, selection.alternatives, strict=True))
+    state = _Stepwise(
+        selection.null, selection.final, {}, selection.rounds, causes, selection.exchanges, attained=selection.attained
+    )
+    found = _with_best_pair(fitter, state, candidates, seed)
+    return None if found is state else _selection(fitter, _through_elimination(fitter, found))
+
+
 def left_out(fitter: Fitter, selection: Selection, cause: Refitted, reason: str) -> Selection | None:
     """Return a selection without one of its causes; None where the others do not explain enough without it.
 

@@ -397,7 +397,7 @@ def test_of_causes_that_explain_alike_those_are_preferred_that_have_one_size_and
     """Stand-ins for selections, of which each has a cause with rivals."""
 
     class Alike:
-        remainder_is_significant, runners_up = False, ()
+        is_explained, remainder_is_significant, runners_up = True, False, ()
 
         def __init__(self, name, names):
             self.name, self.names, self.is_homogeneous = name, names, name in one_size
@@ -426,9 +426,10 @@ def test_of_causes_that_explain_alike_those_are_preferred_that_have_one_size_and
 
     monkeypatch.setattr("calib.diagnosis.diagnose.exchanged", exchanged)
     monkeypatch.setattr("calib.diagnosis.diagnose._with_gain", with_gain)
+    monkeypatch.setattr("calib.diagnosis.diagnose.paired", lambda *given: None)
     special = {"rejected", "weak", "fails"} & set(one_size)
     names = ("a", *special) if special else ("a", "b", "c")
-    found, gain = _tried_on_records(SimpleNamespace(spent=False), None, None, Alike("a", names), 0)
+    found, gain = _tried_on_records(SimpleNamespace(spent=False), None, None, Alike("a", names), (), 0)
     assert found.names == (names if special else left)
     assert found.name == gain.name == found.names[0]
 
@@ -471,7 +472,8 @@ def test_a_cause_that_the_records_refute_is_left_out_where_the_others_hold(
 
     monkeypatch.setattr("calib.diagnosis.diagnose.left_out", left_out)
     monkeypatch.setattr("calib.diagnosis.diagnose._with_gain", with_gain)
-    found, _ = _tried_on_records(SimpleNamespace(spent=False), None, None, Chosen("abc"), 0)
+    monkeypatch.setattr("calib.diagnosis.diagnose.paired", lambda *given: None)
+    found, _ = _tried_on_records(SimpleNamespace(spent=False), None, None, Chosen("abc"), (), 0)
     assert found.name == kept
     assert [left[name] for name in "abc" if name not in kept] == [reason] * (3 - len(kept))
 
@@ -513,7 +515,7 @@ def test_where_more_is_left_each_rival_stands_in_the_place_of_the_cause(
 
     monkeypatch.setattr("calib.diagnosis.diagnose.exchanged", lambda f, s, cause, rival, reason: Chosen(rival.name))
     monkeypatch.setattr("calib.diagnosis.diagnose._with_gain", with_gain)
-    found, _ = _tried_on_records(SimpleNamespace(spent=False), None, None, Chosen("abc"), 0)
+    found, _ = _tried_on_records(SimpleNamespace(spent=False), None, None, Chosen("abc"), (), 0)
     assert found.names == kept
 
 
@@ -637,6 +639,32 @@ def test_a_size_that_the_records_do_not_determine_has_no_interval(cubic):
     assert None not in suspect["interval"]["lag"]
     told = as_dict(replace(found, selection=replace(selection, rounds=(replace(first, suspects=(vague,)),))))
     assert told["suspects"][0]["interval"]["lag"] == [None, None]
+
+
+def test_a_cause_of_several_sizes_that_stands_for_two_gives_way_to_them():
+    """Air drag, and a velocity that is shown late: a shear of the plot is like both at one frequency, not at another."""
+    known = references(["quadratic_drag", "channel_lag"], c2=0.5, lag=0.3e-3)
+    found = diagnosed(known, library=(*LIBRARY, "quadratic_drag", "plot_shear", "linear_drag"))
+    assert found.verdict == "named"
+    assert set(found.causes) == {"quadratic_drag", "channel_lag"}
+
+
+@pytest.mark.parametrize(("pair", "stands"), [(None, False), ("ab", False), ("ab", True)])
+def test_the_best_pair_is_tried_where_an_only_cause_does_not_stand(monkeypatch, pair, stands):
+    """Stand-ins for selections: of an only cause, and of a pair."""
+
+    def selection(names, sufficient):
+        causes = tuple(SimpleNamespace(name=name) for name in names)
+        return SimpleNamespace(
+            name=names, causes=causes, alternatives=tuple((cause,) for cause in causes), heterogeneous=(),
+            is_explained=True, is_sufficient=sufficient, remainder_is_significant=False, runners_up=(),
+        )  # fmt: skip
+
+    both = None if pair is None else selection(pair, stands)
+    monkeypatch.setattr("calib.diagnosis.diagnose.paired", lambda *given: both)
+    monkeypatch.setattr("calib.diagnosis.diagnose._with_gain", lambda *given: (given[3], None))
+    found, _ = _tried_on_records(SimpleNamespace(spent=False), None, None, selection("c", False), (), 0)
+    assert found.name == ("ab" if stands else "c")
 
 
 def test_names_are_written_as_one_enumeration():
