@@ -641,14 +641,6 @@ def test_a_size_that_the_records_do_not_determine_has_no_interval(cubic):
     assert told["suspects"][0]["interval"]["lag"] == [None, None]
 
 
-def test_a_cause_of_several_sizes_that_stands_for_two_gives_way_to_them():
-    """Air drag, and a velocity that is shown late: a shear of the plot is like both at one frequency, not at another."""
-    known = references(["quadratic_drag", "channel_lag"], c2=0.5, lag=0.3e-3)
-    found = diagnosed(known, library=(*LIBRARY, "quadratic_drag", "plot_shear", "linear_drag"))
-    assert found.verdict == "named"
-    assert set(found.causes) == {"quadratic_drag", "channel_lag"}
-
-
 @pytest.mark.parametrize(("pair", "stands"), [(None, False), ("ab", False), ("ab", True)])
 def test_the_best_pair_is_tried_where_an_only_cause_does_not_stand(monkeypatch, pair, stands):
     """Stand-ins for selections: of an only cause, and of a pair."""

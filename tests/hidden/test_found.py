@@ -1,8 +1,10 @@
 """Hide and seek, a handful of cases; `python -m hidden.table` plays them all."""
 
 import pytest
+from hidden.drawn import cases, played
 from hidden.four_dof import PLANS
 from hidden.hider import hide
+from hidden.laboratory import DRIFT
 from hidden.seeker import seek
 from hidden.system import Plan
 
@@ -44,6 +46,20 @@ def test_nothing_is_found_where_nothing_is_hidden(simulator, phi, cache, tmp_pat
 def test_nothing_is_found_where_the_clock_knows_nothing_of_the_drive(simulator, laboratory, cache, tmp_path):
     hide(simulator, None, None, laboratory, folder=tmp_path, cache=cache, laboratory=laboratory)
     assert seek(tmp_path).verdict == "none"
+
+
+@pytest.mark.parametrize(
+    ("simulator", "seed", "told"),
+    [
+        ("oscillator", 610, ["channel_lag", "quadratic_drag"]),  # plot_shear is like both, but of several sizes
+        ("four_dof", 600, ["gap_offset", "quadratic_drag"]),  # coloured noise, and gaps beside impacts
+    ],
+)
+def test_two_causes_in_a_laboratory_drawn_by_chance_are_found(simulator, seed, told):
+    [case] = cases(simulator, ["two"], range(seed, seed + 1), 40.0, DRIFT, {})
+    row = played(case)
+    assert sorted(row["effect"]) == told
+    assert told in [sorted(names) for names in row["class"]]
 
 
 @pytest.mark.parametrize(("simulator", "effect"), [("oscillator", "channel_gain"), ("four_dof", "preload")])
