@@ -8,7 +8,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter, NullLocator
 
-from calib.report.conclusion import half_width
+from calib.report.conclusion import biased_half_width, half_width
 from calib.report.drawing import LINE, MARK, MEASURED, OTHER, SIMULATED, STYLE, WIDTH, shown_unit
 from calib.report.remains import EXTENDED
 from calib.report.words import signed
@@ -131,6 +131,9 @@ def transfers(
                 row = records[::-1].index(t["record"])
                 half = factor * half_width(t)
                 axes.errorbar(factor * t["size"], row, xerr=half, fmt="o", zorder=3, **look, **fill)
+                if biased_half_width(t) > half_width(t):
+                    wide = factor * biased_half_width(t)
+                    axes.errorbar(factor * t["size"], row, xerr=wide, color=look["color"], linewidth=3.0, alpha=0.3)
             if name in sizes:
                 common, low, high = (factor * x for x in sizes[name])
                 axes.axvspan(low, high, color=EXTENDED, alpha=0.22, linewidth=0)
@@ -147,7 +150,9 @@ def transfers(
             mpl.lines.Line2D([], [], color=MARK, marker="o", markerfacecolor="white", label="held out"),
             mpl.patches.Patch(color=EXTENDED, alpha=0.4, label="all together"),
         ]
-        figure.legend(handles=handles, loc="outside upper right", ncols=3, columnspacing=1.4, handletextpad=0.5)
+        if any(biased_half_width(t) > half_width(t) for t in found):
+            handles.append(mpl.lines.Line2D([], [], color=LINE, linewidth=3.0, alpha=0.3, label="with bias"))
+        figure.legend(handles=handles, loc="outside upper right", ncols=4, columnspacing=1.4, handletextpad=0.5)
     return figure
 
 

@@ -146,6 +146,11 @@ def half_width(transfer: Mapping[str, Any]) -> float:
     return transfer.get("half_width") or HALF_WIDTH * transfer["error"]
 
 
+def biased_half_width(transfer: Mapping[str, Any]) -> float:
+    """The same, wider by what the model leaves in the record, which may bias its size."""
+    return math.hypot(half_width(transfer), HALF_WIDTH * (transfer.get("bias") or 0.0))
+
+
 def moved_values(gain: Mapping[str, Any]) -> list[str]:
     """Write calibrated parameters that leave their own 95 % interval in the extended model, with both values."""
     return [
@@ -276,8 +281,9 @@ def untested(suspect: Mapping[str, Any]) -> bool:
 
 
 def hardly_seen(suspect: Mapping[str, Any]) -> bool:
-    """Whether calibration absorbs so much of an effect that its score says nothing of a size."""
-    return not suspect["refitted"] and suspect["absorbed"] > MAX_ABSORBED
+    """Whether calibration absorbs so much of an effect that its score says nothing of a size, nor does its refit."""
+    explains = suspect["refitted"] and (suspect["share"] or 0.0) > CRITERIA.negligible_share
+    return suspect["absorbed"] > MAX_ABSORBED and not explains
 
 
 def sizes(suspect: Mapping[str, Any]) -> list[str]:

@@ -76,8 +76,9 @@ GAIN = (
 )
 TRANSFERS = (
     "Size of the effect refitted to each record alone, all other parameters free, with its 95\u00a0% interval; a "
-    "record that does not tell it from these has none. A law of nature has one size in all of them; a size that "
-    "differs from record to record, or that the records held out do not share, is a stand-in for another cause."
+    "record that does not tell it from these has none. What the model leaves in a record may bias its size: the pale "
+    "bar counts that too. A law of nature has one size in all of them; a size that differs from record to record, or "
+    "that the records held out do not share, is a stand-in for another cause."
 )
 SHIFTS = (
     "By how many of their standard errors the calibrated parameters move once the cause is in the model; within the "
@@ -263,7 +264,7 @@ def _suspects(said, outcomes):
 def _strengths(said, outcomes):
     if said["threshold"] is None:
         return None
-    known = [(s, outcomes[s["effect"]]) for s in said["suspects"] if s["z"] is not None]
+    known = [(s, outcomes[s["effect"]]) for s in said["suspects"] if s["z"] is not None and not untested(s)]
     strengths = [(s["effect"], abs(s["z"]), fate) for s, fate in known if fate != causes.ABSORBED]
     return _pictured(causes.suspects(strengths, said["threshold"]), "suspects", SUSPECTS)
 
@@ -499,7 +500,7 @@ def _brings(said, parameters):
         "failed": gain["failed"],
         "gain": _pictured(causes.gain(gain), "gain", GAIN),
         "transfers": _pictured(causes.transfers(known, common, units), "transfers", TRANSFERS),
-        "agreement": [_agreement(one, said) for one in _agreements(gain)],
+        "agreement": [_agreement(one, gain, said) for one in _agreements(gain)],
         "shifts": _pictured(causes.shifts(gain["shifts"]), "shifts", SHIFTS),
         "moved": [_shift(shift, parameters) for shift in gain["shifts"]],
     }
@@ -523,10 +524,12 @@ def _agreements(gain):
     return [] if gain is None else gain.get("agreements", [])
 
 
-def _agreement(found, said):
+def _agreement(found, gain, said):
     """Say whether the records agree on a size, by the deviate and the threshold that all of the diagnosis has."""
+    own = [transfer for transfer in gain["transfers"] if transfer["parameter"] == found["parameter"]]
+    within = " within what the model leaves in them may bias it by" if any(t.get("bias") for t in own) else ""
     text = (
-        f"The records, each alone, {'agree' if found['agree'] else 'do not agree'} on {found['parameter']} "
+        f"The records, each alone, {'agree' if found['agree'] else 'do not agree'} on {found['parameter']}{within} "
         f"(chi-square {number(found['chi2'], 3)} for {count(found['degrees'], 'degree')} of freedom, z = "
         f"{number(found['z'], 2)}, threshold {number(said['threshold'], 2)})"
     )

@@ -276,7 +276,11 @@ def test_a_page_never_says_that_sizes_differ_and_that_they_do_not(inconstancy, a
     text = " ".join([*told["why"], *told["brings"]["agreement"]])
     assert ("do not agree" in text) == (not agree)
     assert not ("do not agree" in text and "do not differ" in text)
-    assert ("The records, each alone, agree on c2" in text) == agree
+    assert ("The records, each alone, agree on c2 (chi" in text) == agree
+    biased = [transfer | {"bias": 0.3} for transfer in GAIN["transfers"]]
+    said["gain"] |= {"transfers": biased}
+    [sentence] = chapter(said, {}, {"values": VALUES}, study)["brings"]["agreement"]
+    assert "agree on c2 within what the model leaves in them may bias it by (chi" in sentence
     assert ("what differs are the channels within them" in text) == (agree and inconstancy > 3.43)
 
 
