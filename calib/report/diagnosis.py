@@ -270,7 +270,8 @@ def _strengths(said, outcomes):
 
 
 def _suspect(suspect, fate, said):
-    held = [f"{name} = {quantity(value, suspect['units'].get(name))}" for name, value in suspect["held"].items()]
+    known = {name: value for name, value in suspect["held"].items() if value is not None}  # none: without limit
+    held = [f"{name} = {quantity(value, suspect['units'].get(name))}" for name, value in known.items()]
     nothing_known = untested(suspect)
     misfit = said["misfit"]
     explains = significant(misfit["excess"], misfit["blur"]) and suspect["share"] is not None
