@@ -91,11 +91,20 @@ class Fit:
         free = self.free(self.columns)
         counted = (self.residual != 0.0) | free.any(axis=1)
         covariance, freedom = sandwich(free[counted], self.residual[counted], self.rows[counted])
+        wider = np.sqrt(np.maximum(1.0, self._variance_by_noise / np.diag(covariance)))
+        return covariance * np.outer(wider, wider), freedom
+
+    @cached_property
+    def _variance_by_noise(self) -> np.ndarray:
+        """Variances (k,) of the parameters `names` that the noise alone makes, jointly with all others."""
+        free = self.free(self.columns)
         scale = np.linalg.norm(free, axis=0)
         scale[scale == 0.0] = 1.0
-        noise = np.diag(np.linalg.pinv((free / scale).T @ (free / scale), rcond=1e-12, hermitian=True)) / scale**2
-        wider = np.sqrt(np.maximum(1.0, noise / np.diag(covariance)))
-        return covariance * np.outer(wider, wider), freedom
+        return np.diag(np.linalg.pinv((free / scale).T @ (free / scale), rcond=1e-12, hermitian=True)) / scale**2
+
+    def information(self, name: str) -> float:
+        """Inverse of the variance of a parameter that the noise alone makes, jointly with all others."""
+        return 1.0 / max(float(self._variance_by_noise[self.names.index(name)]), 1e-300)
 
     def error(self, names: Sequence[str]) -> np.ndarray:
         """Standard errors of these parameters, jointly with all others; infinite where no derivative tells."""

@@ -207,7 +207,14 @@ def _remains(said):
     if len(remains["rows"]) > 1:
         where = f"{most['channel']} of {most['body']} in {most['record']}"
         text += f"; {percent(most['beyond_noise'] / whole)} of it is in the {where}"
-    return [f"{text}. Standard errors count it, but a remainder that nobody has modelled can bias sizes beyond them."]
+    text += ". Standard errors count it, but a remainder that nobody has modelled can bias sizes beyond them"
+    biases = [
+        f"{name} by {quantity(HALF_WIDTH * bias, joint['units'].get(name), 2)}"
+        for joint in said.get("joint_sizes", {}).values()
+        for name, bias in joint.get("bias", {}).items()  # not written by earlier versions
+        if bias
+    ]
+    return [f"{text}{': ' if biases else ''}{', '.join(biases)}{' (95 % of such)' if biases else ''}."]
 
 
 def left_out(said: Mapping[str, Any]) -> list[str]:

@@ -146,6 +146,7 @@ def test_the_document_says_all_that_and_is_plain_json(cubic):
     assert said["suspects"][0]["share"] > 0.8
     assert said["gain"]["interval"][0] > 0.0
     assert said["misfit"]["features"][0]["z"] is not None
+    assert said["joint_sizes"]["cubic_stiffness"]["bias"] == {"k3": 0.0}  # nothing but noise remains
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -664,3 +665,16 @@ def test_names_are_written_as_one_enumeration():
     assert joined(["a", "b"]) == "a and b"
     assert joined(["a", "b", "c"]) == "a, b and c"
     assert joined(["one of a, b", "c"]) == "one of a, b and c"
+
+
+def test_what_remains_may_bias_a_size_by_a_share_of_the_bound(gross):
+    """That of Cauchy and Schwarz, by what the noise alone makes of the size beside all other parameters."""
+    selection = gross.selection
+    assert selection.remainder_is_significant
+    [parameter] = selection.causes[0].candidate.free
+    free = selection.final.free(selection.final.columns)
+    own = selection.final.names.index(parameter)
+    variance = np.linalg.inv(free.T @ free)[own, own]
+    bound = np.sqrt(selection.remaining_chi2 * variance)
+    assert selection.bias_std(parameter) == pytest.approx(0.35 * bound, rel=1e-6)
+    assert replace(selection, remaining_chi2=0.0).bias_std(parameter) == 0.0

@@ -16,6 +16,7 @@ from hidden.seeker import seek
 from scipy.stats import binomtest
 
 from calib.diagnosis.diagnose import Diagnosis
+from calib.diagnosis.excess import bias_std
 
 KINDS = ("none", "one", "two", "absent", "remainder", "remainder_only")
 EMPTY = ("none", "remainder_only")  # kinds without an effect of the library
@@ -134,12 +135,17 @@ def _nearest(at: Bench, effect: str) -> list | None:
 
 
 def _sizes(found: Diagnosis, effects: tuple[str, ...], values: Mapping[str, float]) -> dict[str, list[float]]:
-    """True value, estimate and its standard error of each parameter of a hidden effect that is in the class [SI]."""
-    if found.selection is None or not found.classes:
+    """True value, estimate and its standard error of each parameter of a hidden effect that is in the class [SI].
+
+    The error counts what remains beside the noise, which may bias the estimate.
+    """
+    selection = found.selection
+    if selection is None or not found.classes:
         return {}
-    suspects = {s.name: s for alike in found.selection.alternatives for s in alike if s.name in effects}
+    remains = selection.remaining_chi2 if selection.remainder_is_significant else 0.0
+    suspects = {s.name: s for alike in selection.alternatives for s in alike if s.name in effects}
     return {
-        name: [values[name], float(size), float(error)]
+        name: [values[name], float(size), float(np.hypot(error, bias_std(remains, suspect.fit.information(name))))]
         for suspect in suspects.values()
         for name, size, error in zip(suspect.candidate.free, suspect.size, suspect.error, strict=True)
         if name in values

@@ -239,6 +239,19 @@ def test_whether_several_causes_have_one_size_everywhere_is_said(z, differ, stud
     assert told.startswith(f"The sizes of quadratic_drag and channel_lag {how} among the channels of the records")
 
 
+def test_by_how_much_what_remains_may_bias_a_size_is_told():
+    said = document("named", VALUES)
+    row = {"channel": "velocity", "body": "q2", "record": "clapping", "beyond_noise": 3.0}
+    said["remains"] = {"above_noise": True, "rows": [row]}
+    joint = {"size": {"c2": 6.0}, "interval": {"c2": [5.0, 7.0]}, "units": {"c2": "1/m"}}
+    said["joint_sizes"] = {"quadratic_drag": joint}
+    [told] = [point for point in points(said) if point.startswith("What remains")]
+    assert told.endswith("can bias sizes beyond them.")
+    joint["bias"] = {"c2": 0.5}
+    [told] = [point for point in points(said) if point.startswith("What remains")]
+    assert told.endswith("can bias sizes beyond them: c2 by 0.98 1/m (95 % of such).")
+
+
 def test_what_explains_too_little_of_a_remainder_is_told_and_not_named(study):
     said = document("named", VALUES)
     assert not left_out(said)
