@@ -515,6 +515,7 @@ def test_where_more_is_left_each_rival_stands_in_the_place_of_the_cause(
         return own, SimpleNamespace(**tried)
 
     monkeypatch.setattr("calib.diagnosis.diagnose.exchanged", lambda f, s, cause, rival, reason: Chosen(rival.name))
+    monkeypatch.setattr("calib.diagnosis.diagnose.paired", lambda *given: None)
     monkeypatch.setattr("calib.diagnosis.diagnose._with_gain", with_gain)
     found, _ = _tried_on_records(SimpleNamespace(spent=False), None, None, Chosen("abc"), (), 0)
     assert found.names == kept
