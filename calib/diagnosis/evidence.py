@@ -294,17 +294,13 @@ class Evidence:
         """Return the evidence with the noise re-estimated of what does not repeat, by what is `left`."""
         parts = []
         for part in self.parts:
-            rest = left[part.name]
-            rows = zip(part.noise, rest.rows, rest.whole, part.weight, part.measured, rest.absorbed, strict=True)
-            noise = [
-                known
-                if known.repeated
-                else from_residual(
-                    row, weight, measured, known.sigma if known.source == STATED else None, absorbed
-                ).within(whole, weight)
-                for known, row, whole, weight, measured, absorbed in rows
-            ]
-            parts.append(replace(part, noise=tuple(noise)))
+            rest, noises = left[part.name], list(part.noise)
+            for index, known in enumerate(part.noise):
+                if not known.repeated:
+                    given = part.weight[index], part.measured[index], known.sigma if known.source == STATED else None
+                    anew = from_residual(rest.rows[index], *given, rest.absorbed[index])
+                    noises[index] = anew.within(rest.whole[index], part.weight[index])
+            parts.append(replace(part, noise=tuple(noises)))
         return Evidence(tuple(parts))
 
 

@@ -178,7 +178,7 @@ class Remainder:
         return self.rows[row] * math.sqrt(counted / max(1.0, counted - taken))
 
 
-def absorbed(basis: np.ndarray) -> np.ndarray:
+def absorbed_by(basis: np.ndarray) -> np.ndarray:
     """What a projection P on an orthonormal basis, of which a row has this part (n, k), absorbs: see `Remainder`.
 
     With D_j the matrix of ones between samples j apart, the products of residuals l apart are e' D_l e / 2 and their
@@ -232,17 +232,21 @@ def _about_mean(
     parameters: int,
     slow: Projection,
 ) -> tuple[Noise, float, float]:
-    """Noise about the mean cycle and slow changes of it, its degrees of freedom, and Schwarz's criterion."""
+    """Noise about the mean cycle and slow changes of it, its degrees of freedom, and Schwarz's criterion.
+
+    The criterion is of as many samples whatever slow changes are taken out: what is better does not depend on the unit.
+    """
     counted = float((weight**2).sum())
+    about = max(counted - parameters, 1.0)  # samples that are free about the mean cycle
+    free = max(about - slow.rank, 1.0)
     left = np.where(weight > 0.0, slow(residual * weight) / np.maximum(weight, 1e-300), 0.0)
-    table = absorbed(slow.basis) if slow.rank else NOTHING_ABSORBED
-    noise = _noise(left * math.sqrt(counted / max(counted - parameters, 1.0)), weight, measured, CYCLIC, table)
-    free = max(counted - parameters - slow.rank, 1.0)
+    table = absorbed_by(slow.basis) if slow.rank else NOTHING_ABSORBED
+    noise = _noise(left * math.sqrt(counted / about), weight, measured, CYCLIC, table)
     # once whitened, the residual has unit variance in this record: the misfit of the same samples is judged by it
-    new = noise.whitened(left, weight)
-    sigma = max(noise.sigma * math.sqrt(float(new @ new) / free), _least(measured))
-    noise = replace(noise, sigma=sigma, repeated=True)
-    criterion = 2.0 * free * math.log(sigma * noise.innovation) + (noise.memory.size + slow.rank) * math.log(free)
+    new, least = noise.whitened(left, weight), _least(measured)
+    noise = replace(noise, sigma=max(noise.sigma * math.sqrt(float(new @ new) / free), least), repeated=True)
+    likeliest = noise.innovation * max(noise.sigma * math.sqrt(free / about), least)
+    criterion = 2.0 * about * math.log(likeliest) + (noise.memory.size + slow.rank) * math.log(about)
     return noise, free, criterion
 
 

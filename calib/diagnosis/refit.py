@@ -82,8 +82,10 @@ class Fit:
         return self._without_nuisances(columns)
 
     @cached_property
-    def _sandwich(self) -> tuple[np.ndarray, np.ndarray]:
-        """Covariance (k, k) of the parameters `names`, in their units, and degrees of freedom (k,) of its variances.
+    def _sandwich(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Covariance (k, k) of the parameters `names`, degrees of freedom and variances by the noise alone (k,).
+
+        In their units; the degrees of freedom are those of the covariance's variances.
 
         What the model leaves beside the noise has a level and an autocorrelation of its own in each channel of each
         record, as in the intervals of a calibration; no variance is less than what the noise alone makes.
@@ -91,26 +93,25 @@ class Fit:
         free = self.free(self.columns)
         counted = (self.residual != 0.0) | free.any(axis=1)
         covariance, freedom = sandwich(free[counted], self.residual[counted], self.rows[counted])
-        wider = np.sqrt(np.maximum(1.0, self._variance_by_noise / np.diag(covariance)))
-        return covariance * np.outer(wider, wider), freedom
-
-    @cached_property
-    def _variance_by_noise(self) -> np.ndarray:
-        """Variances (k,) of the parameters `names` that the noise alone makes, jointly with all others."""
-        free = self.free(self.columns)
         scale = np.linalg.norm(free, axis=0)
         scale[scale == 0.0] = 1.0
-        return np.diag(np.linalg.pinv((free / scale).T @ (free / scale), rcond=1e-12, hermitian=True)) / scale**2
+        noise = np.diag(np.linalg.pinv((free / scale).T @ (free / scale), rcond=1e-12, hermitian=True)) / scale**2
+        wider = np.sqrt(np.maximum(1.0, noise / np.diag(covariance)))
+        return covariance * np.outer(wider, wider), freedom, noise
 
     def information(self, name: str) -> float:
-        """Inverse of the variance of a parameter that the noise alone makes, jointly with all others."""
-        return 1.0 / max(float(self._variance_by_noise[self.names.index(name)]), 1e-300)
+        """Fisher information of a parameter beside all others: 1 over the variance that the noise alone makes.
+
+        In units of 1 over the square of the parameter's.
+        """
+        _, _, noise = self._sandwich
+        return 1.0 / max(float(noise[self.names.index(name)]), 1e-300)
 
     def error(self, names: Sequence[str]) -> np.ndarray:
         """Standard errors of these parameters, jointly with all others; infinite where no derivative tells."""
         if not self.names:
             return np.full(len(names), np.inf)
-        covariance, _ = self._sandwich
+        covariance, _, _ = self._sandwich
         known = np.where(self.columns.any(axis=0), np.sqrt(np.maximum(0.0, np.diag(covariance))), np.inf)
         return known[[self.names.index(name) for name in names]]
 
@@ -131,7 +132,7 @@ class Fit:
         """Half widths of the 95 % intervals of these parameters, by Student's t."""
         if not self.names:
             return np.full(len(names), np.inf)
-        _, freedom = self._sandwich
+        _, freedom, _ = self._sandwich
         index = [self.names.index(name) for name in names]
         return self.error(names) * stats.t.isf(CRITERIA.tail_probability, freedom[index])
 

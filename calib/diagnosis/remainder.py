@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.diagnosis.evidence import Evidence
-from calib.diagnosis.noise import Remainder, absorbed
+from calib.diagnosis.noise import Remainder, absorbed_by
 from calib.diagnosis.refit import Fit
 from calib.diagnosis.score import Projection
 
@@ -28,5 +28,5 @@ def remainder(evidence: Evidence, fit: Fit, derivatives: Sequence[np.ndarray]) -
         rows = part.restored(residual[own, None])[:, :, 0]
         bases = everything.basis[own].reshape(*rows.shape, -1)
         whole = part.restored(fit.residual[own, None])[:, :, 0]
-        left[part.name] = Remainder(rows, whole, np.array([absorbed(basis) for basis in bases]))
+        left[part.name] = Remainder(rows, whole, np.array([absorbed_by(basis) for basis in bases]))
     return left

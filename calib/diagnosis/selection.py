@@ -126,11 +126,14 @@ class Selection:
         """Largest normal deviate by which the size of a cause differs among the channels of the records."""
         return max((c.z for c in self.constancy if c.among == CHANNELS), default=0.0)
 
-    def bias_std(self, name: str) -> float:
-        """Standard deviation of the bias that what remains may make of a parameter; 0 where noise alone remains."""
+    def bias_std(self, fit: Fit, name: str) -> float:
+        """Standard deviation of the bias that what remains may make of a parameter of a fit  [its unit].
+
+        0 where noise alone remains.
+        """
         if not self.remainder_is_significant:
             return 0.0
-        return bias_std(self.remaining_chi2, self.final.information(name))
+        return bias_std(self.remaining_chi2, fit.information(name))
 
     def with_records_compared(self, agreements: Sequence[Agreement]) -> "Selection":
         """Return the selection with the constancy of its causes from record to record: of what each alone has."""

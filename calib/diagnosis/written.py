@@ -168,7 +168,7 @@ def _joint_size(cause: Suspect, selection: Selection) -> dict[str, Any]:
     return {
         "size": dict(zip(names, size, strict=True)),
         "interval": _intervals(cause.candidate, size, final.half_width(names)),
-        "bias": {name: selection.bias_std(name) for name in names},
+        "bias": {name: selection.bias_std(final, name) for name in names},
         "limits": {p.name: [p.low, p.high] for p in cause.candidate.parameters},
         "units": {p.name: p.unit for p in cause.candidate.effect.parameters},
     }

@@ -131,7 +131,7 @@ def transfers(
                 row = records[::-1].index(t["record"])
                 half = factor * half_width(t)
                 axes.errorbar(factor * t["size"], row, xerr=half, fmt="o", zorder=3, **look, **fill)
-                if biased_half_width(t) > half_width(t):
+                if t.get("bias"):  # not written by earlier versions
                     wide = factor * biased_half_width(t)
                     axes.errorbar(factor * t["size"], row, xerr=wide, color=look["color"], linewidth=3.0, alpha=0.3)
             if name in sizes:
@@ -150,7 +150,7 @@ def transfers(
             mpl.lines.Line2D([], [], color=MARK, marker="o", markerfacecolor="white", label="held out"),
             mpl.patches.Patch(color=EXTENDED, alpha=0.4, label="all together"),
         ]
-        if any(biased_half_width(t) > half_width(t) for t in found):
+        if any(t.get("bias") for t in found):
             handles.append(mpl.lines.Line2D([], [], color=LINE, linewidth=3.0, alpha=0.3, label="with bias"))
         figure.legend(handles=handles, loc="outside upper right", ncols=4, columnspacing=1.4, handletextpad=0.5)
     return figure

@@ -116,7 +116,7 @@ def disagreements(said: Mapping[str, Any]) -> list[str]:
         more = f" and {len(each) - MAX_LISTED} more" if len(each) > MAX_LISTED else ""
         found.append(f"{parameter} = {', '.join(each[:MAX_LISTED])}{more}" if each else parameter)
     return [
-        f"The records, each alone, disagree on the size of {' and '.join(names)} ({'; '.join(found)}; 95\u00a0% "
+        f"The records, each alone, disagree on the size of {joined(names)} ({'; '.join(found)}; 95\u00a0% "
         "intervals): another effect that acts alike may be the cause, and the interval of the common size does not "
         "count that."
     ]
@@ -214,7 +214,8 @@ def _remains(said):
         for name, bias in joint.get("bias", {}).items()  # not written by earlier versions
         if bias
     ]
-    return [f"{text}{': ' if biases else ''}{', '.join(biases)}{' (95 % of such)' if biases else ''}."]
+    at_most = f", in 95\u00a0% of cases by no more than this: {', '.join(biases)}" if biases else ""
+    return [f"{text}{at_most}."]
 
 
 def left_out(said: Mapping[str, Any]) -> list[str]:
@@ -222,7 +223,7 @@ def left_out(said: Mapping[str, Any]) -> list[str]:
     if said["verdict"] not in (NAMED, ONE_OF, UNEXPLAINED):
         return []
     return [
-        f"Beside {' and '.join(one['beside'])}, {one['effect']} explains {percent(one['share'])} of what may then "
+        f"Beside {joined(one['beside'])}, {one['effect']} explains {percent(one['share'])} of what may then "
         f"remain. It is not named: {_why_left_out(one)}"
         for one in said.get("left_out", ())  # not written by earlier versions
     ]

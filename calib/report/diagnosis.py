@@ -11,7 +11,7 @@ from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.excess import significant
 from calib.diagnosis.laboratory import AMPLITUDE_RANGE, FREQUENCY_RANGE, RELEASE_RANGE
 from calib.diagnosis.next_measurement import DECISIVE_Z
-from calib.diagnosis.verdict import explained
+from calib.diagnosis.verdict import explained, joined
 from calib.report import causes, drawing, lacking, remains, separation
 from calib.report.conclusion import (
     NAMED,
@@ -396,7 +396,7 @@ def _why(said, outcomes):
     if said["verdict"] == UNEXPLAINED and said["closest"]:
         share = explained(max(0.0, said["misfit"]["share"]))
         found.append(
-            f"Of the excess, {share} is explained by {' and '.join(said['closest'])}. Named is what predicts, has one "
+            f"Of the excess, {share} is explained by {joined(said['closest'])}. Named is what predicts, has one "
             "size in all records (of several causes, each in all their channels too), and leaves no more than noise, "
             f"or explains at least {CRITERIA.min_over_remainder:g} times what remains (of several, each)."
         )
@@ -433,7 +433,7 @@ def _constancy(said):
         how = f"differ, those of {most['effect']} by {percent(most['variation'])},"
         end = " What has no name yet may make as much." if (said.get("remains") or {}).get("above_noise") else ""
     return [
-        f"The sizes of {' and '.join(added(said))} {how} among the channels of the records (Cochran's Q as a normal "
+        f"The sizes of {joined(added(said))} {how} among the channels of the records (Cochran's Q as a normal "
         f"deviate: {number(z, 2)}, threshold {number(said['threshold'], 2)}).{end}"
     ]
 

@@ -677,5 +677,5 @@ def test_what_remains_may_bias_a_size_by_a_share_of_the_bound(gross):
     own = selection.final.names.index(parameter)
     variance = np.linalg.inv(free.T @ free)[own, own]
     bound = np.sqrt(selection.remaining_chi2 * variance)
-    assert selection.bias_std(parameter) == pytest.approx(0.35 * bound, rel=1e-6)
-    assert replace(selection, remaining_chi2=0.0).bias_std(parameter) == 0.0
+    assert selection.bias_std(selection.final, parameter) == pytest.approx(0.35 * bound, rel=1e-6)
+    assert replace(selection, remaining_chi2=0.0).bias_std(selection.final, parameter) == 0.0

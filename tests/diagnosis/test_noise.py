@@ -173,3 +173,15 @@ def test_noise_that_is_judged_by_a_residual_does_not_exceed_it(memory):
     assert judged.within(row, weight).sigma == pytest.approx(2.0, rel=0.05)
     assert judged.within(2.0 * row, weight).sigma == 3.0
     assert Noise(3.0, np.array(memory), STATED).within(row, weight).sigma == 3.0
+
+
+@pytest.mark.parametrize("drift", [0.0, 0.02, 0.1])
+def test_what_is_noise_does_not_depend_on_the_unit(drift):
+    """Neither where it drifts hardly, nor where it drifts much: displacements are small numbers in metres."""
+    time, weight = np.arange(2000) / 100.0, np.ones(2000)
+    slow = np.column_stack([time - time.mean(), time * np.sin(2.0 * np.pi * time), time * np.cos(2.0 * np.pi * time)])
+    row = series([0.6], 2000) + drift * slow[:, 0]
+    found = {unit: from_cycles(unit * row, weight, unit * row, 0, None, (slow,)) for unit in (1e-6, 1.0, 1e6)}
+    for unit, noise in found.items():
+        assert noise.sigma / unit == pytest.approx(found[1.0].sigma, rel=1e-9)
+        np.testing.assert_allclose(noise.memory, found[1.0].memory, rtol=1e-9)

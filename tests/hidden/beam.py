@@ -5,7 +5,6 @@ a layer of another thickness.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -49,25 +48,17 @@ EFFECTS = LAWS + (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
 class Beam(System):
-    """The beam as the hider drives it: hidden parameters `full` (0 or 1) and `wave` [m] are of its own model.
+    """The beam as the hider drives it, with the laws of the library in elements of its own.
 
-    wave_order : half waves of the gap's departure along half the delamination
-
-    Attributes
-    ----------
-    laws : effects whose laws the hider takes from the library: its elements are others
+    Hidden parameters of its own model are `full`, 0 or 1, and the gap's departure `wave` [m] with its `wave_order`, the
+    number of half waves along half the delamination.
     """
-
-    laws: tuple[str, ...] = field(default=LAWS)
 
     def moved(self, plan: Plan, values: Mapping[str, float], hidden: Mapping[str, float], state=None) -> Motion:
         """Motion of the beam at these values, in all its elements where `full` is hidden, else in its modes."""
-        values = dict(values)
-        for name, base in self.structure.items():
-            values[base] *= 1.0 + hidden.get(name, 0.0)
-        effects = [plugins.load("calib.effects", name) for name in self.laws]
+        values = self.restructured(values, hidden)
+        effects = [plugins.load("calib.effects", name) for name in LAWS]
         acting = [one for one in effects if {p.name for p in one.parameters} & set(hidden)]
         own = {p.name: p.nominal for one in acting for p in one.parameters}
         own |= {name: value for name, value in hidden.items() if name in own}

@@ -16,7 +16,6 @@ from hidden.seeker import seek
 from scipy.stats import binomtest
 
 from calib.diagnosis.diagnose import Diagnosis
-from calib.diagnosis.excess import bias_std
 
 KINDS = ("none", "one", "two", "absent", "remainder", "remainder_only")
 EMPTY = ("none", "remainder_only")  # kinds without an effect of the library
@@ -142,10 +141,9 @@ def _sizes(found: Diagnosis, effects: tuple[str, ...], values: Mapping[str, floa
     selection = found.selection
     if selection is None or not found.classes:
         return {}
-    remains = selection.remaining_chi2 if selection.remainder_is_significant else 0.0
     suspects = {s.name: s for alike in selection.alternatives for s in alike if s.name in effects}
     return {
-        name: [values[name], float(size), float(np.hypot(error, bias_std(remains, suspect.fit.information(name))))]
+        name: [values[name], float(size), float(np.hypot(error, selection.bias_std(suspect.fit, name)))]
         for suspect in suspects.values()
         for name, size, error in zip(suspect.candidate.free, suspect.size, suspect.error, strict=True)
         if name in values

@@ -118,12 +118,16 @@ class System:
             return np.arange(self.periods * self.samples) / (plan.frequency * self.samples)
         return self.time
 
-    def moved(self, plan: Plan, values: Mapping[str, float], hidden: Mapping[str, float], state=None) -> Motion:
-        """Motion at these values of the plant and of the hidden parameters; `state` is where to look for it first."""
+    def restructured(self, values: Mapping[str, float], hidden: Mapping[str, float]) -> dict[str, float]:
+        """Values of the plant with the relative changes that are hidden."""
         values = dict(values)
         for name, base in self.structure.items():
             values[base] *= 1.0 + hidden.get(name, 0.0)
-        plant = self.plant(values, plan)
+        return values
+
+    def moved(self, plan: Plan, values: Mapping[str, float], hidden: Mapping[str, float], state=None) -> Motion:
+        """Motion at these values of the plant and of the hidden parameters; `state` is where to look for it first."""
+        plant = self.plant(self.restructured(values, hidden), plan)
         plant = plant._replace(gap=plant.gap + hidden.get("dg", 0.0))
         absent = TRANSIENT if plan.kind == "harmonic" else ()
         laws = Laws(**{name: float(hidden[name]) for name in Laws._fields if name in hidden and name not in absent})

@@ -249,7 +249,7 @@ def test_by_how_much_what_remains_may_bias_a_size_is_told():
     assert told.endswith("can bias sizes beyond them.")
     joint["bias"] = {"c2": 0.5}
     [told] = [point for point in points(said) if point.startswith("What remains")]
-    assert told.endswith("can bias sizes beyond them: c2 by 0.98 1/m (95 % of such).")
+    assert told.endswith("can bias sizes beyond them, in 95\u00a0% of cases by no more than this: c2 by 0.98 1/m.")
 
 
 def test_what_explains_too_little_of_a_remainder_is_told_and_not_named(study):
