@@ -1,5 +1,6 @@
 """A record cut by the period of its excitation."""
 
+from calib.cycles.clock import clock_rate
 from calib.cycles.impacts import impact, impacts_per_period
 from calib.cycles.loop import averaged_at_impacts, cut, harmonics, period_of, rows, sampled
 from calib.cycles.mean_cycle import MeanCycle, loop_sigma, mean_cycle, phase_curve
@@ -14,6 +15,7 @@ __all__ = [
     "MeanCycle",
     "Motion",
     "averaged_at_impacts",
+    "clock_rate",
     "cut",
     "harmonics",
     "impact",

@@ -205,9 +205,6 @@ def from_cycles(
 ) -> Noise:
     """Noise of one channel from what its cycles leave about their mean.
 
-    A stated level is that of the noise as a whole. Where the noise has memory, what is new in each sample is judged by,
-    and that the cycles tell better: the level of a sample of such noise is off by chance, what is new in it hardly.
-
     Parameters
     ----------
     residual, weight, measured : (n,)
@@ -218,11 +215,7 @@ def from_cycles(
     taken = (np.zeros((residual.size, 0)), *slow)
     known = (_about_mean(residual, weight, measured, parameters, Projection(c * weight[:, None])) for c in taken)
     noise, free, _ = min(known, key=lambda one: one[2])
-    if stated is None:
-        return noise
-    chance = CRITERIA.significance_std * noise.mean_square_std(free)
-    of_sample = noise.memory.size > 0 and abs((noise.sigma / stated) ** 2 - 1.0) < chance
-    return replace(noise, sigma=noise.sigma if of_sample else stated, source=STATED)
+    return noise if stated is None else _beside_stated(noise, stated, free)
 
 
 def _about_mean(
@@ -242,12 +235,38 @@ def _about_mean(
     left = np.where(weight > 0.0, slow(residual * weight) / np.maximum(weight, 1e-300), 0.0)
     table = absorbed_by(slow.basis) if slow.rank else NOTHING_ABSORBED
     noise = _noise(left * math.sqrt(counted / about), weight, measured, CYCLIC, table)
-    # once whitened, the residual has unit variance in this record: the misfit of the same samples is judged by it
-    new, least = noise.whitened(left, weight), _least(measured)
-    noise = replace(noise, sigma=max(noise.sigma * math.sqrt(float(new @ new) / free), least), repeated=True)
+    least = _least(measured)
+    noise = replace(_judged_by_what_is_new(noise, left, weight, free, least), repeated=True)
     likeliest = noise.innovation * max(noise.sigma * math.sqrt(free / about), least)
     criterion = 2.0 * about * math.log(likeliest) + (noise.memory.size + slow.rank) * math.log(about)
     return noise, free, criterion
+
+
+def _judged_by_what_is_new(
+    noise: Noise, residual: np.ndarray, weight: np.ndarray, free: float, least: float
+) -> Noise:
+    """Return it with the level at which the residual (n,), once whitened, has unit variance in this record.
+
+    The misfit of the same samples is judged by it.
+
+    Parameters
+    ----------
+    free : degrees of freedom of the residual
+    least : level, that noise has at least
+    """
+    new = noise.whitened(residual, weight)
+    return replace(noise, sigma=max(noise.sigma * math.sqrt(float(new @ new) / free), least))
+
+
+def _beside_stated(noise: Noise, stated: float, free: float) -> Noise:
+    """Return noise that was estimated with so many degrees of freedom, of which the record states the level.
+
+    A stated level is that of the noise as a whole. Where the noise has memory, what is new in each sample is judged by,
+    and that the residual tells better: the level of a sample of such noise is off by chance, what is new in it hardly.
+    """
+    chance = CRITERIA.significance_std * noise.mean_square_std(free)
+    of_sample = noise.memory.size > 0 and abs((noise.sigma / stated) ** 2 - 1.0) < chance
+    return replace(noise, sigma=noise.sigma if of_sample else stated, source=STATED)
 
 
 def from_residual(
@@ -261,12 +280,16 @@ def from_residual(
 
     absorbed : (lag, lag) as `Remainder` has it
     """
+    counted = float((weight**2).sum())
+    free = max(counted - absorbed[0, 0], 1.0)
     noise = _noise(residual, weight, measured, RESIDUAL, absorbed)
+    noise = _judged_by_what_is_new(noise, residual, weight, free, _least(measured))
     if stated is None:
         return noise
     excess = (noise.sigma / stated) ** 2 - CRITERIA.max_variance_ratio
-    chance = CRITERIA.significance_std * noise.mean_square_std(float((weight**2).sum()))
-    return Noise(stated, noise.memory if excess < chance else np.zeros(0), STATED)
+    if excess < CRITERIA.significance_std * noise.mean_square_std(counted):
+        return _beside_stated(noise, stated, free)
+    return Noise(stated, np.zeros(0), STATED)
 
 
 def with_memory(

@@ -1,13 +1,13 @@
 """A reference, prepared to have simulated records seen beside it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import xarray as xr
 
-from calib.cycles import NO_CONTACT, UNDECIDED, Motion, kind_of_motion, sampled
+from calib.cycles import NO_CONTACT, UNDECIDED, Motion, clock_rate, kind_of_motion, sampled
 from calib.errors import CalibError
 from calib.model import Model, Request
 from calib.objective.alignment import Alignment
@@ -25,6 +25,9 @@ from calib.objective.reach import FeatureValue, Scalar, compared, scalars
 from calib.objective.terms import Reference, Term
 from calib.record import OK, prescribed
 from calib.record import channels as channels_of
+
+DRIFTING = (1, 2, 3, 4)  # periods after which a motion may return that its own clock shows not to return at all
+CLOCK_RATE = "clock_rate"  # attribute of a record: by how much the drive's clock is faster than the recorder's  [1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,6 +185,30 @@ def _prepared(record: xr.Dataset, period: float | None) -> xr.Dataset:
         record = record.assign(velocity=record["velocity"].copy(data=sampled(record, "velocity")))
         record = record.drop_vars([v for v in ("impact_time", "impact_speed") if v in record])
     return _with_period(record, period)
+
+
+def on_drive_clock(reference: Reference) -> Reference:
+    """Return a reference whose instants are on the clock of its harmonic drive, with the attribute `clock_rate`  [1].
+
+    A steady motion has the period of its drive: where its cycles say otherwise the recorder's clock is fast or slow,
+    and was right at time zero. See `calib.cycles.clock_rate`.
+    """
+    if not reference.excitation.harmonic or CLOCK_RATE in reference.record.attrs:
+        return reference
+    steady = _with_period(reference.record, reference.excitation.period)
+    known = kind_of_motion(steady).period
+    for periods in DRIFTING if known is None else (known,):
+        rate = clock_rate(steady, periods)
+        if rate != 0.0 and kind_of_motion(_with_rate(steady, rate)).period is not None:
+            return replace(reference, record=_with_rate(reference.record, rate))
+    return replace(reference, record=_with_rate(reference.record, 0.0))
+
+
+def _with_rate(record: xr.Dataset, rate: float) -> xr.Dataset:
+    """Return a record on a clock whose instants are 1 + rate times its own."""
+    instants = [name for name in ("time", "impact_time") if rate != 0.0 and name in record.variables]
+    moved = {name: (record[name].dims, (1.0 + rate) * record[name].values, record[name].attrs) for name in instants}
+    return record.assign(moved).assign_attrs({CLOCK_RATE: rate})
 
 
 def _with_period(record: xr.Dataset, period: float | None) -> xr.Dataset:

@@ -10,7 +10,7 @@ from calib.cycles import Motion
 from calib.errors import CalibError, nearest
 from calib.model import Model, Request
 from calib.objective.blocks import Blocks
-from calib.objective.compared import Compared, Seen
+from calib.objective.compared import Compared, Seen, on_drive_clock
 from calib.objective.initial_state import Released
 from calib.objective.reach import FeatureValue
 from calib.objective.terms import Reference, Score, Term
@@ -49,7 +49,7 @@ class Objective:
     """
 
     def __init__(self, references: Mapping[str, Reference], terms: Sequence[Term]):
-        self.references = dict(references)
+        self.references = {name: on_drive_clock(reference) for name, reference in references.items()}
         self.terms = _distinct(terms)
         if not self.terms:
             raise CalibError("an objective needs at least one term; name a feature to compare")

@@ -162,7 +162,14 @@ def _driven(record):
     frequency = f" at {number(float(a['frequency']))} Hz" if a.get("frequency") else ""
     if not quantity:
         return ""
-    return f"driven by {quantity}{f' of the {place}' if place else ''}{amplitude}{frequency}"
+    return f"driven by {quantity}{f' of the {place}' if place else ''}{amplitude}{frequency}{_clock(a)}"
+
+
+def _clock(attrs):
+    """What the cycles say of the recorder's clock."""
+    rate = attrs.get("clock_rate", 0.0)
+    side = "slow" if rate > 0.0 else "fast"
+    return f"; the recorder's clock is {number(1e6 * abs(rate))} ppm {side} against the drive's" if rate else ""
 
 
 def _warnings(study):

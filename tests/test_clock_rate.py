@@ -1,0 +1,97 @@
+"""The rate of a recorder's clock against that of the drive."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from calib.calibrate import Objective
+from calib.cycles import clock_rate
+from calib.excitation import Excitation
+from calib.objective import Reference, Term
+from calib.objective.compared import CLOCK_RATE
+
+FREQUENCY = 26.24  # Hz
+
+
+def record(rate, cycles, per_cycle, noise=0.01, memory=0.0, seed=0, envelope=None, jitter=0.0):
+    """Two harmonics, displacement and velocity, whose true instants are 1 + rate times the stamps."""
+    rng, size = np.random.default_rng(seed), int(cycles * per_cycle)
+    time = np.arange(size) / (per_cycle * FREQUENCY)
+    true = (1.0 + rate) * time + jitter / (per_cycle * FREQUENCY) * rng.standard_normal(size)
+    phase = 2.0 * np.pi * FREQUENCY * true
+    new = np.sqrt(1.0 - memory**2) * rng.standard_normal((2, size))
+    for k in range(1, size):
+        new[:, k] += memory * new[:, k - 1]
+    rows = [np.cos(phase) + 0.2 * np.cos(2.0 * phase + 1.0), -np.sin(phase) - 0.4 * np.sin(2.0 * phase + 1.0)]
+    if envelope is not None:
+        rows[0] = rows[0] + envelope(true) * np.sin(phase)
+    rows = np.array(rows) + noise * new
+    return xr.Dataset(
+        {
+            "displacement": (("body", "time"), rows[:1], {"units": "m"}),
+            "velocity": (("body", "time"), 165.0 * rows[1:], {"units": "m/s"}),
+        },
+        coords={"body": ["mass"], "time": ("time", time, {"units": "s"})},
+        attrs={"frequency": FREQUENCY},
+    )
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.9])
+@pytest.mark.parametrize(
+    ("rate", "cycles", "per_cycle"), [(5e-5, 86.3, 200.0), (-5e-5, 60.0, 20.3), (1e-3, 40.5, 61.7)]
+)
+def test_the_rate_is_found_whatever_the_clock_and_the_noise(rate, cycles, per_cycle, memory):
+    found = clock_rate(record(rate, cycles, per_cycle, 0.005, memory, jitter=0.01))
+    assert found == pytest.approx(rate, rel=0.1)
+
+
+def test_the_rate_of_a_motion_that_returns_after_two_periods_is_found():
+    plain, double = record(1e-4, 60.0, 50.3), record(1e-4, 60.0, 50.3, seed=1)
+    double["displacement"] += 0.3 * np.cos(np.pi * FREQUENCY * (1.0 + 1e-4) * plain.time)
+    assert clock_rate(double, periods=2) == pytest.approx(1e-4, rel=0.1)
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.95])
+@pytest.mark.parametrize(("cycles", "per_cycle"), [(10.2, 30.7), (40.0, 50.0), (80.7, 20.3)])
+def test_noise_alone_is_no_rate(cycles, per_cycle, memory):
+    found = [clock_rate(record(0.0, cycles, per_cycle, 0.02, memory, seed)) for seed in range(20)]
+    assert found.count(0.0) >= 19
+
+
+def test_few_cycles_tell_no_rate():
+    assert clock_rate(record(5e-5, 9.9, 200.0, 1e-4)) == 0.0
+
+
+@pytest.mark.parametrize("cycles", [12.0, 60.0])
+def test_a_motion_that_still_settles_is_no_rate(cycles):
+    settling = record(0.0, cycles, 50.0, 0.0, envelope=lambda time: 1e-2 * np.exp(-time * FREQUENCY / 8.0))
+    assert clock_rate(settling) == 0.0
+
+
+def test_an_exact_record_has_no_rate():
+    assert clock_rate(record(0.0, 60.0, 50.0, 0.0)) == 0.0
+
+
+class Loop:
+    """The displacement on the record's time base."""
+
+    name, unit, channels = "loop", "m", ("displacement",)
+
+    def __call__(self, record, bodies=None):
+        return record["displacement"]
+
+    def scale(self, reference):
+        return 1.0
+
+
+def test_a_reference_is_compared_on_the_clock_of_its_drive():
+    fast = record(2e-4, 80.0, 100.3)
+    driven = Excitation("base", "displacement", amplitude=1e-3, frequency=FREQUENCY)
+    reference = Objective({"run": Reference("run", fast, excitation=driven)}, [Term(Loop())]).references["run"]
+    rate = reference.record.attrs[CLOCK_RATE]
+    assert rate == pytest.approx(2e-4, rel=0.02)
+    np.testing.assert_allclose(reference.record.time, (1.0 + rate) * fast.time)
+    again = Objective({"run": reference}, [Term(Loop())]).references["run"]
+    assert again is reference
+    assert reference.record.time.attrs == {"units": "s"}
+    assert CLOCK_RATE not in fast.attrs
