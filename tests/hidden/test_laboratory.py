@@ -164,6 +164,5 @@ def test_the_study_of_a_laboratory_can_be_read_and_covers_its_records(seed, cach
     for name, reference in {**file.study.objective.references, **file.others}.items():
         if reference.excitation.periodic:
             assert reference.request.periods > reference.record.time.values[-1] * reference.excitation.frequency
-        assert reference.record.time.values == pytest.approx(
-            Laboratory.drawn(seed, SYSTEM).clocks[name].stamps, abs=1e-12
-        )
+        stamps = Laboratory.drawn(seed, SYSTEM).clocks[name].stamps
+        assert reference.record.time.values == pytest.approx(stamps, rel=1e-4)  # put on the clock of the drive
