@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
-from calib.confidence.covariance import sandwich
 from calib.cycles import mean_cycle
 from calib.diagnosis.bench import Seen
 from calib.diagnosis.clock import CLOCK_RATE_STD, clock_sensitivity
@@ -25,6 +24,7 @@ from calib.diagnosis.noise import (
     shared,
     with_memory,
 )
+from calib.diagnosis.score import variance_along
 from calib.objective import Objective, Reference, compared_rows, row_weights
 from calib.objective.outliers import MIN_DEVIATION, deviations, smoothed
 
@@ -121,18 +121,12 @@ class Part:
         return length**2 / (1.0 + length**2)
 
     def with_remainder(self, residual: np.ndarray) -> "Part":
-        """Return the record with the variance along its clock of what a model leaves: residual (row * n,).
-
-        It is estimated as for the standard errors: what is left has an autocorrelation of its own.
-        """
+        """Return the record with the variance along its clock of what a model leaves: residual (row * n,)."""
         if self.clock is None or not residual.any():
             return self
         direction, _ = self._clock_direction
-        residual = residual - direction * (direction @ residual)  # what the clock itself may have made
-        counted = (residual != 0.0) | (direction != 0.0)
         rows = np.repeat(np.arange(len(self.rows)), self.time.size)
-        covariance, _ = sandwich(direction[counted, None], residual[counted], rows[counted])
-        return replace(self, variance_along_clock=max(1.0, float(covariance[0, 0])))
+        return replace(self, variance_along_clock=variance_along(direction, residual, rows))
 
     def tangents(self, simulated: Seen) -> np.ndarray:
         """Change of the simulated rows with each nuisance, in units of the noise (row * n, k).

@@ -11,6 +11,7 @@ from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.noise import STATED
 from calib.diagnosis.refit import Fit, Fitter
+from calib.diagnosis.score import variance_along
 from calib.effect import Effect
 from calib.model import Model
 from calib.study import Pool
@@ -133,7 +134,8 @@ def above_noise(evidence: Evidence, fit: Fit) -> Gate:
 def converged(fitter: Fitter, fit: Fit, effects: Sequence[Effect], threshold: float, margin: float) -> list[Gate]:
     """Solver steps and tolerances do not matter: made finer, they change less than an effect that could be named.
 
-    Or less than a tenth of what the answer rests on: then they bias sizes by that z at most, but not the answer.
+    Or less than a tenth of what the answer rests on: then they bias sizes by that z at most, but not the answer. As of
+    any cause z is over the standard deviation of all that the fit leaves, not of the noise alone.
 
     fit : the calibrated model with what was found to be missing
     effects : those of site "numerical"
@@ -150,7 +152,9 @@ def converged(fitter: Fitter, fit: Fit, effects: Sequence[Effect], threshold: fl
         if bad is not None:
             gates.append(Gate(effect.name, False, f"made {REFINEMENT:g} times finer, the simulation ends {bad.status}"))
             continue
-        z = float(np.linalg.norm(fit.projection(fitter.evidence.difference(fit.point.simulated, views))))
+        change = fit.projection(fitter.evidence.difference(fit.point.simulated, views))
+        size = float(np.linalg.norm(change))
+        z = size / np.sqrt(variance_along(change / size, fit.residual, fit.rows)) if size > 0.0 else 0.0
         summary = f"made {REFINEMENT:g} times finer, it changes the records by z = {z:.2g} (threshold {threshold:.2g})"
         if threshold <= z < tolerated:
             rests = f"the answer rests on z = {tolerated / CRITERIA.max_solver_share:.2g}"

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from calib.confidence.covariance import sandwich
 from calib.diagnosis.criteria import CRITERIA
 
 NOISE_DRAWS = 5000  # of which the threshold is a quantile
@@ -44,6 +45,23 @@ class Projection:
     def rank(self) -> int:
         """Number of directions taken out."""
         return self.basis.shape[1]
+
+
+def variance_along(direction: np.ndarray, residual: np.ndarray, rows: np.ndarray) -> float:
+    """Variance along a unit vector (N,) of what a model leaves, over the noise's; at least 1  [1].
+
+    It is estimated as for the standard errors: what is left has an autocorrelation of its own. What lies along the
+    vector itself does not count, for that may be what is asked about.
+
+    Parameters
+    ----------
+    residual : (N,) in units of the noise
+    rows : (N,) number of the row that each belongs to
+    """
+    residual = residual - direction * (direction @ residual)
+    counted = (residual != 0.0) | (direction != 0.0)
+    covariance, _ = sandwich(direction[counted, None], residual[counted], rows[counted])
+    return max(1.0, float(covariance[0, 0]))
 
 
 @dataclass(frozen=True, eq=False)

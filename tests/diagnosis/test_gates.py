@@ -1,8 +1,11 @@
 """What has to hold before a residual is given a cause."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from calib.diagnosis import gates
 from calib.diagnosis.evidence import Evidence, Part
 from calib.diagnosis.gates import above_noise
 from calib.diagnosis.noise import STATED, Noise
@@ -35,3 +38,35 @@ def test_a_residual_far_below_its_noise_does_not():
 
 def test_a_few_samples_say_nothing():
     assert judged(0.4, 20).passed
+
+
+class Left:
+    """A fit that leaves so much beside the noise, and a finer solver that changes it along a direction of its own."""
+
+    def __init__(self, changed, remainder, correlated=0.0):
+        rng = np.random.default_rng(2)
+        direction = rng.standard_normal(SIZE)
+        self.difference = changed * direction / np.linalg.norm(direction)
+        self.residual = rng.standard_normal(SIZE) * np.hypot(1.0, remainder) + correlated * self.difference
+        none = np.zeros((SIZE, 0))
+        self.point = SimpleNamespace(runs=lambda names, values, effects: [None], simulated={})
+        self.fit = Fit(self.point, (), self.residual, none, (), (), none, np.zeros(SIZE, dtype=int))
+
+    def gate(self, monkeypatch):
+        view = SimpleNamespace(usable=True)
+        monkeypatch.setattr(gates, "_answers", lambda pool, effects, runs: [(effects[0], {"decay": view})])
+        evidence = SimpleNamespace(names=["decay"], difference=lambda one, other: self.difference)
+        fitter = SimpleNamespace(evidence=evidence, effort=None, model=SimpleNamespace(simulator=None))
+        step = SimpleNamespace(name="time_step", parameters=(), offered=lambda simulator: "")
+        return gates.converged(fitter, self.fit, [step], threshold=3.0, margin=0.0)[0]
+
+
+def test_a_finer_solver_is_judged_by_all_that_the_fit_leaves(monkeypatch):
+    assert not Left(changed=12.0, remainder=0.0).gate(monkeypatch).passed
+    gate = Left(changed=12.0, remainder=20.0).gate(monkeypatch)
+    assert gate.passed
+    assert gate.z == pytest.approx(12.0 / 20.0, rel=0.1)
+
+
+def test_a_misfit_that_the_solver_makes_does_not_hide_it(monkeypatch):
+    assert Left(changed=300.0, remainder=0.0, correlated=1.0).gate(monkeypatch).z == pytest.approx(300.0, rel=0.1)

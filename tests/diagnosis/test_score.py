@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.signal import lfilter
 
 from calib.diagnosis import score
-from calib.diagnosis.score import Projection, Signature, deviate, threshold
+from calib.diagnosis.score import Projection, Signature, deviate, threshold, variance_along
 
 SIZE = 4000
 SEGMENTS = np.arange(SIZE) // 100
@@ -91,3 +92,21 @@ def test_the_threshold_is_passed_once_in_a_hundred():
 def test_one_sign_only_lowers_the_threshold():
     own = [signature(waves(order))[0] for order in range(1, 9)]
     assert threshold(own, SEGMENTS, 0, [1] * 8) < threshold(own, SEGMENTS, 0, [0] * 8)
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.9])
+@pytest.mark.parametrize("along", [0.0, 300.0])
+def test_variance_along_a_vector_is_that_of_what_is_left_beside_it(memory, along):
+    """Of a slow vector an autocorrelated remainder leaves much more than of white noise; the vector's own part none."""
+    rng, size = np.random.default_rng(3), 4000
+    slow = np.cos(np.pi * np.arange(size) / size)
+    direction = slow / np.linalg.norm(slow)
+    new = 3.0 * np.sqrt(1.0 - memory**2) * rng.standard_normal(size)
+    left = lfilter([1.0], [1.0, -memory], new) + along * direction
+    expected = 9.0 * (1.0 + memory) / (1.0 - memory)
+    assert variance_along(direction, left, np.zeros(size, dtype=int)) == pytest.approx(expected, rel=0.3)
+
+
+def test_variance_along_a_vector_is_at_least_that_of_the_noise():
+    direction, left = np.eye(1, 100, 7)[0], 1e-3 * np.random.default_rng(0).standard_normal(100)
+    assert variance_along(direction, left, np.zeros(100, dtype=int)) == 1.0
