@@ -155,7 +155,7 @@ def converged(fitter: Fitter, fit: Fit, effects: Sequence[Effect], threshold: fl
         change = fit.projection(fitter.evidence.difference(fit.point.simulated, views))
         size = float(np.linalg.norm(change))
         z = size / np.sqrt(variance_along(change / size, fit.residual, fit.rows)) if size > 0.0 else 0.0
-        summary = f"made {REFINEMENT:g} times finer, it changes the records by z = {z:.2g} (threshold {threshold:.2g})"
+        summary = f"made {REFINEMENT:g} times finer, it changes the records by z {_told(z)} (threshold {threshold:.2g})"
         if threshold <= z < tolerated:
             rests = f"the answer rests on z = {tolerated / CRITERIA.max_solver_share:.2g}"
             summary += f"; sizes may be off by so many standard errors, but {rests}"
@@ -171,6 +171,10 @@ def _answers(
     answers = iter(simulated(pool, list(itertools.chain.from_iterable(runs))))
     for effect, asked in zip(effects, runs, strict=True):
         yield effect, {run.record: next(answers) for run in asked}
+
+
+def _told(z: float) -> str:
+    return f"= {z:.2g}" if z >= 0.01 else "< 0.01"
 
 
 def _refined(effect: Effect) -> dict[str, float]:

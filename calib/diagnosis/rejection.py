@@ -61,13 +61,18 @@ def rejection(evidence: Evidence, null: Fit, made: Extension, further: bool) -> 
     if _may_be_absent(made.extended, cause):
         return "its interval beside all other parameters holds the size at which it is absent"
     if test is not None and test.fails:
+        change = f"{'falls' if test.reduction > 0.0 else 'rises'} by {_chi2(abs(test.reduction))}"
         return (
             f"it does not predict what had no part in its fit ({', '.join(test.folds)} left out in turn): the sum of "
-            f"squares there falls by {test.reduction:.3g} +- {test.error:.2g}"
+            f"squares there {change} +- {_chi2(test.error)}"
         )
     if further and _is_heterogeneous(evidence, made.extended, cause, made.threshold):
         return "its size differs among the channels of the records, and a large misfit is left"
     return ""
+
+
+def _chi2(size: float) -> str:
+    return f"{size:.0f}" if size >= 100.0 else f"{size:.2g}"
 
 
 def is_negligible(evidence: Evidence, null: Fit, base: Fit, chi2_reduction: float) -> bool:

@@ -53,7 +53,7 @@ def headline(said: Mapping[str, Any]) -> str:
         return f"Something is missing, and {apart}: {said['said']}."
     if verdict == UNEXPLAINED:
         if said["closest"]:
-            return f"No effect that is known here explains the misfit: {said['said']}."
+            return f"No known effect can be named as the cause: {said['said']}."
         return "The misfit is more than noise, and no effect that is known here explains it."
     if verdict == NONE:
         return "Nothing that could be named is missing: what the calibrated model leaves is what noise leaves."

@@ -320,6 +320,8 @@ def _reason(suspect, fate, said):
         return f"explains less{alike}"
     if fate == causes.ABSORBED:
         return "calibration absorbs it: these records hardly show it"
+    if untested(suspect):
+        return "calibration absorbs it but for what may be the error of its derivative"
     if fate == causes.CLOSEST:
         return "comes closest" if suspect["effect"] in said["closest"] else "comes as close"
     return "below the threshold"
@@ -461,9 +463,9 @@ def _measurement(measurement):
     return {
         "kind": measurement["kind"],
         "description": measurement["description"],
-        "z": f"{measurement['z']:.1f}",
-        "z_max": f"{measurement['z_max']:.1f}",
-        "z_refit": "-" if measurement["z_refit"] is None else number(measurement["z_refit"], 3),
+        "z": signed(measurement["z"]),
+        "z_max": signed(measurement["z_max"]),
+        "z_refit": "-" if measurement["z_refit"] is None else signed(measurement["z_refit"]),
         "confirmed": measurement["confirmed"],
         "decisive": measurement["z"] >= DECISIVE_Z,
     }

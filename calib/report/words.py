@@ -44,8 +44,14 @@ def quantity(value: float | None, unit: str | None, digits: int = 3, half: float
     if value is None:
         return "-"
     factor, name = reading(unit or "1", max(abs(value), half or 0.0))
-    written = number(factor * value, digits) if half is None else with_error(factor * value, factor * half)
+    value *= factor
+    written = number(_significant(value, digits), digits) if half is None else with_error(value, factor * half)
     return f"{written} {raised(name).replace('um', 'µm').replace('us', 'µs')}".rstrip()
+
+
+def _significant(value: float, digits: int) -> float:
+    """Round a value to so many digits, also before the point."""
+    return float(f"{value:.{digits - 1}e}")
 
 
 def with_error(value: float | None, half: float | None) -> str:
@@ -64,7 +70,7 @@ def with_error(value: float | None, half: float | None) -> str:
 def _to_place(value: float, half: float) -> str:
     """Write a value to the place that the second digit of its half interval has."""
     places = 1 - math.floor(math.log10(half))
-    return f"{round(value, places):.{max(0, places)}f}"
+    return f"{round(value, places) + 0.0:.{max(0, places)}f}"  # no minus before nothing
 
 
 def rounded(value: float | None, error: float | None) -> str:

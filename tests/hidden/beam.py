@@ -22,7 +22,7 @@ from calib.simulators.delaminated_beam import DelaminatedBeam
 SAMPLES = 2000  # of the hider's motion, a period
 KNOTS = np.linspace(0.0, 1.0, 33)  # of the gap along half the delamination
 MESH = {"masters": 8, "outer": 6, "beam_rows": (1.0,)}
-REDUCED = {**MESH, "fidelity": "reduced", "steps": 1024, "every": 1}
+REDUCED = {**MESH, "fidelity": "reduced", "steps": 8192, "every": 1}
 FULL = {**MESH, "fidelity": "full"}
 NOMINAL = {p.name: p.nominal for p in DelaminatedBeam(**MESH).parameters}
 WINDOWS = {

@@ -93,7 +93,7 @@ def _untested():
         "interval": {"clip": [None, None]},
         "detectable": {"clip": None},
         "alike": None,
-        "reason": "it has no derivative where it is absent",
+        "reason": "judged by the samples themselves: a first trace of it has no derivative to score",
     }
 
 

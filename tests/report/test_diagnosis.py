@@ -226,6 +226,11 @@ def test_what_calibration_absorbs_has_no_score(study):
     [row] = [row for row in rows["shown"] + rows["rest"] if row["effect"] == "channel_lag"]
     assert (row["z"], row["sizes"]) == ("-", ["-"])
     assert "calibration absorbs it" in row["reason"]
+    channel_lag |= {"z": 0.0, "absorbed": 0.9, "detectable": dict.fromkeys(channel_lag["detectable"])}
+    rows = chapter(said, {}, {"values": VALUES}, study)["suspects"]
+    [row] = [row for row in rows["shown"] + rows["rest"] if row["effect"] == "channel_lag"]
+    assert (row["z"], row["sizes"]) == ("-", ["-"])
+    assert "error of its derivative" in row["reason"]
 
 
 @pytest.mark.parametrize(("z", "differ"), [(0.7, False), (5.3, True)])
@@ -233,7 +238,7 @@ def test_whether_several_causes_have_one_size_everywhere_is_said(z, differ, stud
     said = document("unexplained", VALUES)
     said |= {"closest": ["quadratic_drag", "channel_lag"], "misfit": said["misfit"] | {"inconstancy": z}}
     said |= {"stand_ins": ["channel_lag"] if differ else [], "said": "both come closest, but why not"}
-    assert headline(said) == "No effect that is known here explains the misfit: both come closest, but why not."
+    assert headline(said) == "No known effect can be named as the cause: both come closest, but why not."
     [told] = [text for text in chapter(said, {}, {"values": VALUES}, study)["why"] if "threshold" in text]
     how = "differ" if differ else "do not differ"
     assert told.startswith(f"The sizes of quadratic_drag and channel_lag {how} among the channels of the records")
@@ -307,7 +312,7 @@ def test_where_a_gate_fails_after_several_causes_were_found_nothing_is_said_of_t
 def test_a_suspect_that_could_not_be_tested_has_no_size(told):
     [clipping] = [s for s in told("named")["suspects"]["rest"] if s["effect"] == "clipping"]
     assert (clipping["z"], clipping["sizes"], clipping["detectable"]) == ("-", ["-"], [])
-    assert clipping["reason"] == "it has no derivative where it is absent"
+    assert clipping["reason"] == "judged by the samples themselves: a first trace of it has no derivative to score"
 
 
 def test_features_stand_worst_first_in_the_units_of_a_reader(told):

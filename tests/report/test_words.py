@@ -14,6 +14,7 @@ from calib.report.words import quantity, rounded, signed, with_error
         (1234567.0, 34567.0, "(1.235 ± 0.035)·10⁶"),
         (0.1234567e-9, 0.034567e-9, "(1.23 ± 0.35)·10⁻¹⁰"),
         (2.4, None, "2.4"),
+        (-0.00001, 0.0017, "0.0000 ± 0.0017"),
     ],
 )
 def test_a_value_and_its_interval_have_the_places_of_the_intervals_second_digit(value, half, written):
@@ -28,6 +29,11 @@ def test_a_value_alone_is_rounded_by_twice_its_error():
 def test_a_quantity_has_the_unit_of_its_size():
     assert quantity(-1.2e-3, "m", half=3.4e-4) == "−1.20 ± 0.34 mm"
     assert quantity(4.8e-6, "m") == "4.8 µm"
+
+
+def test_a_quantity_has_no_more_digits_than_asked_for_before_its_point_either():
+    assert quantity(314667.0, "m/s^2") == "315000 m/s²"
+    assert quantity(21664.0, "1/(m^2 s^2)", 2) == "22000 1/(m² s²)"
 
 
 @pytest.mark.parametrize(
