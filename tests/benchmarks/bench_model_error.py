@@ -30,7 +30,7 @@ def cosines(simulator: str, seed: int, cache: Path) -> dict[str, np.ndarray]:
             values = scaled(at, kind, SHARE, np.random.default_rng(seed))
         except Refused:
             continue
-        alike = at.imitations(values, effects)
+        alike = at.imitations(values, [(effect,) for effect in effects])
         found[kind] = alike[np.isfinite(alike) & (alike < EXPRESSED)]
     return found
 

@@ -78,7 +78,7 @@ def played(case: Case) -> Case:
         seen = at.drift_z(drift) if drift else 0.0
         nearest = _nearest(at, effects[0]) if case["kind"] in ("one", "absent", "remainder") else None
         if case["kind"] == "remainder_only":
-            nearest = list(expressed_by(at, hidden.remainder_values))
+            nearest = list(expressed_by(at, hidden.remainder_values, 1))
         found = seek(folder, without=effects if case["kind"] == "absent" else ())
     return {
         **case, "effect": list(effects), "values": dict(hidden.values), "z": dict(hidden.z),

@@ -1,9 +1,10 @@
 """How well hidden effects can be seen: what the records know of them at the truth, beside what calibration absorbs."""
 
 import hashlib
+import itertools
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -17,6 +18,7 @@ from hidden.system import Plan, System
 
 LATER = 1e-6  # of derivatives by the beginning of a record, in periods
 BLIND = 2.0  # samples on both sides of an impact that are not looked at in velocities: the sample that jumps is chance
+ALIKE = 0.05  # singular value, over the largest, below which two signatures of unit length are one
 ABSORBED = 1e-4  # share of an effect beyond what calibration imitates, below which nothing is left
 ABSURD = 0.5  # change of a channel by an effect, relative to its rms, that nobody would overlook
 CLOSE = 0.02  # of the wanted z
@@ -313,15 +315,17 @@ class Bench:
         table[:, np.isnan(np.diag(table))] = np.nan
         return table
 
-    def imitations(self, hidden: Mapping[str, float], effects: tuple[str, ...]) -> np.ndarray:
-        """How well each effect (n,) imitates what these hidden parameters [SI] change, beyond calibration.
+    def imitations(self, hidden: Mapping[str, float], together: Sequence[tuple[str, ...]]) -> np.ndarray:
+        """How well effects (n,), alone or several together, imitate what these hidden parameters [SI] change.
 
-        In [0, 1]; NaN where calibration absorbs the effect.
+        Beyond calibration, in [0, 1]; NaN where calibration absorbs one of them.
         """
         change = self.beyond(self._between({"hidden": hidden}, {}))
-        change /= np.linalg.norm(change)
-        signatures = [self._signature(effect) for effect in effects]
-        return np.array([np.linalg.norm(span.T @ change) + 0.0 * own.sum() for own, span in signatures])
+        signatures = {effect: self._signature(effect) for effect in dict.fromkeys(itertools.chain(*together))}
+        basis = np.linalg.qr(np.column_stack([span for _, span in signatures.values()]))[0]
+        change = basis.T @ (change / np.linalg.norm(change))
+        spans = {effect: basis.T @ span + 0.0 * own.sum() for effect, (own, span) in signatures.items()}
+        return np.array([_imitated(change, np.column_stack([spans[effect] for effect in own])) for own in together])
 
     def _signature(self, effect: str) -> tuple[np.ndarray, np.ndarray]:
         """What an effect changes beyond calibration (N,), of unit length, and a basis (N, p) of what its parameters do.
@@ -337,6 +341,14 @@ class Bench:
         shows = np.linalg.norm(change) > ABSORBED * np.linalg.norm(whole)
         unit = change / np.linalg.norm(change) if shows else np.full_like(change, np.nan)
         return unit, np.linalg.qr(span / np.linalg.norm(span, axis=0))[0]
+
+
+def _imitated(change: np.ndarray, columns: np.ndarray) -> float:
+    """Length of the part of a vector (n,) that columns (n, k) span; of two that are nearly one, as one."""
+    if np.isnan(columns).any():
+        return np.nan
+    left, singular, _ = np.linalg.svd(columns, full_matrices=False)
+    return float(np.linalg.norm(left[:, singular > ALIKE * singular[0]].T @ change))
 
 
 def _keep(path: Path, **arrays) -> None:

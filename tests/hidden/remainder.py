@@ -1,5 +1,6 @@
-"""What a plant has and no candidate of the library can express: the model of the seeker stays wrong by that much."""
+"""What a plant has and no two effects of the library express: the model of the seeker stays wrong by that much."""
 
+import itertools
 from collections.abc import Mapping
 
 import numpy as np
@@ -15,15 +16,15 @@ POWERS = {  # of metre and second, of the parameter that makes the size of a kin
     "thicker_layer": (0, 0),
 }  # fmt: skip
 LEAST = CRITERIA.min_over_remainder
-EXPRESSED = float(np.sqrt(LEAST / (1.0 + LEAST)))  # |cos| after calibration from which an effect may be named for it
-DRAWS = 12  # of a kind and its shape, until no effect expresses it
+EXPRESSED = float(np.sqrt(LEAST / (1.0 + LEAST)))  # |cos| after calibration from which effects may be named for it
+DRAWS = 12  # of a kind and its shape, until no two effects express it
 FIRST = 1e-3  # size that is tried first, in natural scales
 CLOSE = 0.03  # of the wanted share
 ROUNDS = 24
 
 
 def remainder(at: Bench, share: float, seed: int) -> tuple[str, dict[str, float]]:
-    """Draw a kind, and a shape of it, that the plant can have with this share of the motion and no effect expresses.
+    """Draw a kind, and a shape of it, that the plant can have with this share of the motion and no two effects express.
 
     Returns
     -------
@@ -44,15 +45,16 @@ def remainder(at: Bench, share: float, seed: int) -> tuple[str, dict[str, float]
             continue
         if cosine < EXPRESSED:
             return kind, values
-        refusal = Refused(f"{name} expresses {kind!r} (|cos| = {cosine:.2f})")
+        refusal = Refused(f"{name} express {kind!r} (|cos| = {cosine:.2f})")
     raise refusal
 
 
-def expressed_by(at: Bench, values: Mapping[str, float]) -> tuple[str, float]:
-    """Effect that imitates these hidden parameters best after calibration, and |cos| between them."""
-    effects = tuple(name for name in at.system.effects if name != "outliers")
-    cosines = np.nan_to_num(at.imitations(values, effects))
-    return effects[int(cosines.argmax())], float(cosines.max())
+def expressed_by(at: Bench, values: Mapping[str, float], number: int = 2) -> tuple[str, float]:
+    """Effects, so many together, that imitate these hidden parameters best after calibration, and |cos| between."""
+    effects = [name for name in at.system.effects if name != "outliers"]
+    together = list(itertools.combinations(effects, number))
+    cosines = np.nan_to_num(at.imitations(values, together))
+    return " and ".join(together[int(cosines.argmax())]), float(cosines.max())
 
 
 def scaled(at: Bench, kind: str, share: float, rng: np.random.Generator) -> dict[str, float]:

@@ -32,4 +32,4 @@ def test_all_elements_and_what_else_the_beam_has_are_no_effect(tmp_path):
     for kind in at.system.remainders:
         values = scaled(at, kind, SHARES[2], np.random.default_rng(0))
         assert values["full"] == 1.0
-        assert expressed_by(at, values)[1] < 0.7
+        assert expressed_by(at, values, 1)[1] < 0.7

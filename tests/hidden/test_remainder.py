@@ -37,10 +37,10 @@ def test_a_large_remainder_can_be_made_of_every_system(simulator, cache):
 
 
 @pytest.mark.parametrize("share", SHARES)
-def test_what_an_effect_expresses_is_no_remainder(share, cache):
+def test_what_two_effects_express_is_no_remainder(share, cache):
     at = bench("oscillator", cache)
     at.system = replace(at.system, remainders=("quintic",))
-    with pytest.raises(Refused, match="cubic_stiffness expresses 'quintic'"):
+    with pytest.raises(Refused, match="cubic_stiffness and [a-z_]+ express 'quintic'"):
         remainder(at, share, seed=8)
     at.system = replace(at.system, remainders=("quintic", "magnet"))
     kind, values = remainder(at, share, seed=8)
@@ -50,12 +50,22 @@ def test_what_an_effect_expresses_is_no_remainder(share, cache):
 
 def test_how_well_an_effect_imitates_a_remainder_is_known(cache):
     at = bench("oscillator", cache)
-    stiffness = at.imitations(at.hidden("cubic_stiffness", 1e-3), ("cubic_stiffness", "channel_offset"))
+    stiffness = at.imitations(at.hidden("cubic_stiffness", 1e-3), [("cubic_stiffness",), ("channel_offset",)])
     assert stiffness[0] == pytest.approx(1.0, abs=0.02)  # itself
-    name, cosine = expressed_by(at, scaled(at, "quintic", 0.005, np.random.default_rng(3)))
+    name, cosine = expressed_by(at, scaled(at, "quintic", 0.005, np.random.default_rng(3)), 1)
     assert name == "cubic_stiffness"
     assert cosine > EXPRESSED
     assert stiffness[1] < 0.5
+
+
+def test_two_effects_together_imitate_more_than_either(cache):
+    at = bench("oscillator", cache)
+    hidden = {**at.hidden("cubic_stiffness", 1e-3), **at.hidden("quadratic_drag", 1e-3)}
+    one, other, both, absorbed = at.imitations(
+        hidden, [("cubic_stiffness",), ("quadratic_drag",), ("cubic_stiffness", "quadratic_drag"), ("linear_drag",)]
+    )
+    assert max(one, other) < both == pytest.approx(1.0, abs=0.02)
+    assert np.isnan(absorbed)  # damping is calibrated
 
 
 def test_the_coupling_of_two_bodies_pushes_none_of_them_without_the_other():
