@@ -58,8 +58,19 @@ def test_noise_alone_is_no_rate(cycles, per_cycle, memory):
     assert found.count(0.0) >= 19
 
 
-def test_few_cycles_tell_no_rate():
-    assert clock_rate(record(5e-5, 9.9, 200.0, 1e-4)) == 0.0
+@pytest.mark.parametrize("cycles", [9.9, 2.5])
+def test_few_cycles_tell_no_rate(cycles):
+    assert clock_rate(record(5e-5, cycles, 200.0, 1e-4), periods=1) == 0.0
+    assert clock_rate(record(5e-5, cycles, 200.0, 1e-4), periods=3) == 0.0
+
+
+def test_a_short_record_whose_period_is_not_known_is_compared_as_it_is():
+    """Of noise as large as the motion 2.9 cycles do not show after how many periods it returns."""
+    noisy = record(0.0, 2.86, 60.3, 1.0)
+    driven = Excitation("base", "displacement", amplitude=1e-3, frequency=FREQUENCY)
+    reference = Objective({"run": Reference("run", noisy, excitation=driven)}, [Term(Loop())]).references["run"]
+    assert reference.record.attrs[CLOCK_RATE] == 0.0
+    np.testing.assert_array_equal(reference.record.time, noisy.time)
 
 
 @pytest.mark.parametrize("cycles", [12.0, 60.0])
