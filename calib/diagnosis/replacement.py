@@ -1,7 +1,7 @@
 """Causes replaced by others that explain more: one at a time, or all of them by the best pair."""
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -10,6 +10,7 @@ from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.excess import chi2_std, excess_chi2
 from calib.diagnosis.refit import Fit, Fitter
+from calib.diagnosis.score import Projection
 from calib.diagnosis.screening import KnownDerivatives
 from calib.diagnosis.search import Round, search
 from calib.diagnosis.suspect import Cause, Refitted, Suspect
@@ -96,38 +97,106 @@ def aic(causes: Sequence[Cause], final: Fit) -> float:
     return final.chi2 + sum(cause.aic_penalty for cause, _ in causes)
 
 
-def best_pair(fitter: Fitter, null: Fit, suspects: Sequence[Suspect]) -> tuple[list[Cause], Fit] | None:
-    """The two causes of the least AIC beside the calibrated model, fitted; None where there are no two.
+def best_pair(
+    fitter: Fitter, null: Fit, causes: Sequence[Cause], final: Fit, suspects: Sequence[Suspect]
+) -> tuple[list[Cause], Fit] | None:
+    """The two other causes of the least AIC beside the calibrated model, fitted; None where there are no two.
 
-    Those pairs are fitted of which the least is predicted: the reduction of chi-square is linearly, along both
-    signatures, which orders them, but may miss the actual one by half.
+    Those pairs are fitted of which the least is predicted, linearly about the model so far: its motion is nearer to the
+    measured one than that of the calibrated model, and so is that of any pair that explains as much.
+
+    Parameters
+    ----------
+    causes, final : so far; none, and the calibrated model, where nothing is a cause yet
+    suspects : scored on what `final` leaves
     """
-    testable = [s for s in suspects if s.is_testable and s.signature_columns.any()]
-    residual, predicted = null.projection(null.residual), []
+    about, taken = _Linear.without_causes(null, causes, final), {cause.name for cause, _ in causes}
+    testable = [s for s in suspects if s.is_testable and s.name not in taken and s.signature_columns.any()]
+    signatures = {id(s): about.projection(s.derivatives) for s in testable}
+    predicted = []
     for pair in combinations(testable, 2):
-        reduction = _predicted_reduction(residual, *pair) - pair[0].aic_penalty - pair[1].aic_penalty
+        reduction = about.reduction(pair, [signatures[id(s)] for s in pair]) - sum(s.aic_penalty for s in pair)
         if pair[0].name != pair[1].name and reduction > 0.0:
             predicted.append((reduction, pair))
     best, attained = None, np.inf
-    for _, pair in sorted(predicted, key=lambda one: -one[0])[: CRITERIA.max_pairs]:
+    for _, pair in sorted(predicted, key=lambda found: -found[0])[: CRITERIA.max_pairs]:
         if best is not None and fitter.effort.spent:
             break
-        candidates = tuple(suspect.candidate for suspect in pair)
-        sizes = {name: size for candidate in candidates for name, size in candidate.absent().items()}
-        fit = fitter.fit(null.point, candidates, sizes, rival=attained)
-        causes = [suspect.refitted(fit, null.chi2 - fit.chi2) for suspect in pair] if fit.names else []
-        pairs = [(cause, (cause,)) for cause in causes]
+        candidates = [suspect.candidate for suspect in pair]
+        fit = fitter.fit(replace(final.point, values=about.values(pair)), candidates, about.sizes(pair), rival=attained)
+        if not fit.names:
+            absent = {name: size for candidate in candidates for name, size in candidate.absent().items()}
+            fit = fitter.fit(null.point, candidates, absent, rival=attained)
+        refitted = [suspect.refitted(fit, null.chi2 - fit.chi2) for suspect in pair] if fit.names else []
+        pairs = [(cause, (cause,)) for cause in refitted]
         if pairs and (best is None or aic(pairs, fit) < aic(*best)):
             best, attained = (pairs, fit), fit.chi2
     return best and (best[0], fitter.with_derivatives(best[1]))
 
 
-def _predicted_reduction(residual: np.ndarray, one: Suspect, other: Suspect) -> float:
-    """Reduction of chi-square (N,) along the signatures of two suspects; minus infinity where a sign is impossible."""
-    columns = np.column_stack([one.signature_columns, other.signature_columns])
-    columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    score = columns.T @ residual
-    theta = np.linalg.lstsq(columns.T @ columns, score, rcond=1e-6)[0]
-    split = len(one.candidate.free)
-    possible = one.candidate.sign * theta[:split] >= 0.0, other.candidate.sign * theta[split:] >= 0.0
-    return float(score @ theta) if np.concatenate(possible).all() else -np.inf
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    """The calibrated model, linearised about one with causes.
+
+    Attributes
+    ----------
+    final : the model with causes
+    names : of the calibrated parameters
+    columns : (N, k) derivatives by them
+    projection : takes out what they and the nuisances absorb
+    residual : (N,) that the model would leave without its causes
+    rest : values of all but the causes' parameters
+    """
+
+    final: Fit
+    names: tuple[str, ...]
+    columns: np.ndarray
+    projection: Projection
+    residual: np.ndarray
+    rest: Mapping[str, float]
+
+    @classmethod
+    def without_causes(cls, null: Fit, causes: Sequence[Cause], final: Fit) -> "_Linear":
+        """Take the causes out of a model, to first order."""
+        absent = {name: value for cause, _ in causes for name, value in cause.candidate.absent().items()}
+        moves = np.array([final.value(name) - absent.get(name, final.value(name)) for name in final.names])
+        own = np.isin(final.names, null.names)
+        return cls(
+            final=final,
+            names=null.names,
+            columns=final.columns[:, own],
+            projection=Projection(np.column_stack([final.columns[:, own], final.nuisances])),
+            residual=final.residual + final.columns @ moves,
+            rest={name: value for name, value in final.point.values.items() if name not in absent},
+        )
+
+    def reduction(self, pair: Sequence[Suspect], signatures: Sequence[np.ndarray]) -> float:
+        """Reduction of chi-square by suspects with these signatures (N, p); minus infinity where a sign is impossible.
+
+        signatures : derivatives without what calibration absorbs
+        """
+        columns, residual = np.column_stack(signatures), self.projection(self.residual)
+        length = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        score = (columns / length).T @ residual
+        theta = np.linalg.lstsq((columns / length).T @ (columns / length), score, rcond=1e-6)[0]
+        parts = np.split(theta, np.cumsum([own.shape[1] for own in signatures])[:-1])
+        possible = all((s.candidate.sign * part >= 0.0).all() for s, part in zip(pair, parts, strict=True))
+        return float(score @ theta) if possible else -np.inf
+
+    def _moves(self, pair: Sequence[Suspect]) -> np.ndarray:
+        """Of the calibrated parameters, then of the suspects' (k,)."""
+        columns = self.final.free(np.column_stack([self.columns, *(s.derivatives for s in pair)]))
+        length = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        return np.linalg.lstsq(columns / length, self.residual, rcond=1e-6)[0] / length
+
+    def values(self, pair: Sequence[Suspect]) -> dict[str, float]:
+        """Values of the model that are predicted beside the suspects, without theirs."""
+        moved = {n: self.rest[n] + move for n, move in zip(self.names, self._moves(pair), strict=False)}
+        return {**self.rest, **moved}
+
+    def sizes(self, pair: Sequence[Suspect]) -> dict[str, float]:
+        """Predicted sizes of the suspects."""
+        counts = [len(s.candidate.free) for s in pair]
+        parts = np.split(self._moves(pair)[len(self.names) :], np.cumsum(counts)[:-1])
+        sized = [s.candidate.values(s.candidate.null + part) for s, part in zip(pair, parts, strict=True)]
+        return {name: size for own in sized for name, size in own.items()}

@@ -216,7 +216,7 @@ def _from_estimate(fitter: Fitter, base: Fit, suspect: Scored, rival: float) -> 
     Where the motion fails there, which a large misfit makes large, from nothing as far as the fit can go.
     """
     columns = np.column_stack([base.columns, suspect.derivatives])
-    fit = _fitted(fitter, base, suspect, suspect.candidate.null + suspect.test.size, rival, columns)
+    fit = _fitted(fitter, base, suspect, _estimate(suspect), rival, columns)
     if fit.names:
         return fit
     candidate = suspect.candidate
@@ -232,13 +232,37 @@ def _fitted(
     return fitter.fit(base.point, (*base.candidates, candidate), start, columns, rival)
 
 
+def _estimate(suspect: Scored) -> np.ndarray:
+    """Sizes (p,) that the score test estimates."""
+    return _within_scale(suspect.candidate, suspect.candidate.null + suspect.test.size)
+
+
+def _within_scale(candidate: Candidate, sizes: np.ndarray) -> np.ndarray:
+    """Bring sizes (p,) to the natural scale where they are beyond it.
+
+    A large misfit makes linear estimates so large: there the effect would be as large as the motion itself.
+    """
+    scale = np.array([candidate.scale[name] for name in candidate.free])
+    largest = float(np.max(np.abs(sizes - candidate.null) / scale, initial=0.0))
+    return candidate.null + (sizes - candidate.null) / largest if 1.0 < largest < np.inf else sizes
+
+
 def _trial_sizes(fitter: Fitter, base: Fit, suspect: Suspect, least: float) -> list[np.ndarray]:
-    """Sizes (p,) from which to fit: the best of those that predict a larger reduction of chi-square than the least."""
+    """Sizes (p,) from which to fit: the best of those that predict a larger reduction of chi-square than the least.
+
+    Without those from which it was fitted already.
+    """
     candidate = suspect.candidate
     sizes = [np.clip(x, candidate.low, candidate.high) for x in candidate.sizes]
     trials = [trial for x in sizes if (trial := fitter.trial(base, candidate, x)) is not None]
     trials.sort(key=lambda trial: -trial[0])
-    return [sizes for reduction, sizes in trials[: CRITERIA.max_starts] if reduction > least]
+    found, known = [], [_estimate(suspect)] if suspect.is_testable else []
+    for _, size in [trial for trial in trials[: CRITERIA.max_starts] if trial[0] > least]:
+        start = _within_scale(candidate, size)
+        if not any(np.allclose(start, other) for other in known):
+            found.append(start)
+        known.append(start)
+    return found
 
 
 def _with_fitted_form(fitter: Fitter, suspect: Refitted, before: float, common: Evidence) -> Refitted:

@@ -256,8 +256,8 @@ def select(
 ) -> Selection:
     """Search for causes one after the other, at most three; then look for each earlier one again beside the others.
 
-    Those go that explain little beside what remains. Where the causes leave more than noise, but not much more, one of
-    them may be a compromise between two: then the best pair is tried in their place.
+    Those go that explain little beside what remains. Where the causes leave more than noise, one of them may be a
+    compromise between two: then the best pair is tried in their place.
     """
     state = _forward(fitter, null, candidates, seed, on_stage)
     state = _looked_for_again(fitter, state, candidates, seed)
@@ -299,8 +299,8 @@ def _with_best_pair(fitter: Fitter, state: _Stepwise, candidates: Sequence[Candi
     The candidates are scored anew: noise may have been re-estimated since.
     """
     null = state.null
-    suspects, threshold = screened(fitter, null, candidates, seed, state.known)
-    pair = best_pair(fitter, null, suspects)
+    suspects, threshold = screened(fitter, state.final, candidates, seed)
+    pair = best_pair(fitter, null, state.causes, state.final, suspects)
     if pair is None or not _explains_more(fitter.evidence, null, state.causes, state.final, pair):
         return state
     causes, final = replaced(fitter, null, *pair, candidates, seed, {}, last_too=True)
@@ -332,23 +332,25 @@ def _any_rejected(fitter: Fitter, null: Fit, causes: Sequence[Refitted], final: 
 def _explains_more(
     evidence: Evidence, null: Fit, causes: Sequence[Cause], final: Fit, other: tuple[Sequence[Cause], Fit]
 ) -> bool:
-    """Whether other causes explain more than those that they would replace, and not only a negligible part more."""
+    """Whether other causes explain more than those that they would replace, and not only a negligible part more.
+
+    Of what those leave they explain several times what they leave themselves, as a cause that is added has to.
+    """
+    reduction, remains = final.chi2 - other[1].chi2, excess_chi2(evidence, other[1])
     lower = aic(*other) < aic(causes, final) - CRITERIA.aic_tie
-    return lower and not is_negligible(evidence, null, final, final.chi2 - other[1].chi2)
+    enough = reduction > CRITERIA.min_over_remainder * remains
+    return lower and enough and not is_negligible(evidence, null, final, reduction)
 
 
 def _may_be_compromise(fitter: Fitter, state: _Stepwise) -> bool:
-    """Whether a model leaves more than noise, but, less what one more suspect explains, no misfit that dominates it.
+    """Whether a model leaves more than noise.
 
     A sum of squares sees less than a score test: beside a cause, a suspect beyond the threshold that was rejected shows
     it too. It may have been rejected because that cause stands for both.
     """
-    excess, std = excess_chi2(fitter.evidence, state.final), chi2_std(fitter.evidence)
     rejected = state.rounds[-1].rejected
-    if rejected is None or rejected.name in state.names:
-        return significant(excess, std) and not dominant(excess, std)
-    beyond = significant(excess, std) or bool(state.causes)
-    return beyond and not dominant(excess - rejected.chi2_reduction, std)
+    shown = rejected is not None and rejected.name not in state.names and bool(state.causes)
+    return shown or significant(excess_chi2(fitter.evidence, state.final), chi2_std(fitter.evidence))
 
 
 def exchanged(

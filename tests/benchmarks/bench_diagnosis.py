@@ -1,10 +1,12 @@
-"""What a diagnosis costs: by the number of candidates, on one process and on two; the Silverbox where it is at hand.
+"""What a diagnosis costs: by the number of candidates, on one process and on two; of a long decay; of the Silverbox.
 
     PYTHONPATH=tests python tests/benchmarks/bench_diagnosis.py
 
 A cubic spring is hidden in the four-degree-of-freedom model (five records, one of them held out) and sought among the
 first 7, 14, ... effects that the study may be missing, that one included. Wall-clock seconds of `calib diagnose` from
 its files, report included, after a first one that compiles; beside them, in the same run, the calibration it judges.
+A mass on a softening spring in resisting air swings down for 30 s, sampled at 100 Hz: with all effects as candidates.
+The Silverbox is diagnosed where `CALIB_DATA` says that it is at hand.
 """
 
 import json
@@ -13,13 +15,51 @@ import tempfile
 import time
 from pathlib import Path
 
+import numpy as np
 from click.testing import CliRunner
 from hidden.hider import hide
+from scipy.integrate import solve_ivp
 
 from calib.cli import main as calib
 
 HIDDEN, STRENGTH = "cubic_stiffness", 40.0
 STEP = 7  # candidates more from row to row
+DECAY = """
+[study]
+name = "decay"
+seed = 1
+budget = 60
+
+[[record]]
+name = "decay"
+path = "decay.csv"
+use = "calibrate"
+nuisance = ["initial_state", "offset"]
+
+[record.table]
+time = { column = "time", unit = "s" }
+channels = [{ column = "position", body = "mass", channel = "displacement", unit = "m", sigma = "0.1 mm" }]
+
+[record.excitation]
+place = "mass"
+quantity = "free decay"
+
+[model]
+simulator = "oscillator"
+
+[model.fixed]
+mass = "1 kg"
+
+[windows]
+stiffness = { low = "50 N/m", high = "100 N/m" }
+damping = { low = 0.001, high = 1.0, scale = "log" }
+
+[[term]]
+feature = "time_history"
+
+[optimiser]
+name = "multistart"
+"""
 SILVERBOX = Path(__file__).parents[2] / "studies" / "silverbox"
 
 
@@ -36,6 +76,24 @@ def diagnosed(study: Path, out: Path, jobs: int) -> tuple[float, dict]:
     """Seconds of a diagnosis, and what it says."""
     seconds = timed("diagnose", study, "--out", out, "--jobs", jobs)
     return seconds, json.loads((out / "diagnosis.json").read_text())
+
+
+def decay(folder: Path) -> Path:
+    """Write a free decay and its study; return the study."""
+    rate, seconds, noise = 100.0, 30.0, 1e-4  # Hz, s, m
+    instants = np.arange(int(rate * seconds)) / rate
+
+    def motion(_, state):
+        x, v = state
+        return [v, -74.0 * x * (1.0 - 0.5 * abs(x)) - 0.05 * v - 0.8 * v * abs(v)]
+
+    exact = solve_ivp(motion, (0.0, seconds), [0.07, 0.0], t_eval=instants, rtol=1e-10, atol=1e-12).y[0]
+    position = exact + noise * np.random.default_rng(0).standard_normal(exact.size)
+    folder.mkdir()
+    table = np.column_stack([instants, position])
+    np.savetxt(folder / "decay.csv", table, delimiter=",", header="time,position", comments="")
+    (folder / "study.toml").write_text(DECAY)
+    return folder / "study.toml"
 
 
 def main():
@@ -58,6 +116,16 @@ def main():
                 f"{both / calibration:17.1f}   {', '.join(said['causes']) or said['verdict']}",
                 flush=True,
             )
+        study = decay(folder / "decay")
+        calibration = timed("run", study, "--out", folder / "swung", "--jobs", 2)
+        alone, said = diagnosed(study, folder / "swung", 1)
+        both, said = diagnosed(study, folder / "swung", 2)
+        print(
+            f"free decay of 30 s at 100 Hz, {len(said['suspects'])} candidates, {said['simulations']} simulations: "
+            f"{alone:.1f} s on one process, {both:.1f} s on two, {both / calibration:.1f} times its calibration: "
+            f"{', '.join(said['causes']) or said['verdict']}",
+            flush=True,
+        )
         if "CALIB_DATA" in os.environ:
             calibration = timed("run", SILVERBOX, "--out", folder / "silverbox", "--jobs", 2)
             both, said = diagnosed(SILVERBOX, folder / "silverbox", 2)
