@@ -521,10 +521,15 @@ def _reestimated(fitter: Fitter, state: _Stepwise) -> _Stepwise:
 def _refitted_rivals(fitter: Fitter, base: Fit, state: _Stepwise) -> list[Refitted]:
     """The last cause and its rivals fitted in another noise, as far as they can be.
 
+    And all suspects of the round that explain about as much, which that noise may tell from it in another way.
+
     base : the model without them, in that noise
     """
+    cause, rivals = state.causes[-1]
+    known, least = {rival.name for rival in rivals}, CRITERIA.min_explained_share * cause.chi2_reduction
+    others = [s for s in state.rounds[-1].suspects if isinstance(s, Refitted) and s.fit.names and s.name not in known]
     refitted = []
-    for rival in state.causes[-1][1]:
+    for rival in (*rivals, *leading_variants(s for s in others if s.chi2_reduction >= least)):
         fit = fitter.fit(rival.fit.point, rival.fit.candidates)
         if fit.names:
             refitted.append(rival.refitted(fit, base.chi2 - fit.chi2))
