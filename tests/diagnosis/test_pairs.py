@@ -82,9 +82,7 @@ def test_a_joint_that_slides_is_not_named_for_a_spring_that_softens_in_a_resisti
 
 
 def test_suspects_that_explain_about_as_much_are_fitted_again_in_another_noise():
-    """What noise and clocks are taken to be decides which of them explains most; before a cause is known, the misfit
-    may hide the uncertainty of a clock.
-    """
+    """Before a cause is known the misfit may hide the uncertainty of a clock: what explains most is then another."""
 
     def fitted(name, reduction):
         fit = SimpleNamespace(names=(name,), point=name, candidates=())
