@@ -343,14 +343,17 @@ def _explains_more(
 
 
 def _may_be_compromise(fitter: Fitter, state: _Stepwise) -> bool:
-    """Whether a model leaves more than noise.
+    """Whether causes leave more than noise; without a cause, whether no misfit that dominates it is left.
 
     A sum of squares sees less than a score test: beside a cause, a suspect beyond the threshold that was rejected shows
-    it too. It may have been rejected because that cause stands for both.
+    it too. It may have been rejected because that cause stands for both. Where nothing is a cause, it may explain half.
     """
+    excess, std = excess_chi2(fitter.evidence, state.final), chi2_std(fitter.evidence)
     rejected = state.rounds[-1].rejected
-    shown = rejected is not None and rejected.name not in state.names and bool(state.causes)
-    return shown or significant(excess_chi2(fitter.evidence, state.final), chi2_std(fitter.evidence))
+    shown = rejected is not None and rejected.name not in state.names
+    if state.causes:
+        return shown or significant(excess, std)
+    return significant(excess, std) and not dominant(excess - (rejected.chi2_reduction if shown else 0.0), std)
 
 
 def exchanged(
