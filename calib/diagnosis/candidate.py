@@ -84,6 +84,17 @@ class Candidate:
         """Values by name where the free parameters have these sizes (free,)."""
         return {**self.held, **dict(zip(self.free, map(float, sizes), strict=True))}
 
+    def within_scale(self, sizes: np.ndarray) -> np.ndarray:
+        """Bring sizes (free,) to the natural scale where they are beyond it.
+
+        A large misfit makes linear estimates so large: there the effect would be as large as the motion itself.
+        """
+        if not np.isfinite(self.null).all():  # absent without limit
+            return sizes
+        scale = np.array([self.scale[name] for name in self.free])
+        largest = float(np.max(np.abs(sizes - self.null) / scale, initial=0.0))
+        return self.null + (sizes - self.null) / max(1.0, largest)
+
     def absent(self) -> dict[str, float]:
         """Values by name at which the effect is absent."""
         return self.values(self.null)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -170,15 +171,20 @@ class _Linear:
             rest={name: value for name, value in final.point.values.items() if name not in absent},
         )
 
+    @cached_property
+    def _left(self) -> np.ndarray:
+        """Residual (N,) without what calibration absorbs."""
+        return self.projection(self.residual)
+
     def reduction(self, pair: Sequence[Suspect], signatures: Sequence[np.ndarray]) -> float:
         """Reduction of chi-square by suspects with these signatures (N, p); minus infinity where a sign is impossible.
 
         signatures : derivatives without what calibration absorbs
         """
-        columns, residual = np.column_stack(signatures), self.projection(self.residual)
-        length = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-        score = (columns / length).T @ residual
-        theta = np.linalg.lstsq((columns / length).T @ (columns / length), score, rcond=1e-6)[0]
+        columns = np.column_stack(signatures)
+        columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        score = columns.T @ self._left
+        theta = np.linalg.lstsq(columns.T @ columns, score, rcond=1e-6)[0]
         parts = np.split(theta, np.cumsum([own.shape[1] for own in signatures])[:-1])
         possible = all((s.candidate.sign * part >= 0.0).all() for s, part in zip(pair, parts, strict=True))
         return float(score @ theta) if possible else -np.inf
@@ -195,8 +201,8 @@ class _Linear:
         return {**self.rest, **moved}
 
     def sizes(self, pair: Sequence[Suspect]) -> dict[str, float]:
-        """Predicted sizes of the suspects."""
+        """Predicted sizes of the suspects, none beyond its natural scale."""
         counts = [len(s.candidate.free) for s in pair]
         parts = np.split(self._moves(pair)[len(self.names) :], np.cumsum(counts)[:-1])
-        sized = [s.candidate.values(s.candidate.null + part) for s, part in zip(pair, parts, strict=True)]
-        return {name: size for own in sized for name, size in own.items()}
+        own = [(s.candidate, s.candidate.null + part) for s, part in zip(pair, parts, strict=True)]
+        return {name: x for c, sizes in own for name, x in c.values(c.within_scale(sizes)).items()}

@@ -234,17 +234,7 @@ def _fitted(
 
 def _estimate(suspect: Scored) -> np.ndarray:
     """Sizes (p,) that the score test estimates."""
-    return _within_scale(suspect.candidate, suspect.candidate.null + suspect.test.size)
-
-
-def _within_scale(candidate: Candidate, sizes: np.ndarray) -> np.ndarray:
-    """Bring sizes (p,) to the natural scale where they are beyond it.
-
-    A large misfit makes linear estimates so large: there the effect would be as large as the motion itself.
-    """
-    scale = np.array([candidate.scale[name] for name in candidate.free])
-    largest = float(np.max(np.abs(sizes - candidate.null) / scale, initial=0.0))
-    return candidate.null + (sizes - candidate.null) / largest if 1.0 < largest < np.inf else sizes
+    return suspect.candidate.within_scale(suspect.candidate.null + suspect.test.size)
 
 
 def _trial_sizes(fitter: Fitter, base: Fit, suspect: Suspect, least: float) -> list[np.ndarray]:
@@ -258,7 +248,7 @@ def _trial_sizes(fitter: Fitter, base: Fit, suspect: Suspect, least: float) -> l
     trials.sort(key=lambda trial: -trial[0])
     found, known = [], [_estimate(suspect)] if suspect.is_testable else []
     for _, size in [trial for trial in trials[: CRITERIA.max_starts] if trial[0] > least]:
-        start = _within_scale(candidate, size)
+        start = candidate.within_scale(size)
         if not any(np.allclose(start, other) for other in known):
             found.append(start)
         known.append(start)

@@ -8,7 +8,9 @@ import pytest
 from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 
+from calib import plugins
 from calib.cli import main as calib
+from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.selection import _refitted_rivals
 from calib.diagnosis.suspect import Refitted
 
@@ -79,6 +81,16 @@ def test_a_joint_that_slides_is_not_named_for_a_spring_that_softens_in_a_resisti
     sizes = {name: joint["size"] for name, joint in said["joint_sizes"].items()}
     assert sizes["quadratic_drag"]["c2"] == pytest.approx(0.8, rel=0.02)
     assert sizes["softening"]["kx"] == pytest.approx(-37.0, rel=0.02)
+
+
+def test_sizes_beyond_the_natural_scale_are_brought_to_it():
+    """A plot sheared by 24 s where a radian lasts 0.1 s would be of shear alone."""
+    sheared = Candidate(plugins.load("calib.effects", "plot_shear"), ("shear",), {}, {"shear": 0.1})
+    assert sheared.within_scale(np.array([-24.0])) == pytest.approx([-0.1])
+    assert sheared.within_scale(np.array([0.03])) == pytest.approx([0.03])
+    names = ("clip_displacement",)
+    clipped = Candidate(plugins.load("calib.effects", "clipping"), names, {}, dict.fromkeys(names, 0.1))
+    assert clipped.within_scale(np.array([np.inf])) == np.inf
 
 
 def test_suspects_that_explain_about_as_much_are_fitted_again_in_another_noise():
