@@ -5,10 +5,9 @@ import pytest
 import xarray as xr
 
 from calib.calibrate import Objective
-from calib.cycles import clock_rate
+from calib.cycles import clock_rate, kind_of_motion
 from calib.excitation import Excitation
-from calib.objective import Reference, Term
-from calib.objective.compared import CLOCK_RATE
+from calib.objective import CLOCK_RATE, Reference, Term
 
 FREQUENCY = 26.24  # Hz
 
@@ -65,8 +64,9 @@ def test_few_cycles_tell_no_rate(cycles):
 
 
 def test_a_short_record_whose_period_is_not_known_is_compared_as_it_is():
-    """Of noise as large as the motion 2.9 cycles do not show after how many periods it returns."""
-    noisy = record(0.0, 2.86, 60.3, 1.0)
+    """2.9 cycles of a motion that grows do not show after how many periods it returns."""
+    noisy = record(0.0, 2.86, 60.3, envelope=lambda time: 5.0 * FREQUENCY * time)
+    assert kind_of_motion(noisy).period is None
     driven = Excitation("base", "displacement", amplitude=1e-3, frequency=FREQUENCY)
     reference = Objective({"run": Reference("run", noisy, excitation=driven)}, [Term(Loop())]).references["run"]
     assert reference.record.attrs[CLOCK_RATE] == 0.0
@@ -77,6 +77,32 @@ def test_a_short_record_whose_period_is_not_known_is_compared_as_it_is():
 def test_a_motion_that_still_settles_is_no_rate(cycles):
     settling = record(0.0, cycles, 50.0, 0.0, envelope=lambda time: 1e-2 * np.exp(-time * FREQUENCY / 8.0))
     assert clock_rate(settling) == 0.0
+
+
+@pytest.mark.parametrize("factor", [1e-6, 1e6])
+def test_the_rate_does_not_depend_on_units(factor):
+    plain = record(5e-5, 60.0, 50.3)
+    other = plain.assign(velocity=factor * plain.velocity)
+    assert clock_rate(other) == pytest.approx(clock_rate(plain), rel=1e-9)
+
+
+def test_a_channel_that_stands_still_tells_no_rate_and_hinders_none():
+    plain = record(1e-4, 60.0, 50.3)
+    stuck = plain.assign(velocity=0.0 * plain.velocity)
+    assert clock_rate(stuck) == pytest.approx(1e-4, rel=0.1)
+    assert clock_rate(stuck.assign(displacement=0.0 * plain.displacement)) == 0.0
+
+
+def test_a_motion_of_no_period_has_no_rate():
+    """The phases of its cycles wander."""
+    rng = np.random.default_rng(4)
+    found = []
+    for _ in range(20):
+        wandering = record(0.0, 60.0, 50.0)
+        walk = 0.3 * np.cumsum(rng.standard_normal(61))[np.arange(wandering.time.size) // 50]
+        wandering["displacement"] += np.cos(2.0 * np.pi * FREQUENCY * wandering.time + walk)
+        found.append(clock_rate(wandering))
+    assert found.count(0.0) >= 19
 
 
 def test_an_exact_record_has_no_rate():

@@ -8,8 +8,8 @@ from calib.cycles.loop import cycles_in, period_of, sampled
 from calib.cycles.mean_cycle import IN_STEP_TOLERANCE, mean_cycle
 from calib.record import channels
 
-MIN_CYCLES = 10  # that a rate is told by; over fewer even 1e-3 shifts no cycle by more than a hundredth
-TAIL_PROBABILITY = 1e-4  # of Student's t, two-sided: of a rate where the clocks agree, and of its change
+MIN_CYCLES = 10  # that a rate is told by; over fewer even 1e-3 shifts no cycle by more than a hundredth of it
+TAIL_PROBABILITY = 1e-4  # of Student's t, two-sided: of a rate where the clocks agree, and of its change  [1]
 MAX_STEPS = 20  # of the search for the rate, by the method of Gauss and Newton
 
 
@@ -18,7 +18,8 @@ def clock_rate(record: xr.Dataset, periods: int = 1) -> float:
 
     Each cycle is shifted in time against the mean cycle; a wrong rate makes the shift grow in proportion to time, at
     that rate. Its standard error is of the scatter of the shifts about the line. What makes the shift bend, such as a
-    motion that still settles, is no clock.
+    motion that still settles, is no clock. A regression of phases on time as of a noisy sinusoid (Tretter, IEEE
+    Transactions on Information Theory 31 (1985) 832), here of all harmonics of all channels together.
 
     Parameters
     ----------
@@ -38,8 +39,9 @@ def clock_rate(record: xr.Dataset, periods: int = 1) -> float:
         return 0.0
     number, samples, _ = cycles_in(time, period, periods)
     rows = np.concatenate([sampled(record, channel) for channel in channels(record)])
-    rows = rows[np.ptp(rows, axis=1) > 0.0]
-    rate = 0.0
+    rows, rate = rows[np.ptp(rows, axis=1) > 0.0], 0.0
+    if not rows.size:
+        return 0.0
     for _ in range(MAX_STEPS):
         centre, shift = _shifts((1.0 + rate) * time, rows, period, periods, number)
         line = stats.linregress(centre, shift)
@@ -70,8 +72,5 @@ def _shifts(
 
 def _bends(centre: np.ndarray, shift: np.ndarray, limit: float) -> bool:
     """Whether the shifts of the cycles have a part that is quadratic in time."""
-    x = (centre - centre.mean()) / np.ptp(centre)
-    design = np.column_stack([np.ones_like(x), x, x**2])
-    coefficients, *_ = np.linalg.lstsq(design, shift, rcond=None)
-    variance = np.sum((shift - design @ coefficients) ** 2) / (x.size - 3) * np.linalg.inv(design.T @ design)[2, 2]
-    return bool(abs(coefficients[2]) > limit * np.sqrt(variance))
+    coefficients, covariance = np.polyfit((centre - centre.mean()) / np.ptp(centre), shift, 2, cov=True)
+    return bool(abs(coefficients[0]) > limit * np.sqrt(covariance[0, 0]))

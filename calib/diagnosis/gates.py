@@ -174,6 +174,7 @@ def _answers(
 
 
 def _told(z: float) -> str:
+    """Write a z after the letter, as far as digits of it mean something."""
     return f"= {z:.2g}" if z >= 0.01 else "< 0.01"
 
 

@@ -236,13 +236,13 @@ def _about_mean(
     table = absorbed_by(slow.basis) if slow.rank else NOTHING_ABSORBED
     noise = _noise(left * math.sqrt(counted / about), weight, measured, CYCLIC, table)
     least = _least(measured)
-    noise = replace(_judged_by_what_is_new(noise, left, weight, free, least), repeated=True)
+    noise = replace(_of_unit_innovations(noise, left, weight, free, least), repeated=True)
     likeliest = noise.innovation * max(noise.sigma * math.sqrt(free / about), least)
     criterion = 2.0 * about * math.log(likeliest) + (noise.memory.size + slow.rank) * math.log(about)
     return noise, free, criterion
 
 
-def _judged_by_what_is_new(
+def _of_unit_innovations(
     noise: Noise, residual: np.ndarray, weight: np.ndarray, free: float, least: float
 ) -> Noise:
     """Return it with the level at which the residual (n,), once whitened, has unit variance in this record.
@@ -251,8 +251,8 @@ def _judged_by_what_is_new(
 
     Parameters
     ----------
-    free : degrees of freedom of the residual
-    least : level, that noise has at least
+    free : degrees of freedom of the residual  [1]
+    least : level that noise has at least  [unit of the channel]
     """
     new = noise.whitened(residual, weight)
     return replace(noise, sigma=max(noise.sigma * math.sqrt(float(new @ new) / free), least))
@@ -283,7 +283,7 @@ def from_residual(
     counted = float((weight**2).sum())
     free = max(counted - absorbed[0, 0], 1.0)
     noise = _noise(residual, weight, measured, RESIDUAL, absorbed)
-    noise = _judged_by_what_is_new(noise, residual, weight, free, _least(measured))
+    noise = _of_unit_innovations(noise, residual, weight, free, _least(measured))
     if stated is None:
         return noise
     excess = (noise.sigma / stated) ** 2 - CRITERIA.max_variance_ratio

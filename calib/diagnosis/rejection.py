@@ -72,6 +72,7 @@ def rejection(evidence: Evidence, null: Fit, made: Extension, further: bool) -> 
 
 
 def _chi2(size: float) -> str:
+    """Write a change of chi-square, which nobody needs to the tenth."""
     return f"{size:.0f}" if size >= 100.0 else f"{size:.2g}"
 
 

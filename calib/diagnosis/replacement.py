@@ -109,10 +109,10 @@ def best_pair(
     Parameters
     ----------
     causes, final : so far; none, and the calibrated model, where nothing is a cause yet
-    suspects : scored on what `final` leaves
+    suspects : others, scored on what `final` leaves
     """
-    about, taken = _Linear.without_causes(null, causes, final), {cause.name for cause, _ in causes}
-    testable = [s for s in suspects if s.is_testable and s.name not in taken and s.signature_columns.any()]
+    about = _Linear.without_causes(null, causes, final)
+    testable = [s for s in suspects if s.is_testable and s.signature_columns.any()]
     signatures = {id(s): about.projection(s.derivatives) for s in testable}
     predicted = []
     for pair in combinations(testable, 2):
@@ -124,7 +124,8 @@ def best_pair(
         if best is not None and fitter.effort.spent:
             break
         candidates = [suspect.candidate for suspect in pair]
-        fit = fitter.fit(replace(final.point, values=about.values(pair)), candidates, about.sizes(pair), rival=attained)
+        values, sizes = about.start(pair)
+        fit = fitter.fit(replace(final.point, values=values), candidates, sizes, rival=attained)
         if not fit.names:
             absent = {name: size for candidate in candidates for name, size in candidate.absent().items()}
             fit = fitter.fit(null.point, candidates, absent, rival=attained)
@@ -189,20 +190,18 @@ class _Linear:
         possible = all((s.candidate.sign * part >= 0.0).all() for s, part in zip(pair, parts, strict=True))
         return float(score @ theta) if possible else -np.inf
 
-    def _moves(self, pair: Sequence[Suspect]) -> np.ndarray:
-        """Of the calibrated parameters, then of the suspects' (k,)."""
+    def start(self, pair: Sequence[Suspect]) -> tuple[dict[str, float], dict[str, float]]:
+        """Values of the calibrated model, and sizes of suspects beside it, that are predicted, by name.
+
+        No size is beyond the natural scale of its effect.
+        """
         columns = self.final.free(np.column_stack([self.columns, *(s.derivatives for s in pair)]))
         length = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-        return np.linalg.lstsq(columns / length, self.residual, rcond=1e-6)[0] / length
-
-    def values(self, pair: Sequence[Suspect]) -> dict[str, float]:
-        """Values of the model that are predicted beside the suspects, without theirs."""
-        moved = {n: self.rest[n] + move for n, move in zip(self.names, self._moves(pair), strict=False)}
-        return {**self.rest, **moved}
-
-    def sizes(self, pair: Sequence[Suspect]) -> dict[str, float]:
-        """Predicted sizes of the suspects, none beyond its natural scale."""
-        counts = [len(s.candidate.free) for s in pair]
-        parts = np.split(self._moves(pair)[len(self.names) :], np.cumsum(counts)[:-1])
-        own = [(s.candidate, s.candidate.null + part) for s, part in zip(pair, parts, strict=True)]
-        return {name: x for c, sizes in own for name, x in c.values(c.within_scale(sizes)).items()}
+        moves = np.linalg.lstsq(columns / length, self.residual, rcond=1e-6)[0] / length
+        values, moved, sizes = dict(self.rest), iter(moves), {}
+        for name in self.names:
+            values[name] += next(moved)
+        for candidate in (suspect.candidate for suspect in pair):
+            size = candidate.null + np.array([next(moved) for _ in candidate.free])
+            sizes |= candidate.values(candidate.within_scale(size))
+        return values, sizes

@@ -246,13 +246,9 @@ def _trial_sizes(fitter: Fitter, base: Fit, suspect: Suspect, least: float) -> l
     sizes = [np.clip(x, candidate.low, candidate.high) for x in candidate.sizes]
     trials = [trial for x in sizes if (trial := fitter.trial(base, candidate, x)) is not None]
     trials.sort(key=lambda trial: -trial[0])
-    found, known = [], [_estimate(suspect)] if suspect.is_testable else []
-    for _, size in [trial for trial in trials[: CRITERIA.max_starts] if trial[0] > least]:
-        start = candidate.within_scale(size)
-        if not any(np.allclose(start, other) for other in known):
-            found.append(start)
-        known.append(start)
-    return found
+    starts = [candidate.within_scale(size) for reduction, size in trials[: CRITERIA.max_starts] if reduction > least]
+    known = [_estimate(suspect)] if suspect.is_testable else []
+    return [x for k, x in enumerate(starts) if not any(np.allclose(x, other) for other in (*known, *starts[:k]))]
 
 
 def _with_fitted_form(fitter: Fitter, suspect: Refitted, before: float, common: Evidence) -> Refitted:

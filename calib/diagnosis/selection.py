@@ -296,10 +296,11 @@ def _through_elimination(fitter: Fitter, state: _Stepwise) -> _Stepwise:
 def _with_best_pair(fitter: Fitter, state: _Stepwise, candidates: Sequence[Candidate], seed: int) -> _Stepwise:
     """Put the best pair in the place of the causes where it explains more, and each is a cause beside the other.
 
-    The candidates are scored anew: noise may have been re-estimated since.
+    The other candidates are scored anew, about the model so far: its noise may have been re-estimated.
     """
-    null = state.null
-    suspects, threshold = screened(fitter, state.final, candidates, seed)
+    null, known = state.null, None if state.causes else state.known
+    others = [candidate for candidate in candidates if candidate.name not in state.names]
+    suspects, threshold = screened(fitter, state.final, others, seed, known)
     pair = best_pair(fitter, null, state.causes, state.final, suspects)
     if pair is None or not _explains_more(fitter.evidence, null, state.causes, state.final, pair):
         return state

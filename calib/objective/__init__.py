@@ -1,6 +1,7 @@
 """How far simulated records are from measured ones."""
 
 from calib.objective.alignment import trusted
+from calib.objective.compared import CLOCK_RATE
 from calib.objective.initial_state import Released, initial_state, simulations, with_initial_state
 from calib.objective.misfit import MISFIT, Squares, compared_rows, misfit, record_misfit, row_weights, squares_of
 from calib.objective.objective import Objective
@@ -8,6 +9,7 @@ from calib.objective.reach import FeatureValue
 from calib.objective.terms import INITIAL_STATE, Feature, Reference, Score, Term
 
 __all__ = [
+    "CLOCK_RATE",
     "INITIAL_STATE",
     "MISFIT",
     "Feature",

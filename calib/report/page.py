@@ -8,7 +8,7 @@ import xarray as xr
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from calib.objective import MISFIT, misfit, squares_of
+from calib.objective import CLOCK_RATE, MISFIT, misfit, squares_of
 from calib.report import drawing, figures, residuals, search, tables
 from calib.report.diagnosis import chapter
 from calib.report.verdict import verdict
@@ -167,7 +167,7 @@ def _driven(record):
 
 def _clock(attrs):
     """What the cycles say of the recorder's clock."""
-    rate = attrs.get("clock_rate", 0.0)
+    rate = attrs.get(CLOCK_RATE, 0.0)
     side = "slow" if rate > 0.0 else "fast"
     return f"; the recorder's clock is {number(1e6 * abs(rate))} ppm {side} against the drive's" if rate else ""
 

@@ -15,51 +15,14 @@ import tempfile
 import time
 from pathlib import Path
 
-import numpy as np
 from click.testing import CliRunner
 from hidden.hider import hide
-from scipy.integrate import solve_ivp
+from softening_decay import written
 
 from calib.cli import main as calib
 
 HIDDEN, STRENGTH = "cubic_stiffness", 40.0
 STEP = 7  # candidates more from row to row
-DECAY = """
-[study]
-name = "decay"
-seed = 1
-budget = 60
-
-[[record]]
-name = "decay"
-path = "decay.csv"
-use = "calibrate"
-nuisance = ["initial_state", "offset"]
-
-[record.table]
-time = { column = "time", unit = "s" }
-channels = [{ column = "position", body = "mass", channel = "displacement", unit = "m", sigma = "0.1 mm" }]
-
-[record.excitation]
-place = "mass"
-quantity = "free decay"
-
-[model]
-simulator = "oscillator"
-
-[model.fixed]
-mass = "1 kg"
-
-[windows]
-stiffness = { low = "50 N/m", high = "100 N/m" }
-damping = { low = 0.001, high = 1.0, scale = "log" }
-
-[[term]]
-feature = "time_history"
-
-[optimiser]
-name = "multistart"
-"""
 SILVERBOX = Path(__file__).parents[2] / "studies" / "silverbox"
 
 
@@ -76,24 +39,6 @@ def diagnosed(study: Path, out: Path, jobs: int) -> tuple[float, dict]:
     """Seconds of a diagnosis, and what it says."""
     seconds = timed("diagnose", study, "--out", out, "--jobs", jobs)
     return seconds, json.loads((out / "diagnosis.json").read_text())
-
-
-def decay(folder: Path) -> Path:
-    """Write a free decay and its study; return the study."""
-    rate, seconds, noise = 100.0, 30.0, 1e-4  # Hz, s, m
-    instants = np.arange(int(rate * seconds)) / rate
-
-    def motion(_, state):
-        x, v = state
-        return [v, -74.0 * x * (1.0 - 0.5 * abs(x)) - 0.05 * v - 0.8 * v * abs(v)]
-
-    exact = solve_ivp(motion, (0.0, seconds), [0.07, 0.0], t_eval=instants, rtol=1e-10, atol=1e-12).y[0]
-    position = exact + noise * np.random.default_rng(0).standard_normal(exact.size)
-    folder.mkdir()
-    table = np.column_stack([instants, position])
-    np.savetxt(folder / "decay.csv", table, delimiter=",", header="time,position", comments="")
-    (folder / "study.toml").write_text(DECAY)
-    return folder / "study.toml"
 
 
 def main():
@@ -116,7 +61,7 @@ def main():
                 f"{both / calibration:17.1f}   {', '.join(said['causes']) or said['verdict']}",
                 flush=True,
             )
-        study = decay(folder / "decay")
+        study = written(folder / "decay", 30.0)
         calibration = timed("run", study, "--out", folder / "swung", "--jobs", 2)
         alone, said = diagnosed(study, folder / "swung", 1)
         both, said = diagnosed(study, folder / "swung", 2)

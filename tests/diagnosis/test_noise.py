@@ -88,7 +88,8 @@ def test_a_stated_level_comes_first():
 def test_memory_of_stated_noise_is_that_of_a_residual_which_is_no_larger(phi):
     row = series([phi] if phi else [], 4000)
     noise = from_residual(row, np.ones(4000), np.ones(4000), stated=2.0)
-    assert noise.sigma == pytest.approx(2.0, rel=0.03)
+    assert noise.sigma == (pytest.approx(2.0, rel=0.03) if phi else 2.0)
+    assert np.mean(noise.whitened(row, np.ones(4000)) ** 2) == pytest.approx(1.0, rel=1e-9 if phi else 0.05)
     assert noise.memory.sum() == pytest.approx(phi, abs=0.1)
 
 

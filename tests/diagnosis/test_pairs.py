@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from scipy.integrate import solve_ivp
+from softening_decay import DRAG, SOFTENING, written
 
 from calib import plugins
 from calib.cli import main as calib
@@ -14,73 +14,21 @@ from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.selection import _refitted_rivals
 from calib.diagnosis.suspect import Refitted
 
-STUDY = """
-[study]
-name = "decay"
-seed = 1
-budget = 40
-
-[[record]]
-name = "decay"
-path = "decay.csv"
-use = "calibrate"
-nuisance = ["initial_state"]
-
-[record.table]
-time = { column = "time", unit = "s" }
-channels = [{ column = "position", body = "mass", channel = "displacement", unit = "m", sigma = "0.1 mm" }]
-
-[record.excitation]
-place = "mass"
-quantity = "free decay"
-
-[model]
-simulator = "oscillator"
-
-[model.fixed]
-mass = "1 kg"
-
-[windows]
-stiffness = { low = "50 N/m", high = "100 N/m" }
-damping = { low = 0.001, high = 1.0, scale = "log" }
-
-[[term]]
-feature = "time_history"
-
-[optimiser]
-name = "multistart"
-
-[diagnosis]
-candidates = ["presliding", "quadratic_drag", "softening", "coulomb_friction", "plot_scale", "axis_tilt"]
-"""
-
-
-def swung(time):
-    """Free decay from 70 mm of a mass on a spring that softens, in a resisting air."""
-
-    def motion(_, state):
-        x, v = state
-        return [v, -74.0 * x * (1.0 - 0.5 * abs(x)) - 0.05 * v - 0.8 * v * abs(v)]
-
-    return solve_ivp(motion, (0.0, time[-1]), [0.07, 0.0], t_eval=time, rtol=1e-10, atol=1e-12).y[0]
+NEAR = ("presliding", "quadratic_drag", "softening", "coulomb_friction", "plot_scale", "axis_tilt")
 
 
 @pytest.mark.slow
 def test_a_joint_that_slides_is_not_named_for_a_spring_that_softens_in_a_resisting_air(tmp_path):
     """Its force and what it dissipates depend on the amplitude, too: alone it explains 99 % of the misfit."""
-    time = np.arange(2000) / 100.0
-    position = swung(time) + 1e-4 * np.random.default_rng(0).standard_normal(time.size)
-    table = np.column_stack([time, position])
-    np.savetxt(tmp_path / "decay.csv", table, delimiter=",", header="time,position", comments="")
-    (tmp_path / "study.toml").write_text(STUDY)
+    written(tmp_path, 20.0, NEAR)
     for command in ("run", "diagnose"):
         answer = CliRunner().invoke(calib, [command, str(tmp_path), "--quiet"], catch_exceptions=False)
         assert answer.exit_code == 0, answer.output
     said = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert set(said["causes"]) == {"quadratic_drag", "softening"}
     sizes = {name: joint["size"] for name, joint in said["joint_sizes"].items()}
-    assert sizes["quadratic_drag"]["c2"] == pytest.approx(0.8, rel=0.02)
-    assert sizes["softening"]["kx"] == pytest.approx(-37.0, rel=0.02)
+    assert sizes["quadratic_drag"]["c2"] == pytest.approx(DRAG, rel=0.02)
+    assert sizes["softening"]["kx"] == pytest.approx(SOFTENING, rel=0.02)
 
 
 def test_sizes_beyond_the_natural_scale_are_brought_to_it():

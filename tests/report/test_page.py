@@ -10,8 +10,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from calib.objective import MISFIT
+from calib.objective import CLOCK_RATE, MISFIT
 from calib.report import render
+from calib.report.page import _driven
 from calib.report.verdict import verdict
 from calib.report.words import measured_number, number
 
@@ -186,3 +187,11 @@ def test_it_opens_in_a_browser_without_a_complaint_and_prints(page, tmp_path):
     assert run.returncode == 0
     assert "CONSOLE" not in run.stderr
     assert (tmp_path / "report.pdf").read_bytes().startswith(b"%PDF")
+
+
+@pytest.mark.parametrize(("rate", "said"), [(48e-6, "48 ppm slow"), (-5e-5, "50 ppm fast"), (0.0, "")])
+def test_the_page_says_how_far_the_clock_is_off(rate, said):
+    attrs = {"quantity": "force", "place": "mass", CLOCK_RATE: rate}
+    text = _driven(SimpleNamespace(attrs=attrs))
+    assert said in text
+    assert ("clock" in text) == bool(rate)
