@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-from scipy import stats
-
 
 @dataclass(frozen=True)
 class Criteria:
@@ -27,8 +25,11 @@ class Criteria:
     max_variation : standard deviation of the size of a cause among channels, relative to its mean, up to which what it
         leaves may have made them differ  [1]; convention: where it explains twice that, 0.25 is typical
     model_error_cosine : of the angle between what a cause changes in a record and what the model lacks there, root mean
-        square  [1]; of laws that no effect expresses those most like effects, 0.13 to 0.39 by law and laboratory
+        square  [1]; of laws that no effect expresses those most like effects, 0.07 to 0.40 by law and laboratory
         (tests/benchmarks/bench_model_error.py)
+    max_model_error_cosine : of the angle between what the model lacks beside a cause and what an effect like it would
+        change further, up to which that may be chance  [1]; of the same laws 95 % are below 0.57 (four_dof) and 0.72
+        (oscillator; same source)
     min_change_chi2 : sum of squares of what a cause changes in a record, in units of the noise, from which on that
         record says something of it  [1]; the variance of one residual
     min_explained_share : excess chi-square that the steps of converters explain at least to stand in the place of
@@ -44,6 +45,8 @@ class Criteria:
     max_causes : that are named  [count]; convention
     max_refits : suspects that are refitted in one search  [count]; convention
     max_pairs : pairs of suspects that are fitted to find the best  [count]; convention
+    min_gain_ratio : actual over predicted reduction of chi-square of a linear model that is relied on  [1];
+        Nocedal & Wright, Numerical Optimization (2006), algorithm 4.1
     max_runners_up : suspects that are tried where what was held out refutes the only cause  [count]; convention
     min_leader_share : predicted reduction of chi-square of a suspect that is refitted, relative to the largest  [1];
         convention
@@ -83,6 +86,7 @@ class Criteria:
     min_over_remainder: float = 2.0
     max_variation: float = 1.0 / 3.0
     model_error_cosine: float = 0.35
+    max_model_error_cosine: float = 0.72
     min_change_chi2: float = 1.0
     min_explained_share: float = 0.5
     min_share_of_remainder: float = 0.25
@@ -92,6 +96,7 @@ class Criteria:
     max_causes: int = 3
     max_refits: int = 8
     max_pairs: int = 5
+    min_gain_ratio: float = 0.25
     max_runners_up: int = 3
     min_leader_share: float = 0.3
     min_alikeness: float = 0.95
@@ -110,11 +115,6 @@ class Criteria:
     min_variance_deficit_std: float = 5.0
     max_solver_share: float = 0.1
     max_solver_change: float = 0.01
-
-    @property
-    def max_model_error_cosine(self) -> float:
-        """Cosine up to which what a model lacks may be like a given change, at the confidence level  [1]."""
-        return float(stats.norm.ppf(self.confidence_level)) * self.model_error_cosine
 
     @property
     def tail_probability(self) -> float:

@@ -17,7 +17,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import solve_banded, solve_toeplitz
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.linalg import solve_banded, solve_toeplitz, toeplitz
 from scipy.signal import lfilter, lfiltic
 from scipy.sparse import dia_array
 
@@ -305,7 +306,7 @@ def with_memory(
 
 
 def _noise(series, weight, measured, source, absorbed=NOTHING_ABSORBED) -> Noise:
-    memory, variance = _autoregression(series * weight, weight, absorbed)
+    memory, variance = _autoregression(series, weight, absorbed)
     return Noise(max(math.sqrt(variance), _least(measured)), memory, source)
 
 
@@ -314,25 +315,44 @@ def _least(measured: np.ndarray) -> float:
 
 
 def _autoregression(series: np.ndarray, weight: np.ndarray, absorbed: np.ndarray) -> tuple[np.ndarray, float]:
-    """Coefficients by the Yule-Walker equations, of the order that Schwarz's criterion (1978) chooses; the variance.
+    """Coefficients by least squares, of the order that Schwarz's criterion (1978) chooses; the variance.
 
     A fit leaves residuals that are correlated though the noise is white. What its projection absorbs of the products of
     residuals is added to them: of white noise at first, then of the noise that has come out (the correction of Worsley
     et al., NeuroImage 15 (2002) 1, section 2.3, by fixed-point iteration: solved for at once it would fill the
     frequencies that a fit takes out whole). Only the degrees of freedom that it leaves count.
     """
-    n, freedom = series.size, max(1.0, float((weight**2).sum()) - absorbed[0, 0])
-    lags = range(min(ORDER, int(freedom) // SAMPLES_PER_COEFFICIENT) + 1)
-    both = np.array([float((weight[lag:] * weight[: n - lag]).sum()) for lag in lags])
-    products = np.array([float(series[lag:] @ series[: n - lag]) for lag in lags])
+    n, total = series.size, float((weight**2).sum())
+    freedom = max(1.0, total - absorbed[0, 0])
+    moments, windows = _moments(series, weight, min(ORDER, int(freedom) // SAMPLES_PER_COEFFICIENT))
+    lags, mean_square = range(len(moments)), float(((series * weight) ** 2).sum()) / max(1.0, total)
+    both = np.array([max(1.0, float((weight[lag:] * weight[: n - lag]).sum())) for lag in lags])
     memory, taken = np.zeros(0), _taken(absorbed, np.zeros(0), len(lags))
     for _ in range(FIXED_POINT_STEPS):
-        variance = products[0] / max(1.0, both[0] - taken[0])
-        before, memory = memory, _of_autocovariance((products + variance * taken) / np.maximum(both, 1.0), freedom)
+        variance = mean_square * total / max(1.0, total - taken[0])
+        before, mended = memory, moments + variance * toeplitz(taken / both)
+        memory = _of_moments(mended, windows * freedom / max(1.0, total))
         taken = _taken(absorbed, memory, len(lags))
         if np.array_equal(before, memory):
             break
-    return memory, float(products[0] / max(1.0, both[0] - taken[0]))
+    return memory, mean_square * total / max(1.0, total - taken[0])
+
+
+def _moments(series: np.ndarray, weight: np.ndarray, order: int) -> tuple[np.ndarray, float]:
+    """Mean products (order + 1, order + 1) of the samples that lie 0, 1, ..., order before each; how many each is of.
+
+    All are of the same windows of samples, those without a gap, so that they are the moments of something: estimated
+    each from all pairs that there are, those of noise of long memory are not, though a single sample is missing
+    (Broersen, de Waele & Bos, Automatica 40 (2004) 1495). The order is the highest, up to the given one, for which such
+    windows are half of the samples, and SAMPLES_PER_COEFFICIENT for each coefficient.
+    """
+    for length in range(order + 1, 0, -1):
+        least = sliding_window_view(weight, length).min(axis=1)
+        windows = float((least**2).sum())
+        if windows >= max(0.5 * float((weight**2).sum()), SAMPLES_PER_COEFFICIENT * (length - 1)):
+            break
+    rows = sliding_window_view(series, length)[:, ::-1] * least[:, None]
+    return rows.T @ rows / max(1.0, windows), windows
 
 
 def _taken(absorbed: np.ndarray, memory: np.ndarray, lags: int) -> np.ndarray:
@@ -342,14 +362,15 @@ def _taken(absorbed: np.ndarray, memory: np.ndarray, lags: int) -> np.ndarray:
     return np.pad(taken, (0, lags - taken.size))
 
 
-def _of_autocovariance(gamma: np.ndarray, freedom: float) -> np.ndarray:
-    """Coefficients for an autocovariance (lag,), of the order that Schwarz's criterion chooses for so many samples."""
-    if not gamma[0] > 0.0:
+def _of_moments(moments: np.ndarray, freedom: float) -> np.ndarray:
+    """Coefficients for moments (lag, lag), of the order that Schwarz's criterion chooses for so many samples."""
+    if not moments[0, 0] > 0.0:
         return np.zeros(0)
-    best, chosen = freedom * math.log(gamma[0]), np.zeros(0)
-    for order in range(1, gamma.size):
-        memory = solve_toeplitz(gamma[:order], gamma[1 : order + 1])
-        left = gamma[0] - memory @ gamma[1 : order + 1]
+    best, chosen = freedom * math.log(moments[0, 0]), np.zeros(0)
+    for order in range(1, len(moments)):
+        own = slice(1, order + 1)
+        memory = np.linalg.lstsq(moments[own, own], moments[0, own], rcond=None)[0]
+        left = moments[0, 0] - memory @ moments[0, own]
         if left > 0.0 and freedom * math.log(left) + order * math.log(freedom) < best and _stable(memory):
             best, chosen = freedom * math.log(left) + order * math.log(freedom), memory
     return chosen

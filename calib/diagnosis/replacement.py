@@ -104,7 +104,8 @@ def best_pair(
     """The two other causes of the least AIC beside the calibrated model, fitted; None where there are no two.
 
     Those pairs are fitted of which the least is predicted, linearly about the model so far: its motion is nearer to the
-    measured one than that of the calibrated model, and so is that of any pair that explains as much.
+    measured one than that of the calibrated model, and so is that of any pair that explains as much. A pair
+    that reduces chi-square by far less than predicted is far from linear, and is not fitted.
 
     Parameters
     ----------
@@ -120,12 +121,16 @@ def best_pair(
         if pair[0].name != pair[1].name and reduction > 0.0:
             predicted.append((reduction, pair))
     best, attained = None, np.inf
-    for _, pair in sorted(predicted, key=lambda found: -found[0])[: CRITERIA.max_pairs]:
+    for reduction, pair in sorted(predicted, key=lambda found: -found[0])[: CRITERIA.max_pairs]:
         if best is not None and fitter.effort.spent:
             break
         candidates = [suspect.candidate for suspect in pair]
         values, sizes = about.start(pair)
-        fit = fitter.fit(replace(final.point, values=values), candidates, sizes, rival=attained)
+        start = replace(final.point, values=values)
+        begun = fitter.simulated_at(start, candidates, sizes)
+        if begun is not None and about.chi2 - begun.chi2 < CRITERIA.min_gain_ratio * reduction:
+            continue
+        fit = fitter.fit(start, candidates, sizes, rival=attained)
         if not fit.names:
             absent = {name: size for candidate in candidates for name, size in candidate.absent().items()}
             fit = fitter.fit(null.point, candidates, absent, rival=attained)
@@ -176,6 +181,11 @@ class _Linear:
     def _left(self) -> np.ndarray:
         """Residual (N,) without what calibration absorbs."""
         return self.projection(self.residual)
+
+    @cached_property
+    def chi2(self) -> float:
+        """Chi-square that the model would leave without its causes."""
+        return float(self._left @ self._left)
 
     def reduction(self, pair: Sequence[Suspect], signatures: Sequence[np.ndarray]) -> float:
         """Reduction of chi-square by suspects with these signatures (N, p); minus infinity where a sign is impossible.

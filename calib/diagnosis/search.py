@@ -181,13 +181,23 @@ def _refits(
         if (number or refitted) and fitter.effort.spent:
             untried.append(suspect.name)
             continue
-        best = min([attained, *(s.fit.chi2 for s in refitted)])
-        largest_gap = (2.0 * CRITERIA.aic_tie + threshold**2) * max(1.0, best / base.residual.size)
-        rival = np.inf if _is_like_the_best(suspect, refitted) else best + largest_gap
+        bound = chi2_of_a_rival(refitted, base, threshold, attained)
+        rival = np.inf if _is_like_the_best(suspect, refitted) else bound
         fitted = _refitted(fitter, base, suspect, threshold, rival)
         if fitted is not None:
             refitted.append(fitted)
     return refitted, tuple(dict.fromkeys(untried))
+
+
+def chi2_of_a_rival(
+    refitted: Sequence[Refitted], base: Fit, threshold: float, attained: float = np.inf
+) -> float:
+    """Chi-square at which a suspect would still be an alternative to those refitted; what stays above it is given up.
+
+    attained : chi-square that one of the candidates is known to attain
+    """
+    best = min([attained, *(s.fit.chi2 for s in refitted)])
+    return best + (2.0 * CRITERIA.aic_tie + threshold**2) * max(1.0, best / base.residual.size)
 
 
 def _refitted(fitter: Fitter, base: Fit, suspect: Suspect, threshold: float, rival: float) -> Refitted | None:

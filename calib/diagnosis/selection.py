@@ -25,7 +25,7 @@ from calib.diagnosis.rejection import extension, is_negligible, rejection
 from calib.diagnosis.remainder import remainder
 from calib.diagnosis.replacement import aic, best_pair, replaced, without_cause
 from calib.diagnosis.screening import Derivatives, KnownDerivatives, screened
-from calib.diagnosis.search import Round, rival_suspects, search, simplest, with_those_behind
+from calib.diagnosis.search import Round, chi2_of_a_rival, rival_suspects, search, simplest, with_those_behind
 from calib.diagnosis.suspect import Cause, Refitted, leading_variants
 
 
@@ -530,11 +530,13 @@ def _refitted_rivals(fitter: Fitter, base: Fit, state: _Stepwise) -> list[Refitt
     base : the model without them, in that noise
     """
     cause, rivals = state.causes[-1]
+    threshold = state.rounds[-1].threshold
     known, least = {rival.name for rival in rivals}, CRITERIA.min_explained_share * cause.chi2_reduction
     others = [s for s in state.rounds[-1].suspects if isinstance(s, Refitted) and s.fit.names and s.name not in known]
     refitted = []
     for rival in (*rivals, *leading_variants(s for s in others if s.chi2_reduction >= least)):
-        fit = fitter.fit(rival.fit.point, rival.fit.candidates)
+        bound = chi2_of_a_rival(refitted, base, threshold)
+        fit = fitter.fit(rival.fit.point, rival.fit.candidates, rival=bound)
         if fit.names:
             refitted.append(rival.refitted(fit, base.chi2 - fit.chi2))
     return refitted

@@ -201,3 +201,18 @@ def test_what_a_fit_leaves_of_noise_has_unit_variance_once_whitened_by_what_it_t
         noise = from_residual(row, np.ones(600), np.ones(600), stated, table)
         squares.append(np.sum(noise.whitened(row, np.ones(600)) ** 2) / (600 - fit.rank))
     assert np.mean(squares) == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.mark.parametrize("share", [0.003, 0.02, 0.1])
+@pytest.mark.parametrize("about", [from_cycles, from_residual])
+def test_a_few_lost_samples_do_not_spoil_the_memory_of_noise_that_is_long(about, share):
+    """Correlations of lag after lag, each from the pairs that are left, would be those of no noise at all."""
+    memory, found = [1.5, -0.6], []
+    for seed in range(20):
+        noise = series(memory, 670, seed)
+        weight = (np.random.default_rng(seed).uniform(size=670) > share).astype(float)
+        more = (0,) if about is from_cycles else ()
+        found.append(about(np.where(weight > 0.0, noise, 0.0), weight, noise, *more, None))
+    true = Noise(2.0, np.array(memory), "")
+    assert [one.innovation for one in found] == pytest.approx([true.innovation] * 20, rel=0.25)
+    assert np.mean([one.innovation * one.sigma for one in found]) == pytest.approx(2.0 * true.innovation, rel=0.03)

@@ -45,13 +45,22 @@ def test_suspects_that_explain_about_as_much_are_fitted_again_in_another_noise()
     """Before a cause is known the misfit may hide the uncertainty of a clock: what explains most is then another."""
 
     def fitted(name, reduction):
-        fit = SimpleNamespace(names=(name,), point=name, candidates=())
+        fit = SimpleNamespace(names=(name,), point=name, candidates=(), chi2=0.0)
         return Refitted(SimpleNamespace(name=name), SimpleNamespace(), fit, reduction)
 
     cause, alike, less = fitted("softening", 1492.0), fitted("cubic_stiffness", 1481.0), fitted("preload", 500.0)
     found = SimpleNamespace(suspects=(cause, alike, less, SimpleNamespace(name="untestable")))
+    found.threshold = 3.0
     state = SimpleNamespace(causes=((cause, (cause,)),), rounds=(found,))
     chi2 = {"softening": 3.0, "cubic_stiffness": 1.0, "preload": 0.0}
-    fitter = SimpleNamespace(fit=lambda point, candidates: SimpleNamespace(names=(point,), chi2=chi2[point]))
-    again = _refitted_rivals(fitter, SimpleNamespace(chi2=10.0), state)
+    bounds = {}
+
+    def fit(point, candidates, rival):
+        bounds[point] = rival
+        return SimpleNamespace(names=(point,), chi2=chi2[point])
+
+    base = SimpleNamespace(chi2=10.0, residual=np.zeros(8))
+    again = _refitted_rivals(SimpleNamespace(fit=fit), base, state)
+    assert np.isinf(bounds["softening"])
+    assert 3.0 < bounds["cubic_stiffness"] < np.inf  # what stays behind is given up
     assert {s.name: s.chi2_reduction for s in again} == {"softening": 7.0, "cubic_stiffness": 9.0}

@@ -1,55 +1,20 @@
 """Fits of small models whose least-squares answers are known."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from scipy.optimize import curve_fit
 from scipy.signal import lfilter
+from straight_line import MODEL, START, TIME, TRUE, WINDOWS, Evidence, straight
 
 from calib.diagnosis.bench import Seen
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.signature import Point
-from calib.parameter import Parameter, Space, Window
+from calib.parameter import Space, Window
 from calib.pool import InProcess
-
-TIME = np.linspace(0.0, 4.0, 400)
-WINDOWS = {"height": Window(0.0, 100.0), "rate": Window(0.01, 5.0)}
-MODEL = SimpleNamespace(parameters={name: Parameter(name, "1", 1.0, "") for name in WINDOWS})
-TRUE = {"height": 40.0, "rate": 0.7}
-START = {"height": 30.0, "rate": 0.5}
 
 
 def decaying(values):
     return values["height"] * np.exp(-values["rate"] * TIME)
-
-
-def straight(values):
-    return values["height"] + values["rate"] * 10.0 * TIME
-
-
-class Evidence:
-    """One record of one channel with noise of unit standard deviation."""
-
-    names, parts = ("record",), ("record",)
-
-    def __init__(self, measured):
-        self.measured = measured
-
-    def residual(self, seen):
-        return self.measured - seen["record"].rows[0]
-
-    def difference(self, one, other):
-        return other["record"].rows[0] - one["record"].rows[0]
-
-    def tangents(self, seen):
-        return np.zeros((self.measured.size, 0))
-
-    def initial_moves(self, seen, residual):
-        return {}
-
-    def rows(self):
-        return np.zeros(self.measured.size, dtype=int)
 
 
 def fitted(function, autocorrelation=0.0, seed=0, windows=WINDOWS, start=START):

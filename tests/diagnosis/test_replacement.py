@@ -1,0 +1,63 @@
+"""The best pair of causes, in a small model whose effects are known."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from straight_line import MODEL, START, TIME, TRUE, WINDOWS, Evidence, straight
+
+from calib.diagnosis.bench import Seen
+from calib.diagnosis.candidate import Candidate
+from calib.diagnosis.refit import Fitter
+from calib.diagnosis.replacement import best_pair
+from calib.diagnosis.screening import screened
+from calib.diagnosis.signature import Point
+from calib.parameter import Parameter, Space
+from calib.pool import InProcess
+
+WAVE, DIP = np.sin(3.0 * TIME), np.exp(-((TIME - 2.0) ** 2))
+HIDDEN = 40.0 * WAVE + 25.0 * DIP
+
+
+def effect(name):
+    parameters = [Parameter(name, "1", 0.0, "", null=0.0)]
+    return SimpleNamespace(name=name, null={name: 0.0}, parameters=parameters, rough=False, guess=None)
+
+
+CANDIDATES = [Candidate(effect(name), (name,), {}, {name: 100.0}) for name in ("wave", "dip", "soft", "step")]
+
+
+def simulate(run):
+    """A line, with the effects beside it; `soft` begins like all that is hidden, and goes no further than 1 % of it."""
+    size = {name: run.values.get(name, 0.0) for name in ("wave", "dip", "soft", "step")}
+    rows = straight(run.values) + size["wave"] * WAVE + size["dip"] * DIP + size["step"] * (TIME > 1.0)
+    return Seen((rows + HIDDEN * 0.01 * np.tanh(size["soft"]))[None], np.ones(TIME.size))
+
+
+class InSegments(Evidence):
+    """With segments of the record, for score tests."""
+
+    def segments(self):
+        return np.arange(self.measured.size) // 40
+
+
+def test_a_pair_that_is_far_from_linear_is_not_fitted():
+    """With `soft` any pair is predicted to explain all; simulated where its fit would begin, it explains little."""
+    measured = straight(TRUE) + HIDDEN + np.random.default_rng(0).standard_normal(TIME.size)
+    fitter = Fitter(InProcess(simulate), InSegments(measured), Space(WINDOWS), MODEL)
+    seen = {"record": Seen(straight(START)[None], np.ones(TIME.size))}
+    null = fitter.fit(Point(START, (), seen))
+    suspects, _ = screened(fitter, null, CANDIDATES, 0)
+    assert max(suspects, key=lambda s: s.predicted_reduction).name == "soft"
+    fitted, fit = [], fitter.fit
+
+    def noted(start, candidates=(), sizes=None, **options):
+        fitted.append({candidate.name for candidate in candidates})
+        return fit(start, candidates, sizes, **options)
+
+    fitter.fit = noted
+    causes, final = best_pair(fitter, null, (), null, suspects)
+    assert {cause.name for cause, _ in causes} == {"wave", "dip"}
+    assert [final.value("wave"), final.value("dip")] == pytest.approx([40.0, 25.0], abs=1.0)
+    assert {"wave", "dip"} in fitted
+    assert not any("soft" in pair for pair in fitted)
