@@ -14,7 +14,7 @@ from calib.errors import CalibError, nearest
 from calib.excitation import Excitation
 from calib.laws import PLAIN, SLOTS, BoundLaw
 from calib.parameter import Parameter
-from calib.record import OK
+from calib.record import INTERVAL, OK
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +31,7 @@ class Request:
         rest
     near : whether the initial state lies near the stationary motion that is sought: a simulator may then go there by a
         shorter way than by waiting, and keep no longer section than the periods recorded
+    interval : between the samples of the instruments [s], which some sensors show; None is that of the record
     step_budget : steps after which the run ends with status "step budget"; steps, not seconds, so that the same values
         always give the same record
     """
@@ -41,6 +42,7 @@ class Request:
     settle: int | None = None
     initial_state: np.ndarray | None = None
     near: bool = False
+    interval: float | None = None
     step_budget: int = 50_000_000
 
 
@@ -186,7 +188,8 @@ class Model:
         if record.attrs["status"] == OK:
             for effect in self._acting(values):
                 if effect.site == "sensor":
-                    record = effect.sense(record, values)
+                    record = effect.sense(record.assign_attrs({INTERVAL: request.interval}), values)
+            record.attrs.pop(INTERVAL, None)
         stated = {name: value if math.isfinite(value) else None for name, value in values.items()}
         return record.assign_attrs(model=self.name, values=json.dumps(stated))
 

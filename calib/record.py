@@ -15,6 +15,7 @@ CHANNELS = {"displacement": "m", "velocity": "m/s", "force": "N"}  # the usual o
 STATE = ("displacement", "velocity")  # what a phase curve and a section are made of
 SECTION = 64  # periods that the section of a simulated record holds, at least
 OK = "ok"
+INTERVAL = "recorded_interval"  # attribute: between the samples of the instruments that see a simulated motion [s]
 
 
 def make(
@@ -82,12 +83,18 @@ def stated_period(record: xr.Dataset) -> float | None:
     return 1.0 / float(frequency) if frequency else None
 
 
+def mean_interval(record: xr.Dataset) -> float | None:
+    """Mean interval between the samples [s], None of a single one."""
+    time = record.time.values
+    return float(time[-1] - time[0]) / (time.size - 1) if time.size > 1 else None
+
+
 def fills_periods(record: xr.Dataset) -> bool:
     """Whether the samples fill whole periods of the excitation, so that the first one follows upon the last."""
-    period, time = stated_period(record), record.time.values
-    if period is None or time.size < 2:
+    period, interval = stated_period(record), mean_interval(record)
+    if period is None or interval is None:
         return False
-    cycles = time.size * (time[-1] - time[0]) / (time.size - 1) / period
+    cycles = record.time.size * interval / period
     return round(cycles) >= 1 and abs(cycles - round(cycles)) < 1e-6
 
 

@@ -1,28 +1,34 @@
 """A velocity that was made from displacements by differences."""
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 
 from calib.effect import Effect
 from calib.laws import sensor
 from calib.parameter import Parameter
-from calib.record import fills_periods
+from calib.record import INTERVAL, fills_periods, mean_interval
 
 
 @sensor
 def differenced(record, p):
     """Return the record with a share of its velocity replaced by backward differences of the displacement.
 
-    A stationary motion that fills whole periods goes on before its first sample as it ended; any other record has there
-    the difference that the next two make when they go on in a straight line.
+    Where a stationary motion fills whole periods, the interval is that of the instruments, and the displacement between
+    the samples the cubic that has its values and velocities. Any other record has its own interval, and first the
+    difference that the next two make when they go on in a straight line.
     """
     if "velocity" not in record or "displacement" not in record:
         return record
     time, x, v = record.time.values, record["displacement"].values, record["velocity"].values
-    slope = np.empty_like(v)
-    slope[:, 1:] = np.diff(x, axis=1) / np.diff(time)
-    slope[:, 0] = 2.0 * slope[:, 1] - slope[:, 2]
     if fills_periods(record):
-        slope[:, 0] = (x[:, 0] - x[:, -1]) * (time.size - 1) / (time[-1] - time[0])
+        interval, length = record.attrs.get(INTERVAL) or mean_interval(record), time.size * mean_interval(record)
+        closed = [np.append(channel, channel[:, :1], axis=1) for channel in (x, v)]
+        course = CubicHermiteSpline(np.append(time, time[0] + length), *closed, axis=1)
+        slope = (x - course(time[0] + (time - time[0] - interval) % length)) / interval
+    else:
+        slope = np.empty_like(v)
+        slope[:, 1:] = np.diff(x, axis=1) / np.diff(time)
+        slope[:, 0] = 2.0 * slope[:, 1] - slope[:, 2]
     return record.assign(velocity=record["velocity"].copy(data=v + p["differencing"] * (slope - v)))
 
 

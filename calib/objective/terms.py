@@ -1,7 +1,7 @@
 """What is compared with what, and how the answer is given."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, Protocol, get_args
 
 import numpy as np
@@ -10,7 +10,7 @@ import xarray as xr
 from calib.errors import CalibError, nearest
 from calib.excitation import Excitation
 from calib.model import Request
-from calib.record import OK, STATE, check
+from calib.record import OK, STATE, check, mean_interval
 
 Use = Literal["calibrate", "name", "holdout"]
 USES = get_args(Use)
@@ -63,7 +63,7 @@ class Reference:
         phase curve, x + k y) are solved in closed form; "initial_state" (the simulator's parameters `initial`) by
         Gauss-Newton steps, where the record begins with the motion
     excitation : None reads it from the record
-    request : what to compute for the comparison
+    request : what to compute for the comparison; its interval, where it states none, is that of the record
     """
 
     name: str
@@ -79,6 +79,8 @@ class Reference:
             raise CalibError(f"{self.name}: use is one of {', '.join(USES)}, got {self.use!r}{nearest(self.use, USES)}")
         if self.excitation is None:
             object.__setattr__(self, "excitation", Excitation.of(self.record))
+        if self.request.interval is None:
+            object.__setattr__(self, "request", replace(self.request, interval=mean_interval(self.record)))
         object.__setattr__(self, "nuisance", tuple(self.nuisance))
         for nuisance in self.nuisance:
             self._check_nuisance(nuisance)

@@ -230,6 +230,19 @@ def test_differences_of_any_other_record_begin_as_straight_as_they_go_on():
     assert found.velocity.values[:, 0] == pytest.approx(2.0 * slope[:, 0] - slope[:, 1])
 
 
+@pytest.mark.parametrize("per_period", [40, 150, 400, 731.3])
+def test_differences_are_of_the_samples_of_the_instruments_however_finely_a_motion_is_simulated(per_period):
+    """What a differenced harmonic is: sin(a) / a of itself, and late by a, half a sample in radians."""
+    frequency, half = EffectSuite.excitation.frequency, np.pi / per_period
+    model = Model(Fixed(), (EFFECTS["velocity_differencing"],))
+    request = Request(periods=1, samples=400, interval=1.0 / (per_period * frequency))
+    amplitudes = [
+        np.fft.rfft(model.run({"differencing": share}, EffectSuite.excitation, request).velocity.values[0])[1]
+        for share in (0.0, 1.0)
+    ]
+    assert amplitudes[1] / amplitudes[0] == pytest.approx(np.sin(half) / half * np.exp(-1j * half), rel=1e-6)
+
+
 def test_the_low_pass_lags_and_weakens_a_harmonic_as_its_formula_has_it():
     w, tau = 2.0 * np.pi * EffectSuite.excitation.frequency, 3e-3
     found, plain = seen("velocity_lowpass", periods=8, samples=400, lowpass=tau)
