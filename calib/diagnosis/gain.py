@@ -372,7 +372,7 @@ def _columns(
     shared, columns_by_record = fitter.directions(final.point, final.candidates) if known is None else [], {}
     for name in evidence.names:
         directions = [*shared, *_fixed_alone(fitter, final, name)]
-        own = slopes(pool, evidence.only([name]), final.point, directions, fitter.steps, compared=False)
+        own = slopes(pool, evidence.only([name]), final.point, directions, fitter.steps, "none")
         columns = [slope.column for slope in own]
         if all(column is not None for column in columns):
             first = [] if known is None else [known[evidence.of(name)]]

@@ -15,7 +15,7 @@ from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.effort import Effort
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.score import Projection, Signature
-from calib.diagnosis.signature import Direction, Point, Slope, slopes
+from calib.diagnosis.signature import Direction, Point, Slope, Step, slopes
 from calib.model import Model
 from calib.objective import INITIAL_STATE
 from calib.parameter import Parameter, Space
@@ -171,7 +171,7 @@ class Fitter:
     def __init__(self, pool: Pool, evidence: Evidence, space: Space, model: Model):
         self.effort = pool if isinstance(pool, Effort) else Effort(pool)
         self.evidence, self.space, self.model = evidence, space, model
-        self.steps: dict[str, float] = {}  # of the differences, as they were right last
+        self.steps: dict[str, Step] = {}  # of the differences, as they were right last
 
     def fit(
         self,
@@ -245,8 +245,10 @@ class Fitter:
         """Return the fit with the derivatives at its own point."""
         fit = self._with_initial_slopes(fit)
         directions = self.directions(fit.point, fit.candidates)
-        taken = slopes(self.effort, self.evidence, fit.point, directions, self.steps, compared=False)
-        self.steps |= {d.name: abs(s.step) for d, s in zip(directions, taken, strict=True) if s.step}
+        taken = slopes(
+            self.effort, self.evidence, fit.point, directions, self.steps, "new", fit.nuisances, together=True
+        )
+        self.steps |= {d.name: s.taken for d, s in zip(directions, taken, strict=True) if s.taken}
         none = np.zeros(fit.residual.size)
         columns = [none if s.column is None else s.column for s in taken]
         return replace(
@@ -372,8 +374,8 @@ class Fitter:
         ]
         return searched + [d for candidate in candidates for d in _own(point, candidate)]
 
-    def candidate_slopes(self, point: Point, candidates: Sequence[Candidate]) -> list[list[Slope]]:
-        """Slopes of each candidate's parameters at null, all side by side."""
+    def candidate_slopes(self, base: Fit, candidates: Sequence[Candidate]) -> list[list[Slope]]:
+        """Slopes of each candidate's parameters at null beside a model, all side by side."""
         directions, owner = [], []
         for index, candidate in enumerate(candidates):
             for p in candidate.parameters:
@@ -383,7 +385,8 @@ class Fitter:
                     )
                 )
                 owner.append(index)
-        taken = slopes(self.effort, self.evidence, point, directions)
+        taken = slopes(self.effort, self.evidence, base.point, directions, absorbed=base.projection.basis)
+        self.steps |= {d.name: s.taken for d, s in zip(directions, taken, strict=True) if s.reliable and s.taken}
         return [[slope for slope, o in zip(taken, owner, strict=True) if o == k] for k in range(len(candidates))]
 
 

@@ -66,7 +66,7 @@ def _derivatives(
     new = [c for c in candidates if not c.effect.rough and id(c) not in known]
     reasons = {id(c): NO_DERIVATIVE for c in candidates if c.effect.rough}
     derivatives = {id(c): known[id(c)] for c in candidates if id(c) in known}
-    for candidate, slopes in zip(new, fitter.candidate_slopes(base.point, new), strict=True):
+    for candidate, slopes in zip(new, fitter.candidate_slopes(base, new), strict=True):
         key, reason = id(candidate), _unreliable(slopes)
         if all(slope.column is not None for slope in slopes):
             columns = np.column_stack([slope.column for slope in slopes])

@@ -2,16 +2,19 @@
 
 A step is chosen so that it moves all records together by a share of one standard deviation of the noise, as a z of that
 size would: that is where the effect has to be distinguishable from nothing. Where a step and its triple disagree by
-more than a tenth, no derivative is claimed.
+more than a tenth, the simulations may be rough, as those of contact in steps of time are: triple steps are tried as
+long as slopes agree better. Where none agree within a tenth, no derivative is claimed.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from calib.diagnosis.bench import Run, Seen, Start, simulated
 from calib.diagnosis.evidence import Evidence
+from calib.diagnosis.score import Projection
 from calib.effect import Effect
 from calib.study import Pool
 
@@ -22,6 +25,7 @@ SECOND_STEP_RATIO = 3.0  # of the second step over the first
 MAX_SLOPE_DIFFERENCE = 0.10  # of the slopes by both steps, relative
 MIN_RESPONSE = 1e-4  # below it a response is rounding  [standard deviations of the noise]
 MAX_TRIES = 3  # steps until the response is near its target
+MAX_COMPARISONS = 5  # of the slope by a step with that by its triple
 STEP_BOUNDS = 1e-9, 0.3  # of the natural scale
 
 
@@ -76,6 +80,14 @@ class Slope:
     reason: str = ""
     relative_error: float = 0.0
 
+    @property
+    def taken(self) -> "Step | None":
+        """Return the step that it was taken with, and its response; None where there is none to take again."""
+        if self.column is None or not self.step:
+            return None
+        response = abs(self.step) * float(np.linalg.norm(self.column))
+        return Step(abs(self.step), response) if response > MIN_RESPONSE else None
+
 
 @dataclass(frozen=True, eq=False)
 class Point:
@@ -112,13 +124,23 @@ class Point:
         ]
 
 
+@dataclass(frozen=True)
+class Step:
+    """A step that was right: its size [unit of the parameter], and the norm of the response [standard deviations]."""
+
+    size: float
+    response: float
+
+
 def slopes(
     pool: Pool,
     evidence: Evidence,
     point: Point,
     directions: Sequence[Direction],
-    known: Mapping[str, float] | None = None,
-    compared: bool = True,
+    known: Mapping[str, Step] | None = None,
+    compared: Literal["all", "new", "none"] = "all",
+    absorbed: np.ndarray | None = None,
+    together: bool = False,
 ) -> list[Slope]:
     """Difference all records along each direction, side by side.
 
@@ -127,21 +149,22 @@ def slopes(
 
     Parameters
     ----------
-    known : steps by parameter that were right before  [unit of the parameter]
-    compared : whether a second step is taken to see that both agree
+    known : steps by parameter that were right before
+    compared : of which directions further steps are taken to see that slopes agree; "new": of those not known
+    absorbed : (N, m) changes that are fitted to the records anyway: slopes are to agree beside these
+    together : whether the directions are of one model, where each is fitted beside the others
     """
+    known = known or {}
     responses = _Responses(pool, evidence, point, directions)
-    first = _first_responses(responses, directions, known or {})
-    missing = [Slope(None, 0.0, False, responses.reasons.get(k, "no step")) for k in range(len(directions))]
-    if not compared:
-        single = {k: Slope(response / step, step, True) for k, (step, response) in first.items()}
-        return [single.get(k, slope) for k, slope in enumerate(missing)]
-    steps = {k: directions[k].step(SECOND_STEP_RATIO * abs(step)) for k, (step, _) in first.items()}
-    second = responses(steps)
-    return [
-        _compared(first[k], steps[k], second[k], responses.reasons.get(k, "")) if k in first else missing[k]
-        for k in range(len(directions))
-    ]
+    first = _first_responses(responses, directions, known)
+    found = {k: Slope(response / step, step, True) for k, (step, response) in first.items()}
+    tried = {k: own for k, own in first.items() if compared == "all" or directions[k].name not in known}
+    if tried and compared != "none":
+        beside = {k: [s.column for j, s in found.items() if together and j != k] for k in tried}
+        fixed = [] if absorbed is None else [absorbed]
+        projections = {k: Projection(np.column_stack([*fixed, *own])) for k, own in beside.items() if fixed or own}
+        found |= _agreeing(responses, tried, projections)
+    return [found.get(k, Slope(None, 0.0, False, responses.reasons.get(k, "no step"))) for k in range(len(directions))]
 
 
 class _Responses:
@@ -173,10 +196,11 @@ class _Responses:
 
 
 def _first_responses(
-    responses: _Responses, directions: Sequence[Direction], known: Mapping[str, float]
+    responses: _Responses, directions: Sequence[Direction], known: Mapping[str, Step]
 ) -> dict[int, tuple[float, np.ndarray]]:
     """Step along each direction whose response is near its target, as far as that can be, and the response (N,)."""
-    sizes = {k: abs(known.get(d.name, FIRST_STEP * d.scale)) for k, d in enumerate(directions)}
+    usual = {k: known.get(d.name, Step(FIRST_STEP * d.scale, TARGET_RESPONSE)) for k, d in enumerate(directions)}
+    sizes = {k: step.size for k, step in usual.items()}
     first: dict[int, tuple[float, np.ndarray]] = {}
     waiting = set(sizes)
     for _ in range(MAX_TRIES):
@@ -188,15 +212,50 @@ def _first_responses(
             first[k] = steps[k], response
             length = float(np.linalg.norm(response))
             smallest, largest = np.array(STEP_BOUNDS) * directions[k].scale
-            near = length > MIN_RESPONSE and 1.0 / MAX_RESPONSE_RATIO < length / TARGET_RESPONSE < MAX_RESPONSE_RATIO
-            if near or (sizes[k] >= largest and length < TARGET_RESPONSE):
+            target = usual[k].response
+            near = length > MIN_RESPONSE and 1.0 / MAX_RESPONSE_RATIO < length / target < MAX_RESPONSE_RATIO
+            if near or (sizes[k] >= largest and length < target):
                 waiting.discard(k)
             else:
-                ideal = sizes[k] * TARGET_RESPONSE / max(length, MIN_RESPONSE)
+                ideal = sizes[k] * target / max(length, MIN_RESPONSE)
                 sizes[k] = float(np.clip(ideal, smallest, largest))
         if not waiting:
             break
     return first
+
+
+def _agreeing(
+    responses: _Responses, first: Mapping[int, tuple[float, np.ndarray]], projections: Mapping[int, Projection]
+) -> dict[int, Slope]:
+    """Slopes by steps (step, response) along directions, or by larger ones that agree better with their triples.
+
+    projections : of directions beside others, where they are to agree; a slope is relied on for what it is as a whole
+    """
+    found: dict[int, Slope] = {}
+    least: dict[int, float] = {}
+    now = dict(first)
+    for _ in range(MAX_COMPARISONS):
+        steps = {k: responses.directions[k].step(SECOND_STEP_RATIO * abs(step)) for k, (step, _) in now.items()}
+        second, further = responses(steps), {}
+        for k, own in now.items():
+            slope = _compared(own, steps[k], second[k], responses.reasons.get(k, ""))
+            comparable = second[k] is not None and abs(steps[k]) > abs(own[0])
+            left = projections.get(k, lambda column: column)
+            error = _difference(left(own[1] / own[0]), left(second[k] / steps[k])) if comparable else np.inf
+            if k not in found or error < least[k]:
+                found[k], least[k] = slope, error
+                if MAX_SLOPE_DIFFERENCE < error < np.inf:
+                    further[k] = steps[k], second[k]
+        now = further
+        if not now:
+            break
+    return found
+
+
+def _difference(one: np.ndarray, other: np.ndarray) -> float:
+    """Norm of the difference of two slopes over the larger of theirs; 0 where both are."""
+    length = max(np.linalg.norm(one), np.linalg.norm(other))
+    return float(np.linalg.norm(other - one) / length) if length > 0.0 else 0.0
 
 
 def _compared(first: tuple[float, np.ndarray], step: float, second: np.ndarray | None, reason: str) -> Slope:
@@ -207,8 +266,7 @@ def _compared(first: tuple[float, np.ndarray], step: float, second: np.ndarray |
         return Slope(np.zeros_like(slope), first_step, True, "it does not show in any record")
     if second is None or abs(step) <= abs(first_step):
         return Slope(slope, first_step, False, reason or "there is no room for a second step")
-    other = second / step
-    difference = np.linalg.norm(other - slope) / max(np.linalg.norm(slope), np.linalg.norm(other))
+    difference = _difference(slope, second / step)
     if difference > MAX_SLOPE_DIFFERENCE:
         return Slope(slope, first_step, False, f"two steps give slopes that differ by {difference:.0%}", difference)
     return Slope(slope, first_step, True, relative_error=difference)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calib.diagnosis.signature import Direction, slopes
+from calib.diagnosis.signature import Direction, Step, slopes
 
 
 class Shown:
@@ -56,7 +56,7 @@ def test_a_step_across_both_bounds_ends_at_the_farther(at, step):
 
 def test_a_parameter_without_say_in_a_narrow_window_has_no_slope_but_a_number():
     direction = Direction("x", 0.0, 1000.0, -1.0, 1.0)
-    [slope] = slopes(Line(0.0), Numbers(), Here(), [direction], compared=False)
+    [slope] = slopes(Line(0.0), Numbers(), Here(), [direction], compared="none")
     assert np.isfinite(slope.column).all()
 
 
@@ -65,3 +65,67 @@ def test_a_slope_without_room_for_a_second_step_is_not_relied_on():
     [slope] = slopes(Line(0.01), Numbers(), Here(), [direction])
     assert not slope.reliable
     assert slope.reason == "there is no room for a second step"
+
+
+class Rough(Line):
+    """A straight line, in steps as high as the noise times `height`."""
+
+    def __init__(self, rate, height):
+        super().__init__(rate)
+        self.height = height
+
+    def map(self, payloads):
+        payloads = list(payloads)
+        return enumerate(
+            Shown(self.rate * x["x"] + self.height * np.sin(40.0 * self.rate * x["x"])) for x in payloads
+        )
+
+
+@pytest.mark.parametrize("compared", ["all", "new"])
+def test_a_rough_simulation_has_the_slope_of_steps_that_are_large_beside_its_roughness(compared):
+    direction = Direction("x", 0.0, 1.0, -np.inf, np.inf)
+    [slope] = slopes(Rough(2.0, 0.1), Numbers(), Here(), [direction], compared=compared)
+    assert slope.reliable
+    assert slope.column == pytest.approx([2.0, 2.0], rel=0.15)
+    assert np.linalg.norm(slope.column * slope.step) > 0.5  # standard deviations of the noise
+
+
+def test_what_bends_has_no_slope_at_larger_steps_either():
+    class Bent(Line):
+        def map(self, payloads):
+            return enumerate(Shown(self.rate * values["x"] * abs(values["x"]) ** 0.5) for values in payloads)
+
+    direction = Direction("x", 0.0, 1.0, -np.inf, np.inf)
+    [slope] = slopes(Bent(2.0), Numbers(), Here(), [direction])
+    assert not slope.reliable
+    assert "two steps give slopes that differ by 42%" in slope.reason
+
+
+def test_a_step_that_was_right_before_is_not_compared_again():
+    direction = Direction("x", 0.0, 1.0, -np.inf, np.inf)
+    [slope] = slopes(Rough(2.0, 0.1), Numbers(), Here(), [direction], {"x": Step(0.4, 1.1)}, compared="new")
+    assert slope.step == 0.4
+
+
+def test_slopes_agree_beside_what_else_is_fitted():
+    """A parameter that is like another but for a fifth of its response needs a step five times as large."""
+
+    class Two(Rough):
+        def map(self, payloads):
+            whole = [np.array([1.0, 0.2]) * self.rate * values["x"] for values in payloads]
+            return enumerate(Shown(rows + [0.0, self.height * np.sin(7e3 * rows[1])]) for rows in whole)
+
+    class Rows(Numbers):
+        def difference(self, one, other):
+            return other["one"].value - one["one"].value
+
+    class There(Here):
+        simulated = {"one": Shown(np.zeros(2))}
+
+    direction, beside = Direction("x", 0.0, 1.0, -np.inf, np.inf), np.array([[1.0], [0.0]])
+    [alone] = slopes(Two(2.0, 0.03), Rows(), There(), [direction])
+    [along] = slopes(Two(2.0, 0.03), Rows(), There(), [direction], absorbed=beside)
+    assert alone.reliable
+    assert along.reliable
+    assert abs(along.step) > 2.0 * abs(alone.step)
+    assert along.column[1] == pytest.approx(0.4, rel=0.1)

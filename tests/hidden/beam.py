@@ -5,6 +5,7 @@ a layer of another thickness.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -14,6 +15,7 @@ from scipy.interpolate import CubicHermiteSpline
 from short_beam import VALUES
 
 from calib import plugins
+from calib.effect import Effect
 from calib.excitation import Excitation
 from calib.model import Model, Request
 from calib.record import OK
@@ -58,7 +60,7 @@ class Beam(System):
     def moved(self, plan: Plan, values: Mapping[str, float], hidden: Mapping[str, float], state=None) -> Motion:
         """Motion of the beam at these values, in all its elements where `full` is hidden, else in its modes."""
         values = self.restructured(values, hidden)
-        effects = [plugins.load("calib.effects", name) for name in LAWS]
+        effects = [_on_the_layer(plugins.load("calib.effects", name)) for name in LAWS]
         acting = [one for one in effects if {p.name for p in one.parameters} & set(hidden)]
         own = {p.name: p.nominal for one in acting for p in one.parameters}
         own |= {name: value for name, value in hidden.items() if name in own}
@@ -78,6 +80,11 @@ class Beam(System):
 
         impacts = record.impact_time.values if "impact_time" in record else np.zeros(0)
         return Motion(look, np.sort(impacts % period), np.zeros(0), np.zeros(0))
+
+
+def _on_the_layer(effect: Effect) -> Effect:
+    """Return an effect of a force as a diagnosis seeks it: on the layer alone, not on the beam below it."""
+    return replace(effect, bodies=("layer",)) if effect.site == "force" else effect
 
 
 def _gap(values: Mapping[str, float], hidden: Mapping[str, float]) -> tuple[float, ...]:

@@ -16,6 +16,8 @@ from hidden.seeker import seek
 from scipy.stats import binomtest
 
 from calib.diagnosis.diagnose import Diagnosis
+from calib.diagnosis.excess import excess_chi2
+from calib.diagnosis.suspect import Refitted
 
 KINDS = ("none", "one", "two", "absent", "remainder", "remainder_only")
 EMPTY = ("none", "remainder_only")  # kinds without an effect of the library
@@ -32,6 +34,7 @@ FOUND = ("named", "one_of", "unexplained")
 CLEAR = 0.9  # |cos| after calibration above which two effects are not to be told apart
 UNLIKE = 0.7  # |cos| below which no other effect explains half of what one does; naming asks for two thirds
 SURE = 1.96  # standard errors on each side of a 95 % interval
+CLEARLY = 3.0  # chi-square that an effect explains, over what remains, from which it has to be found
 OFF = 3.0  # standard errors by which a size may be off
 
 Case = dict[str, object]
@@ -85,6 +88,7 @@ def played(case: Case) -> Case:
         "remainder": hidden.remainder, "laboratory": hidden.laboratory, "drift_z": seen, "nearest": nearest,
         "verdict": found.verdict, "said": found.summary, "causes": list(found.causes),
         "class": [list(names) for names in found.classes], "sizes": _sizes(found, effects, hidden.values),
+        "over": _over_what_remains(found, effects) if case["kind"] == "remainder" else None,
         "seconds": time.monotonic() - begin,
     }  # fmt: skip
 
@@ -131,6 +135,17 @@ def _nearest(at: Bench, effect: str) -> list | None:
         return None
     row[effects.index(effect)] = 0.0
     return [effects[int(row.argmax())], float(row.max())]
+
+
+def _over_what_remains(found: Diagnosis, effects: tuple[str, ...]) -> float | None:
+    """Chi-square that a hidden effect explains to the seeker, over the excess beside it; None where it was not fitted."""
+    if found.selection is None or len(effects) != 1:
+        return None
+    suspects = [s for s in found.selection.rounds[0].suspects if s.name == effects[0] and isinstance(s, Refitted)]
+    if not suspects:
+        return None
+    best = max(suspects, key=lambda s: s.chi2_reduction)
+    return best.chi2_reduction / max(1.0, excess_chi2(found.evidence, best.fit))
 
 
 def _sizes(found: Diagnosis, effects: tuple[str, ...], values: Mapping[str, float]) -> dict[str, list[float]]:
@@ -211,6 +226,9 @@ def _told(kind: str, rows: list[Case]) -> list[str]:
             f"{share(wrong, whole)}; {no_diagnosis}",
             *([f"like no other: unexplained {share(unlike.count('unexplained'), len(unlike))}"] if unlike else []),
         ]
+    hidden_by_it = [row for row in rows if (row.get("over") or CLEARLY) < CLEARLY]
+    rows = [row for row in rows if row not in hidden_by_it]
+    whole, verdict = len(rows), [row["verdict"] for row in rows]
     inside = sum(set(row["effect"]) in map(set, row["class"]) for row in rows)
     named = sum(set(row["causes"]) == set(row["effect"]) for row in rows)
     other = sum(bool(row["class"]) and set(row["effect"]) not in map(set, row["class"]) for row in rows)
@@ -223,4 +241,7 @@ def _told(kind: str, rows: list[Case]) -> list[str]:
         f"{share(other, whole)}; {no_diagnosis}",
         f"sizes within {OFF:g} standard errors {share(sum(s <= OFF for s in sizes), len(sizes))}; "
         f"covered by their 95 % interval {share(sum(s <= SURE for s in sizes), len(sizes))}",
-    ]
+        *([f"without {len(hidden_by_it)} that explain less than {CLEARLY:g} times what remains, of which "
+           f"{sum(bool(r['class']) and set(r['effect']) not in map(set, r['class']) for r in hidden_by_it)} named "
+           "otherwise"] if hidden_by_it else []),
+    ]  # fmt: skip

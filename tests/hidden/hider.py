@@ -20,6 +20,7 @@ from hidden.system import Plan
 from calib.record import make, write
 
 FAR = 20.0  # of an outlier from its place, over the noise
+LEAST_OVER_REMAINDER = 3.0**0.5  # z of an effect over that of a remainder beside it: three times its chi-square
 SYSTEMS = {"four_dof": four_dof.system, "oscillator": oscillator.system, "delaminated_beam": beam.system}
 
 
@@ -116,13 +117,12 @@ def hide(
     kind, more = drawn_remainder(at, remainder, seed) if remainder else ("", {})
     if effects and more and over_remainder:
         strength = max(strength or 0.0, over_remainder * at.remainder_z(more))
-    values, z = {}, {}
-    for name in effects:
-        if name not in at.system.effects:
-            raise Refused(f"{at.system.name} has no site for {name!r}")
-        known = at.size_for(name, strength) if size is None else size
-        values |= at.hidden(name, known)
-        z[name] = np.nan if name == "outliers" else at.z_of(name, known)
+    values, z = _sized(at, effects, strength, size)
+    if effects and more and over_remainder:  # beside the effects it may be more than alone
+        seen = {name: value for name, value in values.items() if name not in CONVERTER}
+        beside = at.remainder_z(more, seen)
+        if min(z.values()) < LEAST_OVER_REMAINDER * beside:
+            raise Refused(f"beside {' and '.join(effects)} {kind!r} has z = {beside:.0f}")
     share = values.get("outlier_share", 0.0)
     acting = {name: value for name, value in (values | more).items() if name != "outlier_share"}
     folder = Path(folder)
@@ -140,6 +140,20 @@ def hide(
         write(_record(at, plan, rows, sigma if stated else None), folder / f"{plan.name}.nc")
     (folder / "study.toml").write_text(study(at))
     return Hidden(folder, values, z, {} if laboratory is None else laboratory.facts, kind, more)
+
+
+def _sized(
+    at: Bench, effects: tuple[str, ...], strength: float | None, size: float | None
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Parameters of the effects, SI, each of this strength or size; and the z of each."""
+    values, z = {}, {}
+    for name in effects:
+        if name not in at.system.effects:
+            raise Refused(f"{at.system.name} has no site for {name!r}")
+        known = at.size_for(name, strength) if size is None else size
+        values |= at.hidden(name, known)
+        z[name] = np.nan if name == "outliers" else at.z_of(name, known)
+    return values, z
 
 
 def _record(at: Bench, plan: Plan, rows: np.ndarray, sigma: np.ndarray | None):

@@ -228,9 +228,10 @@ class Bench:
         """
         return self._number(self._distance, effect, size)
 
-    def remainder_z(self, hidden: Mapping[str, float]) -> float:
-        """Length in the noise, beyond calibration, of what these hidden parameters [SI] change."""
-        return float(np.linalg.norm(self.beyond(self._between({"hidden": hidden}, {}))))
+    def remainder_z(self, hidden: Mapping[str, float], beside: Mapping[str, float] = {}) -> float:
+        """Length in the noise, beyond calibration, of what these hidden parameters [SI] change beside others."""
+        changed = self._between({"hidden": {**beside, **hidden}}, {"hidden": dict(beside)})
+        return float(np.linalg.norm(self.beyond(changed)))
 
     def drift_z(self, drift: float) -> float:
         """Length in the noise, beyond calibration, of what a share `drift` by which clocks are fast does."""
