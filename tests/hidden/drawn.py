@@ -138,7 +138,7 @@ def _nearest(at: Bench, effect: str) -> list | None:
 
 
 def _over_what_remains(found: Diagnosis, effects: tuple[str, ...]) -> float | None:
-    """Chi-square that a hidden effect explains to the seeker, over the excess beside it; None where it was not fitted."""
+    """Chi-square that a hidden effect explains to the seeker, over the excess beside it; None: it was not fitted."""
     if found.selection is None or len(effects) != 1:
         return None
     suspects = [s for s in found.selection.rounds[0].suspects if s.name == effects[0] and isinstance(s, Refitted)]
