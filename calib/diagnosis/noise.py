@@ -216,7 +216,7 @@ def from_cycles(
     taken = (np.zeros((residual.size, 0)), *slow)
     known = (_about_mean(residual, weight, measured, parameters, Projection(c * weight[:, None])) for c in taken)
     noise, free, _ = min(known, key=lambda one: one[2])
-    return noise if stated is None else _beside_stated(noise, stated, free)
+    return noise if stated is None else _beside_stated(noise, stated, free, CRITERIA.max_variance_ratio - 1.0)
 
 
 def _about_mean(
@@ -259,15 +259,19 @@ def _of_unit_innovations(
     return replace(noise, sigma=max(noise.sigma * math.sqrt(float(new @ new) / free), least))
 
 
-def _beside_stated(noise: Noise, stated: float, free: float) -> Noise:
+def _beside_stated(noise: Noise, stated: float, free: float, tolerated: float = 0.0) -> Noise:
     """Return noise that was estimated with so many degrees of freedom, of which the record states the level.
 
     A stated level is that of the noise as a whole. Where the noise has memory, what is new in each sample is judged by,
     and that the residual tells better: the level of a sample of such noise is off by chance, what is new in it hardly.
+    Many cycles tell the level better, too, than it is stated, and what comes on top of it, as by a clock that jitters.
+
+    tolerated : departure of the variance from the stated one, relative, by which a statement may be off  [1]
     """
     chance = CRITERIA.significance_std * noise.mean_square_std(free)
-    of_sample = noise.memory.size > 0 and abs((noise.sigma / stated) ** 2 - 1.0) < chance
-    return replace(noise, sigma=noise.sigma if of_sample else stated, source=STATED)
+    off = abs((noise.sigma / stated) ** 2 - 1.0)
+    own = max(chance, off) < tolerated or (noise.memory.size > 0 and off < chance)
+    return replace(noise, sigma=noise.sigma if own else stated, source=STATED)
 
 
 def from_residual(

@@ -6,6 +6,7 @@ from functools import cached_property
 from itertools import combinations
 
 import numpy as np
+from scipy import stats
 
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.criteria import CRITERIA
@@ -114,17 +115,13 @@ def best_pair(
     """
     about = _Linear.without_causes(null, causes, final)
     testable = [s for s in suspects if s.is_testable and s.signature_columns.any()]
-    signatures = {id(s): about.projection(s.derivatives) for s in testable}
-    predicted = []
-    for pair in combinations(testable, 2):
-        reduction = about.reduction(pair, [signatures[id(s)] for s in pair]) - sum(s.aic_penalty for s in pair)
-        if pair[0].name != pair[1].name and reduction > 0.0:
-            predicted.append((reduction, pair))
+    by_candidate = {id(s.candidate): s for s in testable}
+    predicted = about.pairs([s.candidate for s in testable], [s.derivatives for s in testable])
     best, attained = None, np.inf
-    for reduction, pair in sorted(predicted, key=lambda found: -found[0])[: CRITERIA.max_pairs]:
+    for reduction, candidates in predicted[: CRITERIA.max_pairs]:
         if best is not None and fitter.effort.spent:
             break
-        candidates = [suspect.candidate for suspect in pair]
+        pair = [by_candidate[id(candidate)] for candidate in candidates]
         values, sizes = about.start(pair)
         start = replace(final.point, values=values)
         begun = fitter.simulated_at(start, candidates, sizes)
@@ -139,6 +136,26 @@ def best_pair(
         if pairs and (best is None or aic(pairs, fit) < aic(*best)):
             best, attained = (pairs, fit), fit.chi2
     return best and (best[0], fitter.with_derivatives(best[1]))
+
+
+def pair_shows(
+    null: Fit, causes: Sequence[Cause], final: Fit, candidates: Sequence[Candidate], known: KnownDerivatives
+) -> bool:
+    """Whether two other candidates are predicted to explain more than the causes do, by derivatives that are known.
+
+    By more than the best of so many pairs would by chance, at the confidence level (Bonferroni). What a cause that
+    stands for two leaves may be seen by a test of those two, though no sum of squares shows it.
+    """
+    about = _Linear.without_causes(null, causes, final)
+    taken = {cause.name for cause, _ in causes}
+    others = [c for c in candidates if c.name not in taken and id(c) in known and known[id(c)].columns.any()]
+    predicted = about.pairs(others, [known[id(c)].columns for c in others])
+    if not predicted:
+        return False
+    reduction, pair = predicted[0]
+    free = sum(len(candidate.free) for candidate in pair)
+    chance = stats.chi2.isf((1.0 - CRITERIA.confidence_level) / len(predicted), free)
+    return final.chi2 - (about.chi2 - reduction) > chance
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,8 +204,27 @@ class _Linear:
         """Chi-square that the model would leave without its causes."""
         return float(self._left @ self._left)
 
-    def reduction(self, pair: Sequence[Suspect], signatures: Sequence[np.ndarray]) -> float:
-        """Reduction of chi-square by suspects with these signatures (N, p); minus infinity where a sign is impossible.
+    def pairs(
+        self, candidates: Sequence[Candidate], derivatives: Sequence[np.ndarray]
+    ) -> list[tuple[float, tuple[Candidate, Candidate]]]:
+        """Reductions of chi-square by pairs of candidates (N, p) of other effects, the least criterion of Akaike first.
+
+        Without those of an impossible sign, and those that it does not favour.
+        """
+        signatures = [self.projection(columns) for columns in derivatives]
+        found = []
+        for (one, first), (other, second) in combinations(zip(candidates, signatures, strict=True), 2):
+            if one.name == other.name:
+                continue
+            reduction = self._reduction((one, other), (first, second))
+            criterion = 2.0 * (first.shape[1] + second.shape[1]) - reduction
+            if criterion < 0.0:
+                found.append((criterion, reduction, (one, other)))
+        found.sort(key=lambda pair: pair[0])
+        return [(reduction, pair) for _, reduction, pair in found]
+
+    def _reduction(self, pair: Sequence[Candidate], signatures: Sequence[np.ndarray]) -> float:
+        """Reduction of chi-square by candidates of these signatures (N, p); minus infinity for an impossible sign.
 
         signatures : derivatives without what calibration absorbs
         """
@@ -197,7 +233,7 @@ class _Linear:
         score = columns.T @ self._left
         theta = np.linalg.lstsq(columns.T @ columns, score, rcond=1e-6)[0]
         parts = np.split(theta, np.cumsum([own.shape[1] for own in signatures])[:-1])
-        possible = all((s.candidate.sign * part >= 0.0).all() for s, part in zip(pair, parts, strict=True))
+        possible = all((c.sign * part >= 0.0).all() for c, part in zip(pair, parts, strict=True))
         return float(score @ theta) if possible else -np.inf
 
     def start(self, pair: Sequence[Suspect]) -> tuple[dict[str, float], dict[str, float]]:

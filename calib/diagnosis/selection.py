@@ -23,7 +23,7 @@ from calib.diagnosis.noise import ORDER
 from calib.diagnosis.refit import Fit, Fitter
 from calib.diagnosis.rejection import extension, is_negligible, rejection
 from calib.diagnosis.remainder import remainder
-from calib.diagnosis.replacement import aic, best_pair, replaced, without_cause
+from calib.diagnosis.replacement import aic, best_pair, pair_shows, replaced, without_cause
 from calib.diagnosis.screening import Derivatives, KnownDerivatives, screened
 from calib.diagnosis.search import Round, chi2_of_a_rival, rival_suspects, search, simplest, with_those_behind
 from calib.diagnosis.suspect import Cause, Refitted, leading_variants
@@ -261,7 +261,7 @@ def select(
     """
     state = _forward(fitter, null, candidates, seed, on_stage)
     state = _looked_for_again(fitter, state, candidates, seed)
-    if _may_be_compromise(fitter, state) and not fitter.effort.spent:
+    if _may_be_compromise(fitter, state, candidates) and not fitter.effort.spent:
         on_stage("pairs")
         state = _with_best_pair(fitter, state, candidates, seed)
     return _selection(fitter, _through_elimination(fitter, state))
@@ -335,25 +335,29 @@ def _explains_more(
 ) -> bool:
     """Whether other causes explain more than those that they would replace, and not only a negligible part more.
 
-    Of what those leave they explain several times what they leave themselves, as a cause that is added has to.
+    Of what those leave they explain several times what they leave themselves, unless that is noise, as a cause that is
+    added has to.
     """
     reduction, remains = final.chi2 - other[1].chi2, excess_chi2(evidence, other[1])
     lower = aic(*other) < aic(causes, final) - CRITERIA.aic_tie
-    enough = reduction > CRITERIA.min_over_remainder * remains
+    noise = not significant(remains, chi2_std(evidence))
+    enough = noise or reduction > CRITERIA.min_over_remainder * remains
     return lower and enough and not is_negligible(evidence, null, final, reduction)
 
 
-def _may_be_compromise(fitter: Fitter, state: _Stepwise) -> bool:
+def _may_be_compromise(fitter: Fitter, state: _Stepwise, candidates: Sequence[Candidate]) -> bool:
     """Whether causes leave more than noise; without a cause, whether no misfit that dominates it is left.
 
     A sum of squares sees less than a score test: beside a cause, a suspect beyond the threshold that was rejected shows
-    it too. It may have been rejected because that cause stands for both. Where nothing is a cause, it may explain half.
+    it too, or a pair. It may have been rejected because that cause stands for both. Where nothing is a cause, it may
+    explain half.
     """
     excess, std = excess_chi2(fitter.evidence, state.final), chi2_std(fitter.evidence)
     rejected = state.rounds[-1].rejected
     shown = rejected is not None and rejected.name not in state.names
     if state.causes:
-        return shown or significant(excess, std)
+        known = pair_shows(state.null, state.causes, state.final, candidates, state.known)
+        return shown or significant(excess, std) or known
     return significant(excess, std) and not dominant(excess - (rejected.chi2_reduction if shown else 0.0), std)
 
 

@@ -148,8 +148,15 @@ def test_of_stated_noise_with_memory_what_is_new_is_judged_by_its_cycles():
     assert np.mean(whitened) == pytest.approx(1.0, abs=0.003)
     wrong = from_cycles(row, weight, row, 0, 1.0)  # stated as half of what it is
     assert (wrong.sigma, wrong.source) == (1.0, STATED)
-    white = series(np.zeros(0), 4000)
-    assert from_cycles(white, weight, white, 0, 2.05).sigma == 2.05
+
+
+@pytest.mark.parametrize(("samples", "stated", "own"), [(4000, 1.9, True), (4000, 1.5, False), (300, 1.9, False)])
+def test_many_cycles_tell_a_level_better_than_it_is_stated_unless_they_contradict_it(samples, stated, own):
+    """A clock that jitters adds to the noise of the channel, of which the record tells."""
+    row, weight = series(np.zeros(0), samples), np.ones(samples)
+    noise = from_cycles(row, weight, row, 0, stated)
+    assert noise.source == STATED
+    assert noise.sigma == (pytest.approx(np.sqrt(np.mean(row**2)), rel=1e-6) if own else stated)
 
 
 @pytest.mark.parametrize("memory", [[], [0.8], [1.3582, -0.6873]])

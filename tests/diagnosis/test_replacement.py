@@ -8,8 +8,9 @@ from straight_line import MODEL, START, TIME, TRUE, WINDOWS, Evidence, straight
 
 from calib.diagnosis.bench import Seen
 from calib.diagnosis.candidate import Candidate
+from calib.diagnosis.excess import significant
 from calib.diagnosis.refit import Fitter
-from calib.diagnosis.replacement import best_pair
+from calib.diagnosis.replacement import best_pair, pair_shows
 from calib.diagnosis.screening import screened
 from calib.diagnosis.signature import Point
 from calib.parameter import Parameter, Space
@@ -17,6 +18,8 @@ from calib.pool import InProcess
 
 WAVE, DIP = np.sin(3.0 * TIME), np.exp(-((TIME - 2.0) ** 2))
 HIDDEN = 40.0 * WAVE + 25.0 * DIP
+MIX = (HIDDEN + 0.7 * np.sin(40.0 * TIME)) / 40.0  # imitates both
+NAMES = ("wave", "dip", "soft", "step", "mix")
 
 
 def effect(name):
@@ -24,13 +27,14 @@ def effect(name):
     return SimpleNamespace(name=name, null={name: 0.0}, parameters=parameters, rough=False, guess=None)
 
 
-CANDIDATES = [Candidate(effect(name), (name,), {}, {name: 100.0}) for name in ("wave", "dip", "soft", "step")]
+CANDIDATES = [Candidate(effect(name), (name,), {}, {name: 100.0}) for name in NAMES[:4]]
 
 
 def simulate(run):
     """A line, with the effects beside it; `soft` begins like all that is hidden, and goes no further than 1 % of it."""
-    size = {name: run.values.get(name, 0.0) for name in ("wave", "dip", "soft", "step")}
-    rows = straight(run.values) + size["wave"] * WAVE + size["dip"] * DIP + size["step"] * (TIME > 1.0)
+    size = {name: run.values.get(name, 0.0) for name in NAMES}
+    rows = straight(run.values) + size["wave"] * WAVE + size["dip"] * DIP + size["mix"] * MIX
+    rows = rows + size["step"] * (TIME > 1.0)
     return Seen((rows + HIDDEN * 0.01 * np.tanh(size["soft"]))[None], np.ones(TIME.size))
 
 
@@ -61,3 +65,18 @@ def test_a_pair_that_is_far_from_linear_is_not_fitted():
     assert [final.value("wave"), final.value("dip")] == pytest.approx([40.0, 25.0], abs=1.0)
     assert {"wave", "dip"} in fitted
     assert not any("soft" in pair for pair in fitted)
+
+
+@pytest.mark.parametrize(("hidden", "shows"), [(HIDDEN, True), (40.0 * MIX, False)])
+def test_a_cause_that_imitates_two_is_seen_through_by_a_test_of_two_where_no_sum_of_squares_shows_it(hidden, shows):
+    measured = straight(TRUE) + hidden + np.random.default_rng(1).standard_normal(TIME.size)
+    fitter = Fitter(InProcess(simulate), InSegments(measured), Space(WINDOWS), MODEL)
+    seen = {"record": Seen(straight(START)[None], np.ones(TIME.size))}
+    null, mix, known = fitter.fit(Point(START, (), seen)), Candidate(effect("mix"), ("mix",), {}, {"mix": 100.0}), {}
+    suspects, _ = screened(fitter, null, [mix, *CANDIDATES], 0, known)
+    final = fitter.with_derivatives(fitter.fit(null.point, [mix], {"mix": 40.0}))
+    assert not significant(final.chi2 - TIME.size, np.sqrt(2.0 * TIME.size))
+    [own] = [suspect for suspect in suspects if suspect.name == "mix"]
+    cause = own.refitted(final, null.chi2 - final.chi2)
+    known = {key: value for key, value in known.items() if key != id(CANDIDATES[2])}  # `soft` is all that is hidden
+    assert pair_shows(null, [(cause, (cause,))], final, [mix, *CANDIDATES], known) == shows
