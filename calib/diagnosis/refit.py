@@ -386,7 +386,6 @@ class Fitter:
                 )
                 owner.append(index)
         taken = slopes(self.effort, self.evidence, base.point, directions, absorbed=base.projection.basis)
-        self.steps |= {d.name: s.taken for d, s in zip(directions, taken, strict=True) if s.reliable and s.taken}
         return [[slope for slope, o in zip(taken, owner, strict=True) if o == k] for k in range(len(candidates))]
 
 

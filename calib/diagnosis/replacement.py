@@ -17,6 +17,8 @@ from calib.diagnosis.screening import KnownDerivatives
 from calib.diagnosis.search import Round, search
 from calib.diagnosis.suspect import Cause, Refitted, Suspect
 
+SAME_REDUCTION = 1e-6  # relative difference of the reductions of chi-square by pairs that act alike
+
 
 def replaced(
     fitter: Fitter,
@@ -105,8 +107,8 @@ def best_pair(
     """The two other causes of the least AIC beside the calibrated model, fitted; None where there are no two.
 
     Those pairs are fitted of which the least is predicted, linearly about the model so far: its motion is nearer to the
-    measured one than that of the calibrated model, and so is that of any pair that explains as much. A pair
-    that reduces chi-square by far less than predicted is far from linear, and is not fitted.
+    measured one than that of the calibrated model, and so is that of any pair that explains as much. Of pairs that act
+    alike beside a common member one is fitted.
 
     Parameters
     ----------
@@ -117,17 +119,16 @@ def best_pair(
     testable = [s for s in suspects if s.is_testable and s.signature_columns.any()]
     by_candidate = {id(s.candidate): s for s in testable}
     predicted = about.pairs([s.candidate for s in testable], [s.derivatives for s in testable])
-    best, attained = None, np.inf
+    best, attained, tried = None, np.inf, []
     for reduction, candidates in predicted[: CRITERIA.max_pairs]:
         if best is not None and fitter.effort.spent:
             break
+        if any(abs(reduction - other) < SAME_REDUCTION * other and set(candidates) & both for other, both in tried):
+            continue
+        tried.append((reduction, set(candidates)))
         pair = [by_candidate[id(candidate)] for candidate in candidates]
         values, sizes = about.start(pair)
-        start = replace(final.point, values=values)
-        begun = fitter.simulated_at(start, candidates, sizes)
-        if begun is not None and about.chi2 - begun.chi2 < CRITERIA.min_gain_ratio * reduction:
-            continue
-        fit = fitter.fit(start, candidates, sizes, rival=attained)
+        fit = fitter.fit(replace(final.point, values=values), candidates, sizes, rival=attained)
         if not fit.names:
             absent = {name: size for candidate in candidates for name, size in candidate.absent().items()}
             fit = fitter.fit(null.point, candidates, absent, rival=attained)

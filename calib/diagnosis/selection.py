@@ -333,7 +333,7 @@ def _any_rejected(fitter: Fitter, null: Fit, causes: Sequence[Refitted], final: 
 def _explains_more(
     evidence: Evidence, null: Fit, causes: Sequence[Cause], final: Fit, other: tuple[Sequence[Cause], Fit]
 ) -> bool:
-    """Whether other causes explain more than those that they would replace, and not only a negligible part more.
+    """Whether other causes explain more than those that they would replace; if they are more, no negligible part more.
 
     Of what those leave they explain several times what they leave themselves, unless that is noise, as a cause that is
     added has to.
@@ -342,7 +342,8 @@ def _explains_more(
     lower = aic(*other) < aic(causes, final) - CRITERIA.aic_tie
     noise = not significant(remains, chi2_std(evidence))
     enough = noise or reduction > CRITERIA.min_over_remainder * remains
-    return lower and enough and not is_negligible(evidence, null, final, reduction)
+    worth = len(other[0]) <= len(causes) or not is_negligible(evidence, null, final, reduction)
+    return lower and enough and worth
 
 
 def _may_be_compromise(fitter: Fitter, state: _Stepwise, candidates: Sequence[Candidate]) -> bool:

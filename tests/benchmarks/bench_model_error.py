@@ -6,8 +6,8 @@
 Each kind of remainder that hide and seek knows makes 2 % of the motion, in laboratories that are drawn by chance. The
 cosine between what it changes in the records and what an effect changes, both beyond calibration, is taken over the
 effects that do not express it: printed is its root mean square. Of two effects that are alike, the cosine between what
-the remainder leaves beside the one and what the other changes further makes the other look better by chance: printed is
-the quantile below which 95 % of its absolute values are.
+the remainder leaves beside the one and what the other changes further makes the other look better by chance, where it
+is positive: printed is the quantile below which 95 % are, either sign being as likely.
 """
 
 import sys
@@ -67,7 +67,7 @@ def main():
     whole = np.concatenate(beside)
     print(
         f"{simulator}: root mean square over kinds and laboratories {np.sqrt(np.mean(squares)):.2f}; beside alike "
-        f"effects 95 % are below {np.quantile(whole, 0.95):.2f} ({whole.size})"
+        f"effects 95 % are below {np.quantile(whole, 0.90):.2f} ({whole.size})"
     )
 
 

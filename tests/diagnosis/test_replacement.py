@@ -19,7 +19,7 @@ from calib.pool import InProcess
 WAVE, DIP = np.sin(3.0 * TIME), np.exp(-((TIME - 2.0) ** 2))
 HIDDEN = 40.0 * WAVE + 25.0 * DIP
 MIX = (HIDDEN + 0.7 * np.sin(40.0 * TIME)) / 40.0  # imitates both
-NAMES = ("wave", "dip", "soft", "step", "mix")
+NAMES = ("wave", "dip", "soft", "step", "mix", "twin")
 
 
 def effect(name):
@@ -33,7 +33,7 @@ CANDIDATES = [Candidate(effect(name), (name,), {}, {name: 100.0}) for name in NA
 def simulate(run):
     """A line, with the effects beside it; `soft` begins like all that is hidden, and goes no further than 1 % of it."""
     size = {name: run.values.get(name, 0.0) for name in NAMES}
-    rows = straight(run.values) + size["wave"] * WAVE + size["dip"] * DIP + size["mix"] * MIX
+    rows = straight(run.values) + size["wave"] * WAVE + (size["dip"] + size["twin"]) * DIP + size["mix"] * MIX
     rows = rows + size["step"] * (TIME > 1.0)
     return Seen((rows + HIDDEN * 0.01 * np.tanh(size["soft"]))[None], np.ones(TIME.size))
 
@@ -45,13 +45,14 @@ class InSegments(Evidence):
         return np.arange(self.measured.size) // 40
 
 
-def test_a_pair_that_is_far_from_linear_is_not_fitted():
-    """With `soft` any pair is predicted to explain all; simulated where its fit would begin, it explains little."""
+def test_the_best_pair_is_found_though_another_is_predicted_to_explain_more():
+    """With `soft` any pair is predicted to explain all; of those that act alike beside it one is fitted."""
     measured = straight(TRUE) + HIDDEN + np.random.default_rng(0).standard_normal(TIME.size)
     fitter = Fitter(InProcess(simulate), InSegments(measured), Space(WINDOWS), MODEL)
     seen = {"record": Seen(straight(START)[None], np.ones(TIME.size))}
     null = fitter.fit(Point(START, (), seen))
-    suspects, _ = screened(fitter, null, CANDIDATES, 0)
+    twin = Candidate(effect("twin"), ("twin",), {}, {"twin": 100.0})
+    suspects, _ = screened(fitter, null, [*CANDIDATES, twin], 0)
     assert max(suspects, key=lambda s: s.predicted_reduction).name == "soft"
     fitted, fit = [], fitter.fit
 
@@ -61,10 +62,9 @@ def test_a_pair_that_is_far_from_linear_is_not_fitted():
 
     fitter.fit = noted
     causes, final = best_pair(fitter, null, (), null, suspects)
-    assert {cause.name for cause, _ in causes} == {"wave", "dip"}
-    assert [final.value("wave"), final.value("dip")] == pytest.approx([40.0, 25.0], abs=1.0)
-    assert {"wave", "dip"} in fitted
-    assert not any("soft" in pair for pair in fitted)
+    assert {cause.name for cause, _ in causes} in ({"wave", "dip"}, {"wave", "twin"})
+    assert [final.value(cause.name) for cause, _ in causes if cause.name == "wave"] == pytest.approx([40.0], abs=1.0)
+    assert {"soft", "dip"} not in fitted or {"soft", "twin"} not in fitted
 
 
 @pytest.mark.parametrize(("hidden", "shows"), [(HIDDEN, True), (40.0 * MIX, False)])

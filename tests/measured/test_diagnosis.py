@@ -113,8 +113,8 @@ def test_the_ground_under_the_cube_lies_lower(diagnosed, measured, tmp_path):
     script.make_records(measured("cube_tosses/cube_tosses_000_079.csv"), folder / "out")
     found = diagnosed(folder)
     assert found.verdict in (NAMED, ONE_OF)
-    assert "gap_offset" in {name for names in found.classes for name in names}
-    assert 1.5e-3 < sizes(found)["dg"] < 3.2e-3
+    [lower] = [s for alike in found.selection.alternatives for s in alike if s.name == "gap_offset"]  # or all is higher
+    assert 1.5e-3 < lower.size[0] < 3.2e-3
     assert found.gain.proven
 
 
