@@ -45,8 +45,6 @@ class Criteria:
     max_causes : that are named  [count]; convention
     max_refits : suspects that are refitted in one search  [count]; convention
     max_pairs : pairs of suspects that are fitted to find the best  [count]; convention
-    min_gain_ratio : actual over predicted reduction of chi-square of a linear model that is relied on  [1];
-        Nocedal & Wright, Numerical Optimization (2006), algorithm 4.1
     max_runners_up : suspects that are tried where what was held out refutes the only cause  [count]; convention
     min_leader_share : predicted reduction of chi-square of a suspect that is refitted, relative to the largest  [1];
         convention
@@ -96,7 +94,6 @@ class Criteria:
     max_causes: int = 3
     max_refits: int = 8
     max_pairs: int = 5
-    min_gain_ratio: float = 0.25
     max_runners_up: int = 3
     min_leader_share: float = 0.3
     min_alikeness: float = 0.95

@@ -25,6 +25,7 @@ MAX_STEPS = 30  # of a fit
 MIN_STEPS_BEFORE_ABANDONING = 5  # a fit that is predicted to attain no lower chi-square than another
 MAX_GAIN_RATIO = 2.0  # reduction that a step may bring at most, over the predicted one
 MIN_REDUCTION = 0.1  # of chi-square, in units of the mean square: a step of a smaller predicted reduction ends a fit
+MIN_GAIN_RATIO = 0.25  # actual over predicted reduction: below it derivatives are taken anew, not only updated
 MAX_GAIN_ERROR = 0.1  # departure of the gain ratio from 1 beyond which updated derivatives do not end a fit
 SIMULATIONS_PER_SCORE = 4  # simulations of each record for the derivative by a candidate's parameter, as measured
 SWEEPS_PER_FIT, STEPS_PER_FIT = 1, 5  # of derivatives by all parameters, and of steps, as measured
@@ -194,12 +195,13 @@ class Fitter:
         rival : chi-square that another model attains: a fit that is predicted to attain no less is ended after a few
             steps
         """
-        now = self.simulated_at(start, candidates, sizes)
+        point = _extended(start, candidates, sizes or {})
+        directions = self.directions(point, candidates)
+        low, high = np.array([d.low for d in directions]), np.array([d.high for d in directions])
+        x = np.clip([d.at for d in directions], low, high)
+        now = self._evaluated(point, directions, x, candidates, solved=True)
         if now is None:
             return self._failed(start, candidates)
-        directions = self.directions(now.point, candidates)
-        low, high = np.array([d.low for d in directions]), np.array([d.high for d in directions])
-        x = np.array([d.at for d in directions])
         fresh, nonlinear = columns is None, False
         now = self.with_derivatives(now) if fresh else replace(now, columns=columns)
         for number in range(MAX_STEPS):
@@ -217,22 +219,10 @@ class Fitter:
                 continue
             x_ahead, fit = ahead
             gain_ratio = (now.chi2 - fit.chi2) / predicted
-            fresh = gain_ratio <= CRITERIA.min_gain_ratio
+            fresh = gain_ratio <= MIN_GAIN_RATIO
             nonlinear = not fresh and (nonlinear or abs(gain_ratio - 1.0) > MAX_GAIN_ERROR)
             now, x = self.with_derivatives(fit) if fresh else _updated(fit, now, x_ahead - x), x_ahead
         return replace(now, reason=f"no convergence in {MAX_STEPS} steps")
-
-    def simulated_at(
-        self, start: Point, candidates: Sequence[Candidate] = (), sizes: Mapping[str, float] | None = None
-    ) -> Fit | None:
-        """Simulate a model from which to fit, without its derivatives; None where the motion fails.
-
-        Within the windows of the calibrated parameters and the ranges of the others.
-        """
-        point = _extended(start, candidates, sizes or {})
-        directions = self.directions(point, candidates)
-        x = np.array([np.clip(d.at, d.low, d.high) for d in directions])
-        return self._evaluated(point, directions, x, candidates, solved=True)
 
     def expected_simulations(self, scored: int, fits: int) -> int:
         """Simulations that scores of so many parameters and so many fits of one candidate beside all should take."""

@@ -357,8 +357,8 @@ def _may_be_compromise(fitter: Fitter, state: _Stepwise, candidates: Sequence[Ca
     rejected = state.rounds[-1].rejected
     shown = rejected is not None and rejected.name not in state.names
     if state.causes:
-        known = pair_shows(state.null, state.causes, state.final, candidates, state.known)
-        return shown or significant(excess, std) or known
+        more = shown or significant(excess, std)
+        return more or pair_shows(state.null, state.causes, state.final, candidates, state.known)
     return significant(excess, std) and not dominant(excess - (rejected.chi2_reduction if shown else 0.0), std)
 
 

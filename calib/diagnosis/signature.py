@@ -61,6 +61,14 @@ class Direction:
         return above if above >= below else -below
 
 
+@dataclass(frozen=True)
+class Step:
+    """A step that was right: its size [unit of the parameter], and the norm of the response [standard deviations]."""
+
+    size: float
+    response: float
+
+
 @dataclass(frozen=True, eq=False)
 class Slope:
     """Change of the records with a parameter.
@@ -81,7 +89,7 @@ class Slope:
     relative_error: float = 0.0
 
     @property
-    def taken(self) -> "Step | None":
+    def taken(self) -> Step | None:
         """Return the step that it was taken with, and its response; None where there is none to take again."""
         if self.column is None or not self.step:
             return None
@@ -122,14 +130,6 @@ class Point:
             Run(name, changed, effects, view.state, start=(starts or {}).get(name, view.start))
             for name, view in views
         ]
-
-
-@dataclass(frozen=True)
-class Step:
-    """A step that was right: its size [unit of the parameter], and the norm of the response [standard deviations]."""
-
-    size: float
-    response: float
 
 
 def slopes(
