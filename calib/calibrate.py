@@ -136,9 +136,12 @@ def _earlier(folder: Path) -> list[Trial]:
     return []
 
 
-def rebuild(path: str | Path, out: str | Path | None = None) -> Path:
-    """Write report.html anew from what lies in the folder of a study, and return its path."""
-    file = load(path)
+def rebuild(path: str | Path, out: str | Path | None = None, jobs: int | None = None) -> Path:
+    """Write report.html anew from what lies in the folder of a study, and return its path.
+
+    `jobs` takes the place of the file's.
+    """
+    file = load(path, jobs=jobs)
     folder = file.folder if out is None else Path(out)
     header, trials = read(folder, file.study.header["definition"])
     trials.sort(key=lambda trial: trial.number)
@@ -319,7 +322,7 @@ def _report(
             records[name] = failed(study.model.bodies, answer.status, answer.reason)
     shown = replace(study, objective=Objective(known, study.objective.terms))
     diagnosis, motions = kept.read(folder), kept.read_motions(folder)
-    page = render(shown, trials, records, said, f"calib run {file.path}", header, diagnosis, motions)
+    page = render(shown, trials, records, said, f"calib run {file.path}", header, diagnosis, motions, study.jobs)
     path = folder / "report.html"
     with whole(path) as temporary:
         temporary.write_text(page, encoding="utf-8")

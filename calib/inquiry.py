@@ -77,7 +77,7 @@ def inquire(
         on_stage=on_stage, on_progress=on_progress, budget=limit, laboratory=file.laboratory,
     )  # fmt: skip
     said = write(found, folder, values, {**file.study.objective.references, **file.others})
-    rebuild(path, out)
+    rebuild(path, out, jobs)
     named = found.verdict in (NAMED, ONE_OF) and found.selection.causes
     extended = _extended(file, found) if apply and named else None
     return said, extended

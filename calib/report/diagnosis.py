@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from markupsafe import Markup
 
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.excess import significant
@@ -29,6 +28,7 @@ from calib.report.conclusion import (
     stale,
     untested,
 )
+from calib.report.picture import pictured
 from calib.report.words import count, number, percent, quantity, raised, rounded, signed, with_error
 from calib.units import reading
 
@@ -124,7 +124,7 @@ def chapter(
         "stale": stale(said, result),
         "gates": [_gate(gate, motions) for gate in said["gates"]],
         "residuals": _residuals(motions, named_extension(said)),
-        "loops": _pictured(remains.misfit_loops(motions), "misfit-loops", LOOPS),
+        "loops": pictured(remains.misfit_loops(motions), "misfit-loops", LOOPS),
         "forces": forces,
         "features": _features(said),
         "strengths": _strengths(said, outcomes),
@@ -132,7 +132,7 @@ def chapter(
         "refused": said["refused"],
         "rounds": _rounds(said),
         "why": _why(said, outcomes),
-        "magnified": _pictured(remains.magnified_loops(motions, named_extension(said)), "magnified-loops", MAGNIFIED),
+        "magnified": pictured(remains.magnified_loops(motions, named_extension(said)), "magnified-loops", MAGNIFIED),
         "next_measurement": _next_measurement(said),
         "question": QUESTIONS.get(said["verdict"], "How it was sought"),
         "brings": _brings(said, study.model.parameters),
@@ -175,9 +175,9 @@ def _residuals(motions, label):
         skipped = any(not motion.weight.values[row].all() for row, *_ in remains.rows(motion))
         caption = RESIDUALS if "period" in motion.attrs else RESIDUALS_IN_TIME
         caption = caption.format(impacts=IMPACTS if skipped else "", extended=GREEN if "extended" in motion else "")
-        picture = _pictured(remains.residuals(motion, label), f"diagnosed-{name}", caption)
+        picture = pictured(remains.residuals(motion, label), f"diagnosed-{name}", caption)
         if picture is not None:
-            found.append({"record": name, **picture})
+            found.append({"record": name, "picture": picture})
     return found
 
 
@@ -191,9 +191,9 @@ def _forces(motions):
         hidden = [name for name in known if name not in clear]
         if clear and hidden:
             caption += f" In {', '.join(hidden)} nothing stands clear of noise."
-        picture = _pictured(lacking.forces(clear or known), f"force-{body}", caption)
+        picture = pictured(lacking.forces(clear or known), f"force-{body}", caption)
         if picture is not None:
-            found.append({"body": body, "telling": bool(clear), **picture})
+            found.append({"body": body, "telling": bool(clear), "picture": picture})
     return found
 
 
@@ -266,7 +266,7 @@ def _strengths(said, outcomes):
         return None
     known = [(s, outcomes[s["effect"]]) for s in said["suspects"] if s["z"] is not None and not untested(s)]
     strengths = [(s["effect"], abs(s["z"]), fate) for s, fate in known if fate != causes.ABSORBED]
-    return _pictured(causes.suspects(strengths, said["threshold"]), "suspects", SUSPECTS)
+    return pictured(causes.suspects(strengths, said["threshold"]), "suspects", SUSPECTS)
 
 
 def _suspect(suspect, fate, said):
@@ -450,8 +450,8 @@ def _next_measurement(said):
     return {
         "rows": [_measurement(measurement) for measurement in measurements],
         "several": len(design["models"]) > 2,
-        "map": _pictured(separation.separation_map(design, measurements), "separation-map", SEPARATION_MAP),
-        "lines": _pictured(separation.separation_lines(design, measurements), "separation-lines", SEPARATION_LINES),
+        "map": pictured(separation.separation_map(design, measurements), "separation-map", SEPARATION_MAP),
+        "lines": pictured(separation.separation_lines(design, measurements), "separation-lines", SEPARATION_LINES),
         "bounds": "; ".join(_bounds(variable) for variable in design["variables"]),
         "unavailable": "; ".join(unavailable),
         "effort": f"{count(len(design['points']), 'setting')} with {count(design['simulations'], 'simulation')} "
@@ -501,10 +501,10 @@ def _brings(said, parameters):
     return {
         "kind": gain["kind"],
         "failed": gain["failed"],
-        "gain": _pictured(causes.gain(gain), "gain", GAIN),
-        "transfers": _pictured(causes.transfers(known, common, units), "transfers", TRANSFERS),
+        "gain": pictured(causes.gain(gain), "gain", GAIN),
+        "transfers": pictured(causes.transfers(known, common, units), "transfers", TRANSFERS),
         "agreement": [_agreement(one, gain, said) for one in _agreements(gain)],
-        "shifts": _pictured(causes.shifts(gain["shifts"]), "shifts", SHIFTS),
+        "shifts": pictured(causes.shifts(gain["shifts"]), "shifts", SHIFTS),
         "moved": [_shift(shift, parameters) for shift in gain["shifts"]],
     }
 
@@ -539,10 +539,3 @@ def _agreement(found, gain, said):
     if found["agree"] and inconstant(said) and said["misfit"]["inconstancy"] > said["threshold"]:
         return f"{text}; what differs are the channels within them."
     return f"{text}."
-
-
-# --- pictures --------------------------------------------------------------------------------------------------------
-
-
-def _pictured(figure, name: str, caption: str) -> dict[str, Any] | None:
-    return None if figure is None else {"svg": Markup(drawing.svg(figure, name)), "caption": caption}

@@ -6,11 +6,11 @@ from typing import Any
 
 import xarray as xr
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
 
 from calib.objective import CLOCK_RATE, MISFIT, misfit, squares_of
-from calib.report import drawing, figures, residuals, search, tables
+from calib.report import figures, residuals, search, tables
 from calib.report.diagnosis import chapter
+from calib.report.picture import drawn, pictured
 from calib.report.verdict import verdict
 from calib.report.words import number, percent
 from calib.result import confirmed
@@ -42,6 +42,7 @@ def render(
     header: Mapping[str, Any] | None = None,
     diagnosis: Mapping[str, Any] | None = None,
     motions: Mapping[str, xr.Dataset] | None = None,
+    jobs: int = 1,
 ) -> str:
     """HTML of the report, self-contained.
 
@@ -55,6 +56,7 @@ def render(
     header : of the ledger; read are versions and processor
     diagnosis : what diagnosis.json holds; None where there was no diagnosis
     motions : what diagnosis.nc holds (see `calib.report.remains`)
+    jobs : number of processes that draw its figures
     """
     environment = Environment(
         loader=PackageLoader("calib.report", "."),
@@ -66,7 +68,7 @@ def render(
     environment.filters["number"] = number
     template = environment.get_template("report.html.j2")
     best = next((t for t in trials if t.number == result.get("best_trial")), None)
-    return template.render(
+    content = dict(
         study=study,
         result=result,
         verdict=verdict(result),
@@ -88,6 +90,7 @@ def render(
         misfit=MISFIT,
         definition=json.dumps(study.definition, indent=2, default=str, ensure_ascii=False),
     )
+    return template.render(content, drawn=drawn(content, jobs))
 
 
 # --- sections ------------------------------------------------------------------------------------------------------
@@ -108,8 +111,8 @@ def _section(study, name, simulated, result):
         failed = f"{simulated.attrs.get('status')}: {simulated.attrs.get('reason', 'no reason stated')}"
     loop = figures.phase_curves(measured, aligned)
     marked = IMPACTS if aligned is not None and figures.impact_times(aligned).size else ""
-    pictures = [_pictured(loop, f"loop-{name}", LOOP + marked)] if loop is not None else []
-    pictures.append(_pictured(figures.histories(measured, aligned), f"history-{name}", HISTORY + marked))
+    pictures = [pictured(loop, f"loop-{name}", LOOP + marked)] if loop is not None else []
+    pictures.append(pictured(figures.histories(measured, aligned), f"history-{name}", HISTORY + marked))
     return {
         "name": name,
         "use": reference.use,
@@ -129,11 +132,11 @@ def _section(study, name, simulated, result):
 def _residuals(name, measured, aligned, simulated):
     over_phase = residuals.residual_over_phase(measured, aligned)
     if over_phase is not None:
-        return [_pictured(over_phase, f"phase-{name}", OVER_PHASE)]
+        return [pictured(over_phase, f"phase-{name}", OVER_PHASE)]
     if measured.attrs.get("frequency"):
         return []
     return [
-        _pictured(
+        pictured(
             residuals.residual_structure(measured, aligned, body, c, simulated),
             f"residual-{name}-{body}-{c}",
             STRUCTURE,
@@ -184,8 +187,4 @@ def _search(study, trials, best):
     if not trials:
         return []
     kinds = search.kinds_of_motion(trials, study.space, study.model.parameters, best)
-    return [_pictured(search.score_history(trials), "history", COURSE), _pictured(kinds, "kinds", KINDS)]
-
-
-def _pictured(figure, name: str, caption: str) -> dict[str, Any]:
-    return {"svg": Markup(drawing.svg(figure, name)), "caption": caption}
+    return [pictured(search.score_history(trials), "history", COURSE), pictured(kinds, "kinds", KINDS)]

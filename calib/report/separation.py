@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import NullFormatter, StrMethodFormatter
 
 from calib.diagnosis.laboratory import FREE_DECAY, RECORDED_INPUT, STEADY_TONE, SWEEP, WITHOUT_CONTACT
 from calib.diagnosis.next_measurement import FAILED, GRID, IRREGULAR, OK
@@ -256,5 +256,5 @@ def _draw_line(axes, design, test, name, factor) -> None:
     places = [factor * point[name] for point in own]
     if max(places) > min(places):
         logarithmic(axes.xaxis, min(places), max(places))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda z, _: f"{z:g}"))
+    axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axes.yaxis.set_minor_formatter(NullFormatter())

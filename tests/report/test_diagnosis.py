@@ -431,5 +431,5 @@ def test_a_caption_tells_of_green_where_it_is_drawn(extended, study):
     record = record.drop_vars("extended", errors="ignore")
     record = record.assign(extended=record.measured.copy()) if extended else record
     told = chapter(document("named", VALUES), {"clapping": record}, {"values": VALUES}, study)
-    assert all(("green by the extended one" in picture["caption"]) == extended for picture in told["residuals"])
+    assert all(("green by the extended one" in picture["picture"].caption) == extended for picture in told["residuals"])
     assert told["residuals"]

@@ -48,6 +48,10 @@ def found(periodic):
     return render(*periodic.arguments, command="calib run studies/minimal/study.toml")
 
 
+def test_two_processes_draw_the_same_page(periodic, found):
+    assert found == render(*periodic.arguments, command="calib run studies/minimal/study.toml", jobs=2)
+
+
 def words(text):
     return re.sub(
         r"\s+", " ", re.sub(r"<[^>]+>", " ", re.sub(r"<svg.*?</svg>|<style.*?</style>", " ", text, flags=re.S))
