@@ -44,19 +44,26 @@ class Constancy:
     among: str = CHANNELS
 
 
-def differing(found: Sequence[Constancy], threshold: float, explained_by_several: bool) -> tuple[Constancy, ...]:
+def differing(
+    found: Sequence[Constancy], threshold: float, explained_by_several: bool, remains: bool = True
+) -> tuple[Constancy, ...]:
     """Return those whose sizes differ: each acts like an effect, and is none.
 
-    For sure, and among channels by more than what is left may have made. Where several effects leave nothing but noise
-    nothing has: they may imitate any other, and have one size each if they do not.
+    For sure, and by more than what is not modelled may have made. Where nothing but noise is left nothing has made
+    records differ; nor channels, where several effects leave that: they may imitate any other, and have one size each
+    if they do not.
 
     Parameters
     ----------
     threshold : of the normal deviate
     explained_by_several : whether these effects are several, and leave nothing but noise
+    remains : whether these effects leave more than noise
     """
-    least = 0.0 if explained_by_several else CRITERIA.max_variation
-    return tuple(c for c in found if c.z > threshold and (c.among == RECORDS or c.variation > least))
+    least = {
+        CHANNELS: 0.0 if explained_by_several else CRITERIA.max_variation,
+        RECORDS: CRITERIA.max_variation if remains else 0.0,
+    }
+    return tuple(c for c in found if c.z > threshold and c.variation > least[c.among])
 
 
 def constancies(evidence: Evidence, fit: Fit) -> tuple[Constancy, ...]:

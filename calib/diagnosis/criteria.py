@@ -22,8 +22,9 @@ class Criteria:
     min_over_remainder : rise of chi-square without a cause that is named, relative to the excess chi-square that all
         causes leave where that is a misfit  [1]; convention: at 2 the angle between what the cause changes and what the
         others leave has a cosine of 0.82 or more
-    max_variation : standard deviation of the size of a cause among channels, relative to its mean, up to which what it
-        leaves may have made them differ  [1]; convention: where it explains twice that, 0.25 is typical
+    max_variation : standard deviation of the size of a cause among channels or records, relative to its mean, up to
+        which what is not modelled may have made them differ  [1]; convention: where a cause explains twice what it
+        leaves, 0.25 is typical
     model_error_cosine : of the angle between what a cause changes in a record and what the model lacks there, root mean
         square  [1]; of laws that no effect expresses those most like effects, 0.07 to 0.40 by law and laboratory
         (tests/benchmarks/bench_model_error.py)

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 
 from calib.diagnosis.bench import Bench
 from calib.diagnosis.candidate import Candidate
-from calib.diagnosis.constancy import RECORDS
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.effort import Budget, Effort
 from calib.diagnosis.elimination import several_sizes
@@ -205,9 +204,10 @@ def _tried_on_records(
         if fewer is None:
             break
         tried = _with_gain(pool, bench, fitter, fewer, seed)
-    if len(tried[0].causes) == 1 and tried[0].is_explained and not _stands(*tried) and not pool.spent:
+    if len(tried[0].causes) == 1 and tried[0].is_explained and not _stands_alike(*tried) and not pool.spent:
         pair = paired(fitter, tried[0], candidates, seed)
-        tried = tried if pair is None else _with_gain(pool, bench, fitter, pair, seed)
+        outcome = tried if pair is None else _with_gain(pool, bench, fitter, pair, seed)
+        tried = outcome if _stands_alike(*outcome) else tried
     if not _stands(*tried):
         return found
     return _with_rivals_that_stand(pool, bench, fitter, *tried, seed)
@@ -218,13 +218,20 @@ def _stands(selection: Selection, gain: Gain | None) -> bool:
     return selection.is_sufficient and not (gain is not None and gain.refutes)
 
 
+def _stands_alike(selection: Selection, gain: Gain | None) -> bool:
+    """Whether causes stand, and each record alone has the same sizes of them as far as it can tell."""
+    return _stands(selection, gain) and not selection.differing_by_record
+
+
 def _with_rivals_that_stand(
     pool: Effort, bench: Bench, fitter: Fitter, selection: Selection, gain: Gain | None, seed: int
 ) -> tuple[Selection, Gain | None]:
     """Try the rivals of each cause in its place, where more than noise is left.
 
-    Those go that do not stand there, or surely lower the misfit of what was held out by less.
+    Those go that do not stand there, or surely lower the misfit of what was held out by less, or whose sizes differ
+    from record to record where those of the cause do not.
     """
+    stands = _stands if selection.differing_by_record else _stands_alike
     several = zip(selection.causes, selection.alternatives, strict=True)
     for cause, rivals in [(c, own) for c, own in several if len(own) > 1 and selection.remainder_is_significant]:
         standing = [rival for rival in rivals if rival.name == cause.name]
@@ -232,7 +239,7 @@ def _with_rivals_that_stand(
             if pool.spent:
                 return replace(selection, cut_short=True), gain
             outcome = _in_its_place(pool, bench, fitter, selection, cause, rival, "as a rival", seed)
-            if outcome and _stands(*outcome) and _predicts_as_well(outcome[1], gain):
+            if outcome and stands(*outcome) and _predicts_as_well(outcome[1], gain):
                 standing.append(rival)
         selection = selection.with_rivals(standing)
     return selection, gain
@@ -262,7 +269,7 @@ def _exchanged_by_records(
 
     Where what was held out refutes the only cause and its rivals, those are tried that explained less in its search.
     """
-    differing = {one.effect: one.variation for one in selection.heterogeneous if one.among == RECORDS}
+    differing = {one.effect: one.variation for one in selection.differing_by_record}
     refuted = gain is not None and gain.refutes
     several = [(c, own) for c, own in zip(selection.causes, selection.alternatives, strict=True) if len(own) > 1]
     groups = [(c, own) for c, own in several if refuted or c.name in differing]
@@ -326,7 +333,7 @@ def _has_one_size(rival: Refitted, own: Gain, gain: Gain, variation: float) -> b
     """
     found = [a for a in own.agreements if a.parameter in rival.candidate.free]
     records = max((set(a.records) for a in gain.agreements), key=len)
-    return bool(found) and all(set(a.records) >= records and a.detectable <= variation for a in found)
+    return bool(found) and all(a.agree and set(a.records) >= records and a.detectable <= variation for a in found)
 
 
 def _with_gain(

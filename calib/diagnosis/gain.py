@@ -413,8 +413,10 @@ def agreements(transfers: Sequence[Transfer], threshold: float) -> tuple[Agreeme
         if len(own) < 2:
             continue
         size, same = np.array([t.size for t in own]), np.zeros(len(own), dtype=int)
-        raw, _, raw_mean_chi2 = cochran(size, np.diag([t.normal_error**2 for t in own]), same)
-        q, degrees, mean_chi2 = cochran(size, np.diag([t.normal_error**2 + t.bias**2 for t in own]), same)
+        raw_variance = np.array([t.normal_error**2 for t in own])
+        raw, _, raw_mean_chi2 = cochran(size, np.diag(raw_variance), same)
+        variance = raw_variance + np.array([t.bias**2 for t in own])
+        q, degrees, mean_chi2 = cochran(size, np.diag(variance), same)
         z = float(deviate(q, degrees))
         limit = float(stats.chi2.isf(2.0 * stats.norm.sf(threshold), degrees))
         compared.append(
@@ -423,13 +425,23 @@ def agreements(transfers: Sequence[Transfer], threshold: float) -> tuple[Agreeme
                 chi2=q,
                 degrees=degrees,
                 z=z,
-                variation=variation(raw, degrees, raw_mean_chi2),
+                variation=variation(raw, degrees, raw_mean_chi2 * _evenness(raw_variance)),
                 agree=z <= threshold,
-                detectable=variation(limit, degrees, mean_chi2),
+                detectable=variation(limit, degrees, mean_chi2 * _evenness(variance)),
                 records=tuple(t.record for t in own),
             )
         )
     return tuple(compared)
+
+
+def _evenness(variance: np.ndarray) -> float:
+    """Return 1 less the sum of squares of the shares in the information of sizes with these variances (m,).
+
+    By it the moment estimator of DerSimonian & Laird is the standard deviation of the sizes, one as good as another,
+    and not of the information on them.
+    """
+    share = (1.0 / variance) / (1.0 / variance).sum()
+    return float(1.0 - share @ share)
 
 
 def _shifts(fitter: Fitter, null: Fit, final: Fit) -> tuple[Shift, ...]:

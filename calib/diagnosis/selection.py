@@ -1,7 +1,8 @@
 """Stepwise selection of causes: forward, each beside the others, and in pairs."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -58,6 +59,8 @@ class Selection:
     excess_chi2, remaining_chi2 : excess chi-square of the calibrated and of the final model
     chi2_std : standard deviation of the chi-square of noise alone
     constancy : how much the size of each cause differs among the channels of the records, and from record to record
+    record_spread : parameter of a cause on which the records do not agree -> standard deviation of the mean of their
+        sizes, relative to that  [1]
     exchanges : of causes for others after the rounds, in order
     left_out : that explain part of what the causes leave, and too little to be causes
     elimination_margin : excess chi-square by which it is decided that the causes explain enough, and these do not
@@ -75,6 +78,7 @@ class Selection:
     remaining_chi2: float
     chi2_std: float
     constancy: tuple[Constancy, ...] = ()
+    record_spread: Mapping[str, float] = field(default_factory=dict)
     exchanges: tuple[Exchange, ...] = ()
     left_out: tuple[LeftOut, ...] = ()
     elimination_margin: float = np.inf
@@ -91,6 +95,7 @@ class Selection:
             is_explained=not self.is_significant,
             remaining_chi2=self.excess_chi2,
             constancy=(),
+            record_spread={},
             left_out=(),
             elimination_margin=np.inf,
         )
@@ -113,8 +118,14 @@ class Selection:
     @property
     def heterogeneous(self) -> tuple[Constancy, ...]:
         """Causes whose sizes differ among the records or their channels: each acts like an effect, and is none."""
-        several = len(self.causes) > 1 and not self.remainder_is_significant
-        return differing(self.constancy, self.rounds[0].threshold, explained_by_several=several)
+        remains = self.remainder_is_significant
+        several = len(self.causes) > 1 and not remains
+        return differing(self.constancy, self.rounds[0].threshold, explained_by_several=several, remains=remains)
+
+    @property
+    def differing_by_record(self) -> tuple[Constancy, ...]:
+        """Causes whose sizes differ from record to record for sure, by however little."""
+        return tuple(c for c in self.constancy if c.among == RECORDS and c.z > self.rounds[0].threshold)
 
     @property
     def is_homogeneous(self) -> bool:
@@ -127,13 +138,14 @@ class Selection:
         return max((c.z for c in self.constancy if c.among == CHANNELS), default=0.0)
 
     def bias_std(self, fit: Fit, name: str) -> float:
-        """Standard deviation of the bias that what remains may make of a parameter of a fit  [its unit].
+        """Standard deviation of the bias that what is not modelled may make of a parameter of a fit  [its unit].
 
-        0 where noise alone remains.
+        By what remains, where that is more than noise, and by what makes the records differ on the parameter.
         """
+        spread = self.record_spread.get(name, 0.0) * abs(fit.value(name))
         if not self.remainder_is_significant:
-            return 0.0
-        return bias_std(self.remaining_chi2, fit.information(name))
+            return spread
+        return math.hypot(spread, bias_std(self.remaining_chi2, fit.information(name)))
 
     def with_records_compared(self, agreements: Sequence[Agreement]) -> "Selection":
         """Return the selection with the constancy of its causes from record to record: of what each alone has."""
@@ -143,7 +155,8 @@ class Selection:
             if own:
                 most = max(own, key=lambda a: a.z)
                 found.append(Constancy(cause.name, most.z, most.variation, among_channels[cause.name].chi2, RECORDS))
-        return replace(self, constancy=(*self.constancy, *found))
+        spread = {a.parameter: a.variation / math.sqrt(len(a.records)) for a in agreements if not a.agree}
+        return replace(self, constancy=(*self.constancy, *found), record_spread=spread)
 
     @property
     def is_sufficient(self) -> bool:

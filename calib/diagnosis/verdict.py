@@ -31,12 +31,18 @@ def verdict_of(
     share = f"{explained(selection.explained_share)} of the excess misfit"
     if len(selection.rivals) > 1:
         alike = f"; they explain {share} alike" if selection.is_significant else ""
-        return ONE_OF, joined(_ways(selection)) + alike
+        return ONE_OF, joined(_ways(selection)) + alike + _differing(selection)
     names, s = _subject(selection)
-    text = f"{names}: explain{s} {share}" if selection.is_significant else names
+    text = (f"{names}: explain{s} {share}" if selection.is_significant else names) + _differing(selection)
     if _is_one_tone(ready) and not (gain is not None and gain.kind == RECORDS and gain.proven):
         return ONE_OF, f"{text}; or what acts like that in this one steady tone, which cannot test a prediction"
     return NAMED, text
+
+
+def _differing(selection: Selection) -> str:
+    """By how much sizes of causes differ from record to record, as the end of a sentence; "" where they do not."""
+    sizes = [f"that of {c.effect} by {c.variation:.0%}" for c in selection.differing_by_record]
+    return f"; sizes differ from record to record, {joined(sizes)}" if sizes else ""
 
 
 def _is_one_tone(ready: Prepared) -> bool:

@@ -117,8 +117,8 @@ def disagreements(said: Mapping[str, Any]) -> list[str]:
         found.append(f"{parameter} = {', '.join(each[:MAX_LISTED])}{more}" if each else parameter)
     return [
         f"The records, each alone, disagree on the size of {joined(names)} ({'; '.join(found)}; 95\u00a0% "
-        "intervals): another effect that acts alike may be the cause, and the interval of the common size does not "
-        "count that."
+        "intervals): something that acts alike and is not modelled changes it, or is the cause; the interval of the "
+        "common size does not count that."
     ]
 
 

@@ -295,6 +295,17 @@ def test_several_causes_of_which_one_changes_between_records_are_not_named(k3, s
     assert as_dict(other)["misfit"]["inconstancy"] == other.selection.heterogeneity_z
 
 
+def test_a_cause_whose_size_changes_a_little_from_record_to_record_is_named_and_its_size_as_uncertain():
+    """What is not modelled may have made it differ; the interval of the common size counts noise alone."""
+    found = diagnosed(changing(3e5, 1.7e-4, 2.3e-4))
+    assert (found.verdict, set(found.causes)) == ("named", {"cubic_stiffness", "channel_offset"})
+    assert "from record to record, that of channel_offset by" in found.summary
+    [constancy] = found.selection.differing_by_record
+    assert 0.15 < constancy.variation < 0.3
+    joint = as_dict(found)["joint_sizes"]["channel_offset"]
+    assert 2e-5 < joint["bias"]["offset_displacement"] < 5e-5
+
+
 def test_causes_that_explain_all_but_not_everywhere_alike_are_told_as_such():
     found = diagnosed(changing(1e5, 2.5e-5, 1e-5))
     assert found.selection.is_explained
@@ -404,6 +415,7 @@ def test_of_causes_that_explain_alike_those_are_preferred_that_have_one_size_and
             self.name, self.names, self.is_homogeneous = name, names, name in one_size
             self.is_sufficient = self.is_homogeneous and name != "weak"
             self.heterogeneous = () if self.is_homogeneous else (Constancy(name, 9.0, 0.3, 1.0, RECORDS),)
+            self.differing_by_record = self.heterogeneous
             own = [SimpleNamespace(name=n, aic_penalty=2.0, chi2_reduction=1.0) for n in names]
             self.alternatives = (tuple(self.cause(one) for one in own),)
             self.causes = self.alternatives[0][:1]
@@ -416,7 +428,7 @@ def test_of_causes_that_explain_alike_those_are_preferred_that_have_one_size_and
 
     def with_gain(pool, bench, fitter, own, seed):
         detectable, records = one_size.get(own.name, KNOWN)
-        agreement = SimpleNamespace(parameter=own.name, detectable=detectable, records=records)
+        agreement = SimpleNamespace(parameter=own.name, agree=True, detectable=detectable, records=records)
         refutes, tries = own.name in refuted, own.name != "fails"
         found = {"agreements": (agreement,), "refutes": refutes, "tries_as_much_as": lambda _: tries}
         return own, SimpleNamespace(name=own.name, **found)
@@ -460,6 +472,7 @@ def test_a_cause_that_the_records_refute_is_left_out_where_the_others_hold(
             self.name, self.causes = names, tuple(SimpleNamespace(name=name) for name in names)
             self.alternatives = tuple((cause,) for cause in self.causes)
             self.heterogeneous = tuple(Constancy(n, 9.0, 0.3, 1.0, differing[n]) for n in names if n in differing)
+            self.differing_by_record = self.heterogeneous
             self.constancy = tuple(Constancy(n, 0.0, 0.0, 100.0 - ord(n)) for n in names)
             self.is_sufficient = not self.heterogeneous and (len(names) > 1 or not differing)
 
@@ -497,7 +510,7 @@ def test_where_more_is_left_each_rival_stands_in_the_place_of_the_cause(
 
     class Chosen:
         is_explained, remainder_is_significant = True, significant
-        heterogeneous, is_homogeneous = (), True
+        heterogeneous, differing_by_record, is_homogeneous = (), (), True
 
         def __init__(self, names):
             self.names, self.is_sufficient = names, names != "e"
@@ -579,7 +592,7 @@ def test_causes_of_one_size_are_refuted_by_what_they_do_not_predict(kind, interv
     alone = [(cause,) for cause in causes]
     selection = SimpleNamespace(
         causes=causes, alternatives=alone, rivals=alone[-1],
-        is_sufficient=True, is_significant=True, explained_share=0.97,
+        is_sufficient=True, is_significant=True, explained_share=0.97, differing_by_record=(),
     )  # fmt: skip
     ready = SimpleNamespace(fitter=SimpleNamespace(evidence=SimpleNamespace(parts=[])))
     told, summary = verdict_of(selection, [], ready, Gain(kind, ("louder",), 0.3425, 0.358, interval))

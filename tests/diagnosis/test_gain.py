@@ -77,7 +77,10 @@ def test_records_agree_by_the_threshold_of_the_diagnosis():
     assert agreements(vague, 3.0)[0].agree  # errors of so few degrees of freedom tell little
     [found] = agreements([near[0], Transfer("b", "k", 2.0, 0.1, True)], 3.0)
     assert not found.agree
-    assert found.variation == pytest.approx(np.sqrt(0.5**2 - 0.1**2 / 2.0) / 1.5)  # about the mean, less their errors
+    assert found.variation == pytest.approx(np.sqrt(0.5 - 0.1**2) / 1.5)  # sample variance, less that of their errors
+    sure = Transfer("b", "k", 2.0, 0.01, True)
+    [found] = agreements([near[0], sure], 3.0)  # the weighted mean is the sure one's, the variation is not
+    assert found.variation == pytest.approx(np.sqrt(0.5) / 2.0, rel=0.02)
 
 
 def test_a_joint_error_is_wider_where_more_than_noise_is_left():

@@ -8,7 +8,10 @@ from calib.excitation import Excitation
 from calib.laws import force
 from calib.model import Model, Request
 from calib.parameter import Parameter
+from calib.plugins import load
 from calib.simulators.four_dof import FourDof
+from calib.simulators.impact import kernel
+from calib.simulators.impact.problem import STEPS
 from calib.simulators.oscillator import Oscillator
 
 
@@ -63,3 +66,23 @@ def test_a_record_goes_on_from_its_state():
     first = model.run(own | {"memory": 0.3}, drive, Request(periods=2, samples=100))
     after = Request(periods=2, samples=100, settle=0, initial_state=first.state.values)
     np.testing.assert_allclose(model.run(own | {"memory": 0.3}, drive, after).velocity, first.velocity, atol=1e-9)
+
+
+def test_the_step_budget_holds_for_all_periods_that_shooting_takes(monkeypatch):
+    """Friction that sticks within a tenth of a micrometre takes thousands of steps in every period."""
+    model = Model(DRIVES["oscillator"][0], [load("calib.effects", "presliding")])
+    values = DRIVES["oscillator"][2] | {"dahl_force": 0.5, "dahl_distance": 1e-7}
+    drive, budget, steps = DRIVES["oscillator"][1], 20_000, []
+    before = model.run(values | {"dahl_distance": 1e-4}, drive, Request(periods=2, samples=100))
+
+    def counted(problem, state, *rest):
+        begun = int(state.count[STEPS])
+        code = advance(problem, state, *rest)
+        steps.append(int(state.count[STEPS]) - begun)
+        return code
+
+    advance = kernel.advance
+    monkeypatch.setattr(kernel, "advance", counted)
+    near = Request(periods=2, samples=100, initial_state=before.state.values, near=True, step_budget=budget)
+    assert model.run(values, drive, near).attrs["status"] == "step budget"
+    assert budget < sum(steps) < 2.2 * budget  # shooting, then waiting

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.optimize import NoConvergence, broyden1
 
 from calib.simulators.impact import kernel
-from calib.simulators.impact.problem import Problem, State
+from calib.simulators.impact.problem import STEPS, Problem, State
 from calib.simulators.impact.scratch import Scratch
 from calib.simulators.impact.tangent import carry
 
@@ -25,6 +25,7 @@ def approach(
     ----------
     begin : (problem, q, dq) -> State, `calib.simulators.impact.run.start`
     q, dq : (n,) near the motion  [m], [m/s]
+    budget : steps that all its periods may take together
     z : (SLOTS, n, STATES) internal states of the force laws
     """
     n = q.size
@@ -41,7 +42,7 @@ def approach(
             now.z[:] = x[2 * n :].reshape(z.shape)
         return now
 
-    latest = np.zeros(0), np.zeros(0)
+    latest, spent = (np.zeros(0), np.zeros(0)), 0
 
     def departure(xi: np.ndarray) -> np.ndarray:
         nonlocal latest
@@ -50,8 +51,10 @@ def approach(
         return latest[1]
 
     def gap_after_a_period(xi: np.ndarray) -> np.ndarray:
+        nonlocal spent
         now, row = state(xi), np.zeros((1, 2 * n + 2))
-        code = kernel.advance(problem, now, w, 1, 0.0, budget, row, np.zeros(0), none, none)
+        code = kernel.advance(problem, now, w, 1, 0.0, budget - spent, row, np.zeros(0), none, none)
+        spent += int(now.count[STEPS])
         if code != kernel.DONE:
             return np.full(xi.size, np.nan)
         reached = row[0, : 2 * n] if xi.size == 2 * n else np.concatenate([row[0, : 2 * n], now.z.ravel()])
