@@ -656,22 +656,36 @@ def test_a_size_that_the_records_do_not_determine_has_no_interval(cubic):
     assert told["suspects"][0]["interval"]["lag"] == [None, None]
 
 
-@pytest.mark.parametrize(("pair", "stands"), [(None, False), ("ab", False), ("ab", True)])
-def test_the_best_pair_is_tried_where_an_only_cause_does_not_stand(monkeypatch, pair, stands):
-    """Stand-ins for selections: of an only cause, and of a pair."""
+@pytest.mark.parametrize(
+    ("pair", "stands", "alone", "taken"),
+    [
+        (None, (), (), False),
+        ("ab", (), (), False),
+        ("ab", ("ab",), (), True),
+        ("ab", ("ab", "c"), ("c",), False),  # the only cause has one size in all records: no pair is tried
+        ("ab", ("ab", "c"), ("ab",), True),  # its size differs, by little
+        ("ab", ("ab", "c"), (), False),  # so do those of the pair
+    ],
+)
+def test_the_best_pair_is_tried_where_an_only_cause_does_not_stand(monkeypatch, pair, stands, alone, taken):
+    """Stand-ins for selections: of an only cause, and of a pair.
+
+    stands : which explain enough; alone : which have one size in all records, where the only cause stands
+    """
 
     def selection(names, sufficient):
         causes = tuple(SimpleNamespace(name=name) for name in names)
         return SimpleNamespace(
             name=names, causes=causes, alternatives=tuple((cause,) for cause in causes), heterogeneous=(),
+            differing_by_record=() if "c" not in stands or names in alone else causes,
             is_explained=True, is_sufficient=sufficient, remainder_is_significant=False, runners_up=(),
         )  # fmt: skip
 
-    both = None if pair is None else selection(pair, stands)
+    both = None if pair is None else selection(pair, pair in stands)
     monkeypatch.setattr("calib.diagnosis.diagnose.paired", lambda *given: both)
     monkeypatch.setattr("calib.diagnosis.diagnose._with_gain", lambda *given: (given[3], None))
-    found, _ = _tried_on_records(SimpleNamespace(spent=False), None, None, selection("c", False), (), 0)
-    assert found.name == ("ab" if stands else "c")
+    found, _ = _tried_on_records(SimpleNamespace(spent=False), None, None, selection("c", "c" in stands), (), 0)
+    assert found.name == ("ab" if taken else "c")
 
 
 def test_names_are_written_as_one_enumeration():
