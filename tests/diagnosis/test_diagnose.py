@@ -675,9 +675,10 @@ def test_the_best_pair_is_tried_where_an_only_cause_does_not_stand(monkeypatch, 
 
     def selection(names, sufficient):
         causes = tuple(SimpleNamespace(name=name) for name in names)
+        differ = "c" in stands and names not in alone
         return SimpleNamespace(
             name=names, causes=causes, alternatives=tuple((cause,) for cause in causes), heterogeneous=(),
-            differing_by_record=() if "c" not in stands or names in alone else causes,
+            differing_by_record=tuple(Constancy(n, 9.0, 0.2, 1.0, RECORDS) for n in names if differ),
             is_explained=True, is_sufficient=sufficient, remainder_is_significant=False, runners_up=(),
         )  # fmt: skip
 
