@@ -193,9 +193,9 @@ def _by_the_search(confidence: Confidence, confirmation: Confirmation) -> Confid
     """Say which simulator the differences are of, where there are any."""
     if confidence.status != OK:
         return confidence
-    said = "the intervals are from differences in the simulator of the search about the confirmed point"
+    said = "the intervals are those of the simulator of the search, by finite differences about the confirmed point"
     if confirmation.changed:
-        said += ", which is not the best of the search"
+        said += "; the best point of the search is another one"
     return replace(confidence, reason="; ".join(filter(None, [confidence.reason, said])))
 
 

@@ -188,7 +188,7 @@ def test_the_result_is_what_the_confirming_simulator_says(confirmed):
     assert found["score"]["total"] == order[said["chosen"]]["confirmed"]
     assert found["holdout"]["again"]["score"] == pytest.approx(found["score"]["total"], rel=1e-12)
     assert [part in " ".join(found["remarks"]) for part in ("another order", "is at a distance of")] == [True, True]
-    assert "simulator of the search about the confirmed point" in found["confidence"]["reason"]
+    assert "simulator of the search, by finite differences about the confirmed point" in found["confidence"]["reason"]
 
     study = load(path).study
     record = Echo().run(found["values"], study.objective.references["bench"].excitation, (), Request())
@@ -243,7 +243,7 @@ def test_the_page_shows_the_leaders(confirmed):
     table = page[page.index("Leaders, confirmed") : page.index("<h2>The search")]
     for leader in confirmed[1]["confirmation"]["leaders"]:
         assert all(number(leader[key]) in table for key in ("trial", "searched", "confirmed"))
-    assert "which is not the best of the search" in page
+    assert "the best point of the search is another one" in page
 
 
 def test_a_finished_study_keeps_its_confirmation_in_status_and_report(confirmed, drawn):

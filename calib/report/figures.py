@@ -91,12 +91,14 @@ def histories(measured: xr.Dataset, simulated: xr.Dataset | None) -> Figure:
     """Channels over time: two periods of a periodic record; else the whole of it beside its worst stretch.
 
     Both records hold their channels over (body, time) on one time base [s]. A periodic record has a row a body and a
-    column a channel; of another one only what is judged is shown, a row each.
+    column a channel; of another one only what is judged is shown, a row each. Without a simulation there is no stretch
+    where it differs most.
     """
     period = stated_period(measured)
     pairs = judged(measured, simulated) if simulated is not None and not period else _pairs(measured)
     bodies = [str(b) for b in measured.body.values]
-    rows, columns = (len(bodies), len(channels(measured))) if period else (max(1, len(pairs)), 2)
+    compared = 1 if simulated is None else 2
+    rows, columns = (len(bodies), len(channels(measured))) if period else (max(1, len(pairs)), compared)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH, 1.75 * rows + 0.45), layout="constrained")
         grid = figure.subplots(rows, columns, squeeze=False, sharex="all" if period else "none")
@@ -107,7 +109,8 @@ def histories(measured: xr.Dataset, simulated: xr.Dataset | None) -> Figure:
         else:
             for (body, channel), row in zip(pairs, grid, strict=False):
                 worst = _worst(measured, simulated, body, channel)
-                for axes, span, title in zip(row, (slice(None), worst), (body, "where it differs most"), strict=True):
+                panels = ((slice(None), body), (worst, "where it differs most"))[:compared]
+                for axes, (span, title) in zip(row, panels, strict=True):
                     _history(axes, measured, simulated, body, channel, span)
                     axes.set_title(title)
         for axes in grid[-1]:

@@ -8,6 +8,7 @@ import xarray as xr
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from calib.objective import CLOCK_RATE, MISFIT, misfit, squares_of
+from calib.objective.objective import WRONG
 from calib.report import figures, residuals, search, tables
 from calib.report.diagnosis import chapter
 from calib.report.picture import drawn, pictured
@@ -25,7 +26,9 @@ OVER_PHASE = (
 )
 STRUCTURE = (
     "Measured minus simulated: over time, against the motion (blue: mean in bins), its correlation with functions "
-    "of displacement x and velocity v (blue bars: with what is linear in x and v taken out of both), its spectrum. "
+    "of displacement x and velocity v, which are simulated, or prescribed where the record prescribes them (blue bars: "
+    "with what is linear in x and v taken out of both; a function of which that leaves nothing has no bar), its "
+    "spectrum. "
     "A pattern or a long blue bar points to what the model lacks; near a resonance a missing force is seen a quarter "
     "of a period late: a spring's against the velocity."
 )
@@ -65,7 +68,7 @@ def render(
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["number"] = number
+    environment.filters["number"], environment.filters["distance"] = number, distance
     template = environment.get_template("report.html.j2")
     best = next((t for t in trials if t.number == result.get("best_trial")), None)
     content = dict(
@@ -88,9 +91,15 @@ def render(
         nuisances=tables.nuisances(result),
         provenance=tables.provenance(study, result, command, header or {}),
         misfit=MISFIT,
+        wrong=WRONG,
         definition=json.dumps(study.definition, indent=2, default=str, ensure_ascii=False),
     )
     return template.render(content, drawn=drawn(content, jobs))
+
+
+def distance(total: float | None) -> str:
+    """Write a total distance; one that is the penalty for another kind of motion is said to be that."""
+    return f"{number(total)}{', another kind of motion' if total is not None and total >= WRONG else ''}"
 
 
 # --- sections ------------------------------------------------------------------------------------------------------

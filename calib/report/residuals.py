@@ -8,11 +8,13 @@ import xarray as xr
 from matplotlib.figure import Figure
 from scipy import signal
 
-from calib.record import stated_period
+from calib.record import prescribed, stated_period
 from calib.report.drawing import LINE, MEASURED, OTHER, SIMULATED, STYLE, WIDTH, line, marks, shown_unit, spot, thin
 from calib.report.figures import has, impact_times, judged, quantity
 
 CLOUD = 6000  # samples drawn as a (rasterised) cloud
+MIN_TOLERANCE = 1e-4  # 1 - R^2 of a function regressed on 1, x and v, below which nothing is left of it  [1]; the
+# tolerance of a regressor, with its default in SPSS (REGRESSION, CRITERIA TOLERANCE)
 
 
 def residual_over_phase(measured: xr.Dataset, simulated: xr.Dataset) -> Figure | None:
@@ -66,16 +68,15 @@ def residual_structure(
 ) -> Figure:
     """What a residual hangs on, for a record without a period: time, velocity, displacement, simple laws, frequency.
 
-    residual = measured - simulated, both (body, time) on one time base; the motion is the measured one where it was
-    measured, else that of `motions`: what was simulated, with the channels that were not measured too.
+    residual = measured - simulated, both (body, time) on one time base. The motion is the simulated one: of `simulated`
+    or, where that lacks a channel, of `motions`, what was simulated with the channels that were not measured too. Of
+    the measured motion the residual is a part, and would be correlated with it whatever the model is.
     """
-    motions = simulated if motions is None else motions
     label, scale, unit = quantity(measured, body, channel)
     truth = scale * measured[channel].sel(body=body).values
     residual = truth - scale * simulated[channel].sel(body=body).values
     time = measured.time.values - float(measured.time[0])
-    motion = {c: _motion(measured, motions, body, c) for c in ("velocity", "displacement")}
-    motion = {c: found for c, found in motion.items() if found is not None}
+    motion = _motion(measured, (simulated, simulated if motions is None else motions), body)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH, 6.4), layout="constrained")
         upper, middle, lower = figure.subfigures(3, 1, height_ratios=(1.0, 1.25, 1.0))
@@ -97,7 +98,8 @@ def correlations(residual: np.ndarray, motion: dict[str, np.ndarray]) -> dict[st
     """Correlation of a residual (n,) with simple functions of displacement x and velocity v, each (n,), by name.
 
     x and v themselves are taken as they are; of the others and of the residual the part that is linear in x and v is
-    taken out first (partial correlation): what a linear model could still absorb is no sign of what it lacks.
+    taken out first (partial correlation): what a linear model could still absorb is no sign of what it lacks. A
+    function that x and v explain but for rounding, as they do v^2 in a free fall, has no such part and is left out.
     """
     x, v = motion.get("displacement"), motion.get("velocity")
     linear = np.column_stack([np.ones_like(residual), *(m for m in (x, v) if m is not None)])
@@ -107,14 +109,17 @@ def correlations(residual: np.ndarray, motion: dict[str, np.ndarray]) -> dict[st
     def bare(a):
         return a - basis @ (basis.T @ a)
 
-    found, rest = {}, bare(residual)
+    rest = bare(residual)
+
+    def partial(functions):
+        left = {name: (f - np.mean(f), bare(f)) for name, f in functions.items()}
+        return {n: _correlation(rest, b) for n, (f, b) in left.items() if b @ b > MIN_TOLERANCE * (f @ f)}
+
+    found = {}
     if v is not None:
-        found |= {"v": _correlation(residual, v)}
-        found |= {name: _correlation(rest, bare(f)) for name, f in _shapes("v", v).items()}
-        found |= {"sign v": _correlation(rest, bare(np.sign(v)))}
+        found |= {"v": _correlation(residual, v)} | partial({**_shapes("v", v), "sign v": np.sign(v)})
     if x is not None:
-        found |= {"x": _correlation(residual, x)}
-        found |= {name: _correlation(rest, bare(f)) for name, f in _shapes("x", x).items()}
+        found |= {"x": _correlation(residual, x)} | partial(_shapes("x", x))
     return found
 
 
@@ -135,7 +140,7 @@ def _against(axes, values, origin, x_unit, residual, channel, unit):
     means = [np.mean(residual[which == i]) for i in bins]
     axes.plot(0.5 * (edges[bins] + edges[bins + 1]), means, "o-", color=SIMULATED, markersize=2.8, linewidth=1.2)
     axes.axhline(0.0, color=LINE, linewidth=0.7)
-    axes.set_xlabel(f"{channel.capitalize()}{'' if origin == 'measured' else ', simulated'} [{x_unit}]")
+    axes.set_xlabel(f"{channel.capitalize()}, {origin} [{x_unit}]")
     axes.set_ylabel(f"Residual [{unit}]")
     axes.set_title(f"against {channel}")
 
@@ -166,13 +171,22 @@ def _spectra(axes, time, truth, residual, unit):
     axes.legend(loc="lower left")
 
 
-def _motion(measured, simulated, body, channel):
-    """Values (n,) of a channel at the measured instants, whose they are and their unit, or None."""
-    for record, origin in ((measured, "measured"), (simulated, "simulated")):
-        if has(record, body, channel):
-            values = np.interp(measured.time.values, record.time.values, record[channel].sel(body=body).values)
-            return values, origin, record[channel].attrs.get("units", "1")
-    return None
+def _motion(measured, simulations, body):
+    """Velocity and displacement by channel: values (n,) at the measured instants, how they are known and their unit.
+
+    Both are of one simulation, the first that has the most of them; of the measurement where none has any.
+    """
+    channels = ("velocity", "displacement")
+    record = max(simulations, key=lambda one: sum(has(one, body, c) for c in channels))
+    if not any(has(record, body, c) for c in channels):
+        record = measured
+    given = set() if record is measured else prescribed(record)
+    found = {}
+    for c in (c for c in channels if has(record, body, c)):
+        values = np.interp(measured.time.values, record.time.values, record[c].sel(body=body).values)
+        origin = "measured" if record is measured else "prescribed" if (body, c) in given else "simulated"
+        found[c] = values, origin, record[c].attrs.get("units", "1")
+    return found
 
 
 def _correlation(a, b):

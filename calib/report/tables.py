@@ -7,10 +7,11 @@ from typing import Any
 from markupsafe import Markup
 
 from calib.confidence.local import EDGE
+from calib.confidence.undetermined import COLLINEAR
 from calib.parameter import Window
 from calib.record import OK
 from calib.report import drawing
-from calib.report.words import measured_number, number
+from calib.report.words import measured_number, number, number_beside
 from calib.units import MILLI, shown
 
 
@@ -49,8 +50,7 @@ def _parameter(study, result, name, window: Window, value):
     remarks = []
     if name in (result.get("at_edge") or ()) or min(position, 1.0 - position) <= EDGE:
         remarks.append(f"at the {'lower' if position < 0.5 else 'upper'} edge of its window")
-    if any(name in g["members"] for g in result.get("undetermined", ())):
-        remarks.append("not determined on its own")
+    remarks += [_undetermined(name, g) for g in result.get("undetermined", ()) if name in g["members"]]
     scale, unit = drawing.shown_unit(parameter.unit if parameter else "1", max(abs(window.low), abs(window.high)))
     scaled = None if error is None else scale * error
     return {
@@ -59,13 +59,21 @@ def _parameter(study, result, name, window: Window, value):
         "numerical": bool(parameter) and parameter.kind == "numerical",
         "unit": unit,
         "value": measured_number(scale * value, scaled),
-        "error": number(2.0 * scaled, 2) if scaled is not None else None,
+        "error": number_beside(2.0 * scaled, scale * value) if scaled is not None else None,
         "interval": [measured_number(scale * x, scaled) for x in interval] if interval else None,
         "window": [number(scale * window.low), number(scale * window.high)],
         "scale": window.scale,
         "bar": _bar(window, value, interval),
         "remarks": remarks,
     }
+
+
+def _undetermined(name, group):
+    """Say how a parameter is undetermined: not at all, or because it is nearly collinear with others."""
+    others = [other for other in group["members"] if other != name]
+    if others and group.get("reason") == COLLINEAR:
+        return f"nearly collinear with {', '.join(others)}"
+    return "not determined on its own"
 
 
 def _bar(window: Window, value: float, interval) -> Markup:

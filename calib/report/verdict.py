@@ -59,7 +59,8 @@ def verdict(result: Mapping[str, Any]) -> dict[str, Any]:
     elif wrong:
         headline = f"{headline[:-1]}, but of another kind of motion."
     elif missed:
-        headline = f"Nothing in the windows matches the measurement; the best is at a distance of {number(total, 3)}."
+        out = f"{count(len(missed), 'measured feature')} out of reach of the windows"
+        headline = f"{headline[:-1]}; {out}."
     return {"tone": tone, "headline": headline, "points": [p for p in points if p]}
 
 
@@ -68,7 +69,7 @@ def _kind_sentence(motion):
     if not kind:
         return ""
     if kind == NOT_PERIODIC:
-        return "The excitation has no period: kinds of motion do not apply."
+        return "Kinds of motion do not apply: what is simulated is no steady motion under a periodic excitation."
     if motion.get("wrong"):
         return (
             f"The best simulated motion is {kind}, which is not the measured kind in {', '.join(motion['wrong'])}: "

@@ -34,6 +34,13 @@ def measured_number(value: float, error: float | None) -> str:
     return number(value, min(8, max(4, digits)))
 
 
+def number_beside(half: float, value: float) -> str:
+    """Write a half interval to two digits, with the power of ten that its value is written with."""
+    if not math.isfinite(half) or value == 0.0 or -4 <= (power := math.floor(math.log10(abs(value)))) < 6:
+        return number(_significant(half, 2) if math.isfinite(half) else half, 2)
+    return f"{number(_significant(half / 10.0**power, 2), 2)}·{number(10.0**power, 1).removeprefix('1·')}"
+
+
 def count(n: int, noun: str) -> str:
     """Write so many of a thing: ``"1 trial"``, ``"2 trials"``."""
     return f"{n} {noun}{'' if n == 1 else 's'}"

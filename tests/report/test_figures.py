@@ -112,8 +112,30 @@ def test_a_motion_that_was_not_measured_is_taken_from_the_simulation(recorded):
     force, aligned = record[["force"]], simulated[["force"]]
     assert len(residual_structure(force, aligned, "mass", "force").subfigs[1].axes) == 1
     shown = labels(residual_structure(force, aligned, "mass", "force", simulated))
-    assert "Velocity, simulated [m/s]" in shown
-    assert "Displacement, simulated [mm]" in shown
+    assert "Velocity, prescribed [m/s]" in shown
+    assert "Displacement, prescribed [mm]" in shown
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_in_a_free_fall_noise_is_correlated_with_no_function_of_the_motion(seed):
+    """There v^2 is linear in x: of the measured x the noise itself would be left, of the simulated nothing is."""
+    time = np.linspace(0.0, 2.8, 43)
+    x, v = 46.0 + time - 4.905 * time**2, 1.0 - 9.81 * time
+    fallen = make(time, ["ball"], {"displacement": x[None], "velocity": v[None]})
+    noise = 0.06 * np.random.default_rng(seed).standard_normal(time.size)
+    dropped = make(time, ["ball"], {"displacement": (x + noise)[None]})
+    figure = residual_structure(dropped, fallen[["displacement"]], "ball", "displacement", fallen)
+    bars = figure.subfigs[1].axes[-1]
+    shown = dict(zip([tick.get_text() for tick in bars.get_yticklabels()], bars.patches, strict=True))
+    assert "v²" not in shown
+    assert max(abs(bar.get_width()) for bar in shown.values()) < 0.6
+    assert "Displacement, simulated [m]" in labels(figure)
+
+
+def test_what_is_not_simulated_differs_nowhere_most(recorded):
+    record, simulated = measured(recorded)
+    assert len(histories(record, None).axes) == 3
+    assert len(histories(record, simulated).axes) == 2
 
 
 def test_a_cubic_spring_shows_as_the_cube_of_the_displacement():

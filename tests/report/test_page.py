@@ -82,7 +82,7 @@ def test_an_id_that_is_referred_to_never_means_two_things(found):
 
 def test_it_says_kind_distance_agreement_and_what_was_not_reached(found):
     text = words(found)
-    assert "Nothing in the windows matches the measurement" in text
+    assert "from the measurement; 1 measured feature out of reach of the windows." in text
     assert "period 1, as measured" in text
     assert "6 of 8 starts" in text
     assert "amplitude of q3 in clapping (measured 2.41 mm, nearest 3.02 mm, +25.3 %)" in text
@@ -130,6 +130,44 @@ def test_another_kind_of_motion_comes_before_any_distance(periodic):
     assert said["tone"] == "bad"
     assert "another kind of motion" in said["headline"]
     assert "period 2, which is not the measured kind in clapping" in said["points"][0]
+
+
+def test_a_motion_without_a_period_is_not_said_to_have_an_excitation_without_one():
+    """It may be driven with a period and simulated from rest, or not be driven at all."""
+    said = verdict({"score": {"total": 0.02}, "motion": {"kind": "not periodic", "wrong": []}})
+    assert said["points"][0].startswith("Kinds of motion do not apply")
+    assert "excitation has no period" not in said["points"][0]
+
+
+@pytest.mark.parametrize(("total", "another"), [(9.0, False), (10.37, True)])
+def test_a_distance_that_is_a_penalty_is_said_to_be_that_of_another_kind_of_motion(total, another, periodic):
+    leaders = [
+        {"trial": 3, "searched": 0.43, "confirmed": c, "kind": "period 1", "status": "ok", "reason": ""}
+        for c in (total, 0.4336)
+    ]
+    confirmation = {"leaders": leaders, "chosen": 3, "changed": True}
+    scene = replace(periodic, result=periodic.result | {"confirmation": confirmation})
+    text = words(render(*scene.arguments))
+    assert ("10.37, another kind of motion" in text) == another
+    held = {**periodic.result["holdout"]["louder"], "score": total}
+    scene = replace(periodic, result=periodic.result | {"holdout": {"louder": held}})
+    text = words(render(*scene.arguments))
+    assert ("Score of the study's terms on this record: 10.37, another kind of motion." in text) == another
+    assert ("times that of the calibrated record" in text) != another
+
+
+def test_an_interval_of_the_parameters_is_called_by_one_definition(found):
+    text = words(found)
+    assert "its interval (two standard errors" not in text
+    assert "95 % interval: by them and Student's t" in text
+
+
+def test_a_parameter_that_is_nearly_collinear_with_another_is_not_said_to_be_undetermined(periodic):
+    group = {"members": ["gap", "damping"], "text": "gap damping is determined better", "reason": "nearly collinear"}
+    scene = replace(periodic, result=periodic.result | {"undetermined": [group]})
+    text = words(render(*scene.arguments))
+    assert "nearly collinear with damping" in text
+    assert "not determined on its own" not in text
 
 
 @pytest.mark.parametrize(("total", "tone"), [(0.02, "good"), (0.14, "mind")])

@@ -1,8 +1,9 @@
 """Numbers as they are written for a reader."""
 
+import numpy as np
 import pytest
 
-from calib.report.words import quantity, rounded, signed, with_error
+from calib.report.words import number_beside, quantity, rounded, signed, with_error
 
 
 @pytest.mark.parametrize(
@@ -24,6 +25,14 @@ def test_a_value_and_its_interval_have_the_places_of_the_intervals_second_digit(
 def test_a_value_alone_is_rounded_by_twice_its_error():
     assert rounded(0.12345, 0.01) == "0.123"
     assert rounded(94649.0, 4000.0) == "94600"
+
+
+@pytest.mark.parametrize(
+    ("half", "value", "written"),
+    [(315980.0, 3.188e6, "0.32·10⁶"), (0.0604, 1.01, "0.06"), (np.inf, 1.0, "∞"), (123.0, 0.0, "120")],
+)
+def test_a_half_interval_has_two_digits_and_the_power_of_ten_of_its_value(half, value, written):
+    assert number_beside(half, value) == written
 
 
 def test_a_quantity_has_the_unit_of_its_size():
