@@ -171,7 +171,7 @@ def _gain(found: Mapping[str, Any]) -> list[str]:
         f"misfit: {gain['metric']}; {REFITTED}",
     ]
     if moved_values(gain):
-        lines.append(f"with it, calibrated values move by more than their intervals: {'; '.join(moved_values(gain))}")
+        lines.append(f"calibrated values move by more than two standard errors: {'; '.join(moved_values(gain))}")
     return lines
 
 

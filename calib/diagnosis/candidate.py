@@ -200,7 +200,7 @@ def _refusal(model: Model, effect: Effect, references: Mapping[str, Reference], 
     if effect.site == "structure" and changed and all(name in searched for name in changed):
         return f"{', '.join(changed)} is searched already"
     if effect.site == "numerical":
-        return "it is a gate, not a cause"
+        return "its error is tested as a condition of the diagnosis, not as a cause"
     settled = [reference.excitation.harmonic for reference in references.values()]
     if effect.transient and all(settled):
         return "it changes with time, and every record is of a motion that has settled"

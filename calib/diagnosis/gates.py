@@ -49,7 +49,7 @@ def simulates(views: Mapping[str, Seen]) -> Gate:
 def same_kind(views: Mapping[str, Seen], periodic: bool) -> Gate:
     """Measured and simulated motion have the same period; where no excitation is `periodic` there is none to have."""
     if not periodic:
-        return Gate("kind of motion", True, "no excitation has a period: kinds of motion do not apply")
+        return Gate("kind of motion", True, "no steady motion of a periodic excitation: kinds of motion do not apply")
     wrong = {name: view.wrong for name, view in views.items() if view.wrong}
     summary = "; ".join(f"{name}: {text}" for name, text in wrong.items())
     return Gate("kind of motion", not wrong, summary or "simulated motions have the period of the measured ones")

@@ -64,7 +64,7 @@ def rejection(evidence: Evidence, null: Fit, made: Extension, further: bool) -> 
         change = f"{'falls' if test.reduction > 0.0 else 'rises'} by {_chi2(abs(test.reduction))}"
         return (
             f"it does not predict what had no part in its fit ({', '.join(test.folds)} left out in turn): the sum of "
-            f"squares there {change} +- {_chi2(test.error)}"
+            f"squares there, in units of the noise variance, {change} ± {_chi2(test.error)}"
         )
     if further and _is_heterogeneous(evidence, made.extended, cause, made.threshold):
         return "its size differs among the channels of the records, and a large misfit is left"

@@ -11,7 +11,7 @@ from calib.diagnosis.score import Signature, score_test, threshold
 from calib.diagnosis.signature import Slope
 from calib.diagnosis.suspect import Scored, Suspect, Untestable
 
-NO_DERIVATIVE = "judged by the samples themselves: a first trace of it has no derivative to score"
+NO_DERIVATIVE = "no score test, for want of a derivative where it is absent; judged by the samples themselves"
 
 
 @dataclass(frozen=True, eq=False)

@@ -325,7 +325,8 @@ def _with_best_pair(fitter: Fitter, state: _Stepwise, candidates: Sequence[Candi
         if left.left_out or not left.is_explained:
             return state
     rejected = _any_rejected(fitter, null, [cause for cause, _ in causes], final, threshold)
-    return state if rejected else state.with_causes(causes, final, "of all pairs this one explains most, and more")
+    reason = "of all pairs this one explains most, and more than what was chosen before"
+    return state if rejected else state.with_causes(causes, final, reason)
 
 
 def _any_rejected(fitter: Fitter, null: Fit, causes: Sequence[Refitted], final: Fit, threshold: float) -> bool:

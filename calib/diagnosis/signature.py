@@ -268,7 +268,8 @@ def _compared(first: tuple[float, np.ndarray], step: float, second: np.ndarray |
         return Slope(slope, first_step, False, reason or "there is no room for a second step")
     difference = _difference(slope, second / step)
     if difference > MAX_SLOPE_DIFFERENCE:
-        return Slope(slope, first_step, False, f"two steps give slopes that differ by {difference:.0%}", difference)
+        reason = f"its derivative is not reliable: finite differences with two step sizes differ by {difference:.0%}"
+        return Slope(slope, first_step, False, reason, difference)
     return Slope(slope, first_step, True, relative_error=difference)
 
 

@@ -30,7 +30,7 @@ def verdict_of(
         return UNEXPLAINED, _refuted(selection, gain)
     share = f"{explained(selection.explained_share)} of the excess misfit"
     if len(selection.rivals) > 1:
-        alike = f"; they explain {share} alike" if selection.is_significant else ""
+        alike = f"; {_alternatives(selection)} explain {share} alike" if selection.is_significant else ""
         return ONE_OF, joined(_ways(selection)) + alike + _differing(selection)
     names, s = _subject(selection)
     text = (f"{names}: explain{s} {share}" if selection.is_significant else names) + _differing(selection)
@@ -58,6 +58,13 @@ def failures(gates: Sequence[Gate]) -> str:
 def _ways(selection: Selection) -> list[str]:
     """Each cause with the suspects that are indistinguishable from it."""
     return [_one_of([rival.name for rival in rivals]) for rivals in selection.alternatives]
+
+
+def _alternatives(selection: Selection) -> str:
+    """Indistinguishable models as the subject of a sentence; of several causes not all combinations are among them."""
+    if len(selection.causes) == 1:
+        return "they"
+    return f"the {len(selection.classes)} combinations of them in which one cause at a time is exchanged"
 
 
 def _subject(selection: Selection) -> tuple[str, str]:

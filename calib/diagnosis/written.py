@@ -13,7 +13,7 @@ from calib.diagnosis.gates import Gate
 from calib.diagnosis.next_measurement import DECISIVE_Z, Design, Measurement
 from calib.diagnosis.search import Round
 from calib.diagnosis.selection import Selection
-from calib.diagnosis.suspect import Refitted, Suspect, cosine, leading_variants
+from calib.diagnosis.suspect import Refitted, Scored, Suspect, cosine, leading_variants
 from calib.diagnosis.verdict import UNEXPLAINED
 from calib.objective import MISFIT
 from calib.store.plain import plain
@@ -110,8 +110,15 @@ def _suspect(suspect: Suspect, excess: float, chosen: Suspect | None) -> dict[st
         "refitted": isinstance(suspect, Refitted),
         "null": dict(zip(names, null, strict=True)),
         "alike": None if chosen is None else cosine(suspect, chosen),
-        "reason": suspect.reason,
+        "reason": suspect.reason or _without_effect(suspect),
     }
+
+
+def _without_effect(suspect: Suspect) -> str:
+    """Say of a suspect that changes no simulation that it does not; "" of others."""
+    scored = suspect.screened if isinstance(suspect, Refitted) else suspect
+    none = isinstance(scored, Scored) and not scored.derivatives.any()
+    return "it changes nothing in these records: what it acts on does not occur in them" if none else ""
 
 
 def _round(outcome: Round) -> dict[str, Any]:

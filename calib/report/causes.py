@@ -24,7 +24,7 @@ LEGEND = {
     CLASS: "in the class",
     CLOSEST: "comes closest",
     LESS: "above the threshold, but explains less",
-    SENSELESS: "above it, but with a sign that makes no sense",
+    SENSELESS: "above it, but of an impossible size",
     BELOW: "below the threshold",
 }
 STEEP = 12.0  # largest |z| over the threshold, from which the axis is logarithmic
@@ -61,7 +61,7 @@ def suspects(strengths: Sequence[tuple[str, float, str]], threshold: float) -> F
         axes.set_ylim(-0.7, len(ordered) - 0.3)
         axes.grid(axis="y", visible=False)
         axes.tick_params(axis="y", length=0)
-        axes.set_xlabel("|z|: strength of the sign in the residuals, in standard deviations of the noise")
+        axes.set_xlabel("|z| of the score test: evidence of the effect in the residuals [standard deviations by noise]")
         used = [outcome for outcome in LEGEND if any(o == outcome for *_, o in ordered)]
         handles = [mpl.patches.Patch(color=COLOURS[outcome], label=LEGEND[outcome]) for outcome in used]
         dashes = {"color": MARK, "linewidth": 1.2, "linestyle": (0, (4, 2))}
@@ -148,7 +148,7 @@ def transfers(
         handles = [
             mpl.lines.Line2D([], [], color=LINE, marker="o", label="one record alone"),
             mpl.lines.Line2D([], [], color=MARK, marker="o", markerfacecolor="white", label="held out"),
-            mpl.patches.Patch(color=EXTENDED, alpha=0.4, label="all together"),
+            mpl.patches.Patch(color=EXTENDED, alpha=0.4, label="records that were fitted"),
         ]
         if any(t.get("bias") for t in found):
             handles.append(mpl.lines.Line2D([], [], color=LINE, linewidth=3.0, alpha=0.3, label="with bias"))

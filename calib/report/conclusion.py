@@ -11,7 +11,8 @@ from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED, explained,
 from calib.report.words import number, percent, quantity
 
 LEAST_SHARE = CRITERIA.min_over_remainder / (1.0 + CRITERIA.min_over_remainder)  # of a remainder, by a cause  [1]
-HALF_WIDTH = 1.96  # of a 95 % interval, in standard errors
+HALF_WIDTH = 1.96  # of a 95 % interval of a normal distribution, in standard errors
+TWO_ERRORS = 2.0  # written with calibrated values, beyond which they are said to move  [standard errors]
 MAX_ABSORBED = 0.995  # share of a signature that calibration takes over, above which a size by score is none  [1]
 MAX_LISTED = 4  # records whose own sizes a sentence gives
 SAME = 1e-9  # relative difference of values that are the same
@@ -93,7 +94,8 @@ def points(said: Mapping[str, Any], pictured: bool = True) -> list[str]:
         found += moved_sizes(said)
         if moved_values(gain):
             found.append(
-                "With it, calibrated values move by more than their 95 % intervals in this diagnosis: "
+                f"With {joined(added(said)) or 'the extension'}, calibrated values move by more than two standard "
+                "errors of this diagnosis (±: two standard errors): "
                 f"{'; '.join(moved_values(gain))}."
             )
     if said["verdict"] == ONE_OF and said.get("design") is not None:
@@ -117,9 +119,15 @@ def disagreements(said: Mapping[str, Any]) -> list[str]:
         found.append(f"{parameter} = {', '.join(each[:MAX_LISTED])}{more}" if each else parameter)
     return [
         f"The records, each alone, disagree on the size of {joined(names)} ({'; '.join(found)}; 95\u00a0% "
-        "intervals): something that acts alike and is not modelled changes it, or is the cause; the interval of the "
-        "common size does not count that."
+        "intervals by Student's t): something that acts alike and is not modelled changes it, or is the cause; the "
+        f"interval of {_fitted_size(gain['transfers'], apart)} does not count that."
     ]
+
+
+def _fitted_size(transfers, parameters):
+    """Name the size that the model has: that of the only record it was fitted to, or that common to several."""
+    fitted = dict.fromkeys(t["record"] for t in transfers if t["parameter"] in parameters and not t["held"])
+    return f"the size that {next(iter(fitted))} alone has" if len(fitted) == 1 else "the common size"
 
 
 def moved_sizes(said: Mapping[str, Any]) -> list[str]:
@@ -152,18 +160,18 @@ def biased_half_width(transfer: Mapping[str, Any]) -> float:
 
 
 def moved_values(gain: Mapping[str, Any]) -> list[str]:
-    """Write calibrated parameters that leave their own 95 % interval in the extended model, with both values."""
+    """Write calibrated parameters that move by more than two standard errors in the extended model: both values."""
     return [
-        f"{s['parameter']} = {_with_interval(s, 'before')} without it, {_with_interval(s, 'after')} with it"
+        f"{s['parameter']} from {_with_errors(s, 'before')} to {_with_errors(s, 'after')}"
         for s in gain["shifts"]
-        if s["errors"] is not None and abs(s["errors"]) > HALF_WIDTH
+        if s["errors"] is not None and abs(s["errors"]) > TWO_ERRORS
     ]
 
 
-def _with_interval(shift, which):
-    """Write a calibrated parameter before or after; without interval where earlier versions had none."""
+def _with_errors(shift, which):
+    """Write a calibrated parameter before or after with two standard errors; earlier versions wrote none."""
     error = shift.get(f"{which}_error")
-    return quantity(shift[which], shift.get("unit"), half=None if error is None else HALF_WIDTH * error)
+    return quantity(shift[which], shift.get("unit"), half=None if error is None else TWO_ERRORS * error)
 
 
 def proposal(measurements: Sequence[Mapping[str, Any]]) -> str:
@@ -223,8 +231,8 @@ def left_out(said: Mapping[str, Any]) -> list[str]:
     if said["verdict"] not in (NAMED, ONE_OF, UNEXPLAINED):
         return []
     return [
-        f"Beside {joined(one['beside'])}, {one['effect']} explains {percent(one['share'])} of what may then "
-        f"remain. It is not named: {_why_left_out(one)}"
+        f"Of the excess that {joined(one['beside'])} may leave, {one['effect']} explains {percent(one['share'])}. "
+        f"It is not named: {_why_left_out(one)}"
         for one in said.get("left_out", ())  # not written by earlier versions
     ]
 
@@ -232,8 +240,8 @@ def left_out(said: Mapping[str, Any]) -> list[str]:
 def _why_left_out(one: Mapping[str, Any]) -> str:
     if one.get("reason"):  # not written by earlier versions
         return f"{one['reason']}, so that it stands in for something else."
-    small = f"what explains less than {percent(LEAST_SHARE)} of a remainder may only look like it."
-    return f"{small} A record in which it would be larger tells."
+    small = f"an effect that explains less than {percent(LEAST_SHARE)} of a remainder may only resemble its cause."
+    return f"{small} A record in which {one['effect']} acts more strongly would decide."
 
 
 def inconstant(said: Mapping[str, Any]) -> bool:

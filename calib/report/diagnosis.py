@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from calib.diagnosis.constancy import CHANNELS
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.excess import significant
 from calib.diagnosis.laboratory import AMPLITUDE_RANGE, FREQUENCY_RANGE, RELEASE_RANGE
@@ -36,6 +37,8 @@ TONES = {NAMED: "good", NONE: "good", ONE_OF: "mind", UNEXPLAINED: "mind"}
 QUESTIONS = {NAMED: "Why this one", ONE_OF: "Why these", NONE: "Why nothing", UNEXPLAINED: "Why none of them"}
 MIN_SHOWN_Z = 3.0  # of a feature that is shown at once  [standard errors]
 MOST = 12  # features shown at once
+MOSTLY = 0.995  # share that is no longer written as whole per cent, which would make it all  [1]
+SMALL_Z = 1.0  # of a predicted separation, below which it is written to two digits  [standard deviations]
 ENOUGH = 10  # suspects shown at once
 
 RESIDUALS = (
@@ -51,16 +54,17 @@ GREEN = ", green by the extended one"
 IMPACTS = "; where the ground is orange, next to impacts, velocity is not compared"
 LOOPS = (
     "Measured phase curves, coloured by the local misfit: the residuals of displacement and velocity, each averaged "
-    "over a thirtieth of the mean cycle, root mean square over both, in standard deviations of such an average. About"
+    "over a thirtieth of the {stretch}, root mean square over both, in standard deviations of such an average. About"
     " 1 is noise."
 )
 FORCES = (
     "Acceleration that the simulation of {body} lacks, measured less simulated at the same instant (derivative of the"
-    " residual velocity, by parabolas through neighbouring samples of the mean cycle; impacts left out): over the "
+    " residual velocity, by parabolas through neighbouring samples of the {stretch}; impacts left out): over the "
     "plane of its states, and in bins of displacement and of velocity with two standard errors. It holds the missing "
     "force per unit mass together with what the springs and dampers answer to the motion that differs, so near a "
     "resonance a force is seen a quarter of a period late."
 )
+UNCERTAIN = "the acceleration that differences of the velocity give is too uncertain there to show what remains."
 SUSPECTS = (
     "How strongly each effect shows in the residuals, what calibrated parameters and nuisances absorb taken out. "
     "Above the dashed line it is more than noise would make the strongest of them in 99 of 100 cases."
@@ -75,15 +79,17 @@ GAIN = (
     "for."
 )
 TRANSFERS = (
-    "Size of the effect refitted to each record alone, all other parameters free, with its 95\u00a0% interval; a "
-    "record that does not tell it from these has none. What the model leaves in a record may bias its size: the pale "
-    "bar counts that too. A law of nature has one size in all of them; a size that differs from record to record, or "
-    "that the records held out do not share, is a stand-in for another cause."
+    "Size of the effect refitted to each record alone, all other parameters free, with its 95\u00a0% interval by "
+    "Student's t; a record that does not tell it from these has none. What the model leaves in a record may bias its "
+    "size: the pale bar counts that too. A law of nature has one size in all of them. Where the model leaves no more "
+    "than noise, an effect whose sizes differ is a stand-in for another cause; beside a remainder, where the standard "
+    f"deviation of its sizes is more than {percent(CRITERIA.max_variation)} of their mean: up to that, what is not "
+    "modelled may have made them differ."
 )
 SHIFTS = (
-    "By how many of their standard errors the calibrated parameters move once the cause is in the model; within the "
-    "grey band (two of them) its interval, as this diagnosis weighs the records, holds the new value. One that moves "
-    "further may have made up for what was missing, or the cause takes over its part."
+    "By how many of their standard errors, as this diagnosis weighs the records, the calibrated parameters move once "
+    "the cause is in the model; grey band: two standard errors. One that moves further may have made up for what was "
+    "missing, or the cause takes over its part."
 )
 SEPARATION_MAP = (
     "Predicted separation of the two least distinguishable explanations by a steady tone, over its frequency and "
@@ -93,8 +99,8 @@ SEPARATION_MAP = (
 )
 SEPARATION_LINES = (
     "Predicted separation z of the two least distinguishable explanations by tests that are searched over one setting; "
-    "star: the best, as confirmed by simulation at the refitted parameters; dashed: z = 3; cross: no regular motion, "
-    "or a failed simulation."
+    "star: the best, as confirmed by simulation at the refitted parameters; dashed: z = 3; hollow: z is "
+    "below 0.1; cross: no regular motion, or a failed simulation."
 )
 NAMES = {"amplitude": "amplitude", "frequency": "frequency", "release": "displacement of release"}
 
@@ -120,17 +126,18 @@ def chapter(
         "verdict": said["verdict"].replace("_", " "),
         "tone": TONES.get(said["verdict"], "bad"),
         "headline": headline(said),
-        "points": points(said, pictured=bool(forces)),
+        "points": points(said, pictured=any(force["telling"] for force in forces)),
         "stale": stale(said, result),
         "gates": [_gate(gate, motions) for gate in said["gates"]],
         "residuals": _residuals(motions, named_extension(said)),
-        "loops": pictured(remains.misfit_loops(motions), "misfit-loops", LOOPS),
+        "loops": pictured(remains.misfit_loops(motions), "misfit-loops", LOOPS.format(stretch=_stretch(motions))),
         "forces": forces,
         "features": _features(said),
         "strengths": _strengths(said, outcomes),
         "suspects": _suspects(said, outcomes),
         "refused": said["refused"],
         "rounds": _rounds(said),
+        "finally": _finally(said),
         "why": _why(said, outcomes),
         "magnified": pictured(remains.magnified_loops(motions, named_extension(said)), "magnified-loops", MAGNIFIED),
         "next_measurement": _next_measurement(said),
@@ -156,7 +163,7 @@ def _gate(gate, motions):
         if known:
             levels = [float(motion.sigma[row]) / float(np.std(motion.measured.values[row])) for motion, row in known]
             ends = dict.fromkeys(percent(x, 2) for x in (min(levels), max(levels)))
-            text = f"{' to '.join(ends)} of the motion in {count(len(levels), 'channel')}"
+            text = f"{' to '.join(ends)} of the standard deviation of the channel, in {count(len(levels), 'channel')}"
             text += f" ({', '.join(dict.fromkeys(sources))})" if sources else ""
     return {
         "name": gate["name"],
@@ -187,14 +194,20 @@ def _forces(motions):
     for body in dict.fromkeys(body for motion in motions.values() for body in remains.pairs(motion)):
         known = lacking.accelerations(motions, body)
         clear = {name: force for name, force in known.items() if lacking.stands_clear(force)}
-        caption = FORCES.format(body=body)
+        caption = FORCES.format(body=body, stretch=_stretch({name: motions[name] for name in clear or known}))
         hidden = [name for name in known if name not in clear]
-        if clear and hidden:
-            caption += f" In {', '.join(hidden)} nothing stands clear of noise."
+        if hidden:
+            caption += f" {', '.join(hidden)}: {UNCERTAIN}"
         picture = pictured(lacking.forces(clear or known), f"force-{body}", caption)
         if picture is not None:
             found.append({"body": body, "telling": bool(clear), "picture": picture})
     return found
+
+
+def _stretch(motions):
+    """What is drawn of the records: the mean cycle of those that have a period, the whole of the others."""
+    kinds = {"mean cycle" if "period" in motion.attrs else "record" for motion in motions.values()}
+    return " or, without a period, ".join(sorted(kinds))
 
 
 def _features(said):
@@ -208,13 +221,14 @@ def _feature(feature):
     factor, unit = reading(feature["unit"], max(abs(feature[key] or 0.0) for key in ("measured", "simulated")))
     values = [None if feature[key] is None else factor * feature[key] for key in ("measured", "simulated", "error")]
     measured, simulated, error = values
+    predicted = simulated if None in (feature["z"], error) else measured + feature["z"] * error
     return {
         "label": feature["label"],
         "record": feature["record"],
         "body": feature["body"],
         "unit": raised(unit),
         "measured": with_error(measured, None if error is None else 2.0 * error),
-        "simulated": rounded(simulated, error),
+        "predicted": rounded(predicted, error),
         "z": "-" if feature["z"] is None else signed(feature["z"], "+"),
         "marked": feature["z"] is not None and abs(feature["z"]) > MIN_SHOWN_Z,
     }
@@ -275,7 +289,7 @@ def _suspect(suspect, fate, said):
     nothing_known = untested(suspect)
     misfit = said["misfit"]
     explains = significant(misfit["excess"], misfit["blur"]) and suspect["share"] is not None
-    explains = explains and fate != causes.SENSELESS and suspect["drop"] > 0.0
+    explains = explains and fate not in (causes.SENSELESS, causes.ABSORBED) and suspect["drop"] > 0.0
     return {
         "effect": suspect["effect"],
         "where": f"on {', '.join(suspect['bodies'])}" if suspect["bodies"] else "",
@@ -291,12 +305,16 @@ def _suspect(suspect, fate, said):
         "held": held,
         "share": explained(suspect["share"]) if explains else "-",
         "predicted": explains and not suspect["refitted"],
-        "absorbed": "-" if nothing_known else percent(suspect["absorbed"]),
+        "absorbed": "-" if nothing_known else _absorbed(suspect["absorbed"]),
         "detectable": []
         if hardly_seen(suspect)
         else [quantity(x, suspect["units"].get(name), 2) for name, x in suspect["detectable"].items() if x is not None],
         "reason": _reason(suspect, fate, said),
     }
+
+
+def _absorbed(share):
+    return explained(share) if share >= MOSTLY else percent(share)
 
 
 def _reason(suspect, fate, said):
@@ -317,8 +335,12 @@ def _reason(suspect, fate, said):
     if fate == causes.LESS:
         first = said["rounds"][0]["chosen"] if said["rounds"] else None
         alike = f"; {percent(suspect['alike'])} like {first}" if first and (suspect.get("alike") or 0.0) > 0.5 else ""
-        return f"explains less{alike}"
+        exchanged = ", the choice of round 1" if alike and first not in added(said) else ""
+        return f"explains less{alike}{exchanged}"
     if fate == causes.ABSORBED:
+        later = [k for k, r in enumerate(said["rounds"], 1) if suspect["effect"] in (r["chosen"], r.get("rejected"))]
+        if later:
+            return f"without causes calibration absorbs it; see round {later[0]}"
         return "calibration absorbs it: these records hardly show it"
     if untested(suspect):
         return "calibration absorbs it but for what may be the error of its derivative"
@@ -348,13 +370,33 @@ def _rounds(said):
         known += [found["chosen"]] if found["chosen"] else []
     for exchange in said.get("exchanges", ()):  # not written by earlier versions
         row = dict.fromkeys(("threshold", "share", "predicts", "rivals"), "-")
+        if set(exchange["after"]) == set(added(said)):
+            row |= {"share": explained(said["misfit"]["share"]), "predicts": "not tested", "rivals": _exchanged(said)}
         instead = f"{' + '.join(exchange['after'])} instead: {exchange['reason']}"
         rows.append({**row, "model": " + ".join(["calibrated", *exchange["before"]]), "chosen": instead})
     for one in said.get("left_out", ()):
         row = dict.fromkeys(("threshold", "share", "predicts", "rivals"), "-")
-        why = one.get("reason") or f"it explains {explained(one['share'])} of what the others may leave: too little"
-        rows.append({**row, "model": f"that with {one['effect']}", "chosen": f"without {one['effect']}: {why}"})
+        known = ["calibrated", *one["beside"], one["effect"]]
+        little = f"it explains {explained(one['share'])} of the excess that the others may leave: too little"
+        why = one.get("reason") or little
+        rows.append({**row, "model": " + ".join(known), "chosen": f"without {one['effect']}: {why}"})
     return rows
+
+
+def _exchanged(said):
+    """Names of what is indistinguishable from a cause of the final model beside its others."""
+    own = added(said)
+    names = [name for model in said["class"] for name in model if name not in own]
+    return ", ".join(dict.fromkeys(names)) or "-"
+
+
+def _finally(said):
+    """What the causes together explain, refitted at the end: not what each did in its round."""
+    if not added(said) or not said["misfit"].get("share"):
+        return ""
+    return f"{joined(added(said))}, refitted at the end, explain{'' if len(added(said)) > 1 else 's'} " + explained(
+        said["misfit"]["share"]
+    )
 
 
 def _predicts(found):
@@ -368,7 +410,7 @@ def _predicts(found):
 def _none(found):
     """Why a search named nothing."""
     if not found.get("rejected"):
-        return "none is above the threshold"
+        return "none is above the threshold with a size that makes sense"
     return f"none: {found['rejected']} explains most, but {found['rejection']}"
 
 
@@ -404,16 +446,16 @@ def _why(said, outcomes):
         )
     if said["misfit"].get("inconstancy") and added(said):
         found += _constancy(said)
-    less = [s for s in said["suspects"] if outcomes[s["effect"]] == causes.LESS and s["effect"] not in _left_out(said)]
-    others = [s for s in less if s["share"] is not None]
+    others = [s for s in said["suspects"] if outcomes[s["effect"]] == causes.LESS and s["share"] is not None]
     if said["verdict"] == NAMED and others:
         best = max(others, key=lambda s: s["share"])
         chosen, alike = said["rounds"][0]["chosen"], best.get("alike")
         told = alike is not None and chosen in said["causes"]
         alike = f"; its signature is {percent(alike)} like that of {chosen}" if told else ""
+        beside = f" Beside {joined(added(said))} it is left out." if best["effect"] in _left_out(said) else ""
         found.append(
-            f"The next best of the first round, {best['effect']}, explains {explained(best['share'])} of the "
-            f"excess on its own{alike}."
+            f"Of the effects that are not named, {best['effect']} explains most on its own: "
+            f"{explained(best['share'])} of the excess{'' if best['refitted'] else ' (estimate)'}{alike}.{beside}"
         )
     elif said["verdict"] == NAMED:
         found.append("No other effect is above the threshold with a size that makes sense.")
@@ -423,21 +465,29 @@ def _why(said, outcomes):
 def _constancy(said):
     """Say whether the sizes differ among the channels; not that they do not where those of whole records disagree."""
     alone, z = _agreements(said["gain"]), said["misfit"]["inconstancy"]
-    differ = inconstant(said) and z > said["threshold"]
-    if not differ and not all(agreement["agree"] for agreement in alone):
+    differ, of_records = inconstant(said) and z > said["threshold"], _is_a_channel_each(said)
+    if not differ and (of_records and alone or not all(agreement["agree"] for agreement in alone)):
         return []
-    how, end = "do not differ", ""
+    names, how, end = added(said), "do not differ", ""
     if differ:
         how, end = "differ", " Effects may imitate another one, but hardly with one size everywhere."
     elif z > said["threshold"]:
-        none = {"effect": "one", "variation": 0.0}
-        most = max(said["misfit"].get("constancy", ()), key=lambda c: c["z"], default=none)
-        how = f"differ, those of {most['effect']} by {percent(most['variation'])},"
-        end = " What has no name yet may make as much." if (said.get("remains") or {}).get("above_noise") else ""
+        own = [c for c in said["misfit"].get("constancy", ()) if c["among"] == CHANNELS]
+        most = max(own, key=lambda c: c["z"], default=None)
+        which = f", most those of {most['effect']}," if most and len(names) > 1 else ""
+        how = f"differ{which} by {percent(most['variation'])}" if most else "differ"
+        if (said.get("remains") or {}).get("above_noise"):
+            end = f" What is not modelled may make them differ by up to {percent(CRITERIA.max_variation)}."
     return [
-        f"The sizes of {joined(added(said))} {how} among the channels of the records (Cochran's Q as a normal "
-        f"deviate: {number(z, 2)}, threshold {number(said['threshold'], 2)}).{end}"
+        f"The sizes of {joined(names)} {how} among the {'records' if of_records else 'channels of the records'} "
+        f"(Cochran's Q as a normal deviate: {number(z, 2)}, threshold {number(said['threshold'], 2)}).{end}"
     ]
+
+
+def _is_a_channel_each(said):
+    """Whether each record has one channel that is compared: then its channels are the records."""
+    records = [channel["record"] for channel in said["misfit"].get("channels", ())]
+    return bool(records) and len(set(records)) == len(records)
 
 
 def _next_measurement(said):
@@ -463,12 +513,15 @@ def _measurement(measurement):
     return {
         "kind": measurement["kind"],
         "description": measurement["description"],
-        "z": signed(measurement["z"]),
-        "z_max": signed(measurement["z_max"]),
-        "z_refit": "-" if measurement["z_refit"] is None else signed(measurement["z_refit"]),
+        **{key: "-" if measurement[key] is None else separated(measurement[key]) for key in ("z", "z_max", "z_refit")},
         "confirmed": measurement["confirmed"],
         "decisive": measurement["z"] >= DECISIVE_Z,
     }
+
+
+def separated(z: float) -> str:
+    """Write a predicted separation; a small one to two digits, as sentences about it do."""
+    return number(z, 2) if abs(z) < SMALL_Z else signed(z)
 
 
 def _bounds(variable):

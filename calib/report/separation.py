@@ -17,7 +17,7 @@ from calib.report.drawing import LINE, MARK, MEASURED, SIMULATED, STYLE, WIDTH, 
 from calib.report.words import number
 
 COLOURS = "cividis"  # from least to most separation; read alike by colour-blind readers
-LEAST_Z = 0.1  # drawn as such: smaller ones are as useless
+LEAST_Z = 0.1  # end of the scale: smaller ones are marked as being below it
 HEADROOM = 1.5  # of the scale above the decisive z, where no point reaches that
 EXCLUDED = "#e8e8e8"
 STARS = {STEADY_TONE: ("*", 15.0), WITHOUT_CONTACT: ("D", 7.0)}  # marker and size [points] of the best
@@ -78,7 +78,9 @@ def separation_lines(design: Mapping[str, Any], measurements: Sequence[Mapping[s
             axes.set_xlabel(f"{name.capitalize().replace('Release', 'Displacement of release')} [{unit}]")
             best = next((m for m in measurements if m["kind"] == test and not m["channel"]), None)
             if best is not None:
-                axes.plot(factor * best[name], max(best["z"], LEAST_Z), "*", color=MARK, markersize=11, zorder=5)
+                look = {"color": MARK, "markersize": 11, "zorder": 5}
+                look |= {"markerfacecolor": "white"} if best["z"] < LEAST_Z else {}
+                axes.plot(factor * best[name], max(best["z"], LEAST_Z), "*", **look)
         low, high = panels[0].get_ylim()
         panels[0].set_ylim(min(low, 0.5 * design["decisive_z"]), max(high, 2.0 * design["decisive_z"]))
         panels[0].set_ylabel("Predicted separation z")
@@ -243,10 +245,10 @@ def _draw_line(axes, design, test, name, factor) -> None:
     own = sorted((p for p in design["points"] if p["test"] == test), key=lambda p: p[name])
     good = [point for point in own if point["status"] == OK]
     bad = [point for point in own if point["status"] != OK]
-    axes.plot(
-        [factor * p[name] for p in good], [max(p["z"], LEAST_Z) for p in good], "o-",
-        color=SIMULATED, markersize=3.5, linewidth=1.0,
-    )  # fmt: skip
+    shown = [p["z"] if p["z"] >= LEAST_Z else math.nan for p in good]
+    axes.plot([factor * p[name] for p in good], shown, "o-", color=SIMULATED, markersize=3.5, linewidth=1.0)
+    below = [factor * p[name] for p in good if p["z"] < LEAST_Z]
+    axes.plot(below, [LEAST_Z] * len(below), "v", color=SIMULATED, markersize=4.5, markerfacecolor="white")
     axes.plot([factor * p[name] for p in bad], [LEAST_Z] * len(bad), "x", color=LINE, markersize=4.0)
     axes.axhline(design["decisive_z"], color=MEASURED, linestyle="--", linewidth=1.0)
     axes.annotate(f"z = {design['decisive_z']:g}", (1.0, design["decisive_z"]), (-2, 2), textcoords="offset points",

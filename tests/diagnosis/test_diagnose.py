@@ -15,7 +15,7 @@ from calib.diagnosis.gain import RECORDS as RECORDS_HELD_OUT
 from calib.diagnosis.preparation import bench_of, prepared
 from calib.diagnosis.selection import exchanged, select
 from calib.diagnosis.suspect import Scored
-from calib.diagnosis.verdict import joined, verdict_of
+from calib.diagnosis.verdict import _alternatives, joined, verdict_of
 from calib.diagnosis.written import as_dict
 from calib.excitation import Excitation
 from calib.model import Model, Request
@@ -707,3 +707,10 @@ def test_what_remains_may_bias_a_size_by_a_share_of_the_bound(gross):
     bound = np.sqrt(selection.remaining_chi2 * variance)
     assert selection.bias_std(selection.final, parameter) == pytest.approx(0.35 * bound, rel=1e-6)
     assert replace(selection, remaining_chi2=0.0).bias_std(selection.final, parameter) == 0.0
+
+
+def test_of_alternatives_to_several_causes_the_combinations_are_counted():
+    """Not every cause with every other: one at a time is exchanged."""
+    causes, classes = ("lag", "scale"), [("lag", "scale"), ("shear", "scale"), ("lag", "gain")]
+    assert _alternatives(SimpleNamespace(causes=causes, classes=classes)).startswith("the 3 combinations")
+    assert _alternatives(SimpleNamespace(causes=causes[:1], classes=classes[:1])) == "they"

@@ -98,7 +98,7 @@ def test_what_bends_has_no_slope_at_larger_steps_either():
     direction = Direction("x", 0.0, 1.0, -np.inf, np.inf)
     [slope] = slopes(Bent(2.0), Numbers(), Here(), [direction])
     assert not slope.reliable
-    assert "two steps give slopes that differ by 42%" in slope.reason
+    assert "finite differences with two step sizes differ by 42%" in slope.reason
 
 
 def test_a_step_that_was_right_before_is_not_compared_again():

@@ -93,7 +93,7 @@ def _untested():
         "interval": {"clip": [None, None]},
         "detectable": {"clip": None},
         "alike": None,
-        "reason": "judged by the samples themselves: a first trace of it has no derivative to score",
+        "reason": "no score test, for want of a derivative where it is absent; judged by the samples themselves",
     }
 
 

@@ -3,6 +3,7 @@
 import functools
 import io
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,14 +12,15 @@ from report.diagnoses import GAIN, GATES, document, motion, motions
 from rich.console import Console
 
 from calib.cli.diagnose import show
-from calib.diagnosis import kept
+from calib.diagnosis import kept, written
 from calib.diagnosis.bench import Seen
 from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.evidence import Evidence, Part
 from calib.diagnosis.noise import Noise
+from calib.diagnosis.suspect import Scored
 from calib.report import render
-from calib.report.conclusion import headline, left_out, points, stale
-from calib.report.diagnosis import chapter, outcome
+from calib.report.conclusion import disagreements, headline, left_out, points, stale
+from calib.report.diagnosis import chapter, outcome, separated
 from calib.report.lacking import accelerations, stands_clear
 from calib.report.remains import EXTENDED, loop, residuals, rows
 from calib.report.separation import separation_lines, separation_map
@@ -156,6 +158,16 @@ def test_of_one_setting_a_line_is_drawn_and_no_map():
     assert separation_lines(own, said["measurements"]).axes[0].get_title(loc="left") == "free decay"
 
 
+def test_a_separation_below_the_scale_is_marked_and_not_drawn_as_data():
+    said = document("one_of", VALUES)
+    low = [p | {"z": 0.008} for p in said["design"]["points"] if p["test"] == "free decay"]
+    [axes, *_] = separation_lines(said["design"] | {"points": low}, []).axes
+    line, below = [shown for shown in axes.lines if shown.get_marker() in ("o", "v")]
+    assert np.isnan(line.get_ydata()).all()
+    assert below.get_xdata().size == len(low)
+    assert separated(0.03877) == "0.039"
+
+
 def test_a_terminal_shows_the_best_measurement_and_the_best_z_of_each_kind(tmp_path):
     console = Console(file=io.StringIO(), width=200)
     show(document("one_of", VALUES), tmp_path, None, console)
@@ -183,7 +195,7 @@ def test_where_nothing_is_found_all_suspects_stand_with_the_sizes_that_would_hav
 def test_what_the_level_of_the_noise_is_known_from_is_said(study):
     found = chapter(document("named", VALUES), motions("named"), {"values": VALUES}, study)
     [noise] = [gate for gate in found["gates"] if gate["name"] == "noise"]
-    assert noise["said"].endswith(" of the motion in 8 channels (cycle to cycle)")
+    assert noise["said"].endswith(" of the standard deviation of the channel, in 8 channels (cycle to cycle)")
 
 
 def test_a_failed_gate_says_what_to_do(told):
@@ -214,6 +226,111 @@ def test_what_became_of_each_suspect():
     rivals = [found | {"rivals": [suspect["effect"] for suspect in said["suspects"][:2]]} for found in said["rounds"]]
     found = {s["effect"]: outcome(s, said | {"rounds": rivals}) for s in said["suspects"][:3]}
     assert [*found.values()].count("comes closest") == 2
+
+
+def test_the_strongest_rival_is_told_also_where_it_was_left_out_later(study):
+    said = document("named", VALUES)
+    [rival] = [suspect for suspect in said["suspects"] if suspect["effect"] == "linear_drag"]
+    rival |= {"share": 0.69, "alike": 0.52}
+    said["left_out"] = [{"effect": "linear_drag", "share": 0.36, "beside": ["quadratic_drag"], "reason": ""}]
+    found = chapter(said, {}, {"values": VALUES}, study)
+    [told] = [text for text in found["why"] if text.startswith("Of the effects that are not named")]
+    assert "linear_drag explains most on its own: 69 % of the excess" in told
+    assert told.endswith("Beside quadratic_drag it is left out.")
+    assert found["rounds"][-1]["model"] == "calibrated + quadratic_drag + linear_drag"
+
+
+def test_a_likeness_to_a_choice_that_was_exchanged_is_said_to_be_that(study):
+    said = document("named", VALUES)
+    exchange = {"before": ["quadratic_drag"], "after": ["lag", "scale"], "reason": "it explains more"}
+    said |= {"verdict": "one_of", "causes": [], "class": [["lag", "scale"], ["lag", "gain"]], "exchanges": [exchange]}
+    found = chapter(said, {}, {"values": VALUES}, study)
+    [row] = [row for row in found["suspects"]["shown"] if row["effect"] == "linear_drag"]
+    assert row["reason"] == "explains less; 90\u00a0% like quadratic_drag, the choice of round 1"
+    last = found["rounds"][-1]
+    assert (last["share"], last["predicts"], last["rivals"]) == ("all", "not tested", "gain")
+    assert found["finally"] == "lag and scale, refitted at the end, explain all"
+
+
+def test_where_all_above_the_threshold_make_no_sense_none_is_not_said_to_be_above_it(study):
+    said = document("unexplained", VALUES) | {"closest": [], "suspects": document("named", VALUES)["suspects"][2:3]}
+    said["rounds"] = [{"threshold": 3.43, "chosen": None, "share": None, "rivals": [], "alike": {}}]
+    found = chapter(said, {}, {"values": VALUES}, study)
+    assert abs(said["suspects"][0]["z"]) > said["threshold"]
+    assert found["rounds"][0]["chosen"] == "none is above the threshold with a size that makes sense"
+
+
+def test_what_has_nothing_to_act_on_is_not_said_to_be_absorbed():
+    none = Scored(None, None, np.zeros((5, 1)), None, np.array([np.inf]))
+    assert written._without_effect(none).startswith("it changes nothing in these records")
+    assert not written._without_effect(replace(none, derivatives=np.ones((5, 1))))
+
+
+def test_what_calibration_absorbs_without_causes_may_come_in_a_later_round(study):
+    said = document("named", VALUES)
+    [suspect] = [suspect for suspect in said["suspects"] if suspect["effect"] == "channel_lag"]
+    suspect |= {"absorbed": 1.0, "refitted": False}
+    rejected = {"rejected": "channel_lag", "rejection": "it explains a negligible share"}
+    said["rounds"] = [said["rounds"][0], said["rounds"][1] | rejected]
+    rows = chapter(said, {}, {"values": VALUES}, study)["suspects"]
+    [row] = [row for row in rows["shown"] + rows["rest"] if row["effect"] == "channel_lag"]
+    assert row["reason"] == "without causes calibration absorbs it; see round 2"
+    assert (row["share"], row["absorbed"]) == ("-", "all")
+
+
+def test_a_feature_is_shown_as_z_is_taken_of_it(study):
+    """With the noise of the record laid over the simulation."""
+    said = document("named", VALUES)
+    said["misfit"] = said["misfit"] | {"features": [said["misfit"]["features"][0] | {"z": -5.0}]}
+    [row] = chapter(said, {}, {"values": VALUES}, study)["features"]["marked"]
+    assert (row["measured"], row["predicted"], row["z"]) == ("2.4100 ± 0.0080", "2.3900", "−5.0")
+
+
+@pytest.mark.parametrize("lack", [0.0, 0.3])
+def test_where_the_acceleration_is_too_uncertain_nothing_is_said_to_be_noise(lack, study):
+    records = {"clapping": motion(np.random.default_rng(3), lack=lack)}
+    said = document("unexplained", VALUES)
+    text = words(render(study, [], {}, {"values": VALUES}, diagnosis=said, motions=records))
+    assert "nothing stands clear of noise" not in text
+    assert ("of the velocity is too uncertain to show it" in text) == (
+        not all(stands_clear(force) for body in ("q2", "q3") for force in accelerations(records, body).values())
+    )
+    assert ("The pictures of the acceleration that the simulation lacks" in text) == (lack > 0.0)
+
+
+@pytest.mark.parametrize("several", [False, True])
+def test_of_records_with_one_channel_each_only_the_records_are_compared(several, study):
+    said = document("named", VALUES)
+    channels = [{"record": name, "body": "q3", "channel": "displacement"} for name in ("clapping", "quiet")]
+    channels += [channels[0] | {"channel": "velocity"}] if several else []
+    among = {"among": "the channels of the records", "effect": "quadratic_drag", "z": 3.6, "variation": 0.13}
+    said["misfit"] = said["misfit"] | {"inconstancy": 3.6, "constancy": [among], "channels": channels}
+    said["remains"] = {"above_noise": True, "rows": []}
+    told = [text for text in chapter(said, {}, {"values": VALUES}, study)["why"] if "The sizes of" in text]
+    assert len(told) == several
+    for text in told:
+        assert text.startswith("The sizes of quadratic_drag differ by 13\u00a0% among the channels of the records (")
+        assert text.endswith("What is not modelled may make them differ by up to 33\u00a0%.")
+
+
+def test_the_interval_that_a_disagreement_is_not_counted_in_is_that_of_the_record_fitted():
+    said = document("unexplained", VALUES)
+    said["joint_sizes"] = {"quadratic_drag": {"size": {"c2": 2.4}, "units": {"c2": "1/m"}}}
+    one = [t for t in GAIN["transfers"] if t["record"] != "quiet"]
+    apart = [{"parameter": "c2", "chi2": 90.0, "degrees": 1, "z": 9.0, "agree": False}]
+    for transfers, named in ((GAIN["transfers"], "the common size"), (one, "the size that clapping alone has")):
+        said["gain"] = GAIN | {"transfers": transfers, "agreements": apart}
+        [told] = disagreements(said)
+        assert told.endswith(f"the interval of {named} does not count that.")
+
+
+def test_calibrated_values_move_by_the_errors_that_the_table_gives(study):
+    said = document("named", VALUES)
+    [told] = [text for text in points(said) if "calibrated values move" in text]
+    assert "two standard errors" in told
+    assert "restitution from 0.09170 ± 0.00084 to 0.10010 ± 0.00060" in told
+    [moved, _] = chapter(said, {}, {"values": VALUES}, study)["brings"]["moved"]
+    assert (moved["before"], moved["after"]) == ("0.09170 ± 0.00084", "0.10010 ± 0.00060")
 
 
 def test_what_calibration_absorbs_has_no_score(study):
@@ -262,13 +379,13 @@ def test_what_explains_too_little_of_a_remainder_is_told_and_not_named(study):
     assert not left_out(said)
     said["left_out"] = [{"effect": "preload", "share": 0.637, "beside": ["quadratic_drag"]}]
     [sentence] = left_out(said)
-    assert sentence.startswith("Beside quadratic_drag, preload explains 64\u00a0% of what may then remain. It is not ")
+    assert sentence.startswith("Of the excess that quadratic_drag may leave, preload explains 64\u00a0%. It is not ")
     assert sentence in points(said)
     beside = ["quadratic_drag", "preload"]
     said["left_out"].insert(0, {"effect": "coulomb_friction", "share": 0.4, "beside": beside})
-    assert left_out(said)[0].startswith("Beside quadratic_drag and preload, coulomb_friction explains 40\u00a0%")
+    assert "quadratic_drag and preload may leave, coulomb_friction explains 40\u00a0%" in left_out(said)[0]
     last = chapter(said, {}, {"values": VALUES}, study)["rounds"][-1]
-    assert last["chosen"] == "without preload: it explains 64 % of what the others may leave: too little"
+    assert last["chosen"] == "without preload: it explains 64 % of the excess that the others may leave: too little"
     assert last["share"] == "-"
 
 
@@ -312,12 +429,12 @@ def test_where_a_gate_fails_after_several_causes_were_found_nothing_is_said_of_t
 def test_a_suspect_that_could_not_be_tested_has_no_size(told):
     [clipping] = [s for s in told("named")["suspects"]["rest"] if s["effect"] == "clipping"]
     assert (clipping["z"], clipping["sizes"], clipping["detectable"]) == ("-", ["-"], [])
-    assert clipping["reason"] == "judged by the samples themselves: a first trace of it has no derivative to score"
+    assert clipping["reason"].startswith("no score test, for want of a derivative where it is absent")
 
 
 def test_features_stand_worst_first_in_the_units_of_a_reader(told):
     first, *_ = told("named")["features"]["marked"]
-    assert (first["measured"], first["simulated"], first["unit"]) == ("2.4100 ± 0.0080", "2.4700", "mm")
+    assert (first["measured"], first["predicted"], first["unit"]) == ("2.4100 ± 0.0080", "2.4700", "mm")
     assert first["z"] == "+15.0"
 
 
