@@ -35,7 +35,7 @@ class Force(NamedTuple):
 
 
 def missing_acceleration(motion: xr.Dataset, two: tuple[int, int]) -> Force | None:
-    """Derivative of the residual velocity, by parabolas through neighbouring samples of the mean cycle.
+    """Derivative of the residual velocity, by parabolas through neighbouring samples of the mean cycle or the record.
 
     As Savitzky and Golay (1964) have it. None where the velocity is not compared, or too short for it. Samples whose
     parabola would cross an impact are left out.
