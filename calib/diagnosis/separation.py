@@ -232,20 +232,26 @@ def with_steps(fit: Fit) -> Fit:
     return replace(fit, steps=tuple(step or other for step, other in zip(fit.steps, least, strict=True)))
 
 
-def prior_of(fit: Fit, initial: int) -> np.ndarray:
+def prior_of(fit: Fit, made: Experiment) -> np.ndarray:
     """What is known of the parameters, as rows (m, k + initial) of a least-squares problem.
 
     The existing records by the triangle of their derivatives; the form of an effect by its bounds, as of a uniform
-    distribution between them. Nothing is known of a new initial state.
+    distribution between them. Nothing is known of a new initial state, nor of a parameter that is fitted to the record
+    beside the experiment alone: what a release had there tells nothing of the next.
     """
-    known = [np.linalg.qr(fit.free(fit.columns), mode="r")]
+    own = np.array([name.endswith(f"@{made.part.name}") for name in fit.names], dtype=bool)
+    derivatives = fit.free(fit.columns)
+    triangle = np.linalg.qr(np.column_stack([derivatives[:, own], derivatives[:, ~own]]), mode="r")
+    shared = np.zeros((max(0, len(triangle) - own.sum()), own.size))
+    shared[:, ~own] = triangle[own.sum() :, own.sum() :]
+    known = [shared]
     for candidate in fit.candidates:
         for name in candidate.form:
             low, high = candidate.bounds[name]
             row = np.zeros((1, len(fit.names)))
             row[0, fit.names.index(name)] = np.sqrt(12.0) / (high - low)
             known.append(row)
-    return np.pad(np.vstack(known), ((0, 0), (0, initial)))
+    return np.pad(np.vstack(known), ((0, 0), (0, len(made.initial_steps))))
 
 
 def prediction(
@@ -273,7 +279,7 @@ def prediction(
     triangle = np.linalg.qr(whole[:own].reshape(-1, whole.shape[2]), mode="r")
     more = [np.linalg.qr(np.vstack([triangle, row]), mode="r") for row in whole[own:]]
     widths = tuple(block.shape[1] for block in blocks[1 : 1 + len(fits)])
-    priors = tuple(prior_of(fit, len(made.initial_steps)) for fit in fits)
+    priors = tuple(prior_of(fit, made) for fit in fits)
     return Prediction((triangle, *more), widths, priors, standardised=int(clocked.clock is not None))
 
 
@@ -328,5 +334,5 @@ def refitted_distance(
     new = replace(new, weight=new.weight * kept[:, None])
     difference = new.white(moved[1].rows - moved[0].rows)
     _, left = least_squares(new.tangents(centres[0]), difference)
-    known = [prior_of(f, len(made.initial_steps)) @ move for f, move in zip(fits, moves, strict=True)]
+    known = [prior_of(fit, made) @ move for fit, move in zip(fits, moves, strict=True)]
     return float(np.sqrt(left**2 + sum(k @ k for k in known)))

@@ -13,7 +13,7 @@ from calib.diagnosis.laboratory import DesignPoint, Laboratory, inapplicable_tes
 from calib.diagnosis.next_measurement import next_measurement
 from calib.diagnosis.noise import Noise
 from calib.diagnosis.refit import Fit
-from calib.diagnosis.separation import Prediction, least_squares
+from calib.diagnosis.separation import Prediction, least_squares, prior_of
 from calib.diagnosis.signature import Point
 from calib.excitation import Excitation
 from calib.model import Model, Request
@@ -66,6 +66,22 @@ def test_a_nuisance_known_to_its_unit_absorbs_what_that_leaves_free():
 def test_least_squares_leave_out_a_column_that_is_zero():
     move, left = least_squares(np.array([[1.0, 0.0], [0.0, 0.0]]), np.array([2.0, 1.0]))
     assert (move.tolist(), left) == ([2.0, 0.0], 1.0)
+
+
+def test_what_one_record_alone_had_is_not_known_of_the_next():
+    """Of a release that is fitted to each record: what that leaves unknown of the stiffness stays unknown."""
+    columns = np.random.default_rng(3).standard_normal((40, 3))
+    columns[:, 1] += 2.0 * columns[:, 0]  # the release in this record acts like the stiffness
+    none = np.zeros((40, 0))
+    names = ("stiffness", "release@tone", "release@other")
+    fit = Fit(Point({}, (), {}), (), np.zeros(40), columns, names, (1.0, 1.0, 1.0), none, np.zeros(40, dtype=int))
+    made = SimpleNamespace(part=SimpleNamespace(name="tone"), initial_steps=(0.1,))
+    prior = prior_of(fit, made)
+    shared = columns[:, [0, 2]]
+    left = shared - np.outer(columns[:, 1], columns[:, 1] @ shared) / (columns[:, 1] @ columns[:, 1])
+    information = prior.T @ prior
+    np.testing.assert_allclose(information[np.ix_([0, 2], [0, 2])], left.T @ left, atol=1e-9)
+    np.testing.assert_array_equal(information[[1, 3]], 0.0)
 
 
 # --- the search, on two models that differ by a second harmonic
