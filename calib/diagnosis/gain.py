@@ -96,7 +96,8 @@ class Shift:
     ----------
     parameter : name
     before, after : values, in SI
-    before_error, after_error : their standard errors, in SI
+    before_error : standard error of the calibrated value, in SI
+    after_error : of the other, with the bias that what the extended model leaves may make, in SI
     unit : of all these
     """
 
@@ -445,7 +446,10 @@ def _evenness(variance: np.ndarray) -> float:
 
 
 def _shifts(fitter: Fitter, null: Fit, final: Fit) -> tuple[Shift, ...]:
-    errors = zip(null.names, null.error(null.names), final.error(null.names), strict=True)
+    remaining, after = excess_chi2(fitter.evidence, final), final.error(null.names)
+    if significant(remaining, chi2_std(fitter.evidence)):
+        after = np.hypot(after, [bias_std(remaining, final.information(name)) for name in null.names])
+    errors = zip(null.names, null.error(null.names), after, strict=True)
     parameters = fitter.model.parameters
     return tuple(
         Shift(

@@ -714,3 +714,11 @@ def test_of_alternatives_to_several_causes_the_combinations_are_counted():
     causes, classes = ("lag", "scale"), [("lag", "scale"), ("shear", "scale"), ("lag", "gain")]
     assert _alternatives(SimpleNamespace(causes=causes, classes=classes)).startswith("the 3 combinations")
     assert _alternatives(SimpleNamespace(causes=causes[:1], classes=classes[:1])) == "they"
+
+
+def test_the_error_of_a_calibrated_value_counts_the_bias_by_what_the_extended_model_leaves(gross, cubic):
+    for found, least in ((gross, 1.5), (cubic, 1.0)):
+        final, [shift] = found.selection.final, [s for s in found.gain.shifts if s.parameter == "stiffness"]
+        bias = found.selection.bias_std(final, "stiffness")
+        assert shift.after_error == pytest.approx(np.hypot(final.error(["stiffness"])[0], bias))
+        assert shift.after_error >= least * final.error(["stiffness"])[0]
