@@ -4,11 +4,12 @@ What the hider's beam has besides is no parameter that the seeker calibrates, no
 a layer of another thickness.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
+from hidden import foreign_beam
 from hidden.motion import Motion, Refused
 from hidden.system import Plan, System
 from scipy.interpolate import CubicHermiteSpline
@@ -25,6 +26,7 @@ SAMPLES = 2000  # of the hider's motion, a period
 KNOTS = np.linspace(0.0, 1.0, 33)  # of the gap along half the delamination
 MESH = {"masters": 8, "outer": 6, "beam_rows": (1.0,)}
 REDUCED = {**MESH, "fidelity": "reduced", "steps": 8192, "every": 1}
+LOWEST = {**MESH, "fidelity": "reduced"}  # the level of a study that states none: ten times faster
 FULL = {**MESH, "fidelity": "full"}
 NOMINAL = {p.name: p.nominal for p in DelaminatedBeam(**MESH).parameters}
 WINDOWS = {
@@ -44,6 +46,8 @@ LAWS = (
     "linear_drag", "quadratic_drag", "coulomb_friction", "cubic_stiffness", "quadratic_stiffness", "softening",
     "preload", "drive_harmonic_2", "drive_harmonic_3",
 )  # fmt: skip
+FOREIGN_SUPPORT = 0.34883  # m: the node of MESH nearest to the support, where the model of the seeker is held
+FOREIGN_LAWS = {"quadratic_drag": "c2", "cubic_stiffness": "k3"}  # of the other code, with their parameters
 EFFECTS = LAWS + (
     "channel_gain", "channel_offset", "channel_drift", "channel_lag", "velocity_differencing", "plot_shear",
     "plot_scale", "axis_tilt", "clipping",
@@ -54,12 +58,15 @@ class Beam(System):
     """The beam as the hider drives it, with the laws of the library in elements of its own.
 
     Hidden parameters of its own model are `full`, 0 or 1, and the gap's departure `wave` [m] with its `wave_order`, the
-    number of half waves along half the delamination.
+    number of half waves along half the delamination. Where its true values have `foreign`, its records are of another
+    code, see `foreign_beam`, which has the laws of `FOREIGN_LAWS`.
     """
 
     def moved(self, plan: Plan, values: Mapping[str, float], hidden: Mapping[str, float], state=None) -> Motion:
         """Motion of the beam at these values, in all its elements where `full` is hidden, else in its modes."""
         values = self.restructured(values, hidden)
+        if values.pop("foreign", 0.0):
+            return _foreign(plan, values, hidden)
         effects = [_on_the_layer(plugins.load("calib.effects", name)) for name in LAWS]
         acting = [one for one in effects if {p.name for p in one.parameters} & set(hidden)]
         own = {p.name: p.nominal for one in acting for p in one.parameters}
@@ -82,6 +89,27 @@ class Beam(System):
         return Motion(look, np.sort(impacts % period), np.zeros(0), np.zeros(0))
 
 
+def _foreign(plan: Plan, values: Mapping[str, float], hidden: Mapping[str, float]) -> Motion:
+    """Motion of the other code's beam."""
+    known = {p.name for name in LAWS for p in plugins.load("calib.effects", name).parameters}
+    unknown = (known | {"full", "wave"}) & set(hidden) - set(FOREIGN_LAWS.values())
+    if unknown:
+        raise Refused(f"the other code has no {', '.join(sorted(unknown))}")
+    drag, cubic = (hidden.get(name, 0.0) for name in FOREIGN_LAWS.values())
+    plant = foreign_beam.plant({**NOMINAL, **values}, FOREIGN_SUPPORT)
+    motion = foreign_beam.settled(plant, plan.frequency, plan.amplitude, drag, cubic)
+    if motion is None:
+        raise Refused("no motion of the other code returns")
+    period, begins = 1.0 / plan.frequency, np.diff((motion.pressed > 0.0).astype(int), prepend=0) > 0
+    place = CubicHermiteSpline(motion.time, motion.displacement, motion.velocity, axis=1)
+
+    def look(times):
+        phase = np.mod(times, period)
+        return place(phase), np.array([np.interp(phase, motion.time, row) for row in motion.velocity])
+
+    return Motion(look, motion.time[begins], np.zeros(0), np.zeros(0))
+
+
 def _on_the_layer(effect: Effect) -> Effect:
     """Return an effect of a force as a diagnosis seeks it: on the layer alone, not on the beam below it."""
     return replace(effect, bodies=("layer",)) if effect.site == "force" else effect
@@ -102,15 +130,20 @@ def _simulator(full: bool, *gap: float) -> DelaminatedBeam:
     return DelaminatedBeam(**(FULL if full else REDUCED), **table)
 
 
-def system() -> Beam:
-    """Return the beam."""
+def system(foreign: bool = False, plans: Sequence[Plan] = PLANS, options: Mapping[str, object] = REDUCED) -> Beam:
+    """Return the beam.
+
+    foreign : whether its records are of another code
+    plans : the records
+    options : of the simulator that seeks
+    """
     return Beam(
         name="delaminated_beam",
-        options=REDUCED,
-        truth=TRUTH,
+        options=options,
+        truth={**TRUTH, "foreign": 1.0} if foreign else TRUTH,
         windows=WINDOWS,
         fixed={name: TRUTH[name] for name in TRUTH if TRUTH[name] != NOMINAL[name] and name not in WINDOWS},
-        plans=PLANS,
+        plans=tuple(plans),
         plant=None,
         measured={"layer": 1},
         place="centre",
