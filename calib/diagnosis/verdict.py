@@ -21,7 +21,7 @@ def verdict_of(
     a cause predicts. A record held out whose misfit falls shows it; where that rises the causes do not predict.
     """
     if not all(gate.passed for gate in gates):
-        return NOT_DIAGNOSABLE, failures(gates)
+        return NOT_DIAGNOSABLE, failures(gates) + _leading(selection)
     if not selection.causes:
         return _without_causes(selection, ready)
     if not selection.is_sufficient:
@@ -37,6 +37,15 @@ def verdict_of(
     if _is_one_tone(ready) and not (gain is not None and gain.kind == RECORDS and gain.proven):
         return ONE_OF, f"{text}; or what acts like that in this one steady tone, which cannot test a prediction"
     return NAMED, text
+
+
+def _leading(selection: Selection) -> str:
+    """What explains most where a gate fails, as the end of a sentence; "" where nothing does."""
+    if not selection.causes:
+        return ""
+    names, s = joined(_ways(selection)), "s" if len(selection.causes) == 1 else ""
+    share = f"{explained(selection.explained_share)} of the excess misfit"
+    return f"; were that not so, {names} would come closest: explain{s} {share}"
 
 
 def _differing(selection: Selection) -> str:

@@ -14,11 +14,16 @@ from calib.diagnosis.next_measurement import DECISIVE_Z, Design, Measurement
 from calib.diagnosis.search import Round
 from calib.diagnosis.selection import Selection
 from calib.diagnosis.suspect import Refitted, Scored, Suspect, cosine, leading_variants
-from calib.diagnosis.verdict import UNEXPLAINED
+from calib.diagnosis.verdict import NOT_DIAGNOSABLE, UNEXPLAINED
 from calib.objective import MISFIT
 from calib.store.plain import plain
 
 UNDETERMINED = 10.0  # half of a 95 % interval, over the natural scale of a parameter, from which nothing tells it  [1]
+
+
+def _is_open(diagnosis: Diagnosis) -> bool:
+    """Whether what explains most is not named as a cause."""
+    return diagnosis.verdict in (UNEXPLAINED, NOT_DIAGNOSABLE)
 
 
 def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -33,7 +38,7 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         "class": [list(names) for names in diagnosis.classes],
         "stand_ins": list(diagnosis.stand_ins),
         "remains": None if selection is None else _remains(diagnosis),
-        "closest": [c.name for c in selection.causes] if selection and diagnosis.verdict == UNEXPLAINED else [],
+        "closest": [c.name for c in selection.causes] if selection and _is_open(diagnosis) else [],
         "suspects": []
         if first is None
         else [_suspect(s, first.excess_chi2, first.chosen) for s in leading_variants(first.suspects)],

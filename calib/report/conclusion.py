@@ -59,7 +59,8 @@ def headline(said: Mapping[str, Any]) -> str:
     if verdict == NONE:
         return "Nothing that could be named is missing: what the calibrated model leaves is what noise leaves."
     failed = [gate["name"] for gate in said["gates"] if not gate["passed"]]
-    return f"No diagnosis: a condition fails ({', '.join(failed)})." if failed else "No diagnosis."
+    leader = f"; {joined(said['closest'])} would explain most" if said["closest"] else ""
+    return f"No diagnosis: a condition fails ({', '.join(failed)}){leader}." if failed else "No diagnosis."
 
 
 def points(said: Mapping[str, Any], pictured: bool = True) -> list[str]:

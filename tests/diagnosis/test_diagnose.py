@@ -264,6 +264,14 @@ def test_a_step_that_changes_the_records_by_more_than_an_effect_would_is_the_rea
     assert ("time_step" in found.summary) == (verdict == "not_diagnosable")
 
 
+def test_where_a_step_is_too_coarse_what_would_explain_most_is_told_too():
+    known = references(["channel_offset"], offset_displacement=2e-4)
+    found = diagnosed(known, library=("channel_offset", "time_step"), model=Model(Stepped(1)))
+    assert (found.verdict, found.causes) == ("not_diagnosable", ())
+    assert "were that not so, channel_offset would come closest: explains" in found.summary
+    assert as_dict(found)["closest"] == ["channel_offset"]
+
+
 def test_a_step_whose_error_is_small_beside_what_is_missing_hinders_no_diagnosis():
     known = references(["channel_offset"], offset_displacement=1e-3)
     found = diagnosed(known, library=("channel_offset", "time_step"), model=Model(Stepped(20)))

@@ -203,6 +203,7 @@ class DelaminatedBeam:
         self.levels = tuple(
             replace(level, **{"every": math.gcd(level.every, pairs), **given}) for level in LEVELS[layer]
         )
+        self.steps_stated = steps is not None
         nominal = Geometry(arch=0.0, **{p.name: p.nominal for p in PARAMETERS if p.name in SHAPE})
         most = self.levels[0].modes  # finer levels are taken only where the tolerance asks for them
         freedoms = mesh(nominal, self.counts, symmetric).freedoms
@@ -226,11 +227,14 @@ class DelaminatedBeam:
     def finer(self, what: str, factor: float) -> "DelaminatedBeam":
         """Return the same with its time step divided by `factor`; in reduced fidelity, the level that is as fine.
 
-        A level stands for half the step of the one before; there is none beyond the last.
+        A level stands for half the step of the one before; there is none beyond the last. Where the steps of a period
+        are stated, these are multiplied.
         """
         other = copy.copy(self)
         other.shorter = self.shorter * factor
         other.levels = self.levels[min(math.ceil(math.log2(factor) - 1e-9), len(self.levels) - 1) :]
+        if self.steps_stated:
+            other.levels = tuple(replace(level, steps=math.ceil(level.steps * factor)) for level in other.levels)
         return other
 
     def run(self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw], request) -> xr.Dataset:

@@ -601,3 +601,10 @@ def test_a_record_accounts_for_the_energy_of_a_period():
     np.testing.assert_array_equal(layer(record), layer(plain))
     with pytest.raises(CalibError, match="full kernel"):
         beam(balance=True)
+
+
+def test_made_finer_it_takes_more_steps_where_they_are_stated_too():
+    stated, unstated = DelaminatedBeam(steps=96), DelaminatedBeam()
+    assert stated.finer("time_step", 2.0).levels[0].steps == 192
+    assert stated.finer("time_step", 2.0).finer("time_step", 2.0).levels[0].steps == 384
+    assert unstated.finer("time_step", 2.0).levels == unstated.levels[1:]
