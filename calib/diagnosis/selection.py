@@ -317,6 +317,9 @@ def _with_best_pair(fitter: Fitter, state: _Stepwise, candidates: Sequence[Candi
     pair = best_pair(fitter, null, state.causes, state.final, suspects)
     if pair is None or not _explains_more(fitter.evidence, null, state.causes, state.final, pair):
         return state
+    state = _fitted_from(fitter, state, pair[1])
+    if not _explains_more(fitter.evidence, null, state.causes, state.final, pair):
+        return state
     causes, final = replaced(fitter, null, *pair, candidates, seed, {}, last_too=True)
     if not _explains_more(fitter.evidence, null, state.causes, state.final, (causes, final)):
         return state
@@ -327,6 +330,25 @@ def _with_best_pair(fitter: Fitter, state: _Stepwise, candidates: Sequence[Candi
     rejected = _any_rejected(fitter, null, [cause for cause, _ in causes], final, threshold)
     reason = "of all pairs this one explains most, and more than what was chosen before"
     return state if rejected else state.with_causes(causes, final, reason)
+
+
+def _fitted_from(fitter: Fitter, state: _Stepwise, other: Fit) -> _Stepwise:
+    """Fit the causes again from the calibrated values of another model, and keep that fit where it explains more.
+
+    Steps of Gauss and Newton end at the nearest minimum: what explains more may owe that to where it began.
+    """
+    if not state.causes:
+        return state
+    candidates = [cause.candidate for cause, _ in state.causes]
+    values = {**state.final.point.values, **{name: other.value(name) for name in state.null.names}}
+    sizes = {name: state.final.value(name) for candidate in candidates for name in candidate.free}
+    fit = fitter.fit(replace(state.final.point, values=values), candidates, sizes, rival=state.final.chi2)
+    lower = state.final.chi2 - fit.chi2
+    if not fit.names or not lower > CRITERIA.aic_tie:
+        return state
+    fit = fitter.with_derivatives(fit)
+    causes = [cause.refitted(fit, cause.chi2_reduction + lower) for cause, _ in state.causes]
+    return replace(state, causes=tuple((cause, (cause,)) for cause in causes), final=fit, elimination=None)
 
 
 def _any_rejected(fitter: Fitter, null: Fit, causes: Sequence[Refitted], final: Fit, threshold: float) -> bool:

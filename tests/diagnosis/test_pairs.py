@@ -11,7 +11,8 @@ from softening_decay import DRAG, SOFTENING, written
 from calib import plugins
 from calib.cli import main as calib
 from calib.diagnosis.candidate import Candidate
-from calib.diagnosis.selection import _refitted_rivals
+from calib.diagnosis.selection import _fitted_from, _refitted_rivals, _Stepwise
+from calib.diagnosis.signature import Point
 from calib.diagnosis.suspect import Refitted
 
 NEAR = ("presliding", "quadratic_drag", "softening", "coulomb_friction", "plot_scale", "axis_tilt")
@@ -64,3 +65,26 @@ def test_suspects_that_explain_about_as_much_are_fitted_again_in_another_noise()
     assert np.isinf(bounds["softening"])
     assert 3.0 < bounds["cubic_stiffness"] < np.inf  # what stays behind is given up
     assert {s.name: s.chi2_reduction for s in again} == {"softening": 7.0, "cubic_stiffness": 9.0}
+
+
+@pytest.mark.parametrize(("beyond", "taken"), [(20.0, True), (999.0, False)])
+def test_a_cause_that_a_pair_would_replace_is_fitted_again_from_where_the_pair_was_found(beyond, taken):
+    """A fit that ended at another minimum: from the values of the pair it falls from 1000 to `beyond`."""
+    drag = SimpleNamespace(name="linear_drag", free=("c1",))
+    old = SimpleNamespace(chi2=1000.0, names=("damping", "c1"), value={"damping": 0.01, "c1": 17.6}.get)
+    old.point = Point({"damping": 0.01, "mass": 1.0, "c1": 17.6}, (), {})
+    cause = Refitted(drag, SimpleNamespace(), old, 500.0)
+    state = _Stepwise(SimpleNamespace(names=("damping",)), old, {}, causes=((cause, (cause, cause)),))
+    began = []
+
+    def fit(start, candidates, sizes, rival):
+        began.append((start.values, candidates, sizes, rival))
+        return SimpleNamespace(names=old.names, chi2=beyond)
+
+    fitter = SimpleNamespace(fit=fit, with_derivatives=lambda fit: fit)
+    found = _fitted_from(fitter, state, SimpleNamespace(value={"damping": 0.006}.get))
+    assert began == [({"damping": 0.006, "mass": 1.0, "c1": 17.6}, [drag], {"c1": 17.6}, 1000.0)]
+    assert found.final.chi2 == (beyond if taken else 1000.0)
+    [(again, rivals)] = found.causes
+    assert again.chi2_reduction == (500.0 + 980.0 if taken else 500.0)
+    assert len(rivals) == (1 if taken else 2)
