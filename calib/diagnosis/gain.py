@@ -199,18 +199,8 @@ def gained(
 
 
 def _changed(final: Fit, columns: np.ndarray) -> tuple[str, ...]:
-    """Names of the causes that change a record, of which these are the derivatives (n, k) by `final.names`.
-
-    From where they are absent; where that is at infinity, by as much as their own size.
-    """
-    changed = []
-    for candidate in final.candidates:
-        size = np.array([final.value(name) for name in candidate.free])
-        away = size - np.where(np.isfinite(candidate.null), candidate.null, 0.0)
-        change = columns[:, [final.names.index(name) for name in candidate.free]] @ away
-        if change @ change > CRITERIA.min_change_chi2:
-            changed.append(candidate.name)
-    return tuple(changed)
+    """Names of the causes that change a record, of which these are the derivatives (n, k) by `final.names`."""
+    return tuple(c.name for c in final.candidates if final.is_changed_by(c, columns))
 
 
 def _simulated(

@@ -2,7 +2,8 @@
 
 One fold after the other is left out: each record in turn, or a fourth of a single record that does not repeat. The
 model without the cause and the model with it are refitted to the other folds, linearised about their fits to all data,
-and only the left-out record's own nuisances are solved for in it. The cycles of one steady tone repeat whatever a model
+and only the left-out record's own nuisances are solved for in it. Data in which the cause changes nothing are not left
+out: what the model lacks there is no matter of the cause. The cycles of one steady tone repeat whatever a model
 lacks, so that leaving some of them out would prove nothing: there prediction cannot be tested.
 
 The fall of the sum of squares on the left-out data is a sum over segments of the records; its standard error is that of
@@ -21,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.confidence.covariance import sandwich
+from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.refit import Fit
 from calib.diagnosis.score import Projection
@@ -60,24 +62,26 @@ class Prediction:
         return self.reduction + max(0.0, self.uncertainty) <= (0.0 if len(self.folds) > 1 else -self.error)
 
 
-def predicted(evidence: Evidence, base: Fit, extended: Fit, own: Sequence[str]) -> Prediction | None:
+def predicted(evidence: Evidence, base: Fit, extended: Fit, candidate: Candidate) -> Prediction | None:
     """Cross-validate a cause.
 
     Parameters
     ----------
     evidence : that both models were fitted to
     base, extended : the model without the cause and with it, with their derivatives
-    own : names of the parameters of the cause
+    candidate : of the cause
 
     Returns
     -------
     None where no fold can be left out: of one steady tone, where but one fold shows the cause at all, or where the
     refits leave the range of their linearisation
     """
+    own = (*candidate.free, *candidate.form)
     segments, rows = evidence.segments(), evidence.rows()
     falls, tested, without, uncertainty = [], [], 0.0, 0.0
     for name, left_out in _folds(evidence):
-        if _information(extended, own, ~left_out) < LEAST_INFORMATION:
+        shown = extended.is_changed_by(candidate, extended.columns[left_out])
+        if not shown or _information(extended, own, ~left_out) < LEAST_INFORMATION:
             continue
         before, after = (_left_out(fit, left_out, rows) for fit in (base, extended))
         if max(before.chi2, after.chi2) > MAX_GROWTH * np.sum(base.residual[left_out] ** 2):

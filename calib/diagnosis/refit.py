@@ -107,6 +107,20 @@ class Fit:
         _, _, noise = self._sandwich
         return 1.0 / max(float(noise[self.names.index(name)]), 1e-300)
 
+    def is_changed_by(self, candidate: Candidate, columns: np.ndarray) -> bool:
+        """Whether data change where a candidate is taken out, by more than the noise of one residual.
+
+        From its size to where it is absent; where that is at infinity, by as much as its own size.
+
+        Parameters
+        ----------
+        columns : (n, k) derivatives of the data by the parameters, in units of the noise
+        """
+        size = np.array([self.value(name) for name in candidate.free])
+        away = size - np.where(np.isfinite(candidate.null), candidate.null, 0.0)
+        change = columns[:, [self.names.index(name) for name in candidate.free]] @ away
+        return float(change @ change) > CRITERIA.min_change_chi2
+
     def error(self, names: Sequence[str]) -> np.ndarray:
         """Standard errors of these parameters, jointly with all others; infinite where no derivative tells."""
         if not self.names:

@@ -20,7 +20,7 @@ def cross_validation(evidence: Evidence, base: Fit, extended: Fit, cause: Refitt
     index = [extended.names.index(name) for name in own if name in extended.names]
     if len(index) < len(own) or not extended.columns[:, index].any(axis=0).all():
         return None
-    return predicted(evidence, base, extended, own)
+    return predicted(evidence, base, extended, cause.candidate)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ import pytest
 
 from calib.diagnosis.gain import RECORDS, Gain, Transfer, _changed, _fixed_alone, _refitted, agreements
 from calib.diagnosis.refit import Fit
+from calib.diagnosis.signature import Point
 from calib.parameter import Parameter, Space, Window
 
 N = 400
@@ -134,7 +135,8 @@ def test_a_cause_acts_in_a_record_where_its_size_changes_it():
     values = {"stiffness": 4.0, "k3": 2.0, "cos": 1.0, "sin": 3.0, "limit": 0.5}
     cubic, harmonic = cause("cubic", [0.0], "k3"), cause("harmonic", [1.0, 0.0], "cos", "sin")
     causes = (cubic, harmonic, cause("clip", [np.inf], "limit"))
-    final = SimpleNamespace(candidates=causes, names=tuple(values), value=values.get)
+    none = np.zeros((0, 0))
+    final = Fit(Point(values, (), {}), causes, none, none, tuple(values), (), none, none)
     columns = np.zeros((4, 5))
     assert _changed(final, columns) == ()
     columns[:, 4] = 1.1  # of what is absent at infinity: by as much as its own size
