@@ -31,6 +31,7 @@ SIMULATIONS_PER_SCORE = 4  # simulations of each record for the derivative by a 
 SWEEPS_PER_FIT, STEPS_PER_FIT = 1, 5  # of derivatives by all parameters, and of steps, as measured
 INITIAL_SIMULATIONS = 20  # of each record in a fit, where its initial state is a nuisance, as measured
 INITIAL_RELATIVE_STEP = 1e-3  # change of the rows by a step of the initial state, relative to their norm
+END_SHARE = 1e-6  # of a window: a calibrated value that is nearer to its end is at it
 MAX_HALVINGS = 5  # of a step that does not reduce chi-square
 RIDGE = 1e-10  # on the normal equations, of unit diagonal: directions that the data do not know stay where they are
 
@@ -237,6 +238,22 @@ class Fitter:
             nonlinear = not fresh and (nonlinear or abs(gain_ratio - 1.0) > MAX_GAIN_ERROR)
             now, x = self.with_derivatives(fit) if fresh else _updated(fit, now, x_ahead - x), x_ahead
         return replace(now, reason=f"no convergence in {MAX_STEPS} steps")
+
+    def is_at_an_end(self, fit: Fit) -> bool:
+        """Whether a calibrated value is at an end of its window."""
+        positions = [window.position(fit.value(name)) for name, window in self.space.windows.items()]
+        return min(positions, default=0.5) < END_SHARE or max(positions, default=0.5) > 1.0 - END_SHARE
+
+    def in_the_middle(self, fit: Fit) -> Fit | None:
+        """The model of a fit with the calibrated values in the middle of their windows, and the derivatives there.
+
+        None where some record cannot be simulated there.
+        """
+        directions = self.directions(fit.point, fit.candidates)
+        windows = self.space.windows
+        x = np.array([windows[d.name].value(0.5) if d.name in windows else d.at for d in directions])
+        now = self._evaluated(fit.point, directions, x, fit.candidates, solved=True)
+        return None if now is None else self.with_derivatives(now)
 
     def expected_simulations(self, scored: int, fits: int) -> int:
         """Simulations that scores of so many parameters and so many fits of one candidate beside all should take."""

@@ -8,7 +8,7 @@ import numpy as np
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.evidence import Evidence
-from calib.diagnosis.excess import chi2_std, degrees_of_freedom, excess_chi2, significant
+from calib.diagnosis.excess import chi2_std, degrees_of_freedom, dominant, excess_chi2, significant
 from calib.diagnosis.prediction import Prediction
 from calib.diagnosis.refit import Fit, Fitter
 from calib.diagnosis.score import deviate
@@ -84,6 +84,8 @@ def search(
     alike = [s for s in _like_the_best(significant, refitted) if s.name not in untried]
     refitted, left = _refits(fitter, base, alike, len(significant), threshold, attained, refitted)
     untried = (*untried, *left)
+    if not base.candidates and fitter.is_at_an_end(base) and _is_left(fitter.evidence, base, refitted):
+        refitted = _refits_from_the_middle(fitter, base, candidates, seed, threshold, refitted)
     excess, rivals, possible = excess_chi2(fitter.evidence, base), (), []
     if refitted:
         common = fitter.evidence.with_weights([base.point.simulated, *(s.fit.point.simulated for s in refitted)])
@@ -187,6 +189,42 @@ def _refits(
         if fitted is not None:
             refitted.append(fitted)
     return refitted, tuple(dict.fromkeys(untried))
+
+
+def _is_left(evidence: Evidence, base: Fit, refitted: Sequence[Refitted]) -> bool:
+    """Whether the best of the suspects, or the model without any, leaves a misfit that dominates the noise."""
+    best = min((s.fit for s in refitted), key=lambda fit: fit.chi2, default=base)
+    return dominant(excess_chi2(evidence, best), chi2_std(evidence))
+
+
+def _refits_from_the_middle(
+    fitter: Fitter,
+    base: Fit,
+    candidates: Sequence[Candidate],
+    seed: int,
+    threshold: float,
+    refitted: Sequence[Refitted],
+) -> list[Refitted]:
+    """Fit leaders from the middle of the windows too, where they lead, and keep for each suspect what explains more.
+
+    A calibrated value at the end of its window makes up for what the model lacks, by another motion: derivatives there
+    may show another effect, and fits from there end in another minimum.
+    """
+    middle = fitter.in_the_middle(base)
+    if middle is None:
+        return list(refitted)
+    suspects, _ = screened(fitter, middle, candidates, seed)
+    latest = {id(s.candidate): s for s in refitted}
+    for suspect in leading_variants(_significant(suspects, threshold))[: CRITERIA.max_restarts]:
+        if fitter.effort.spent:
+            break
+        found = list(latest.values())
+        bound = chi2_of_a_rival(found, base, threshold)
+        fit = _from_estimate(fitter, middle, suspect, np.inf if _is_like_the_best(suspect, found) else bound)
+        before = latest.get(id(suspect.candidate))
+        if fit.names and fit.chi2 < (base if before is None else before.fit).chi2:
+            latest[id(suspect.candidate)] = suspect.refitted(fit, base.chi2 - fit.chi2)
+    return list(latest.values())
 
 
 def chi2_of_a_rival(

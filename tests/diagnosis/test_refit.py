@@ -1,5 +1,7 @@
 """Fits of small models whose least-squares answers are known."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.optimize import curve_fit
@@ -74,3 +76,13 @@ def test_where_the_motion_fails_there_is_a_reason_and_no_parameter():
     seen = {"record": Seen(decaying(START)[None], np.ones(TIME.size))}
     fit = fitter.fit(Point(START, (), seen))
     assert (fit.names, fit.reason) == ((), "the motion fails there")
+
+
+@pytest.mark.parametrize(
+    ("damping", "stiffness", "at_an_end"), [(0.01, 3.0, True), (0.005, 3.0, False), (0.005, 1.0, True)]
+)
+def test_a_calibrated_value_is_at_an_end_of_its_window(damping, stiffness, at_an_end):
+    windows = {"damping": Window(0.002, 0.01, "log"), "stiffness": Window(1.0, 9.0)}
+    fitter = Fitter(InProcess(None), None, SimpleNamespace(windows=windows), None)
+    values = {"damping": damping, "stiffness": stiffness}
+    assert fitter.is_at_an_end(SimpleNamespace(value=values.get)) == at_an_end

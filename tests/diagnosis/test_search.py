@@ -5,7 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calib.diagnosis.search import _like_the_best, _refits, rival_suspects, with_those_behind
+from calib.diagnosis.search import (
+    _like_the_best,
+    _refits,
+    _refits_from_the_middle,
+    rival_suspects,
+    with_those_behind,
+)
 
 SIZE, LIMIT = 1000.0, 3.4
 EVIDENCE = SimpleNamespace(counted=lambda: SIZE)
@@ -98,3 +104,31 @@ def test_the_fit_of_what_is_much_like_the_best_is_not_given_up(monkeypatch):
     done, untried = _refits(fitter, SimpleNamespace(residual=np.ones(2)), leaders, 3, LIMIT, np.inf)
     assert ([s.name for s in done], untried) == (["gap", "other", "zero"], ())
     assert rivals["other"] < np.inf == rivals["gap"] == rivals["zero"]
+
+
+def test_leaders_are_fitted_from_the_middle_of_the_windows_too_and_the_better_fit_is_kept(monkeypatch):
+    """Stand-ins: from the end of a window drag attains 100 and lag 150; from the middle 20 and 200, and friction 50."""
+
+    def scored(name):
+        found = SimpleNamespace(name=name, is_testable=True, z=9.0, candidate=candidates[name])
+        found.test = SimpleNamespace(size=np.ones(1))
+        found.refitted = lambda fit, drop: SimpleNamespace(
+            name=name, candidate=candidates[name], fit=fit, chi2_reduction=drop
+        )
+        return found
+
+    def fit(chi2):
+        return SimpleNamespace(names=("damping",), chi2=chi2, residual=np.zeros(10))
+
+    candidates = {name: SimpleNamespace(sign=0) for name in ("drag", "lag", "friction", "fourth")}
+    before = [scored("drag").refitted(fit(100.0), 900.0), scored("lag").refitted(fit(150.0), 850.0)]
+    middle, ends = fit(5000.0), {"drag": 20.0, "lag": 200.0, "friction": 50.0, "fourth": 1.0}
+    monkeypatch.setattr("calib.diagnosis.search.screened", lambda *given: ([scored(n) for n in candidates], 3.0))
+    monkeypatch.setattr("calib.diagnosis.search.cosine", lambda *given: 0.0)
+    monkeypatch.setattr("calib.diagnosis.search._from_estimate", lambda f, base, s, rival: fit(ends[s.name]))
+    fitter = SimpleNamespace(in_the_middle=lambda base: middle, effort=SimpleNamespace(spent=False))
+    found = _refits_from_the_middle(fitter, fit(1000.0), (), 0, 3.0, before)
+    kept = {s.name: (s.fit.chi2, s.chi2_reduction) for s in found}
+    assert kept == {"drag": (20.0, 980.0), "lag": (150.0, 850.0), "friction": (50.0, 950.0)}  # three are tried
+    fitter.in_the_middle = lambda base: None  # where it cannot be simulated
+    assert _refits_from_the_middle(fitter, fit(1000.0), (), 0, 3.0, before) == before
