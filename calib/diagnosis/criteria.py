@@ -46,8 +46,6 @@ class Criteria:
     max_causes : that are named  [count]; convention
     max_refits : suspects that are refitted in one search  [count]; convention
     max_pairs : pairs of suspects that are fitted to find the best  [count]; convention
-    max_restarts : suspects that are refitted from the middle of the windows too, where a calibrated value is at an end
-        [count]; convention
     max_runners_up : suspects that are tried where what was held out refutes the only cause  [count]; convention
     min_leader_share : predicted reduction of chi-square of a suspect that is refitted, relative to the largest  [1];
         convention
@@ -97,7 +95,6 @@ class Criteria:
     max_causes: int = 3
     max_refits: int = 8
     max_pairs: int = 5
-    max_restarts: int = 3
     max_runners_up: int = 3
     min_leader_share: float = 0.3
     min_alikeness: float = 0.95

@@ -85,7 +85,7 @@ def search(
     refitted, left = _refits(fitter, base, alike, len(significant), threshold, attained, refitted)
     untried = (*untried, *left)
     if not base.candidates and fitter.is_at_an_end(base) and _is_left(fitter.evidence, base, refitted):
-        refitted = _refits_from_the_middle(fitter, base, candidates, seed, threshold, refitted)
+        refitted = _refits_from_the_middle(fitter, base, suspects, seed, threshold, refitted)
     excess, rivals, possible = excess_chi2(fitter.evidence, base), (), []
     if refitted:
         common = fitter.evidence.with_weights([base.point.simulated, *(s.fit.point.simulated for s in refitted)])
@@ -200,30 +200,32 @@ def _is_left(evidence: Evidence, base: Fit, refitted: Sequence[Refitted]) -> boo
 def _refits_from_the_middle(
     fitter: Fitter,
     base: Fit,
-    candidates: Sequence[Candidate],
+    suspects: Sequence[Suspect],
     seed: int,
     threshold: float,
     refitted: Sequence[Refitted],
 ) -> list[Refitted]:
-    """Fit leaders from the middle of the windows too, where they lead, and keep for each suspect what explains more.
+    """Fit all suspects from the middle of the windows too, and keep for each what explains more.
 
-    A calibrated value at the end of its window makes up for what the model lacks, by another motion: derivatives there
-    may show another effect, and fits from there end in another minimum.
+    A calibrated value at the end of its window makes up for what the model lacks, by another motion: what score tests
+    predict there, or in the middle, is wrong by more than it is, and fits from there end in another minimum.
+
+    suspects : scored on what `base` leaves
     """
     middle = fitter.in_the_middle(base)
     if middle is None:
         return list(refitted)
-    suspects, _ = screened(fitter, middle, candidates, seed)
-    latest = {id(s.candidate): s for s in refitted}
-    for suspect in leading_variants(_significant(suspects, threshold))[: CRITERIA.max_restarts]:
+    scored, latest = {id(s.candidate): s for s in suspects}, {id(s.candidate): s for s in refitted}
+    there, _ = screened(fitter, middle, [s.candidate for s in suspects], seed)
+    for suspect in leading_variants(s for s in there if s.is_testable and scored[id(s.candidate)].is_testable):
         if fitter.effort.spent:
             break
-        found = list(latest.values())
-        bound = chi2_of_a_rival(found, base, threshold)
-        fit = _from_estimate(fitter, middle, suspect, np.inf if _is_like_the_best(suspect, found) else bound)
-        before = latest.get(id(suspect.candidate))
-        if fit.names and fit.chi2 < (base if before is None else before.fit).chi2:
-            latest[id(suspect.candidate)] = suspect.refitted(fit, base.chi2 - fit.chi2)
+        found, key, candidate = list(latest.values()), id(suspect.candidate), suspect.candidate
+        bound = np.inf if _is_like_the_best(suspect, found) else chi2_of_a_rival(found, base, threshold)
+        columns = np.column_stack([middle.columns, suspect.derivatives])
+        fit = fitter.fit(middle.point, (candidate,), candidate.absent(), columns, bound)
+        if fit.names and fit.chi2 < (latest[key].fit if key in latest else base).chi2:
+            latest[key] = scored[key].refitted(fit, base.chi2 - fit.chi2)
     return list(latest.values())
 
 

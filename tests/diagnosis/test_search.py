@@ -106,29 +106,36 @@ def test_the_fit_of_what_is_much_like_the_best_is_not_given_up(monkeypatch):
     assert rivals["other"] < np.inf == rivals["gap"] == rivals["zero"]
 
 
-def test_leaders_are_fitted_from_the_middle_of_the_windows_too_and_the_better_fit_is_kept(monkeypatch):
+def test_suspects_are_fitted_from_the_middle_of_the_windows_too_and_the_better_fit_is_kept(monkeypatch):
     """Stand-ins: from the end of a window drag attains 100 and lag 150; from the middle 20 and 200, and friction 50."""
 
     def scored(name):
-        found = SimpleNamespace(name=name, is_testable=True, z=9.0, candidate=candidates[name])
-        found.test = SimpleNamespace(size=np.ones(1))
+        found = SimpleNamespace(name=name, is_testable=name != "rough", candidate=candidates[name])
+        found.derivatives = np.zeros((10, 1))
         found.refitted = lambda fit, drop: SimpleNamespace(
             name=name, candidate=candidates[name], fit=fit, chi2_reduction=drop
         )
         return found
 
     def fit(chi2):
-        return SimpleNamespace(names=("damping",), chi2=chi2, residual=np.zeros(10))
+        return SimpleNamespace(
+            names=("damping",), chi2=chi2, residual=np.zeros(10), columns=np.zeros((10, 2)), point="middle"
+        )
 
-    candidates = {name: SimpleNamespace(sign=0) for name in ("drag", "lag", "friction", "fourth")}
-    before = [scored("drag").refitted(fit(100.0), 900.0), scored("lag").refitted(fit(150.0), 850.0)]
-    middle, ends = fit(5000.0), {"drag": 20.0, "lag": 200.0, "friction": 50.0, "fourth": 1.0}
-    monkeypatch.setattr("calib.diagnosis.search.screened", lambda *given: ([scored(n) for n in candidates], 3.0))
+    def fitted(start, made, sizes, columns, rival):
+        assert (start, columns.shape) == ("middle", (10, 3))
+        return fit({"drag": 20.0, "lag": 200.0, "friction": 50.0, "offset": 1000.0}[sizes])
+
+    candidates = {
+        name: SimpleNamespace(absent=lambda name=name: name) for name in ("drag", "lag", "friction", "offset", "rough")
+    }
+    suspects, base = [scored(name) for name in candidates], fit(1000.0)
+    before = [suspects[0].refitted(fit(100.0), 900.0), suspects[1].refitted(fit(150.0), 850.0)]
+    monkeypatch.setattr("calib.diagnosis.search.screened", lambda *given: (suspects, 3.0))
     monkeypatch.setattr("calib.diagnosis.search.cosine", lambda *given: 0.0)
-    monkeypatch.setattr("calib.diagnosis.search._from_estimate", lambda f, base, s, rival: fit(ends[s.name]))
-    fitter = SimpleNamespace(in_the_middle=lambda base: middle, effort=SimpleNamespace(spent=False))
-    found = _refits_from_the_middle(fitter, fit(1000.0), (), 0, 3.0, before)
-    kept = {s.name: (s.fit.chi2, s.chi2_reduction) for s in found}
-    assert kept == {"drag": (20.0, 980.0), "lag": (150.0, 850.0), "friction": (50.0, 950.0)}  # three are tried
+    effort = SimpleNamespace(spent=False)
+    fitter = SimpleNamespace(in_the_middle=lambda base: fit(5000.0), effort=effort, fit=fitted)
+    kept = {s.name: s.chi2_reduction for s in _refits_from_the_middle(fitter, base, suspects, 0, 3.0, before)}
+    assert kept == {"drag": 980.0, "lag": 850.0, "friction": 950.0}
     fitter.in_the_middle = lambda base: None  # where it cannot be simulated
-    assert _refits_from_the_middle(fitter, fit(1000.0), (), 0, 3.0, before) == before
+    assert _refits_from_the_middle(fitter, base, suspects, 0, 3.0, before) == before
