@@ -57,7 +57,7 @@ def differing(
     ----------
     threshold : of the normal deviate
     explained_by_several : whether these effects are several, and leave nothing but noise
-    remains : whether these effects leave more than noise
+    remains : whether these effects leave more than noise, by its sum of squares or by sizes that differ within the fit
     """
     least = {
         CHANNELS: 0.0 if explained_by_several else CRITERIA.max_variation,

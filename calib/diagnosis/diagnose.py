@@ -342,7 +342,7 @@ def _with_gain(
     """Return a selection with its sizes compared from record to record, and what its causes bring."""
     threshold = selection.rounds[0].threshold
     gain = gained(pool, bench, fitter, selection.null, selection.final, selection.causes, seed, threshold)
-    return (selection if gain is None else selection.with_records_compared(gain.agreements)), gain
+    return (selection if gain is None else selection.with_records_compared(gain.agreements, gain.fitted_agree)), gain
 
 
 def _renewed(gates: Sequence[Gate], fitter: Fitter, selection: Selection) -> list[Gate]:

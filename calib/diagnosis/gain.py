@@ -129,6 +129,7 @@ class Gain:
     failed : record -> why it could not be simulated
     unaffected : those of the records in which no cause changes anything: they try only what else the model has
     transfers, agreements, shifts : see there
+    fitted_agree : whether the records of the fit agree on all sizes, the records held out left aside
     """
 
     kind: str
@@ -142,6 +143,7 @@ class Gain:
     transfers: tuple[Transfer, ...] = ()
     agreements: tuple[Agreement, ...] = ()
     shifts: tuple[Shift, ...] = ()
+    fitted_agree: bool = True
 
     @property
     def proven(self) -> bool:
@@ -384,7 +386,12 @@ def _fixed_alone(fitter: Fitter, final: Fit, record: str) -> list[Direction]:
 
 
 def _sizes(transfers: tuple[Transfer, ...], threshold: float) -> dict[str, tuple]:
-    return {"transfers": transfers, "agreements": agreements(transfers, threshold)}
+    fitted = agreements([t for t in transfers if not t.held], threshold)
+    return {
+        "transfers": transfers,
+        "agreements": agreements(transfers, threshold),
+        "fitted_agree": all(agreement.agree for agreement in fitted),
+    }
 
 
 def agreements(transfers: Sequence[Transfer], threshold: float) -> tuple[Agreement, ...]:

@@ -61,6 +61,8 @@ class Selection:
     constancy : how much the size of each cause differs among the channels of the records, and from record to record
     record_spread : parameter of a cause on which the records do not agree -> standard deviation of the mean of their
         sizes, relative to that  [1]
+    fitted_records_agree : whether the records of the fit agree on the sizes of the causes; if not, something remains,
+        though no sum of squares may show it
     exchanges : of causes for others after the rounds, in order
     left_out : that explain part of what the causes leave, and too little to be causes
     elimination_margin : excess chi-square by which it is decided that the causes explain enough, and these do not
@@ -79,6 +81,7 @@ class Selection:
     chi2_std: float
     constancy: tuple[Constancy, ...] = ()
     record_spread: Mapping[str, float] = field(default_factory=dict)
+    fitted_records_agree: bool = True
     exchanges: tuple[Exchange, ...] = ()
     left_out: tuple[LeftOut, ...] = ()
     elimination_margin: float = np.inf
@@ -96,6 +99,7 @@ class Selection:
             remaining_chi2=self.excess_chi2,
             constancy=(),
             record_spread={},
+            fitted_records_agree=True,
             left_out=(),
             elimination_margin=np.inf,
         )
@@ -118,8 +122,8 @@ class Selection:
     @property
     def heterogeneous(self) -> tuple[Constancy, ...]:
         """Causes whose sizes differ among the records or their channels: each acts like an effect, and is none."""
-        remains = self.remainder_is_significant
-        several = len(self.causes) > 1 and not remains
+        several = len(self.causes) > 1 and not self.remainder_is_significant
+        remains = self.remainder_is_significant or not self.fitted_records_agree
         return differing(self.constancy, self.rounds[0].threshold, explained_by_several=several, remains=remains)
 
     @property
@@ -147,8 +151,11 @@ class Selection:
             return spread
         return math.hypot(spread, bias_std(self.remaining_chi2, fit.information(name)))
 
-    def with_records_compared(self, agreements: Sequence[Agreement]) -> "Selection":
-        """Return the selection with the constancy of its causes from record to record: of what each alone has."""
+    def with_records_compared(self, agreements: Sequence[Agreement], fitted_agree: bool = True) -> "Selection":
+        """Return the selection with the constancy of its causes from record to record: of what each alone has.
+
+        fitted_agree : whether the records of the fit do
+        """
         among_channels, found = {c.effect: c for c in self.constancy}, []
         for cause in self.causes:
             own = [a for a in agreements if a.parameter in cause.candidate.free]
@@ -156,7 +163,9 @@ class Selection:
                 most = max(own, key=lambda a: a.z)
                 found.append(Constancy(cause.name, most.z, most.variation, among_channels[cause.name].chi2, RECORDS))
         spread = {a.parameter: a.variation / math.sqrt(len(a.records)) for a in agreements if not a.agree}
-        return replace(self, constancy=(*self.constancy, *found), record_spread=spread)
+        return replace(
+            self, constancy=(*self.constancy, *found), record_spread=spread, fitted_records_agree=fitted_agree
+        )
 
     @property
     def is_sufficient(self) -> bool:

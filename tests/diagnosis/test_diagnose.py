@@ -376,6 +376,9 @@ def test_a_cause_of_another_size_in_a_record_held_out_stands_in_for_another(held
     assert found.gain.proven
     assert found.stand_ins == (() if verdict == "named" else ("cubic_stiffness",))
     assert ("the size of cubic_stiffness differs among the records" in found.summary) == (verdict == "unexplained")
+    assert found.gain.fitted_agree
+    assert replace(found.selection, fitted_records_agree=False).is_homogeneous  # something had made the others differ
+
 
 
 def test_what_else_is_wrong_with_a_record_held_out_may_bias_its_size():

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calib.diagnosis.gain import RECORDS, Gain, Transfer, _changed, _fixed_alone, _refitted, agreements
+from calib.diagnosis.gain import RECORDS, Gain, Transfer, _changed, _fixed_alone, _refitted, _sizes, agreements
 from calib.diagnosis.refit import Fit
 from calib.diagnosis.signature import Point
 from calib.parameter import Parameter, Space, Window
@@ -147,3 +147,11 @@ def test_a_cause_acts_in_a_record_where_its_size_changes_it():
     columns[:, 1] = 0.3
     columns[0, 3] = 1.0
     assert _changed(final, columns) == ("cubic", "harmonic", "clip")
+
+
+@pytest.mark.parametrize(("loud", "held", "agree"), [(1.0, 1.2, True), (1.2, 1.0, False)])
+def test_records_of_the_fit_are_compared_without_those_held_out(loud, held, agree):
+    sizes = {"soft": (1.0, False), "loud": (loud, False), "louder": (held, True)}
+    told = _sizes(tuple(Transfer(name, "k", size, 0.01, out) for name, (size, out) in sizes.items()), 3.0)
+    assert told["fitted_agree"] == agree
+    assert not told["agreements"][0].agree
