@@ -234,6 +234,17 @@ def test_a_record_of_a_free_running_clock_has_the_same_kind(samples, stated):
     assert kind_of_motion(noisy(clapping(wander=chaotic(20), **free), stated=stated)).kind == "undecided"
 
 
+@pytest.mark.parametrize("step", [0.01, 0.05, 0.25])
+@pytest.mark.parametrize("subharmonic", [0.0, 0.6])
+def test_the_steps_of_a_converter_do_not_lengthen_the_period(step, subharmonic):
+    """After 13 periods of 116.23 samples the samples fall nearly where they did, on the same levels."""
+    record = clapping(samples=116.23, periods=60, subharmonic=subharmonic)[["displacement", "velocity"]]
+    for channel in ("displacement", "velocity"):
+        size = step * np.abs(record[channel]).max(dim="time")
+        record[channel] = size * np.round(record[channel] / size)
+    assert kind_of_motion(record).kind == ("period-2" if subharmonic else "period-1")
+
+
 def test_a_closed_curve_says_itself_after_how_many_periods_it_returns_whatever_its_samples():
     for samples in (400, 61.7):
         curve = noisy(clapping(samples=samples, periods=2)).assign_attrs(returns_after=2)

@@ -16,6 +16,7 @@ LAGS = 16  # the longest motion that is told from an irregular one, in periods
 TOLERANCE = 1e-3  # how well a periodic motion returns, as a share of its amplitude
 NOISE = 1.5  # a measured cycle returns where it differs by less than this many standard deviations of its noise
 CYCLES_OF_A_MEAN = 4  # that are compared at least, where more than one period is tried on freely sampled cycles
+MEDIAN_TO_STD = 0.6745  # median of the absolute value over the standard deviation, of normal noise
 COARSE = 0.01  # of the amplitude: what few samples a cycle may leave about it
 ALONE = "; a record alone does not tell chaotic from quasi-periodic motion or a period beyond that"
 BESIDE = "beside"  # attribute of a simulated record: what is known of other motions at the same parameters
@@ -161,6 +162,7 @@ def _from_mean_cycles(record, period, count):
 
     A motion returns after so many periods where no longer cycle leaves much less, and little is left at all. What is
     left is measured by its median: a jump of velocity between samples is left about any cycle, but at few instants.
+    The steps of a converter leave as much: they are alike wherever samples fall on the same phases again.
     """
     time = record.variables["time"].values
     present = [channel for channel in STATE if channel in record.variables]
@@ -173,11 +175,13 @@ def _from_mean_cycles(record, period, count):
     for lag in range(1, max(1, min(LAGS, count // CYCLES_OF_A_MEAN)) + 1):
         mean = mean_cycle(time, stacked, period, lag, refined=False)
         free = max(0.1, 1.0 - mean.parameters / time.size)
-        left.append(np.median(np.abs(mean.residual), axis=1) / (0.6745 * np.sqrt(free)))
+        left.append(np.median(np.abs(mean.residual), axis=1) / (MEDIAN_TO_STD * np.sqrt(free)))
         if (left[-1] <= NOISE * np.maximum(noise, TOLERANCE)).all():
             break
     deviations = np.array(left)
-    limit = NOISE * np.minimum(np.maximum(deviations.min(axis=0), TOLERANCE), np.maximum(noise, COARSE))
+    steps = np.concatenate([_steps(v) for v in values]) / (4.0 * MEDIAN_TO_STD * amplitude)  # median: a fourth
+    least = np.maximum(np.maximum(deviations.min(axis=0), TOLERANCE), steps)
+    limit = NOISE * np.minimum(least, np.maximum(noise, COARSE))
     returning = np.flatnonzero((deviations <= limit).all(axis=1))
     recurrence = tuple(float(np.sqrt(2.0) * d.max()) for d in deviations)
     if not returning.size:
@@ -210,9 +214,18 @@ def _normalised_cycles(record):
 
 
 def _noise(record, channel, values):
+    """Standard deviation (row,) of the noise of a channel, that of the steps of its converter at least."""
     name = f"{channel}_sigma"
     if name in record.variables:
         sigma = record.variables[name].values
-        return sigma if sigma.ndim == 1 else np.sqrt((sigma**2).mean(axis=1))
-    bend = np.abs(np.diff(values, 2, axis=1))
-    return np.median(bend, axis=1) / (0.6745 * np.sqrt(6.0))  # white noise: var of a second difference is 6 sigma^2
+        sigma = sigma if sigma.ndim == 1 else np.sqrt((sigma**2).mean(axis=1))
+    else:
+        bend = np.abs(np.diff(values, 2, axis=1))
+        sigma = np.median(bend, axis=1) / (MEDIAN_TO_STD * np.sqrt(6.0))  # white: var of a second difference, 6 sigma^2
+    return np.maximum(sigma, _steps(values) / np.sqrt(12.0))
+
+
+def _steps(values: np.ndarray) -> np.ndarray:
+    """Steps (row,) between the levels of a channel (row, n) that has fewer than half its samples; 0 of any other."""
+    levels = [np.unique(row) for row in values]
+    return np.array([np.median(np.diff(own)) if 1 < own.size < 0.5 * values.shape[1] else 0.0 for own in levels])
