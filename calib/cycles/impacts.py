@@ -6,6 +6,7 @@ import xarray as xr
 from calib.cycles.loop import period_of
 
 CONTACT_SHARE = 0.2  # a body is in contact while its acceleration stands out by this share of the greatest
+MEDIAN_TO_STD = 0.6745  # median of the absolute value over the standard deviation, of normal noise
 PULSE = 0.02  # half width of the neighbourhood from which an impact stands out, in periods
 PULSE_FOOT = 0.1  # share of its peak below which a pulse of acceleration ends
 
@@ -53,7 +54,7 @@ def impact(phase: np.ndarray, velocity: np.ndarray) -> tuple[float, float, float
     pulse = np.sign(excess[peak]) * excess[(peak + around) % size]
     weight = _hump(pulse - PULSE_FOOT * pulse[half], half)
     change = float(np.sign(excess[peak]) * pulse[weight > 0.0].sum())
-    noise = float(np.median(np.abs(np.diff(velocity, 2)))) / (0.6745 * np.sqrt(6.0))
+    noise = float(np.median(np.abs(np.diff(velocity, 2)))) / (MEDIAN_TO_STD * np.sqrt(6.0))
     if abs(change) <= max(0.025 * np.ptp(velocity), 10.0 * noise):
         return none
     place = peak + 0.5 + (around @ weight) / weight.sum()

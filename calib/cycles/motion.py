@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from calib.cycles.impacts import impacts_per_period
+from calib.cycles.impacts import MEDIAN_TO_STD, impacts_per_period
 from calib.cycles.loop import cut, cycles_in, period_of, sampled, samples_in_step
 from calib.cycles.mean_cycle import IN_STEP_TOLERANCE, mean_cycle
 from calib.cycles.strobe import section
@@ -16,7 +16,6 @@ LAGS = 16  # the longest motion that is told from an irregular one, in periods
 TOLERANCE = 1e-3  # how well a periodic motion returns, as a share of its amplitude
 NOISE = 1.5  # a measured cycle returns where it differs by less than this many standard deviations of its noise
 CYCLES_OF_A_MEAN = 4  # that are compared at least, where more than one period is tried on freely sampled cycles
-MEDIAN_TO_STD = 0.6745  # median of the absolute value over the standard deviation, of normal noise
 COARSE = 0.01  # of the amplitude: what few samples a cycle may leave about it
 ALONE = "; a record alone does not tell chaotic from quasi-periodic motion or a period beyond that"
 BESIDE = "beside"  # attribute of a simulated record: what is known of other motions at the same parameters

@@ -31,7 +31,8 @@ class Constancy:
     ----------
     effect : its name
     z : normal deviate of Cochran's Q  [1]
-    variation : standard deviation of the sizes over their mean, both weighted by the information on them  [1]
+    variation : standard deviation of the sizes over their mean  [1]; among channels both weighted by the information on
+        them, among records the sizes one as good as another
     chi2 : by which the sum of squares would rise without the effect, to first order; infinite where it is absent only
         at an infinite size  [1]
     among : CHANNELS or RECORDS

@@ -207,7 +207,7 @@ def _tried_on_records(
     if len(tried[0].causes) == 1 and tried[0].is_explained and not _stands_alike(*tried) and not pool.spent:
         pair = paired(fitter, tried[0], candidates, seed)
         outcome = tried if pair is None else _with_gain(pool, bench, fitter, pair, seed)
-        tried = outcome if _stands_alike(*outcome) else tried
+        tried = outcome if _stands_alike(*outcome) or (_stands(*outcome) and not _stands(*tried)) else tried
     if not _stands(*tried):
         return found
     return _with_rivals_that_stand(pool, bench, fitter, *tried, seed)

@@ -423,20 +423,19 @@ def agreements(transfers: Sequence[Transfer], threshold: float) -> tuple[Agreeme
                 chi2=q,
                 degrees=degrees,
                 z=z,
-                variation=variation(raw, degrees, raw_mean_chi2 * _evenness(raw_variance)),
+                variation=variation(raw, degrees, raw_mean_chi2 * _dersimonian_laird_factor(raw_variance)),
                 agree=z <= threshold,
-                detectable=variation(limit, degrees, mean_chi2 * _evenness(variance)),
+                detectable=variation(limit, degrees, mean_chi2 * _dersimonian_laird_factor(variance)),
                 records=tuple(t.record for t in own),
             )
         )
     return tuple(compared)
 
 
-def _evenness(variance: np.ndarray) -> float:
+def _dersimonian_laird_factor(variance: np.ndarray) -> float:
     """Return 1 less the sum of squares of the shares in the information of sizes with these variances (m,).
 
-    By it the moment estimator of DerSimonian & Laird is the standard deviation of the sizes, one as good as another,
-    and not of the information on them.
+    Over the total information it is the denominator of the moment estimator of the variance between records.
     """
     share = (1.0 / variance) / (1.0 / variance).sum()
     return float(1.0 - share @ share)

@@ -9,6 +9,7 @@ from scipy import stats
 from scipy.optimize import lsq_linear
 
 from calib.confidence.covariance import sandwich
+from calib.confidence.local import EDGE
 from calib.diagnosis.bench import Seen, Start, simulated
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.criteria import CRITERIA
@@ -31,7 +32,6 @@ SIMULATIONS_PER_SCORE = 4  # simulations of each record for the derivative by a 
 SWEEPS_PER_FIT, STEPS_PER_FIT = 1, 5  # of derivatives by all parameters, and of steps, as measured
 INITIAL_SIMULATIONS = 20  # of each record in a fit, where its initial state is a nuisance, as measured
 INITIAL_RELATIVE_STEP = 1e-3  # change of the rows by a step of the initial state, relative to their norm
-END_SHARE = 1e-6  # of a window: a calibrated value that is nearer to its end is at it
 MAX_HALVINGS = 5  # of a step that does not reduce chi-square
 RIDGE = 1e-10  # on the normal equations, of unit diagonal: directions that the data do not know stay where they are
 
@@ -239,10 +239,10 @@ class Fitter:
             now, x = self.with_derivatives(fit) if fresh else _updated(fit, now, x_ahead - x), x_ahead
         return replace(now, reason=f"no convergence in {MAX_STEPS} steps")
 
-    def is_at_an_end(self, fit: Fit) -> bool:
-        """Whether a calibrated value is at an end of its window."""
+    def is_at_an_edge(self, fit: Fit) -> bool:
+        """Whether a calibrated value is at an edge of its window."""
         positions = [window.position(fit.value(name)) for name, window in self.space.windows.items()]
-        return min(positions, default=0.5) < END_SHARE or max(positions, default=0.5) > 1.0 - END_SHARE
+        return min(positions, default=0.5) < EDGE or max(positions, default=0.5) > 1.0 - EDGE
 
     def in_the_middle(self, fit: Fit) -> Fit | None:
         """The model of a fit with the calibrated values in the middle of their windows, and the derivatives there.

@@ -84,8 +84,9 @@ def search(
     alike = [s for s in _like_the_best(significant, refitted) if s.name not in untried]
     refitted, left = _refits(fitter, base, alike, len(significant), threshold, attained, refitted)
     untried = (*untried, *left)
-    if not base.candidates and fitter.is_at_an_end(base) and _is_left(fitter.evidence, base, refitted):
-        refitted = _refits_from_the_middle(fitter, base, suspects, seed, threshold, refitted)
+    if not base.candidates and fitter.is_at_an_edge(base) and _is_left(fitter.evidence, base, refitted):
+        refitted, left = _refits_from_the_middle(fitter, base, suspects, seed, threshold, attained, refitted)
+        untried = (*untried, *left)
     excess, rivals, possible = excess_chi2(fitter.evidence, base), (), []
     if refitted:
         common = fitter.evidence.with_weights([base.point.simulated, *(s.fit.point.simulated for s in refitted)])
@@ -203,30 +204,37 @@ def _refits_from_the_middle(
     suspects: Sequence[Suspect],
     seed: int,
     threshold: float,
+    attained: float,
     refitted: Sequence[Refitted],
-) -> list[Refitted]:
-    """Fit all suspects from the middle of the windows too, and keep for each what explains more.
+) -> tuple[list[Refitted], tuple[str, ...]]:
+    """Fit suspects from the middle of the windows too, and keep for each what explains more; names of those untried.
 
-    A calibrated value at the end of its window makes up for what the model lacks, by another motion: what score tests
-    predict there, or in the middle, is wrong by more than it is, and fits from there end in another minimum.
+    A calibrated value at the edge of its window makes up for what the model lacks, by another motion: score tests there
+    err by more than the reduction that they predict, and fits from there end in another minimum. All are fitted that
+    have a derivative in both places, one variant of each.
 
     suspects : scored on what `base` leaves
+    attained : chi-square that one of the candidates is known to attain
     """
-    middle = fitter.in_the_middle(base)
+    middle = None if fitter.effort.spent else fitter.in_the_middle(base)
     if middle is None:
-        return list(refitted)
+        return list(refitted), ()
     scored, latest = {id(s.candidate): s for s in suspects}, {id(s.candidate): s for s in refitted}
     there, _ = screened(fitter, middle, [s.candidate for s in suspects], seed)
-    for suspect in leading_variants(s for s in there if s.is_testable and scored[id(s.candidate)].is_testable):
+    leaders = leading_variants(s for s in there if s.is_testable and scored[id(s.candidate)].is_testable)
+    fitter.effort.foresee(fitter.expected_simulations(0, len(leaders)))
+    untried = []
+    for suspect in leaders:
         if fitter.effort.spent:
-            break
+            untried.append(suspect.name)
+            continue
         found, key, candidate = list(latest.values()), id(suspect.candidate), suspect.candidate
-        bound = np.inf if _is_like_the_best(suspect, found) else chi2_of_a_rival(found, base, threshold)
+        bound = np.inf if _is_like_the_best(scored[key], found) else chi2_of_a_rival(found, base, threshold, attained)
         columns = np.column_stack([middle.columns, suspect.derivatives])
         fit = fitter.fit(middle.point, (candidate,), candidate.absent(), columns, bound)
         if fit.names and fit.chi2 < (latest[key].fit if key in latest else base).chi2:
             latest[key] = scored[key].refitted(fit, base.chi2 - fit.chi2)
-    return list(latest.values())
+    return list(latest.values()), tuple(untried)
 
 
 def chi2_of_a_rival(

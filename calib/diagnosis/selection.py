@@ -281,12 +281,27 @@ def select(
     Those go that explain little beside what remains. Where the causes leave more than noise, one of them may be a
     compromise between two: then the best pair is tried in their place.
     """
-    state = _forward(fitter, null, candidates, seed, on_stage)
+    state = _forward(fitter, _recalibrated(fitter, null), candidates, seed, on_stage)
     state = _looked_for_again(fitter, state, candidates, seed)
     if _may_be_compromise(fitter, state, candidates) and not fitter.effort.spent:
         on_stage("pairs")
         state = _with_best_pair(fitter, state, candidates, seed)
     return _selection(fitter, _through_elimination(fitter, state))
+
+
+def _recalibrated(fitter: Fitter, null: Fit) -> Fit:
+    """Fit the calibrated model from the middle of its windows too, where a value is at an edge; keep the better fit.
+
+    Where no misfit that dominates the noise is left there is nothing to be gained.
+    """
+    evidence = fitter.evidence
+    if not fitter.is_at_an_edge(null) or not dominant(excess_chi2(evidence, null), chi2_std(evidence)):
+        return null
+    middle = fitter.in_the_middle(null)
+    again = None if middle is None else fitter.fit(middle.point, columns=middle.columns, rival=null.chi2)
+    if again is None or not again.names or not null.chi2 - again.chi2 > CRITERIA.aic_tie:
+        return null
+    return fitter.with_derivatives(again)
 
 
 def _looked_for_again(fitter: Fitter, state: _Stepwise, candidates: Sequence[Candidate], seed: int) -> _Stepwise:
@@ -326,13 +341,13 @@ def _with_best_pair(fitter: Fitter, state: _Stepwise, candidates: Sequence[Candi
     pair = best_pair(fitter, null, state.causes, state.final, suspects)
     if pair is None or not _explains_more(fitter.evidence, null, state.causes, state.final, pair):
         return state
-    state = _fitted_from(fitter, state, pair[1])
+    was_explained, state = state.is_explained, _fitted_from(fitter, state, pair[1])
     if not _explains_more(fitter.evidence, null, state.causes, state.final, pair):
         return state
     causes, final = replaced(fitter, null, *pair, candidates, seed, {}, last_too=True)
     if not _explains_more(fitter.evidence, null, state.causes, state.final, (causes, final)):
         return state
-    if state.is_explained:
+    if was_explained:
         left = eliminated(fitter, null, causes, final, threshold, final.chi2)
         if left.left_out or not left.is_explained:
             return state
@@ -355,9 +370,11 @@ def _fitted_from(fitter: Fitter, state: _Stepwise, other: Fit) -> _Stepwise:
     lower = state.final.chi2 - fit.chi2
     if not fit.names or not lower > CRITERIA.aic_tie:
         return state
-    fit = fitter.with_derivatives(fit)
-    causes = [cause.refitted(fit, cause.chi2_reduction + lower) for cause, _ in state.causes]
-    return replace(state, causes=tuple((cause, (cause,)) for cause in causes), final=fit, elimination=None)
+    fit, causes = fitter.with_derivatives(fit), []
+    for cause, rivals in state.causes:
+        again = cause.refitted(fit, cause.chi2_reduction + lower)
+        causes.append((again, tuple(again if rival.name == cause.name else rival for rival in rivals)))
+    return replace(state, causes=tuple(causes), final=fit, elimination=None)
 
 
 def _any_rejected(fitter: Fitter, null: Fit, causes: Sequence[Refitted], final: Fit, threshold: float) -> bool:
@@ -442,7 +459,10 @@ def exchanged(
 
 
 def paired(fitter: Fitter, selection: Selection, candidates: Sequence[Candidate], seed: int) -> Selection | None:
-    """Return a selection with the best pair in the place of its causes; None where none explains more."""
+    """Return a selection with the best pair in the place of its causes, or with these as they fit where that was found.
+
+    None where neither explains more.
+    """
     causes = tuple(zip(selection.causes, selection.alternatives, strict=True))
     state = _Stepwise(
         selection.null, selection.final, {}, selection.rounds, causes, selection.exchanges, attained=selection.attained

@@ -73,7 +73,7 @@ def _alternatives(selection: Selection) -> str:
     """Indistinguishable models as the subject of a sentence; of several causes not all combinations are among them."""
     if len(selection.causes) == 1:
         return "they"
-    return f"the {len(selection.classes)} combinations of them in which one cause at a time is exchanged"
+    return f"the {len(selection.classes)} combinations of them in which at most one cause is exchanged"
 
 
 def _subject(selection: Selection) -> tuple[str, str]:

@@ -120,10 +120,9 @@ def _suspect(suspect: Suspect, excess: float, chosen: Suspect | None) -> dict[st
 
 
 def _without_effect(suspect: Suspect) -> str:
-    """Say of a suspect that changes no simulation that it does not; "" of others."""
-    scored = suspect.screened if isinstance(suspect, Refitted) else suspect
-    none = isinstance(scored, Scored) and not scored.derivatives.any()
-    return "it changes nothing in these records: what it acts on does not occur in them" if none else ""
+    """Say of a suspect that changes no simulation where it is absent that it does not; "" of others."""
+    none = isinstance(suspect, Scored) and not suspect.derivatives.any()
+    return "it changes nothing in these records: where it is absent no simulation changes with it" if none else ""
 
 
 def _round(outcome: Round) -> dict[str, Any]:

@@ -59,7 +59,8 @@ def headline(said: Mapping[str, Any]) -> str:
     if verdict == NONE:
         return "Nothing that could be named is missing: what the calibrated model leaves is what noise leaves."
     failed = [gate["name"] for gate in said["gates"] if not gate["passed"]]
-    leader = f"; {joined(said['closest'])} would explain most" if said["closest"] else ""
+    alike = [name for found in said["rounds"] if found["chosen"] in said["closest"] for name in found["rivals"]]
+    leader = f"; {' or '.join(dict.fromkeys([*said['closest'], *alike]))} would explain most" if said["closest"] else ""
     return f"No diagnosis: a condition fails ({', '.join(failed)}){leader}." if failed else "No diagnosis."
 
 
@@ -121,8 +122,19 @@ def disagreements(said: Mapping[str, Any]) -> list[str]:
     return [
         f"The records, each alone, disagree on the size of {joined(names)} ({'; '.join(found)}; 95\u00a0% "
         "intervals by Student's t): something that acts alike and is not modelled changes it, or is the cause; the "
-        f"interval of {_fitted_size(gain['transfers'], apart)} does not count that."
+        f"interval of {_fitted_size(gain['transfers'], apart)} does not count that{_biased(said, apart)}."
     ]
+
+
+def _biased(said, parameters):
+    """By how much sizes may be off that the records disagree on, as the end of a sentence; earlier versions: ""."""
+    found = [
+        f"{name} by no more than {quantity(HALF_WIDTH * joint['bias'][name], joint['units'].get(name), 2)}"
+        for joint in said["joint_sizes"].values()
+        for name in parameters
+        if joint.get("bias", {}).get(name)
+    ]
+    return f"; in 95\u00a0% of cases it biases {joined(found)}" if found else ""
 
 
 def _fitted_size(transfers, parameters):

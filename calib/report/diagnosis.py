@@ -64,7 +64,7 @@ FORCES = (
     "force per unit mass together with what the springs and dampers answer to the motion that differs, so near a "
     "resonance a force is seen a quarter of a period late."
 )
-UNCERTAIN = "the acceleration that differences of the velocity give is too uncertain there to show what remains."
+UNCERTAIN = "nothing stands clear of the uncertainty that differences of the velocity give to this acceleration."
 SUSPECTS = (
     "How strongly each effect shows in the residuals, what calibrated parameters and nuisances absorb taken out. "
     "Above the dashed line it is more than noise would make the strongest of them in 99 of 100 cases."
@@ -81,10 +81,10 @@ GAIN = (
 TRANSFERS = (
     "Size of the effect refitted to each record alone, all other parameters free, with its 95\u00a0% interval by "
     "Student's t; a record that does not tell it from these has none. What the model leaves in a record may bias its "
-    "size: the pale bar counts that too. A law of nature has one size in all of them. Where the model leaves no more "
-    "than noise, an effect whose sizes differ is a stand-in for another cause; beside a remainder, where the standard "
-    f"deviation of its sizes is more than {percent(CRITERIA.max_variation)} of their mean: up to that, what is not "
-    "modelled may have made them differ."
+    "size: the pale bar counts that too. A law of nature has one size in all of them: an effect whose sizes "
+    f"differ by more than {percent(CRITERIA.max_variation)} (standard deviation over mean) is a stand-in for another "
+    "cause. Up to that, what is not modelled may have made them differ, where the fit shows that something is not: it "
+    "leaves more than noise, or its own records disagree."
 )
 SHIFTS = (
     "By how many of their standard errors, as this diagnosis weighs the records, the calibrated parameters move once "
@@ -472,7 +472,7 @@ def _constancy(said):
     if differ:
         how, end = "differ", " Effects may imitate another one, but hardly with one size everywhere."
     elif z > said["threshold"]:
-        own = [c for c in said["misfit"].get("constancy", ()) if c["among"] == CHANNELS]
+        own = [c for c in said["misfit"].get("constancy", ()) if c.get("among", CHANNELS) == CHANNELS]
         most = max(own, key=lambda c: c["z"], default=None)
         which = f", most those of {most['effect']}," if most and len(names) > 1 else ""
         how = f"differ{which} by {percent(most['variation'])}" if most else "differ"

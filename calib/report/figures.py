@@ -108,8 +108,9 @@ def histories(measured: xr.Dataset, simulated: xr.Dataset | None) -> Figure:
                 axes.set_title(_title(body, simulated, (channel,)))
         else:
             for (body, channel), row in zip(pairs, grid, strict=False):
-                worst = _worst(measured, simulated, body, channel)
-                panels = ((slice(None), body), (worst, "where it differs most"))[:compared]
+                panels = [(slice(None), body)]
+                if simulated is not None:
+                    panels.append((_worst(measured, simulated, body, channel), "where it differs most"))
                 for axes, (span, title) in zip(row, panels, strict=True):
                     _history(axes, measured, simulated, body, channel, span)
                     axes.set_title(title)

@@ -11,7 +11,7 @@ from softening_decay import DRAG, SOFTENING, written
 from calib import plugins
 from calib.cli import main as calib
 from calib.diagnosis.candidate import Candidate
-from calib.diagnosis.selection import _fitted_from, _refitted_rivals, _Stepwise
+from calib.diagnosis.selection import _fitted_from, _recalibrated, _refitted_rivals, _Stepwise
 from calib.diagnosis.signature import Point
 from calib.diagnosis.suspect import Refitted
 
@@ -73,8 +73,8 @@ def test_a_cause_that_a_pair_would_replace_is_fitted_again_from_where_the_pair_w
     drag = SimpleNamespace(name="linear_drag", free=("c1",))
     old = SimpleNamespace(chi2=1000.0, names=("damping", "c1"), value={"damping": 0.01, "c1": 17.6}.get)
     old.point = Point({"damping": 0.01, "mass": 1.0, "c1": 17.6}, (), {})
-    cause = Refitted(drag, SimpleNamespace(), old, 500.0)
-    state = _Stepwise(SimpleNamespace(names=("damping",)), old, {}, causes=((cause, (cause, cause)),))
+    cause, rival = Refitted(drag, SimpleNamespace(), old, 500.0), SimpleNamespace(name="support")
+    state = _Stepwise(SimpleNamespace(names=("damping",)), old, {}, causes=((cause, (cause, rival)),))
     began = []
 
     def fit(start, candidates, sizes, rival):
@@ -87,4 +87,28 @@ def test_a_cause_that_a_pair_would_replace_is_fitted_again_from_where_the_pair_w
     assert found.final.chi2 == (beyond if taken else 1000.0)
     [(again, rivals)] = found.causes
     assert again.chi2_reduction == (500.0 + 980.0 if taken else 500.0)
-    assert len(rivals) == (1 if taken else 2)
+    assert rivals == (again, rival)
+
+
+@pytest.mark.parametrize(
+    ("at_an_edge", "chi2", "again", "kept"),
+    [
+        (True, 5000.0, 500.0, 500.0),
+        (True, 5000.0, 4999.0, 5000.0),  # no lower than chance
+        (False, 5000.0, 500.0, 5000.0),
+        (True, 1020.0, 500.0, 1020.0),  # it leaves little more than noise
+    ],
+)
+def test_a_calibrated_model_at_the_edge_of_its_windows_is_fitted_from_their_middle_too(at_an_edge, chi2, again, kept):
+    def model(chi2):
+        none = np.zeros((0, 0))
+        return SimpleNamespace(chi2=chi2, names=("damping",), point="middle", columns=none, nuisances=none)
+
+    fitter = SimpleNamespace(
+        evidence=SimpleNamespace(counted=lambda: 1000.0),
+        is_at_an_edge=lambda fit: at_an_edge,
+        in_the_middle=lambda fit: model(9000.0),
+        fit=lambda start, columns, rival: model(again),
+        with_derivatives=lambda fit: fit,
+    )
+    assert _recalibrated(fitter, model(chi2)).chi2 == kept

@@ -79,10 +79,10 @@ def test_where_the_motion_fails_there_is_a_reason_and_no_parameter():
 
 
 @pytest.mark.parametrize(
-    ("damping", "stiffness", "at_an_end"), [(0.01, 3.0, True), (0.005, 3.0, False), (0.005, 1.0, True)]
+    ("damping", "stiffness", "at_an_edge"), [(0.01, 3.0, True), (0.005, 3.0, False), (0.005, 1.0, True)]
 )
-def test_a_calibrated_value_is_at_an_end_of_its_window(damping, stiffness, at_an_end):
+def test_a_calibrated_value_is_at_an_edge_of_its_window(damping, stiffness, at_an_edge):
     windows = {"damping": Window(0.002, 0.01, "log"), "stiffness": Window(1.0, 9.0)}
     fitter = Fitter(InProcess(None), None, SimpleNamespace(windows=windows), None)
     values = {"damping": damping, "stiffness": stiffness}
-    assert fitter.is_at_an_end(SimpleNamespace(value=values.get)) == at_an_end
+    assert fitter.is_at_an_edge(SimpleNamespace(value=values.get)) == at_an_edge

@@ -133,9 +133,14 @@ def test_suspects_are_fitted_from_the_middle_of_the_windows_too_and_the_better_f
     before = [suspects[0].refitted(fit(100.0), 900.0), suspects[1].refitted(fit(150.0), 850.0)]
     monkeypatch.setattr("calib.diagnosis.search.screened", lambda *given: (suspects, 3.0))
     monkeypatch.setattr("calib.diagnosis.search.cosine", lambda *given: 0.0)
-    effort = SimpleNamespace(spent=False)
+    effort = SimpleNamespace(spent=False, foresee=lambda number: None)
     fitter = SimpleNamespace(in_the_middle=lambda base: fit(5000.0), effort=effort, fit=fitted)
-    kept = {s.name: s.chi2_reduction for s in _refits_from_the_middle(fitter, base, suspects, 0, 3.0, before)}
-    assert kept == {"drag": 980.0, "lag": 850.0, "friction": 950.0}
-    fitter.in_the_middle = lambda base: None  # where it cannot be simulated
-    assert _refits_from_the_middle(fitter, base, suspects, 0, 3.0, before) == before
+    fitter.expected_simulations = lambda scored, fits: 100 * fits
+    given = (fitter, base, suspects, 0, 3.0, np.inf, before)
+    found, untried = _refits_from_the_middle(*given)
+    assert {s.name: s.chi2_reduction for s in found} == {"drag": 980.0, "lag": 850.0, "friction": 950.0}
+    assert untried == ()
+    effort.spent = True
+    assert _refits_from_the_middle(*given) == (before, ())
+    effort.spent, fitter.in_the_middle = False, lambda base: None  # where it cannot be simulated
+    assert _refits_from_the_middle(*given) == (before, ())

@@ -205,6 +205,25 @@ def test_a_failed_gate_says_what_to_do(told):
     assert found["suspects"]["shown"] == []
 
 
+def test_where_a_gate_fails_the_headline_says_what_would_explain_most_and_what_is_like_it():
+    failed = {"verdict": "not_diagnosable", "closest": ["quadratic_drag"], "gates": [GATES[3] | {"passed": False}]}
+    said = document("named", VALUES) | failed
+    said["rounds"] = [said["rounds"][0] | {"chosen": "quadratic_drag", "rivals": ["quadratic_drag", "linear_drag"]}]
+    assert headline(said).endswith("; quadratic_drag or linear_drag would explain most.")
+
+
+def test_by_how_much_a_size_may_be_off_on_which_the_records_disagree():
+    said = document("named", VALUES)
+    joint = {"size": {"c2": 0.3}, "units": {"c2": "1/m"}}
+    said["joint_sizes"] = {"quadratic_drag": joint}
+    said["gain"] = said["gain"] | {"agreements": [{"parameter": "c2", "agree": False}]}
+    [text] = disagreements(said)
+    assert text.endswith("does not count that.")
+    joint["bias"] = {"c2": 1.0}
+    [text] = disagreements(said)
+    assert "does not count that; in 95\u00a0% of cases it biases c2 by no more than 2" in text
+
+
 def test_a_solver_that_is_too_coarse_is_a_failed_gate_too():
     said = document("named", VALUES) | {"verdict": "not_diagnosable", "gates": [GATES[3] | {"passed": False}]}
     assert "finer" in points(said)[0]
@@ -292,7 +311,7 @@ def test_where_the_acceleration_is_too_uncertain_nothing_is_said_to_be_noise(lac
     said = document("unexplained", VALUES)
     text = words(render(study, [], {}, {"values": VALUES}, diagnosis=said, motions=records))
     assert "nothing stands clear of noise" not in text
-    assert ("of the velocity is too uncertain to show it" in text) == (
+    assert ("nothing stands clear of the uncertainty of the acceleration" in text) == (
         not all(stands_clear(force) for body in ("q2", "q3") for force in accelerations(records, body).values())
     )
     assert ("The pictures of the acceleration that the simulation lacks" in text) == (lack > 0.0)

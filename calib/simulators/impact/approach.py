@@ -25,7 +25,7 @@ def approach(
     ----------
     begin : (problem, q, dq) -> State, `calib.simulators.impact.run.start`
     q, dq : (n,) near the motion  [m], [m/s]
-    budget : steps that all its periods may take together
+    budget : steps that the periods of the shooting may take together
     z : (SLOTS, n, STATES) internal states of the force laws
     """
     n = q.size
