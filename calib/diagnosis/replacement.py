@@ -182,9 +182,11 @@ class _Linear:
 
     @classmethod
     def without_causes(cls, null: Fit, causes: Sequence[Cause], final: Fit) -> "_Linear":
-        """Take the causes out of a model, to first order."""
+        """Take the causes out of a model, to first order; one that is absent at infinity stays in its prediction."""
         absent = {name: value for cause, _ in causes for name, value in cause.candidate.absent().items()}
-        moves = np.array([final.value(name) - absent.get(name, final.value(name)) for name in final.names])
+        sizes = np.array([final.value(name) for name in final.names])
+        moves = sizes - np.array([absent.get(name, size) for name, size in zip(final.names, sizes, strict=True)])
+        moves[~np.isfinite(moves)] = 0.0
         own = np.isin(final.names, null.names)
         return cls(
             final=final,

@@ -10,7 +10,7 @@ from calib.diagnosis.bench import Seen
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.excess import significant
 from calib.diagnosis.refit import Fitter
-from calib.diagnosis.replacement import best_pair, pair_shows
+from calib.diagnosis.replacement import _Linear, best_pair, pair_shows
 from calib.diagnosis.screening import screened
 from calib.diagnosis.signature import Point
 from calib.parameter import Parameter, Space
@@ -80,3 +80,16 @@ def test_a_cause_that_imitates_two_is_seen_through_by_a_test_of_two_where_no_sum
     cause = own.refitted(final, null.chi2 - final.chi2)
     known = {key: value for key, value in known.items() if key != id(CANDIDATES[2])}  # `soft` is all that is hidden
     assert pair_shows(null, [(cause, (cause,))], final, [mix, *CANDIDATES], known) == shows
+
+
+def test_a_cause_that_is_absent_at_infinity_stays_in_what_is_predicted_without_causes():
+    """A clipped channel: no finite step takes the limit away."""
+    columns, residual = np.eye(4)[:, :2], np.arange(4.0)
+    final = SimpleNamespace(
+        names=("damping", "limit"), value={"damping": 0.1, "limit": 0.7}.get, columns=columns, residual=residual,
+        nuisances=np.zeros((4, 0)), point=Point({"damping": 0.1, "limit": 0.7}, (), {}),
+    )  # fmt: skip
+    clipping = SimpleNamespace(candidate=SimpleNamespace(absent=lambda: {"limit": np.inf}))
+    about = _Linear.without_causes(SimpleNamespace(names=("damping",)), [(clipping, ())], final)
+    np.testing.assert_array_equal(about.residual, residual)
+    assert about.rest == {"damping": 0.1}
