@@ -385,7 +385,7 @@ def _fixed_alone(fitter: Fitter, final: Fit, record: str) -> list[Direction]:
     return directions
 
 
-def _sizes(transfers: tuple[Transfer, ...], threshold: float) -> dict[str, tuple]:
+def _sizes(transfers: tuple[Transfer, ...], threshold: float) -> dict[str, object]:
     fitted = agreements([t for t in transfers if not t.held], threshold)
     return {
         "transfers": transfers,

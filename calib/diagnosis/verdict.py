@@ -43,8 +43,7 @@ def _leading(selection: Selection) -> str:
     """What explains most where a gate fails, as the end of a sentence; "" where nothing does."""
     if not selection.causes:
         return ""
-    names, s = joined(_ways(selection)), "s" if len(selection.causes) == 1 else ""
-    share = f"{explained(selection.explained_share)} of the excess misfit"
+    names, s, share = _closest_ways(selection)
     return f"; were that not so, {names} would come closest: explain{s} {share}"
 
 
@@ -67,6 +66,12 @@ def failures(gates: Sequence[Gate]) -> str:
 def _ways(selection: Selection) -> list[str]:
     """Each cause with the suspects that are indistinguishable from it."""
     return [_one_of([rival.name for rival in rivals]) for rivals in selection.alternatives]
+
+
+def _closest_ways(selection: Selection) -> tuple[str, str, str]:
+    """What comes closest as the subject of a sentence, the ending of its verb, and what it explains."""
+    share = f"{explained(selection.explained_share)} of the excess misfit"
+    return joined(_ways(selection)), "s" if len(selection.causes) == 1 else "", share
 
 
 def _alternatives(selection: Selection) -> str:
@@ -104,8 +109,7 @@ def _closest(selection: Selection) -> str:
 
 def _insufficient(selection: Selection) -> str:
     """Why the causes do not explain enough to be named."""
-    names, s = joined(_ways(selection)), "s" if len(selection.causes) == 1 else ""
-    share = f"{explained(selection.explained_share)} of the excess misfit"
+    names, s, share = _closest_ways(selection)
     if not selection.is_explained:
         less, it = ("less than", "it") if s else ("not each of them at least", "them")
         return (
@@ -120,9 +124,8 @@ def _insufficient(selection: Selection) -> str:
 
 def _refuted(selection: Selection, gain: Gain) -> str:
     """What causes do to the misfit of records held out, which they do not predict."""
-    names, s = joined(_ways(selection)), "s" if len(selection.causes) == 1 else ""
-    share = f" and explain{s} {explained(selection.explained_share)} of the excess misfit"
-    explain = share if selection.is_significant else ""
+    names, s, share = _closest_ways(selection)
+    explain = f" and explain{s} {share}" if selection.is_significant else ""
     change = f"rises from {100.0 * gain.before:.3g} to {100.0 * gain.after:.3g} %"
     where = ", ".join(gain.records)
     return f"{names} come{s} closest{explain}, but on what was held out ({where}) the misfit {change}"
