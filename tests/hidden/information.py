@@ -219,8 +219,8 @@ class Bench:
     def z_of(self, effect: str, size: float) -> float:
         """Distance, in the noise, of the records with an effect of that size from the nearest ones without it.
 
-        The nearest ones: at other values of the calibrated parameters, by the method of Gauss and Newton with the
-        derivatives at the truth.
+        The nearest ones: at other values of the calibrated parameters within their windows, by the method of Gauss and
+        Newton with the derivatives at the truth.
 
         Raises
         ------
@@ -254,8 +254,8 @@ class Bench:
                 break
             before = z
             change = np.linalg.lstsq(self.sensitivity / lengths, difference)[0] / lengths
-            for name, step in zip(self.system.windows, change, strict=False):
-                moved[name] = moved.get(name, self.system.truth[name]) + step
+            for (name, (low, high, _)), step in zip(self.system.windows.items(), change, strict=False):
+                moved[name] = float(np.clip(moved.get(name, self.system.truth[name]) + step, low, high))
         return z
 
     def size_for(self, effect: str, z: float) -> float:
