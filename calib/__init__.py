@@ -14,7 +14,8 @@ def _kernel_cache() -> Path:
     """
     digest = hashlib.sha256()
     here = Path(__file__).parent
-    for source in sorted([here / "laws.py", *here.glob("simulators/**/*.py"), *here.glob("effects/*.py")]):
+    compiled = [here / "modelling" / "laws.py", *here.glob("simulators/**/*.py"), *here.glob("effects/*.py")]
+    for source in sorted(compiled):
         digest.update(source.name.encode() + source.read_bytes())
     root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(root) / "calib" / "kernels" / digest.hexdigest()[:16]

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from calib.record import read
+from calib.records.record import read
 from calib.report.figures import beside, phase_curves
-from calib.study_toml import load
+from calib.study_file import load
 
 ROOT = Path(__file__).parents[1]
 

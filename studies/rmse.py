@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.parameter import values_for
-from calib.study_toml import load
+from calib.modelling.parameter import values_for
+from calib.study_file import load
 
 
 def errors(study: Path, out: Path | None = None) -> dict[str, np.ndarray]:

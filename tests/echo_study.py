@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 from tiny_simulators import Echo
 
-from calib import record as records
-from calib.excitation import Excitation
-from calib.model import Request
+from calib import records
+from calib.modelling.model import Request
+from calib.records.excitation import Excitation
 
 TRUTH = {"gain": 1.2, "harmonic": 0.0002}
 NOISE = 2e-5  # m, m/s over the angular frequency

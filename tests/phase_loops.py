@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from calib.record import make
+from calib.records import make
 
 FREQUENCY = 25.0  # Hz
 OMEGA = 2.0 * np.pi * FREQUENCY

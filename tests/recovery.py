@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 
 from calib.confidence import around_best
-from calib.excitation import Excitation
+from calib.execution.pool import InProcess
 from calib.features import PhaseCurve, TimeHistory
-from calib.model import Model, Request
+from calib.modelling.model import Model, Request
+from calib.modelling.parameter import Space, Window
 from calib.objective import Objective, Reference, Term
 from calib.optimisers.multistart import Multistart
-from calib.parameter import Space, Window
-from calib.pool import InProcess
-from calib.record import channels
+from calib.records import channels
+from calib.records.excitation import Excitation
 from calib.simulators.four_dof import FourDof
 from calib.simulators.oscillator import Oscillator
 from calib.store import Store

@@ -1,8 +1,8 @@
 """A short, thick beam with few elements: its full kernel takes milliseconds a period."""
 
-from calib.excitation import Excitation
-from calib.model import Model, Request
-from calib.record import OK
+from calib.modelling.model import Model, Request
+from calib.records import OK
+from calib.records.excitation import Excitation
 from calib.simulators.delaminated_beam import DelaminatedBeam
 
 MESH = {"masters": 4, "outer": 4, "beam_rows": (1.0,)}

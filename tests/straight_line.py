@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from calib.parameter import Parameter, Window
+from calib.modelling.parameter import Parameter, Window
 
 TIME = np.linspace(0.0, 4.0, 400)
 WINDOWS = {"height": Window(0.0, 100.0), "rate": Window(0.01, 5.0)}

@@ -7,12 +7,12 @@ from functools import partial
 
 import numpy as np
 
-from calib import record
 from calib.errors import CalibError
-from calib.excitation import Excitation
-from calib.model import Model, Request
-from calib.parameter import Parameter, Space, Window
-from calib.pool import InProcess
+from calib.execution.pool import InProcess
+from calib.modelling.model import Model, Request
+from calib.modelling.parameter import Parameter, Space, Window
+from calib.records import record
+from calib.records.excitation import Excitation
 from calib.store import Store
 from calib.study import Study, evaluate
 

@@ -9,11 +9,11 @@ ROOT = Path(calib.__file__).parent
 STOREYS = [
     row.split()
     for row in (
-        "errors interrupt files parameter units excitation record filter table cycles orbit laws effect",
+        "errors units plugins execution records modelling",
         "simulators effects features optimisers",
-        "plugins model objective pool store",
-        "dynamics study sweep confidence diagnosis result",
-        "study_toml digitise report progress calibrate inquiry dashboard cli __main__ testing",
+        "objective store dynamics",
+        "study sweep confidence diagnosis",
+        "study_file digitise report workflows cli __main__ testing",
     )
 ]
 FAMILIES = set(STOREYS[1])

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from calib.cli import main
-from calib.study_toml import load
+from calib.study_file import load
 
 README = (Path(__file__).parents[1] / "README.md").read_text()
 STUDIES = Path(__file__).parents[1] / "studies"

@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from calib.cli import main
-from calib.record import read
+from calib.records import read
 
 STUDIES = Path(__file__).parents[1] / "studies"
 

@@ -6,12 +6,12 @@ import time
 import numpy as np
 from dynamics.plain_maps import bistable, henon
 
-from calib import record as records
-from calib.effect import Effect
+from calib import records
 from calib.errors import CalibError
-from calib.excitation import Excitation
-from calib.laws import force
-from calib.parameter import Parameter
+from calib.modelling.effect import Effect
+from calib.modelling.laws import force
+from calib.modelling.parameter import Parameter
+from calib.records.excitation import Excitation
 from calib.simulators.oscillator import Oscillator
 
 SECTION = 64  # periods

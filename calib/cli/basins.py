@@ -9,10 +9,10 @@ import xarray as xr
 
 from calib.cli.given import map_at, setting, spaced, state
 from calib.dynamics.basins import Plane, basins
-from calib.progress import Count
+from calib.execution.progress import Count
 from calib.report.drawing import DPI
 from calib.report.sections import basin_map
-from calib.study_toml import load
+from calib.study_file import load
 
 
 def map_basins(

@@ -6,10 +6,10 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from calib import plugins
-from calib.effect import Effect
 from calib.errors import CalibError, nearest
-from calib.study_toml import StudyToml
-from calib.study_toml.load import CONTRACT
+from calib.modelling.effect import Effect
+from calib.study_file import StudyToml
+from calib.study_file.load import CONTRACT
 
 
 def catalogue() -> dict[str, dict[str, str]]:
@@ -55,7 +55,7 @@ def facts(item: Any) -> Iterator[tuple[str, str]]:
 
 
 def parameters(item: Any) -> tuple:
-    """Return the `calib.parameter.Parameter`s of a simulator (with its default options) or an effect."""
+    """Return the `calib.modelling.parameter.Parameter`s of a simulator (with its default options) or an effect."""
     if isinstance(item, Effect):
         return item.parameters
     return tuple(item().parameters) if _simulates(item) else ()

@@ -119,10 +119,10 @@ def run(study: Path, out: Path | None, jobs: int | None, budget: int | None, fre
 
     Exit code: 0 done, 1 a mistake in the study, 3 stopped by you, 4 no trial ended well.
     """
-    from calib.calibrate import calibrate  # see above
-    from calib.cli.standing import folder_of
+    from calib.cli.status import folder_of
     from calib.cli.tables import show_result
-    from calib.record import OK
+    from calib.records import OK
+    from calib.workflows.calibrate import calibrate  # see above
 
     try:
         found = calibrate(study, out, budget=budget, jobs=jobs, fresh=fresh, quiet=quiet)
@@ -145,10 +145,10 @@ def run(study: Path, out: Path | None, jobs: int | None, budget: int | None, fre
 @_mendable
 def status(study: Path, out: Path | None, as_json: bool):
     """Say how far STUDY is: running, finished, stopped or killed."""
-    from calib.cli.standing import standing  # see above
+    from calib.cli.status import study_status  # see above
     from calib.cli.tables import show_standing
 
-    said = standing(study, out)
+    said = study_status(study, out)
     if as_json:
         click.echo(json.dumps(said, indent=2, allow_nan=False))
     else:
@@ -298,9 +298,9 @@ def diagnose(study: Path, **options):
     \b
     Example:  calib diagnose studies/minimal --apply && calib run studies/minimal/study.extended.toml
     """
-    from calib.cli.diagnose import diagnose_study  # see above
+    from calib.cli.diagnose import print_diagnosis  # see above
 
-    diagnose_study(study, **options)
+    print_diagnosis(study, **options)
 
 
 @main.command(short_help="What the experiment could show: each effect hidden and sought.")
@@ -321,9 +321,9 @@ def rehearse(study: Path, **options):
     \b
     Example:  calib rehearse studies/minimal --seeds 5
     """
-    from calib.cli.rehearse import rehearse_study  # see above
+    from calib.cli.rehearse import print_rehearsal  # see above
 
-    rehearse_study(study, **options)
+    print_rehearsal(study, **options)
 
 
 @main.command(short_help="A printed figure, or another tool's export of one, as a record.")
@@ -390,7 +390,7 @@ def show(record: Path, output: Path | None):
 @_mendable
 def report(study: Path, out: Path | None):
     """Write report.html of STUDY anew from the trials made so far."""
-    from calib.calibrate import rebuild  # see above
+    from calib.workflows.calibrate import rebuild  # see above
 
     click.echo(str(rebuild(study, out)))
 
@@ -405,8 +405,8 @@ def dashboard(study: Path, out: Path | None, port: int):
 
     Stop it with Ctrl-C.
     """
-    from calib.cli.standing import view_of  # see above
-    from calib.dashboard import plain_command, serve
+    from calib.cli.dashboard import plain_command, serve
+    from calib.cli.status import view_of  # see above
 
     view = view_of(study, out)
     plain = f"the same without calib: {plain_command(*view)}"

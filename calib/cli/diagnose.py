@@ -14,10 +14,9 @@ from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColum
 from rich.progress import Progress as Bars
 from rich.table import Table
 
-from calib.cli.standing import folder_of
+from calib.cli.status import folder_of
 from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, explained
-from calib.inquiry import inquire
-from calib.progress import INTERVAL
+from calib.execution.progress import INTERVAL
 from calib.report.causes import SENSELESS
 from calib.report.conclusion import (
     REFITTED,
@@ -32,13 +31,14 @@ from calib.report.conclusion import (
 )
 from calib.report.diagnosis import outcome
 from calib.units import shown
+from calib.workflows.diagnose import diagnose_study
 
 MOST = 12  # suspects that are printed
 WIDE = 110  # columns of a terminal in which all that is known of them fits
 COLOURS = {NAMED: "green", ONE_OF: "yellow", NONE: "green"}
 
 
-def diagnose_study(
+def print_diagnosis(
     study: Path,
     out: Path | None,
     apply: bool,
@@ -50,7 +50,7 @@ def diagnose_study(
 ) -> None:
     """Diagnose, and print what was found."""
     with DiagnosisProgress(quiet or as_json) as progress:
-        found, extended = inquire(
+        found, extended = diagnose_study(
             study, out, seed=seed, jobs=jobs, apply=apply, on_stage=progress.stage, on_progress=progress.simulated,
             budget=budget,
         )  # fmt: skip

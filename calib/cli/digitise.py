@@ -10,7 +10,7 @@ from calib.digitise.importers import read as read_export
 from calib.digitise.reading import is_picture
 from calib.digitise.spec import read_spec
 from calib.errors import CalibError
-from calib.record import read, write
+from calib.records import read, write
 from calib.report.digitised import overlay
 from calib.report.reference import described, reference_picture, wary
 

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from calib import result
 from calib.dynamics.contract import PeriodMap
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError, nearest
-from calib.parameter import Parameter, Window
-from calib.record import STATE, prescribed
-from calib.study_toml import StudyFile
+from calib.modelling.parameter import Parameter, Window
+from calib.records import STATE, prescribed
+from calib.study import result
+from calib.study_file import StudyFile
 from calib.units import to_si
 
 GRID = "LOW:HIGH:COUNT, LOW:HIGH:COUNT:log or A,B,C"

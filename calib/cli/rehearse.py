@@ -12,15 +12,15 @@ from rich.table import Table
 
 from calib.diagnosis.rehearse import NOTHING, Rehearsed, rates, smallest
 from calib.errors import CalibError
-from calib.inquiry import PICTURE, REHEARSAL, rehearsed
-from calib.progress import Count
+from calib.execution.progress import Count
 from calib.report.drawing import DPI
 from calib.report.rehearsal import rehearsal
-from calib.study_toml import load
+from calib.study_file import load
 from calib.units import shown
+from calib.workflows.rehearse import PICTURE, REHEARSAL, rehearse_study
 
 
-def rehearse_study(
+def print_rehearsal(
     study: Path, out: Path | None, seeds: int, strengths: str, jobs: int | None, fresh: bool, quiet: bool
 ) -> None:
     """Play the cases, write the picture, and print what the experiment could show."""
@@ -30,7 +30,7 @@ def rehearse_study(
         raise CalibError(f"--strengths takes numbers with commas between, such as 5,10,20; got {strengths!r}") from None
     folder = out or load(study).folder
     with Count("cases", quiet) as count:
-        played = rehearsed(study, out, seeds=seeds, strengths=sizes, jobs=jobs, fresh=fresh, on_case=count)
+        played = rehearse_study(study, out, seeds=seeds, strengths=sizes, jobs=jobs, fresh=fresh, on_case=count)
     picture = folder / PICTURE
     rehearsal(played).savefig(picture, dpi=DPI)
     if not quiet:
@@ -66,4 +66,3 @@ def _from(row: Mapping[str, Any] | None) -> str:
     name, value = next((n, v) for n, v in row["values"].items() if v)
     z = "" if math.isnan(row["strength"]) else f" (z = {row['strength']:g})"
     return f"{name} = {shown(value, row['units'].get(name, ''))}{z}"
-

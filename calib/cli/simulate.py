@@ -9,16 +9,16 @@ import click
 import xarray as xr
 
 from calib.cli.given import settings
-from calib.cycles import kind_of_motion
 from calib.errors import CalibError
-from calib.model import Model
+from calib.execution.pool import REFUSED, Failure, LocalPool
+from calib.modelling.model import Model
+from calib.modelling.parameter import values_for
 from calib.objective import INITIAL_STATE, Objective, Reference
-from calib.parameter import values_for
-from calib.pool import REFUSED, Failure, LocalPool
-from calib.record import OK, channels, failed, write
+from calib.records import OK, channels, failed, write
+from calib.records.cycles import kind_of_motion
 from calib.report.figures import simulation_picture
 from calib.study import simulated
-from calib.study_toml import load
+from calib.study_file import load
 from calib.units import shown
 
 

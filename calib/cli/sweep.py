@@ -12,13 +12,13 @@ from matplotlib.figure import Figure
 from calib.cli.given import bodies_drawn, grid, setting, state, windows
 from calib.dynamics.single_run import FAILED
 from calib.errors import CalibError
-from calib.progress import Count
+from calib.execution.progress import Count
 from calib.report.diagrams import bifurcation_diagram, impact_diagram
 from calib.report.drawing import DPI
 from calib.report.maps import kind_map
 from calib.report.sections import sections
 from calib.report.sweeps import parameters
-from calib.study_toml import load
+from calib.study_file import load
 from calib.sweep import NONE, Sweep, latin_hypercube, run
 from calib.units import shown
 

@@ -9,11 +9,11 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from calib.modelling.parameter import Parameter
 from calib.objective import MISFIT
-from calib.parameter import Parameter
-from calib.record import OK
-from calib.result import confirmed, searched_best
+from calib.records import OK
 from calib.study import missed
+from calib.study.result import confirmed, searched_best
 from calib.units import reading, shown
 
 MOST_DECIMALS = 6  # beyond, a number is written with a power of ten
@@ -126,7 +126,7 @@ def _remarks(found: Mapping[str, Any]) -> list[str]:
 
 
 def show_standing(said: Mapping[str, Any]) -> None:
-    """Print how far a study is (what `calib.cli.standing.standing` returns)."""
+    """Print how far a study is (what `calib.cli.status.study_status` returns)."""
     console = _console()
     console.print(f"[bold]{escape(said['name'])}[/]: {said['state']}, {said['trials']} of {said['budget']} trials")
     best = said["best"]

@@ -2,6 +2,6 @@
 
 from calib.confidence.calibrated import around_best
 from calib.confidence.local import Confidence
-from calib.confidence.near_equal import near_equal
+from calib.confidence.near_optimal import describe_near_optimal
 
-__all__ = ["Confidence", "around_best", "near_equal"]
+__all__ = ["Confidence", "around_best", "describe_near_optimal"]

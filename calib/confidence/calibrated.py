@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from calib.confidence.echo import echoes
 from calib.confidence.local import Confidence, local
-from calib.pool import Failure, in_order
+from calib.confidence.noise_propagation import noise_draws
+from calib.execution.pool import Failure, in_order
 from calib.store import Trial
 from calib.study import Evaluation, Outcome, Pool, Study, outcome
 
@@ -29,8 +29,10 @@ def around_best(study: Study, pool: Pool, best: Trial, evaluation: Evaluation | 
         labels = zip(*(residuals[name].values for name in ("term", "record", "body", "channel")), strict=True)
         blocks = np.unique([" ".join(map(str, label)) for label in labels], return_inverse=True)[1]
         if len(study.objective.terms) > 1:  # terms that look at one channel share its noise
-            noise = echoes(study.objective, evaluation.records, study.seed)
-    return local(evaluated, study.space, np.array(best.u), outcome=_outcome(evaluation), blocks=blocks, echoes=noise)
+            noise = noise_draws(study.objective, evaluation.records, study.seed)
+    return local(
+        evaluated, study.space, np.array(best.u), outcome=_outcome(evaluation), blocks=blocks, noise_draws=noise
+    )
 
 
 def _outcome(answer: Evaluation | Failure) -> Outcome:

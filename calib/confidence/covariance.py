@@ -10,8 +10,8 @@ J^+ Sigma J^+^T. Sigma is not assumed to be a multiple of the unit matrix:
    gives a larger standard error, the larger one is taken: misfit that sits where the sensitivity sits counts.
 3. Residuals of a fit are smaller than the noise; each block is scaled so that its expected sum of squares is the
    observed one. Few degrees of freedom widen the interval through Student's t (Satterthwaite 1946 over the blocks).
-4. Blocks are taken as independent, unless `echoes` show how the noise of one channel sounds in several of them: then
-   each variance is corrected by the ratio that they give.
+4. Blocks are taken as independent, unless `noise_draws` show how the noise of one channel correlates several of them:
+   then each variance is corrected by the ratio that they give.
 5. The distance from the point to the minimum of the linearised problem is added in quadrature: a search that stopped
    early is not surer than one that ended.
 """
@@ -25,12 +25,12 @@ FLOOR = 1e-9  # smallest singular value kept, relative to the largest
 
 
 def sandwich(
-    jacobian: np.ndarray, residuals: np.ndarray, blocks: np.ndarray, echoes: np.ndarray | None = None
+    jacobian: np.ndarray, residuals: np.ndarray, blocks: np.ndarray, noise_draws: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Robust covariance (dim, dim) of a least-squares estimate and the degrees of freedom (dim,) of its variances.
 
-    jacobian (m, dim) and residuals (m,) at the minimum, blocks (m,): numbers of the blocks, echoes (number, m) or None.
-    Sources: module docstring.
+    jacobian (m, dim) and residuals (m,) at the minimum, blocks (m,): numbers of the blocks, noise_draws (number, m)
+    or None. Sources: module docstring.
     """
     if not jacobian.any():  # nothing that is scored hangs on any parameter
         return np.eye(jacobian.shape[1]) / FLOOR**2, np.ones(jacobian.shape[1])
@@ -63,8 +63,8 @@ def sandwich(
     )
     variance = np.maximum(np.diag(covariance), 1e-300)
     widen = np.sqrt(np.maximum(1.0, np.diag(turn @ local_form @ turn.T) / variance))
-    if echoes is not None and len(parts) > 1:
-        moves = [echoes[:, i] @ left[i] @ turn.T for i in parts]
+    if noise_draws is not None and len(parts) > 1:
+        moves = [noise_draws[:, i] @ left[i] @ turn.T for i in parts]
         apart = sum(np.var(move, axis=0) for move in moves)
         ratio = np.var(sum(moves), axis=0) / np.maximum(apart, 1e-300)
         widen *= np.sqrt(np.clip(ratio, 0.25, len(parts)))

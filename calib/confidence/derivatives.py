@@ -5,8 +5,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from calib.cycles import UNDECIDED
-from calib.record import OK
+from calib.records import OK
+from calib.records.cycles import UNDECIDED
 from calib.study import Outcome
 
 STEP = 1e-3  # of the window: first step of the differences

@@ -9,10 +9,10 @@ from scipy import stats
 
 from calib.confidence.covariance import distance_to_minimum, sandwich
 from calib.confidence.derivatives import Evaluate, differentiate, why_unusable
-from calib.confidence.undetermined import Group, undetermined
+from calib.confidence.identifiability import Group, undetermined_combinations
 from calib.errors import CalibError
-from calib.parameter import Space
-from calib.record import OK
+from calib.modelling.parameter import Space
+from calib.records import OK
 from calib.store.plain import plain
 from calib.study import Outcome
 
@@ -66,7 +66,7 @@ def local(
     *,
     outcome: Outcome | None = None,
     blocks: np.ndarray | None = None,
-    echoes: np.ndarray | None = None,
+    noise_draws: np.ndarray | None = None,
 ) -> Confidence:
     """Confidence in the values at `u`, from differences of the residuals about it.
 
@@ -79,13 +79,13 @@ def local(
     outcome : what `evaluate` gave there, where it is known
     blocks : (m,) integers, equal for residuals of one term, record, body and channel; in time or phase order inside
         a block. None: one block
-    echoes : (number, m) changes of the residuals by noise in the measurement (`calib.confidence.echo`); of use where
-        several terms look at one channel
+    noise_draws : (number, m) changes of the residuals by noise in the measurement
+        (`calib.confidence.noise_propagation`); of use where several terms look at one channel
 
     Raises
     ------
     CalibError
-        When `u`, `blocks` or `echoes` has the wrong shape.
+        When `u`, `blocks` or `noise_draws` has the wrong shape.
     """
     u = np.asarray(u, dtype=float)
     values = space.values(u)
@@ -101,8 +101,8 @@ def local(
     residuals = np.asarray(outcome.residuals, dtype=float)
     if blocks is not None and np.shape(blocks) != residuals.shape:
         raise CalibError(f"expected one block number per residual, shape {residuals.shape}, got {np.shape(blocks)}")
-    if echoes is not None and echoes.shape[1:] != residuals.shape:
-        raise CalibError(f"expected echoes of shape (number, {residuals.size}), got {echoes.shape}")
+    if noise_draws is not None and noise_draws.shape[1:] != residuals.shape:
+        raise CalibError(f"expected noise_draws of shape (number, {residuals.size}), got {noise_draws.shape}")
     if residuals.size <= space.dim:
         reason = f"{residuals.size} residuals cannot judge {space.dim} parameters; score more features or records"
         return Confidence("not available", reason, space.names, value, at_edge=edges, evaluations=counted.number)
@@ -111,11 +111,11 @@ def local(
     if trouble:
         return Confidence("not available", trouble, space.names, value, at_edge=edges, evaluations=counted.number)
     labels = np.zeros(residuals.size, dtype=int) if blocks is None else np.asarray(blocks)
-    covariance, freedom = sandwich(jacobian, residuals, labels, echoes)
+    covariance, freedom = sandwich(jacobian, residuals, labels, noise_draws)
     free = np.array([name not in edges for name in space.names])
     step = distance_to_minimum(jacobian, residuals, free)
     reason = _unconverged(space.names, step, np.sqrt(np.diag(covariance)))
-    groups = undetermined(space, u, covariance)
+    groups = undetermined_combinations(space, u, covariance)
     covariance = covariance + np.diag(step**2)
     return _assemble(space, u, value, covariance, freedom, edges, reason, groups, counted.number)
 

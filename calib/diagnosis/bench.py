@@ -6,14 +6,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import xarray as xr
 
-from calib.cycles import IRREGULAR, kind_of_motion
-from calib.effect import Effect
-from calib.excitation import Excitation
-from calib.model import Model, Request
+from calib.execution.pool import Failure, in_order
+from calib.modelling.effect import Effect
+from calib.modelling.model import Model, Request
+from calib.modelling.parameter import values_for
 from calib.objective import FeatureValue, Objective, initial_state, simulations, trusted, with_initial_state
-from calib.parameter import values_for
-from calib.pool import Failure, in_order
-from calib.record import OK, prescribed
+from calib.records import OK, prescribed
+from calib.records.cycles import IRREGULAR, kind_of_motion
+from calib.records.excitation import Excitation
 from calib.study import Pool
 
 STEPS = 50_000  # of a run that starts near its motion: one that takes more has left it

@@ -6,11 +6,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calib.effect import SIZES, Effect
-from calib.model import Model
+from calib.modelling.effect import SIZES, Effect
+from calib.modelling.model import Model
+from calib.modelling.parameter import Parameter
 from calib.objective import Reference
-from calib.parameter import Parameter
-from calib.record import channels
+from calib.records import channels
 from calib.units import powers
 
 UNSEEN = "its frequencies are above half the sampling rate of every record"

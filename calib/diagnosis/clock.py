@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from calib.diagnosis.bench import Bench, Run, Seen, simulated
-from calib.effect import Effect
-from calib.excitation import Excitation
+from calib.modelling.effect import Effect
+from calib.records.excitation import Excitation
 from calib.study import Pool
 
 MAX_CLOCK_RATE = 50e-6  # of a recorder's clock, relative: of quartz oscillators, uniformly distributed within it
@@ -60,9 +60,7 @@ def clock_slopes(
             times = time if reference.request.times is None else reference.request.times
             for rate in (1.0, 1.0 + RATE_STEP):
                 stretched = replace(excitation, time=rate * excitation.time)
-                runs.append(
-                    Run(name, values, effects, excitation=stretched, start=view.start, times=rate * times)
-                )
+                runs.append(Run(name, values, effects, excitation=stretched, start=view.start, times=rate * times))
     views = simulated(pool, runs)
     for run, before, after in zip(runs[::2], views[::2], views[1::2], strict=True):
         rows = seen[run.record].rows

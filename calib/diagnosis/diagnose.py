@@ -21,9 +21,9 @@ from calib.diagnosis.search import simplest
 from calib.diagnosis.selection import Selection, exchanged, left_out, paired, select
 from calib.diagnosis.suspect import Refitted
 from calib.diagnosis.verdict import NAMED, NOT_DIAGNOSABLE, ONE_OF, UNEXPLAINED, failures, untried, verdict_of
-from calib.effect import Effect
+from calib.execution.pool import LocalPool
+from calib.modelling.effect import Effect
 from calib.objective import Reference
-from calib.pool import LocalPool
 from calib.study import Pool, Study
 
 ONE_SIZE = "it has one size in all records"
@@ -311,9 +311,7 @@ def _in_its_place(
     return None if other is None else _with_gain(pool, bench, fitter, other, seed)
 
 
-def _holds(
-    rival: Refitted, outcome: tuple[Selection, Gain | None], gain: Gain, differing: float | None
-) -> bool:
+def _holds(rival: Refitted, outcome: tuple[Selection, Gain | None], gain: Gain, differing: float | None) -> bool:
     """Whether with a rival all causes explain enough, have one size each, and are not refuted by what was held out.
 
     outcome : the selection with it, and what that brings

@@ -145,9 +145,7 @@ def _share(rise: float, remaining: float) -> float:
     return rise / (rise + remaining)
 
 
-def _less(
-    fitter: Fitter, found: Elimination, cause: Cause, model: Fit, share: float, reason: str = ""
-) -> Elimination:
+def _less(fitter: Fitter, found: Elimination, cause: Cause, model: Fit, share: float, reason: str = "") -> Elimination:
     """Leave out a cause; model : without it."""
     kept = tuple(other for other in found.causes if other is not cause)
     out = LeftOut(cause[0].name, share, tuple(other.name for other, _ in kept), reason)

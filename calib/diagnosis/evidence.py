@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
-from calib.cycles import mean_cycle
 from calib.diagnosis.bench import Seen
 from calib.diagnosis.clock import CLOCK_RATE_STD, clock_sensitivity
 from calib.diagnosis.criteria import CRITERIA
@@ -27,6 +26,7 @@ from calib.diagnosis.noise import (
 from calib.diagnosis.score import variance_along
 from calib.objective import Objective, Reference, compared_rows, row_weights
 from calib.objective.outliers import MIN_DEVIATION, deviations, smoothed
+from calib.records.cycles import mean_cycle
 
 MIN_SEGMENTS = 20  # of a record, whose scores are taken as independent
 MAX_LEVEL_SHARE = 0.5  # levels over samples: fewer are steps of a converter

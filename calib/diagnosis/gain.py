@@ -8,7 +8,6 @@ import numpy as np
 from scipy import stats
 
 from calib.confidence.covariance import sandwich
-from calib.cycles import kind_of_motion
 from calib.diagnosis.bench import Bench, Run, Seen, simulated
 from calib.diagnosis.clock import clock_slopes
 from calib.diagnosis.constancy import cochran, variation
@@ -20,6 +19,7 @@ from calib.diagnosis.score import Projection, Signature, deviate
 from calib.diagnosis.signature import Direction, slopes
 from calib.diagnosis.suspect import Refitted
 from calib.objective import Squares, misfit, row_weights
+from calib.records.cycles import kind_of_motion
 from calib.study import Pool
 
 BOOTSTRAP_DRAWS = 2000

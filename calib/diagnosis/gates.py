@@ -12,8 +12,8 @@ from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.noise import STATED
 from calib.diagnosis.refit import Fit, Fitter
 from calib.diagnosis.score import variance_along
-from calib.effect import Effect
-from calib.model import Model
+from calib.modelling.effect import Effect
+from calib.modelling.model import Model
 from calib.study import Pool
 
 REFINEMENT = 2.0  # factor by which step and tolerance are divided

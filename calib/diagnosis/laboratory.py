@@ -8,10 +8,10 @@ import numpy as np
 
 from calib.diagnosis.evidence import Part
 from calib.errors import nearest
-from calib.excitation import Excitation
-from calib.model import Model
+from calib.modelling.model import Model
 from calib.objective import Reference
-from calib.record import STATE
+from calib.records import STATE
+from calib.records.excitation import Excitation
 
 STEADY_TONE, SWEEP, RECORDED_INPUT = "steady tone", "sweep", "recorded input"
 FREE_DECAY, WITHOUT_CONTACT, REPEATED_RECORD = "free decay", "without contact", "repeated record"
@@ -176,9 +176,7 @@ def base_record(references: Mapping[str, Reference]) -> str:
     return next((name for name, r in references.items() if r.excitation.harmonic), next(iter(references)))
 
 
-def mistakes_of(
-    laboratory: Laboratory, references: Mapping[str, Reference], model: Model
-) -> Iterator[tuple[str, str]]:
+def mistakes_of(laboratory: Laboratory, references: Mapping[str, Reference], model: Model) -> Iterator[tuple[str, str]]:
     """Yield (key, mistake) of each setting that does not suit the records or the simulator."""
     excitation = references[base_record(references)].excitation
     if laboratory.frequency is not None and not excitation.harmonic:
@@ -251,9 +249,7 @@ def regions(
     return {test: r for test, r in made.items() if r is not None and not inapplicable(test, excitation, model)}
 
 
-def _region(
-    test: str, laboratory: Laboratory, references: Mapping[str, Reference], part: Part
-) -> DesignRegion | None:
+def _region(test: str, laboratory: Laboratory, references: Mapping[str, Reference], part: Part) -> DesignRegion | None:
     excitation = references[part.name].excitation
     if test == REPEATED_RECORD:
         return DesignRegion(DesignPoint(test, amplitude_of(excitation), excitation.frequency))

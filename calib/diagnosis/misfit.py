@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.cycles import harmonics, mean_cycle
 from calib.diagnosis.bench import Bench, Run, Seen, simulated
 from calib.diagnosis.evidence import Evidence, Part
 from calib.diagnosis.refit import Fit
 from calib.objective import FeatureValue
+from calib.records.cycles import harmonics, mean_cycle
 from calib.study import Pool
 
 NOISE_DRAWS = 40  # for the standard errors of the features

@@ -1,7 +1,7 @@
 """The noise of the measured channels: its level, and how long it remembers.
 
 Where a record holds several cycles of a motion that returns, what is left about the mean cycle is noise, whatever the
-model gets wrong (`calib.cycles.mean_cycle`: of the samples as they were measured). Where it does not, the
+model gets wrong (`calib.records.cycles.mean_cycle`: of the samples as they were measured). Where it does not, the
 autocorrelation of the noise is taken from records that do and that are sampled as fast, and its level from the fastest
 part of the residual; where there is no such record, both are read off the residual that is left when everything that is
 known to the diagnosis has been fitted to it. A level that the record states comes before all of these. Where the
@@ -243,9 +243,7 @@ def _about_mean(
     return noise, free, criterion
 
 
-def _of_unit_innovations(
-    noise: Noise, residual: np.ndarray, weight: np.ndarray, free: float, least: float
-) -> Noise:
+def _of_unit_innovations(noise: Noise, residual: np.ndarray, weight: np.ndarray, free: float, least: float) -> Noise:
     """Return it with the level at which the residual (n,), once whitened, has unit variance in this record.
 
     The misfit of the same samples is judged by it.

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calib.cycles import kind_of_motion
 from calib.diagnosis.bench import Bench, Run, Seen, simulated
 from calib.diagnosis.candidate import Candidate, candidates
 from calib.diagnosis.clock import clock_slopes
@@ -17,8 +16,9 @@ from calib.diagnosis.noise import RESIDUAL, Remainder
 from calib.diagnosis.refit import Fit, Fitter
 from calib.diagnosis.remainder import remainder
 from calib.diagnosis.signature import Point
-from calib.effect import Effect
+from calib.modelling.effect import Effect
 from calib.objective import Objective, Reference
+from calib.records.cycles import kind_of_motion
 from calib.study import Pool, Study
 
 OUTLIERS, QUANTISATION = "outliers", "quantisation"  # faults of the records themselves
@@ -165,9 +165,7 @@ def _fitted_beside_clocks(fitter: Fitter, null: Fit) -> Fit:
     return fitter.fit(null.point)
 
 
-def _outliers(
-    fitter: Fitter, null: Fit, effects: Sequence[Effect]
-) -> tuple[Mapping[str, np.ndarray] | None, float]:
+def _outliers(fitter: Fitter, null: Fit, effects: Sequence[Effect]) -> tuple[Mapping[str, np.ndarray] | None, float]:
     """Masks (row, n) of outliers by record, None where none are taken out, and their share of the samples.
 
     The share is 0 where they are taken out, but are no cause to be named: the misfit is elsewhere.

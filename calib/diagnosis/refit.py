@@ -17,9 +17,9 @@ from calib.diagnosis.effort import Effort
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.score import Projection, Signature
 from calib.diagnosis.signature import Direction, Point, Slope, Step, slopes
-from calib.model import Model
+from calib.modelling.model import Model
+from calib.modelling.parameter import Parameter, Space
 from calib.objective import INITIAL_STATE
-from calib.parameter import Parameter, Space
 from calib.study import Pool
 
 MAX_STEPS = 30  # of a fit

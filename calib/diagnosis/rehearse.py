@@ -17,10 +17,10 @@ from calib.diagnosis.preparation import bench_of, prepared
 from calib.diagnosis.screening import screened
 from calib.diagnosis.suspect import Suspect, Untestable
 from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED
-from calib.effect import Effect
 from calib.errors import CalibError
+from calib.execution.pool import Failure, InProcess, LocalPool
+from calib.modelling.effect import Effect
 from calib.objective import Objective, Reference
-from calib.pool import Failure, InProcess, LocalPool
 from calib.study import Pool, Study
 
 STRENGTHS = (5.0, 10.0, 20.0, 40.0)  # sizes of a hidden effect, as the z that its information predicts

@@ -237,9 +237,7 @@ def _refits_from_the_middle(
     return list(latest.values()), tuple(untried)
 
 
-def chi2_of_a_rival(
-    refitted: Sequence[Refitted], base: Fit, threshold: float, attained: float = np.inf
-) -> float:
+def chi2_of_a_rival(refitted: Sequence[Refitted], base: Fit, threshold: float, attained: float = np.inf) -> float:
     """Chi-square at which a suspect would still be an alternative to those refitted; what stays above it is given up.
 
     attained : chi-square that one of the candidates is known to attain

@@ -424,9 +424,7 @@ def _may_be_compromise(fitter: Fitter, state: _Stepwise, candidates: Sequence[Ca
     return significant(excess, std) and not dominant(excess - (rejected.chi2_reduction if shown else 0.0), std)
 
 
-def exchanged(
-    fitter: Fitter, selection: Selection, cause: Refitted, rival: Refitted, reason: str
-) -> Selection | None:
+def exchanged(fitter: Fitter, selection: Selection, cause: Refitted, rival: Refitted, reason: str) -> Selection | None:
     """Return a selection with a rival in the place of a cause, fitted beside the others, and no rival beside it.
 
     None where it cannot be fitted there, or would be rejected as a cause.
@@ -543,9 +541,7 @@ def _forward(
     return state
 
 
-def _round(
-    fitter: Fitter, state: _Stepwise, candidates: Sequence[Candidate], seed: int
-) -> tuple[Round, Fit | None]:
+def _round(fitter: Fitter, state: _Stepwise, candidates: Sequence[Candidate], seed: int) -> tuple[Round, Fit | None]:
     """Search for a further cause and judge it; beside it the model with it, None where nothing was chosen."""
     evidence, base = fitter.evidence, state.final
     rest = [c for c in candidates if c.name not in state.names]

@@ -29,8 +29,8 @@ from calib.diagnosis.laboratory import (
 )
 from calib.diagnosis.noise import Noise
 from calib.diagnosis.refit import Fit
-from calib.excitation import Excitation
-from calib.record import STATE
+from calib.records import STATE
+from calib.records.excitation import Excitation
 
 RELATIVE_STEP = 1e-3  # of the largest displacement and velocity: differences by the initial state
 SWEEP_SAMPLES_PER_PERIOD = 20  # at the highest frequency of a sweep

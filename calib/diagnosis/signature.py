@@ -15,7 +15,7 @@ import numpy as np
 from calib.diagnosis.bench import Run, Seen, Start, simulated
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.score import Projection
-from calib.effect import Effect
+from calib.modelling.effect import Effect
 from calib.study import Pool
 
 FIRST_STEP = 1e-4  # of the natural scale
@@ -127,8 +127,7 @@ class Point:
         changed, effects = {**self.values, **(values or {})}, (*self.effects, *effects)
         views = [(name, self.simulated[name]) for name in names]
         return [
-            Run(name, changed, effects, view.state, start=(starts or {}).get(name, view.start))
-            for name, view in views
+            Run(name, changed, effects, view.state, start=(starts or {}).get(name, view.start)) for name, view in views
         ]
 
 

@@ -8,13 +8,13 @@ import numpy as np
 import xarray as xr
 from scipy.optimize import isotonic_regression, minimize_scalar
 
-from calib import record as records
+from calib import records
 from calib.digitise.clock import Clock, Loop, clock, loop
 from calib.digitise.reading import Reading
 from calib.digitise.spec import FigureToml
 from calib.digitise.uncertainty import propagated
 from calib.errors import CalibError
-from calib.excitation import unit_of
+from calib.records.excitation import unit_of
 from calib.units import shown, to_si
 
 OFF_PERIOD = 0.1  # share by which the time once round may differ from whole periods of the excitation
@@ -326,9 +326,7 @@ def _folded(reading: Reading, grid: np.ndarray, length: float) -> tuple[np.ndarr
     return mean, (np.interp(instants, time, errors) * inside).sum(axis=0) / counts
 
 
-def _mean(
-    one: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray]
-) -> tuple[np.ndarray, np.ndarray]:
+def _mean(one: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Mean of two readings of one channel, weighed by their variances."""
     weights = 1.0 / np.array([one[1], other[1]]) ** 2
     mean = (weights * np.array([one[0], other[0]])).sum(axis=0) / weights.sum(axis=0)

@@ -139,9 +139,7 @@ def loop(points: np.ndarray, nodes: int = NODES) -> Loop:
     return Loop(drawn[:, 0], drawn[:, 1], at, False)
 
 
-def _filled(
-    points: np.ndarray, place: np.ndarray, away: np.ndarray, given: int
-) -> tuple[np.ndarray, np.ndarray]:
+def _filled(points: np.ndarray, place: np.ndarray, away: np.ndarray, given: int) -> tuple[np.ndarray, np.ndarray]:
     """Points and their places with straight lines of points where a stretch is much longer than those about it."""
     size = len(points)
     around = np.arange(-5, 6)

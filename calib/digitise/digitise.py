@@ -11,9 +11,9 @@ from calib.digitise.importers import read as read_export
 from calib.digitise.reading import Figure, is_picture, read_figure
 from calib.digitise.spec import FigureToml, read_spec
 from calib.errors import CalibError
-from calib.files import checksum
-from calib.record import check
-from calib.study_toml.mistakes import Mistakes, read_as
+from calib.execution.files import checksum
+from calib.records import check
+from calib.study_file.mistakes import Mistakes, read_as
 
 
 @dataclass(frozen=True, eq=False)

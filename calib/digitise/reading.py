@@ -17,7 +17,7 @@ from calib.digitise.order import ordered
 from calib.digitise.spec import PERIOD, CurveTable, FigureToml, PanelTable
 from calib.digitise.uncertainty import ASSUMED, hats, leaning
 from calib.errors import CalibError, nearest
-from calib.study_toml.mistakes import Mistakes
+from calib.study_file.mistakes import Mistakes
 from calib.units import to_si
 
 LARGEST = 1e100  # in SI: the squares of such numbers still are numbers

@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, PlainValidator, model_validator
 
 from calib.errors import CalibError
-from calib.study_toml.mistakes import Mistakes, read_toml
-from calib.study_toml.schema import Quantity, Table
+from calib.study_file.mistakes import Mistakes, read_toml
+from calib.study_file.schema import Quantity, Table
 
 Kind = Literal["phase curve", "displacement over time", "velocity over time"]
 PERIOD = "period"  # a unit of time axes: the period of the excitation

@@ -15,7 +15,7 @@ from calib.dynamics.pseudo_orbit import pseudo_tangent
 from calib.dynamics.setting import Setting
 from calib.dynamics.single_run import FAILED, PATIENCE, SIGMAS, UNDECIDED, OrbitKind, kind_of_run, settled_orbit
 from calib.errors import CalibError, nearest
-from calib.pool import REFUSED, Failure, LocalPool
+from calib.execution.pool import REFUSED, Failure, LocalPool
 from calib.store.chunks import Chunks, join, joined
 from calib.store.environment import environment
 from calib.store.plain import plain

@@ -18,7 +18,7 @@ from calib.dynamics.contract import PeriodMap
 from calib.dynamics.orbits import SAME, Cycle, checked_guess, cycle_at, newton, reduced, shoot
 from calib.dynamics.tangent import jacobian
 from calib.errors import CalibError
-from calib.record import OK
+from calib.records import OK
 
 STEP = 0.01  # first step along the curve
 LONGEST = 0.05  # step

@@ -4,7 +4,7 @@ from typing import Protocol
 
 import numpy as np
 
-from calib.orbit import Orbit, Tangent
+from calib.modelling.orbit import Orbit, Tangent
 
 
 class PeriodMap(Protocol):

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.dynamics.contract import PeriodMap
 from calib.dynamics.tangent import tangent
-from calib.orbit import Tangent
+from calib.modelling.orbit import Tangent
 
 ALIGNMENT = 50  # periods in which vectors turn towards what grows most, before growth counts
 BLOCKS = (10, 20)  # growth of neighbouring periods is correlated; that of blocks hardly is

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.cycles.motion import UNDECIDED
 from calib.dynamics.contract import PeriodMap
 from calib.dynamics.escape import EscapeTime
 from calib.dynamics.orbits import Cycle, attracting_cycle
@@ -27,7 +26,8 @@ from calib.dynamics.single_run import (
 )
 from calib.dynamics.tangent import longest_affordable, tangent
 from calib.dynamics.zero_one import SHORTEST, zero_one
-from calib.record import OK
+from calib.records import OK
+from calib.records.cycles.motion import UNDECIDED
 
 RUNS = 6  # from starts that differ imperceptibly, the given one among them
 PERTURBATION = 1e-6  # by which those starts differ, as a share of the map's scale

@@ -9,8 +9,8 @@ import numpy as np
 from calib.dynamics.contract import PeriodMap
 from calib.dynamics.tangent import jacobian
 from calib.errors import CalibError
-from calib.orbit import Orbit
-from calib.record import OK
+from calib.modelling.orbit import Orbit
+from calib.records import OK
 
 TOLERANCE = 1e-11  # of the residual, in units of the scale
 ROUNDING = 1e-8  # residual that is accepted where rounding does not let it fall further

@@ -14,8 +14,8 @@ import numpy as np
 
 from calib.dynamics.contract import PeriodMap
 from calib.dynamics.tangent import tangent
-from calib.orbit import Orbit, Tangent
-from calib.record import OK
+from calib.modelling.orbit import Orbit, Tangent
+from calib.records import OK
 
 PIECE = 32  # periods from one state of the lattice to the next
 QUANTUM = 1e-7 / math.sqrt(3.0)  # of the lattice, as a share of the map's scale; no decimal but 0 lies on it

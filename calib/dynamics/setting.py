@@ -7,8 +7,8 @@ from typing import Any
 
 from calib.dynamics.contract import PeriodMap
 from calib.errors import CalibError, nearest
-from calib.excitation import Excitation
-from calib.model import Model
+from calib.modelling.model import Model
+from calib.records.excitation import Excitation
 from calib.store.plain import plain
 
 DRIVE = {"excitation.frequency": "frequency", "excitation.amplitude": "amplitude"}

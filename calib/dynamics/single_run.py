@@ -5,7 +5,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calib.cycles.motion import NO_CONTACT, UNDECIDED
 from calib.dynamics.contract import PeriodMap
 from calib.dynamics.escape import EscapeTime
 from calib.dynamics.exponents import ALIGNMENT, Exponent, extended, largest_exponent
@@ -14,8 +13,9 @@ from calib.dynamics.pseudo_orbit import pseudo_orbit, pseudo_tangent
 from calib.dynamics.tangent import jacobian, longest_affordable, tangent
 from calib.dynamics.zero_one import zero_one
 from calib.errors import CalibError
-from calib.orbit import Orbit
-from calib.record import OK
+from calib.modelling.orbit import Orbit
+from calib.records import OK
+from calib.records.cycles.motion import NO_CONTACT, UNDECIDED
 
 QUASI_PERIODIC, CHAOTIC, FAILED = "quasi-periodic", "chaotic", "failed"
 

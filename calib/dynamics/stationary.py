@@ -6,16 +6,16 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 
-from calib.cycles.motion import BESIDE, IRREGULAR, UNDECIDED, kind_of_motion
 from calib.dynamics.contract import PeriodMap
 from calib.dynamics.motion import rank, stable_cycles
 from calib.dynamics.pseudo_orbit import pseudo_orbit
 from calib.dynamics.single_run import kind_of_cycle
 from calib.dynamics.tangent import knows_derivative
 from calib.errors import CalibError
-from calib.excitation import Excitation
-from calib.model import Model, Request
-from calib.record import OK, STATE
+from calib.modelling.model import Model, Request
+from calib.records import OK, STATE
+from calib.records.cycles.motion import BESIDE, IRREGULAR, UNDECIDED, kind_of_motion
+from calib.records.excitation import Excitation
 
 SETTLE, LOOKED = 500, 1000  # periods dropped of an irregular motion, and periods in which close returns are sought
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from calib.dynamics.contract import PeriodMap
-from calib.orbit import Tangent
-from calib.record import OK
+from calib.modelling.orbit import Tangent
+from calib.records import OK
 
 STEP = 1e-6  # of the central differences, in units of the scale
 NEWTON_STEPS = 5  # that a close return takes to its cycle, about
@@ -12,7 +12,9 @@ MAX_NEWTON_COST = 2500  # periods of the map that one attempt to find a cycle ma
 
 
 def tangent(map: PeriodMap, state: np.ndarray, vectors: np.ndarray, periods: int) -> Tangent:
-    """Carry `vectors` (dimension, m), in units of the scale, along the orbit from `state`; see `calib.orbit.Tangent`.
+    """Carry `vectors` (dimension, m), in units of the scale, along the orbit from `state`.
+
+    See `calib.modelling.orbit.Tangent`.
 
     A map that does not know its derivative is differenced centrally, once a period.
     """

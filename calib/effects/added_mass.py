@@ -1,8 +1,8 @@
 """Mass that the model does not know of."""
 
-from calib.effect import Effect
-from calib.laws import structure
-from calib.parameter import Parameter
+from calib.modelling.effect import Effect
+from calib.modelling.laws import structure
+from calib.modelling.parameter import Parameter
 
 
 @structure

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from calib.effect import Effect
-from calib.laws import sensor
-from calib.parameter import Parameter
+from calib.modelling.effect import Effect
+from calib.modelling.laws import sensor
+from calib.modelling.parameter import Parameter
 
 TINY = 1e-300  # a body that stands still is not turned
 

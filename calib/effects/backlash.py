@@ -1,8 +1,8 @@
 """A mount with play: a dead zone, a spring beyond it, a slider behind both."""
 
-from calib.effect import Effect
-from calib.laws import force
-from calib.parameter import Parameter
+from calib.modelling.effect import Effect
+from calib.modelling.laws import force
+from calib.modelling.parameter import Parameter
 
 SLIDING = 0.01  # share of the slider's force over which it comes to slide; a jump would cost the integrator its order
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from calib.effect import Effect
-from calib.laws import sensor
-from calib.parameter import Parameter
-from calib.record import fills_periods
+from calib.modelling.effect import Effect
+from calib.modelling.laws import sensor
+from calib.modelling.parameter import Parameter
+from calib.records import fills_periods
 
 
 @sensor

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from calib.effect import Effect
-from calib.laws import sensor
-from calib.parameter import Parameter
+from calib.modelling.effect import Effect
+from calib.modelling.laws import sensor
+from calib.modelling.parameter import Parameter
 
 QUANTILES = (1.0, 0.995, 0.98, 0.95)  # of the magnitudes: noise reaches beyond the level
 

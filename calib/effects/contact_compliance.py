@@ -1,8 +1,8 @@
 """Loss within a compliant contact (Hunt and Crossley)."""
 
-from calib.effect import Effect
-from calib.laws import contact
-from calib.parameter import Parameter
+from calib.modelling.effect import Effect
+from calib.modelling.laws import contact
+from calib.modelling.parameter import Parameter
 
 
 @contact

@@ -1,8 +1,8 @@
 """A drive whose amplitude grows or falls in time."""
 
-from calib.effect import Effect
-from calib.laws import excitation
-from calib.parameter import Parameter
+from calib.modelling.effect import Effect
+from calib.modelling.laws import excitation
+from calib.modelling.parameter import Parameter
 
 
 @excitation

@@ -1,8 +1,8 @@
 """A tolerance of the events that is finer than the simulator's own."""
 
-from calib.effect import Effect
-from calib.laws import numerical
-from calib.parameter import Parameter
+from calib.modelling.effect import Effect
+from calib.modelling.laws import numerical
+from calib.modelling.parameter import Parameter
 
 
 @numerical

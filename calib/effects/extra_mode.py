@@ -2,9 +2,9 @@
 
 import math
 
-from calib.effect import Effect
-from calib.laws import force
-from calib.parameter import Parameter
+from calib.modelling.effect import Effect
+from calib.modelling.laws import force
+from calib.modelling.parameter import Parameter
 
 
 @force(states=2)

@@ -1,8 +1,8 @@
 """A gap that is wider or narrower than stated."""
 
-from calib.effect import Effect
-from calib.laws import gap
-from calib.parameter import Parameter
+from calib.modelling.effect import Effect
+from calib.modelling.laws import gap
+from calib.modelling.parameter import Parameter
 
 
 @gap

@@ -1,8 +1,8 @@
 """What is left of the bond between layer and beam."""
 
-from calib.effect import Effect
-from calib.laws import structure
-from calib.parameter import Parameter
+from calib.modelling.effect import Effect
+from calib.modelling.laws import structure
+from calib.modelling.parameter import Parameter
 
 
 @structure

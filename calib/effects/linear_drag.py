@@ -1,8 +1,8 @@
 """Drag in proportion to the velocity of a body."""
 
-from calib.effect import Effect
-from calib.laws import force
-from calib.parameter import Parameter
+from calib.modelling.effect import Effect
+from calib.modelling.laws import force
+from calib.modelling.parameter import Parameter
 
 
 @force

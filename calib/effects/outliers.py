@@ -1,8 +1,8 @@
 """Samples that have nothing to do with the motion."""
 
-from calib.effect import Effect
-from calib.laws import sensor
-from calib.parameter import Parameter
+from calib.modelling.effect import Effect
+from calib.modelling.laws import sensor
+from calib.modelling.parameter import Parameter
 
 
 @sensor

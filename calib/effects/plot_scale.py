@@ -1,8 +1,8 @@
 """A plot that is read too large or too small."""
 
-from calib.effect import Effect
-from calib.laws import sensor
-from calib.parameter import Parameter
+from calib.modelling.effect import Effect
+from calib.modelling.laws import sensor
+from calib.modelling.parameter import Parameter
 
 
 @sensor

@@ -1,8 +1,8 @@
 """A plot whose axes are not at right angles."""
 
-from calib.effect import Effect
-from calib.laws import sensor
-from calib.parameter import Parameter
+from calib.modelling.effect import Effect
+from calib.modelling.laws import sensor
+from calib.modelling.parameter import Parameter
 
 
 @sensor

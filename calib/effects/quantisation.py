@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from calib.effect import Effect
-from calib.laws import sensor
-from calib.parameter import Parameter
+from calib.modelling.effect import Effect
+from calib.modelling.laws import sensor
+from calib.modelling.parameter import Parameter
 
 
 @sensor

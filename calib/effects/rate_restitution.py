@@ -1,8 +1,8 @@
 """Restitution that falls with the speed of the impact."""
 
-from calib.effect import Effect
-from calib.laws import restitution
-from calib.parameter import Parameter
+from calib.modelling.effect import Effect
+from calib.modelling.laws import restitution
+from calib.modelling.parameter import Parameter
 
 SLOWEST = 1e-3  # of rate_speed; slower impacts count as that fast, or the last of them would never come to rest
 

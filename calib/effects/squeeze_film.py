@@ -1,8 +1,8 @@
 """Air that is squeezed out of a closing gap."""
 
-from calib.effect import Effect
-from calib.laws import force
-from calib.parameter import Parameter
+from calib.modelling.effect import Effect
+from calib.modelling.laws import force
+from calib.modelling.parameter import Parameter
 
 FLOOR = 0.02  # of the gap at rest; without a floor the gap never closes
 

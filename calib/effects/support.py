@@ -1,8 +1,8 @@
 """Springs and dampers at the supports."""
 
-from calib.effect import Effect
-from calib.laws import force
-from calib.parameter import Parameter
+from calib.modelling.effect import Effect
+from calib.modelling.laws import force
+from calib.modelling.parameter import Parameter
 
 
 @force

@@ -3,10 +3,10 @@
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from calib.effect import Effect
-from calib.laws import sensor
-from calib.parameter import Parameter
-from calib.record import INTERVAL, fills_periods, mean_interval
+from calib.modelling.effect import Effect
+from calib.modelling.laws import sensor
+from calib.modelling.parameter import Parameter
+from calib.records import INTERVAL, fills_periods, mean_interval
 
 
 @sensor

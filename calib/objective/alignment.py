@@ -7,10 +7,10 @@ import numpy as np
 import xarray as xr
 from scipy.optimize import brentq
 
-from calib.cycles import cut, mean_cycle, sampled
 from calib.errors import CalibError
-from calib.record import STATE, stated_period
-from calib.record import channels as channels_of
+from calib.records import STATE, stated_period
+from calib.records import channels as channels_of
+from calib.records.cycles import cut, mean_cycle, sampled
 
 # Catmull-Rom interpolation: weights of samples j - 1 .. j + 2 as polynomials in the share f of the step after sample j
 CUBIC = 0.5 * np.array([[0, -1, 2, -1], [2, 0, -5, 3], [0, 1, 4, -3], [0, 0, -1, 1]], dtype=float)

@@ -9,8 +9,8 @@ from calib import plugins
 from calib.errors import CalibError, nearest
 from calib.objective.compared import Compared, Seen
 from calib.objective.terms import Feature, Term
-from calib.record import STATE
-from calib.record import channels as channels_of
+from calib.records import STATE
+from calib.records import channels as channels_of
 
 
 class Blocks:

@@ -7,9 +7,8 @@ from functools import cached_property
 import numpy as np
 import xarray as xr
 
-from calib.cycles import NO_CONTACT, UNDECIDED, Motion, clock_rate, kind_of_motion, sampled
 from calib.errors import CalibError
-from calib.model import Model, Request
+from calib.modelling.model import Model, Request
 from calib.objective.alignment import Alignment
 from calib.objective.initial_state import (
     Comparison,
@@ -23,8 +22,9 @@ from calib.objective.initial_state import (
 )
 from calib.objective.reach import FeatureValue, Scalar, compared, scalars
 from calib.objective.terms import Reference, Term
-from calib.record import OK, prescribed
-from calib.record import channels as channels_of
+from calib.records import OK, prescribed
+from calib.records import channels as channels_of
+from calib.records.cycles import NO_CONTACT, UNDECIDED, Motion, clock_rate, kind_of_motion, sampled
 
 DRIFTING = (1, 2, 3, 4)  # periods after which a motion may return that its own clock shows not to return at all
 CLOCK_RATE = "clock_rate"  # attribute of a record: by how much the drive's clock is faster than the recorder's  [1]
@@ -151,9 +151,7 @@ class Compared:
         """Scalar features of (body, channel) pairs."""
         found = []
         for body in self.bodies:
-            channels = tuple(
-                c for c in self._channels if (body, c) in pairs and (body, c) not in view.prescribed
-            )
+            channels = tuple(c for c in self._channels if (body, c) in pairs and (body, c) not in view.prescribed)
             if not channels:
                 continue
             key = (body, frozenset(channels))
@@ -191,7 +189,7 @@ def on_drive_clock(reference: Reference) -> Reference:
     """Return a reference whose instants are on the clock of its harmonic drive, with the attribute `clock_rate`  [1].
 
     A steady motion has the period of its drive: where its cycles say otherwise the recorder's clock is fast or slow,
-    and was right at time zero. See `calib.cycles.clock_rate`.
+    and was right at time zero. See `calib.records.cycles.clock_rate`.
     """
     if not reference.excitation.harmonic or CLOCK_RATE in reference.record.attrs:
         return reference

@@ -14,10 +14,10 @@ import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError
-from calib.model import Model
+from calib.modelling.model import Model
+from calib.modelling.parameter import Parameter
 from calib.objective.outliers import STD_PER_MAD, isolated_outliers
-from calib.parameter import Parameter
-from calib.record import OK
+from calib.records import OK
 
 ATTRIBUTE = "initial_state"  # of a simulated record: the state that was solved for, as JSON [SI]
 COUNT = "simulations"  # attribute of a simulated record: runs of the simulator that it took
@@ -105,8 +105,8 @@ def no_initial_state(model: Model) -> str:
     """Why the initial state of a record cannot be solved for with a model whose simulator declares none."""
     return (
         f"simulator {model.simulator.name!r} does not say which of its parameters are the initial state (its attribute "
-        "`initial`; see calib.model.Simulator), so the nuisance 'initial_state' cannot be solved for; drop it, and "
-        "search such parameters in [windows]"
+        "`initial`; see calib.modelling.model.Simulator), so the nuisance 'initial_state' cannot be solved for; drop "
+        "it, and search such parameters in [windows]"
     )
 
 

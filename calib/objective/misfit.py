@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from calib.objective.terms import Reference, Term
-from calib.record import channels, prescribed
+from calib.records import channels, prescribed
 
 MISFIT = (
     "root mean square of measured less simulated over that of the channel about its mean, root mean square over "

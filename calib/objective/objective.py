@@ -6,15 +6,15 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 
-from calib.cycles import Motion
 from calib.errors import CalibError, nearest
-from calib.model import Model, Request
+from calib.modelling.model import Model, Request
 from calib.objective.blocks import Blocks
 from calib.objective.compared import Compared, Seen, on_drive_clock
 from calib.objective.initial_state import Released
 from calib.objective.reach import FeatureValue
 from calib.objective.terms import Reference, Score, Term
-from calib.record import channels as channels_of
+from calib.records import channels as channels_of
+from calib.records.cycles import Motion
 
 BEND = 5.0  # distance from which the total rises more slowly than the distance
 WRONG = 10.0  # least total of a motion of the wrong kind; more than any right one

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.cycles import harmonics, impact, mean_cycle
-from calib.cycles.impacts import PULSE_FOOT
+from calib.records.cycles import harmonics, impact, mean_cycle
+from calib.records.cycles.impacts import PULSE_FOOT
 
 SHARE = 0.02  # tolerance, as a share of the measured value
 PHASE = 0.01  # tolerance of an impact's phase, in periods

@@ -8,9 +8,9 @@ import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError, nearest
-from calib.excitation import Excitation
-from calib.model import Request
-from calib.record import OK, STATE, check, mean_interval
+from calib.modelling.model import Request
+from calib.records import OK, STATE, check, mean_interval
+from calib.records.excitation import Excitation
 
 Use = Literal["calibrate", "name", "holdout"]
 USES = get_args(Use)

@@ -12,12 +12,12 @@ class Archive:
     @property
     def points(self):
         """All points (n, dim)."""
-        return self._points[:self._size]
+        return self._points[: self._size]
 
     @property
     def costs(self):
         """All costs (n,)."""
-        return self._costs[:self._size]
+        return self._costs[: self._size]
 
     def add(self, points, costs):
         """Append points (n, dim) with costs (n,)."""

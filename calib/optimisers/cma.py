@@ -3,8 +3,8 @@
 import cma
 import numpy as np
 
-PATIENCE = 3                        # generations that failed altogether before the run is begun elsewhere
-SMALLEST = 1e-4                     # of the window: a population no wider than this ends the run
+PATIENCE = 3  # generations that failed altogether before the run is begun elsewhere
+SMALLEST = 1e-4  # of the window: a population no wider than this ends the run
 
 
 class CmaEs:
@@ -32,7 +32,7 @@ class CmaEs:
             self._run = self._new_run(self._start)
         if self._genotypes is None:
             self._genotypes = self._run.ask()
-        points = np.clip(np.array(self._genotypes)[len(self._costs):, :self._dim], 0, 1)
+        points = np.clip(np.array(self._genotypes)[len(self._costs) :, : self._dim], 0, 1)
         left = self._budget - self._spent
         return points[:left] if left > 0 else points
 
@@ -60,8 +60,16 @@ class CmaEs:
     def _new_run(self, start):
         """A run of the package on a stream of its own; it knows no single dimension, so that gets an idle second."""
         start = np.append(start, 0.5) if self._dim == 1 else start
-        options = {"bounds": [0, 1], "popsize": self._size, "verbose": -9, "verb_log": 0, "signals_filename": "",
-                   "tolx": SMALLEST, "seed": np.nan, "randn": lambda *shape: self._rng.standard_normal(shape)}
+        options = {
+            "bounds": [0, 1],
+            "popsize": self._size,
+            "verbose": -9,
+            "verb_log": 0,
+            "signals_filename": "",
+            "tolx": SMALLEST,
+            "seed": np.nan,
+            "randn": lambda *shape: self._rng.standard_normal(shape),
+        }
         return cma.CMAEvolutionStrategy(start, self._sigma, options)
 
     def _learn(self, costs):

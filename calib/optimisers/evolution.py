@@ -12,22 +12,22 @@ class Evolution:
     def __init__(self, centre, sigma, size, rng):
         dim = centre.size
         self.centre, self.sigma, self.size, self.rng, self.generation = centre, sigma, size, rng, 0
-        raw = np.log((size + 1) / 2) - np.log(np.arange(1, size // 2 + 1))                       # eq. (49)
-        self.weights = raw / raw.sum()                                                           # eq. (53)
-        self.effective = mu = 1 / (self.weights**2).sum()                                        # eq. (8)
-        self.c_sigma = (mu + 2) / (dim + mu + 5)                                                 # eq. (55)
-        self.damping = 1 + 2 * max(0, np.sqrt((mu - 1) / (dim + 1)) - 1) + self.c_sigma          # eq. (55)
-        self.c_c = (4 + mu / dim) / (dim + 4 + 2 * mu / dim)                                     # eq. (56)
-        self.c_1 = 2 / ((dim + 1.3) ** 2 + mu)                                                   # eq. (57)
-        self.c_mu = min(1 - self.c_1, 2 * (mu - 2 + 1 / mu) / ((dim + 2) ** 2 + mu))             # eq. (58)
-        self.expected = np.sqrt(dim) * (1 - 1 / (4 * dim) + 1 / (21 * dim**2))                   # E|N(0, I)|
+        raw = np.log((size + 1) / 2) - np.log(np.arange(1, size // 2 + 1))  # eq. (49)
+        self.weights = raw / raw.sum()  # eq. (53)
+        self.effective = mu = 1 / (self.weights**2).sum()  # eq. (8)
+        self.c_sigma = (mu + 2) / (dim + mu + 5)  # eq. (55)
+        self.damping = 1 + 2 * max(0, np.sqrt((mu - 1) / (dim + 1)) - 1) + self.c_sigma  # eq. (55)
+        self.c_c = (4 + mu / dim) / (dim + 4 + 2 * mu / dim)  # eq. (56)
+        self.c_1 = 2 / ((dim + 1.3) ** 2 + mu)  # eq. (57)
+        self.c_mu = min(1 - self.c_1, 2 * (mu - 2 + 1 / mu) / ((dim + 2) ** 2 + mu))  # eq. (58)
+        self.expected = np.sqrt(dim) * (1 - 1 / (4 * dim) + 1 / (21 * dim**2))  # E|N(0, I)|
         self.path_sigma, self.path_c, self.covariance = np.zeros(dim), np.zeros(dim), np.eye(dim)
         self.axes, self.lengths = np.eye(dim), np.ones(dim)
 
     def sample(self):
         """Points (size, dim) of the next generation."""
         z = self.rng.standard_normal((self.size, self.centre.size))
-        return np.clip(self.centre + self.sigma * (z * self.lengths) @ self.axes.T, 0, 1)        # eq. (38)-(40)
+        return np.clip(self.centre + self.sigma * (z * self.lengths) @ self.axes.T, 0, 1)  # eq. (38)-(40)
 
     def learn(self, points, costs):
         """Take in a generation's points (size, dim) and costs (size,); one that failed altogether teaches nothing."""
@@ -35,23 +35,27 @@ class Evolution:
         if not np.isfinite(costs).any():
             return
         dim = self.centre.size
-        order = np.argsort(costs, kind="stable")[:self.weights.size]
+        order = np.argsort(costs, kind="stable")[: self.weights.size]
         steps = (points[order] - self.centre) / self.sigma
-        mean = self.weights @ steps                                                              # eq. (41)
-        self.centre = np.clip(self.centre + self.sigma * mean, 0, 1)                             # eq. (42)
+        mean = self.weights @ steps  # eq. (41)
+        self.centre = np.clip(self.centre + self.sigma * mean, 0, 1)  # eq. (42)
         whitened = self.axes @ ((self.axes.T @ mean) / self.lengths)
-        self.path_sigma += (np.sqrt(self.c_sigma * (2 - self.c_sigma) * self.effective) * whitened
-                            - self.c_sigma * self.path_sigma)                                    # eq. (43)
+        self.path_sigma += (
+            np.sqrt(self.c_sigma * (2 - self.c_sigma) * self.effective) * whitened - self.c_sigma * self.path_sigma
+        )  # eq. (43)
         length = np.linalg.norm(self.path_sigma)
         self.sigma *= np.exp(min(1.0, self.c_sigma / self.damping * (length / self.expected - 1)))  # eq. (44)
         settled = np.sqrt(1 - (1 - self.c_sigma) ** (2 * self.generation))
         rising = length / settled < (1.4 + 2 / (dim + 1)) * self.expected
-        self.path_c += (rising * np.sqrt(self.c_c * (2 - self.c_c) * self.effective) * mean
-                        - self.c_c * self.path_c)                                                # eq. (45)
+        self.path_c += (
+            rising * np.sqrt(self.c_c * (2 - self.c_c) * self.effective) * mean - self.c_c * self.path_c
+        )  # eq. (45)
         lost = (1 - rising) * self.c_c * (2 - self.c_c)
-        self.covariance = ((1 - self.c_1 - self.c_mu + self.c_1 * lost) * self.covariance
-                           + self.c_1 * np.outer(self.path_c, self.path_c)
-                           + self.c_mu * (steps.T * self.weights) @ steps)                       # eq. (47)
+        self.covariance = (
+            (1 - self.c_1 - self.c_mu + self.c_1 * lost) * self.covariance
+            + self.c_1 * np.outer(self.path_c, self.path_c)
+            + self.c_mu * (steps.T * self.weights) @ steps
+        )  # eq. (47)
         squares, self.axes = np.linalg.eigh(self.covariance)
         self.lengths = np.sqrt(np.maximum(squares, 1e-20 * squares.max()))
 

@@ -3,11 +3,11 @@
 import numpy as np
 from scipy.optimize import lsq_linear
 
-SMALLEST_STEP = 1e-5                # of the window: a trust region below it ends the search
-LARGEST_DIFFERENCE = 1e-2           # of the window: the widest finite difference
-DIFFERENCE = 0.1                    # finite difference as a share of the trust region's radius
-LEAST_GAIN = 1e-4                   # relative fall of the sum of squares below which a step is not worth asking for
-TRUSTED = 0.5                       # ratio of gained to predicted fall above which the Jacobian is only updated
+SMALLEST_STEP = 1e-5  # of the window: a trust region below it ends the search
+LARGEST_DIFFERENCE = 1e-2  # of the window: the widest finite difference
+DIFFERENCE = 0.1  # finite difference as a share of the trust region's radius
+LEAST_GAIN = 1e-4  # relative fall of the sum of squares below which a step is not worth asking for
+TRUSTED = 0.5  # ratio of gained to predicted fall above which the Jacobian is only updated
 
 
 def usable(outcome, like=None):
@@ -39,7 +39,7 @@ def descend(u, outcome, radius=0.1):
                 break
             jacobian = None
             continue
-        told, = yield new[None]
+        (told,) = yield new[None]
         if usable(told, like=outcome):
             ratio = (now - square(told.residuals)) / (now - predicted)
             jacobian = jacobian + np.outer(told.residuals - outcome.residuals - jacobian @ step, step) / (step @ step)
@@ -72,7 +72,7 @@ def next_radius(radius, ratio, length):
 def linear_step(jacobian, residuals, low, high):
     """Step (dim,) within low..high that makes residuals + jacobian step least."""
     q, r = np.linalg.qr(jacobian)
-    room = 1e-15                                            # lsq_linear wants low < high also on the bound
+    room = 1e-15  # lsq_linear wants low < high also on the bound
     return lsq_linear(r, -q.T @ residuals, bounds=(np.minimum(low, -room), np.maximum(high, room)), method="bvls").x
 
 

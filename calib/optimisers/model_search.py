@@ -4,12 +4,12 @@ import numpy as np
 
 from calib.optimisers.quadratic import nearest_model
 
-SMALLEST_RADIUS = 1e-4              # of the window: a trust region below it ends the search
-REACH = 2.0                         # radii: points farther than this do not enter the model
-STIFFNESS = 1e-6                    # squared share of the points' costs that a unit change of the hessian is worth
-FLAT = 0.1                          # least singular value of the points' offsets [radii] that spans all directions
-SHORT = 0.05                        # radii: a step shorter than this asks for a smaller region instead
-LEAST_GAIN = 1e-7                   # of the archive's spread of costs: a predicted fall that is not worth asking for
+SMALLEST_RADIUS = 1e-4  # of the window: a trust region below it ends the search
+REACH = 2.0  # radii: points farther than this do not enter the model
+STIFFNESS = 1e-6  # squared share of the points' costs that a unit change of the hessian is worth
+FLAT = 0.1  # least singular value of the points' offsets [radii] that spans all directions
+SHORT = 0.05  # radii: a step shorter than this asks for a smaller region instead
+LEAST_GAIN = 1e-7  # of the archive's spread of costs: a predicted fall that is not worth asking for
 
 
 def descend(u, outcome, archive, radius=0.1):
@@ -37,7 +37,7 @@ def descend(u, outcome, archive, radius=0.1):
         improved = False
         if predicted > LEAST_GAIN * spread(archive.costs, outcome.cost) and np.abs(step).max() >= SHORT:
             new = np.clip(u + radius * step, 0, 1)
-            told, = yield new[None]
+            (told,) = yield new[None]
             ratio, improved = (outcome.cost - told.cost) / predicted, told.cost < outcome.cost
             if improved:
                 u, outcome = new, told

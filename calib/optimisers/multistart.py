@@ -11,13 +11,13 @@ from calib.optimisers.archive import Archive
 from calib.optimisers.evolution import Evolution
 from calib.optimisers.trend import lowest_of_trend
 
-SAME_POINT = 0.01                   # of the window: ends of searches closer than this agree in point
-SAME_COST = 0.01                    # relative: ends whose costs differ less agree in cost
-WIDE, NARROW = 0.1, 0.02            # of the window: first trust region of a search from a screened point; from where
-                                    # the trend or the population has already followed the wide slopes
-SPACING = 0.35                      # of the mean spacing of the screen: a start this near to another is not tried
-SCREEN_SHARE = 3                    # at most one part in three of the budget is screened
-FEWEST_AGREEING = 3                 # searches that must have ended in the best basin before the study may stop
+SAME_POINT = 0.01  # of the window: ends of searches closer than this agree in point
+SAME_COST = 0.01  # relative: ends whose costs differ less agree in cost
+WIDE, NARROW = 0.1, 0.02  # of the window: first trust region of a search from a screened point; from where
+# the trend or the population has already followed the wide slopes
+SPACING = 0.35  # of the mean spacing of the screen: a start this near to another is not tried
+SCREEN_SHARE = 3  # at most one part in three of the budget is screened
+FEWEST_AGREEING = 3  # searches that must have ended in the best basin before the study may stop
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class Multistart:
             self._open_round()
         self._asked = True
         self._fill()
-        points = np.concatenate([task.request[len(task.answers):] for task in self._tasks])
+        points = np.concatenate([task.request[len(task.answers) :] for task in self._tasks])
         left = self._budget - self._total()
         return points[:left] if left > 0 else points
 
@@ -184,7 +184,7 @@ class Multistart:
             if start is None and (size := self._round_size()):
                 return Task("screen", self._screen(size))
             if start is None:
-                self._open_round()                          # the screen is spent: go on from what it left unexplored
+                self._open_round()  # the screen is spent: go on from what it left unexplored
                 start = next(self._candidates, None)
             if start is not None:
                 self._starts.append(start[0])
@@ -256,11 +256,14 @@ class Multistart:
     def _search(self, u, outcome, radius):
         """A local search from a point, on residuals where there are any, until it ends or cannot catch up."""
         if outcome is None:
-            outcome, = yield u[None]
+            (outcome,) = yield u[None]
         if not np.isfinite(outcome.cost):
             return
-        search = (least_squares.descend(u, outcome, radius) if least_squares.usable(outcome)
-                  else model_search.descend(u, outcome, self._archive, radius))
+        search = (
+            least_squares.descend(u, outcome, radius)
+            if least_squares.usable(outcome)
+            else model_search.descend(u, outcome, self._archive, radius)
+        )
         window, spent, marks = 5 * (self._dim + 1), 0, [outcome.cost]
         lowest = (u, outcome.cost)
         request = next(search)
@@ -294,7 +297,7 @@ class Multistart:
         self._runs += 1
         if self._runs == 1:
             points, costs = self._screen_costs()
-            order = np.argsort(costs, kind="stable")[:max(1, np.isfinite(costs).sum() // 4)]
+            order = np.argsort(costs, kind="stable")[: max(1, np.isfinite(costs).sum() // 4)]
             centre = points[order].mean(axis=0)
         else:
             centre = self._rng.random(self._dim)

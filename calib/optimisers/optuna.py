@@ -8,11 +8,16 @@ import optuna
 from optuna.distributions import FloatDistribution
 from optuna.trial import TrialState, create_trial
 
-SAMPLERS = {"tpe": optuna.samplers.TPESampler, "gp": optuna.samplers.GPSampler, "cmaes": optuna.samplers.CmaEsSampler,
-            "random": optuna.samplers.RandomSampler, "qmc": optuna.samplers.QMCSampler,
-            "nsgaii": optuna.samplers.NSGAIISampler}
-NEEDS = {"gp": "torch", "cmaes": "cmaes"}              # packages that optuna does not bring along
-LEARNS_FROM_PRUNED = {"tpe", "random", "qmc"}          # or has nothing to learn
+SAMPLERS = {
+    "tpe": optuna.samplers.TPESampler,
+    "gp": optuna.samplers.GPSampler,
+    "cmaes": optuna.samplers.CmaEsSampler,
+    "random": optuna.samplers.RandomSampler,
+    "qmc": optuna.samplers.QMCSampler,
+    "nsgaii": optuna.samplers.NSGAIISampler,
+}
+NEEDS = {"gp": "torch", "cmaes": "cmaes"}  # packages that optuna does not bring along
+LEARNS_FROM_PRUNED = {"tpe", "random", "qmc"}  # or has nothing to learn
 
 
 class OptunaSampler:

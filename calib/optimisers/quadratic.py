@@ -20,8 +20,13 @@ class Quadratic:
 
     def lowest(self, low, high):
         """Offset (dim,) where the model is least in the box low..high, searched from the box's point nearest zero."""
-        result = minimize(lambda z: (self(z), self.gradient + self.hessian @ z), np.clip(0.0, low, high), jac=True,
-                          method="L-BFGS-B", bounds=list(zip(low, high, strict=True)))
+        result = minimize(
+            lambda z: (self(z), self.gradient + self.hessian @ z),
+            np.clip(0.0, low, high),
+            jac=True,
+            method="L-BFGS-B",
+            bounds=list(zip(low, high, strict=True)),
+        )
         return np.clip(result.x, low, high)
 
 
@@ -50,8 +55,8 @@ def unpack(coefficients, dim):
     """The model with the given coefficients of `monomials`."""
     i, j = np.triu_indices(dim)
     hessian = np.empty((dim, dim))
-    hessian[i, j] = hessian[j, i] = coefficients[1 + dim:] * np.where(i == j, 1.0, np.sqrt(0.5))
-    return Quadratic(coefficients[0], coefficients[1:1 + dim], hessian)
+    hessian[i, j] = hessian[j, i] = coefficients[1 + dim :] * np.where(i == j, 1.0, np.sqrt(0.5))
+    return Quadratic(coefficients[0], coefficients[1 : 1 + dim], hessian)
 
 
 def nearest_model(z, values, weights, hessian, stiffness):
@@ -69,7 +74,7 @@ def nearest_model(z, values, weights, hessian, stiffness):
     dim = z.shape[1]
     columns, root = monomials(z), np.sqrt(weights)
     guess = np.concatenate([np.zeros(1 + dim), pack(hessian)])
-    hold = np.sqrt(stiffness) * np.eye(len(guess))[1 + dim:]
+    hold = np.sqrt(stiffness) * np.eye(len(guess))[1 + dim :]
     lhs = np.vstack([columns * root[:, None], hold])
     rhs = np.concatenate([(values - columns @ guess) * root, np.zeros(len(hold))])
     return unpack(guess + np.linalg.lstsq(lhs, rhs, rcond=None)[0], dim)

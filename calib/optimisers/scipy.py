@@ -5,7 +5,7 @@ from scipy import optimize
 
 from calib.optimisers.thread import Conversation
 
-FAILED = 1e12                       # cost of a failed run for methods that cannot take infinity
+FAILED = 1e12  # cost of a failed run for methods that cannot take infinity
 
 
 class Scipy:
@@ -19,8 +19,11 @@ class Scipy:
     """
 
     def __init__(self, dim, seed, budget=1000, batch=1, method="differential_evolution"):
-        methods = {"differential_evolution": self._differential_evolution, "dual_annealing": self._dual_annealing,
-                   "least_squares": self._least_squares}
+        methods = {
+            "differential_evolution": self._differential_evolution,
+            "dual_annealing": self._dual_annealing,
+            "least_squares": self._least_squares,
+        }
         if method not in methods:
             raise ValueError(f"unknown method {method!r}; known are {', '.join(methods)}")
         self._dim, self._budget, self._method, self._spent = dim, budget, methods[method], 0
@@ -37,7 +40,7 @@ class Scipy:
             raise what
         if event == "ended":
             raise RuntimeError(f"the method has ended ({what}); look at stop() before asking")
-        points, left = what[len(self._outcomes):], self._budget - self._spent
+        points, left = what[len(self._outcomes) :], self._budget - self._spent
         return points[:left] if left > 0 else points
 
     def tell(self, x, outcomes):
@@ -74,13 +77,27 @@ class Scipy:
             return np.array([cost(outcome, failed=np.inf) for outcome in outcomes])
 
         return optimize.differential_evolution(
-            costs, [(0, 1)] * self._dim, x0=self._start, rng=self._rng, maxiter=self._budget, polish=False,
-            vectorized=True, updating="deferred").message
+            costs,
+            [(0, 1)] * self._dim,
+            x0=self._start,
+            rng=self._rng,
+            maxiter=self._budget,
+            polish=False,
+            vectorized=True,
+            updating="deferred",
+        ).message
 
     def _dual_annealing(self, evaluate):
-        return ". ".join(optimize.dual_annealing(
-            lambda u: cost(evaluate(np.clip(u, 0, 1)[None])[0]), [(0, 1)] * self._dim, x0=self._start, rng=self._rng,
-            maxiter=10 * self._budget, maxfun=10 * self._budget).message)
+        return ". ".join(
+            optimize.dual_annealing(
+                lambda u: cost(evaluate(np.clip(u, 0, 1)[None])[0]),
+                [(0, 1)] * self._dim,
+                x0=self._start,
+                rng=self._rng,
+                maxiter=10 * self._budget,
+                maxfun=10 * self._budget,
+            ).message
+        )
 
     def _least_squares(self, evaluate):
         """Trust-region-reflective least squares from the first of start and random points that does not fail."""
@@ -102,8 +119,12 @@ class Scipy:
         def jacobian(u):
             centre, h = fun(u), np.where(u > 0.5, -1e-4, 1e-4)
             columns = [residuals(outcome) for outcome in evaluate(u + np.diag(h))]
-            return np.array([np.zeros(first.size) if column is None else (column - centre) / step
-                             for column, step in zip(columns, h, strict=True)]).T
+            return np.array(
+                [
+                    np.zeros(first.size) if column is None else (column - centre) / step
+                    for column, step in zip(columns, h, strict=True)
+                ]
+            ).T
 
         return optimize.least_squares(fun, start, jac=jacobian, bounds=(0, 1), method="trf").message
 
@@ -123,6 +144,8 @@ def residuals(outcome):
     if not np.isfinite(outcome.cost):
         return None
     if outcome.residuals is None:
-        raise ValueError("scipy's least_squares needs residuals, and these outcomes have only a cost; "
-                         "take method = 'differential_evolution' or 'dual_annealing'")
+        raise ValueError(
+            "scipy's least_squares needs residuals, and these outcomes have only a cost; "
+            "take method = 'differential_evolution' or 'dual_annealing'"
+        )
     return np.asarray(outcome.residuals, float)

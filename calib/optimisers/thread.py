@@ -43,13 +43,13 @@ class Conversation:
             self._requests.put(("ended", self._method(self._evaluate)))
         except Closed:
             pass
-        except Exception as error:          # not mended here: the other thread raises it
+        except Exception as error:  # not mended here: the other thread raises it
             self._requests.put(("raised", error))
 
     def _evaluate(self, points):
         self._requests.put(("points", points))
         outcomes = self._answers.get()
         if outcomes is None:
-            self._answers.put(None)         # should the method call once more on its way out
+            self._answers.put(None)  # should the method call once more on its way out
             raise Closed
         return outcomes

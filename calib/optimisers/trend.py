@@ -6,7 +6,7 @@ from scipy.stats import rankdata
 
 from calib.optimisers.quadratic import monomials, unpack
 
-STIFFNESSES = (1e-3, 1e-2, 1e-1, 1.0)          # per point: what anisotropy of the hessian costs; the best is chosen
+STIFFNESSES = (1e-3, 1e-2, 1e-1, 1.0)  # per point: what anisotropy of the hessian costs; the best is chosen
 
 
 def lowest_of_trend(points, costs):
@@ -41,6 +41,6 @@ def isotropic_fit(z, values, stiffness):
     anisotropy = np.eye(i.size) - np.outer(i == j, i == j) / dim
     hold = np.hstack([np.zeros((i.size, 1 + dim)), np.sqrt(stiffness * len(z)) * anisotropy])
     q, r = np.linalg.qr(np.vstack([columns, hold]))
-    coefficients = np.linalg.lstsq(r, q[:len(z)].T @ values, rcond=None)[0]
-    leverage = np.minimum((q[:len(z)] ** 2).sum(axis=1), 1 - 1e-9)
+    coefficients = np.linalg.lstsq(r, q[: len(z)].T @ values, rcond=None)[0]
+    leverage = np.minimum((q[: len(z)] ** 2).sum(axis=1), 1 - 1e-9)
     return float(np.mean(((values - columns @ coefficients) / (1 - leverage)) ** 2)), coefficients

@@ -10,7 +10,7 @@ from matplotlib.ticker import NullFormatter, NullLocator
 
 from calib.report.conclusion import biased_half_width, half_width
 from calib.report.drawing import LINE, MARK, MEASURED, OTHER, SIMULATED, STYLE, WIDTH, shown_unit
-from calib.report.remains import EXTENDED
+from calib.report.residual_plots import EXTENDED
 from calib.report.words import signed
 
 NAMED, CLASS, LESS, SENSELESS, BELOW = "named", "in the class", "explains less", "wrong sign", "below"

@@ -12,7 +12,7 @@ from calib.diagnosis.excess import significant
 from calib.diagnosis.laboratory import AMPLITUDE_RANGE, FREQUENCY_RANGE, RELEASE_RANGE
 from calib.diagnosis.next_measurement import DECISIVE_Z
 from calib.diagnosis.verdict import explained, joined
-from calib.report import causes, drawing, lacking, remains, separation
+from calib.report import causes, drawing, missing_force, residual_plots, separation
 from calib.report.conclusion import (
     NAMED,
     NONE,
@@ -130,7 +130,9 @@ def chapter(
         "stale": stale(said, result),
         "gates": [_gate(gate, motions) for gate in said["gates"]],
         "residuals": _residuals(motions, named_extension(said)),
-        "loops": pictured(remains.misfit_loops(motions), "misfit-loops", LOOPS.format(stretch=_stretch(motions))),
+        "loops": pictured(
+            residual_plots.misfit_loops(motions), "misfit-loops", LOOPS.format(stretch=_stretch(motions))
+        ),
         "forces": forces,
         "features": _features(said),
         "strengths": _strengths(said, outcomes),
@@ -139,7 +141,9 @@ def chapter(
         "rounds": _rounds(said),
         "finally": _finally(said),
         "why": _why(said, outcomes),
-        "magnified": pictured(remains.magnified_loops(motions, named_extension(said)), "magnified-loops", MAGNIFIED),
+        "magnified": pictured(
+            residual_plots.magnified_loops(motions, named_extension(said)), "magnified-loops", MAGNIFIED
+        ),
         "next_measurement": _next_measurement(said),
         "question": QUESTIONS.get(said["verdict"], "How it was sought"),
         "brings": _brings(said, study.model.parameters),
@@ -156,7 +160,7 @@ def _gate(gate, motions):
         known = [
             (motion, row)
             for motion in motions.values()
-            for row, *_ in remains.rows(motion)
+            for row, *_ in residual_plots.rows(motion)
             if np.std(motion.measured.values[row]) > 0.0
         ]
         sources = [str(motion.source.values[row]) for motion, row in known if "source" in motion.coords]
@@ -177,12 +181,12 @@ def _gate(gate, motions):
 def _residuals(motions, label):
     """Pictures of each record's residual, the worst record first; label: of the extended model."""
     found = []
-    for name in sorted(motions, key=lambda name: -remains.strength(motions[name])):
+    for name in sorted(motions, key=lambda name: -residual_plots.strength(motions[name])):
         motion = motions[name]
-        skipped = any(not motion.weight.values[row].all() for row, *_ in remains.rows(motion))
+        skipped = any(not motion.weight.values[row].all() for row, *_ in residual_plots.rows(motion))
         caption = RESIDUALS if "period" in motion.attrs else RESIDUALS_IN_TIME
         caption = caption.format(impacts=IMPACTS if skipped else "", extended=GREEN if "extended" in motion else "")
-        picture = pictured(remains.residuals(motion, label), f"diagnosed-{name}", caption)
+        picture = pictured(residual_plots.residuals(motion, label), f"diagnosed-{name}", caption)
         if picture is not None:
             found.append({"record": name, "picture": picture})
     return found
@@ -191,14 +195,14 @@ def _residuals(motions, label):
 def _forces(motions):
     """Picture of what remains of each body, of the records in which it stands clear of noise, or else of all."""
     found = []
-    for body in dict.fromkeys(body for motion in motions.values() for body in remains.pairs(motion)):
-        known = lacking.accelerations(motions, body)
-        clear = {name: force for name, force in known.items() if lacking.stands_clear(force)}
+    for body in dict.fromkeys(body for motion in motions.values() for body in residual_plots.pairs(motion)):
+        known = missing_force.accelerations(motions, body)
+        clear = {name: force for name, force in known.items() if missing_force.stands_clear(force)}
         caption = FORCES.format(body=body, stretch=_stretch({name: motions[name] for name in clear or known}))
         hidden = [name for name in known if name not in clear]
         if hidden:
             caption += f" {', '.join(hidden)}: {UNCERTAIN}"
-        picture = pictured(lacking.forces(clear or known), f"force-{body}", caption)
+        picture = pictured(missing_force.forces(clear or known), f"force-{body}", caption)
         if picture is not None:
             found.append({"body": body, "telling": bool(clear), "picture": picture})
     return found

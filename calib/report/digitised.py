@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from calib.digitise.reading import Figure as Read
-from calib.files import whole
+from calib.execution.files import whole
 from calib.report.drawing import DPI, KINDS, MARK, STYLE, png
 
 LARGEST = 2400  # pixels of the longer side of the picture as it is drawn

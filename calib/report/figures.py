@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from calib.record import OK, STATE, channels, prescribed, stated_period
+from calib.records import OK, STATE, channels, prescribed, stated_period
 from calib.report.drawing import (
     DPI,
     LINE,

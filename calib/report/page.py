@@ -14,7 +14,7 @@ from calib.report.diagnosis import chapter
 from calib.report.picture import drawn, pictured
 from calib.report.verdict import verdict
 from calib.report.words import number, percent
-from calib.result import confirmed
+from calib.study.result import confirmed
 from calib.units import MILLI
 
 LOOP = "Phase curves: velocity over displacement."
@@ -54,11 +54,11 @@ def render(
     study : calib.study.Study; read are name, model, space, objective, budget, seed, definition
     trials : every trial of the ledger, in its order
     records : name of a reference -> record simulated at the best values, failed ones too; may be empty
-    result : what result.json holds (see `calib.result`); what is not in it is left out of the page
+    result : what result.json holds (see `calib.study.result`); what is not in it is left out of the page
     command : the command that makes it again
     header : of the ledger; read are versions and processor
     diagnosis : what diagnosis.json holds; None where there was no diagnosis
-    motions : what diagnosis.nc holds (see `calib.report.remains`)
+    motions : what diagnosis.nc holds (see `calib.report.residual_plots`)
     jobs : number of processes that draw its figures
     """
     environment = Environment(

@@ -7,7 +7,7 @@ from typing import Any
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from calib.pool import InProcess, LocalPool, in_order
+from calib.execution.pool import InProcess, LocalPool, in_order
 from calib.report.drawing import svg
 
 

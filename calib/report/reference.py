@@ -9,10 +9,10 @@ import xarray as xr
 from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 
-from calib.cycles import impact, kind_of_motion, phase_curve
 from calib.errors import CalibError
-from calib.files import whole
-from calib.record import STATE, channels, fills_periods, nuisance_sigma, prescribed, stated_period
+from calib.execution.files import whole
+from calib.records import STATE, channels, fills_periods, nuisance_sigma, prescribed, stated_period
+from calib.records.cycles import impact, kind_of_motion, phase_curve
 from calib.report.drawing import DPI, MARK, MEASURED, STYLE, WIDTH, line, png, thin
 from calib.report.figures import clock, quantity, two_periods
 from calib.units import shown

@@ -8,7 +8,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 from scipy import signal
 
-from calib.record import prescribed, stated_period
+from calib.records import prescribed, stated_period
 from calib.report.drawing import LINE, MEASURED, OTHER, SIMULATED, STYLE, WIDTH, line, marks, shown_unit, spot, thin
 from calib.report.figures import has, impact_times, judged, quantity
 

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from calib.parameter import Parameter, Space
+from calib.modelling.parameter import Parameter, Space
 from calib.report.drawing import FAILED, KINDS, LINE, MARK, OTHER, STYLE, WIDTH, logarithmic, shown_unit
 from calib.store import Trial
 

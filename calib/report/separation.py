@@ -206,9 +206,7 @@ def _mark_records(axes, known, factor) -> list:
     for record in own if len(own) <= MAX_NAMES else ():
         place = (record["frequency"], factor * record["amplitude"])
         label = {"boxstyle": "square,pad=0.15", "facecolor": "white", "alpha": 0.8, "linewidth": 0.0}
-        axes.annotate(
-            record["record"], place, (6, 5), textcoords="offset points", fontsize=7.5, zorder=6, bbox=label
-        )
+        axes.annotate(record["record"], place, (6, 5), textcoords="offset points", fontsize=7.5, zorder=6, bbox=label)
     return [mpl.lines.Line2D([], [], label="records", **look)] if own else []
 
 
@@ -251,8 +249,16 @@ def _draw_line(axes, design, test, name, factor) -> None:
     axes.plot(below, [LEAST_Z] * len(below), "v", color=SIMULATED, markersize=4.5, markerfacecolor="white")
     axes.plot([factor * p[name] for p in bad], [LEAST_Z] * len(bad), "x", color=LINE, markersize=4.0)
     axes.axhline(design["decisive_z"], color=MEASURED, linestyle="--", linewidth=1.0)
-    axes.annotate(f"z = {design['decisive_z']:g}", (1.0, design["decisive_z"]), (-2, 2), textcoords="offset points",
-                  xycoords=("axes fraction", "data"), fontsize=7.5, color=MEASURED, ha="right")
+    axes.annotate(
+        f"z = {design['decisive_z']:g}",
+        (1.0, design["decisive_z"]),
+        (-2, 2),
+        textcoords="offset points",
+        xycoords=("axes fraction", "data"),
+        fontsize=7.5,
+        color=MEASURED,
+        ha="right",
+    )
     axes.set_xscale("log")
     axes.set_yscale("log")
     places = [factor * point[name] for point in own]

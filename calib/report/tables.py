@@ -6,10 +6,10 @@ from typing import Any
 
 from markupsafe import Markup
 
+from calib.confidence.identifiability import COLLINEAR
 from calib.confidence.local import EDGE
-from calib.confidence.undetermined import COLLINEAR
-from calib.parameter import Window
-from calib.record import OK
+from calib.modelling.parameter import Window
+from calib.records import OK
 from calib.report import drawing
 from calib.report.words import measured_number, number, number_beside
 from calib.units import MILLI, shown

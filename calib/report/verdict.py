@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 from typing import Any
 
-from calib.cycles import NOT_PERIODIC
 from calib.objective import MISFIT
-from calib.record import OK
+from calib.records import OK
+from calib.records.cycles import NOT_PERIODIC
 from calib.report.tables import unreachable
 from calib.report.words import count, number, percent
-from calib.result import confirmed, searched_best
+from calib.study.result import confirmed, searched_best
 
 LARGE = 0.05  # a distance that is no agreement, 0.10 being a curve 10 % too large
 

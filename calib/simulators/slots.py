@@ -14,7 +14,7 @@ from numba import config, types
 from numba.experimental.function_type import _get_wrapper_address
 from numba.extending import intrinsic
 
-from calib.laws import SIGNATURES, SLOTS, BoundLaw, at_site, slots
+from calib.modelling.laws import SIGNATURES, SLOTS, BoundLaw, at_site, slots
 
 
 @cache

@@ -12,9 +12,9 @@ import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError
-from calib.files import read_dataset, whole, write_dataset
-from calib.interrupt import uninterrupted
-from calib.pool import REFUSED, Failure
+from calib.execution.files import read_dataset, whole, write_dataset
+from calib.execution.interrupt import uninterrupted
+from calib.execution.pool import REFUSED, Failure
 from calib.store.lock import Lock
 
 DEFINITION = "definition"  # attribute of the joined file

@@ -10,8 +10,8 @@ from urllib.parse import quote
 import xarray as xr
 
 from calib.errors import CalibError
-from calib.files import whole
-from calib.record import read, write
+from calib.execution.files import whole
+from calib.records import read, write
 from calib.store.ledger import mendable
 
 Keep = Literal["best", "improving", "all"]

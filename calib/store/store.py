@@ -14,7 +14,7 @@ from calib.store.lock import Lock
 from calib.store.optuna_view import ARTIFACTS, JOURNAL, OptunaView, told
 from calib.store.trial import Trial, best
 
-SAID = ("result.json", "report.html")  # what `calib.calibrate` says of the trials
+SAID = ("result.json", "report.html")  # what `calib.workflows.calibrate` says of the trials
 Picture = Callable[[Trial, Mapping[str, xr.Dataset]], bytes]
 
 

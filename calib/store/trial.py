@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from calib.record import OK
+from calib.records import OK
 from calib.store.plain import plain
 
 

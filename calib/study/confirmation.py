@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.pool import TIMEOUT, Failure
+from calib.execution.pool import TIMEOUT, Failure
 from calib.store import Trial
 from calib.study.contracts import Pool
 from calib.study.evaluation import Evaluation, as_trial

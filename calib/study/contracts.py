@@ -103,7 +103,7 @@ class StoreContract(Protocol):
 
 
 class Pool(Protocol):
-    """Where evaluations happen; see `calib.pool`."""
+    """Where evaluations happen; see `calib.execution.pool`."""
 
     def map(self, payloads: Iterable[Any]) -> Iterator[tuple[int, Any]]:
         """Yield (index, result or Failure) as they end."""

@@ -10,10 +10,10 @@ import numpy as np
 import xarray as xr
 
 from calib.dynamics.stationary import stationary_record
-from calib.model import Model
+from calib.execution.pool import Failure
+from calib.modelling.model import Model
+from calib.modelling.parameter import values_for
 from calib.objective import Objective, Score, simulations
-from calib.parameter import values_for
-from calib.pool import Failure
 from calib.store import Trial
 from calib.study.contracts import Outcome
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from calib.errors import CalibError
-from calib.model import Model
+from calib.modelling.model import Model
 from calib.objective import INITIAL_STATE, Reference
 from calib.objective.initial_state import no_initial_state
 

@@ -9,9 +9,9 @@ import numpy as np
 from scipy.stats.qmc import Sobol
 
 from calib.errors import CalibError
-from calib.interrupt import uninterrupted
-from calib.parameter import Space
-from calib.pool import REFUSED, Failure
+from calib.execution.interrupt import uninterrupted
+from calib.execution.pool import REFUSED, Failure
+from calib.modelling.parameter import Space
 from calib.store import Trial
 from calib.store.trial import best
 from calib.study.contracts import Optimiser, Pool, StoreContract

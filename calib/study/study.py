@@ -6,10 +6,10 @@ from functools import partial
 from typing import Any
 
 from calib.errors import CalibError, nearest
-from calib.model import Model
+from calib.execution.pool import LocalPool
+from calib.modelling.model import Model
+from calib.modelling.parameter import Space
 from calib.objective import Objective
-from calib.parameter import Space
-from calib.pool import LocalPool
 from calib.store import Trial
 from calib.store.trial import best
 from calib.study.contracts import Optimiser, Pool, StoreContract

@@ -75,9 +75,7 @@ def as_run(found: OrbitKind) -> OrbitKind:
     stable = replace(found, coexisting=(), run_state=None)
     text = f"{run.evidence}; a motion that is {found.kind} lies beside it"
     text += f"; {found.escape}" if found.escape else ""
-    return replace(
-        run, evidence=text, coexisting=(stable, *others), escape=found.escape, certain=False, run_state=None
-    )
+    return replace(run, evidence=text, coexisting=(stable, *others), escape=found.escape, certain=False, run_state=None)
 
 
 def motion_arrays(sweep: Sweep, found: OrbitKind) -> dict[str, np.ndarray]:

@@ -11,7 +11,7 @@ from calib.dynamics.contract import PeriodMap
 from calib.dynamics.setting import Setting
 from calib.dynamics.single_run import CYCLES
 from calib.errors import CalibError, nearest
-from calib.parameter import Window
+from calib.modelling.parameter import Window
 from calib.store.environment import environment
 from calib.store.plain import plain
 

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError
-from calib.pool import REFUSED, Failure, LocalPool
+from calib.execution.pool import REFUSED, Failure, LocalPool
 from calib.store.chunks import Chunks, join, joined
 from calib.sweep.compute import OTHER, Task, failed_row, motions, stacked
 from calib.sweep.continuation import Chain, Known, continued, nothing_continued
@@ -18,8 +18,20 @@ from calib.sweep.verdict import Rows, arrivals, judged, known, regular_at_end
 CHUNK = 8  # points run, and lost by a kill, at a time
 TIMEOUT = 600.0  # s, wall clock of that many points
 UNITS = {"displacement": "m", "velocity": "m/s", "impact_speed": "m/s"} | dict.fromkeys(
-    ("impact_phase", "contact", "exponent", "exponent_error", "zero_one", "impacts_per_period", "dropped", "share",
-     "escape_mean", "escape_low", "escape_high"), "1"
+    (
+        "impact_phase",
+        "contact",
+        "exponent",
+        "exponent_error",
+        "zero_one",
+        "impacts_per_period",
+        "dropped",
+        "share",
+        "escape_mean",
+        "escape_low",
+        "escape_high",
+    ),
+    "1",
 )
 NAMES = {
     "displacement": "section displacement",
@@ -273,9 +285,7 @@ def _dimension(name: str) -> str:
     return name.replace(".", "_") + "_" * (name in TAKEN)
 
 
-def _by_component(
-    names: np.ndarray, units: np.ndarray, states: np.ndarray
-) -> tuple[np.ndarray, list[str], list[str]]:
+def _by_component(names: np.ndarray, units: np.ndarray, states: np.ndarray) -> tuple[np.ndarray, list[str], list[str]]:
     """Sort states (point, k) by the names of their components (point, k); laws at their null have none of theirs."""
     known: dict[str, str] = {}
     for own, unit in zip(names, units, strict=True):

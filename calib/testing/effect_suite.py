@@ -16,11 +16,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.effect import Effect
-from calib.excitation import Excitation
-from calib.model import Model, Request
+from calib.modelling.effect import Effect
+from calib.modelling.model import Model, Request
 from calib.plugins import load
-from calib.record import channels
+from calib.records import channels
+from calib.records.excitation import Excitation
 
 
 class EffectSuite:

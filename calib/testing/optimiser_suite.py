@@ -16,7 +16,7 @@ import pytest
 
 from calib.study import Outcome
 
-BOWL = np.array([0.62, 0.31, 0.45, 0.7])               # where the bowl is least, cut to the dimensions wanted
+BOWL = np.array([0.62, 0.31, 0.45, 0.7])  # where the bowl is least, cut to the dimensions wanted
 
 
 def bowl(u, centre):

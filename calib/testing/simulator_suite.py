@@ -18,14 +18,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.effect import Effect
 from calib.errors import CalibError
-from calib.excitation import Excitation
-from calib.laws import contact, force, gap, restitution
-from calib.laws import excitation as excitation_law
-from calib.model import Model, Request
-from calib.parameter import Parameter
-from calib.record import OK, SECTION, STATE, channels, check
+from calib.modelling.effect import Effect
+from calib.modelling.laws import contact, force, gap, restitution
+from calib.modelling.laws import excitation as excitation_law
+from calib.modelling.model import Model, Request
+from calib.modelling.parameter import Parameter
+from calib.records import OK, SECTION, STATE, channels, check
+from calib.records.excitation import Excitation
 
 
 @force
@@ -58,8 +58,13 @@ def second_harmonic(t, phase, amplitude, x, p):
     return p[0] * amplitude * math.cos(2.0 * phase)
 
 
-PROBES = {"force": (steady_force, 1.0), "gap": (wider, 5e-5), "contact": (cushion, 100.0),
-          "restitution": (livelier, 0.05), "excitation": (second_harmonic, 0.05)}  # law and a size that shows
+PROBES = {
+    "force": (steady_force, 1.0),
+    "gap": (wider, 5e-5),
+    "contact": (cushion, 100.0),
+    "restitution": (livelier, 0.05),
+    "excitation": (second_harmonic, 0.05),
+}  # law and a size that shows
 
 
 class SimulatorSuite:

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from calib.record import write
-from calib.table import Channel, Clock, Table, read
+from calib.records import write
+from calib.records.table import Channel, Clock, Table, read
 
 HERE = Path(__file__).parent
 DRIVES = {  # record: (amplitude [m], frequency [Hz]) of the drive

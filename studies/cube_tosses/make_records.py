@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.files import verified
-from calib.record import make, write
+from calib.execution.files import verified
+from calib.records import make, write
 
 UNIT = 0.0524  # m, half the width of the cube
 TOSSES = (4, 5, 12)  # of those kept, the ones that fly longest before the first impact

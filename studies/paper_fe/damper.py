@@ -16,11 +16,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from calib.dynamics.setting import Setting
-from calib.model import Model
-from calib.record import OK
+from calib.modelling.model import Model
+from calib.records import OK
 from calib.report.drawing import STYLE
 from calib.simulators.delaminated_beam import DelaminatedBeam
-from calib.study_toml import load
+from calib.study_file import load
 
 HERE = Path(__file__).parent
 SETTLE = 6  # periods: at alpha 500 1/s the state returns within 1e-7 after five

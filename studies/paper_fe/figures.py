@@ -17,16 +17,16 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from calib.cycles import kind_of_motion
-from calib.cycles.motion import NO_CONTACT
 from calib.dynamics.motion import kind_of_orbit
 from calib.dynamics.setting import Setting
 from calib.dynamics.single_run import OrbitKind
-from calib.model import Model, Request
-from calib.record import OK, read, write
+from calib.modelling.model import Model, Request
+from calib.records import OK, read, write
+from calib.records.cycles import kind_of_motion
+from calib.records.cycles.motion import NO_CONTACT
 from calib.report.drawing import MARK, MEASURED, SIMULATED, STYLE
 from calib.simulators.delaminated_beam import DelaminatedBeam
-from calib.study_toml import load
+from calib.study_file import load
 
 HERE = Path(__file__).parent
 PERIODS = 70  # of the paper's windows, 2.64 s
@@ -129,7 +129,7 @@ class Obtained:
 
     Attributes
     ----------
-    kind : see `calib.cycles.kind_of_motion`, or `calib.dynamics.motion` where an orbit was asked for
+    kind : see `calib.records.cycles.kind_of_motion`, or `calib.dynamics.motion` where an orbit was asked for
     middle, beside : share of the time with contact in the middle, and of the place beside it that has most  [1]
     place : of the latter, 0 the middle and 1 the end of the delamination  [1]
     impacts : in the middle, closures a period that are 0.01 periods of no contact apart  [1]

@@ -17,13 +17,13 @@ from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import splu
 
 from calib.dynamics.setting import Setting
-from calib.model import Model
+from calib.modelling.model import Model
 from calib.simulators.delaminated_beam import DelaminatedBeam, layout
 from calib.simulators.delaminated_beam.explicit import Plan
 from calib.simulators.delaminated_beam.layout import Layout, Structure
 from calib.simulators.delaminated_beam.mesh import Geometry, mesh
 from calib.simulators.delaminated_beam.plane_stress import Material
-from calib.study_toml import load
+from calib.study_file import load
 
 HERE = Path(__file__).parent
 BUDGET = 10**9  # steps

@@ -12,11 +12,11 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from calib.dynamics.setting import Setting
-from calib.excitation import Excitation
-from calib.model import Model, Request
+from calib.modelling.model import Model, Request
+from calib.records.excitation import Excitation
 from calib.report.sweeps import in_order, kind_colour, patch, plain_kind
 from calib.simulators.four_dof import FourDof
-from calib.study_toml import load
+from calib.study_file import load
 from calib.sweep import Sweep, run
 
 HERE = Path(__file__).parent

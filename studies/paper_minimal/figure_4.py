@@ -15,7 +15,7 @@ import xarray as xr
 from calib.dynamics.branch import Branch, follow
 from calib.report.continuation import branch_diagram
 from calib.report.diagrams import bifurcation_diagram, impact_diagram
-from calib.study_toml import load
+from calib.study_file import load
 from calib.sweep import Sweep, run
 
 HERE = Path(__file__).parent

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from calib.dynamics.motion import kind_of_orbit
 from calib.dynamics.single_run import OrbitKind
-from calib.model import Request
-from calib.study_toml import load
+from calib.modelling.model import Request
+from calib.study_file import load
 
 HERE = Path(__file__).parent
 RESTITUTIONS = (0.05, 0.20, 0.50)

@@ -12,9 +12,9 @@ import xarray as xr
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from calib.model import Model, Request
+from calib.modelling.model import Model, Request
 from calib.simulators.four_dof import FourDof
-from calib.study_toml import load
+from calib.study_file import load
 
 HERE = Path(__file__).parent
 REQUEST = Request(periods=100, samples=400, settle=400)

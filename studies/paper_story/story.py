@@ -13,13 +13,13 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from calib.calibrate import calibrate
-from calib.inquiry import inquire
-from calib.record import read
+from calib.records import read
 from calib.report.drawing import LINE, MARK, MEASURED, SIMULATED, STYLE, dots, line
 from calib.report.figures import beside
-from calib.study_toml import load
+from calib.study_file import load
 from calib.units import shown
+from calib.workflows.calibrate import calibrate
+from calib.workflows.diagnose import diagnose_study
 
 HERE = Path(__file__).parent
 PICTURE = HERE.parents[1] / "docs" / "paper_story.png"
@@ -41,7 +41,7 @@ def tell(path: Path) -> None:
     print(f"calibrated: distance {first['score']['total']:.3g}, {first['motion']['kind']}")
     for missed in first["unreachable"]:
         print(f"    not reached: {missed['feature']}, {missed['percent']:.3g} % off")
-    found, extended = inquire(path, apply=True, on_stage=lambda stage: print(f"    {stage}", flush=True))
+    found, extended = diagnose_study(path, apply=True, on_stage=lambda stage: print(f"    {stage}", flush=True))
     print(f"diagnosed: {found['said']}")
     if extended is None:
         raise SystemExit(f"the diagnosis came to {found['verdict']!r}: there is nothing to extend the model by")
@@ -85,7 +85,7 @@ def motions(axes, objective, simulated) -> None:
         mpl.lines.Line2D([], [], color=AFTER, linewidth=1.8, label="with the shift"),
     ]
     axes.margins(x=0.05, y=0.05)
-    axes.set_ylim(top=axes.get_ylim()[1] + 0.045)                                   # room for the legend
+    axes.set_ylim(top=axes.get_ylim()[1] + 0.045)  # room for the legend
     axes.legend(handles=known, loc="upper left", handlelength=1.4)
 
 

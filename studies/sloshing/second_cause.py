@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import least_squares
 
-from calib.effect import Effect
-from calib.laws import force
-from calib.model import Model
+from calib.modelling.effect import Effect
+from calib.modelling.laws import force
+from calib.modelling.model import Model
+from calib.modelling.parameter import Parameter
 from calib.objective import Objective, Reference
 from calib.objective.initial_state import initial_state
-from calib.parameter import Parameter
 from calib.plugins import load as registered
-from calib.study_toml import StudyFile, load
+from calib.study_file import StudyFile, load
 
 HERE = Path(__file__).parent
 TRAINED, TRIED = ("decay1", "decay3"), "decay2"

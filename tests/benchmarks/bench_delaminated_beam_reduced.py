@@ -26,12 +26,12 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import qmc
 
-from calib.excitation import Excitation
-from calib.model import Model, Request
-from calib.record import OK
+from calib.modelling.model import Model, Request
+from calib.records import OK
+from calib.records.excitation import Excitation
 from calib.simulators.delaminated_beam import DelaminatedBeam
 from calib.simulators.delaminated_beam.delaminated_beam import LEVELS
-from calib.study_toml import load
+from calib.study_file import load
 
 DRIVE = Excitation("centre", "displacement", frequency=26.51, amplitude=0.92e-3)
 COMMON = {"alpha": 500.0, "beta": 0.02, "f": 0.01, "c_con": 5.0}

@@ -16,8 +16,8 @@ from simulators.four_dof_peer import dop853
 
 from calib.dynamics.motion import kind_of_orbit
 from calib.dynamics.setting import Setting
-from calib.excitation import Excitation
-from calib.model import Model
+from calib.modelling.model import Model
+from calib.records.excitation import Excitation
 from calib.report.diagrams import bifurcation_diagram
 from calib.simulators.four_dof import FourDof
 from calib.sweep import Sweep, run

@@ -11,7 +11,7 @@ import time
 import numpy as np
 from simulators.four_dof_peer import dop853, spring_drive
 
-from calib.excitation import Excitation
+from calib.records.excitation import Excitation
 from calib.simulators.four_dof import FourDof
 from calib.simulators.impact import kernel
 from calib.simulators.impact.problem import IMPACTS

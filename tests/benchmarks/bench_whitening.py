@@ -17,7 +17,7 @@ from calib.diagnosis.bench import Seen
 from calib.diagnosis.evidence import gathered
 from calib.diagnosis.score import Projection
 from calib.objective import Reference
-from calib.record import make
+from calib.records import make
 
 FREQUENCY, AMPLITUDE = 26.24, 1e-3  # Hz, m
 SIGMA = 0.01  # of the noise, over each channel's amplitude

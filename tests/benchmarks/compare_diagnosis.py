@@ -70,11 +70,11 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
 from hidden.seeker import seek  # noqa: E402 - run as a script
 
-from calib import record  # noqa: E402
 from calib.diagnosis.verdict import NAMED, NONE, ONE_OF  # noqa: E402
 from calib.effects import coulomb_friction, cubic_stiffness, quadratic_drag, softening  # noqa: E402
-from calib.excitation import Excitation  # noqa: E402
-from calib.model import Model, Request  # noqa: E402
+from calib.modelling.model import Model, Request  # noqa: E402
+from calib.records import record  # noqa: E402
+from calib.records.excitation import Excitation  # noqa: E402
 from calib.simulators.oscillator import Oscillator  # noqa: E402
 
 MASS, DAMPING, STIFFNESS = 1.0, 2.5, 3950.0  # kg, N s/m, N/m: 10 Hz, 2 % of critical

@@ -81,8 +81,9 @@ def default(counter, seed):
 
 def annealing(counter, seed):
     """Run scipy's dual annealing with its default options."""
-    dual_annealing(counter.cost, [(0, 1)] * counter.problem.dim, rng=np.random.default_rng(seed), maxiter=10**6,
-                   maxfun=10**9)
+    dual_annealing(
+        counter.cost, [(0, 1)] * counter.problem.dim, rng=np.random.default_rng(seed), maxiter=10**6, maxfun=10**9
+    )
 
 
 def pypesto(counter, seed):
@@ -96,9 +97,14 @@ def pypesto(counter, seed):
     objective = Objective(res=counter.residuals) if least_squares else Objective(fun=counter.cost)
     np.random.seed(seed)  # noqa: NPY002 - pyPESTO draws its starts from the global generator
     starts = UniformStartpoints(check_fval=False, check_grad=False)
-    minimize(Problem(objective, lb=np.zeros(dim), ub=np.ones(dim), startpoint_method=starts), n_starts=1000,
-             optimizer=ScipyOptimizer(method="ls_trf" if least_squares else "L-BFGS-B"), progress_bar=False,
-             options=OptimizeOptions(allow_failed_starts=False, report_hess=False, report_sres=False), filename=None)
+    minimize(
+        Problem(objective, lb=np.zeros(dim), ub=np.ones(dim), startpoint_method=starts),
+        n_starts=1000,
+        optimizer=ScipyOptimizer(method="ls_trf" if least_squares else "L-BFGS-B"),
+        progress_bar=False,
+        options=OptimizeOptions(allow_failed_starts=False, report_hess=False, report_sres=False),
+        filename=None,
+    )
 
 
 def optuna_by(sampler):
@@ -111,16 +117,21 @@ def optuna_by(sampler):
         names = [f"u{i:02d}" for i in range(counter.problem.dim)]
         make = {"tpe": optuna.samplers.TPESampler, "cmaes": optuna.samplers.CmaEsSampler}[sampler]
         study = optuna.create_study(sampler=make(seed=seed))
-        study.optimize(lambda trial: counter.cost(np.array([trial.suggest_float(n, 0, 1) for n in names])),
-                       n_trials=counter.budget)
+        study.optimize(
+            lambda trial: counter.cost(np.array([trial.suggest_float(n, 0, 1) for n in names])), n_trials=counter.budget
+        )
 
     return run
 
 
 # name: (run, package it needs)
-PEERS = {"calib multistart": (default, None), "pyPESTO multistart": (pypesto, "pypesto"),
-         "scipy dual_annealing": (annealing, None), "Optuna CMA-ES": (optuna_by("cmaes"), "cmaes"),
-         "Optuna TPE": (optuna_by("tpe"), "optuna")}
+PEERS = {
+    "calib multistart": (default, None),
+    "pyPESTO multistart": (pypesto, "pypesto"),
+    "scipy dual_annealing": (annealing, None),
+    "Optuna CMA-ES": (optuna_by("cmaes"), "cmaes"),
+    "Optuna TPE": (optuna_by("tpe"), "optuna"),
+}
 
 
 def evaluations(run, make, seed, budget):
@@ -150,8 +161,9 @@ def main():
     print(f"{'peer':22s} {'problem':14s} {'reached':>8s} {'median':>7s} {'worst':>7s}")
     for peer in options.peers:
         for problem in options.problems:
-            spent = np.array([evaluations(PEERS[peer][0], PROBLEMS[problem], seed, options.budget)
-                              for seed in range(options.seeds)])
+            spent = np.array(
+                [evaluations(PEERS[peer][0], PROBLEMS[problem], seed, options.budget) for seed in range(options.seeds)]
+            )
             reached = f"{np.isfinite(spent).sum()}/{options.seeds}"
             median = np.sort(spent)[(len(spent) - 1) // 2] if not np.isfinite(spent).all() else np.median(spent)
             print(f"{peer:22s} {problem:14s} {reached:>8s} {number(median):>7s} {number(spent.max()):>7s}", flush=True)

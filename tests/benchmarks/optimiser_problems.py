@@ -70,7 +70,7 @@ def ring_down(time, amplitude, frequency, log_damping):
 def ringdown6(seed):
     """Two damped modes fitted to a noisy ring-down: amplitudes, frequencies [Hz], log10 damping ratios."""
     rng = np.random.default_rng(2000 + seed)
-    time = np.linspace(0, 0.5, 300)                                                           # s
+    time = np.linspace(0, 0.5, 300)  # s
     truth = np.array([1.5, 0.8, 22 + 6 * rng.random(), 70 + 20 * rng.random(), -2.0, -1.7])
     measured = ring_down(time, truth[:2], truth[2:4], truth[4:]) + 0.05 * rng.standard_normal(time.size)
 
@@ -84,7 +84,7 @@ def ringdown6(seed):
 def ringdown9(seed):
     """Three damped modes, two of them close, fitted to a noisy ring-down: nine parameters."""
     rng = np.random.default_rng(5000 + seed)
-    time = np.linspace(0, 0.4, 400)                                                           # s
+    time = np.linspace(0, 0.4, 400)  # s
     frequency = np.array([18 + 6 * rng.random(), 34 + 6 * rng.random(), 75 + 20 * rng.random()])
     truth = np.concatenate([[1.2, 0.9, 0.6], frequency, [-1.8, -1.9, -1.6]])
     measured = ring_down(time, truth[:3], truth[3:6], truth[6:]) + 0.05 * rng.standard_normal(time.size)
@@ -100,7 +100,7 @@ def ringdown9(seed):
 def failing6(seed):
     """ringdown6 behind a slab in which the simulation fails, with the truth 2 % of the window from its edge."""
     plain = ringdown6(seed)
-    edge = 0.3 - 0.02                                  # the truth's log10 damping lies at 0.54 and 0.64 of the window
+    edge = 0.3 - 0.02  # the truth's log10 damping lies at 0.54 and 0.64 of the window
 
     def hurdle(x):
         u = (x - plain.low) / (plain.high - plain.low)
@@ -112,7 +112,7 @@ def failing6(seed):
 def receptance8(seed):
     """Two close modes and two residual terms fitted to the logarithm of a measured receptance."""
     rng = np.random.default_rng(6000 + seed)
-    frequency = np.linspace(10, 60, 200)                                                      # Hz
+    frequency = np.linspace(10, 60, 200)  # Hz
     truth = np.array([24 + 6 * rng.random(), 33 + 4 * rng.random(), -2.0, -1.7, 0.0, -0.3, -2.5, -3.5])
 
     def model(x):
@@ -173,8 +173,8 @@ def stop_orbit(omega0, zeta, cubic, stop_stiffness, stop_damping, gap, force, om
     return orbit
 
 
-STOP_LOW = np.array([0.9, -2.5, -2.0, 0.5, -2.0, 0.2])       # omega0, then log10 of zeta, cubic, stop stiffness,
-STOP_HIGH = np.array([1.1, -0.7, 0.0, 3.0, 1.0, 1.5])        # stop damping; gap
+STOP_LOW = np.array([0.9, -2.5, -2.0, 0.5, -2.0, 0.2])  # omega0, then log10 of zeta, cubic, stop stiffness,
+STOP_HIGH = np.array([1.1, -0.7, 0.0, 3.0, 1.0, 1.5])  # stop damping; gap
 
 
 def phase_curve(x, periods=60):
@@ -223,7 +223,7 @@ def kinds6(seed):
 def creep5(seed):
     """Two exponentials and a constant, the classical ill-conditioned fit: amplitudes, log10 rates, offset."""
     rng = np.random.default_rng(7000 + seed)
-    time = np.linspace(0, 5, 120)                                                             # s
+    time = np.linspace(0, 5, 120)  # s
     truth = np.append(rng.uniform([0.5, 0.5, -0.6, 0.2], [1.5, 1.5, -0.2, 0.6]), 0.2)
 
     def model(x):
@@ -239,11 +239,18 @@ def creep5(seed):
 
 
 # ------------------------------------------------------------------------------- functions without a residual vector
-HARTMANN_WEIGHT = np.array([1, 1.2, 3, 3.2])                 # Hartman (1973); Dixon & Szegoe (1978)
-HARTMANN_RATE = np.array([[10, 3, 17, 3.5, 1.7, 8], [0.05, 10, 17, 0.1, 8, 14],
-                          [3, 3.5, 1.7, 10, 17, 8], [17, 8, 0.05, 10, 0.1, 14]])
-HARTMANN_PLACE = 1e-4 * np.array([[1312, 1696, 5569, 124, 8283, 5886], [2329, 4135, 8307, 3736, 1004, 9991],
-                                  [2348, 1451, 3522, 2883, 3047, 6650], [4047, 8828, 8732, 5743, 1091, 381]])
+HARTMANN_WEIGHT = np.array([1, 1.2, 3, 3.2])  # Hartman (1973); Dixon & Szegoe (1978)
+HARTMANN_RATE = np.array(
+    [[10, 3, 17, 3.5, 1.7, 8], [0.05, 10, 17, 0.1, 8, 14], [3, 3.5, 1.7, 10, 17, 8], [17, 8, 0.05, 10, 0.1, 14]]
+)
+HARTMANN_PLACE = 1e-4 * np.array(
+    [
+        [1312, 1696, 5569, 124, 8283, 5886],
+        [2329, 4135, 8307, 3736, 1004, 9991],
+        [2348, 1451, 3522, 2883, 3047, 6650],
+        [4047, 8828, 8732, 5743, 1091, 381],
+    ]
+)
 
 
 def hartmann6(seed):
@@ -311,8 +318,10 @@ def rosenbrock6(seed):
 
 
 FOUR = {f.__name__: f for f in (ringdown6, hartmann6, rastrigin6, impact6)}
-FURTHER = {f.__name__: f for f in (rotated6, ringdown9, failing6, receptance8, kinds6, creep5, ackley6,
-                                   double_funnel6, rosenbrock6)}
+FURTHER = {
+    f.__name__: f
+    for f in (rotated6, ringdown9, failing6, receptance8, kinds6, creep5, ackley6, double_funnel6, rosenbrock6)
+}
 PROBLEMS = FOUR | FURTHER
 
 

@@ -18,7 +18,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 COMPUTING = [
     "tests/confidence", "tests/diagnosis", "tests/dynamics", "tests/optimisers", "tests/paper", "tests/simulators",
-    "tests/sweep", "tests/test_cli_dynamics.py", "tests/test_objective.py", "tests/test_resume.py",
+    "tests/sweep", "tests/cli/test_cli_dynamics.py", "tests/objective/test_objective.py", "tests/study/test_resume.py",
 ]  # fmt: skip
 VARIABLES = ("OPENBLAS_CORETYPE", "OPENBLAS_NUM_THREADS", "OPENBLAS_L2_SIZE")
 IN_USE = (

@@ -19,8 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.cycles.motion import UNDECIDED
-from calib.study_toml import load
+from calib.records.cycles.motion import UNDECIDED
+from calib.study_file import load
 from calib.sweep import Sweep, run
 
 STUDY = Path(__file__).parents[2] / "studies" / "paper_minimal"

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from calib.confidence.covariance import sandwich
+from calib.confidence.identifiability import SHARE, combination, undetermined_combinations
 from calib.confidence.local import local
-from calib.confidence.undetermined import SHARE, combination, undetermined
 from calib.errors import CalibError
-from calib.parameter import Space, Window
+from calib.modelling.parameter import Space, Window
 
 TIME = np.linspace(0.0, 12.0 * np.pi, 400)
 
@@ -100,11 +100,11 @@ def test_terms_that_hear_the_same_noise_are_not_counted_twice():
     for seed in range(100):
         rng = np.random.default_rng(seed)
         matrix = np.tile(waves(rng, 3)[:half], (2, 1))
-        noise, echoes = np.tile(white(rng)[:half], 2), np.tile(rng.standard_normal((100, half)), 2)
+        noise, noise_draws = np.tile(white(rng)[:half], 2), np.tile(rng.standard_normal((100, half)), 2)
         u = 0.5 - np.linalg.lstsq(matrix, noise, rcond=None)[0]
         for known in held:
             evaluate = linear(matrix, np.full(3, 0.5), noise)
-            c = local(evaluate, cube("a", "b", "c"), u, blocks=blocks, echoes=echoes if known else None)
+            c = local(evaluate, cube("a", "b", "c"), u, blocks=blocks, noise_draws=noise_draws if known else None)
             held[known] += [low <= 0.5 <= high for low, high in c.interval.values()]
     assert np.mean(held[False]) < 0.88
     assert 0.91 <= np.mean(held[True]) <= 0.99
@@ -182,7 +182,7 @@ def test_what_moves_along_with_an_idle_parameter_is_not_determined_either():
     errors, together = np.array([0.01, 300.0, 0.6]), 0.9  # the follower's part in that direction is 0.2 %
     covariance = np.diag(errors**2)
     covariance[1, 2] = covariance[2, 1] = together * errors[1] * errors[2]
-    groups = undetermined(space, np.full(3, 0.5), covariance)
+    groups = undetermined_combinations(space, np.full(3, 0.5), covariance)
     assert [g.members for g in groups] == [("idle",), ("follower",)]
     assert groups[1].text == "follower: not determined inside its window"
 

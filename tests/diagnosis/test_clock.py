@@ -8,12 +8,12 @@ from calib.diagnosis.clock import CLOCK_RATE_STD, clock_slopes
 from calib.diagnosis.evidence import Part
 from calib.diagnosis.noise import STATED, Noise
 from calib.diagnosis.refit import Fit
-from calib.excitation import Excitation
-from calib.model import Model, Request
+from calib.execution.pool import InProcess
+from calib.modelling.model import Model, Request
 from calib.objective import Objective, Reference, Term
 from calib.plugins import load
-from calib.pool import InProcess
-from calib.record import make
+from calib.records import make
+from calib.records.excitation import Excitation
 
 MODEL = Model(load("calib.simulators", "oscillator")())
 VALUES = {**MODEL.nominal, "mass": 1.0, "damping": 2.0, "stiffness": 4000.0, "initial_displacement": 1e-3}

@@ -14,16 +14,16 @@ from calib.diagnosis.gain import BLOCKS, Agreement, Gain
 from calib.diagnosis.gain import RECORDS as RECORDS_HELD_OUT
 from calib.diagnosis.preparation import bench_of, prepared
 from calib.diagnosis.selection import exchanged, select
+from calib.diagnosis.serialise import as_dict
 from calib.diagnosis.suspect import Scored
 from calib.diagnosis.verdict import _alternatives, joined, verdict_of
-from calib.diagnosis.written import as_dict
-from calib.excitation import Excitation
-from calib.model import Model, Request
+from calib.execution.pool import InProcess
+from calib.modelling.model import Model, Request
+from calib.modelling.parameter import Space, Window
 from calib.objective import Objective, Reference, Term
-from calib.parameter import Space, Window
 from calib.plugins import load
-from calib.pool import InProcess
-from calib.record import make
+from calib.records import make
+from calib.records.excitation import Excitation
 from calib.study import Study
 
 OSCILLATOR = Model(load("calib.simulators", "oscillator")())
@@ -346,7 +346,6 @@ def test_a_suspect_that_does_not_predict_is_not_named_as_half_of_a_pair(seed):
     assert found.verdict == "none"
 
 
-
 def test_a_budget_that_is_spent_ends_the_search_and_what_was_not_tried_is_said(gross):
     short = diagnosed(changing(3e6, 1e-4, 5e-4), budget="20")
     assert short.selection.cut_short
@@ -378,7 +377,6 @@ def test_a_cause_of_another_size_in_a_record_held_out_stands_in_for_another(held
     assert ("the size of cubic_stiffness differs among the records" in found.summary) == (verdict == "unexplained")
     assert found.gain.fitted_agree
     assert replace(found.selection, fitted_records_agree=False).is_homogeneous  # something had made the others differ
-
 
 
 def test_what_else_is_wrong_with_a_record_held_out_may_bias_its_size():

@@ -6,7 +6,7 @@ import pytest
 from calib.diagnosis.bench import Seen
 from calib.diagnosis.effort import Budget, Effort
 from calib.errors import CalibError
-from calib.pool import InProcess
+from calib.execution.pool import InProcess
 
 
 def simulate(simulations):

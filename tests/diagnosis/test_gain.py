@@ -8,7 +8,7 @@ import pytest
 from calib.diagnosis.gain import RECORDS, Gain, Transfer, _changed, _fixed_alone, _refitted, _sizes, agreements
 from calib.diagnosis.refit import Fit
 from calib.diagnosis.signature import Point
-from calib.parameter import Parameter, Space, Window
+from calib.modelling.parameter import Parameter, Space, Window
 
 N = 400
 ROW = np.zeros(N, dtype=int)

@@ -8,9 +8,9 @@ import pytest
 from calib.diagnosis.bench import Seen
 from calib.diagnosis.evidence import gathered
 from calib.diagnosis.misfit import features_beside
-from calib.features import PhaseCurve
+from calib.features.phase_curve import PhaseCurve
 from calib.objective import Objective, Reference, Term
-from calib.record import make
+from calib.records import make
 
 FREQUENCY = 5.0  # Hz
 ROWS = (("mass", "displacement"), ("mass", "velocity"))

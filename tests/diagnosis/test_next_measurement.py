@@ -6,12 +6,12 @@ import pytest
 from calib.diagnosis.bench import Bench, Run
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.laboratory import Laboratory
-from calib.excitation import Excitation
-from calib.model import Model, Request
+from calib.execution.pool import InProcess
+from calib.modelling.model import Model, Request
+from calib.modelling.parameter import Space, Window
 from calib.objective import Objective, Reference, Term, trusted
-from calib.parameter import Space, Window
 from calib.plugins import load
-from calib.pool import InProcess
+from calib.records.excitation import Excitation
 from calib.study import Study
 
 FOUR_DOF = Model(load("calib.simulators", "four_dof")())

@@ -5,9 +5,9 @@ import pytest
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
-from calib.cycles import mean_cycle
 from calib.diagnosis.noise import RESIDUAL, STATED, Noise, absorbed_by, from_cycles, from_residual, with_memory
 from calib.diagnosis.score import Projection
+from calib.records.cycles import mean_cycle
 
 
 def series(memory, size, seed=0, sigma=2.0):

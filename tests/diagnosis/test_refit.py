@@ -11,8 +11,8 @@ from straight_line import MODEL, START, TIME, TRUE, WINDOWS, Evidence, straight
 from calib.diagnosis.bench import Seen
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.signature import Point
-from calib.parameter import Space, Window
-from calib.pool import InProcess
+from calib.execution.pool import InProcess
+from calib.modelling.parameter import Space, Window
 
 
 def decaying(values):

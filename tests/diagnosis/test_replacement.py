@@ -13,8 +13,8 @@ from calib.diagnosis.refit import Fitter
 from calib.diagnosis.replacement import _Linear, best_pair, pair_shows
 from calib.diagnosis.screening import screened
 from calib.diagnosis.signature import Point
-from calib.parameter import Parameter, Space
-from calib.pool import InProcess
+from calib.execution.pool import InProcess
+from calib.modelling.parameter import Parameter, Space
 
 WAVE, DIP = np.sin(3.0 * TIME), np.exp(-((TIME - 2.0) ** 2))
 HIDDEN = 40.0 * WAVE + 25.0 * DIP

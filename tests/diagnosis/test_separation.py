@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calib import record as records
+from calib import records
 from calib.diagnosis.bench import Bench, Run
 from calib.diagnosis.evidence import Evidence, Part
 from calib.diagnosis.laboratory import DesignPoint, Laboratory, inapplicable_tests
@@ -15,12 +15,12 @@ from calib.diagnosis.noise import Noise
 from calib.diagnosis.refit import Fit
 from calib.diagnosis.separation import Prediction, least_squares, prior_of
 from calib.diagnosis.signature import Point
-from calib.excitation import Excitation
-from calib.model import Model, Request
+from calib.execution.pool import InProcess
+from calib.modelling.model import Model, Request
+from calib.modelling.parameter import Parameter
 from calib.objective import Objective, Reference, Term
-from calib.parameter import Parameter
 from calib.plugins import load
-from calib.pool import InProcess
+from calib.records.excitation import Excitation
 
 RESONANCE, WIDTH = 17.0, 0.2  # Hz; of the resonance, relative
 NOISE = 0.02  # standard deviation over root mean square

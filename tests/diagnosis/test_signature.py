@@ -76,9 +76,7 @@ class Rough(Line):
 
     def map(self, payloads):
         payloads = list(payloads)
-        return enumerate(
-            Shown(self.rate * x["x"] + self.height * np.sin(40.0 * self.rate * x["x"])) for x in payloads
-        )
+        return enumerate(Shown(self.rate * x["x"] + self.height * np.sin(40.0 * self.rate * x["x"])) for x in payloads)
 
 
 @pytest.mark.parametrize("compared", ["all", "new"])

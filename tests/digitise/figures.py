@@ -7,9 +7,9 @@ from digitise.rendered import Look, draw
 from phase_loops import FREQUENCY, clapping
 
 from calib.digitise import digitise
-from calib.excitation import Excitation
-from calib.features import PhaseCurve
+from calib.features.phase_curve import PhaseCurve
 from calib.objective import Objective, Reference, Term
+from calib.records.excitation import Excitation
 
 COLOURS = (("#0072B2", "#D55E00"), ("#1f77b4", "#d62728"), ("#009E73", "#000000"))
 BLACK = ("#000000", "#000000")
@@ -65,7 +65,7 @@ def description(drawn, case, body, frequency=True, points=None):
     same = case.look.colours[0] == case.look.colours[1] and case.beam is not None
     dashed = f"dashed = {str(case.look.dashes[index] != '-').lower()}\n" if same else ""
     points = points or drawn.points
-    rows = [f'{{ pixel = {p["pixel"]}, x = {p["x"]!r}, y = {p["y"]!r} }}' for p in points]
+    rows = [f"{{ pixel = {p['pixel']}, x = {p['x']!r}, y = {p['y']!r} }}" for p in points]
     listed = ",\n  ".join(rows)
     stated = f'frequency = "{FREQUENCY} Hz"\n' if frequency else ""
     return (

@@ -11,8 +11,6 @@ from calib.errors import CalibError
 PIXELS = np.array([[100.0, 500.0], [700.0, 500.0], [100.0, 50.0], [700.0, 50.0], [400.0, 300.0]])
 
 
-
-
 @given(st.floats(-0.2, 0.2), st.floats(-0.1, 0.1), st.floats(1e-3, 1e3), st.floats(1e-3, 1e3))
 def test_a_page_that_is_turned_and_sheared_is_read_exactly(turn, shear, width, height):
     linear = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ [[1.0, shear], [0.0, -1.0]]

@@ -25,9 +25,7 @@ def off(recovered, true):
     """Root mean square difference at the best start, over that of the true displacement about its mean."""
     true = np.interp(np.arange(recovered.size) / recovered.size, np.arange(true.size) / true.size, true)
     product = np.fft.irfft(np.conj(np.fft.rfft(recovered)) * np.fft.rfft(true))
-    best = min(
-        np.mean((np.roll(recovered, int(np.argmax(product)) + shift) - true) ** 2) for shift in range(-3, 4)
-    )
+    best = min(np.mean((np.roll(recovered, int(np.argmax(product)) + shift) - true) ** 2) for shift in range(-3, 4))
     return np.sqrt(best) / true.std()
 
 

@@ -8,13 +8,13 @@ from digitise.figures import cases, round_trip
 from echo_study import bench, write_study
 from phase_loops import FREQUENCY, clapping
 
-from calib.cycles import kind_of_motion
 from calib.digitise import digitise
 from calib.digitise.spec import read_spec
 from calib.errors import CalibError
-from calib.record import nuisance_sigma, write
+from calib.records import nuisance_sigma, write
+from calib.records.cycles import kind_of_motion
 from calib.report.reference import described
-from calib.study_toml import load
+from calib.study_file import load
 
 PERIOD = 1.0 / FREQUENCY
 ROOT = Path(__file__).parents[2] / "experiments_ref"

@@ -9,7 +9,7 @@ from phase_loops import clapping, noisy
 from PIL import Image
 
 from calib.cli import main
-from calib.record import write
+from calib.records import write
 from calib.report.reference import described, wary
 
 

@@ -6,11 +6,11 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
-from calib.effect import Effect
-from calib.excitation import Excitation
-from calib.laws import force
-from calib.model import Model
-from calib.parameter import Parameter
+from calib.modelling.effect import Effect
+from calib.modelling.laws import force
+from calib.modelling.model import Model
+from calib.modelling.parameter import Parameter
+from calib.records.excitation import Excitation
 from calib.simulators.oscillator import Oscillator
 
 GRAVITY = 9.81  # m/s^2
@@ -76,8 +76,10 @@ class Ball:
         """Duration [rad] and closing speed of the flight that leaves the table at phi, speeds in units of g / w."""
 
         def height(s):
-            return (speed + self.drive * math.cos(phi)) * s - 0.5 * s * s - self.drive * (
-                math.sin(phi + s) - math.sin(phi)
+            return (
+                (speed + self.drive * math.cos(phi)) * s
+                - 0.5 * s * s
+                - self.drive * (math.sin(phi + s) - math.sin(phi))
             )
 
         step = min(0.02, speed / (1.0 + self.drive)) or 0.02  # that far, no flight can be over

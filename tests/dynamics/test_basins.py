@@ -12,7 +12,7 @@ from calib.dynamics.basins import Plane, _motion, basins
 from calib.dynamics.pseudo_orbit import on_lattice
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError
-from calib.model import Model
+from calib.modelling.model import Model
 from calib.report.sections import basin_map
 
 X = ("body.displacement", np.linspace(-1.6, 1.6, 9))

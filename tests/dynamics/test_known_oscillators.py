@@ -23,8 +23,8 @@ from calib.dynamics.motion import kind_of_orbit
 from calib.dynamics.orbits import shoot
 from calib.dynamics.setting import Setting
 from calib.dynamics.single_run import CHAOTIC, NO_CONTACT, QUASI_PERIODIC
-from calib.excitation import Excitation
-from calib.model import Model
+from calib.modelling.model import Model
+from calib.records.excitation import Excitation
 from calib.simulators.four_dof import FourDof
 from calib.simulators.oscillator import Oscillator
 from calib.sweep import Sweep, run

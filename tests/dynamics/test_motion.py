@@ -231,6 +231,7 @@ def test_a_start_beside_an_unstable_fixed_point_goes_to_the_side_it_is_on(start,
 
 def test_a_push_to_where_there_is_no_motion_is_taken_back():
     """The second component follows the first up to 0.004; beyond 0.006, where the push leads, the map has no image."""
+
     def function(x):
         away = x[0] - 1.0
         follows = 0.5 * x[1] + 0.5 * np.clip(away, -0.004, 0.004)

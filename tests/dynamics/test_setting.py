@@ -7,7 +7,7 @@ from tiny_simulators import DRIVE, Mapped
 
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError
-from calib.model import Model
+from calib.modelling.model import Model
 
 
 def setting(simulator=None, excitation=DRIVE, **more):

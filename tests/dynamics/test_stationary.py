@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from calib.cycles import kind_of_motion
-from calib.cycles.motion import BESIDE
 from calib.dynamics.motion import perturbed
 from calib.dynamics.stationary import stable_state, stationary_record
-from calib.excitation import Excitation
-from calib.model import Model, Request
+from calib.modelling.model import Model, Request
+from calib.records.cycles import kind_of_motion
+from calib.records.cycles.motion import BESIDE
+from calib.records.excitation import Excitation
 from calib.simulators.four_dof import FourDof
-from calib.study_toml import load
+from calib.study_file import load
 
 STUDY = Path(__file__).parents[2] / "studies" / "paper_minimal"
 REQUEST = Request(periods=6, samples=100)

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 import short_beam
 
-from calib import plugins, record
-from calib.excitation import Excitation
-from calib.model import Model, Request
+from calib import plugins
+from calib.modelling.model import Model, Request
+from calib.records import record
+from calib.records.excitation import Excitation
 from calib.simulators.delaminated_beam import DelaminatedBeam
 from calib.simulators.four_dof import FourDof
 from calib.simulators.oscillator import Oscillator

@@ -8,9 +8,9 @@ from scipy.integrate import solve_ivp
 from simulators.four_dof_peer import dop853
 
 from calib import plugins
-from calib.excitation import Excitation
-from calib.laws import STATES
-from calib.model import Model, Request
+from calib.modelling.laws import STATES
+from calib.modelling.model import Model, Request
+from calib.records.excitation import Excitation
 from calib.simulators.four_dof import FourDof
 from calib.simulators.four_dof.lumped import lumped
 from calib.simulators.impact import kernel

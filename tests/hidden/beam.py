@@ -16,10 +16,10 @@ from scipy.interpolate import CubicHermiteSpline
 from short_beam import VALUES
 
 from calib import plugins
-from calib.effect import Effect
-from calib.excitation import Excitation
-from calib.model import Model, Request
-from calib.record import OK
+from calib.modelling.effect import Effect
+from calib.modelling.model import Model, Request
+from calib.records import OK
+from calib.records.excitation import Excitation
 from calib.simulators.delaminated_beam import DelaminatedBeam
 
 SAMPLES = 2000  # of the hider's motion, a period

@@ -17,7 +17,7 @@ from hidden.remainder import remainder as drawn_remainder
 from hidden.sensors import CONVERTER, converted
 from hidden.system import Plan
 
-from calib.record import make, write
+from calib.records import make, write
 
 FAR = 20.0  # of an outlier from its place, over the noise
 LEAST_OVER_REMAINDER = 3.0**0.5  # z of an effect over that of a remainder beside it: three times its chi-square

@@ -4,10 +4,10 @@ from functools import partial
 from pathlib import Path
 
 from calib.diagnosis.diagnose import Diagnosis, diagnose
-from calib.pool import InProcess
+from calib.execution.pool import InProcess
 from calib.store import Store
 from calib.study import evaluate
-from calib.study_toml import load
+from calib.study_file import load
 
 
 def seek(

@@ -7,8 +7,8 @@ from hidden.drawn import SHARES
 from hidden.hider import bench
 from hidden.remainder import change, expressed_by, scaled
 
-from calib.excitation import Excitation
-from calib.model import Model, Request
+from calib.modelling.model import Model, Request
+from calib.records.excitation import Excitation
 from calib.simulators.delaminated_beam import DelaminatedBeam
 
 

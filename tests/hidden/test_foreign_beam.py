@@ -13,8 +13,8 @@ from hidden.hider import hide
 from scipy.linalg import eigh
 
 from calib.cli import main
-from calib.excitation import Excitation
-from calib.model import Model, Request
+from calib.modelling.model import Model, Request
+from calib.records.excitation import Excitation
 from calib.simulators.delaminated_beam import DelaminatedBeam
 
 RECORDS = [plan for plan in PLANS if plan.name != "quicker"]

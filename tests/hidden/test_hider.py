@@ -11,11 +11,11 @@ from hidden.motion import Refused
 from hidden.noise import coloured
 
 import calib.effects
-from calib.excitation import Excitation
-from calib.model import Model, Request
+from calib.modelling.model import Model, Request
 from calib.plugins import load as named
-from calib.record import read
-from calib.study_toml import load
+from calib.records import read
+from calib.records.excitation import Excitation
+from calib.study_file import load
 
 CASES = [("four_dof", {}), ("oscillator", {}), ("oscillator", {"transient": "decay"}), ("oscillator", {"stop": True})]
 CHANGE = 200.0  # length of what an effect changes, in the noise

@@ -9,8 +9,8 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from calib.objective import CLOCK_RATE
-from calib.record import read
-from calib.study_toml import load
+from calib.records import read
+from calib.study_file import load
 
 MEMORIES = [(), (0.8,), (2.0 * 0.9 * np.cos(0.4), -(0.9**2))]
 SYSTEM = SYSTEMS["oscillator"]()

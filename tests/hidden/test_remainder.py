@@ -13,7 +13,7 @@ from hidden.motion import Refused
 from hidden.remainder import EXPRESSED, change, expressed_by, remainder, scaled
 from simulators.four_dof_peer import spring_drive
 
-from calib.record import read
+from calib.records import read
 
 ALL = [(name, kind) for name, system in SYSTEMS.items() for kind in system().remainders]
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.calibrate import calibrate
+from calib.workflows.calibrate import calibrate
 
 STUDIES = Path(__file__).parents[2] / "studies"
 ERRORS = runpy.run_path(str(STUDIES / "rmse.py"))["errors"]

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 from third_party.cascaded_tanks import OVERFLOW
 
-from calib.study_toml import load
+from calib.study_file import load
 
 STUDY = Path(__file__).parents[2] / "studies" / "cascaded_tanks" / "study.toml"
 DRY = [0.05, 0.09, 0.075, 14.0, 5.1]

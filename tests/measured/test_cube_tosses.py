@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from calib.plugins import load as thing
-from calib.study_toml import load
+from calib.study_file import load
 
 STUDY = Path(__file__).parents[2] / "studies" / "cube_tosses"
 FILE = "cube_tosses/cube_tosses_000_079.csv"

@@ -9,10 +9,10 @@ import pytest
 
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED
-from calib.pool import InProcess
+from calib.execution.pool import InProcess
 from calib.store import Store
 from calib.study import evaluate
-from calib.study_toml import load
+from calib.study_file import load
 
 STUDIES = Path(__file__).parents[2] / "studies"
 DAMPER = [f"backlash_damper/{rate}Hz36lbtension1amplitude.json" for rate in ("1", "0.5")]

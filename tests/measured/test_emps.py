@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from calib.study_toml import load
+from calib.study_file import load
 
 STUDY = Path(__file__).parents[2] / "studies" / "emps" / "study.toml"
 

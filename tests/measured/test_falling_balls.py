@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from calib.effect import Effect
-from calib.laws import force
-from calib.parameter import Parameter
-from calib.study_toml import load
+from calib.modelling.effect import Effect
+from calib.modelling.laws import force
+from calib.modelling.parameter import Parameter
+from calib.study_file import load
 
 STUDIES = Path(__file__).parents[2] / "studies" / "falling_balls"
 

@@ -7,10 +7,10 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
-from calib.effect import Effect
-from calib.laws import force
-from calib.parameter import Parameter
-from calib.study_toml import load
+from calib.modelling.effect import Effect
+from calib.modelling.laws import force
+from calib.modelling.parameter import Parameter
+from calib.study_file import load
 
 STUDY = Path(__file__).parents[2] / "studies" / "silverbox" / "study.toml"
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.calibrate import calibrate
-from calib.inquiry import inquire
-from calib.pool import InProcess
+from calib.execution.pool import InProcess
 from calib.store import Store
 from calib.study import evaluate
-from calib.study_toml import load
+from calib.study_file import load
+from calib.workflows.calibrate import calibrate
+from calib.workflows.diagnose import diagnose_study
 
 STUDY = Path(__file__).parents[2] / "studies" / "sloshing" / "study.toml"
 PUBLISHED = 0.017055  # NMTE on decay 2 of SSMLearn's reduced model, in its observable space (examples/sloshing)
@@ -69,7 +69,7 @@ def diagnosis(measured, tmp_path_factory):
         patch.setenv("CALIB_DATA", str(measured("sloshing/decays.mat").parents[1]))
         study = Path(shutil.copy(STUDY, folder))
         calibrate(study, quiet=True)
-        summary, extended = inquire(study, apply=True)
+        summary, extended = diagnose_study(study, apply=True)
         values = calibrate(extended, folder / "extended", budget=10, quiet=True)["values"]
         return summary, load(extended), values
 

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from calib.diagnosis.diagnose import diagnose
-from calib.pool import InProcess
+from calib.execution.pool import InProcess
 from calib.store import Store
 from calib.study import evaluate
-from calib.study_toml import load
+from calib.study_file import load
 
 STUDY = Path(__file__).parents[2] / "studies" / "spring_disc" / "study.toml"
 

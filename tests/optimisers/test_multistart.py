@@ -60,7 +60,7 @@ def test_a_told_screen_stands_in_for_its_own():
     optimiser.tell(screen, [two_wells(u) for u in screen])
     first = optimiser.ask()
     best = screen[np.argmin([two_wells(u).cost for u in screen])]
-    assert np.abs(first - best).max() < 0.02             # the differences of a Jacobian about the best point told
+    assert np.abs(first - best).max() < 0.02  # the differences of a Jacobian about the best point told
 
 
 def test_a_batch_is_filled_from_several_searches():
@@ -87,10 +87,23 @@ def test_it_reaches_the_target(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "median"), [
-    ("ringdown6", 150), ("hartmann6", 300), ("rastrigin6", 1500), ("impact6", 100), ("rotated6", 2500),
-    ("ringdown9", 220), ("failing6", 180), ("receptance8", 120), ("kinds6", 120), ("creep5", 100), ("ackley6", 1500),
-    ("rosenbrock6", 500)])
+@pytest.mark.parametrize(
+    ("name", "median"),
+    [
+        ("ringdown6", 150),
+        ("hartmann6", 300),
+        ("rastrigin6", 1500),
+        ("impact6", 100),
+        ("rotated6", 2500),
+        ("ringdown9", 220),
+        ("failing6", 180),
+        ("receptance8", 120),
+        ("kinds6", 120),
+        ("creep5", 100),
+        ("ackley6", 1500),
+        ("rosenbrock6", 500),
+    ],
+)
 def test_it_reaches_the_target_from_several_seeds(name, median):
     """A sample: `tests/benchmarks/compare_optimisers.py` runs twenty seeds, beside peers.
 

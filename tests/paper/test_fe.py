@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.cycles import kind_of_motion
-from calib.features import PhaseCurve
-from calib.record import OK
-from calib.study_toml import load
+from calib.features.phase_curve import PhaseCurve
+from calib.records import OK
+from calib.records.cycles import kind_of_motion
+from calib.study_file import load
 
 STUDY = Path(__file__).parents[2] / "studies" / "paper_fe"
 

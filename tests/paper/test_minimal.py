@@ -8,13 +8,13 @@ import pytest
 from benchmarks.repeat_under_rounding import LARGEST, SMALLEST
 from benchmarks.repeat_under_rounding import perturbed as changed_by_rounding
 
-from calib.cycles import impacts_per_period
 from calib.dynamics.motion import kind_of_orbit, perturbed
 from calib.dynamics.orbits import shoot
 from calib.dynamics.single_run import CHAOTIC, kind_of_run
+from calib.records.cycles import impacts_per_period
 from calib.report.diagrams import bifurcation_diagram
 from calib.simulators.impact import run as impact_run
-from calib.study_toml import load
+from calib.study_file import load
 from calib.sweep import Sweep, run
 
 STUDY = Path(__file__).parents[2] / "studies" / "paper_minimal"

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 import tomlkit
 
-from calib.calibrate import calibrate
-from calib.inquiry import inquire
+from calib.workflows.calibrate import calibrate
+from calib.workflows.diagnose import diagnose_study
 
 STUDY = Path(__file__).parents[2] / "studies" / "paper_story" / "study.toml"
 SUSPECTS = ["interface_shift", "gap_offset", "contact_compliance", "linear_drag", "drive_harmonic_2", "channel_gain"]
@@ -26,7 +26,7 @@ def told(tmp_path_factory):
     path = folder / "study.toml"
     path.write_text(tomlkit.dumps(document))
     first = calibrate(path, quiet=True)
-    found, extended = inquire(path, apply=True)
+    found, extended = diagnose_study(path, apply=True)
     return first, found, calibrate(extended, quiet=True)
 
 
@@ -45,7 +45,7 @@ def test_the_shape_of_the_gap_is_named(told):
     assert found["verdict"] == "named"
     assert found["causes"] == ["interface_shift"]
     [shift] = [s for s in found["suspects"] if s["effect"] == "interface_shift"]
-    assert 0.7e-3 < shift["size"]["interface_shift"] < 0.95e-3                      # m; the record has 0.8
+    assert 0.7e-3 < shift["size"]["interface_shift"] < 0.95e-3  # m; the record has 0.8
     assert shift["share"] > 0.95
     assert all(s["share"] is None or s["share"] < 0.75 for s in found["suspects"] if s is not shift)
 

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from phase_loops import FREQUENCY, clapping, noisy
 
-from calib.features import PhaseCurve
+from calib.features.phase_curve import PhaseCurve
 from calib.objective import Objective, Reference, Term
 
 PERIOD = 1.0 / FREQUENCY

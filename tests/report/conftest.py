@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calib.parameter import Parameter, Space, Window
-from calib.record import failed, make
+from calib.modelling.parameter import Parameter, Space, Window
+from calib.records import failed, make
 from calib.store import Trial
 
 PERIOD = 0.04  # s

@@ -6,7 +6,7 @@ import xarray as xr
 from calib.diagnosis.laboratory import DesignPoint, DesignVariable
 from calib.diagnosis.next_measurement import Design, EvaluatedPoint, Measurement, RecordedPoint
 from calib.diagnosis.noise import CYCLIC
-from calib.diagnosis.written import design_as_dict, measurement_as_dict
+from calib.diagnosis.serialise import design_as_dict, measurement_as_dict
 from calib.store.plain import plain
 
 CYCLES, SAMPLES, PERIOD = 6, 200, 0.04  # periods of the records; samples a period; s
@@ -141,11 +141,19 @@ GAIN = {
     "agreements": [{"parameter": "c2", "chi2": 1.6, "degrees": 2, "z": 0.75, "agree": True}],
     "shifts": [
         {
-            "parameter": "restitution", "before": 0.0917, "after": 0.1001, "before_error": 0.00042,
-            "after_error": 0.0003, "errors": 19.8,
+            "parameter": "restitution",
+            "before": 0.0917,
+            "after": 0.1001,
+            "before_error": 0.00042,
+            "after_error": 0.0003,
+            "errors": 19.8,
         },
         {
-            "parameter": "gap", "before": 1.01e-3, "after": 1.0e-3, "before_error": 7e-6, "after_error": 5e-6,
+            "parameter": "gap",
+            "before": 1.01e-3,
+            "after": 1.0e-3,
+            "before_error": 7e-6,
+            "after_error": 5e-6,
             "errors": -1.4,
         },
     ],

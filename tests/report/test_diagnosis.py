@@ -12,7 +12,7 @@ from report.diagnoses import GAIN, GATES, document, motion, motions
 from rich.console import Console
 
 from calib.cli.diagnose import show
-from calib.diagnosis import kept, written
+from calib.diagnosis import artifacts, serialise
 from calib.diagnosis.bench import Seen
 from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.evidence import Evidence, Part
@@ -21,8 +21,8 @@ from calib.diagnosis.suspect import Scored
 from calib.report import render
 from calib.report.conclusion import disagreements, headline, left_out, points, stale
 from calib.report.diagnosis import chapter, outcome, separated
-from calib.report.lacking import accelerations, stands_clear
-from calib.report.remains import EXTENDED, loop, residuals, rows
+from calib.report.missing_force import accelerations, stands_clear
+from calib.report.residual_plots import EXTENDED, loop, residuals, rows
 from calib.report.separation import separation_lines, separation_map
 
 VERDICTS = ("named", "one_of", "none", "unexplained", "not_diagnosable")
@@ -281,8 +281,8 @@ def test_where_all_above_the_threshold_make_no_sense_none_is_not_said_to_be_abov
 
 def test_what_has_nothing_to_act_on_is_not_said_to_be_absorbed():
     none = Scored(None, None, np.zeros((5, 1)), None, np.array([np.inf]))
-    assert written._without_effect(none).startswith("it changes nothing in these records")
-    assert not written._without_effect(replace(none, derivatives=np.ones((5, 1))))
+    assert serialise._without_effect(none).startswith("it changes nothing in these records")
+    assert not serialise._without_effect(replace(none, derivatives=np.ones((5, 1))))
 
 
 def test_what_calibration_absorbs_without_causes_may_come_in_a_later_round(study):
@@ -534,17 +534,17 @@ def test_what_a_diagnosis_leaves_in_its_folder_can_be_read_again(tmp_path):
     selection = SimpleNamespace(null=SimpleNamespace(point=point), causes=())
     found = Diagnosis("not_diagnosable", "", (), evidence=Evidence((part,)))
     reference = SimpleNamespace(record={c: SimpleNamespace(attrs={"units": "m"}) for c in ("displacement", "velocity")})
-    assert kept.read(tmp_path) is None
-    said = kept.write(found, tmp_path, VALUES, {})
-    assert kept.read(tmp_path) == said
+    assert artifacts.read(tmp_path) is None
+    said = artifacts.write(found, tmp_path, VALUES, {})
+    assert artifacts.read(tmp_path) == said
     assert said["values"] == VALUES
-    assert kept.read_motions(tmp_path) == {}
-    views = kept.motions(SimpleNamespace(selection=selection, evidence=found.evidence), {"clapping": reference})
+    assert artifacts.read_motions(tmp_path) == {}
+    views = artifacts.motions(SimpleNamespace(selection=selection, evidence=found.evidence), {"clapping": reference})
     assert set(views) == {"clapping"}
     assert views["clapping"].memory.values[1] == pytest.approx(0.5)
     assert views["clapping"].innovation.values[1] == pytest.approx(1e-3 * np.sqrt(0.75))
-    kept.write_motions({**views, "one more": motion(np.random.default_rng(7))}, tmp_path)
-    again = kept.read_motions(tmp_path)
+    artifacts.write_motions({**views, "one more": motion(np.random.default_rng(7))}, tmp_path)
+    again = artifacts.read_motions(tmp_path)
     assert list(again) == ["clapping", "one more"]
     assert again["clapping"].identical(views["clapping"])
     assert residuals(again["clapping"]) is not None

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.category import StrCategoryFormatter
 
-from calib.record import make
+from calib.records import make
 from calib.report.drawing import svg, thin
 from calib.report.figures import beside, histories, judged, phase_curves, picture, simulation_picture
 from calib.report.residuals import correlations, over_phase, residual_over_phase, residual_structure

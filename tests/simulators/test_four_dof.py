@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import eigh
 
-from calib import record as records
+from calib import records
 from calib.errors import CalibError
-from calib.excitation import Excitation
-from calib.laws import BoundLaw
-from calib.laws import excitation as excitation_law
-from calib.laws import restitution as restitution_law
-from calib.model import Model, Request
+from calib.modelling.laws import BoundLaw
+from calib.modelling.laws import excitation as excitation_law
+from calib.modelling.laws import restitution as restitution_law
+from calib.modelling.model import Model, Request
+from calib.records.excitation import Excitation
 from calib.simulators.four_dof import FourDof
 from calib.simulators.four_dof.drives import DRIVES, structure
 from calib.simulators.four_dof.lumped import lumped
@@ -382,8 +382,8 @@ def test_what_it_cannot_take_is_refused():
 @pytest.mark.slow
 def test_it_runs_without_the_compiler():
     code = (
-        "from calib.simulators.four_dof import FourDof; from calib.model import Model, Request;"
-        "from calib.excitation import Excitation; from calib.effects.quadratic_drag import EFFECT;"
+        "from calib.simulators.four_dof import FourDof; from calib.modelling.model import Model, Request;"
+        "from calib.records.excitation import Excitation; from calib.effects.quadratic_drag import EFFECT;"
         "x = Excitation('end', 'displacement', frequency=26.24, amplitude=1.5e-3);"
         "values = {'c2': VALUE, 'restitution': 0.3};"
         "r = Model(FourDof(), [EFFECT]).run(values, x, Request(settle=1, periods=1, samples=20));"

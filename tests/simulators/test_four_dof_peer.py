@@ -5,8 +5,8 @@ import pytest
 from simulators.four_dof_peer import dop853
 
 from calib.effects.quadratic_drag import drag
-from calib.excitation import Excitation
-from calib.laws import BoundLaw, force
+from calib.modelling.laws import BoundLaw, force
+from calib.records.excitation import Excitation
 from calib.simulators.four_dof import FourDof
 from calib.simulators.impact import kernel
 from calib.simulators.impact.problem import IMPACTS

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from calib.dynamics.tangent import jacobian
-from calib.effect import Effect
-from calib.excitation import Excitation
-from calib.laws import force
-from calib.model import Model, Request
-from calib.parameter import Parameter
+from calib.modelling.effect import Effect
+from calib.modelling.laws import force
+from calib.modelling.model import Model, Request
+from calib.modelling.parameter import Parameter
+from calib.records.excitation import Excitation
 from calib.simulators.four_dof import FourDof
 from calib.simulators.four_dof.lumped import lumped
 from calib.simulators.oscillator import Oscillator

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from calib.effect import Effect
 from calib.effects.quadratic_drag import EFFECT as AIR_DRAG
 from calib.errors import CalibError
-from calib.excitation import Excitation
-from calib.laws import excitation as excitation_law
-from calib.laws import force as force_law
-from calib.model import Model, Request
-from calib.parameter import Parameter
+from calib.modelling.effect import Effect
+from calib.modelling.laws import excitation as excitation_law
+from calib.modelling.laws import force as force_law
+from calib.modelling.model import Model, Request
+from calib.modelling.parameter import Parameter
+from calib.records.excitation import Excitation
 from calib.simulators.oscillator import Oscillator
 
 VALUES = {"mass": 2.0, "damping": 10.0, "stiffness": 900.0, "load": 3.0}

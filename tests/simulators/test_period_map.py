@@ -5,12 +5,12 @@ import pytest
 
 from calib.dynamics.orbits import shoot
 from calib.dynamics.tangent import jacobian
-from calib.effect import Effect
 from calib.errors import CalibError
-from calib.excitation import Excitation
-from calib.laws import excitation, force, restitution
-from calib.model import Model, Request
-from calib.parameter import Parameter
+from calib.modelling.effect import Effect
+from calib.modelling.laws import excitation, force, restitution
+from calib.modelling.model import Model, Request
+from calib.modelling.parameter import Parameter
+from calib.records.excitation import Excitation
 from calib.simulators.four_dof import FourDof
 from calib.simulators.oscillator import Oscillator
 
@@ -220,9 +220,7 @@ def test_chatter_ends_within_its_budget_of_steps():
 
 
 def test_a_motion_beyond_bounds_is_a_status():
-    map = Model(Oscillator()).period_map(
-        {"damping": -1.0}, Excitation("mass", "force", frequency=1.0, amplitude=1.0)
-    )
+    map = Model(Oscillator()).period_map({"damping": -1.0}, Excitation("mass", "force", frequency=1.0, amplitude=1.0))
     orbit = map.orbit(map.initial, 500)
     assert orbit.status == "diverged"
     assert 0 < len(orbit.states) < 500

@@ -11,8 +11,8 @@ from calib.dynamics.escape import EscapeTime
 from calib.dynamics.setting import Setting
 from calib.dynamics.single_run import CHAOTIC, QUASI_PERIODIC, OrbitKind
 from calib.errors import CalibError
-from calib.model import Model
-from calib.pool import InProcess
+from calib.execution.pool import InProcess
+from calib.modelling.model import Model
 from calib.sweep import Sweep, run
 from calib.sweep.compute import as_run
 from calib.sweep.continuation import Chain, Known, Regular, continued

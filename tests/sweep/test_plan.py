@@ -8,8 +8,8 @@ from tiny_simulators import DRIVE, MEMORY, Echo, Mapped
 
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError
-from calib.model import Model
-from calib.parameter import Window
+from calib.modelling.model import Model
+from calib.modelling.parameter import Window
 from calib.sweep import Sweep, latin_hypercube
 
 A, B = [0.1, 0.2, 0.3], [0.3, -0.3]

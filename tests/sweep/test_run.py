@@ -14,7 +14,7 @@ from tiny_simulators import DRIVE, MEMORY, Mapped
 from calib.dynamics.motion import kind_of_orbit
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError
-from calib.model import Model
+from calib.modelling.model import Model
 from calib.sweep import Sweep, run
 
 A = np.linspace(0.2, 1.2, 11)  # of Henon's map: period 1, 2, 4 and chaos

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
-from calib.effect import Effect
 from calib.errors import CalibError
-from calib.laws import STATES, excitation, force, sensor
-from calib.parameter import Parameter
-from calib.record import failed, make
+from calib.modelling.effect import Effect
+from calib.modelling.laws import STATES, excitation, force, sensor
+from calib.modelling.parameter import Parameter
+from calib.records import failed, make
 from calib.simulators.slots import acting, fill
 from calib.simulators.slots import excitation as excitation_law
 from calib.simulators.slots import force as force_law

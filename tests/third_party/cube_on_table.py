@@ -5,9 +5,9 @@ from numba import njit
 from scipy.interpolate import CubicSpline
 
 from calib.errors import CalibError
-from calib.laws import STATES, at_site
-from calib.parameter import Parameter
-from calib.record import failed, make
+from calib.modelling.laws import STATES, at_site
+from calib.modelling.parameter import Parameter
+from calib.records import failed, make
 from calib.simulators.slots import fill
 from calib.simulators.slots import force as force_law
 from calib.simulators.slots import restitution as restitution_law

@@ -4,9 +4,9 @@ import numpy as np
 from numba import njit
 
 from calib.errors import CalibError
-from calib.laws import at_site
-from calib.parameter import Parameter
-from calib.record import failed, make, prescription
+from calib.modelling.laws import at_site
+from calib.modelling.parameter import Parameter
+from calib.records import failed, make, prescription
 from calib.simulators.oscillator.prescribed import law_accelerations, prescribed_motion
 
 
@@ -34,8 +34,7 @@ class FrictionDamper:
         """Return the record of the force at the times asked for, or at the samples of the motion."""
         if (excitation.quantity, excitation.place) not in self.excitations or not excitation.recorded:
             raise CalibError(
-                "the damper takes a recorded displacement of 'device', "
-                f"got {excitation.quantity} at {excitation.place}"
+                f"the damper takes a recorded displacement of 'device', got {excitation.quantity} at {excitation.place}"
             )
         attrs = {"place": excitation.place, "quantity": excitation.quantity, "prescribed": prescription(self.bodies)}
         for name, value in values.items():

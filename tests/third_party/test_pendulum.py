@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.excitation import Excitation
-from calib.model import Model, Request
-from calib.record import write
+from calib.modelling.model import Model, Request
+from calib.records import write
+from calib.records.excitation import Excitation
 from calib.testing import SimulatorSuite
 
 HERE = Path(__file__).parent / "pendulum"

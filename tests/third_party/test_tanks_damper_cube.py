@@ -16,13 +16,13 @@ from third_party.cube_on_table import CubeOnTable
 from third_party.directional_drag import DIRECTIONAL_DRAG
 from third_party.friction_damper import FrictionDamper
 
-from calib.effect import Effect
 from calib.errors import CalibError
-from calib.excitation import Excitation
-from calib.model import Model, Request
-from calib.parameter import Parameter
+from calib.modelling.effect import Effect
+from calib.modelling.model import Model, Request
+from calib.modelling.parameter import Parameter
 from calib.plugins import load
-from calib.record import OK, check
+from calib.records import OK, check
+from calib.records.excitation import Excitation
 from calib.simulators.oscillator import Oscillator
 from calib.testing import EffectSuite
 from calib.testing.simulator_suite import PROBES

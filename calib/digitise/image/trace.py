@@ -247,9 +247,7 @@ def _corners(path: np.ndarray, width: float, mode: str) -> np.ndarray:
     return turned > CORNER
 
 
-def _offsets(
-    share: np.ndarray, path: np.ndarray, normal: np.ndarray, width: float
-) -> tuple[np.ndarray, np.ndarray]:
+def _offsets(share: np.ndarray, path: np.ndarray, normal: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
     """Distance (n,) from the path to the middle of the ink across it, NaN where there is none, and its amount (n,)."""
     reach = 0.5 * width + 1.5
     across = np.arange(-reach, reach + 1e-9, 0.25)

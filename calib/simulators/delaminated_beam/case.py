@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 
 from calib.errors import CalibError
-from calib.laws import BoundLaw
+from calib.modelling.laws import BoundLaw
 from calib.simulators.delaminated_beam import layout, reduction
 from calib.simulators.delaminated_beam.drive import Drive
 from calib.simulators.delaminated_beam.full import Full
@@ -144,9 +144,7 @@ def structure_of(shape: tuple[tuple[str, float], ...], arch: float, counts: Coun
     for name in ("young_modulus", "density", "width", "beam_thickness", "layer_thickness"):
         if not v[name] > 0.0:
             raise ValueError(f"{name} is {v[name]:g}; give it a positive value")
-    geometry = Geometry(
-        v["length"], v["delamination"], v["beam_thickness"], v["layer_thickness"], arch, v["support"]
-    )
+    geometry = Geometry(v["length"], v["delamination"], v["beam_thickness"], v["layer_thickness"], arch, v["support"])
     material = Material(v["young_modulus"], v["poisson_ratio"], v["density"])
     return layout.structure(mesh(geometry, counts, symmetric), material, v["width"])
 

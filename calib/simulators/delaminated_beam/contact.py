@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from calib.laws import BoundLaw, at_site
+from calib.modelling.laws import BoundLaw, at_site
 from calib.simulators.delaminated_beam.mesh import Mesh, smooth_step
 from calib.simulators.delaminated_beam.plane_stress import Material
 

@@ -11,10 +11,10 @@ import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError, nearest
-from calib.excitation import Excitation
-from calib.laws import BoundLaw
-from calib.parameter import Parameter
-from calib.record import OK, STATE, failed, make, prescription
+from calib.modelling.laws import BoundLaw
+from calib.modelling.parameter import Parameter
+from calib.records import OK, STATE, failed, make, prescription
+from calib.records.excitation import Excitation
 from calib.simulators.delaminated_beam.case import Case, critical_step_of, modes_of, structure_of
 from calib.simulators.delaminated_beam.contact import Stiffness, clearance, critical_damping, penalty
 from calib.simulators.delaminated_beam.drive import Drive
@@ -238,7 +238,7 @@ class DelaminatedBeam:
         return other
 
     def run(self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw], request) -> xr.Dataset:
-        """Simulate; see `calib.model.Simulator` and `calib.model.Request`.
+        """Simulate; see `calib.modelling.model.Simulator` and `calib.modelling.model.Request`.
 
         Raises
         ------

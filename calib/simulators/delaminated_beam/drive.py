@@ -6,8 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 from numba import njit
 
-from calib.excitation import Excitation
-from calib.laws import BoundLaw
+from calib.modelling.laws import BoundLaw
+from calib.records.excitation import Excitation
 from calib.simulators import slots
 from calib.simulators.compilation import COMPILED
 from calib.simulators.slots import fill

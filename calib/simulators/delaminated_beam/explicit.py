@@ -387,9 +387,7 @@ def push_apart(plan, state, closed):
         if plan.counts[1] > 0:
             pressure, more = push / plan.area[i], 0.0
             for law in range(plan.counts[1]):
-                more += slots.contact(
-                    plan.contact[law], plan.place[i], gap, before, pressure, plan.contact_p[law]
-                )
+                more += slots.contact(plan.contact[law], plan.place[i], gap, before, pressure, plan.contact_p[law])
             push += more * plan.area[i]
         state.push[k] = push
     for k in range(closed):

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from calib.record import OK
+from calib.records import OK
 from calib.simulators.delaminated_beam import explicit
 from calib.simulators.delaminated_beam.explicit import Plan, Seen, State
 from calib.simulators.delaminated_beam.stationary import CAPACITY, Contact, Period

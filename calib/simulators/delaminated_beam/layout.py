@@ -7,7 +7,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import eigsh, spsolve
 
-from calib.laws import BoundLaw
+from calib.modelling.laws import BoundLaw
 from calib.simulators.delaminated_beam import contact, explicit
 from calib.simulators.delaminated_beam.contact import Pairs
 from calib.simulators.delaminated_beam.explicit import FACTORS, FORCES, LANES, ROW, Plan, State
@@ -174,9 +174,7 @@ def plan(
         factors.append(_factors(e))
     below = {lower + 1: k for k, lower in enumerate(mesh.strips)}
     above = {lower: k for k, lower in enumerate(mesh.strips)}
-    lines = [
-        [layout.starts[k], layout.lengths[k], below.get(k, -1), above.get(k, -1)] for k in range(len(mesh.lines))
-    ]
+    lines = [[layout.starts[k], layout.lengths[k], below.get(k, -1), above.get(k, -1)] for k in range(len(mesh.lines))]
     mass = np.zeros((2, size))
     with np.errstate(divide="ignore"):
         mass[:, layout.place] = 1.0 / structure.mass
@@ -304,8 +302,6 @@ def elastic_energy(structure: Structure, displacement: np.ndarray) -> float:
     """Elastic energy at nodal displacements (n, 2)  [J]."""
     mesh, material = structure.mesh, structure.material
     return sum(
-        energy(
-            elements(mesh.nodes, quads, material, structure.width, structure.full), displacement[quads], material
-        )
+        energy(elements(mesh.nodes, quads, material, structure.width, structure.full), displacement[quads], material)
         for quads in map(mesh.quadrilaterals, mesh.strips)
     )

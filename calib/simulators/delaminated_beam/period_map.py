@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.excitation import Excitation
-from calib.orbit import Orbit, Tangent
-from calib.record import OK
+from calib.modelling.orbit import Orbit, Tangent
+from calib.records import OK
+from calib.records.excitation import Excitation
 from calib.simulators.delaminated_beam.layout import BODIES, Structure
 from calib.simulators.delaminated_beam.modes import Modes
 

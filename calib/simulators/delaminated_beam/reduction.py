@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import expm
 
-from calib.laws import BoundLaw
-from calib.record import OK
+from calib.modelling.laws import BoundLaw
+from calib.records import OK
 from calib.simulators.delaminated_beam import reduced
 from calib.simulators.delaminated_beam.layout import BODIES, Structure
 from calib.simulators.delaminated_beam.modes import Modes

@@ -5,7 +5,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from calib.record import OK, SECTION
+from calib.records import OK, SECTION
 
 LAGS = 16  # the longest return that is looked for, in periods
 CAPACITY = 4096  # impacts that are noted

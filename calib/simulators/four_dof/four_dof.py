@@ -10,10 +10,10 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import LinAlgError
 
 from calib.errors import CalibError, nearest
-from calib.excitation import Excitation
-from calib.laws import BoundLaw, at_site
-from calib.parameter import Parameter
-from calib.record import OK, SECTION, STATE, failed, make, prescription
+from calib.modelling.laws import BoundLaw, at_site
+from calib.modelling.parameter import Parameter
+from calib.records import OK, SECTION, STATE, failed, make, prescription
+from calib.records.excitation import Excitation
 from calib.simulators.four_dof.drives import BODIES, DRIVES, LAYER, structure
 from calib.simulators.four_dof.lumped import lumped
 from calib.simulators.impact.modes import modal, regimes
@@ -119,7 +119,7 @@ class FourDof:
         return frozenset({(kind.quantity, kind.place), ("free decay", kind.place)})
 
     def run(self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw], request) -> xr.Dataset:
-        """Simulate; see `calib.model.Simulator` and `calib.model.Request`.
+        """Simulate; see `calib.modelling.model.Simulator` and `calib.modelling.model.Request`.
 
         Raises
         ------

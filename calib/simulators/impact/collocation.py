@@ -11,7 +11,7 @@ import math
 
 from numba import njit
 
-from calib.laws import STATES
+from calib.modelling.laws import STATES
 from calib.simulators.compilation import WITHIN
 from calib.simulators.impact.coordinates import to_coordinates
 from calib.simulators.impact.flow import impulse_response, load_responses

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.errors import CalibError
-from calib.excitation import Excitation
-from calib.laws import BoundLaw, at_site
-from calib.orbit import Orbit, Tangent
-from calib.record import OK
+from calib.modelling.laws import BoundLaw, at_site
+from calib.modelling.orbit import Orbit, Tangent
+from calib.records import OK
+from calib.records.excitation import Excitation
 from calib.simulators.impact import kernel
-from calib.simulators.impact.misses import nearest_passes
+from calib.simulators.impact.near_misses import nearest_passes
 from calib.simulators.impact.problem import AT_PERIOD, IMPACTS, PORT, Problem, State
 from calib.simulators.impact.run import STATUS, start
 from calib.simulators.impact.scratch import scratch
@@ -110,9 +110,7 @@ class ImpactMap:
         minima = np.zeros(MISSES)
         if not self.problem.stop:
             return minima[:0]
-        count = nearest_passes(
-            self.problem, self._started(state), scratch(n), BUDGET, np.zeros((0, 2 + 2 * n)), minima
-        )
+        count = nearest_passes(self.problem, self._started(state), scratch(n), BUDGET, np.zeros((0, 2 + 2 * n)), minima)
         return minima[: max(0, count)]
 
     def _started(self, state: np.ndarray) -> State:

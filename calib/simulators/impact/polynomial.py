@@ -49,6 +49,7 @@ def _value(coefficients: list[Decimal], x: Decimal) -> Decimal:
 POINTS, FIT, INTEGRAL, BETWEEN = _worked_out()
 NODES = POINTS[:PROBE].copy()
 
+
 @njit(**WITHIN)
 def polynomial(coefficients, x):
     """Value of c0 + c1 x + ... + c4 x^4."""

@@ -6,10 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.laws import STATES, BoundLaw, at_site
-from calib.record import OK, SECTION
+from calib.modelling.laws import STATES, BoundLaw, at_site
+from calib.records import OK, SECTION
 from calib.simulators.impact import kernel
-from calib.simulators.impact.approach import approach
 from calib.simulators.impact.coordinates import to_coordinates
 from calib.simulators.impact.flow import REACH
 from calib.simulators.impact.modes import Structure, regimes
@@ -28,6 +27,7 @@ from calib.simulators.impact.problem import (
     State,
 )  # fmt: skip
 from calib.simulators.impact.scratch import scratch
+from calib.simulators.impact.shooting import shoot
 from calib.simulators.slots import acting, fill
 
 GRID = 48  # steps per period where loads are collocated, of order 8; fewer do not resolve the laws between nodes
@@ -241,7 +241,7 @@ def simulate(
     """
     n = len(state.y)
     if near and problem.exact:
-        returning = approach(problem, start, *_coordinates(problem, state), state.z, scratch(n), budget)
+        returning = shoot(problem, start, *_coordinates(problem, state), state.z, scratch(n), budget)
         if returning is not None:
             first = times[: len(times) // periods]
             one = simulate(problem, returning, first, 1, 0, 1, budget, capacity)

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.laws import SLOTS, STATES
+from calib.modelling.laws import SLOTS, STATES
 
 
 class Scratch(NamedTuple):

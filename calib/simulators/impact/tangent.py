@@ -232,7 +232,7 @@ def carry(problem, state, w, periods, budget, scale, sections, vectors, growth):
     scale : (2 n,) in which the differences are measured  [m], [m/s]
     sections : (periods, 2 n + 2) written as in `kernel.advance`
     vectors : (2 n, m) written: in, the differences in units of `scale`; out, made orthonormal after the last period
-    growth : (periods, m, m) zeros; written: the triangular factors, see `calib.orbit.Tangent`
+    growth : (periods, m, m) zeros; written: the triangular factors, see `calib.modelling.orbit.Tangent`
 
     Returns
     -------

@@ -9,11 +9,11 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicSpline
 
-from calib import record as records
+from calib import records
 from calib.errors import CalibError, nearest
-from calib.excitation import Excitation
-from calib.laws import BoundLaw, at_site
-from calib.parameter import Parameter
+from calib.modelling.laws import BoundLaw, at_site
+from calib.modelling.parameter import Parameter
+from calib.records.excitation import Excitation
 from calib.simulators.impact.modes import Stop, Structure, viscous
 from calib.simulators.impact.period_map import ImpactMap, impact_map, shifted
 from calib.simulators.impact.problem import PORT
@@ -141,9 +141,7 @@ class Oscillator:
         drive = _drive(excitation, values["amplitude"], self.hold, np.zeros(0))
         length = _length(values, structure, excitation, drive.period)
         return impact_map(
-            assemble(
-                structure, drive, laws, self.bodies, length=length, shorter=self.shorter, sharper=self.sharper
-            ),
+            assemble(structure, drive, laws, self.bodies, length=length, shorter=self.shorter, sharper=self.sharper),
             self.bodies,
             (0,),
             laws,

@@ -9,9 +9,9 @@ from numba import njit
 from scipy.interpolate import make_interp_spline
 
 from calib.errors import CalibError
-from calib.excitation import Excitation
-from calib.filter import low_pass
-from calib.laws import STATES, BoundLaw
+from calib.modelling.laws import STATES, BoundLaw
+from calib.records.excitation import Excitation
+from calib.records.filter import low_pass
 from calib.simulators.compilation import COMPILED, WITHIN
 from calib.simulators.slots import excitation as excitation_law
 from calib.simulators.slots import fill

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.laws import BoundLaw
+from calib.modelling.laws import BoundLaw
 from calib.simulators.delaminated_beam import contact, explicit, layout
 from calib.simulators.delaminated_beam.explicit import Plan, Seen, State
 from calib.simulators.delaminated_beam.layout import Layout, Structure
@@ -13,9 +13,7 @@ from calib.simulators.delaminated_beam.plane_stress import Material
 
 ALUMINIUM = Material(young=70e9, poisson=0.3, density=2700.0)
 WIDTH, LAYER = 0.04, 2.5e-3  # m
-PAPER = Geometry(
-    length=1.386, delamination=0.56, beam_thickness=7.5e-3, layer_thickness=LAYER, arch=0.0, support=0.373
-)
+PAPER = Geometry(length=1.386, delamination=0.56, beam_thickness=7.5e-3, layer_thickness=LAYER, arch=0.0, support=0.373)
 FREQUENCY, AMPLITUDE = 26.51, 0.92e-3  # Hz, m
 PERIOD = 1.0 / FREQUENCY
 WIDE = 1.0  # m; a gap that never closes

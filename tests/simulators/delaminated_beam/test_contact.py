@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from simulators.delaminated_beam.beams import ALUMINIUM, LAYER, WIDTH, beam
 
-from calib.laws import BoundLaw, gap
+from calib.modelling.laws import BoundLaw, gap
 from calib.simulators.delaminated_beam.contact import clearance, critical_damping, penalty
 
 HALF, WHOLE = beam().structure, beam(symmetric=False).structure

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.excitation import Excitation
-from calib.laws import BoundLaw, excitation
+from calib.modelling.laws import BoundLaw, excitation
+from calib.records.excitation import Excitation
 from calib.simulators.delaminated_beam.drive import Drive
 
 HARMONIC = Excitation("centre", "displacement", frequency=25.0, amplitude=1e-3, phase=0.4)

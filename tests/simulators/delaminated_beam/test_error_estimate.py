@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from short_beam import beam, run
 
-from calib.excitation import Excitation
-from calib.model import Model, Request
+from calib.modelling.model import Model, Request
+from calib.records.excitation import Excitation
 from calib.simulators.delaminated_beam import DelaminatedBeam
 
 PAPER = Excitation("centre", "displacement", frequency=26.51, amplitude=0.92e-3)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from simulators.delaminated_beam.beams import AMPLITUDE, FIGURE_12, PERIOD, advance, beam, cosine, seen
 
-from calib.laws import BoundLaw, force
+from calib.modelling.laws import BoundLaw, force
 from calib.simulators.delaminated_beam import explicit
 from calib.simulators.delaminated_beam.layout import internal_force, stable_step
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from simulators.delaminated_beam.beams import WIDE, advance, beam
 
-from calib.laws import BoundLaw, contact
+from calib.modelling.laws import BoundLaw, contact
 from calib.simulators.delaminated_beam import explicit
 from calib.simulators.delaminated_beam.contact import critical_damping
 from calib.simulators.slots import fill

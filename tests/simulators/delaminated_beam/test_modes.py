@@ -7,8 +7,8 @@ from scipy.linalg import eigvalsh
 from scipy.sparse.linalg import spsolve
 from short_beam import EXCITATION, VALUES, beam, run
 
-from calib.excitation import Excitation
-from calib.record import OK
+from calib.records import OK
+from calib.records.excitation import Excitation
 from calib.simulators.delaminated_beam import DelaminatedBeam, reduced, reduction
 from calib.simulators.delaminated_beam.layout import elastic_energy
 from calib.simulators.delaminated_beam.modes import modes

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from short_beam import EXCITATION, REQUEST, VALUES, attempt, beam, run
 
-from calib.model import Model, Request
+from calib.modelling.model import Model, Request
 
 BOTH = pytest.mark.parametrize("fidelity", ["reduced", "full"])
 
@@ -42,7 +42,7 @@ def test_impacts_of_the_map_are_those_of_the_record(fidelity):
     map, record = made(fidelity), run(beam(fidelity=fidelity, modes=24))
     orbit = map.orbit(map.initial, 40)
     last = orbit.impacts[orbit.impacts[:, 0] == 39.0]
-    phases = np.sort(record.impact_time.values / EXCITATION.period % 1.0)[::REQUEST.periods]
+    phases = np.sort(record.impact_time.values / EXCITATION.period % 1.0)[:: REQUEST.periods]
     assert len(last) == len(phases)
     np.testing.assert_allclose(np.sort(last[:, 1]), phases, atol=2e-3)
 

@@ -176,9 +176,7 @@ def timoshenko(length, height, order):
 
 
 def test_an_intact_beam_vibrates_as_beam_theory_says():
-    intact = mesh(
-        dataclasses.replace(PAPER, delamination=0.02), Counts(masters=2, slaves=4, outer=68), symmetric=False
-    )
+    intact = mesh(dataclasses.replace(PAPER, delamination=0.02), Counts(masters=2, slaves=4, outer=68), symmetric=False)
     found = frequencies(stiffness(intact, ALUMINIUM, WIDTH), masses(intact, ALUMINIUM, WIDTH), 3)
     for order in range(3):
         assert found[order] == pytest.approx(timoshenko(1.386, 10e-3, order), rel=5e-3)

@@ -13,17 +13,17 @@ from child_environment import environment
 from click.testing import CliRunner
 from short_beam import EXCITATION, MESH, REQUEST, VALUES, attempt, beam, run
 
-from calib import record as records
+from calib import records
 from calib.cli import main
-from calib.effect import Effect
 from calib.effects.gap_offset import EFFECT as GAP_OFFSET
 from calib.effects.quadratic_drag import EFFECT as AIR_DRAG
 from calib.errors import CalibError
-from calib.excitation import Excitation
-from calib.laws import contact, excitation, force
-from calib.model import Model, Request
-from calib.parameter import Parameter
-from calib.record import STATE
+from calib.modelling.effect import Effect
+from calib.modelling.laws import contact, excitation, force
+from calib.modelling.model import Model, Request
+from calib.modelling.parameter import Parameter
+from calib.records import STATE
+from calib.records.excitation import Excitation
 from calib.simulators.delaminated_beam import DelaminatedBeam
 from calib.simulators.delaminated_beam.mesh import smooth_step
 from calib.testing import SimulatorSuite
@@ -207,9 +207,7 @@ def test_half_a_beam_moves_as_the_whole_one(fidelity):
 
 @BOTH
 def test_a_finer_mesh_is_another_beam_and_not_much(fidelity):
-    coarse, fine = (
-        run(beam(fidelity=fidelity, masters=8, refinement=n), dt=8e-7, **CLEAR) for n in (1, 2)
-    )
+    coarse, fine = (run(beam(fidelity=fidelity, masters=8, refinement=n), dt=8e-7, **CLEAR) for n in (1, 2))
     assert 1e-4 < apart(fine, coarse) < 0.1
     assert fine.attrs["critical_step"] == pytest.approx(0.5 * coarse.attrs["critical_step"], rel=0.02)
 
@@ -353,8 +351,6 @@ def test_an_arched_layer_is_stiffer_than_a_straight_one():
 
 
 # --- laws, in both kernels
-
-
 
 
 @contact
@@ -515,8 +511,8 @@ def test_a_record_is_read_as_it_was_written(fidelity, tmp_path):
 
 def test_a_child_process_gives_the_same_bits(tmp_path):
     code = (
-        "import sys, pickle; from calib import record; simulator, path = pickle.load(sys.stdin.buffer), sys.argv[1];"
-        "from short_beam import run; record.write(run(simulator), path)"
+        "import sys, pickle; from calib import records; simulator, path = pickle.load(sys.stdin.buffer), sys.argv[1];"
+        "from short_beam import run; records.write(run(simulator), path)"
     )
     subprocess.run(
         [sys.executable, "-c", code, str(tmp_path / "child.nc")],

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calib.record import SECTION
+from calib.records import SECTION
 from calib.simulators.delaminated_beam.stationary import LAGS, RETURNED, Contact, Period, returning, stationary
 
 

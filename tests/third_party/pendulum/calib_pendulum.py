@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from calib.errors import CalibError
-from calib.parameter import Parameter
-from calib.record import failed, make
+from calib.modelling.parameter import Parameter
+from calib.records import failed, make
 
 G = 9.80665  # m/s^2
 SECTION = 64  # periods

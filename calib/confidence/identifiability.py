@@ -1,0 +1,125 @@
+"""Parameters of which the measurement determines only a combination, and that combination in words."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.modelling.parameter import Space, Window
+
+SHARE = 0.25  # of the window: a direction with a larger standard error has a 2-s.e. interval as wide as the window
+INFLATION = 4.0  # a standard error so many times the one with the other parameters known: nearly collinear
+WIDE, COLLINEAR = "wider than the window", "nearly collinear"
+
+
+@dataclass(frozen=True)
+class Group:
+    """Parameters of which the measurement determines only a combination.
+
+    `direction` is the change of each member, as a share of its window, that leaves the residuals (nearly) unchanged;
+    `reason` is "wider than the window" or "nearly collinear".
+    """
+
+    members: tuple[str, ...]
+    direction: Mapping[str, float]
+    text: str
+    reason: str
+
+
+def undetermined_combinations(space: Space, u: np.ndarray, covariance: np.ndarray) -> tuple[Group, ...]:
+    """Groups of parameters of which only a combination, or nothing, is determined, by the covariance (dim, dim) at u.
+
+    First the directions whose standard error exceeds SHARE of the window, and what parameters of such a standard error
+    these leave. Then those whose standard error is more
+    than INFLATION times what it would be if the other parameters were known (the root of the variance inflation of
+    Marquardt 1970; 10 means a correlation of 0.99 between two).
+    """
+    members, found = _wide(covariance, SHARE**2)
+    wide = list(zip(members, found, strict=True))
+    groups = [_group(space, u, own, directions, WIDE) for own, directions in _merged(wide)]
+    named = {name for group in groups for name in group.members}
+    # what moves with a direction that is another parameter's nearly alone is no member of its group
+    beyond = [k for k, variance in enumerate(np.diag(covariance)) if variance > SHARE**2]
+    axes = np.eye(len(space.names))
+    groups += [_group(space, u, (k,), [axes[k]], WIDE) for k in beyond if space.names[k] not in named]
+    named |= {space.names[k] for k in beyond}
+    eigenvalues, vectors = np.linalg.eigh(covariance)
+    precision = vectors**2 @ (1.0 / np.maximum(eigenvalues, 1e-300 + 1e-15 * eigenvalues[-1]))
+    alone = 1.0 / np.sqrt(precision)  # standard errors if the others were known
+    members, found = _wide(covariance / np.outer(alone, alone), INFLATION**2)
+    near = [
+        (own, direction * alone / np.linalg.norm(direction * alone))
+        for own, direction in zip(members, found, strict=True)
+        if own.size > 1 and not named & {space.names[k] for k in own}
+    ]
+    return (*groups, *(_group(space, u, own, directions, COLLINEAR) for own, directions in _merged(near)))
+
+
+def _wide(covariance: np.ndarray, limit: float) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Directions of a variance above `limit`, each with the parameters that owe half of their variance to it."""
+    variance = np.maximum(np.diag(covariance), 1e-300)
+    members, directions = [], []
+    values, vectors = np.linalg.eigh(covariance)
+    for size, direction in zip(values, vectors.T, strict=True):
+        if size > limit:
+            members.append(np.flatnonzero((size * direction**2 > 0.5 * variance) & (np.abs(direction) > 0.1)))
+            directions.append(direction)
+    return members, directions
+
+
+def _merged(directions: list[tuple[np.ndarray, np.ndarray]]) -> list[tuple[tuple[int, ...], list[np.ndarray]]]:
+    """Join directions (members, vector) that share members."""
+    groups: list[tuple[set[int], list[np.ndarray]]] = []
+    for members, vector in directions:
+        own, vectors = set(members.tolist()), [vector]
+        for group in [g for g in groups if g[0] & own]:
+            own |= group[0]
+            vectors = group[1] + vectors
+            groups.remove(group)
+        if own:
+            groups.append((own, vectors))
+    return [(tuple(sorted(own)), vectors) for own, vectors in groups]
+
+
+def _group(space: Space, u: np.ndarray, members: tuple[int, ...], directions: list[np.ndarray], reason: str) -> Group:
+    names = tuple(space.names[k] for k in members)
+    direction = {name: float(directions[-1][k]) for name, k in zip(names, members, strict=True)}
+    if len(names) == 1:
+        text = f"{names[0]}: not determined inside its window"
+    elif len(names) == 2 and len(directions) == 1:
+        windows = [space.windows[name] for name in names]
+        relation = combination(names, windows, [u[k] for k in members], list(direction.values()))
+        text = f"{' and '.join(names)}: only {relation} is determined"
+        if reason == COLLINEAR:
+            text = f"{' and '.join(names)}: {relation} is determined much better than either alone"
+    else:
+        shifts = ", ".join(f"{name} {shift:+.2f}" for name, shift in direction.items())
+        text = (
+            f"{', '.join(names)}: only combinations are determined; moving them together "
+            f"({shifts} of their windows) changes little that is measured"
+        )
+    return Group(names, direction, text, reason)
+
+
+def combination(names: Sequence[str], windows: Sequence[Window], u: Sequence[float], shifts: Sequence[float]) -> str:
+    """Name what stays the same when two parameters at `u` (2,) move by `shifts` (2,), both as shares of their windows.
+
+    Relative changes (d ln a : d ln b = q) leave a / b^q unchanged; where a value is near zero, a - q b in SI units. A
+    power that is no small half or whole number is no law of nature: then the two changes are told instead.
+    """
+    (a, b), values = names, [w.value(x) for w, x in zip(windows, u, strict=True)]
+    moves = [w.slope(v) * shift for w, v, shift in zip(windows, values, shifts, strict=True)]
+    if any(
+        w.scale == "linear" and abs(v) < 0.1 * max(abs(w.low), abs(w.high))
+        for w, v in zip(windows, values, strict=True)
+    ):
+        q = moves[0] / moves[1]
+        return f"{a} {'-' if q > 0.0 else '+'} {abs(q):.3g} {b} (in SI units)"
+    q = (moves[0] / values[0]) / (moves[1] / values[1])
+    if abs(q) < 0.9:
+        a, b, q = b, a, 1.0 / q
+    power = round(2.0 * q) / 2.0
+    if abs(q - power) > 0.08 * abs(q) or abs(power) > 4.0:
+        return f"a combination (+1 % of {b} makes up for {-q:+.2g} % of {a})"
+    exponent = "" if abs(power) == 1.0 else f"^{abs(power):.2g}"
+    return f"{a} {'/' if q > 0.0 else '*'} {b}{exponent}"

@@ -1,0 +1,45 @@
+"""What the trials that fit nearly as well as the best one have in common."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from calib.modelling.parameter import Space
+from calib.store import Trial
+
+NEAR = 1.25  # times the best distance: as well as the best
+ENOUGH = 12  # such trials that say something
+WIDE = 0.25  # of the window: a parameter that spans more is not determined
+
+
+def describe_near_optimal(space: Space, trials: Sequence[Trial], units: dict[str, str]) -> str:
+    """Say which parameters the trials that fit nearly as well as the best one share, and which they do not.
+
+    It takes the place of intervals where the residuals are too rough to be differentiated. It knows only points where
+    the search has been: a parameter that spans much of its window is not determined; one that spans little may owe
+    that to the search.
+
+    Parameters
+    ----------
+    trials : of the search
+    units : SI unit of each parameter
+
+    Returns
+    -------
+    one sentence without its full stop; empty where too few trials fit that well
+    """
+    best = min((trial.total for trial in trials), default=math.inf)
+    near = np.array([trial.u for trial in trials if trial.total <= NEAR * best < math.inf])
+    if len(near) < ENOUGH:
+        return ""
+    low, high = near.min(axis=0), near.max(axis=0)
+    wide = [name for name, span in zip(space.names, high - low, strict=True) if span > WIDE]
+    ends = space.values(low), space.values(high)
+    shared = [f"{n} {ends[0][n]:.3g} .. {ends[1][n]:.3g} {units[n]}" for n in space.names if n not in wide]
+    parts = []
+    if shared:
+        parts.append(f"have {', '.join(shared)} in common")
+    if wide:
+        parts.append(f"span more than a quarter of the windows of {', '.join(wide)}, which are not determined")
+    return f"{len(near)} trials are within {100 * (NEAR - 1):.0f} % of the best distance; they {' and '.join(parts)}"

@@ -1,0 +1,111 @@
+"""The files that a diagnosis leaves: what it says, and the motions that it is about."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import netCDF4
+import numpy as np
+import xarray as xr
+
+from calib.diagnosis.diagnose import Diagnosis
+from calib.diagnosis.evidence import Part
+from calib.diagnosis.serialise import as_dict
+from calib.errors import CalibError
+from calib.execution.files import whole
+from calib.execution.interrupt import uninterrupted
+from calib.objective import Reference
+
+NAME = "diagnosis.json"
+MOTIONS = "diagnosis.nc"
+
+
+def write(
+    diagnosis: Diagnosis, folder: Path, values: Mapping[str, float], references: Mapping[str, Reference]
+) -> dict[str, Any]:
+    """Write both files of a diagnosis of the calibrated `values`, and return the first document."""
+    document = {**as_dict(diagnosis), "values": dict(values)}
+    write_motions(motions(diagnosis, references), folder)
+    with whole(folder / NAME) as temporary:
+        temporary.write_text(json.dumps(document, indent=2, allow_nan=False), encoding="utf-8")
+    return document
+
+
+def write_motions(views: Mapping[str, xr.Dataset], folder: Path) -> None:
+    """Write diagnosis.nc, a group each record; where there are none, none is left."""
+    if not views:
+        (folder / MOTIONS).unlink(missing_ok=True)
+        return
+    with whole(folder / MOTIONS) as temporary, uninterrupted():
+        for index, (name, motion) in enumerate(views.items()):
+            motion.to_netcdf(temporary, mode="a" if index else "w", group=name, engine="netcdf4")
+
+
+def read(folder: Path) -> dict[str, Any] | None:
+    """What diagnosis.json in a folder says; None where there is none."""
+    path = folder / NAME
+    if not path.is_file():
+        return None
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise CalibError(f"{path} is no JSON document ({error}); delete it and run `calib diagnose` again") from error
+
+
+def read_motions(folder: Path) -> dict[str, xr.Dataset]:
+    """Motions of each record as `motions` has them; empty where there are none."""
+    path = folder / MOTIONS
+    if not path.is_file():
+        return {}
+    try:
+        with uninterrupted():
+            with netCDF4.Dataset(path) as file:
+                names = list(file.groups)
+            return {name: xr.load_dataset(path, group=name, engine="netcdf4", decode_times=False) for name in names}
+    except (OSError, ValueError, RuntimeError) as error:
+        raise CalibError(f"{path}: not a readable netCDF file ({error}); run `calib diagnose` again") from error
+
+
+def motions(diagnosis: Diagnosis, references: Mapping[str, Reference]) -> dict[str, xr.Dataset]:
+    """What was measured and simulated of each record, by its name.
+
+    Returns
+    -------
+    Datasets over (row, time): measured, calibrated and, where there are causes, extended, each row in its unit; weight
+    in [0, 1], 0 where a sample is not compared. Over row: sigma and innovation (standard deviations of the noise and of
+    what is new in each of its samples, in the row's unit), memory (row, lag; coefficients of its autoregression), and
+    the coordinates body, channel, unit and source (what sigma is known from). time [s]. Attributes: cycle (of the
+    motion, in periods) and, where the excitation has one, period [s].
+    """
+    if diagnosis.selection is None or diagnosis.evidence is None:
+        return {}
+    return {part.name: _motion(part, diagnosis, references[part.name].record) for part in diagnosis.evidence.parts}
+
+
+def _motion(part: Part, diagnosis: Diagnosis, record: xr.Dataset) -> xr.Dataset:
+    selection, channels = diagnosis.selection, [channel for _, channel in part.rows]
+    over = ("row", "time")
+    calibrated = selection.null.point.simulated[part.name].rows
+    views = {"measured": part.measured, "calibrated": calibrated, "weight": part.weight}
+    if selection.causes:
+        views["extended"] = selection.final.point.simulated[part.name].rows
+    memory = np.zeros((len(part.rows), max([1, *(noise.memory.size for noise in part.noise)])))
+    for own, noise in zip(memory, part.noise, strict=True):
+        own[: noise.memory.size] = noise.memory
+    noises = {
+        "sigma": ("row", [noise.sigma for noise in part.noise]),
+        "innovation": ("row", [noise.sigma * noise.innovation for noise in part.noise]),
+        "memory": (("row", "lag"), memory),
+    }
+    return xr.Dataset(
+        {name: (over, rows) for name, rows in views.items()} | noises,
+        coords={
+            "time": ("time", part.time, {"units": "s"}),
+            "body": ("row", [body for body, _ in part.rows]),
+            "channel": ("row", channels),
+            "unit": ("row", [record[channel].attrs.get("units", "1") for channel in channels]),
+            "source": ("row", [noise.source for noise in part.noise]),
+        },
+        attrs={"cycle": part.cycle} | ({} if part.period is None else {"period": part.period}),
+    )

@@ -1,0 +1,104 @@
+"""Files to rely on: the right one where one is read, a whole one where one is written."""
+
+import errno
+import hashlib
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import xarray as xr
+
+from calib.errors import CalibError
+from calib.execution.interrupt import uninterrupted
+
+
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """Give a temporary file beside `path` to write; where the block ends well, it is synced and takes that name.
+
+    So the file is either whole or absent, whenever the program or the machine stops.
+
+    Raises
+    ------
+    OSError : the folder is not there or cannot be written, or the disk is full; it names `path`
+    """
+    try:
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        with open(temporary, "rb") as written:
+            os.fsync(written.fileno())
+        temporary.chmod(0o644)  # mkstemp's files are for their owner alone
+        temporary.replace(path)
+    except BaseException as error:
+        temporary.unlink(missing_ok=True)  # Ctrl-C may come just after the file has taken its name
+        if isinstance(error, OSError) and error.errno is not None and error.filename is None:
+            raise OSError(error.errno, error.strerror, str(path)) from error
+        raise
+
+
+def read_dataset(path: str | Path) -> xr.Dataset:
+    """Read a netCDF file whole.
+
+    Raises
+    ------
+    CalibError : no such file, or not a readable netCDF file
+    """
+    path = Path(path)
+    if not path.exists():
+        raise CalibError(f"{path}: no such file")
+    try:
+        # interrupted while it takes its locks, xarray would wait for itself for ever
+        with uninterrupted(), xr.open_dataset(path, engine="netcdf4", decode_times=False) as stored:
+            return stored.load()
+    except (OSError, ValueError, RuntimeError) as error:
+        raise CalibError(f"{path}: not a readable netCDF file ({error}); it may be truncated: make it again") from error
+
+
+def write_dataset(dataset: xr.Dataset, path: str | Path) -> None:
+    """Write netCDF-4 so that the file is either whole or absent.
+
+    Raises
+    ------
+    OSError : it cannot be written; it names `path`
+    """
+    with whole(Path(path)) as temporary, uninterrupted():  # as in `read_dataset`
+        try:
+            dataset.to_netcdf(temporary, engine="netcdf4")
+        except RuntimeError as error:  # netCDF's word for a full disk
+            raise OSError(errno.EIO, f"the file cannot be written ({error}); is the disk full?") from error
+
+
+def checksum(path: Path) -> str:
+    """SHA-256 of a file, in hexadecimal digits."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def verified(path: Path, expected: str | None = None, origin: str = "", hint: str = "") -> str:
+    """Return the checksum of a file that a user was to provide.
+
+    Parameters
+    ----------
+    expected : SHA-256 that it must have, None for any
+    origin : where a user gets the file
+    hint : what else to do where it is missing
+
+    Raises
+    ------
+    CalibError : it is missing, or another file
+    """
+    source = f"; get it from {origin}" if origin else ""
+    if not path.is_file():
+        known = f" (sha256 {expected})" if expected else ""
+        raise CalibError(f"{path}: no such file{source}{known}{hint}")
+    found = checksum(path)
+    if expected is not None and found != expected.lower():
+        raise CalibError(f"{path}: expected sha256 {expected}, got {found}: another or a damaged file{source}")
+    return found

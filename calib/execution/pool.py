@@ -1,0 +1,385 @@
+"""Evaluations side by side: a function mapped over payloads, in child processes or in this one."""
+
+import fcntl
+import os
+import pickle
+import queue
+import signal
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context, parent_process, resource_tracker, spawn
+from multiprocessing.context import ForkServerContext, ForkServerProcess
+from multiprocessing.forkserver import ensure_running, set_forkserver_preload
+from types import FunctionType
+from typing import Any
+
+from pebble import ProcessExpired, ProcessPool
+
+from calib.errors import CalibError
+from calib.execution.interrupt import uninterrupted
+
+STARTUP = 120.0  # s, allowance of a worker's first call: imports and compiling of kernels
+RESTART = 10.0  # s, least allowance of a later worker's first call: what was compiled is loaded then
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+REFUSED, RAISED, TIMEOUT, CRASHED = "refused", "raised", "timeout", "crashed"
+
+
+def in_order(pool, payloads: Sequence[Any]) -> list[Any]:
+    """Return the results of `pool.map` in the order of the payloads."""
+    found = dict(pool.map(payloads))
+    return [found[index] for index in range(len(payloads))]
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A call that gave no result, and why.
+
+    Attributes
+    ----------
+    status : "timeout" (its wall-clock limit passed), "crashed" (its process died), "raised" (an exception that is a bug
+        or a numerical accident), "refused" (CalibError: a mistake of the user, which other payloads will repeat)
+    reason : one line
+    seconds : wall-clock time from handing out to the end  [s]
+    """
+
+    status: str
+    reason: str
+    seconds: float
+
+
+def _failure(error: BaseException, seconds: float) -> Failure:
+    if isinstance(error, CalibError):
+        return Failure(REFUSED, str(error), seconds)
+    frames = traceback.extract_tb(error.__traceback__)
+    where = f" ({frames[-1].filename}, line {frames[-1].lineno}: {frames[-1].line})" if frames else ""
+    return Failure(RAISED, f"{type(error).__name__}: {error}{where}", seconds)
+
+
+class InProcess:
+    """Calls one after the other in this process: for tests and notebooks. No time-out; a crash takes all along."""
+
+    def __init__(self, function: Callable[[Any], Any]):
+        self._function = function
+
+    def map(self, payloads: Iterable[Any]) -> Iterator[tuple[int, Any]]:
+        """Yield (index, result or Failure) in the order of the payloads."""
+        for index, payload in enumerate(payloads):
+            start = time.perf_counter()
+            try:
+                result = self._function(payload)
+            except Exception as error:  # a failed evaluation is data
+                result = _failure(error, time.perf_counter() - start)
+            yield index, result
+
+    def close(self) -> None:
+        """Nothing to end."""
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        self.close()
+
+
+class LocalPool:
+    """Calls in persistent child processes of this machine.
+
+    The processes start with the first `map`, from a fork server that has imported what the function needs, so that
+    replacing a killed one costs a fraction of a second. BLAS and numba run on one thread in each. The processes take
+    no notice of Ctrl-C and end by themselves when this process dies, even by SIGKILL.
+
+    Parameters
+    ----------
+    function : picklable callable of one picklable payload; a script that defines it, or what it holds, itself is
+        imported by the processes, and needs ``if __name__ == "__main__":`` about what they are not to do again
+    jobs : number of processes
+    timeout : wall-clock limit of one call [s], None for none; only the process that exceeds it is killed
+    startup : what is added to the limit of the first call in each process, which may import and compile [s]; once such
+        a call has come back, twice the time it took, and not below RESTART, is allowed to the processes that follow
+    """
+
+    def __init__(
+        self, function: Callable[[Any], Any], jobs: int = 1, timeout: float | None = None, startup: float = STARTUP
+    ):
+        if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
+            raise CalibError(f"jobs is the number of child processes, a whole number from 1 on; got {jobs!r}")
+        if timeout is not None and not timeout > 0.0:
+            raise CalibError(f"timeout must be positive [s], got {timeout!r}; leave it out for no limit")
+        pickled, modules = _pickled(function)
+        self._modules = sorted(modules - {"__main__"})
+        context = get_context("forkserver") if "__main__" in modules else _WithoutMain()
+        allowance = _Allowance(startup)
+        self._slots = [_Slot(pickled, context, timeout, allowance) for _ in range(jobs)]
+
+    def map(self, payloads: Iterable[Any]) -> Iterator[tuple[int, Any]]:
+        """Yield (index, result or Failure) as the calls end; leaving the loop early kills what still runs.
+
+        Raises
+        ------
+        CalibError : the processes cannot be started
+        """
+        _start_server(self._modules)
+        waiting = iter(enumerate(payloads))
+        idle, busy, done = list(self._slots), {}, queue.SimpleQueue()
+
+        def hand_out():
+            while idle and (call := next(waiting, None)) is not None:
+                index, payload = call
+                busy[index] = idle.pop()
+                busy[index].start(payload, partial(_tell, done, index))
+
+        try:
+            hand_out()
+            while busy:
+                index = done.get()
+                result = busy[index].result(partial(_tell, done, index))
+                if result is not RETRIED:
+                    idle.append(busy.pop(index))
+                    hand_out()  # before the caller takes its time over the result
+                    yield index, result
+        finally:
+            for slot in busy.values():
+                slot.close()
+
+    def close(self) -> None:
+        """End the processes; calls under way are killed."""
+        for slot in self._slots:
+            slot.stop()
+        for slot in self._slots:
+            slot.close()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        self.close()
+
+
+def _tell(done: queue.SimpleQueue, index: int, _: Future) -> None:
+    done.put(index)
+
+
+RETRIED = object()
+
+
+class _Allowance:
+    """By how much the first call of a process may exceed the limit [s]."""
+
+    def __init__(self, seconds: float):
+        self.seconds = seconds
+
+    def learn(self, seconds: float) -> None:
+        """Take in how long such a call took that came back: what it compiled is on disk for the next process."""
+        self.seconds = min(self.seconds, max(RESTART, 2.0 * seconds))
+
+
+class _Slot:
+    """One worker process at a time: pebble's pool of one, so that it is known which call is a process's first."""
+
+    def __init__(self, function: bytes, context: ForkServerContext, timeout: float | None, startup: "_Allowance"):
+        self._function, self._context = function, context
+        self._timeout, self._startup = timeout, startup
+        self._pool: ProcessPool | None = None
+        self._fresh = True  # the next call is the process's first
+        self._worked = False  # some call got as far as being taken up
+        self._retried = False
+        self._future: Future | None = None
+        self._payload = b""
+        self._since, self._limit = 0.0, timeout
+
+    def start(self, payload: Any, done: Callable[[Future], None]) -> None:
+        """Hand out one call; `done` is called, in another thread, when it has ended."""
+        self._payload = pickle.dumps(payload)
+        self._retried = False
+        self._schedule(done)
+
+    def _schedule(self, done: Callable[[Future], None]) -> None:
+        if self._pool is None or not self._pool.active:  # none yet, or its idle process died
+            self.close()
+            self._pool = ProcessPool(1, initializer=_prepare, initargs=(self._function,), context=self._context)
+            self._fresh = True
+        self._limit = self._timeout
+        if self._limit is not None and self._fresh:
+            self._limit += self._startup.seconds
+        self._since = time.perf_counter()
+        try:
+            with uninterrupted():  # a process whose start is broken off would be known to nobody, and complain alone
+                self._future = self._pool.schedule(_call, args=(self._payload,), timeout=self._limit)
+        except BrokenProcessPool as error:  # the process could not even be started
+            self._future = Future()
+            self._future.set_exception(error)
+        self._future.add_done_callback(done)
+
+    def result(self, done: Callable[[Future], None]) -> Any:
+        """Result or Failure of the call that has ended; RETRIED where its process died before taking it up."""
+        seconds = time.perf_counter() - self._since
+        error = self._future.exception()
+        if error is None:
+            if self._fresh:
+                self._startup.learn(seconds)
+            self._fresh, self._worked = False, True
+            return pickle.loads(self._future.result())
+        if isinstance(error, BrokenProcessPool):
+            return self._again(done, error, seconds)
+        self._fresh = self._worked = True  # pebble has replaced the process
+        if isinstance(error, TimeoutError):
+            return Failure(TIMEOUT, f"no result within {self._limit:g} s of wall-clock time", seconds)
+        if isinstance(error, ProcessExpired):
+            return Failure(CRASHED, _death(error.exitcode), seconds)
+        return _failure(error, seconds)
+
+    def _again(self, done: Callable[[Future], None], error: BrokenProcessPool, seconds: float) -> Any:
+        """Hand the call out once more, to a new process: the old one died before it was seen to take it up."""
+        if not self._retried:
+            self._retried = True
+            self.close()
+            self._schedule(done)
+            return RETRIED
+        if self._worked:
+            return Failure(CRASHED, "the process ended at once, twice", seconds)
+        raise CalibError(
+            "the child processes end before they take up work (their messages stand above); where a script defines "
+            f"what they need, it has to run the study under \"if __name__ == '__main__':\" ({error})"
+        )
+
+    def stop(self) -> None:
+        """Ask the process to end, without waiting."""
+        if self._pool is not None:
+            self._pool.stop()
+
+    def close(self) -> None:
+        """End the process and wait for it."""
+        if self._pool is not None:
+            self._pool.stop()
+            self._pool.join()
+            self._pool = None
+
+
+def _death(code: int) -> str:
+    if code < 0:
+        number = -code
+        name = signal.Signals(number).name if number in set(signal.Signals) else "?"
+        hint = "; the machine may have run out of memory" if number == signal.SIGKILL else ""
+        return f"the process was ended by signal {number} ({name}){hint}"
+    return f"the process ended with exit code {code}"
+
+
+class _Modules(pickle.Pickler):
+    """Pickler that notes the modules its classes and functions come from."""
+
+    def __init__(self, file):
+        super().__init__(file)
+        self.names: set[str] = set()
+
+    def reducer_override(self, thing):
+        if isinstance(thing, type | FunctionType):
+            self.names.add(thing.__module__)
+        return NotImplemented
+
+
+def _pickled(function: Callable) -> tuple[bytes, set[str]]:
+    """Pickle `function`; also the modules that a process needs to call it."""
+    file = _Buffer()
+    pickler = _Modules(file)
+    try:
+        pickler.dump(function)
+    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        raise CalibError(
+            f"the function cannot be sent to a child process ({error}); define it and what it holds at module level"
+        ) from error
+    return bytes(file), pickler.names
+
+
+class _Buffer(bytearray):
+    def write(self, data) -> None:
+        self.extend(data)
+
+
+# ---- in the child
+
+_function: Any = None
+
+
+def _prepare(function: bytes) -> None:
+    """Make a new worker obey: die with its parent, at once when asked, and compute on one thread."""
+    global _function
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # pebble's handler would wait for the interpreter, which may hang
+    _die_with_parent()
+    os.environ["NUMBA_NUM_THREADS"] = "1"
+    _function = function
+
+
+def _die_with_parent() -> None:
+    """Let the kernel end this process (SIGIO, default action) when the pipe to its parent closes.
+
+    A watching thread would need the interpreter, which a running kernel may hold.
+    """
+    pipe = parent_process().sentinel
+    fcntl.fcntl(pipe, fcntl.F_SETOWN, os.getpid())
+    fcntl.fcntl(pipe, fcntl.F_SETFL, fcntl.fcntl(pipe, fcntl.F_GETFL) | os.O_ASYNC)
+    if not parent_process().is_alive():
+        os._exit(1)
+
+
+def _call(payload: bytes) -> bytes:
+    """Pickled result or Failure of the function at a pickled payload."""
+    global _function
+    start = time.perf_counter()
+    try:
+        if isinstance(_function, bytes):
+            _function = pickle.loads(_function)
+        return pickle.dumps(_function(pickle.loads(payload)))
+    except Exception as error:  # a failed evaluation is data
+        return pickle.dumps(_failure(error, time.perf_counter() - start))
+
+
+# ---- starting children
+
+_starting = threading.Lock()
+
+
+class _ProcessWithoutMain(ForkServerProcess):
+    """A process that does not import the script it was started from."""
+
+    def start(self):
+        with _starting:
+            prepared = spawn.get_preparation_data
+            spawn.get_preparation_data = partial(_without_main, prepared)
+            try:
+                super().start()
+            finally:
+                spawn.get_preparation_data = prepared
+
+
+def _without_main(prepared: Callable[[str], dict], name: str) -> dict:
+    return {key: value for key, value in prepared(name).items() if not key.startswith("init_main")}
+
+
+class _WithoutMain(ForkServerContext):
+    """Starts processes that need nothing of the script: so it may lack a guard, or be no file at all."""
+
+    Process = _ProcessWithoutMain
+
+
+def _start_server(modules: list[str]) -> None:
+    """Start the fork server, if there is none yet, with `modules` imported and one thread for BLAS."""
+    with _starting:
+        before = {name: os.environ.get(name) for name in THREADS}
+        os.environ.update(dict.fromkeys(THREADS, "1"))
+        set_forkserver_preload(modules)
+        try:
+            resource_tracker.ensure_running()  # first: it unblocks SIGINT when it starts
+            with uninterrupted():
+                ensure_running()
+        finally:
+            for name, value in before.items():
+                if value is None:
+                    del os.environ[name]
+                else:
+                    os.environ[name] = value

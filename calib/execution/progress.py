@@ -1,0 +1,57 @@
+"""How much of a known number is done: a live bar on a terminal, a line now and then elsewhere."""
+
+import time
+
+from rich.console import Console
+from rich.progress import BarColumn, SpinnerColumn, TextColumn
+from rich.progress import Progress as Bars
+
+INTERVAL = 5.0  # s between two lines where there is no terminal
+
+
+class Count:
+    """Says how much of a known number is done: a live bar on a terminal, a line now and then elsewhere."""
+
+    def __init__(self, what: str, quiet: bool = False, console: Console | None = None):
+        self._console = console or Console(stderr=True, highlight=False)
+        self._quiet = quiet
+        self._what = what
+        self._told = self._begin = time.monotonic()
+        self._already: int | None = None  # done when it was first told: not of this run
+        self._bars: Bars | None = None
+
+    def __enter__(self) -> "Count":
+        if self._console.is_terminal and not self._quiet:
+            self._bars = Bars(
+                SpinnerColumn(), BarColumn(bar_width=30), TextColumn("{task.fields[said]}"),
+                console=self._console, transient=True,
+            )  # fmt: skip
+            self._task = self._bars.add_task(self._what, total=None, said=self._what)
+            self._bars.start()
+        return self
+
+    def __exit__(self, *_):
+        if self._bars is not None:
+            self._bars.stop()
+
+    def __call__(self, done: int, total: int) -> None:
+        """Take in that `done` of `total` are done."""
+        if self._already is None:
+            self._already = done
+        now = time.monotonic()
+        left = ""
+        if done > self._already:
+            left = f"  about {clock_time((now - self._begin) / (done - self._already) * (total - done))} left"
+        said = f"{done}/{total} {self._what}{left if done < total else ''}"
+        if self._bars is not None:
+            self._bars.update(self._task, completed=done, total=total, said=said)
+        elif not self._quiet and now - self._told >= INTERVAL:
+            self._told = now
+            self._console.print(said, soft_wrap=True)
+
+
+def clock_time(seconds: float) -> str:
+    """Return a duration [s] as minutes and seconds, with the hours where there are any."""
+    minutes, seconds = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{seconds:02d}" if hours else f"{minutes}:{seconds:02d}"

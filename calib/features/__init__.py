@@ -1,0 +1,21 @@
+"""Features: from a record to numbers with a unit that a simulation can be compared by."""
+
+from calib.features.amplitude import Amplitude
+from calib.features.contact_time import ContactTime
+from calib.features.force_balance import ForceBalance
+from calib.features.harmonics import Harmonics
+from calib.features.impact_phase import ImpactPhase
+from calib.features.phase_curve import PhaseCurve
+from calib.features.poincare_spread import PoincareSpread
+from calib.features.time_history import TimeHistory
+
+__all__ = [
+    "Amplitude",
+    "ContactTime",
+    "ForceBalance",
+    "Harmonics",
+    "ImpactPhase",
+    "PhaseCurve",
+    "PoincareSpread",
+    "TimeHistory",
+]

@@ -1,0 +1,154 @@
+"""Effect: a named physical or instrumental cause, absent at its null value."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from calib.errors import CalibError, nearest
+from calib.modelling.laws import PARAMETERS, PLAIN, SITES, STATES, BoundLaw, Law
+from calib.modelling.parameter import Parameter
+
+ALL = None  # bodies: whatever the simulator has
+PLACES = ("body", "support", "interface")
+SIZES = (0.01, 0.03, 0.1)  # typical sizes of an effect, in natural scales of its parameters
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A law at a site with the parameters it takes, in their order.
+
+    At the null values of its parameters the record is bit-identical to the one without the effect, because the law is
+    dropped before the run.
+
+    Attributes
+    ----------
+    equation : what is added, in plain text
+    confused : names of effects that it tends to be mistaken for
+    bodies : on which a force law acts; ALL leaves it to `place`
+    place : where a force law acts where no bodies are named: "body" (on all bodies), "support", or "interface", the
+        port between two bodies (see `calib.modelling.laws`); which bodies are at a place is the simulator's to say
+    borrowed : parameters of the simulator, whose values follow the effect's own in the law's p
+    changes : of a law of the structure, alternatives of parameters of the simulator that it changes, of which the first
+        that the simulator has entirely is taken; of a numerical law, alternatives of what it refines
+    transient : whether the law is explicit in time: no motion under it is periodic. It acts on motions that begin; one
+        that has settled under a harmonic excitation knows no beginning, and the law has no part in it
+    rough : whether the record has no usable derivative by the parameters at their null
+    noise : whether the effect belongs to the noise of a record, so that the simulated record does not change
+    natural : parameter -> multiples of its natural scale, which its unit makes of the displacement amplitude and of one
+        over the angular frequency (a frequency in Hz: that of the drive). Of one without null, the values at which it
+        is held in turn (nothing said: at its nominal value); of one with null, typical departures from it, from zero
+        where it is infinite (nothing said: `SIZES`)
+    guess : (record) -> parameter -> starting values, read off the measured record
+    """
+
+    name: str
+    site: str
+    law: Law
+    parameters: tuple[Parameter, ...]
+    meaning: str
+    equation: str = ""
+    confused: tuple[str, ...] = ()
+    bodies: tuple[str, ...] | None = ALL
+    place: str = "body"
+    borrowed: tuple[str, ...] = ()
+    changes: tuple[tuple[str, ...], ...] = ()
+    transient: bool = False
+    rough: bool = False
+    noise: bool = False
+    natural: Mapping[str, tuple[float, ...]] = field(default_factory=dict, hash=False)
+    guess: Callable | None = None
+    cite: str = ""
+
+    def __post_init__(self):
+        name = self.name
+        if self.site not in SITES:
+            raise CalibError(f"effect {name!r} acts at {self.site!r}; sites are {', '.join(SITES)}")
+        if self.law.site != self.site:
+            raise CalibError(f"effect {name!r} acts at {self.site!r}, but its law is one of {self.law.site!r}")
+        if len(self.parameters) + len(self.borrowed) > PARAMETERS:
+            count = len(self.parameters) + len(self.borrowed)
+            raise CalibError(f"effect {name!r} has {count} parameters; a law takes {PARAMETERS}")
+        if all(p.null is None for p in self.parameters):
+            raise CalibError(f"effect {name!r} has no null value; give one of its parameters a null")
+        if self.place not in PLACES or (self.place != "body" and self.site != "force"):
+            raise CalibError(f"effect {name!r} at place {self.place!r}; force laws act at one of {', '.join(PLACES)}")
+        if bool(self.changes) != (self.site in ("structure", "numerical")):
+            raise CalibError(f"effect {name!r} at {self.site!r}: those at structure and numerical state `changes`")
+        for key in self.natural:
+            if key not in {p.name for p in self.parameters}:
+                raise CalibError(f"effect {name!r} has natural sizes of {key!r}, which is no parameter of it")
+
+    @property
+    def null(self) -> dict[str, float]:
+        """Values of its parameters at which the effect is absent."""
+        return {p.name: p.null for p in self.parameters if p.null is not None}
+
+    def at_null(self, values: Mapping[str, float]) -> bool:
+        """Whether the effect is absent at these values."""
+        return all(values[name] == null for name, null in self.null.items())
+
+    def offered(self, simulator) -> str:
+        """Say why `simulator` (see `calib.modelling.model.Simulator`) cannot take the effect; "" where it can."""
+        name = simulator.name
+        own = {p.name for p in simulator.parameters}
+        if self.site == "structure" and self._changed(own) is None:
+            lacking = " or ".join(", ".join(alternative) for alternative in self.changes)
+            return f"it changes {lacking}, which simulator {name!r} has not got"
+        if self.site == "numerical" and self._changed(getattr(simulator, "numerics", ())) is None:
+            lacking = " or ".join(", ".join(alternative) for alternative in self.changes)
+            return f"it refines {lacking}, which simulator {name!r} cannot"
+        if self.site in PLAIN:
+            return ""
+        if self.site not in simulator.sites:
+            return f"it acts at {self.site!r}, but simulator {name!r} takes laws at {sorted(simulator.sites)}"
+        if self.law.states > getattr(simulator, "law_states", STATES):
+            return f"simulator {name!r} takes no force laws with internal states"
+        borrowed = [parameter for parameter in self.borrowed if parameter not in own]
+        if borrowed:
+            return f"it needs {', '.join(borrowed)}, which simulator {name!r} has not got"
+        return self._unplaced(simulator)
+
+    def _unplaced(self, simulator) -> str:
+        places = getattr(simulator, "places", {})
+        known = {*simulator.bodies, *(body for bodies in places.values() for body in bodies)}
+        for body in self.bodies or ():
+            if body not in known:
+                return (
+                    f"it acts on body {body!r}{nearest(body, known)}; simulator {simulator.name!r} has "
+                    f"{', '.join(simulator.bodies)}"
+                )
+        if self.bodies is None and self.place != "body" and self.place not in places:
+            return f"it acts at the {self.place}, which simulator {simulator.name!r} has not got"
+        return ""
+
+    def _changed(self, known) -> tuple[str, ...] | None:
+        """Return the first alternative of `changes` that is known entirely."""
+        return next((names for names in self.changes if all(name in known for name in names)), None)
+
+    def bound(self, values: Mapping[str, float], places: Mapping[str, tuple[str, ...]] | None = None) -> BoundLaw:
+        """Return the law with its numbers taken from `values`, at the bodies that the simulator has at `places`."""
+        p = np.zeros(PARAMETERS)
+        names = [*(q.name for q in self.parameters), *self.borrowed]
+        p[: len(names)] = [values[name] for name in names]
+        bodies = self.bodies
+        if bodies is None and self.place != "body":
+            bodies = (places or {})[self.place]
+        return BoundLaw(self.site, self.law.function, p, bodies, self.law.states)
+
+    def restructure(self, own: Mapping[str, float], values: Mapping[str, float]) -> dict[str, float]:
+        """Return the simulator's values `own` as the effect changes them (site `structure`)."""
+        names = self._changed(own)
+        new = self.law.function(tuple(own[name] for name in names), self._numbers(values))
+        return {**own, **dict(zip(names, map(float, new), strict=True))}
+
+    def refine(self, simulator, values: Mapping[str, float]):
+        """Return the simulator that is run in the place of `simulator` (site `numerical`)."""
+        return self.law.function(simulator, self._numbers(values))
+
+    def sense(self, record, values: Mapping[str, float]):
+        """Return what the instruments make of `record` (site `sensor`)."""
+        return self.law.function(record, self._numbers(values))
+
+    def _numbers(self, values: Mapping[str, float]) -> dict[str, float]:
+        return {q.name: values[q.name] for q in self.parameters}

@@ -1,0 +1,43 @@
+"""What was measured or simulated: records, tables of samples, excitations, and the cycles they are cut into."""
+
+from calib.records.record import (
+    CHANNELS,
+    INTERVAL,
+    OK,
+    SECTION,
+    STATE,
+    channels,
+    check,
+    failed,
+    fills_periods,
+    make,
+    mean_interval,
+    nuisance_sigma,
+    prescribed,
+    prescription,
+    read,
+    rename_bodies,
+    stated_period,
+    write,
+)
+
+__all__ = [
+    "CHANNELS",
+    "INTERVAL",
+    "OK",
+    "SECTION",
+    "STATE",
+    "channels",
+    "check",
+    "failed",
+    "fills_periods",
+    "make",
+    "mean_interval",
+    "nuisance_sigma",
+    "prescribed",
+    "prescription",
+    "read",
+    "rename_bodies",
+    "stated_period",
+    "write",
+]

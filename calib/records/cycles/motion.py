@@ -1,0 +1,230 @@
+"""The kind of a motion: after how many periods of the excitation it returns."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from calib.errors import CalibError
+from calib.records.cycles.impacts import MEDIAN_TO_STD, impacts_per_period
+from calib.records.cycles.loop import cut, cycles_in, period_of, sampled, samples_in_step
+from calib.records.cycles.mean_cycle import IN_STEP_TOLERANCE, mean_cycle
+from calib.records.cycles.stroboscopic import section
+from calib.records.record import SECTION, STATE
+
+LAGS = 16  # the longest motion that is told from an irregular one, in periods
+TOLERANCE = 1e-3  # how well a periodic motion returns, as a share of its amplitude
+NOISE = 1.5  # a measured cycle returns where it differs by less than this many standard deviations of its noise
+CYCLES_OF_A_MEAN = 4  # that are compared at least, where more than one period is tried on freely sampled cycles
+COARSE = 0.01  # of the amplitude: what few samples a cycle may leave about it
+ALONE = "; a record alone does not tell chaotic from quasi-periodic motion or a period beyond that"
+BESIDE = "beside"  # attribute of a simulated record: what is known of other motions at the same parameters
+IRREGULAR, UNDECIDED, NO_CONTACT, NOT_PERIODIC = "irregular", "undecided", "no contact", "not periodic"
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Kind of a motion, and why it is called so.
+
+    Attributes
+    ----------
+    kind : "period-1" (2, ...), "irregular", "undecided", "no contact" (only of a record that tells its contacts) or
+        "not periodic" (the excitation has no period)
+    period : periods of the excitation after which the motion returns, None where that is not known
+    evidence : how it was found, one sentence
+    recurrence : difference of the states n = 1, 2, ... periods apart, as a share of the amplitude; up to the period
+    likely : of an undecided motion, the period that it is settling to, where that can be seen
+    impacts : impacts per period, NaN where the record does not tell; reported, no part of the kind
+    """
+
+    kind: str
+    period: int | None
+    evidence: str
+    recurrence: tuple[float, ...] = ()
+    likely: int | None = None
+    impacts: float = float("nan")
+
+
+def kind_of_motion(record: xr.Dataset) -> Motion:
+    """Say after how many periods of the excitation a motion returns.
+
+    From the section (64 periods or more, every body and channel): the largest difference of states n = 1..16 periods
+    apart, over the later half of the section, as a share of the channel's amplitude, against `TOLERANCE`. A difference
+    that shrinks steadily, or falls to half from the first to the last third, belongs to a motion that still settles:
+    undecided. Without a section the cycles of the record are compared with its noise (its sigma, otherwise estimated
+    from the second differences of its samples): that tells a returning motion from one that does not, but a short
+    record is never called irregular. A record that was read from a closed curve says itself after how many periods it
+    returns (attribute `returns_after`), and a simulated one what lies beside its motion (attribute `beside`).
+
+    A record alone cannot say more: what irregular motion is (chaotic, quasi-periodic, of a long period) takes the
+    simulator's own map; see `calib.dynamics.motion`.
+
+    Parameters
+    ----------
+    record : Dataset with displacement or velocity over (body, time), with or without section
+    """
+    if "frequency" not in record.attrs:
+        return Motion(NOT_PERIODIC, None, "the excitation has no period")
+    sections = section(record)
+    impacts = impacts_per_period(record)
+    if sections and next(iter(sections.values())).shape[1] >= SECTION:
+        motion = _from_section(record, sections)
+    else:
+        motion = _from_cycles(record)
+    kind, evidence = motion.kind, motion.evidence
+    if impacts == 0.0 and record.attrs.get("contact_fraction", 0.0) > 0.0:
+        evidence = f"in contact without an impact; {evidence}"
+    elif impacts == 0.0:
+        kind, evidence = NO_CONTACT, f"no impact in the record; {evidence}"
+    elif np.isfinite(impacts):
+        evidence = f"{evidence}; {impacts:.3g} impact(s) a period"
+    if BESIDE in record.attrs:
+        evidence = f"{evidence}; {record.attrs[BESIDE]}"
+    return Motion(kind, motion.period, evidence, motion.recurrence, motion.likely, impacts)
+
+
+def _amplitude(values: np.ndarray) -> float:
+    """Half the peak-to-peak value of the body (body, time) that moves most."""
+    return float(0.5 * np.ptp(values, axis=-1).max()) or 1.0
+
+
+def _from_section(record, sections):
+    states = np.concatenate([values / _amplitude(record.variables[c].values) for c, values in sections.items()])
+    size = states.shape[1]
+    differences, recurrence = [], []
+    for lag in range(1, LAGS + 1):
+        difference = np.abs(states[:, lag:] - states[:, :-lag]).max(axis=0)
+        differences.append(difference)
+        recurrence.append(float(difference[difference.size // 2 :].max()))
+        if recurrence[-1] <= TOLERANCE:
+            break
+    settled = recurrence[-1] <= TOLERANCE
+    shrinking = [n for n, d in enumerate(differences, 1) if recurrence[n - 1] > TOLERANCE and _shrinks(d)]
+    shrinking = [n for n in shrinking if not settled or (n < lag and lag % n == 0)]
+    said = f"over {size} periods the state {{}} of the amplitude (tolerance {TOLERANCE:.0e})"
+    if shrinking:
+        n = shrinking[0]
+        text = f"still settles towards period-{n}: {n} period(s) apart it differs by {recurrence[n - 1]:.1e}, falling,"
+        return Motion(UNDECIDED, None, said.format(text), tuple(recurrence), n)
+    if settled:
+        text = said.format(f"returns after {lag} period(s) within {recurrence[-1]:.1e}")
+        return Motion(f"period-{lag}", lag, text, tuple(recurrence))
+    text = said.format(f"does not return within {LAGS} periods, best after {_best(recurrence)}: {min(recurrence):.1e}")
+    return Motion(IRREGULAR, None, text + ALONE, tuple(recurrence))
+
+
+def _best(recurrence):
+    return int(np.argmin(recurrence)) + 1
+
+
+def _shrinks(difference: np.ndarray) -> bool:
+    """Whether differences of states fall steadily: geometrically, or to less than half over the section."""
+    third = difference.size // 3
+    early, middle, late = difference[:third], difference[third : 2 * third], difference[-third:]
+    if late.max() < 0.5 * early.max() and np.median(late) < 0.5 * np.median(early):
+        return bool(early.max() >= middle.max() >= late.max())
+    logarithm = np.log(np.maximum(difference, 1e-300))
+    index = np.arange(logarithm.size) - 0.5 * (logarithm.size - 1)
+    slope = (index @ logarithm) / (index @ index)
+    rest = logarithm - logarithm.mean() - slope * index
+    explained = 1.0 - rest.var() / max(logarithm.var(), 1e-300)
+    return bool(slope * logarithm.size < -0.1 and explained > 0.9)
+
+
+def _from_cycles(record):
+    period, time = period_of(record), record.variables["time"].values
+    count, own, _ = cycles_in(time, period, 1)
+    if count <= record.attrs.get("returns_after", 0):
+        return _stated(record)
+    if count >= 2 and not samples_in_step(time, period, own, count, IN_STEP_TOLERANCE):
+        return _from_mean_cycles(record, period, count)
+    cycles, noise = _normalised_cycles(record)
+    count = cycles.shape[1]
+    if count < 2:
+        return Motion(UNDECIDED, None, "one cycle of the record cannot show whether it returns")
+    recurrence = []
+    for lag in range(1, min(LAGS, count // 2) + 1):
+        difference = cycles[:, lag:] - cycles[:, :-lag]
+        spread = np.sqrt((difference**2).mean(axis=(1, 2)))
+        recurrence.append(float(spread.max()))
+        if (spread <= np.sqrt(2.0) * NOISE * noise).all():
+            text = f"{count} cycles of the record return after {lag} period(s) within {NOISE} of their noise"
+            return Motion(f"period-{lag}", lag, text, tuple(recurrence))
+    text = f"{count} cycles of the record do not return within {len(recurrence)} period(s)"
+    if count >= SECTION:
+        return Motion(IRREGULAR, None, text + ALONE, tuple(recurrence))
+    return Motion(UNDECIDED, None, f"{text}, and are too few to call it irregular", tuple(recurrence))
+
+
+def _from_mean_cycles(record, period, count):
+    """Kind of a record whose clock runs freely: by what its samples leave about mean cycles of 1, 2, ... periods.
+
+    A motion returns after so many periods where no longer cycle leaves much less, and little is left at all. What is
+    left is measured by its median: a jump of velocity between samples is left about any cycle, but at few instants.
+    The steps of a converter leave as much: they are alike wherever samples fall on the same phases again.
+    """
+    time = record.variables["time"].values
+    present = [channel for channel in STATE if channel in record.variables]
+    if not present:
+        raise CalibError("the kind of a motion is told by displacement or velocity; the record has neither")
+    values = [sampled(record, channel) for channel in present]
+    amplitude = np.concatenate([np.full(len(v), _amplitude(v)) for v in values])
+    noise = np.concatenate([_noise(record, c, v) for c, v in zip(present, values, strict=True)]) / amplitude
+    stacked, left = np.concatenate(values) / amplitude[:, None], []
+    for lag in range(1, max(1, min(LAGS, count // CYCLES_OF_A_MEAN)) + 1):
+        mean = mean_cycle(time, stacked, period, lag, refined=False)
+        free = max(0.1, 1.0 - mean.parameters / time.size)
+        left.append(np.median(np.abs(mean.residual), axis=1) / (MEDIAN_TO_STD * np.sqrt(free)))
+        if (left[-1] <= NOISE * np.maximum(noise, TOLERANCE)).all():
+            break
+    deviations = np.array(left)
+    steps = np.concatenate([_steps(v) for v in values]) / (4.0 * MEDIAN_TO_STD * amplitude)  # median: a fourth
+    least = np.maximum(np.maximum(deviations.min(axis=0), TOLERANCE), steps)
+    limit = NOISE * np.minimum(least, np.maximum(noise, COARSE))
+    returning = np.flatnonzero((deviations <= limit).all(axis=1))
+    recurrence = tuple(float(np.sqrt(2.0) * d.max()) for d in deviations)
+    if not returning.size:
+        text = f"{count} cycles of the record, sampled freely, do not return within {len(left)} period(s)"
+        return Motion(UNDECIDED, None, text, recurrence)
+    n = int(returning[0]) + 1
+    text = f"its {count} cycles leave {deviations[n - 1].max():.1e} of the amplitude about a mean of {n} period(s)"
+    return Motion(f"period-{n}", n, text, recurrence[:n])
+
+
+def _stated(record):
+    """Kind of a record that is one closed curve: it returns after as many periods as the record says."""
+    n = int(record.attrs["returns_after"])
+    return Motion(f"period-{n}", n, f"the record is a closed curve, which returns after {n} period(s) by its source")
+
+
+def _normalised_cycles(record):
+    """Cycles (row, cycle, phase) over the amplitude of their channel, and the deviation of their noise (row,)."""
+    period, time = period_of(record), record.variables["time"].values
+    cycles, noise = [], []
+    for channel in STATE:
+        if channel in record.variables:
+            values = sampled(record, channel)
+            amplitude = _amplitude(values)
+            cycles.append(cut(time, values, period)[0] / amplitude)
+            noise.append(_noise(record, channel, values) / amplitude)
+    if not cycles:
+        raise CalibError("the kind of a motion is told by displacement or velocity; the record has neither")
+    return np.concatenate(cycles), np.maximum(np.concatenate(noise), TOLERANCE / (np.sqrt(2.0) * NOISE))
+
+
+def _noise(record, channel, values):
+    """Standard deviation (row,) of the noise of a channel, that of the steps of its converter at least."""
+    name = f"{channel}_sigma"
+    if name in record.variables:
+        sigma = record.variables[name].values
+        sigma = sigma if sigma.ndim == 1 else np.sqrt((sigma**2).mean(axis=1))
+    else:
+        bend = np.abs(np.diff(values, 2, axis=1))
+        sigma = np.median(bend, axis=1) / (MEDIAN_TO_STD * np.sqrt(6.0))  # white: var of a second difference, 6 sigma^2
+    return np.maximum(sigma, _steps(values) / np.sqrt(12.0))
+
+
+def _steps(values: np.ndarray) -> np.ndarray:
+    """Steps (row,) between the levels of a channel (row, n) that has fewer than half its samples; 0 of any other."""
+    levels = [np.unique(row) for row in values]
+    return np.array([np.median(np.diff(own)) if 1 < own.size < 0.5 * values.shape[1] else 0.0 for own in levels])

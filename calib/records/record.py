@@ -1,0 +1,217 @@
+"""The record: channels of named bodies over time, measured or simulated, in one schema."""
+
+import json
+from collections.abc import Mapping, Sequence
+from numbers import Real
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from calib.errors import CalibError, nearest
+from calib.execution.files import read_dataset, write_dataset
+
+CHANNELS = {"displacement": "m", "velocity": "m/s", "force": "N"}  # the usual ones; others state their own unit
+STATE = ("displacement", "velocity")  # what a phase curve and a section are made of
+SECTION = 64  # periods that the section of a simulated record holds, at least
+OK = "ok"
+INTERVAL = "recorded_interval"  # attribute: between the samples of the instruments that see a simulated motion [s]
+
+
+def make(
+    time: np.ndarray,
+    bodies: Sequence[str],
+    channels: Mapping[str, np.ndarray],
+    units: Mapping[str, str] | None = None,
+    *,
+    impacts: tuple[np.ndarray, np.ndarray] | None = None,
+    section: Mapping[str, np.ndarray] | None = None,
+    state: np.ndarray | None = None,
+    **attrs,
+) -> xr.Dataset:
+    """Build a record from arrays.
+
+    Parameters
+    ----------
+    time : (n,)  [s]
+    bodies : names of the bodies, in the order of the arrays' rows
+    channels : name -> (body, n) array in SI; ``"<channel>_sigma"`` -> (body,) or (body, n) standard uncertainty
+    units : unit of each channel that is not among `CHANNELS`
+    impacts : of a simulation, their instants (m,) [s] and closing speeds (m,) [m/s]
+    section : of a simulation, displacement or velocity -> stroboscopic section (body, period) at phase 0, in SI
+    state : of a simulation, the simulator's own state (component,) at its end, from where it goes on
+    attrs : status (default "ok"), source, frequency [Hz], amplitude, place, quantity, ...
+    """
+    units = {**CHANNELS, **(units or {})}
+    variables = {}
+    for name, values in channels.items():
+        values = np.asarray(values, dtype=float)
+        unit = units.get(name.removesuffix("_sigma"))
+        if unit is None:
+            raise CalibError(f"channel {name!r} needs a unit; the channels with a known one are {sorted(CHANNELS)}")
+        variables[name] = (("body", "time") if values.ndim == 2 else ("body",), values, {"units": unit})
+    if impacts is not None:
+        variables["impact_time"] = ("impact", impacts[0], {"units": "s"})
+        variables["impact_speed"] = ("impact", impacts[1], {"units": "m/s"})
+    for channel, values in (section or {}).items():
+        variables[f"section_{channel}"] = (("body", "period"), values, {"units": CHANNELS[channel]})
+    if state is not None:
+        variables["state"] = ("component", state)
+    record = xr.Dataset(
+        variables,
+        coords={"body": list(bodies), "time": ("time", np.asarray(time, dtype=float), {"units": "s"})},
+        attrs={"status": OK, **attrs},
+    )
+    record.attrs.setdefault("Conventions", "CF-1.11")
+    return record
+
+
+def failed(bodies: Sequence[str], status: str, reason: str, **attrs) -> xr.Dataset:
+    """Build the record of a run that did not succeed: no samples, but a status and its reason."""
+    return make(np.empty(0), bodies, {}, status=status, reason=reason, **attrs)
+
+
+def channels(record: xr.Dataset) -> tuple[str, ...]:
+    """Names of the record's channels: the variables over (body, time) that are no uncertainty."""
+    both = [str(name) for name, variable in record.data_vars.items() if variable.dims == ("body", "time")]
+    return tuple(name for name in both if not name.endswith("_sigma"))
+
+
+def stated_period(record: xr.Dataset) -> float | None:
+    """Period of the excitation that the record states [s], None without one."""
+    frequency = record.attrs.get("frequency")
+    return 1.0 / float(frequency) if frequency else None
+
+
+def mean_interval(record: xr.Dataset) -> float | None:
+    """Mean interval between the samples [s], None of a single one."""
+    time = record.time.values
+    return float(time[-1] - time[0]) / (time.size - 1) if time.size > 1 else None
+
+
+def fills_periods(record: xr.Dataset) -> bool:
+    """Whether the samples fill whole periods of the excitation, so that the first one follows upon the last."""
+    period, interval = stated_period(record), mean_interval(record)
+    if period is None or interval is None:
+        return False
+    cycles = record.time.size * interval / period
+    return round(cycles) >= 1 and abs(cycles - round(cycles)) < 1e-6
+
+
+def prescription(bodies: Sequence[str]) -> str:
+    """Text of the attribute `prescribed` where the excitation prescribes the motion of `bodies`."""
+    return ",".join(f"{body}.{channel}" for body in bodies for channel in STATE)
+
+
+def prescribed(record: xr.Dataset) -> tuple[tuple[str, str], ...]:
+    """Return the (body, channel) pairs that the excitation prescribes: the attribute `prescribed`, taken apart."""
+    entries = (entry.strip() for entry in str(record.attrs.get("prescribed", "")).split(","))
+    parts = (entry.rpartition(".") for entry in entries if entry)
+    return tuple((body, channel) for body, _, channel in parts)
+
+
+def nuisance_sigma(record: xr.Dataset) -> dict[str, float]:
+    """Return how well a digitised figure's axes know shear, scale and offset, by name: `nuisance_sigma`, taken apart.
+
+    Raises
+    ------
+    CalibError : no JSON object of numbers
+    """
+    stated = record.attrs.get("nuisance_sigma", "{}")
+    try:
+        return {name: float(sigma) for name, sigma in json.loads(stated).items()}
+    except (TypeError, ValueError, AttributeError) as error:
+        wanted = 'expected a JSON object of standard uncertainties in SI, such as {"scale.velocity": 0.004}'
+        raise CalibError(f"attribute nuisance_sigma: {wanted}, got {stated!r}") from error
+
+
+def check(record: xr.Dataset, name: str = "record") -> xr.Dataset:
+    """Return the record where it keeps the schema.
+
+    Raises
+    ------
+    CalibError : what is wrong with which variable, and what to do
+    """
+    for dim, what in (("body", "names of the bodies"), ("time", "time [s]")):
+        if dim not in record.coords:
+            raise CalibError(f"{name}: the coordinate {dim!r} ({what}) is missing; it has {list(record.coords)}")
+    present = channels(record)
+    if not present:
+        turned = [str(v) for v in record.data_vars if record[v].dims == ("time", "body")]
+        if turned:
+            raise CalibError(
+                f"{name}: expected {turned[0]} with dims ('body', 'time'), got ('time', 'body'); transpose it"
+            )
+        raise CalibError(f"{name}: no channel over (body, time), such as displacement [m] or velocity [m/s]")
+    time = record.time.values
+    if time.size < 2:
+        raise CalibError(f"{name}: at least two samples are needed, got {time.size}")
+    if not np.isfinite(time).all():
+        raise CalibError(f"{name}: time holds NaN at sample {int(np.argmin(np.isfinite(time)))}; cut those samples")
+    steps = np.diff(time)
+    if (steps <= 0.0).any():
+        at = int(np.argmax(steps <= 0.0))
+        raise CalibError(
+            f"{name}: time must increase, but goes from {time[at]:.9g} s to {time[at + 1]:.9g} s at sample {at + 1}; "
+            "sort the samples and drop repeated ones"
+        )
+    for channel in present:
+        _check_channel(record, channel, name)
+    for attribute in ("amplitude", "frequency"):
+        stated = record.attrs.get(attribute, 0.0)
+        if not isinstance(stated, Real):
+            raise CalibError(f"{name}: attribute {attribute}: expected a number in SI, got {stated!r}")
+    try:
+        nuisance_sigma(record)
+    except CalibError as error:
+        raise CalibError(f"{name}: {error}") from error
+    return record
+
+
+def _check_channel(record: xr.Dataset, channel: str, name: str) -> None:
+    unit = record[channel].attrs.get("units")
+    expected = CHANNELS.get(channel)
+    if unit is None:
+        raise CalibError(f"{name}: {channel} states no unit; set its attribute units to {expected or 'its SI unit'!r}")
+    if expected is not None and unit != expected:
+        raise CalibError(f"{name}: {channel} is expected in {expected!r}, got {unit!r}; convert it to SI")
+    finite = np.isfinite(record[channel].values)
+    if not finite.all():
+        body, sample = (int(i) for i in np.argwhere(~finite)[0])
+        raise CalibError(
+            f"{name}: {channel} of body {str(record.body.values[body])!r} is not a number at sample {sample} "
+            f"(t = {float(record.time.values[sample]):.6g} s; {int((~finite).sum())} such samples in all); "
+            "cut or repair them"
+        )
+    sigma = f"{channel}_sigma"
+    if sigma in record and not (record[sigma].values > 0.0).all():
+        raise CalibError(f"{name}: {sigma} must be positive everywhere; leave it out where it is not known")
+
+
+def rename_bodies(record: xr.Dataset, names: Mapping[str, str], name: str = "record") -> xr.Dataset:
+    """Keep the bodies that `names` lists (record body -> new name), under their new names."""
+    have = [str(b) for b in record.body.values]
+    for body in names:
+        if body not in have:
+            raise CalibError(f"{name}: there is no body {body!r}{nearest(body, have)}; the record has {have}")
+    renamed = record.sel(body=list(names)).assign_coords(body=list(names.values()))
+    if renamed.attrs.get("prescribed"):
+        renamed.attrs["prescribed"] = ",".join(f"{names[b]}.{c}" for b, c in prescribed(record) if b in names)
+    return renamed
+
+
+def read(path: str | Path) -> xr.Dataset:
+    """Read and check a record from a netCDF file.
+
+    Raises
+    ------
+    CalibError : no such file, not a readable netCDF file, or not a record
+    """
+    record = read_dataset(path)
+    record.attrs.setdefault("status", OK)
+    return check(record, str(path))
+
+
+def write(record: xr.Dataset, path: str | Path) -> None:
+    """Write a record as netCDF-4 so that the file is either whole or absent."""
+    write_dataset(record, path)

@@ -1,0 +1,134 @@
+"""What a running study says of itself on stderr: a live line on a terminal, a line now and then elsewhere."""
+
+import time
+from collections.abc import Callable, Sequence
+
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, SpinnerColumn, TextColumn
+from rich.progress import Progress as Bars
+
+from calib.execution.progress import INTERVAL, clock_time
+from calib.records import OK
+from calib.store import Trial
+from calib.store.trial import best
+from calib.study.reachability import missed, reach
+
+MEMORY = 20.0  # s over which the rate of trials is taken
+
+
+class Progress:
+    """Follows a study: `stage` by stage and, within screen and search, `trial` by trial. Use it in a with block."""
+
+    def __init__(
+        self, budget: int, quiet: bool = False, console: Console | None = None, clock: Callable = time.monotonic
+    ):
+        self._console = console or Console(stderr=True, highlight=False)
+        self._quiet = quiet
+        self._clock = clock
+        self._budget = budget
+        self._stage = "starting"
+        self._done = self._failed = 0
+        self._leaders = ""
+        self._best: Trial | None = None
+        self._ends: list[tuple[float, int]] = []  # when, how many trials by then
+        self._screened: list[Trial] = []
+        self._told = clock()
+        self._bars: Bars | None = None
+
+    def __enter__(self) -> "Progress":
+        if self._console.is_terminal and not self._quiet:
+            self._bars = Bars(
+                SpinnerColumn(),
+                TextColumn("{task.fields[stage]:<10}"),
+                BarColumn(bar_width=20),
+                TextColumn("{task.fields[said]}"),
+                console=self._console,
+                transient=True,
+                refresh_per_second=8,
+            )
+            self._task = self._bars.add_task("study", total=self._budget, stage=self._stage, said="")
+            self._bars.start()
+        return self
+
+    def __exit__(self, *_):
+        if self._bars is not None:
+            self._bars.stop()
+            self._bars = None
+
+    def stage(self, name: str) -> None:
+        """Say what begins: "screen", "search", "confirm", "confidence", "hold-out", "report"."""
+        if name != self._stage:
+            self._stage = name
+            self._show(now=True)
+
+    def earlier(self, trials: Sequence[Trial]) -> None:
+        """Take in the trials of earlier runs, which are not made again."""
+        self._done = len(trials)
+        self._failed = sum(trial.status != OK for trial in trials)
+        self._best = best(trials)
+        self._screened = [trial for trial in trials if trial.phase == "screen"]
+        if trials and not self._quiet:
+            self._console.print(f"going on from {len(trials)} trials")
+
+    def trial(self, trial: Trial, top: Trial | None, count: int) -> None:
+        """Take in a trial that has ended, the best one so far, and the number of trials there are."""
+        self._done, self._best = count, top
+        self._failed += trial.status != OK
+        self._ends.append((self._clock(), count))
+        if trial.phase == "screen":
+            self._screened.append(trial)
+        elif self._stage == "screen":
+            self._say_reach()
+        self._stage = trial.phase
+        self._show()
+
+    def leader(self, done: int, total: int) -> None:
+        """Take in that `done` of `total` leaders of the search have been simulated again."""
+        self._leaders = f"{done}/{total} leaders"
+        self._show(now=True)
+
+    def _say_reach(self) -> None:
+        """Say, before the search, which measured features no point of the screen comes to."""
+        found = reach(self._screened)
+        if self._quiet or not found:
+            return
+        away = [r for r in found if not r.reached]
+        for r in away:
+            said = missed(r.label, r.body, r.record, r.unit, r.measured, r.nearest, r.percent)
+            self._console.print(f"[yellow]no point of the screen reaches[/] {escape(said)}", soft_wrap=True)
+        if not away:
+            self._console.print("the screen reaches every measured feature")
+
+    def said(self) -> str:
+        """Best score, kind of motion, rate, failures and time left, as one line."""
+        parts = [f"{self._done}/{self._budget} trials"]
+        if self._best is not None:
+            parts.append(f"best {self._best.total:.4g} ({self._best.kind})")
+        rate = self._rate()
+        if rate:
+            parts.append(f"{rate:.3g} trials/s")
+        parts.append(f"{self._failed} failed")
+        if self._leaders and self._stage == "confirm":
+            parts.append(self._leaders)
+        if rate and self._stage in ("screen", "search"):
+            parts.append(f"at most {clock_time((self._budget - self._done) / rate)} left")
+        return "  ".join(parts)
+
+    def _rate(self) -> float:
+        now = self._clock()
+        while self._ends and now - self._ends[0][0] > MEMORY:
+            self._ends.pop(0)
+        if len(self._ends) < 2 or self._ends[-1][0] == self._ends[0][0]:
+            return 0.0
+        (first, before), (last, after) = self._ends[0], self._ends[-1]
+        return (after - before) / (last - first)
+
+    def _show(self, now: bool = False) -> None:
+        if self._quiet:
+            return
+        if self._bars is not None:
+            self._bars.update(self._task, completed=self._done, stage=self._stage, said=self.said())
+        elif now or self._clock() - self._told >= INTERVAL:
+            self._told = self._clock()
+            self._console.print(f"{self._stage}: {self.said()}", soft_wrap=True)

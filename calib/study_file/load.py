@@ -1,0 +1,384 @@
+"""From a study file to a study: the only room where names become things."""
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from calib import plugins
+from calib.diagnosis.laboratory import Laboratory
+from calib.dynamics.setting import Setting
+from calib.errors import CalibError, nearest
+from calib.modelling.effect import Effect
+from calib.modelling.model import Model
+from calib.modelling.parameter import Parameter, Space, Window, values_for
+from calib.objective import Objective, Reference, Term
+from calib.store.plain import plain
+from calib.study import Study, check_searched, check_stated
+from calib.study_file.laboratory import read_laboratory
+from calib.study_file.mistakes import Mistakes, located, read_toml
+from calib.study_file.references import OWN, digest, references
+from calib.study_file.schema import OptimiserTable, StudyToml, TermTable
+from calib.units import to_si
+
+CONTRACT = ("dim", "seed", "budget", "batch")  # what a study hands to an optimiser; the rest are options of the user
+
+
+@dataclass(frozen=True)
+class StudyFile:
+    """A study with what its file says beyond it.
+
+    Attributes
+    ----------
+    path : the study file
+    study : the study, its objective over the records to calibrate on
+    others : the references that are not calibrated on ("holdout", "name"), by name
+    folder : where results go unless the command line says otherwise
+    view, keep : of the store: the Optuna view ("journal" or a URL), the records kept
+    candidates : effects that a diagnosis may name, with the bodies they act on (None: where the simulator has their
+        place); None are all that are registered
+    laboratory : what it can do in a next measurement
+    """
+
+    path: Path
+    study: Study
+    others: Mapping[str, Reference]
+    folder: Path
+    view: str
+    keep: str
+    candidates: tuple[tuple[str, tuple[str, ...] | None], ...] | None
+    laboratory: Laboratory
+
+    def reference(self, record: str | None = None) -> Reference:
+        """Record of the study by name, whatever its use; the first one where none is given.
+
+        Raises
+        ------
+        CalibError : there is no such record
+        """
+        known = {**self.study.objective.references, **self.others}
+        record = record or next(iter(known))
+        if record not in known:
+            raise CalibError(f"no record {record!r}{nearest(record, known)}; the study has {', '.join(known)}")
+        return known[record]
+
+    def suspects(self) -> list[Effect]:
+        """Effects that a diagnosis may name; the numerical ones, by which it judges the solver, always.
+
+        Raises
+        ------
+        CalibError : one of them does not load
+        """
+        registered = plugins.names("calib.effects")
+        asked = [(name, None) for name in registered] if self.candidates is None else list(self.candidates)
+        effects = [_effect(name, bodies) for name, bodies in asked]
+        known = {effect.name for effect in effects}
+        gates = [_effect(name, None) for name in registered if name not in known] if self.candidates else []
+        return effects + [effect for effect in gates if effect.site == "numerical"]
+
+    def effect_references(self) -> dict[str, str]:
+        """Name of each effect that a diagnosis may name, and the reference under which the study file knows it.
+
+        A reference is the name of an entry point, or "package.module:Thing".
+
+        Raises
+        ------
+        CalibError : one of them does not load
+        """
+        asked = plugins.names("calib.effects") if self.candidates is None else [name for name, _ in self.candidates]
+        return {_effect(reference, None).name: reference for reference in asked}
+
+    def setting(
+        self, values: Mapping[str, float] | None = None, record: str | None = None, phase: float = 0.0
+    ) -> Setting:
+        """Return model and excitation for sweeps, branches and basins, at the study's fixed values.
+
+        Parameters
+        ----------
+        values : SI; they come before the fixed ones, nominal ones after
+        record : whose excitation it is; None for the first
+        phase : where in the period the section is taken, in [0, 1)  [1, in periods]
+
+        Raises
+        ------
+        CalibError : there is no such record
+        """
+        chosen = self.reference(record)
+        held = values_for({**self.study.space.fixed, **(values or {})}, chosen.name)
+        return Setting(self.study.model, chosen.excitation, held, phase)
+
+
+def load(path: str | Path, budget: int | None = None, jobs: int | None = None) -> StudyFile:
+    """Read a study file, or the `study.toml` of a folder; `budget` and `jobs` take the place of the file's.
+
+    Raises
+    ------
+    CalibError : every mistake of the file with its line and key, what was expected, and the nearest right name
+    """
+    path = located(path)
+    shape, mistakes = read_toml(StudyToml, path)
+    model = _model(shape, mistakes)
+    known = references(shape, model, mistakes)
+    calibrated = {name: reference for name, reference in known.items() if reference and reference.use == "calibrate"}
+    space = _space(shape, model, known, mistakes) if model is not None else None
+    terms = _terms(shape, calibrated, mistakes) if all(known.values()) else []
+    optimiser = _optimiser(shape, mistakes)
+    timeout = _seconds(shape, mistakes)
+    most = budget or shape.study.budget
+    started = any(window.start is not None for window in shape.windows.values())
+    if shape.study.screen is not None and shape.study.screen + started >= most:
+        mistakes.add(("study", "screen"), f"the screen of {shape.study.screen} leaves nothing of the {most} trials")
+    mistakes.tell()
+    with mistakes.at("term"):
+        objective = Objective(calibrated, terms)
+    laboratory = read_laboratory(shape.diagnosis.bench, known, model, mistakes)
+    mistakes.tell()
+    head = shape.study
+    study = Study(
+        name=head.name,
+        model=model,
+        space=space,
+        objective=objective,
+        optimiser=optimiser,
+        budget=most,
+        seed=head.seed,
+        batch=shape.optimiser.batch,
+        jobs=jobs or head.jobs,
+        timeout=timeout,
+        screen=head.screen,
+        definition=_definition(shape, model, space, path.parent),
+    )
+    return StudyFile(
+        path=path,
+        study=study,
+        others={n: r for n, r in known.items() if r.use != "calibrate"},
+        folder=results_folder(path),
+        view=shape.store.view,
+        keep=shape.store.keep,
+        candidates=_candidates(shape, mistakes),
+        laboratory=laboratory,
+    )
+
+
+def results_folder(path: Path) -> Path:
+    """Folder of the results of a study file, beside it: ``out``, and ``out.extended`` of a study.extended.toml."""
+    kind = path.stem.removeprefix("study.")
+    return path.parent / ("out" if kind == path.stem else f"out.{kind}")
+
+
+# --- the model -------------------------------------------------------------------------------------------------------
+
+
+def _model(shape: StudyToml, mistakes: Mistakes) -> Model | None:
+    model: Model | None = None
+    with mistakes.at("model", "simulator"):
+        maker = plugins.load("calib.simulators", shape.model.simulator)
+        simulator = _made(maker, shape.model.options, shape.model.simulator, mistakes, ("model", "options"))
+        model = None if simulator is None else Model(simulator)
+    for index, entry in enumerate(shape.model.effects):
+        with mistakes.at("model", "effects", index):
+            effect = _effect(entry.name, entry.bodies)
+            if model is not None:
+                model = model.extended(effect)
+    return model
+
+
+def _effect(name: str, bodies: Sequence[str] | None) -> Effect:
+    effect = plugins.load("calib.effects", name)
+    if not isinstance(effect, Effect):
+        raise CalibError(f"{name!r} is no effect but a {type(effect).__name__}")
+    return effect if bodies is None else replace(effect, bodies=tuple(bodies))
+
+
+def _candidates(shape: StudyToml, mistakes: Mistakes) -> tuple[tuple[str, tuple[str, ...] | None], ...] | None:
+    asked = shape.diagnosis.candidates
+    if asked is None:
+        return None
+    for index, entry in enumerate(asked):
+        with mistakes.at("diagnosis", "candidates", index):
+            _effect(entry.name, entry.bodies)
+    mistakes.tell()
+    return tuple((entry.name, None if entry.bodies is None else tuple(entry.bodies)) for entry in asked)
+
+
+def _made(
+    maker: Callable, options: Mapping[str, Any], name: str, mistakes: Mistakes, key: tuple, given: tuple[str, ...] = ()
+):
+    """Return ``maker(**options)``, or None with the mistakes noted; only looked at where names are yet `given`."""
+    signature = inspect.signature(maker).parameters.values()
+    free = any(p.kind is p.VAR_KEYWORD for p in signature)
+    known = {p.name: p for p in signature if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD)}
+    known = {option: p for option, p in known.items() if option not in given}
+    unknown = [option for option in options if option not in known and not free]
+    for option in unknown:
+        takes = f"takes {', '.join(known)}" if known else "takes none"
+        mistakes.add((*key, option), f"unknown option of {name!r}{nearest(option, known)}; it {takes}")
+    lacking = [p.name for p in known.values() if p.default is p.empty and p.name not in options]
+    if lacking:
+        mistakes.add(key, f"{name!r} needs {', '.join(lacking)}")
+    if unknown or lacking or given:
+        return None
+    with mistakes.at(*key):
+        return _called(maker, options, name)
+    return None
+
+
+def _called(maker: Callable, options: Mapping[str, Any], name: str):
+    try:
+        return maker(**options)
+    except (TypeError, ValueError) as error:
+        raise CalibError(f"{name!r} does not take these options: {error}") from error
+
+
+# --- the search ------------------------------------------------------------------------------------------------------
+
+
+def _space(shape: StudyToml, model: Model, known: Mapping[str, Reference | None], mistakes: Mistakes) -> Space:
+    windows: dict[str, Window] = {}
+    fixed: dict[str, float] = {}
+    start: dict[str, float] = {}
+    calibrated = [entry.name for entry in shape.record if entry.use == "calibrate"]
+    references = {name: reference for name, reference in known.items() if reference is not None}
+    for name, entry in shape.windows.items():
+        with mistakes.at("windows", name):
+            check_stated(name, model, references)
+            check_searched(name, model, references)
+            parameter = _parameter(name, model, calibrated)
+            windows[name] = _inside(
+                Window(to_si(entry.low, parameter.unit), to_si(entry.high, parameter.unit), entry.scale), parameter
+            )
+            if name in shape.model.fixed:
+                raise CalibError("this parameter stands in [model] fixed too; keep one of them")
+        if name in windows and entry.start is not None:
+            with mistakes.at("windows", name, "start"):
+                value = to_si(entry.start, parameter.unit)
+                windows[name].check(value)
+                start[name] = value
+    for name, value in shape.model.fixed.items():
+        with mistakes.at("model", "fixed", name):
+            check_stated(name, model, references)
+            parameter = _parameter(name, model, [record.name for record in shape.record])
+            fixed[name] = to_si(value, parameter.unit)
+            if not parameter.low <= fixed[name] <= parameter.high:
+                raise CalibError(_outside(parameter, f"{fixed[name]:g}"))
+    return Space(windows, {name: value for name, value in fixed.items() if name not in windows}, start)
+
+
+def _parameter(name: str, model: Model, records: list[str]) -> Parameter:
+    base, at, record = name.partition("@")
+    if base not in model.parameters:
+        raise CalibError(
+            f"unknown parameter {base!r}{nearest(base, model.parameters)}; this model has {', '.join(model.parameters)}"
+        )
+    if at and record not in records:
+        known = ", ".join(records)
+        raise CalibError(f"no record {record!r} to bind {base!r} to{nearest(record, records)}; known are {known}")
+    return model.parameters[base]
+
+
+def _inside(window: Window, parameter: Parameter) -> Window:
+    if not parameter.low <= window.low < window.high <= parameter.high:
+        raise CalibError(_outside(parameter, f"[{window.low:g}, {window.high:g}]"))
+    return window
+
+
+def _outside(parameter: Parameter, came: str) -> str:
+    allowed = f"[{parameter.low:g}, {parameter.high:g}] {parameter.unit}"
+    return f"expected values of {parameter.name!r} in {allowed}, got {came}"
+
+
+def _terms(shape: StudyToml, calibrated: Mapping[str, Reference], mistakes: Mistakes) -> list[Term]:
+    terms = []
+    for index, entry in enumerate(shape.term):
+        key = ("term", index)
+        feature = None
+        with mistakes.at(*key, "feature"):
+            maker = plugins.load("calib.features", entry.feature)
+            feature = _made(maker, entry.options, entry.feature, mistakes, key)
+        if feature is None:
+            continue
+        term = Term(
+            feature=feature,
+            bodies=None if entry.bodies is None else tuple(entry.bodies),
+            records=None if entry.records is None else tuple(entry.records),
+            weight=entry.weight,
+        )
+        with mistakes.at(*key):
+            Objective(calibrated, [term])  # alone, so that its refusal names this line
+            terms.append(term)
+    return terms
+
+
+@dataclass(frozen=True)
+class OptimiserMaker:
+    """Makes the optimiser of a study; a refusal names the line of the study file."""
+
+    maker: Callable
+    options: Mapping[str, Any]
+    place: str
+
+    def __call__(self, **contract):
+        """Return the optimiser for `dim`, `seed`, `budget` and `batch`."""
+        try:
+            return self.maker(**contract, **self.options)
+        except (CalibError, TypeError, ValueError, ImportError) as error:
+            raise CalibError(f"{self.place}: {error}") from error
+
+
+def _optimiser(shape: StudyToml, mistakes: Mistakes) -> OptimiserMaker | None:
+    with mistakes.at("optimiser", "name"):
+        maker = plugins.load("calib.optimisers", shape.optimiser.name)
+        _made(maker, shape.optimiser.options, shape.optimiser.name, mistakes, ("optimiser",), given=CONTRACT)
+        return OptimiserMaker(maker, shape.optimiser.options, mistakes.place("optimiser"))
+    return None
+
+
+def _seconds(shape: StudyToml, mistakes: Mistakes) -> float:
+    seconds = 0.0
+    with mistakes.at("study", "timeout"):
+        seconds = to_si(shape.study.timeout, "s")
+        if not seconds > 0.0:
+            raise CalibError(f"expected a time above 0 s, got {shape.study.timeout!r}")
+    return seconds
+
+
+def _definition(shape: StudyToml, model: Model, space: Space, folder: Path) -> dict[str, Any]:
+    """Everything that decides which trials are made and how they score, as JSON; units and defaults worked out."""
+    head = shape.study
+    fixed = {**model.nominal, **space.fixed}
+    return {
+        "name": head.name,
+        "seed": head.seed,
+        "screen": head.screen,
+        "request": {key: getattr(head, key) for key in OWN},
+        "records": {
+            entry.name: {
+                **entry.model_dump(exclude={"name", "path", "origin", "sha256"}, exclude_none=True),
+                "sha256": digest(entry, folder),
+            }
+            for entry in shape.record
+        },
+        "model": {
+            "simulator": shape.model.simulator,
+            "options": _sorted(shape.model.options),
+            "effects": [effect.model_dump(exclude_none=True) for effect in shape.model.effects],
+            "fixed": plain({name: value for name, value in _sorted(fixed).items() if name not in space.windows}),
+        },
+        "windows": {
+            name: {**asdict(window), "unit": model.parameters[name.partition("@")[0]].unit}
+            for name, window in space.windows.items()  # their order is the order of the cube's axes
+        },
+        **({"start": dict(space.start)} if space.start else {}),
+        "terms": [_stated(term) for term in shape.term],
+        "optimiser": _stated(shape.optimiser),
+    }
+
+
+def _stated(table: TermTable | OptimiserTable) -> dict[str, Any]:
+    return {**table.model_dump(exclude=set(table.options)), "options": _sorted(table.options)}
+
+
+def _sorted(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the same in alphabetical order: where order means nothing, it is no change of the study."""
+    return dict(sorted(options.items()))

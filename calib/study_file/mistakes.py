@@ -1,0 +1,163 @@
+"""What is wrong in a study file, or another one in TOML: every mistake with its line, told at once."""
+
+import tomllib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeVar, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from calib.errors import CalibError, nearest
+from calib.study_file.lines import dotted, line_of, lines
+from calib.study_file.schema import StudyToml
+
+Tables = TypeVar("Tables", bound=BaseModel)
+_EXPECTED = {
+    "int_type": "expected a whole number",
+    "float_type": "expected a number",
+    "string_type": "expected a text",
+    "list_type": "expected a list",
+    "dict_type": "expected a table",
+    "model_type": "expected a table",
+}
+
+
+class Mistakes:
+    """Collects mistakes; each names file, line and key.
+
+    Parameters
+    ----------
+    path, text : of the TOML file, or of another file that begins with such a text
+    schema : its shape, from which known keys are named
+    """
+
+    def __init__(self, path: Path, text: str, schema: type[BaseModel] = StudyToml):
+        self.path = path
+        self.schema = schema
+        self._lines = lines(text)
+        self._messages: list[str] = []
+
+    def place(self, *key: str | int) -> str:
+        """Write where `key` stands: ``study.toml:12: windows.gap``."""
+        line = line_of(self._lines, key)
+        return f"{self.path}{'' if line is None else f':{line}'}: {dotted(key)}"
+
+    def add(self, key: Sequence[str | int], message: str) -> None:
+        """Note a mistake at `key`."""
+        self._messages.append(f"{self.place(*key)}: {message}")
+
+    @contextmanager
+    def at(self, *key: str | int) -> Iterator[None]:
+        """Note a CalibError raised inside as a mistake at `key`, and go on behind the block."""
+        try:
+            yield
+        except CalibError as error:
+            self.add(key, str(error))
+
+    def tell(self) -> None:
+        """Raise what was noted.
+
+        Raises
+        ------
+        CalibError : one line a mistake
+        """
+        if len(self._messages) == 1:
+            raise CalibError(self._messages[0])
+        if self._messages:
+            raise CalibError("\n".join([f"{self.path} has {len(self._messages)} mistakes:", *self._messages]))
+
+
+def located(path: str | Path) -> Path:
+    """Path of the study file: `path` itself, or the `study.toml` in that folder.
+
+    Raises
+    ------
+    CalibError : there is no such file
+    """
+    path = Path(path)
+    path = path / "study.toml" if path.is_dir() else path
+    if not path.is_file():
+        raise CalibError(f"{path}: no such study file; expected a .toml file or a folder with a study.toml")
+    return path
+
+
+def read_toml(schema: type[Tables], path: Path) -> tuple[Tables, Mistakes]:
+    """Read a TOML file into a schema.
+
+    Returns
+    -------
+    the checked tables and the (still empty) list of mistakes
+
+    Raises
+    ------
+    CalibError : no UTF-8, no TOML, unknown or missing keys, values of another kind; each with file, line and key
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise CalibError(f"{path}: not a text in UTF-8 (byte {error.start}); save it as UTF-8") from error
+    return read_as(schema, path, text)
+
+
+def read_as(schema: type[Tables], path: Path, text: str) -> tuple[Tables, Mistakes]:
+    """Read a TOML text into a schema.
+
+    Parameters
+    ----------
+    path : of the file that the text is, or begins
+
+    Returns
+    -------
+    the checked tables and the (still empty) list of mistakes
+
+    Raises
+    ------
+    CalibError : no TOML, unknown or missing keys, values of another kind; each with file, line and key
+    """
+    try:
+        tables = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise CalibError(f"{path}:{_line_said(str(error), text)}: this is not TOML: {error}") from error
+    mistakes = Mistakes(path, text, schema)
+    try:
+        return schema.model_validate(tables), mistakes
+    except ValidationError as invalid:
+        for error in invalid.errors():
+            mistakes.add(error["loc"], _phrase(error, schema))
+        mistakes.tell()
+        raise
+
+
+def _line_said(message: str, text: str) -> int:
+    """Line that tomllib names as "(at line 3, column 5)", or the last one where it says "(at end of document)"."""
+    line = message.partition("at line ")[2].partition(",")[0]
+    return int(line) if line else text.rstrip("\n").count("\n") + 1
+
+
+def _phrase(error: dict[str, Any], schema: type[BaseModel]) -> str:
+    *above, name = error["loc"]
+    if error["type"] == "extra_forbidden":
+        known = list(_table(above, schema).model_fields)
+        return f"unknown key{nearest(str(name), known)}; known here are {', '.join(known)}"
+    if error["type"] == "missing":
+        return f"this is required in [{dotted(above)}]" if above else f"the table [{name}] is missing"
+    got = repr(error["input"])
+    said = error["msg"].removeprefix("Value error, ").replace("Input should be", "expected")
+    text = _EXPECTED.get(error["type"], said)
+    expected = error.get("ctx", {}).get("expected", "")
+    hint = nearest(error["input"], expected.split("'")[1::2]) if error["type"] == "literal_error" else ""
+    return f"{text}, got {got if len(got) < 60 else got[:57] + '...'}{hint}"
+
+
+def _table(key: Sequence[str | int], table: type[BaseModel]) -> type[BaseModel]:
+    for part in key:
+        if part in table.model_fields:  # not an index, nor the free name of a window
+            table = _inside(table.model_fields[part].annotation) or table
+    return table
+
+
+def _inside(annotation: object) -> type[BaseModel] | None:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((found for part in get_args(annotation) if (found := _inside(part))), None)

@@ -1,0 +1,191 @@
+"""The records of a study file, each with its excitation and with what is computed of it."""
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import xarray as xr
+
+from calib.errors import CalibError, nearest
+from calib.execution.files import checksum, verified
+from calib.modelling.model import Model, Request, Simulator
+from calib.objective import Reference
+from calib.records import read, rename_bodies, table
+from calib.records.excitation import Excitation, unit_of
+from calib.study import check_solvable
+from calib.study_file.mistakes import Mistakes
+from calib.study_file.schema import ExcitationTable, RecordTable, StudyToml, TableTable
+from calib.units import to_si
+
+OWN = ("periods", "samples", "settle", "step_budget")  # keys of [study] that a [[record]] may have for itself
+
+
+def references(shape: StudyToml, model: Model | None, mistakes: Mistakes) -> dict[str, Reference | None]:
+    """Read every [[record]]; what is wrong is noted, and leaves None."""
+    found: dict[str, Reference | None] = {}
+    for index, entry in enumerate(shape.record):
+        if entry.name in found:
+            mistakes.add(("record", index, "name"), f"a second record {entry.name!r}; give each its own name")
+            continue
+        with mistakes.at("record", index):
+            found[entry.name] = _reference(shape, index, entry, model, mistakes)
+    if not any(entry.use == "calibrate" for entry in shape.record):
+        mistakes.add(("record",), 'no record to calibrate on; set use = "calibrate" for one of them at least')
+    return found
+
+
+def _reference(
+    shape: StudyToml, index: int, entry: RecordTable, model: Model | None, mistakes: Mistakes
+) -> Reference | None:
+    key = ("record", index)
+    record, excitation = None, None
+    with mistakes.at(*key, "path"):
+        file = _file(entry, mistakes.path.parent)
+        record, excitation = table.read(_table(entry, file)) if entry.table else (read(file), None)
+    if record is None:
+        return None
+    with mistakes.at(*key, "excitation"):
+        if excitation is None:
+            excitation = _excitation(entry.excitation, record)
+        elif entry.excitation.frequency is not None:  # a recorded input with a period
+            excitation = replace(excitation, frequency=to_si(entry.excitation.frequency, "Hz"))
+    if entry.bodies is not None:
+        with mistakes.at(*key, "bodies"):
+            record = rename_bodies(record, entry.bodies, entry.name)
+    if model is not None:
+        with mistakes.at(*key, "bodies"):
+            _check_bodies(record, model)
+        with mistakes.at(*key, "excitation"):
+            _check_excitation(excitation, model.simulator)
+            if model.confirming is not None:
+                _check_excitation(excitation, model.confirming.simulator)
+    if excitation is None:
+        return None
+    with mistakes.at(*key, "nuisance"):
+        reference = Reference(
+            name=entry.name,
+            record=record,
+            use=entry.use,
+            nuisance=_nuisance(entry, record),
+            excitation=excitation,
+            request=_request(shape, entry, excitation, record),
+        )
+        if model is not None:
+            check_solvable(model, reference)
+        return reference
+    return None
+
+
+def _nuisance(entry: RecordTable, record: xr.Dataset) -> tuple[str, ...]:
+    """Nuisances that the study file names, else those that the record states of itself."""
+    if entry.nuisance is not None:
+        return tuple(entry.nuisance)
+    return tuple(name.strip() for name in str(record.attrs.get("nuisance", "")).split(",") if name.strip())
+
+
+def _file(entry: RecordTable, folder: Path) -> Path:
+    path = folder / _expanded(entry.path, folder)
+    place = ", or set CALIB_DATA to the folder that has it" if "${CALIB_DATA}" in entry.path else ""
+    verified(path, entry.sha256, entry.origin, hint=place)
+    return path
+
+
+def _expanded(text: str, folder: Path) -> str:
+    """Put the data folder for ${CALIB_DATA}: the environment's, else `shared/data` beside the checkout of the study."""
+    if "${CALIB_DATA}" in text:
+        text = text.replace("${CALIB_DATA}", os.environ.get("CALIB_DATA") or str(_beside(folder)))
+    if "${" in text:
+        raise CalibError(f"only ${{CALIB_DATA}} is expanded in a path, got {text!r}")
+    return text
+
+
+def _beside(folder: Path) -> Path:
+    places = [parent.parent / "shared" / "data" for parent in (folder.resolve(), *folder.resolve().parents)]
+    return next((place for place in places if place.is_dir()), places[0])
+
+
+def digest(entry: RecordTable, folder: Path) -> str:
+    """SHA-256 of the file of a record, whose path is relative to `folder`."""
+    return checksum(folder / _expanded(entry.path, folder))
+
+
+def _table(entry: RecordTable, file: Path) -> table.Table:
+    how: TableTable = entry.table
+    drive = entry.excitation if entry.excitation and entry.excitation.column is not None else None
+    return table.Table(
+        path=file,
+        channels=tuple(table.Channel(**channel.model_dump()) for channel in how.channels),
+        drive=None if drive is None else _drive(drive),
+        time=None if how.time is None else table.Clock(**how.time.model_dump()),
+        rate=None if how.rate is None else to_si(how.rate, "Hz"),
+        first=how.first,
+        last=how.last,
+        margin=how.margin,
+        cutoff=None if how.cutoff is None else to_si(how.cutoff, "Hz"),
+        decimate=how.decimate,
+    )
+
+
+def _drive(how: ExcitationTable) -> table.Drive:
+    if how.place is None or how.unit is None:
+        raise CalibError("an excitation read from a column needs place and unit in [record.excitation]")
+    if how.amplitude is not None or how.phase != 0.0:
+        raise CalibError("an excitation read from a column has its own amplitude and phase; drop these two keys")
+    return table.Drive(
+        column=how.column,
+        place=how.place,
+        quantity=how.quantity,
+        unit=how.unit,
+        scale=how.scale,
+        cutoff=None if how.cutoff is None else to_si(how.cutoff, "Hz"),
+    )
+
+
+def _excitation(how: ExcitationTable | None, record: xr.Dataset) -> Excitation:
+    """Return the excitation that the study file states, else the record's own."""
+    if how is None:
+        return Excitation.of(record)
+    if how.column is not None:
+        raise CalibError("a column of a table was named, but the record has no [record.table]; drop the key column")
+    unit = how.unit or unit_of(how.quantity)
+    numbers = {
+        name: to_si(value, in_unit)
+        for name, value, in_unit in (
+            ("frequency", how.frequency, "Hz"), ("amplitude", how.amplitude, unit), ("cutoff", how.cutoff, "Hz"),
+        )
+        if value is not None
+    }  # fmt: skip
+    return Excitation(
+        place=how.place or record.attrs.get("place", ""),
+        quantity=how.quantity,
+        phase=to_si(how.phase, "rad"),
+        **numbers,
+    )
+
+
+def _check_bodies(record: xr.Dataset, model: Model) -> None:
+    for body in (str(b) for b in record.body.values):
+        if body not in model.bodies:
+            raise CalibError(
+                f"the record's body {body!r} is none of simulator {model.simulator.name!r}"
+                f"{nearest(body, model.bodies)}, which has {', '.join(model.bodies)}; "
+                'say which is which: bodies = { "record body" = "simulator body" }'
+            )
+
+
+def _check_excitation(excitation: Excitation | None, simulator: Simulator) -> None:
+    takes = getattr(simulator, "excitations", None)  # optional: without it the simulator itself refuses, when it runs
+    if excitation is None or takes is None or (excitation.quantity, excitation.place) in takes:
+        return
+    known = [f"{quantity} at {place!r}" for quantity, place in sorted(takes)]
+    raise CalibError(
+        f"the record is driven by {excitation.quantity} at {excitation.place!r}; simulator {simulator.name!r} takes "
+        f"{', '.join(known)}; mend [record.excitation], or choose another simulator or other [model] options"
+    )
+
+
+def _request(shape: StudyToml, entry: RecordTable, excitation: Excitation, record: xr.Dataset) -> Request:
+    own = {key: getattr(entry, key) for key in OWN if getattr(entry, key) is not None}
+    general = {key: getattr(shape.study, key) for key in OWN}
+    times = record.time.values if excitation.recorded or not excitation.periodic else None
+    return Request(times=times, **(general | own))

@@ -1,7 +1,0 @@
-"""study.toml -> Study: the only room where names become things; no logic."""
-
-from calib.study_toml.load import StudyFile, load, results_folder
-from calib.study_toml.mistakes import located, read_toml
-from calib.study_toml.schema import StudyToml
-
-__all__ = ["StudyFile", "StudyToml", "load", "located", "read_toml", "results_folder"]

@@ -1,0 +1,61 @@
+"""The diagnosis of a study: its calibrated values, the search for what is missing, the files that say so."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from calib.diagnosis.artifacts import write
+from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.effort import Budget
+from calib.diagnosis.verdict import NAMED, ONE_OF
+from calib.study_file import load
+from calib.workflows.calibrate import rebuild
+from calib.workflows.calibrated import calibrated_values
+from calib.workflows.extension import extended_study
+
+
+def diagnose_study(
+    path: str | Path,
+    out: str | Path | None = None,
+    *,
+    seed: int | None = None,
+    jobs: int | None = None,
+    apply: bool = False,
+    on_stage: Callable[[str], None] = lambda text: None,
+    on_progress: Callable[[int, int], None] = lambda done, foreseen: None,
+    budget: str | None = None,
+) -> tuple[dict[str, Any], Path | None]:
+    """Diagnose a calibrated study: `calib diagnose` from Python.
+
+    Parameters
+    ----------
+    path : study file, or a folder with a study.toml; `calib run` must have found values
+    out : folder of the results; None: the study's
+    seed : of the noise that is drawn; None: the study's
+    jobs : takes the place of the file's
+    apply : write study.extended.toml beside the study, where an effect is named
+    on_stage : called with what is being done
+    on_progress : called with the simulations that are done, and those that are foreseen in all
+    budget : a number of simulations, or a time such as "10 min", after which no further fit begins; None: any
+
+    Returns
+    -------
+    what diagnosis.json says, and the path of the extended study (None where none was written)
+
+    Raises
+    ------
+    CalibError : a mistake in the study file or the budget, or the study has not been calibrated
+    """
+    limit = Budget.of(budget)
+    file = load(path, jobs=jobs)
+    folder = file.folder if out is None else Path(out)
+    values = calibrated_values(file, folder)
+    found = diagnose(
+        file.study, file.others, values, file.suspects(), seed=file.study.seed if seed is None else seed,
+        on_stage=on_stage, on_progress=on_progress, budget=limit, laboratory=file.laboratory,
+    )  # fmt: skip
+    said = write(found, folder, values, {**file.study.objective.references, **file.others})
+    rebuild(path, out, jobs)
+    named = found.verdict in (NAMED, ONE_OF) and found.selection.causes
+    extended = extended_study(file, found) if apply and named else None
+    return said, extended

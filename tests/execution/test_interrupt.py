@@ -1,0 +1,66 @@
+"""Ctrl-C held back."""
+
+import os
+import signal
+import threading
+import time
+
+import pytest
+
+from calib.execution.interrupt import uninterrupted
+
+
+@pytest.fixture(autouse=True)
+def heeding():
+    """A process in the background of a script begins deaf to Ctrl-C."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def wait():
+    """Let the interpreter run the handlers of signals that another thread has taken."""
+    for _ in range(100):
+        time.sleep(1e-4)
+
+
+@pytest.mark.parametrize("others", [0, 1])
+def test_ctrl_c_comes_when_the_block_has_ended(others):
+    """Another thread, where there is one, takes the signal that this one blocks."""
+    over = threading.Event()
+    threads = [threading.Thread(target=over.wait) for _ in range(others)]
+    for thread in threads:
+        thread.start()
+    done = []
+
+    def block():
+        with uninterrupted(), uninterrupted():
+            os.kill(os.getpid(), signal.SIGINT)
+            wait()
+            done.append("all of it")
+
+    with pytest.raises(KeyboardInterrupt):
+        block()
+    over.set()
+    assert done == ["all of it"]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+
+
+def test_the_error_of_the_block_is_not_lost():
+    with pytest.raises(ValueError, match="torn"), uninterrupted():
+        raise ValueError("torn")
+
+
+def test_in_another_thread_nothing_is_held_back_from_this_one():
+    found = []
+
+    def block():
+        with uninterrupted():
+            found.append(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))
+
+    thread = threading.Thread(target=block)
+    thread.start()
+    thread.join()
+    assert found == [True]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

@@ -1,0 +1,34 @@
+"""The reference records come from the tables beside them."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from calib.records import read
+
+ROOT = Path(__file__).parents[2] / "experiments_ref"
+NAMES = ["clapping", "louder", "slower", "quiet"]
+
+
+@pytest.mark.parametrize("folder", ["clapping_minimal", "clapping_beam"])
+def test_the_script_of_a_folder_makes_its_records(folder, tmp_path):
+    here = tmp_path / folder
+    here.mkdir()
+    for source in [*(ROOT / folder).glob("*.csv"), ROOT / folder / "make_records.py"]:
+        shutil.copy(source, here)
+    subprocess.run([sys.executable, here / "make_records.py"], check=True)
+    for name in NAMES:
+        assert read(here / f"{name}.nc").identical(read(ROOT / folder / f"{name}.nc"))
+
+
+@pytest.mark.parametrize("folder", ["clapping_minimal", "clapping_beam"])
+@pytest.mark.parametrize("name", NAMES)
+def test_a_reference_record_says_that_it_is_not_measured(folder, name):
+    assert "not measured" in read(ROOT / folder / f"{name}.nc").attrs["warning"]
+
+
+def test_the_beam_s_motion_is_the_drive_and_no_evidence():
+    assert read(ROOT / "clapping_beam" / "clapping.nc").attrs["prescribed"] == "beam.displacement,beam.velocity"

@@ -1,0 +1,124 @@
+import numpy as np
+import pytest
+
+from calib.errors import CalibError
+from calib.records import record
+from calib.records.excitation import Excitation
+
+TIME = np.linspace(0.0, 0.1, 50)
+
+
+def swing(**attrs):
+    x = np.array([np.cos(60 * TIME), np.sin(60 * TIME)])
+    attrs = {"frequency": 60 / (2 * np.pi), "amplitude": 1e-3, "place": "end", "quantity": "displacement", **attrs}
+    return record.make(TIME, ["beam", "layer"], {"displacement": x, "velocity": 60 * x}, **attrs)
+
+
+def test_a_record_comes_back_from_its_file_bit_by_bit(tmp_path):
+    record.write(swing(), tmp_path / "r.nc")
+    assert record.read(tmp_path / "r.nc").identical(swing())
+    assert [p.name for p in tmp_path.iterdir()] == ["r.nc"]
+
+
+def test_a_write_that_fails_leaves_the_old_file_alone(tmp_path):
+    record.write(swing(), tmp_path / "r.nc")
+    with pytest.raises(Exception, match="Invalid value for attr|not valid|NoneType"):
+        record.write(swing(bad=None), tmp_path / "r.nc")
+    assert record.read(tmp_path / "r.nc").identical(swing())
+    assert [p.name for p in tmp_path.iterdir()] == ["r.nc"]
+
+
+def test_a_truncated_file_is_named(tmp_path):
+    path = tmp_path / "r.nc"
+    record.write(swing(), path)
+    path.write_bytes(path.read_bytes()[:3000])
+    with pytest.raises(CalibError, match=r"r\.nc: not a readable netCDF file"):
+        record.read(path)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(CalibError, match=r"r\.nc: no such file"):
+        record.read(tmp_path / "r.nc")
+
+
+def broken(r, what):
+    if what == "nan":
+        r.displacement.values[1, 7] = np.nan
+    if what == "time":
+        r = r.assign_coords(time=r.time.values[::-1])
+    if what == "turned":
+        r = r.transpose("time", "body")
+    if what == "unit":
+        r.velocity.attrs["units"] = "mm/s"
+    if what == "no unit":
+        del r.velocity.attrs["units"]
+    if what == "empty":
+        r = r.drop_vars(["displacement", "velocity"])
+    if what == "sigma":
+        r["velocity_sigma"] = ("body", [0.1, 0.0])
+    if what == "axes":
+        r.attrs["nuisance_sigma"] = "shear: 1e-6"
+    if what == "frequency":
+        r.attrs["frequency"] = "26 Hz"
+    return r
+
+
+@pytest.mark.parametrize(
+    ("what", "said"),
+    [
+        ("nan", "displacement of body 'layer' is not a number at sample 7"),
+        ("time", "time must increase"),
+        ("turned", "transpose it"),
+        ("unit", "velocity is expected in 'm/s', got 'mm/s'"),
+        ("no unit", "states no unit"),
+        ("empty", "no channel"),
+        ("sigma", "must be positive"),
+        ("axes", "record: attribute nuisance_sigma: expected a JSON object"),
+        ("frequency", "frequency: expected a number in SI, got '26 Hz'"),
+    ],
+)
+def test_what_breaks_the_schema_is_named(what, said):
+    with pytest.raises(CalibError, match=said):
+        record.check(broken(swing(), what))
+
+
+def test_a_body_that_is_not_there_is_answered_with_those_that_are():
+    with pytest.raises(CalibError, match=r"no body 'laier' \(did you mean 'layer'\?\)"):
+        record.rename_bodies(swing(), {"laier": "q3"})
+
+
+def test_bodies_take_the_simulator_s_names():
+    renamed = record.rename_bodies(swing(), {"layer": "q3"})
+    assert list(renamed.body.values) == ["q3"]
+    assert (renamed.displacement.values[0] == swing().displacement.values[1]).all()
+
+
+def test_a_prescribed_channel_keeps_its_body_under_the_new_name():
+    renamed = record.rename_bodies(swing(prescribed="beam.displacement,layer.velocity"), {"layer": "q3"})
+    assert renamed.attrs["prescribed"] == "q3.velocity"
+
+
+def test_a_failed_run_is_a_record_without_samples():
+    r = record.failed(["beam"], "diverged", "the gap is negative")
+    assert (r.attrs["status"], r.attrs["reason"], r.sizes["time"]) == ("diverged", "the gap is negative", 0)
+
+
+def test_a_record_tells_its_excitation():
+    e = Excitation.of(swing())
+    assert (e.place, e.quantity, e.unit, e.period) == ("end", "displacement", "m", pytest.approx(2 * np.pi / 60))
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"quantity": "forse"}, "did you mean 'force'"),
+        ({"frequency": -1.0}, "positive"),
+        ({"amplitude": None}, "needs"),
+        ({"time": TIME}, "both time"),
+        ({"time": TIME, "value": np.full(50, np.nan)}, "NaN"),
+        ({"time": TIME[::-1], "value": TIME}, "increase"),
+    ],
+)
+def test_an_impossible_excitation_is_refused(given, said):
+    with pytest.raises(CalibError, match=said):
+        Excitation(**{"place": "end", "quantity": "force", "frequency": 1.0, "amplitude": 1.0, **given})

@@ -1,0 +1,251 @@
+"""Measured tables as records."""
+
+import hashlib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from calib.errors import CalibError
+from calib.records.table import Channel, Clock, Drive, Table, read
+
+HEADED = "t,x,u,note,\n0.0,1.0,10,a,\n0.1,2.0,20,,\n0.2,3.0,30,b,\n0.3,4.0,40,c,\n0.4,5.0,50,d,\n"
+X = Channel("x", "mass", "displacement", "mm")
+U = Drive("u", "mass", "force", "V", "2 N/V")
+
+
+@pytest.fixture
+def headed(tmp_path):
+    path = tmp_path / "headed.csv"
+    path.write_text(HEADED)
+    return path
+
+
+def test_columns_become_channels_in_si_and_the_excitation(headed):
+    record, excitation = read(Table(headed, [X], U, time=Clock("t")))
+    np.testing.assert_allclose(record.displacement.sel(body="mass"), [1e-3, 2e-3, 3e-3, 4e-3, 5e-3], rtol=1e-15)
+    np.testing.assert_allclose(record.time, [0.0, 0.1, 0.2, 0.3, 0.4], rtol=1e-15)
+    np.testing.assert_allclose(excitation.value, [20.0, 40.0, 60.0, 80.0, 100.0], rtol=1e-15)
+    assert (excitation.place, excitation.quantity, excitation.unit) == ("mass", "force", "N")
+    np.testing.assert_array_equal(record.excitation, excitation.value)
+
+
+def test_a_slice_starts_at_time_zero_and_the_excitation_keeps_the_margin(headed):
+    record, excitation = read(Table(headed, [X], U, time=Clock("t"), first=2, last=4, margin=1))
+    np.testing.assert_allclose(record.time, [0.0, 0.1], atol=1e-15)
+    np.testing.assert_allclose(record.displacement[0], [3e-3, 4e-3])
+    np.testing.assert_allclose(excitation.time, [-0.1, 0.0, 0.1, 0.2], atol=1e-15)
+
+
+def test_a_margin_ends_where_the_file_ends(headed):
+    _, excitation = read(Table(headed, [X], U, rate=10.0, first=1, last=3, margin=99))
+    np.testing.assert_allclose(excitation.time, [-0.1, 0.0, 0.1, 0.2, 0.3], atol=1e-15)
+
+
+def test_decimation_thins_the_channels_but_not_the_excitation(headed):
+    record, excitation = read(Table(headed, [X], U, rate=10.0, decimate=2))
+    np.testing.assert_allclose(record.time, [0.0, 0.2, 0.4])
+    assert excitation.time.size == 5
+
+
+@pytest.mark.parametrize(
+    "text", ["1 2\n3 4\n5 6\n", "1\t2\n3\t4\n5\t6\n", "# by hand\n1;2\n\n3;4\n5;6\n", "  1   2\n 3  4 \n 5 6\n"]
+)
+def test_a_file_without_header_is_read_by_position(tmp_path, text):
+    path = tmp_path / "bare.txt"
+    path.write_text(text)
+    record, _ = read(Table(path, [Channel(2, "mass", "velocity", "m/s")], time=Clock(1, "ms")))
+    np.testing.assert_allclose(record.velocity[0], [2.0, 4.0, 6.0])
+    np.testing.assert_allclose(record.time, [0.0, 2e-3, 4e-3])
+
+
+def test_a_matlab_file_gives_the_same_record(tmp_path, headed):
+    numbers = np.genfromtxt(headed, delimiter=",", skip_header=1, usecols=(0, 1, 2))
+    path = tmp_path / "same.mat"
+    savemat(path, {"t": numbers[:, :1], "x": numbers[:, 1:2], "u": numbers[:, 2:], "gain": 3.0, "label": "by hand"})
+    text, matlab = (read(Table(p, [X], U, time=Clock("t")))[0] for p in (headed, path))
+    np.testing.assert_array_equal(text.displacement, matlab.displacement)
+    np.testing.assert_array_equal(text.excitation, matlab.excitation)
+
+
+@pytest.mark.parametrize("whole", ["%s", '{"dt": 0.1, "data": %s, "units": ["s", "mm", "V"]}'])
+def test_a_json_list_of_rows_is_read_by_position(tmp_path, headed, whole):
+    path = tmp_path / "same.json"
+    path.write_text(whole % "[[0.0, 1, 10], [0.1, 2.0, 20], [0.2, 3, 30], [0.3, 4, 40], [0.4, 5, 50]]")
+    by_position = replace(X, column=2), replace(U, column=3)
+    found, _ = read(Table(path, [by_position[0]], by_position[1], time=Clock(1)))
+    text, _ = read(Table(headed, [X], U, time=Clock("t")))
+    np.testing.assert_array_equal(found.displacement, text.displacement)
+    np.testing.assert_array_equal(found.excitation, text.excitation)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("[[0, 1], [2]]", "sample 1: expected 2 cells as in sample 0, got 1"),
+        ("[[0, 1], [2, null]]", "sample 1: expected a number in column 2, got None"),
+        ('{"a": [[0, 1], [2, 3]], "b": [[0, 1]]}', "expected one list of rows, found 2"),
+        ("[0, 1, 2]", "expected one list of rows, found 0"),
+        ("[[0, 1],", "not a readable JSON file"),
+    ],
+)
+def test_a_json_file_that_is_no_table_is_refused(tmp_path, text, says):
+    mistake(tmp_path / "odd.json", says, text=text, channels=[replace(X, column=2)])
+
+
+def test_bodies_and_uncertainties(headed):
+    channels = [
+        Channel("x", "beam", "displacement", "mm", sigma="0.01 mm"),
+        Channel("u", "layer", "displacement", "V", "1 mm/V", sigma=2e-5),
+    ]
+    record, excitation = read(Table(headed, channels, time=Clock("t")))
+    assert list(record.body.values) == ["beam", "layer"]
+    np.testing.assert_allclose(record.displacement_sigma, [1e-5, 2e-5])
+    assert excitation is None
+
+
+def test_a_channel_of_another_kind_keeps_its_unit(headed):
+    record, _ = read(Table(headed, [Channel("u", "tank", "level", "V")], time=Clock("t")))
+    assert record.level.attrs["units"] == "V"
+
+
+def test_a_channel_of_another_kind_must_be_in_si(headed):
+    with pytest.raises(CalibError, match="must be one of SI without a factor, got 'mV'"):
+        read(Table(headed, [Channel("u", "tank", "level", "mV")], time=Clock("t")))
+
+
+def test_a_prescribed_motion_is_said_and_not_scored(headed):
+    drive = Drive("x", "mass", "displacement", "mm", cutoff=2.0)
+    record, excitation = read(Table(headed, [Channel("u", "mass", "force", "V", "35.15 N/V")], drive, time=Clock("t")))
+    assert record.attrs["prescribed"] == "mass.displacement,mass.velocity"
+    assert excitation.cutoff == 2.0
+
+
+def test_the_cutoff_acts_on_the_channel_before_it_is_thinned(tmp_path):
+    time = np.arange(3000) / 1000.0
+    path = tmp_path / "noisy.csv"
+    np.savetxt(path, np.c_[np.cos(2 * np.pi * 3 * time) + 0.1 * np.cos(2 * np.pi * 300 * time)])
+    table = Table(
+        path, [Channel(1, "mass", "displacement", "m")], rate=1000.0, first=500, last=2500, margin=500, cutoff=60
+    )
+    record, _ = read(replace(table, decimate=25))
+    np.testing.assert_allclose(record.displacement[0], np.cos(2 * np.pi * 3 * (record.time + 0.5)), atol=1e-5)
+
+
+def test_a_missing_file_says_where_to_get_it(tmp_path):
+    table = Table(tmp_path / "none.csv", [X], rate=1.0, origin="https://example.org/none", sha256="ab" * 32)
+    with pytest.raises(CalibError, match=r"no such file; get it from https://example.org/none \(sha256 abab"):
+        read(table)
+
+
+def test_the_checksum_is_checked(headed):
+    right = hashlib.sha256(HEADED.encode()).hexdigest()
+    assert right in read(Table(headed, [X], rate=1.0, sha256=right.upper()))[0].attrs["source"]
+    with pytest.raises(CalibError, match="expected sha256 abab.*got " + right):
+        read(Table(headed, [X], rate=1.0, sha256="ab" * 32))
+
+
+def mistake(path, says, text=HEADED, channels=(X,), drive=None, **options):
+    path.write_text(text)
+    with pytest.raises(CalibError, match=says):
+        read(Table(path, list(channels), drive, **({"rate": 10.0} | options)))
+
+
+@pytest.mark.parametrize(
+    ("says", "change"),
+    [
+        (
+            r"there is no single column 'y'; the columns are \['t', 'x', 'u', 'note'\]",
+            {"channels": [Channel("y", "m", "force", "N")]},
+        ),
+        ("did you mean 'note'", {"channels": [Channel("notes", "m", "force", "N")]}),
+        ("no single column 'x'", {"text": "x,x\n1,2\n3,4\n"}),
+        ("no header, only columns 1 to 2", {"text": "1,2\n3,4\n"}),
+        ("line 3: expected a number in column 'x', got 'two'", {"text": HEADED.replace("2.0", "two")}),
+        ("line 3: expected a number in column 'x', got ''", {"text": HEADED.replace("2.0", "")}),
+        ("line 3: expected a number in column 'x', got 'nan'", {"text": HEADED.replace("2.0", "nan")}),
+        ("line 4: expected 5 cells as in line 1, got 4", {"text": HEADED.replace("0.2,3.0", "0.2")}),
+        ("got '1,5'", {"text": "t;x\n0,1;1,5\n0,2;2,5\n"}),
+        ("a quotation mark is not closed", {"text": HEADED.replace("a,", '"a,')}),
+        ("at least two samples", {"cutoff": 1.0, "first": 4}),
+        (
+            "a time that increases",
+            {"cutoff": 1.0, "rate": None, "time": Clock("t"), "text": HEADED.replace("0.3,", "0.1,")},
+        ),
+        ("holds no rows", {"text": "\n# nothing\n"}),
+        ("samples 3 to 9 were asked for, but the file has 5", {"first": 3, "last": 9}),
+        ("samples 5 to 5 were asked for", {"first": 5}),
+        (
+            "column 'x': unit times scale must be in 'm': .*can be given in m",
+            {"channels": [Channel("x", "m", "displacement", "V")]},
+        ),
+        ("two columns are displacement of body 'mass'", {"channels": [X, X]}),
+        (
+            "velocity is given for some bodies, but not for \\['mass'\\]",
+            {"channels": [X, Channel("x", "b", "displacement", "m"), Channel("u", "b", "velocity", "m/s")]},
+        ),
+        ("between 0 and half the sampling rate", {"cutoff": 6.0}),
+        ("uniform samples", {"cutoff": 1.0, "rate": None, "time": Clock("t"), "text": HEADED.replace("0.3,", "0.35,")}),
+        ("time must increase", {"rate": None, "time": Clock("t"), "text": HEADED.replace("0.3,", "0.1,")}),
+        ("either a time column or a sampling rate", {"time": Clock("t")}),
+        ("either a time column or a sampling rate", {"rate": None}),
+        ("rate must be positive", {"rate": 0.0}),
+        ("count samples from 0", {"first": -1}),
+        ("at least one channel", {"channels": []}),
+    ],
+)
+def test_a_mistake_is_answered(tmp_path, says, change):
+    mistake(tmp_path / "table.csv", says, **change)
+
+
+def test_an_unknown_quantity_is_answered():
+    with pytest.raises(CalibError, match="did you mean 'base motion'"):
+        Drive("u", "mass", "base mtion", "m")
+
+
+def test_files_that_are_no_tables(tmp_path):
+    (tmp_path / "no.mat").write_text("x,y\n1,2\n")
+    with pytest.raises(CalibError, match="not a readable MATLAB v5 file"):
+        read(Table(tmp_path / "no.mat", [X], rate=1.0))
+    (tmp_path / "no.csv").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(CalibError, match="not a text file"):
+        read(Table(tmp_path / "no.csv", [X], rate=1.0))
+
+
+@pytest.fixture
+def cells(tmp_path):
+    """Return a file with a cell array `runs`, 2 x 2: time and displacement of two runs, the second's a matrix."""
+    runs = np.empty((2, 2), dtype=object)
+    runs[:, 0] = [np.array([[0.0, 0.1, 0.2]]), np.array([[0.0], [0.1]])]
+    runs[:, 1] = [np.array([[1.0, 2.0, 3.0]]), np.array([[1.0, 2.0], [3.0, 4.0]])]
+    savemat(tmp_path / "cells.mat", {"runs": runs, "label": "by hand", "gain": 3.0})
+    return tmp_path / "cells.mat"
+
+
+def test_cells_of_a_matlab_file_are_columns_by_their_matlab_names(cells):
+    record, _ = read(Table(cells, [replace(X, column="runs{1,2}")], time=Clock("runs{1,1}")))
+    np.testing.assert_allclose(record.displacement.sel(body="mass"), [1e-3, 2e-3, 3e-3], rtol=1e-15)
+    np.testing.assert_allclose(record.time, [0.0, 0.1, 0.2], rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("column", "says"),
+    [
+        ("run{1,2}", r"cells.mat: there is no single column 'run\{1,2\}' \(did you mean 'runs\{1,2\}'"),
+        ("runs{3,1}", r"column 'runs\{3,1\}'.*the columns are \['runs\{1,1\}', 'runs\{1,2\}', 'runs\{2,1\}'\]"),
+        ("runs", r"column 'runs' is a cell array of 2 x 2; name one of its cells, such as 'runs\{1,1\}'"),
+        ("runs{2,2}", r"column 'runs\{2,2\}' is an array of 2 x 2, numbers; a column is one row or one column"),
+        ("label", "column 'label' is an array of 1, text"),
+        ("gain", "column 'gain' is an array of 1 x 1, numbers"),
+    ],
+)
+def test_what_is_no_vector_of_a_matlab_file_is_said(cells, column, says):
+    with pytest.raises(CalibError, match=says):
+        read(Table(cells, [replace(X, column=column)], rate=10.0))
+
+
+def test_columns_of_different_length_are_refused(tmp_path):
+    savemat(tmp_path / "two.mat", {"x": np.arange(5.0), "u": np.arange(4.0)})
+    with pytest.raises(CalibError, match="one length"):
+        read(Table(tmp_path / "two.mat", [X], U, rate=1.0))

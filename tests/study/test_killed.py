@@ -1,0 +1,71 @@
+"""`calib run`, killed at random moments, ends with what it would have found uninterrupted."""
+
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+TIMES = ("seconds",)  # the only entry of result.json that may differ
+
+
+def study(folder):
+    """studies/minimal beside its records."""
+    home = folder / "studies" / "minimal"
+    home.mkdir(parents=True)
+    shutil.copy(ROOT / "studies" / "minimal" / "study.toml", home)
+    shutil.copytree(ROOT / "experiments_ref", folder / "experiments_ref")
+    return home
+
+
+def command(home, out, jobs):
+    return [sys.executable, "-m", "calib", "run", str(home), "--out", str(out), "--jobs", str(jobs), "--quiet"]
+
+
+def found(out):
+    """result.json and the trial list, without times."""
+    result = json.loads((out / "result.json").read_text())
+    lines = [json.loads(line) for line in (out / "trials.jsonl").read_text().splitlines()]
+    trials = sorted((line for line in lines if "number" in line), key=lambda line: line["number"])
+    for entry in (result, *trials):
+        for name in TIMES:
+            del entry[name]
+    for trial in trials:
+        trial["residuals"] = trial["residuals"][1]  # where they lie in the side file is a matter of the order of ending
+    return result, trials
+
+
+def logged(out):
+    """Number of trials in the ledger."""
+    ledger = out / "trials.jsonl"
+    return max(ledger.read_bytes().count(b"\n") - 1, 0) if ledger.exists() else 0  # its first line is the header
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("jobs", "kills"), [(1, 3), (2, 8)])
+def test_many_kills_change_nothing(jobs, kills, tmp_path):
+    """Killed while it starts, after a few more trials each, and the last time when the search is over."""
+    home, whole, killed = study(tmp_path), tmp_path / "whole", tmp_path / "killed"
+    subprocess.run(command(home, whole, 1), check=True)
+    trials, rng = logged(whole), random.Random(jobs)
+    for kill in range(kills):
+        until = logged(killed) + rng.randint(0, 2 * trials // (3 * kills)) if kill < kills - 1 else trials
+        process = subprocess.Popen(command(home, killed, jobs), stderr=subprocess.DEVNULL)
+        limit = time.monotonic() + 300.0
+        while logged(killed) < until:
+            assert process.poll() is None, "the study ended before it was killed often enough"
+            assert time.monotonic() < limit, "no such trial within five minutes"
+            time.sleep(0.01)
+        time.sleep(rng.uniform(0.0, 0.3))  # s; about ten trials
+        assert process.poll() is None, "the study ended before it was killed often enough"
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+    subprocess.run(command(home, killed, jobs), check=True)
+    assert found(killed) == found(whole)

@@ -1,0 +1,56 @@
+"""What a running study says of itself."""
+
+import io
+
+import pytest
+from hand_clock import HandClock
+from rich.console import Console
+
+from calib.store import Trial
+from calib.study.progress import Progress
+
+
+def test_without_a_terminal_a_line_comes_every_few_seconds(capsys):
+    clock = HandClock()
+    with Progress(100, console=Console(stderr=True, width=200), clock=clock) as progress:
+        for number in range(20):
+            clock.now += 1.0
+            trial = Trial(number, [0.5], {}, 1.0 / (number + 1), kind="period-1", phase="search")
+            progress.trial(trial, trial, number + 1)
+    lines = capsys.readouterr().err.splitlines()
+    assert 3 <= len(lines) <= 5
+    assert "best 0.05 (period-1)  1 trials/s  0 failed  at most 1:20 left" in lines[-1]
+
+
+def test_the_leaders_are_counted_while_they_are_confirmed(capsys):
+    with Progress(100, console=Console(stderr=True, width=200)) as progress:
+        progress.stage("confirm")
+        for done in (1, 2):
+            progress.leader(done, 2)
+        progress.stage("confidence")
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.partition(":")[0] for line in lines] == ["confirm"] * 3 + ["confidence"]
+    assert ["leaders" in line for line in lines] == [False, True, True, False]
+    assert lines[2].endswith("2/2 leaders")
+
+
+@pytest.mark.parametrize(
+    ("amplitudes", "said"),
+    [
+        ([1.5e-3, 1.8e-3], "no point of the screen reaches displacement amplitude of bob in swing: measured 1 mm, "
+                           "nearest 1.5 mm (50 % off)"),
+        ([0.8e-3, 1.8e-3], "the screen reaches every measured feature"),
+    ],
+)  # fmt: skip
+def test_what_the_screen_does_not_reach_is_said_before_the_search(amplitudes, said):
+    console = Console(file=io.StringIO(), width=200)
+    progress = Progress(10, console=console)
+    feature = {"label": "displacement amplitude", "record": "swing", "body": "bob", "unit": "m", "measured": 1e-3,
+               "tolerance": 2e-5}  # fmt: skip
+    for number, amplitude in enumerate(amplitudes):
+        trial = Trial(number, [0.5], {}, 0.1, features=[{**feature, "simulated": amplitude}], phase="screen")
+        progress.stage("screen")
+        progress.trial(trial, trial, number + 1)
+    assert said not in console.file.getvalue()
+    progress.trial(Trial(2, [0.5], {}, 0.1, phase="search"), trial, 3)
+    assert console.file.getvalue().count(said) == 1

@@ -1,0 +1,180 @@
+"""What is wrong with a study is said; what is wrong with a simulator is a trial's status, and the study goes on."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from echo_study import bench, write_study
+
+from calib import records
+from calib.cli import main
+from calib.errors import CalibError
+from calib.store import read
+from calib.study.result import read as read_result
+from calib.study_file import load
+
+PATH = "study.toml:11: record[1].path"
+
+
+def with_value(record, channel, sample, value):
+    record[channel].values[0, sample] = value
+    return record
+
+
+def with_time(record, sample, value):
+    time = record.time.values.copy()
+    time[sample] = value
+    return record.assign_coords(time=("time", time, {"units": "s"}))
+
+
+def without_unit(record):
+    del record["displacement"].attrs["units"]
+    return record
+
+
+def without_place(record):
+    del record.attrs["place"]
+    return record
+
+
+def in_millimetres(record):
+    record["displacement"].attrs["units"] = "mm"
+    return record
+
+
+FAULTS = {
+    "no_number": (lambda r: with_value(r, "displacement", 7, np.nan), PATH, "of body 'mass' is not a number"),
+    "infinity": (lambda r: with_value(r, "velocity", 7, np.inf), PATH, "velocity of body 'mass' is not a number"),
+    "time_stands": (lambda r: with_time(r, 5, r.time.values[4]), PATH, "time must increase"),
+    "time_goes_back": (lambda r: with_time(r, 5, -1.0), PATH, "time must increase"),
+    "time_is_no_number": (lambda r: with_time(r, 5, np.nan), PATH, "time holds NaN at sample 5"),
+    "no_unit": (without_unit, PATH, "displacement states no unit"),
+    "another_unit": (in_millimetres, PATH, "displacement is expected in 'm', got 'mm'"),
+    "transposed": (lambda r: r.transpose("time", "body"), PATH, "transpose it"),
+    "no_channel": (lambda r: r.drop_vars(["displacement", "velocity"]), PATH, "no channel"),
+    "another_body": (lambda r: r.assign_coords(body=["cart"]), "record[1].bodies", "'cart' is none of simulator"),
+    "no_velocity": (lambda r: r.drop_vars(["velocity", "velocity_sigma"]), "study.toml:21: term[1]", "velocity"),
+    "no_drive": (without_place, "record[1].excitation", "attribute 'place' is missing"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_bad_record_is_refused_with_the_place_in_the_study_file(tmp_path, fault):
+    spoil, place, said = FAULTS[fault]
+    path = write_study(tmp_path)
+    records.write(spoil(bench()), tmp_path / "bench.nc")
+    with pytest.raises(CalibError) as raised:
+        load(path)
+    assert place in str(raised.value)
+    assert said in str(raised.value)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.99])
+def test_a_truncated_record_is_refused(tmp_path, share):
+    path = write_study(tmp_path)
+    content = (tmp_path / "bench.nc").read_bytes()
+    (tmp_path / "bench.nc").write_bytes(content[: int(share * len(content))])
+    with pytest.raises(CalibError, match="not a readable netCDF file") as raised:
+        load(path)
+    assert PATH in str(raised.value)
+
+
+def test_a_bad_cell_of_a_table_is_refused_with_its_line(tmp_path):
+    (tmp_path / "bench.csv").write_text("t,x\n0.0,1\n0.1,oops\n0.2,3\n")
+    table = (
+        'path = "bench.csv"\n[record.table]\ntime = { column = "t", unit = "s" }\n'
+        'channels = [{ column = "x", body = "mass", channel = "displacement", unit = "mm" }]\n'
+        '[record.excitation]\nplace = "base"\nquantity = "base motion"\namplitude = "1 mm"\nfrequency = "10 Hz"\n'
+    )
+    path = write_study(tmp_path, ('path = "bench.nc"\nnuisance = ["trigger"]\n', table))
+    with pytest.raises(CalibError, match=r"study.toml:11: record\[1\].path: .*bench.csv, line 3: .*'oops'"):
+        load(path)
+
+
+def test_an_unknown_quantity_of_the_excitation_is_answered_with_the_known_ones(tmp_path):
+    drive = '[record.excitation]\nplace = "base"\nquantity = "base motoin"\namplitude = "1 mm"\nfrequency = "10 Hz"\n'
+    path = write_study(tmp_path, ('nuisance = ["trigger"]\n', 'nuisance = ["trigger"]\n' + drive))
+    with pytest.raises(CalibError, match=r"record\[1\].excitation: .* got 'base motoin' \(did you mean 'base motion'"):
+        load(path)
+
+
+def test_the_command_line_says_it_without_a_traceback(tmp_path):
+    path = write_study(tmp_path, ("low = 0.5, high = 2.0", "low = 2.0, high = 0.5"))
+    ended = CliRunner().invoke(main, ["run", str(path)])
+    assert ended.exit_code == 1
+    assert ended.stderr.startswith(f"calib: {path}:18: windows.gain: the window is the wrong way round")
+    assert "Traceback" not in ended.output
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("fault", "status", "reason"),
+    [
+        ("raises", "raised", "the echo broke"),
+        ("nan", "not finite", "displacement"),
+        ("hangs", "timeout", "1 s of wall-clock time"),
+        ("dies", "crashed", "exit code 11"),
+    ],
+)
+def test_a_simulator_that_misbehaves_fails_its_trials_and_the_study_goes_on(tmp_path, fault, status, reason):
+    option = f'simulator = "tiny_simulators:Echo"\noptions = {{ fault = "{fault}", above = 1.69 }}'
+    path = write_study(
+        tmp_path, ('simulator = "tiny_simulators:Echo"', option), ('timeout = "20 s"', 'timeout = "1 s"')
+    )
+    ended = CliRunner().invoke(main, ["run", str(path), "--quiet"])
+    assert ended.exit_code == 0, ended.output
+    _, trials = read(tmp_path / "out")
+    assert Counter(t.status == "ok" for t in trials if t.phase == "screen") == {True: 7, False: 1}
+    for trial in trials:
+        failed = trial.values["gain"] > 1.69
+        assert (trial.status == status) == failed
+        assert (reason in trial.reason) == failed
+    found = read_result(tmp_path / "out")
+    assert found["failed"] == sum(trial.status != "ok" for trial in trials)
+    assert found["values"]["gain"] == pytest.approx(1.2, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        ('name = "optuna"\nsampler = "tpee"', "unknown sampler 'tpee'"),
+        ('name = "scipy"\nmethod = "simplex"', "unknown method 'simplex'"),
+    ],
+)
+def test_an_option_that_the_optimiser_refuses_costs_no_simulation_and_leaves_no_folder(tmp_path, option, said):
+    path = write_study(tmp_path, ('name = "multistart"', option))
+    ended = CliRunner().invoke(main, ["run", str(path)])
+    assert ended.exit_code == 1
+    assert said in ended.stderr
+    assert "study.toml" in ended.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_package_that_a_sampler_lacks_is_named(tmp_path, monkeypatch):
+    monkeypatch.setattr("calib.optimisers.optuna.find_spec", lambda name: None)
+    path = write_study(tmp_path, ('name = "multistart"', 'name = "optuna"\nsampler = "gp"'))
+    ended = CliRunner().invoke(main, ["run", str(path)])
+    assert ended.exit_code == 1
+    assert "needs the package torch" in ended.stderr
+
+
+def test_a_study_of_which_every_trial_fails_ends_with_exit_code_4(tmp_path):
+    option = 'simulator = "tiny_simulators:Echo"\noptions = { fault = "raises", above = 0.0 }'
+    path = write_study(tmp_path, ('simulator = "tiny_simulators:Echo"', option), ("budget = 24", "budget = 12"))
+    ended = CliRunner().invoke(main, ["run", str(path)])
+    assert ended.exit_code == 4
+    assert "none of 12 trials ended ok" in ended.stdout
+    assert "failed: 12 (raised), such as: RuntimeError: the echo broke" in ended.stdout
+    found = read_result(tmp_path / "out")
+    assert (found["status"], found["score"]["total"], found["failed"]) == ("failed", None, 12)
+    assert "the echo broke" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_a_folder_that_cannot_be_made_ends_with_a_message(tmp_path):
+    path = write_study(tmp_path)
+    (tmp_path / "file").write_text("")
+    ended = CliRunner().invoke(main, ["run", str(path), "--out", str(tmp_path / "file" / "out")])
+    assert ended.exit_code == 1
+    assert str(tmp_path / "file" / "out") in ended.stderr
+    assert "Traceback" not in ended.output

@@ -1,0 +1,47 @@
+"""The main job from Python."""
+
+import json
+
+import pytest
+from echo_study import bench, write_study
+
+from calib import records
+from calib.errors import CalibError
+from calib.workflows.calibrate import calibrate, rebuild
+
+
+def test_the_main_job_from_python_leaves_the_files_and_returns_what_they_say(tmp_path, capfd):
+    path = write_study(tmp_path)
+    found = calibrate(str(path), quiet=True)
+    assert found == json.loads((tmp_path / "out" / "result.json").read_text())
+    assert found["confirmation"] is None
+    assert "Leaders, confirmed" not in (tmp_path / "out" / "report.html").read_text()
+    assert {"report.html", "best.nc", "trials.jsonl"} <= {file.name for file in (tmp_path / "out").iterdir()}
+    assert capfd.readouterr() == ("", "")
+
+
+def test_progress_is_on_stderr_and_no_stage_is_named_that_has_nothing_to_do(tmp_path, capfd):
+    calibrate(write_study(tmp_path), tmp_path / "elsewhere", budget=12)
+    said = capfd.readouterr().err
+    assert "confidence: " in said
+    assert "hold-out: " not in said, "no record is held out"
+    assert (tmp_path / "elsewhere" / "result.json").exists()
+
+
+def test_the_report_of_a_folder_without_a_run_is_refused(tmp_path):
+    with pytest.raises(CalibError, match="no study was run here"):
+        rebuild(write_study(tmp_path))
+
+
+@pytest.mark.parametrize(("late", "mute"), [(0, True), (7, False)])
+def test_a_record_that_would_fit_from_another_instant_on_is_named(tmp_path, late, mute):
+    path = write_study(tmp_path, ('nuisance = ["trigger"]\n', ""))
+    record = bench().roll(time=late, roll_coords=False)
+    records.write(record, tmp_path / "bench.nc")
+    remarks = calibrate(path, quiet=True)["remarks"]
+    if mute:
+        assert remarks == []
+    else:
+        assert remarks[0].startswith("were bench to start at another instant")
+        report = (tmp_path / "out" / "report.html").read_text()
+        assert "Were bench to start at another instant" in report
