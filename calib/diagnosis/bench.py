@@ -65,7 +65,7 @@ class Run:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class SimulatedRows:
     """A simulated record on the time base of the measured one, its nuisances solved for.
 
     Attributes
@@ -125,7 +125,7 @@ class Bench:
     objective: Objective
     rows: Mapping[str, Sequence[tuple[str, str]]]
 
-    def __call__(self, run: Run) -> Seen:
+    def __call__(self, run: Run) -> SimulatedRows:
         """Simulate and align."""
         reference = self.objective.references[run.record]
         request: Request = reference.request
@@ -164,7 +164,7 @@ class Bench:
             changes = [[own[channel][bodies.index(body)] for body, channel in pairs] for own in slopes.values()]
             start = Start(initial_state(record), np.array(changes))
         first = asked and run.state is None and run.start is None
-        return Seen(
+        return SimulatedRows(
             rows=rows,
             trust=seen["trust"].values,
             state=record["state"].values if "state" in record.variables else None,
@@ -185,11 +185,11 @@ def _irregular(record: xr.Dataset) -> str:
     return motion.evidence if motion.kind == IRREGULAR else ""
 
 
-def _nothing(status: str, reason: str) -> Seen:
-    return Seen(np.zeros((0, 0)), np.zeros(0), status=status, reason=reason)
+def _nothing(status: str, reason: str) -> SimulatedRows:
+    return SimulatedRows(np.zeros((0, 0)), np.zeros(0), status=status, reason=reason)
 
 
-def simulated(pool: Pool, runs: Sequence[Run]) -> list[Seen]:
+def simulated(pool: Pool, runs: Sequence[Run]) -> list[SimulatedRows]:
     """Simulate side by side; what fails has a status."""
     answers = in_order(pool, runs)
     return [_nothing(a.status, a.reason) if isinstance(a, Failure) else a for a in answers]

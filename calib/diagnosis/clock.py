@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.diagnosis.bench import Bench, Run, Seen, simulated
+from calib.diagnosis.bench import Bench, Run, SimulatedRows, simulated
 from calib.modelling.effect import Effect
 from calib.records.excitation import Excitation
 from calib.study import Pool
@@ -31,7 +31,7 @@ def uncertain_clock(excitation: Excitation, time: np.ndarray, rows: np.ndarray) 
 def clock_slopes(
     pool: Pool,
     bench: Bench,
-    seen: Mapping[str, Seen],
+    seen: Mapping[str, SimulatedRows],
     values: Mapping[str, float],
     effects: tuple[Effect, ...] = (),
 ) -> dict[str, np.ndarray]:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from calib.diagnosis.bench import Seen
+from calib.diagnosis.bench import SimulatedRows
 from calib.errors import CalibError
 from calib.study import Pool
 from calib.units import to_si
@@ -50,7 +50,7 @@ class Effort:
 
     Parameters
     ----------
-    pool : maps `calib.diagnosis.bench.Run` to `Seen`
+    pool : maps `calib.diagnosis.bench.Run` to `SimulatedRows`
     budget : see there
     on_progress : called with the simulations that are done, and those that are foreseen in all
     """
@@ -69,7 +69,7 @@ class Effort:
     def map(self, payloads: Iterable[Any]) -> Iterator[tuple[int, Any]]:
         """Yield (index, result or Failure) as they end."""
         for index, result in self._pool.map(payloads):
-            self.done += result.simulations if isinstance(result, Seen) else 1
+            self.done += result.simulations if isinstance(result, SimulatedRows) else 1
             self.foreseen = max(self.foreseen, self.done)
             self._on_progress(self.done, self.foreseen)
             yield index, result

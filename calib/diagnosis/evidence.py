@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
-from calib.diagnosis.bench import Seen
+from calib.diagnosis.bench import SimulatedRows
 from calib.diagnosis.clock import CLOCK_RATE_STD, clock_sensitivity
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.noise import (
@@ -128,7 +128,7 @@ class Part:
         rows = np.repeat(np.arange(len(self.rows)), self.time.size)
         return replace(self, variance_along_clock=variance_along(direction, residual, rows))
 
-    def tangents(self, simulated: Seen) -> np.ndarray:
+    def tangents(self, simulated: SimulatedRows) -> np.ndarray:
         """Change of the simulated rows with each nuisance, in units of the noise (row * n, k).
 
         The rate of the recorder's clock against that of the drive is one in every record of a steady tone: nothing
@@ -182,11 +182,11 @@ class Evidence:
         """Names of the records."""
         return [part.name for part in self.parts]
 
-    def residual(self, simulated: Mapping[str, Seen]) -> np.ndarray:
+    def residual(self, simulated: Mapping[str, SimulatedRows]) -> np.ndarray:
         """Measured less simulated, in units of the noise (N,)."""
         return np.concatenate([part.white(part.measured - simulated[part.name].rows) for part in self.parts])
 
-    def difference(self, one: Mapping[str, Seen], other: Mapping[str, Seen]) -> np.ndarray:
+    def difference(self, one: Mapping[str, SimulatedRows], other: Mapping[str, SimulatedRows]) -> np.ndarray:
         """Simulation `other` less simulation `one`, in units of the noise (N,)."""
         return np.concatenate([part.white(other[part.name].rows - one[part.name].rows) for part in self.parts])
 
@@ -199,7 +199,7 @@ class Evidence:
             blocks.append(part._shrunk(whitened, 1.0))
         return np.concatenate(blocks)
 
-    def tangents(self, simulated: Mapping[str, Seen]) -> np.ndarray:
+    def tangents(self, simulated: Mapping[str, SimulatedRows]) -> np.ndarray:
         """Change of the simulations with each nuisance of each record, in units of the noise (N, k)."""
         blocks = [part.tangents(simulated[part.name]) for part in self.parts]
         whole = np.zeros((sum(len(b) for b in blocks), sum(b.shape[1] for b in blocks)))
@@ -217,7 +217,9 @@ class Evidence:
             column[self.of(part.name)] = part.white(part.clock)
         return columns
 
-    def initial_moves(self, simulated: Mapping[str, Seen], residual: np.ndarray) -> dict[str, dict[str, float]]:
+    def initial_moves(
+        self, simulated: Mapping[str, SimulatedRows], residual: np.ndarray
+    ) -> dict[str, dict[str, float]]:
         """Changes of initial states that are nuisances, by record, which fit a residual (N,) best, to first order."""
         changes = {}
         for part in self.parts:
@@ -272,7 +274,7 @@ class Evidence:
         """Return some of the records."""
         return Evidence(tuple(part for part in self.parts if part.name in names))
 
-    def with_weights(self, simulations: Sequence[Mapping[str, Seen]]) -> "Evidence":
+    def with_weights(self, simulations: Sequence[Mapping[str, SimulatedRows]]) -> "Evidence":
         """Return the same evidence compared only where all these simulations are to be trusted."""
         parts = []
         for part in self.parts:
@@ -312,7 +314,7 @@ def gathered(
     references: Mapping[str, Reference],
     rows: Mapping[str, Sequence[tuple[str, str]]],
     cycle: Mapping[str, int],
-    seen: Mapping[str, Seen],
+    seen: Mapping[str, SimulatedRows],
     left: Mapping[str, Remainder] | None = None,
     spoilt: Mapping[str, np.ndarray] | None = None,
     clocks: Mapping[str, np.ndarray] | None = None,
@@ -376,7 +378,7 @@ def gathered(
     return Evidence(tuple(parts))
 
 
-def _used(simulated: Seen, rows: Sequence[tuple[str, str]], good: np.ndarray) -> np.ndarray:
+def _used(simulated: SimulatedRows, rows: Sequence[tuple[str, str]], good: np.ndarray) -> np.ndarray:
     """Whether samples (row, n) are compared: those that are good, of rows that the excitation does not prescribe."""
     return np.array([row not in simulated.given for row in rows], dtype=bool)[:, None] & good
 
@@ -387,7 +389,7 @@ def _mended(measured: np.ndarray, simulated: np.ndarray, good: np.ndarray) -> np
     return np.where(good, measured, simulated + smoothed(residual))
 
 
-def outliers(part: Part, seen: Seen) -> np.ndarray:
+def outliers(part: Part, seen: SimulatedRows) -> np.ndarray:
     """Whether a sample (row, n) departs from those about it as no noise does.
 
     Its residual stands MIN_DEVIATION standard deviations beyond the median about it, theirs do not, and so it is with

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import stats
 
 from calib.confidence.covariance import sandwich
-from calib.diagnosis.bench import Bench, Run, Seen, simulated
+from calib.diagnosis.bench import Bench, Run, SimulatedRows, simulated
 from calib.diagnosis.clock import clock_slopes
 from calib.diagnosis.constancy import cochran, variation
 from calib.diagnosis.criteria import CRITERIA
@@ -207,7 +207,7 @@ def _changed(final: Fit, columns: np.ndarray) -> tuple[str, ...]:
 
 def _simulated(
     pool: Pool, held: Sequence[str], null: Fit, final: Fit
-) -> tuple[dict[str, Seen], dict[str, Seen], dict[str, str]]:
+) -> tuple[dict[str, SimulatedRows], dict[str, SimulatedRows], dict[str, str]]:
     """Records held out by the calibrated and by the extended model, as far as both can be; else why not, by name."""
     runs = [Run(name, fit.point.values, fit.point.effects) for fit in (null, final) for name in held]
     answers = simulated(pool, runs)
@@ -223,7 +223,7 @@ def _simulated(
 
 
 def _held_out_evidence(
-    pool: Pool, bench: Bench, final: Fit, before: Mapping[str, Seen], after: Mapping[str, Seen]
+    pool: Pool, bench: Bench, final: Fit, before: Mapping[str, SimulatedRows], after: Mapping[str, SimulatedRows]
 ) -> Evidence:
     """Records held out with their noise, compared where the simulations of both models are to be trusted."""
     references = {name: bench.objective.references[name] for name in after}
@@ -256,7 +256,7 @@ def _half(part: Part, half: int) -> Part:
     return replace(part, used=part.used & kept, weight=part.weight * kept)
 
 
-def _summed(kind: str, parts: Sequence[tuple[Part, Seen, Seen]], seed: int, **rest) -> Gain:
+def _summed(kind: str, parts: Sequence[tuple[Part, SimulatedRows, SimulatedRows]], seed: int, **rest) -> Gain:
     """Misfit before and after over (part, before, after), with the bootstrap over segments of the records."""
     names = tuple(dict.fromkeys(part.name for part, _, _ in parts))
     squares = [_squares([own for own in parts if own[0].name == name]) for name in names]
@@ -273,7 +273,7 @@ def _summed(kind: str, parts: Sequence[tuple[Part, Seen, Seen]], seed: int, **re
     return Gain(kind, names, before, after, interval, each=each, **rest)
 
 
-def _squares(parts: Sequence[tuple[Part, Seen, Seen]]) -> tuple[Squares, Squares]:
+def _squares(parts: Sequence[tuple[Part, SimulatedRows, SimulatedRows]]) -> tuple[Squares, Squares]:
     """Squares of one record, of which each part has some segments, before and after."""
     squares = [[_by_segment(part, view) for view in views] for part, *views in parts]
     counted = [(one.count + other.count).sum(axis=0) > 0.0 for one, other in squares]
@@ -285,7 +285,7 @@ def _squares(parts: Sequence[tuple[Part, Seen, Seen]]) -> tuple[Squares, Squares
     return before, after
 
 
-def _by_segment(part: Part, view: Seen) -> Squares:
+def _by_segment(part: Part, view: SimulatedRows) -> Squares:
     weight = row_weights(part.rows, part.used, view.trust)
     return Squares.of(part.measured, view.rows, weight, part.segments()[: part.time.size])
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.diagnosis.bench import Run, Seen, simulated
+from calib.diagnosis.bench import Run, SimulatedRows, simulated
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.noise import STATED
@@ -39,14 +39,14 @@ class Gate:
     tried: bool = True
 
 
-def simulates(views: Mapping[str, Seen]) -> Gate:
+def simulates(views: Mapping[str, SimulatedRows]) -> Gate:
     """Every record can be simulated at the calibrated values."""
     bad = {name: view for name, view in views.items() if not view.usable}
     summary = "; ".join(f"{name}: {view.status} {view.reason}".strip() for name, view in bad.items())
     return Gate("simulation", not bad, summary or "every record is simulated")
 
 
-def same_kind(views: Mapping[str, Seen], periodic: bool) -> Gate:
+def same_kind(views: Mapping[str, SimulatedRows], periodic: bool) -> Gate:
     """Measured and simulated motion have the same period; where no excitation is `periodic` there is none to have."""
     if not periodic:
         return Gate("kind of motion", True, "no steady motion of a periodic excitation: kinds of motion do not apply")
@@ -56,7 +56,7 @@ def same_kind(views: Mapping[str, Seen], periodic: bool) -> Gate:
 
 
 def fine_enough(
-    pool: Pool, model: Model, values: Mapping[str, float], views: Mapping[str, Seen], effects: Sequence[Effect]
+    pool: Pool, model: Model, values: Mapping[str, float], views: Mapping[str, SimulatedRows], effects: Sequence[Effect]
 ) -> list[Gate]:
     """Where a motion is of the wrong kind: whether solver steps and tolerances may be why.
 
@@ -76,7 +76,7 @@ def fine_enough(
     return gates
 
 
-def _change(one: Seen, other: Seen) -> float:
+def _change(one: SimulatedRows, other: SimulatedRows) -> float:
     """Largest change of a row, relative to its rms."""
     size = np.sqrt((one.rows**2).mean(axis=1))
     change = np.sqrt(((other.rows - one.rows) ** 2).mean(axis=1))
@@ -166,7 +166,7 @@ def converged(fitter: Fitter, fit: Fit, effects: Sequence[Effect], threshold: fl
 
 def _answers(
     pool: Pool, effects: Sequence[Effect], runs: Sequence[Sequence[Run]]
-) -> Iterator[tuple[Effect, dict[str, Seen]]]:
+) -> Iterator[tuple[Effect, dict[str, SimulatedRows]]]:
     """Run what each effect asks for, all side by side; its records by name."""
     answers = iter(simulated(pool, list(itertools.chain.from_iterable(runs))))
     for effect, asked in zip(effects, runs, strict=True):

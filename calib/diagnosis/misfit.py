@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.diagnosis.bench import Bench, Run, Seen, simulated
+from calib.diagnosis.bench import Bench, Run, SimulatedRows, simulated
 from calib.diagnosis.evidence import Evidence, Part
 from calib.diagnosis.refit import Fit
 from calib.objective import FeatureValue
@@ -41,7 +41,7 @@ class Deviation:
 
 
 @dataclass(frozen=True, eq=False)
-class Channel:
+class ChannelMisfit:
     """The residual of one channel of a body in one record.
 
     Attributes
@@ -72,7 +72,7 @@ class Misfit:
     """
 
     features: tuple[Deviation, ...]
-    channels: tuple[Channel, ...]
+    channels: tuple[ChannelMisfit, ...]
 
 
 def misfit(pool: Pool, bench: Bench, evidence: Evidence, null: Fit, seed: int) -> Misfit:
@@ -86,7 +86,7 @@ def misfit(pool: Pool, bench: Bench, evidence: Evidence, null: Fit, seed: int) -
     return Misfit(tuple(features), tuple(channels))
 
 
-def features_beside(bench: Bench, part: Part, view: Seen, rng: np.random.Generator) -> list[Deviation]:
+def features_beside(bench: Bench, part: Part, view: SimulatedRows, rng: np.random.Generator) -> list[Deviation]:
     """Features of a record beside those that the model predicts of it, noise and sampling included.
 
     Noise is laid over the simulation at the record's own instants, and features are taken of that as they are of the
@@ -119,7 +119,7 @@ def _deviation(feature: FeatureValue, apart: Sequence[float]) -> Deviation:
     )
 
 
-def _channels(part: Part, view: Seen) -> list[Channel]:
+def _channels(part: Part, view: SimulatedRows) -> list[ChannelMisfit]:
     channels = []
     for index, ((body, channel), noise) in enumerate(zip(part.rows, part.noise, strict=True)):
         if not part.used[index].any():
@@ -132,5 +132,5 @@ def _channels(part: Part, view: Seen) -> list[Channel]:
             orders = np.concatenate([[abs(loop.mean())], np.abs(harmonics(loop, MAX_ORDER))])
             floor = float(noise.sigma * np.sqrt(2.0 / part.time.size))
         rms = float(np.sqrt(((residual * weight) ** 2).sum() / max(1.0, (weight**2).sum())))
-        channels.append(Channel(part.name, body, channel, rms, noise.sigma, orders, floor))
+        channels.append(ChannelMisfit(part.name, body, channel, rms, noise.sigma, orders, floor))
     return channels

@@ -7,7 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
-from calib.diagnosis.bench import Bench, Run, Seen, simulated
+from calib.diagnosis.bench import Bench, Run, SimulatedRows, simulated
 from calib.diagnosis.evidence import Part
 from calib.diagnosis.laboratory import (
     FREE_DECAY,
@@ -30,7 +30,7 @@ from calib.diagnosis.laboratory import (
 from calib.diagnosis.refit import Fit, Fitter
 from calib.diagnosis.separation import (
     Experiment,
-    Prediction,
+    LinearisedPrediction,
     Separation,
     experiment,
     prediction,
@@ -195,7 +195,7 @@ def next_measurement(
     references = {name: bench.objective.references[name] for name in fitter.evidence.names}
     part = next(p for p in fitter.evidence.parts if p.name == base_record(references))
     searched = regions(laboratory, references, bench.model, part)
-    search = _Search(pool, bench, part, fits, laboratory)
+    search = _ExperimentSearch(pool, bench, part, fits, laboratory)
     search.run(searched)
     return Design(
         record=part.name,
@@ -247,8 +247,8 @@ class _Evaluation:
 
     outcome: EvaluatedPoint
     made: Experiment
-    centres: tuple[Seen, ...] = ()
-    prediction: Prediction | None = None
+    centres: tuple[SimulatedRows, ...] = ()
+    prediction: LinearisedPrediction | None = None
     score: tuple[float, ...] = (-1.0, 0.0, 0.0)
 
 
@@ -257,7 +257,7 @@ def _score(z: np.ndarray) -> tuple[float, ...]:
     return float((z >= DECISIVE_Z).sum()), float(z.min()), float(z.max())
 
 
-class _Search:
+class _ExperimentSearch:
     """Evaluates design points within a budget of simulations.
 
     Parameters
@@ -363,13 +363,17 @@ class _Search:
             for made, own, good in zip(batch, centres, regular, strict=True)
         ]
 
-    def _simulated(self, runs: Sequence[Run]) -> list[Seen]:
+    def _simulated(self, runs: Sequence[Run]) -> list[SimulatedRows]:
         views = simulated(self.pool, runs)
         self.simulations += sum(view.simulations for view in views)
         return views
 
     def _evaluation(
-        self, made: Experiment, stage: str, centres: tuple[Seen, ...], beside: Sequence[Sequence[Seen]]
+        self,
+        made: Experiment,
+        stage: str,
+        centres: tuple[SimulatedRows, ...],
+        beside: Sequence[Sequence[SimulatedRows]],
     ) -> _Evaluation:
         status, reason = _status([*centres, *(view for views in beside for view in views)])
         if status != OK:
@@ -523,7 +527,7 @@ def _rounded(point: DesignPoint) -> tuple:
     return point.test, *(None if value is None else f"{value:.9e}" for value in values)
 
 
-def _status(views: Sequence[Seen]) -> tuple[str, str]:
+def _status(views: Sequence[SimulatedRows]) -> tuple[str, str]:
     """Status of simulations that are all needed, and its reason."""
     failed = next((view for view in views if not view.usable), None)
     if failed is not None:

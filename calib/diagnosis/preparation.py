@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calib.diagnosis.bench import Bench, Run, Seen, simulated
+from calib.diagnosis.bench import Bench, Run, SimulatedRows, simulated
 from calib.diagnosis.candidate import Candidate, candidates
 from calib.diagnosis.clock import clock_slopes
 from calib.diagnosis.criteria import CRITERIA
@@ -105,7 +105,7 @@ class _Records:
 
     def evidence(
         self,
-        views: Mapping[str, Seen],
+        views: Mapping[str, SimulatedRows],
         clocks: Mapping[str, np.ndarray],
         left: Mapping[str, Remainder] | None = None,
         masks: Mapping[str, np.ndarray] | None = None,
@@ -122,7 +122,7 @@ def _gates_of_simulations(
     study: Study,
     references: Mapping[str, Reference],
     values: Mapping[str, float],
-    views: Mapping[str, Seen],
+    views: Mapping[str, SimulatedRows],
     effects: Sequence[Effect],
 ) -> list[Gate]:
     """Look at the simulations: whether there are any, of the right kind, or else whether the solver may be why not."""

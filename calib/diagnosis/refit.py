@@ -10,7 +10,7 @@ from scipy.optimize import lsq_linear
 
 from calib.confidence.covariance import sandwich
 from calib.confidence.local import EDGE
-from calib.diagnosis.bench import Seen, Start, simulated
+from calib.diagnosis.bench import SimulatedRows, Start, simulated
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.effort import Effort
@@ -179,7 +179,7 @@ class Fitter:
 
     Parameters
     ----------
-    pool : maps `calib.diagnosis.bench.Run` to `Seen`; counted in `effort`
+    pool : maps `calib.diagnosis.bench.Run` to `SimulatedRows`; counted in `effort`
     space : of the calibrated parameters
     model : calibrated
     """
@@ -322,7 +322,7 @@ class Fitter:
         residual = Projection(nuisances)(self.evidence.residual(views))
         return replace(fit, point=replace(fit.point, simulated=views), residual=residual, nuisances=nuisances)
 
-    def _starts(self, views: Mapping[str, Seen], change: float | np.ndarray) -> dict[str, Start]:
+    def _starts(self, views: Mapping[str, SimulatedRows], change: float | np.ndarray) -> dict[str, Start]:
         """Initial states that are nuisances, by record, where the simulations change by so much (N,)."""
         moves = self.evidence.initial_moves(views, self.evidence.residual(views) - change)
         return {name: views[name].start.moved(own) for name, own in moves.items()}

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calib.diagnosis.bench import Run, Seen, simulated
+from calib.diagnosis.bench import Run, SimulatedRows, simulated
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.evidence import Evidence
@@ -30,7 +30,7 @@ NOTHING = "nothing"
 
 
 @dataclass(frozen=True)
-class Case:
+class RehearsalCase:
     """One rehearsal.
 
     Attributes
@@ -66,7 +66,7 @@ class Rehearsed:
     reason : why it failed
     """
 
-    case: Case
+    case: RehearsalCase
     verdict: str
     causes: tuple[str, ...] = ()
     classes: tuple[tuple[str, ...], ...] = ()
@@ -112,7 +112,7 @@ class Stage:
     evidence: Evidence
     hidden: Mapping[str, Candidate] = field(default_factory=dict)
 
-    def __call__(self, case: Case) -> Rehearsed:
+    def __call__(self, case: RehearsalCase) -> Rehearsed:
         """Hide, and seek."""
         bench = bench_of(self.study, self.others)
         effects = () if case.effect == NOTHING else (self.hidden[case.effect].effect,)
@@ -132,7 +132,7 @@ class Stage:
         return Rehearsed(case, diagnosis.verdict, diagnosis.causes, diagnosis.classes)
 
 
-def _made(reference: Reference, part, view: Seen, rng: np.random.Generator) -> Reference:
+def _made(reference: Reference, part, view: SimulatedRows, rng: np.random.Generator) -> Reference:
     """Return the reference with simulated rows and fresh noise in the place of what was measured."""
     record = reference.record.copy(deep=True)
     bodies = [str(body) for body in record.body.values]
@@ -177,12 +177,12 @@ def rehearse(
         suspects, _ = screened(ready.fitter, ready.null, ready.suspects, study.seed)
     fitted = ready.null.point.values
     hidden = {s.name: s.candidate for s in reversed(suspects)}
-    cases = [Case(NOTHING, 0.0, {}, seed) for seed in range(seeds * len(strengths))]
+    cases = [RehearsalCase(NOTHING, 0.0, {}, seed) for seed in range(seeds * len(strengths))]
     for name, candidate in hidden.items():
         units = {p.name: p.unit for p in candidate.effect.parameters}
         suspect = next(s for s in suspects if s.candidate is candidate)
         for strength, sizes in _sizes(suspect, strengths):
-            cases += [Case(name, strength, candidate.values(sizes), seed, units) for seed in range(seeds)]
+            cases += [RehearsalCase(name, strength, candidate.values(sizes), seed, units) for seed in range(seeds)]
     answered = {case.key: done[case.key] for case in cases if done and case.key in done}
     todo = [case for case in cases if case.key not in answered]
     stage = Stage(study.without_search(), others, fitted, list(effects), ready.fitter.evidence, hidden)

@@ -14,7 +14,7 @@ from scipy.linalg import block_diag
 from scipy.signal import chirp
 from scipy.signal.windows import tukey
 
-from calib.diagnosis.bench import Bench, Run, Seen
+from calib.diagnosis.bench import Bench, Run, SimulatedRows
 from calib.diagnosis.clock import CLOCK_RATE_STD, uncertain_clock
 from calib.diagnosis.evidence import Part
 from calib.diagnosis.laboratory import (
@@ -65,7 +65,7 @@ class Experiment:
         state = fit.point.simulated[self.part.name].state if self.excitation.harmonic and not self.initial else None
         return self._run(fit, fit.point.values, self.initial, state)
 
-    def differences(self, fit: Fit, centre: Seen) -> list[Run]:
+    def differences(self, fit: Fit, centre: SimulatedRows) -> list[Run]:
         """Simulations beside it along each parameter of the fit, then along each component of the initial state."""
         values, state = fit.point.values, centre.state if self.excitation.harmonic else None
         runs = [
@@ -76,7 +76,7 @@ class Experiment:
             runs.append(self._run(fit, values, {**self.initial, name: self.initial[name] + step}, state))
         return runs
 
-    def moved(self, fit: Fit, move: np.ndarray, centre: Seen) -> Run:
+    def moved(self, fit: Fit, move: np.ndarray, centre: SimulatedRows) -> Run:
         """Simulation of a fitted model with its parameters, then its initial state, moved by `move`."""
         values = dict(fit.point.values)
         values |= {name: values[name] + d for name, d in zip(fit.names, move, strict=False)}
@@ -91,7 +91,7 @@ class Experiment:
 
 
 def experiment(
-    point: DesignPoint, bench: Bench, part: Part, seen: Seen, additional: Sequence[tuple[str, str]] = ()
+    point: DesignPoint, bench: Bench, part: Part, seen: SimulatedRows, additional: Sequence[tuple[str, str]] = ()
 ) -> Experiment:
     """Return the experiment at a design point, beside a record.
 
@@ -106,7 +106,7 @@ def experiment(
 
 
 def _initial_state(
-    point: DesignPoint, bench: Bench, part: Part, seen: Seen
+    point: DesignPoint, bench: Bench, part: Part, seen: SimulatedRows
 ) -> tuple[dict[str, float], tuple[float, ...]]:
     """Initial state that the new record would have to tell, by parameter, and differences by it  [SI].
 
@@ -175,7 +175,7 @@ class Separation:
 
 
 @dataclass(frozen=True, eq=False)
-class Prediction:
+class LinearisedPrediction:
     """Predictions of all models for one experiment with their derivatives, in units of the noise, triangularised.
 
     Attributes
@@ -255,8 +255,8 @@ def prior_of(fit: Fit, made: Experiment) -> np.ndarray:
 
 
 def prediction(
-    made: Experiment, fits: Sequence[Fit], centres: Sequence[Seen], beside: Sequence[Sequence[Seen]]
-) -> Prediction:
+    made: Experiment, fits: Sequence[Fit], centres: Sequence[SimulatedRows], beside: Sequence[Sequence[SimulatedRows]]
+) -> LinearisedPrediction:
     """Predictions of models for an experiment from its simulations.
 
     Parameters
@@ -280,10 +280,10 @@ def prediction(
     more = [np.linalg.qr(np.vstack([triangle, row]), mode="r") for row in whole[own:]]
     widths = tuple(block.shape[1] for block in blocks[1 : 1 + len(fits)])
     priors = tuple(prior_of(fit, made) for fit in fits)
-    return Prediction((triangle, *more), widths, priors, standardised=int(clocked.clock is not None))
+    return LinearisedPrediction((triangle, *more), widths, priors, standardised=int(clocked.clock is not None))
 
 
-def new_part(made: Experiment, centres: Sequence[Seen]) -> Part:
+def new_part(made: Experiment, centres: Sequence[SimulatedRows]) -> Part:
     """Record that an experiment would give: its noise in proportion to the motion, as in the record beside it.
 
     Of an additional channel noise and motion have the ratio of a row of the same channel, or else of the first row.
@@ -316,8 +316,8 @@ def refitted_distance(
     made: Experiment,
     fits: tuple[Fit, Fit],
     moves: tuple[np.ndarray, np.ndarray],
-    centres: Sequence[Seen],
-    moved: tuple[Seen, Seen],
+    centres: Sequence[SimulatedRows],
+    moved: tuple[SimulatedRows, SimulatedRows],
     additional: int | None,
 ) -> float:
     """Separation of two models simulated anew where the linearised refit brings them: no bound of a derivative in it.

@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from calib.diagnosis.bench import Run, Seen, Start, simulated
+from calib.diagnosis.bench import Run, SimulatedRows, Start, simulated
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.score import Projection
 from calib.modelling.effect import Effect
@@ -110,7 +110,7 @@ class Point:
 
     values: Mapping[str, float]
     effects: tuple[Effect, ...]
-    simulated: Mapping[str, Seen]
+    simulated: Mapping[str, SimulatedRows]
 
     def runs(
         self,

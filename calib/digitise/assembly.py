@@ -9,7 +9,7 @@ import xarray as xr
 from scipy.optimize import isotonic_regression, minimize_scalar
 
 from calib import records
-from calib.digitise.clock import Clock, Loop, clock, loop
+from calib.digitise.clock import LoopClock, NodeLoop, clock, loop
 from calib.digitise.reading import Reading
 from calib.digitise.spec import FigureToml
 from calib.digitise.uncertainty import propagated
@@ -40,7 +40,7 @@ class Timed:
     """
 
     reading: Reading
-    loop: Loop
+    loop: NodeLoop
     sigma: np.ndarray
     time: np.ndarray
 
@@ -148,12 +148,20 @@ def _timed(reading: Reading, period: float | None, samples: int, findings: Findi
     start = int(np.argmax(drawn.displacement))
     time = np.diff(found.time)
     time = np.concatenate([[0.0], np.cumsum(np.roll(time, -start))]) * (once / found.period)
-    rolled = Loop(*(np.roll(row, -start) for row in (drawn.displacement, drawn.velocity, drawn.place)), drawn.reversed)
+    rolled = NodeLoop(
+        *(np.roll(row, -start) for row in (drawn.displacement, drawn.velocity, drawn.place)), drawn.reversed
+    )
     return Timed(reading, rolled, np.roll(sigma, -start, axis=1), time)
 
 
 def _closure(
-    where: str, reading: Reading, found: Clock, lasting: float, once: float, period: float | None, findings: Findings
+    where: str,
+    reading: Reading,
+    found: LoopClock,
+    lasting: float,
+    once: float,
+    period: float | None,
+    findings: Findings,
 ) -> None:
     """Say how well the loop closes in time."""
     body = reading.body

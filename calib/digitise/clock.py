@@ -28,7 +28,7 @@ STANDS = 1e-9  # of the amplitude: a speed that is none
 
 
 @dataclass(frozen=True, eq=False)
-class Loop:
+class NodeLoop:
     """A closed phase curve, as nodes at equal distances along it.
 
     Attributes
@@ -72,7 +72,7 @@ class Turn:
 
 
 @dataclass(frozen=True, eq=False)
-class Clock:
+class LoopClock:
     """Time along a loop.
 
     Attributes
@@ -97,7 +97,7 @@ class Clock:
         return float(self.time[-1])
 
 
-def loop(points: np.ndarray, nodes: int = NODES) -> Loop:
+def loop(points: np.ndarray, nodes: int = NODES) -> NodeLoop:
     """Draw a smooth closed curve through points, and turn it into the direction of time.
 
     Where velocity is positive displacement grows, so a phase curve is passed clockwise.
@@ -135,8 +135,8 @@ def loop(points: np.ndarray, nodes: int = NODES) -> Loop:
     drawn = Akima1DInterpolator(arc, points[index % len(points)], method="makima")(places)
     at = np.interp(places, along, np.append(place, place[0] + given))
     if around < 0.0:
-        return Loop(drawn[::-1, 0], drawn[::-1, 1], at[::-1], True)
-    return Loop(drawn[:, 0], drawn[:, 1], at, False)
+        return NodeLoop(drawn[::-1, 0], drawn[::-1, 1], at[::-1], True)
+    return NodeLoop(drawn[:, 0], drawn[:, 1], at, False)
 
 
 def _filled(points: np.ndarray, place: np.ndarray, away: np.ndarray, given: int) -> tuple[np.ndarray, np.ndarray]:
@@ -156,7 +156,7 @@ def _filled(points: np.ndarray, place: np.ndarray, away: np.ndarray, given: int)
     )
 
 
-def clock(loop: Loop, noise: float = 0.0, turns: Sequence[Turn] | None = None) -> Clock:
+def clock(loop: NodeLoop, noise: float = 0.0, turns: Sequence[Turn] | None = None) -> LoopClock:
     """Find the time of each node.
 
     dt = dq / v between nodes. Where v passes through zero this is 0 / 0: there dt = g dv with a slowness g(v) >= 0, the
@@ -200,7 +200,7 @@ def clock(loop: Loop, noise: float = 0.0, turns: Sequence[Turn] | None = None) -
     time = (time - time[0]) * whole / (time[-1] - time[0])
     drift = np.sum(0.5 * speed * np.diff(time)) / (0.5 * np.ptp(q))
     back = float((np.maximum.accumulate(raw) - raw).max()) / whole
-    return Clock(time, turns, float(drift), back, _zero(q, v / top, turns))
+    return LoopClock(time, turns, float(drift), back, _zero(q, v / top, turns))
 
 
 def _zero(q: np.ndarray, v: np.ndarray, turns: Sequence[Turn]) -> float:

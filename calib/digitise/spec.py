@@ -8,7 +8,7 @@ from pydantic import AfterValidator, Field, PlainValidator, model_validator
 
 from calib.errors import CalibError
 from calib.study_file.mistakes import Mistakes, read_toml
-from calib.study_file.schema import Quantity, Table
+from calib.study_file.schema import Quantity, TomlTable
 
 Kind = Literal["phase curve", "displacement over time", "velocity over time"]
 PERIOD = "period"  # a unit of time axes: the period of the excitation
@@ -31,7 +31,7 @@ Number = Annotated[float, PlainValidator(_number, json_schema_input_type=float)]
 Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
 
 
-class PointTable(Table):
+class PointTable(TomlTable):
     """One axis point: a pixel of the picture and the numbers that the axes have there."""
 
     pixel: Pair  # column and row, the middle of the first pixel is (0, 0)
@@ -39,7 +39,7 @@ class PointTable(Table):
     y: Number | None = None
 
 
-class AxisTable(Table):
+class AxisTable(TomlTable):
     """One axis of a panel; the limits are those within which curves are looked for."""
 
     unit: str
@@ -56,7 +56,7 @@ class AxisTable(Table):
         return self
 
 
-class PanelTable(Table):
+class PanelTable(TomlTable):
     """[[panel]]: a pair of axes in a picture."""
 
     name: str
@@ -67,7 +67,7 @@ class PanelTable(Table):
     erase: list[Annotated[list[Number], Field(min_length=4, max_length=4)]] = []  # left, top, right, bottom [pixels]
 
 
-class CurveTable(Table):
+class CurveTable(TomlTable):
     """[[curve]]: one curve, what it shows and of which body."""
 
     body: str
@@ -82,7 +82,7 @@ class CurveTable(Table):
     through: list[Pair] = []  # points that this curve alone passes through, in the units of the axes
 
 
-class ExcitationTable(Table):
+class PrintedExcitation(TomlTable):
     """[excitation]: how the bodies were driven, as the paper says."""
 
     place: str
@@ -91,12 +91,12 @@ class ExcitationTable(Table):
     amplitude: Quantity | None = None
 
 
-class FigureToml(Table):
+class FigureToml(TomlTable):
     """A whole description."""
 
     source: Annotated[str, Field(min_length=1)]  # who drew the figure, and where it is printed
     samples: Annotated[int, Field(ge=LEAST_SAMPLES, le=100_000)] = 400  # a period of the record
-    excitation: ExcitationTable | None = None
+    excitation: PrintedExcitation | None = None
     panel: list[PanelTable] = []
     curve: Annotated[list[CurveTable], Field(min_length=1)]
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from calib.digitise.clock import Clock, Loop, clock
+from calib.digitise.clock import LoopClock, NodeLoop, clock
 
 HATS = 24  # stretches along a curve within each of which an error of the trace is taken as one
 ASSUMED = 1e-3  # of a curve's extent: standard uncertainty of points of which nothing is known
@@ -33,7 +33,7 @@ def leaning(sigma: np.ndarray, closed: bool) -> np.ndarray:
 
 
 def propagated(
-    loop: Loop, timed: Clock, modes: np.ndarray, period: float, step: float
+    loop: NodeLoop, timed: LoopClock, modes: np.ndarray, period: float, step: float
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Standard uncertainty of displacement and velocity at each node at its time, and of the time once round.
 
@@ -56,7 +56,7 @@ def propagated(
     weight = np.diff(time)
     late, lasting = np.zeros((len(modes), q.size)), 0.0
     for k, mode in enumerate(modes):
-        other = clock(Loop(q + mode[:, 0], v + mode[:, 1], loop.place, loop.reversed), turns=timed.turns)
+        other = clock(NodeLoop(q + mode[:, 0], v + mode[:, 1], loop.place, loop.reversed), turns=timed.turns)
         late[k] = other.time[:-1] * (period / other.period) - time[:-1]
         start = np.sum(weight * (mode[:, 0] - v * late[k]) * v) / np.sum(weight * v**2)
         late[k] += start

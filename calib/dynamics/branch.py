@@ -176,7 +176,7 @@ def follow(
     return _branch(map, cycle.periods, [*back[:0:-1], *onward], specials, (first, last))
 
 
-class _Point(NamedTuple):
+class _CurvePoint(NamedTuple):
     """Point z (dimension + 1,) of the curve, unit tangent there, cycle and derivative (dimension, dimension + 1)."""
 
     z: np.ndarray
@@ -214,7 +214,7 @@ class _Curve:
         change = self.residual(np.append(z[:-1], ahead)) - self.residual(np.append(z[:-1], behind))
         return np.column_stack([by_state, change / (ahead - behind)])
 
-    def point(self, z: np.ndarray, steps: tuple[float, ...], heading: np.ndarray) -> _Point | None:
+    def point(self, z: np.ndarray, steps: tuple[float, ...], heading: np.ndarray) -> _CurvePoint | None:
         matrix = self.derivative(z)
         if not np.isfinite(matrix).all():
             return None
@@ -222,19 +222,19 @@ class _Curve:
         cycle = cycle_at(self.maps(self.parameter(z)), z[:-1] * self.scale, self.periods, derivative, steps)
         tangent = np.linalg.svd(matrix)[2][-1]
         tangent = tangent if tangent @ heading >= 0.0 else -tangent
-        return _Point(z, self.parameter(z), tangent, cycle, matrix)
+        return _CurvePoint(z, self.parameter(z), tangent, cycle, matrix)
 
-    def opening(self, point: _Point, base: _Point) -> float:
+    def opening(self, point: _CurvePoint, base: _CurvePoint) -> float:
         """How far the motion is from half its period, along what it was at `base`: it changes sign at the flip."""
         halves = (p.cycle.orbit.states[self.periods // 2 - 1] / self.scale - p.z[:-1] for p in (point, base))
         return np.dot(*halves)
 
-    def shorter(self, point: _Point) -> bool:
+    def shorter(self, point: _CurvePoint) -> bool:
         """Whether the motion returns after a part of the periods already, as what a long step may land on does."""
         parts = [point.cycle.orbit.states[n - 1] for n in range(1, self.periods) if self.periods % n == 0]
         return any(np.abs(state / self.scale - point.z[:-1]).max() < SAME for state in parts)
 
-    def ahead(self, base: _Point, step: float) -> tuple[_Point | None, str]:
+    def ahead(self, base: _CurvePoint, step: float) -> tuple[_CurvePoint | None, str]:
         """Next point, a step ahead of `base` or on the edge of the window before that; None and why without one."""
         guess, normal = base.z + step * base.tangent, base.tangent
         if not 0.0 < guess[-1] < 1.0:
@@ -252,7 +252,7 @@ class _Curve:
 
     def near(
         self, guess: np.ndarray, normal: np.ndarray, heading: np.ndarray, reach: float
-    ) -> tuple[_Point | None, str]:
+    ) -> tuple[_CurvePoint | None, str]:
         """Point of the curve in the plane through `guess`, within `reach` of it; None and why without one."""
         z, sizes, reason = newton(
             lambda z: np.append(self.residual(z), normal @ (z - guess)),
@@ -268,7 +268,7 @@ class _Curve:
         return point, "" if point else "the motion fails beside the cycle"
 
 
-def _run(curve: _Curve, start: _Point, most: int) -> tuple[list[_Point], list[Special], str]:
+def _run(curve: _Curve, start: _CurvePoint, most: int) -> tuple[list[_CurvePoint], list[Special], str]:
     """Points from `start` on along its tangent, special points among them, and why they end."""
     points, specials, step = [start], [], STEP
     while len(points) <= most:
@@ -295,7 +295,7 @@ def _run(curve: _Curve, start: _Point, most: int) -> tuple[list[_Point], list[Sp
     return points, specials, f"{most} points are made"
 
 
-def _impacts_differ(one: _Point, other: _Point) -> bool:
+def _impacts_differ(one: _CurvePoint, other: _CurvePoint) -> bool:
     """Whether an impact has come or gone; chatter, which ends in permanent contact, has no number of impacts."""
     return one.cycle.impacts != other.cycle.impacts and not (one.cycle.orbit.contact or other.cycle.orbit.contact)
 
@@ -303,26 +303,26 @@ def _impacts_differ(one: _Point, other: _Point) -> bool:
 # --- special points
 
 
-def _fold(point: _Point, _: _Point) -> float:
+def _fold(point: _CurvePoint, _: _CurvePoint) -> float:
     return point.tangent[-1]
 
 
-def _branching(point: _Point, base: _Point) -> float:
+def _branching(point: _CurvePoint, base: _CurvePoint) -> float:
     return np.linalg.det(np.vstack([point.matrix, base.tangent]))
 
 
-def _flip(point: _Point, _: _Point) -> float:
+def _flip(point: _CurvePoint, _: _CurvePoint) -> float:
     return np.prod(point.cycle.multipliers + 1.0).real
 
 
-def _neimark_sacker(point: _Point, _: _Point) -> float:
+def _neimark_sacker(point: _CurvePoint, _: _CurvePoint) -> float:
     return np.prod([one * other - 1.0 for one, other in itertools.combinations(point.cycle.multipliers, 2)]).real
 
 
 TESTS = {"fold": _fold, "branching": _branching, "flip": _flip, "Neimark-Sacker": _neimark_sacker}
 
 
-def _evidence(kind: str, point: _Point) -> str:
+def _evidence(kind: str, point: _CurvePoint) -> str:
     """What shows a special point; empty at a neutral saddle, where two real multipliers have the product 1."""
     multipliers = point.cycle.multipliers
     if kind != "Neimark-Sacker":
@@ -334,7 +334,7 @@ def _evidence(kind: str, point: _Point) -> str:
     return f"a pair of modulus {abs(one):.6f} turns by {turned:.6f} of a circle per return" if one.imag else ""
 
 
-def _found(curve: _Curve, base: _Point, ahead: _Point) -> list[tuple[str, _Point, str]] | None:
+def _found(curve: _Curve, base: _CurvePoint, ahead: _CurvePoint) -> list[tuple[str, _CurvePoint, str]] | None:
     """Special points between two neighbours: kind, point and evidence; None where the curve is lost between them."""
     if curve.periods % 2 == 0 and curve.opening(ahead, base) < 0.0:
         root = _root(curve, base, ahead, curve.opening)
@@ -352,7 +352,7 @@ def _found(curve: _Curve, base: _Point, ahead: _Point) -> list[tuple[str, _Point
     return sorted(found, key=lambda entry: (entry[1].z - base.z) @ base.tangent)
 
 
-def _root(curve: _Curve, base: _Point, ahead: _Point, test: Callable) -> _Point | None:
+def _root(curve: _Curve, base: _CurvePoint, ahead: _CurvePoint, test: Callable) -> _CurvePoint | None:
     """Point between two neighbours at which `test` changes sign, by the Illinois method on the arclength."""
     low, high = 0.0, float(np.linalg.norm(ahead.z - base.z))
     # so close to the curve that Newton has little to do, which matters where its matrix is singular: at a branching
@@ -377,7 +377,7 @@ def _root(curve: _Curve, base: _Point, ahead: _Point, test: Callable) -> _Point 
     return point
 
 
-def _ended(curve: _Curve, points: list[_Point], specials: list[Special], reason: str) -> tuple:
+def _ended(curve: _Curve, points: list[_CurvePoint], specials: list[Special], reason: str) -> tuple:
     """Say why a curve that cannot be followed any further ends: by grazing where its margin runs to zero."""
     cycle = points[-1].cycle
     at = f"{points[-1].parameter:.9g}"
@@ -392,7 +392,7 @@ def _ended(curve: _Curve, points: list[_Point], specials: list[Special], reason:
     return points, specials, f"lost at {at}: {reason}"
 
 
-def _grazing(points: list[_Point]) -> np.ndarray | None:
+def _grazing(points: list[_CurvePoint]) -> np.ndarray | None:
     """Extrapolate the curve z to margin 0; None where it does not run there.
 
     Taken are three points of which each has at least twice the margin of the next: a parabola through them is good to
@@ -411,7 +411,7 @@ def _grazing(points: list[_Point]) -> np.ndarray | None:
 
 
 def _branch(
-    map: PeriodMap, periods: int, points: list[_Point], specials: list[Special], ends: tuple[str, str]
+    map: PeriodMap, periods: int, points: list[_CurvePoint], specials: list[Special], ends: tuple[str, str]
 ) -> Branch:
     cycles = [point.cycle for point in points]
     size = map.scale.size

@@ -7,7 +7,7 @@ import xarray as xr
 
 from calib import plugins
 from calib.errors import CalibError, nearest
-from calib.objective.compared import Compared, Seen
+from calib.objective.compared import Compared, SensedRecord
 from calib.objective.terms import Feature, Term
 from calib.records import STATE
 from calib.records import channels as channels_of
@@ -81,7 +81,7 @@ class Blocks:
         """Whether each block (body, channel) of the layout counts: what the simulator prescribes does not."""
         return np.array([(body, channel) not in prescribed for body, channel, _ in self.layout], dtype=bool)
 
-    def residual(self, seen: Seen, active: np.ndarray) -> np.ndarray:
+    def residual(self, seen: SensedRecord, active: np.ndarray) -> np.ndarray:
         """Differences over scale and root of their number, in the order of the layout; what does not count is 0."""
         record = seen.raw if self._raw else seen.record
         feature, bodies = self.term.feature, self.term.bodies

@@ -24,20 +24,20 @@ from calib.objective.reach import FeatureValue, Scalar, compared, scalars
 from calib.objective.terms import Reference, Term
 from calib.records import OK, prescribed
 from calib.records import channels as channels_of
-from calib.records.cycles import NO_CONTACT, UNDECIDED, Motion, clock_rate, kind_of_motion, sampled
+from calib.records.cycles import NO_CONTACT, UNDECIDED, MotionKind, clock_rate, kind_of_motion, sampled
 
 DRIFTING = (1, 2, 3, 4)  # periods after which a motion may return that its own clock shows not to return at all
 CLOCK_RATE = "clock_rate"  # attribute of a record: by how much the drive's clock is faster than the recorder's  [1]
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class SensedRecord:
     """A simulated record as the instrument would have seen it."""
 
     record: xr.Dataset
     raw: xr.Dataset
     nuisances: Mapping[str, float]
-    motion: Motion
+    motion: MotionKind
     prescribed: frozenset[tuple[str, str]]
 
 
@@ -87,7 +87,7 @@ class Compared:
                 return "not finite", f"{channel} of the simulated record {self.name!r} holds NaN or infinity"
         return None
 
-    def seen(self, simulated: xr.Dataset) -> Seen:
+    def seen(self, simulated: xr.Dataset) -> SensedRecord:
         """Align a simulated record, and tell its kind of motion."""
         given = self.prescribed.union(prescribed(simulated))
         raw = simulated
@@ -98,7 +98,7 @@ class Compared:
         if len(values) < len(template.data_vars):
             template = template[list(values)]
         record = template.copy(data=values)
-        return Seen(record, raw, {**nuisances, **initial_state(simulated)}, kind_of_motion(raw), given)
+        return SensedRecord(record, raw, {**nuisances, **initial_state(simulated)}, kind_of_motion(raw), given)
 
     def released(self, model: Model, values: Mapping[str, float], request: Request) -> Released:
         """Simulate with the initial state that fits the reference best; see `calib.objective.initial_state`."""
@@ -137,7 +137,7 @@ class Compared:
             self._initial = model.initial, unknowns(self.record, model.initial, model.parameters, centred)
         return self._initial[1]
 
-    def penalty(self, motion: Motion) -> float | None:
+    def penalty(self, motion: MotionKind) -> float | None:
         """How far a motion of another kind is from the reference's, in [0, 1]; None where the kind is right."""
         period = self.motion.period
         if period is None or motion.period == period:
@@ -147,7 +147,7 @@ class Compared:
         apart = motion.recurrence[period - 1] if period <= len(motion.recurrence) else 1.0
         return apart / (1.0 + apart)
 
-    def features(self, pairs: set[tuple[str, str]], view: Seen) -> list[FeatureValue]:
+    def features(self, pairs: set[tuple[str, str]], view: SensedRecord) -> list[FeatureValue]:
         """Scalar features of (body, channel) pairs."""
         found = []
         for body in self.bodies:

@@ -9,12 +9,12 @@ import xarray as xr
 from calib.errors import CalibError, nearest
 from calib.modelling.model import Model, Request
 from calib.objective.blocks import Blocks
-from calib.objective.compared import Compared, Seen, on_drive_clock
+from calib.objective.compared import Compared, SensedRecord, on_drive_clock
 from calib.objective.initial_state import Released
 from calib.objective.reach import FeatureValue
 from calib.objective.terms import Reference, Score, Term
 from calib.records import channels as channels_of
-from calib.records.cycles import Motion
+from calib.records.cycles import MotionKind
 
 BEND = 5.0  # distance from which the total rises more slowly than the distance
 WRONG = 10.0  # least total of a motion of the wrong kind; more than any right one
@@ -110,13 +110,13 @@ class Objective:
         seen = self._seen(records)
         return self._score(seen), self._features(seen)
 
-    def _seen(self, records: Mapping[str, xr.Dataset]) -> dict[str, Seen]:
+    def _seen(self, records: Mapping[str, xr.Dataset]) -> dict[str, SensedRecord]:
         return {name: self._compared[name].seen(records[name]) for name in self.scored}
 
     def _failed(self, bad: tuple[str, str]) -> Score:
         return Score(np.inf, {term.label: np.inf for term in self.terms}, *bad)
 
-    def _score(self, seen: Mapping[str, Seen]) -> Score:
+    def _score(self, seen: Mapping[str, SensedRecord]) -> Score:
         distances, residuals = [], []
         for blocks, weight in zip(self._blocks, self._weights, strict=True):
             square, parts = self._term(blocks, weight, seen)
@@ -161,7 +161,7 @@ class Objective:
             parts.append(np.sqrt(weight) * residual)
         return square, parts
 
-    def _evidence(self, name, motion: Motion, wrong: bool) -> str:
+    def _evidence(self, name, motion: MotionKind, wrong: bool) -> str:
         if not wrong:
             return motion.evidence
         return f"{motion.evidence}; the reference is {self._compared[name].motion.kind}"
@@ -225,7 +225,7 @@ class Objective:
         pairs = {(body, channel) for body in compared.bodies for channel in channels_of(compared.record)}
         return compared.features(pairs, compared.seen(record))
 
-    def _features(self, seen: Mapping[str, Seen]) -> list[FeatureValue]:
+    def _features(self, seen: Mapping[str, SensedRecord]) -> list[FeatureValue]:
         found = []
         for name in self.scored:
             mine = [block for blocks in self._blocks for block in blocks if block.record == name]

@@ -40,7 +40,7 @@ class Summary:
 
 
 @dataclass
-class Task:
+class SearchTask:
     """A generator that yields points it wants evaluated, with its open request and the answers so far."""
 
     deed: str
@@ -178,18 +178,18 @@ class Multistart:
         """Population generation, search or screen, whichever is due; None if it must wait for those under way."""
         busy = {task.deed for task in self._tasks}
         if "population" not in busy and self._population_due():
-            return Task("population", self._generation())
+            return SearchTask("population", self._generation())
         if "screen" not in busy:
             start = next(self._candidates, None)
             if start is None and (size := self._round_size()):
-                return Task("screen", self._screen(size))
+                return SearchTask("screen", self._screen(size))
             if start is None:
                 self._open_round()  # the screen is spent: go on from what it left unexplored
                 start = next(self._candidates, None)
             if start is not None:
                 self._starts.append(start[0])
-                return Task("search", self._search(*start))
-        return Task("population", self._generation()) if "population" not in busy and self._round else None
+                return SearchTask("search", self._search(*start))
+        return SearchTask("population", self._generation()) if "population" not in busy and self._round else None
 
     def _round_size(self):
         """Points of the next screen: the first, as many again, then twice as many, within a third of the budget.

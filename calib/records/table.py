@@ -22,7 +22,7 @@ from calib.units import is_si, to_si
 
 
 @dataclass(frozen=True)
-class Clock:
+class TimeColumn:
     """The column that is time; `column` is a name (see `Table.path`) or a position counted from 1."""
 
     column: str | int
@@ -47,7 +47,7 @@ class Channel:
 
 
 @dataclass(frozen=True)
-class Drive:
+class ExcitationColumn:
     """A column that is the recorded excitation; `cutoff` [Hz] as in `calib.records.excitation.Excitation`."""
 
     column: str | int
@@ -89,8 +89,8 @@ class Table:
 
     path: Path
     channels: Sequence[Channel]
-    drive: Drive | None = None
-    time: Clock | None = None
+    drive: ExcitationColumn | None = None
+    time: TimeColumn | None = None
     rate: float | None = None
     first: int = 0
     last: int | None = None
@@ -310,7 +310,7 @@ def _channel_unit(path: Path, channel: Channel) -> str:
     return unit
 
 
-def _si(column: Channel | Drive, sheet: _Sheet, unit: str) -> np.ndarray:
+def _si(column: Channel | ExcitationColumn, sheet: _Sheet, unit: str) -> np.ndarray:
     """Numbers (end - begin,) of the column in `unit`."""
     try:
         factor = to_si(f"({column.scale}) * (1 {column.unit})", unit)
@@ -352,7 +352,7 @@ def _rows(
     return np.array([given[name, body] for body in bodies])
 
 
-def _excitation(drive: Drive, sheet: _Sheet, time: np.ndarray) -> Excitation:
+def _excitation(drive: ExcitationColumn, sheet: _Sheet, time: np.ndarray) -> Excitation:
     unit = EXCITATION_UNITS[drive.quantity]
     value = _si(drive, sheet, unit)
     return Excitation(drive.place, drive.quantity, unit, time=time, value=value, cutoff=drive.cutoff)

@@ -41,7 +41,7 @@ LARGEST = 8.0  # noise levels at which the colour of a loop is darkest, at most
 SHADES = mpl.colors.LinearSegmentedColormap.from_list("misfit", ["#d9d9d9", "#F0C44B", "#D55E00", "#7a1f00"])
 
 
-class Loop(NamedTuple):
+class CycleLoop(NamedTuple):
     """A row of a motion, brought to one cycle.
 
     Attributes
@@ -65,7 +65,7 @@ class Loop(NamedTuple):
     cycles: float
 
 
-def loop(motion: xr.Dataset, row: int) -> Loop:
+def loop(motion: xr.Dataset, row: int) -> CycleLoop:
     """Mean cycle of a row; of a record without a period the whole of it."""
     names = [name for name in ("measured", "calibrated", "extended", "weight") if name in motion]
     rows = np.array([motion[name].values[row] for name in names])
@@ -79,7 +79,7 @@ def loop(motion: xr.Dataset, row: int) -> Loop:
     means = dict(zip(names, rows, strict=True))
     views = means["measured"], means["calibrated"], means.get("extended"), means["weight"]
     sigma, response = float(motion.sigma[row]) / math.sqrt(count), _response(motion, row) / math.sqrt(count)
-    return Loop(at, *views, sigma, response, count)
+    return CycleLoop(at, *views, sigma, response, count)
 
 
 def _response(motion, row):

@@ -116,7 +116,7 @@ def _table(entry: RecordTable, file: Path) -> table.Table:
         path=file,
         channels=tuple(table.Channel(**channel.model_dump()) for channel in how.channels),
         drive=None if drive is None else _drive(drive),
-        time=None if how.time is None else table.Clock(**how.time.model_dump()),
+        time=None if how.time is None else table.TimeColumn(**how.time.model_dump()),
         rate=None if how.rate is None else to_si(how.rate, "Hz"),
         first=how.first,
         last=how.last,
@@ -126,12 +126,12 @@ def _table(entry: RecordTable, file: Path) -> table.Table:
     )
 
 
-def _drive(how: ExcitationTable) -> table.Drive:
+def _drive(how: ExcitationTable) -> table.ExcitationColumn:
     if how.place is None or how.unit is None:
         raise CalibError("an excitation read from a column needs place and unit in [record.excitation]")
     if how.amplitude is not None or how.phase != 0.0:
         raise CalibError("an excitation read from a column has its own amplitude and phase; drop these two keys")
-    return table.Drive(
+    return table.ExcitationColumn(
         column=how.column,
         place=how.place,
         quantity=how.quantity,

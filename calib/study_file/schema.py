@@ -61,13 +61,13 @@ Bounds = Annotated[list[WithUnit], Field(min_length=2, max_length=2)]  # low, hi
 Count = Annotated[int, Field(ge=1)]
 
 
-class Table(BaseModel):
+class TomlTable(BaseModel):
     """A table in which nothing stands but what is known, and of the kind that is expected."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
-class _Open(Table):
+class _Open(TomlTable):
     """A table whose further keys are the options of what it names."""
 
     model_config = ConfigDict(extra="allow")
@@ -78,7 +78,7 @@ class _Open(Table):
         return dict(self.model_extra or {})
 
 
-class Request(Table):
+class RequestTable(TomlTable):
     """What is computed of every record."""
 
     periods: Count = 6  # kept of a periodic motion
@@ -87,7 +87,7 @@ class Request(Table):
     step_budget: Count = 50_000_000
 
 
-class StudyTable(Request):
+class StudyTable(RequestTable):
     """[study]."""
 
     name: str
@@ -98,7 +98,7 @@ class StudyTable(Request):
     screen: Annotated[int, Field(ge=0)] | None = None  # trials; not given: the study's own choice
 
 
-class ChannelTable(Table):
+class ChannelTable(TomlTable):
     """One column of a table file."""
 
     column: Column
@@ -109,14 +109,14 @@ class ChannelTable(Table):
     sigma: Quantity | None = None
 
 
-class ClockTable(Table):
+class ClockTable(TomlTable):
     """The column that is time."""
 
     column: Column
     unit: str
 
 
-class TableTable(Table):
+class TableTable(TomlTable):
     """[record.table]: how a table file becomes a record."""
 
     channels: Annotated[list[ChannelTable], Field(min_length=1)]
@@ -129,7 +129,7 @@ class TableTable(Table):
     decimate: Count = 1
 
 
-class ExcitationTable(Table):
+class ExcitationTable(TomlTable):
     """[record.excitation]: how the bodies were driven."""
 
     place: str | None = None
@@ -143,7 +143,7 @@ class ExcitationTable(Table):
     cutoff: Quantity | None = None
 
 
-class RecordTable(Table):
+class RecordTable(TomlTable):
     """[[record]]."""
 
     name: Annotated[str, AfterValidator(_record_name)]
@@ -161,14 +161,14 @@ class RecordTable(Table):
     step_budget: Count | None = None
 
 
-class EffectTable(Table):
+class EffectTable(TomlTable):
     """An effect that acts on some bodies only."""
 
     name: str
     bodies: list[str] | None = None
 
 
-class ModelTable(Table):
+class ModelTable(TomlTable):
     """[model]."""
 
     simulator: str
@@ -177,7 +177,7 @@ class ModelTable(Table):
     fixed: dict[str, Quantity] = {}
 
 
-class WindowTable(Table):
+class WindowTable(TomlTable):
     """The window of one parameter."""
 
     low: Quantity
@@ -202,14 +202,14 @@ class OptimiserTable(_Open):
     batch: Count = 1  # points asked for at a time
 
 
-class StoreTable(Table):
+class StoreTable(TomlTable):
     """[store]."""
 
     view: Annotated[str, AfterValidator(_view)] = "journal"
     keep: Keep = "improving"
 
 
-class BenchTable(Table):
+class BenchTable(TomlTable):
     """[diagnosis.bench]: what the laboratory can do in a next measurement."""
 
     frequency: Bounds | None = None  # lowest and highest of a harmonic excitation
@@ -220,7 +220,7 @@ class BenchTable(Table):
     simulations: Count = MAX_SIMULATIONS
 
 
-class DiagnosisTable(Table):
+class DiagnosisTable(TomlTable):
     """[diagnosis]."""
 
     candidates: Annotated[
@@ -230,7 +230,7 @@ class DiagnosisTable(Table):
     bench: BenchTable = BenchTable()
 
 
-class StudyToml(Table):
+class StudyToml(TomlTable):
     """A whole study file."""
 
     study: StudyTable

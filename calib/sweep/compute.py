@@ -15,7 +15,7 @@ from calib.sweep.plan import Sweep
 IMPOSSIBLE = "impossible value"
 
 
-class Task(NamedTuple):
+class SweepTask(NamedTuple):
     """Points (k,) to run, from a state by component: each from it, or `carried` from one to the next."""
 
     points: tuple[int, ...]
@@ -40,7 +40,7 @@ MOTION = {  # what is told of each motion at a value: name -> what it is where t
 OTHER = "other_"  # prefix of what is told of the motions beside the one that gives the kind
 
 
-def motions(sweep: Sweep, task: Task) -> dict[str, np.ndarray]:
+def motions(sweep: Sweep, task: SweepTask) -> dict[str, np.ndarray]:
     """Arrays by name, the point leading, of the points of a task; see `calib.sweep.run.run`.
 
     Beside what a sweep holds: `names` and `units` of the state's components.

@@ -67,7 +67,7 @@ class Known(NamedTuple):
     failed: bool
 
 
-class Chain(NamedTuple):
+class ContinuationChain(NamedTuple):
     """Neighbouring points, what is known of each, and the motions that the point before them brings."""
 
     points: tuple[int, ...]
@@ -75,7 +75,7 @@ class Chain(NamedTuple):
     brought: tuple[Regular, ...]
 
 
-def continued(sweep: Sweep, chain: Chain) -> dict[str, np.ndarray]:
+def continued(sweep: Sweep, chain: ContinuationChain) -> dict[str, np.ndarray]:
     """Take the regular motions of each point of a chain to the next.
 
     A stable cycle goes on by Newton's method; a torus, and a cycle too long for that, by a run from its state where no
@@ -123,7 +123,7 @@ def _filled(rows: Sequence[Sequence[int]], empty: int) -> np.ndarray:
     return np.array(list(zip_longest(*rows, fillvalue=empty)), dtype=int).reshape(-1, len(rows)).T
 
 
-def nothing_continued(sweep: Sweep, chain: Chain) -> dict[str, np.ndarray]:
+def nothing_continued(sweep: Sweep, chain: ContinuationChain) -> dict[str, np.ndarray]:
     """Arrays of a chain through which no motion could be taken: a process of the simulator died or hung on the way."""
     count = len(chain.points)
     return {

@@ -10,8 +10,8 @@ import xarray as xr
 from calib.errors import CalibError
 from calib.execution.pool import REFUSED, Failure, LocalPool
 from calib.store.chunks import Chunks, join, joined
-from calib.sweep.compute import OTHER, Task, failed_row, motions, stacked
-from calib.sweep.continuation import Chain, Known, continued, nothing_continued
+from calib.sweep.compute import OTHER, SweepTask, failed_row, motions, stacked
+from calib.sweep.continuation import ContinuationChain, Known, continued, nothing_continued
 from calib.sweep.plan import Sweep, Track
 from calib.sweep.verdict import Rows, arrivals, judged, known, regular_at_end
 
@@ -125,8 +125,8 @@ def run(
 Pieces = dict[str, dict[str, np.ndarray]]  # name of the piece -> arrays
 
 
-def _made(sweep: Sweep, task: Task | Chain) -> dict[str, np.ndarray]:
-    return continued(sweep, task) if isinstance(task, Chain) else motions(sweep, task)
+def _made(sweep: Sweep, task: SweepTask | ContinuationChain) -> dict[str, np.ndarray]:
+    return continued(sweep, task) if isinstance(task, ContinuationChain) else motions(sweep, task)
 
 
 def _pieces(sweep: Sweep, pool, chunks: Chunks, on_done: Callable[[int], None]) -> Pieces:
@@ -141,13 +141,13 @@ def _pieces(sweep: Sweep, pool, chunks: Chunks, on_done: Callable[[int], None]) 
     return found
 
 
-def _ready(sweep: Sweep, tracks: list[Track], found: Pieces) -> dict[str, Task]:
+def _ready(sweep: Sweep, tracks: list[Track], found: Pieces) -> dict[str, SweepTask]:
     """Pieces that are missing and whose start is known."""
     tasks = {}
     for t, track in enumerate(tracks):
         for c, points in enumerate(_parts(track.points)):
             if _name(t, c) not in found:
-                tasks[_name(t, c)] = Task(points, _before(sweep, track, found, t, c), track.carried)
+                tasks[_name(t, c)] = SweepTask(points, _before(sweep, track, found, t, c), track.carried)
                 if track.carried:
                     break
     return tasks
@@ -165,7 +165,9 @@ def _chained(
             if len(ended) < len(part):
                 brought = regular_at_end(at, parts[k][len(ended) - 1], ended[-1]) if ended else ()
                 points = part[len(ended)]
-                tasks[f"chain-{k}-{len(ended)}"] = Chain(points, tuple(at[point] for point in points), brought)
+                tasks[f"chain-{k}-{len(ended)}"] = ContinuationChain(
+                    points, tuple(at[point] for point in points), brought
+                )
         pieces = chunks.kept(tasks)
         missing = {key: task for key, task in tasks.items() if key not in pieces}
         pieces |= dict(chunks.made(pool, missing, partial(nothing_continued, sweep)))
@@ -204,7 +206,7 @@ def _last(arrays: Mapping[str, np.ndarray]) -> dict[str, float]:
     return {}
 
 
-def _singly(sweep: Sweep, pool, task: Task) -> dict[str, np.ndarray]:
+def _singly(sweep: Sweep, pool, task: SweepTask) -> dict[str, np.ndarray]:
     """Run the points of a piece one by one, so that only the one that fails is lost.
 
     Raises
@@ -213,7 +215,7 @@ def _singly(sweep: Sweep, pool, task: Task) -> dict[str, np.ndarray]:
     """
     rows, state = [], task.state
     for point in task.points:
-        [(_, result)] = pool.map([Task((point,), state, task.carried)])
+        [(_, result)] = pool.map([SweepTask((point,), state, task.carried)])
         if isinstance(result, Failure):
             if result.status == REFUSED:
                 raise CalibError(result.reason)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from calib.diagnosis.rehearse import SEEDS, STRENGTHS, Case, Rehearsed, rehearse
+from calib.diagnosis.rehearse import SEEDS, STRENGTHS, RehearsalCase, Rehearsed, rehearse
 from calib.store.plain import plain
 from calib.study_file import load
 from calib.workflows.calibrated import calibrated_values
@@ -74,7 +74,7 @@ def _played(ledger: Path) -> list[Rehearsed]:
         case = one["case"]
         strength = math.nan if case["strength"] is None else case["strength"]
         values = {name: math.inf if value is None else value for name, value in case["values"].items()}
-        known = Case(case["effect"], strength, values, case["seed"], case["units"])
+        known = RehearsalCase(case["effect"], strength, values, case["seed"], case["units"])
         classes = tuple(map(tuple, one["classes"]))
         found.append(Rehearsed(known, one["verdict"], tuple(one["causes"]), classes, one["reason"]))
     return found

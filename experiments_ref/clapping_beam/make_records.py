@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from calib.records import write
-from calib.records.table import Channel, Clock, Table, read
+from calib.records.table import Channel, Table, TimeColumn, read
 
 HERE = Path(__file__).parent
 DRIVES = {  # record: (amplitude [m], frequency [Hz]) of the drive
@@ -22,7 +22,7 @@ for name, (amplitude, frequency) in DRIVES.items():
         for body in ("beam", "layer")
         for c in ("displacement", "velocity")
     )
-    record, _ = read(Table(path=HERE / f"{name}.csv", channels=channels, time=Clock(column="time_s", unit="s")))
+    record, _ = read(Table(path=HERE / f"{name}.csv", channels=channels, time=TimeColumn(column="time_s", unit="s")))
     record.attrs.update(
         place="centre",
         quantity="displacement",

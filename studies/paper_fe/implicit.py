@@ -19,8 +19,8 @@ from scipy.sparse.linalg import splu
 from calib.dynamics.setting import Setting
 from calib.modelling.model import Model
 from calib.simulators.delaminated_beam import DelaminatedBeam, layout
-from calib.simulators.delaminated_beam.explicit import Plan
-from calib.simulators.delaminated_beam.layout import Layout, Structure
+from calib.simulators.delaminated_beam.explicit import ExplicitPlan
+from calib.simulators.delaminated_beam.layout import Layout, MeshedStructure
 from calib.simulators.delaminated_beam.mesh import Geometry, mesh
 from calib.simulators.delaminated_beam.plane_stress import Material
 from calib.study_file import load
@@ -59,7 +59,7 @@ def setting(step: float) -> Setting:
     return Setting(Model(DelaminatedBeam(fidelity="full")), held.excitation, held.values)
 
 
-def structure(held: Setting) -> Structure:
+def structure(held: Setting) -> MeshedStructure:
     """Return the half beam that the simulator makes of these values."""
     v = {**held.model.nominal, **held.values}
     shape = Geometry(v["length"], v["delamination"], v["beam_thickness"], v["layer_thickness"], 0.0, v["support"])
@@ -89,7 +89,7 @@ class Newmark:
     count : steps a period
     """
 
-    def __init__(self, built: Structure, plan: Plan, period: float, amplitude: float, count: int):
+    def __init__(self, built: MeshedStructure, plan: ExplicitPlan, period: float, amplitude: float, count: int):
         pairs = built.pairs
         self.plan, self.places, self.layer = plan, Layout(built.mesh), 2 * int(pairs.slave[plan.centre]) + 1
         self.free, self.driven, self.step, self.count = built.free, built.driven, period / count, count

@@ -95,7 +95,7 @@ class Run:
         advance(self.plan, self.state, self.drive)
 
     def copy(self):
-        return explicit.State(*(array.copy() for array in self.state))
+        return explicit.ExplicitState(*(array.copy() for array in self.state))
 
     def ours(self, state):
         advance(self.plan, state, self.drive)

@@ -13,7 +13,7 @@ import argparse
 import numpy as np
 from scipy.signal import lfilter
 
-from calib.diagnosis.bench import Seen
+from calib.diagnosis.bench import SimulatedRows
 from calib.diagnosis.evidence import gathered
 from calib.diagnosis.score import Projection
 from calib.objective import Reference
@@ -62,7 +62,7 @@ def whitened(rng: np.random.Generator, clock: int, memory: list[float], cycles: 
         frequency=FREQUENCY, amplitude=1.0, phase=0.0, place="mass", quantity="force", source="measured",
     )  # fmt: skip
     reference = Reference("tone", record)
-    seen = {"tone": Seen(motion(recorded), np.ones(recorded.size))}
+    seen = {"tone": SimulatedRows(motion(recorded), np.ones(recorded.size))}
     evidence = gathered({"tone": reference}, {"tone": ROWS}, {"tone": 1}, seen)
     return Projection(evidence.tangents(seen))(evidence.residual(seen)).reshape(2, -1)
 

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from calib.diagnosis.bench import Seen
+from calib.diagnosis.bench import SimulatedRows
 from calib.diagnosis.effort import Budget, Effort
 from calib.errors import CalibError
 from calib.execution.pool import InProcess
 
 
 def simulate(simulations):
-    return Seen(np.zeros((0, 0)), np.zeros(0), simulations=simulations)
+    return SimulatedRows(np.zeros((0, 0)), np.zeros(0), simulations=simulations)
 
 
 def test_simulations_are_counted_record_by_record():

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.diagnosis.bench import Seen
+from calib.diagnosis.bench import SimulatedRows
 from calib.diagnosis.clock import CLOCK_RATE_STD
 from calib.diagnosis.evidence import Evidence, Part
 from calib.diagnosis.noise import STATED, Noise
@@ -24,7 +24,7 @@ def part(name, *memories):
 
 
 def seen():
-    return {name: Seen(RNG.standard_normal((2, SIZE)), np.ones(SIZE)) for name in ("quiet", "loud")}
+    return {name: SimulatedRows(RNG.standard_normal((2, SIZE)), np.ones(SIZE)) for name in ("quiet", "loud")}
 
 
 def test_columns_are_carried_to_noise_that_was_judged_anew():

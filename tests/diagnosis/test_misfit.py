@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calib.diagnosis.bench import Seen
+from calib.diagnosis.bench import SimulatedRows
 from calib.diagnosis.evidence import gathered
 from calib.diagnosis.misfit import features_beside
 from calib.features.phase_curve import PhaseCurve
@@ -47,7 +47,7 @@ def test_features_of_a_model_that_is_right_differ_by_their_errors(per_period):
         simulated = record(instants, motion(instants))
         aligned = objective.aligned("tone", simulated)
         rows = np.array([aligned[channel].values[0] for _, channel in ROWS])
-        seen = Seen(rows, aligned["trust"].values, features=tuple(objective.features("tone", simulated)))
+        seen = SimulatedRows(rows, aligned["trust"].values, features=tuple(objective.features("tone", simulated)))
         evidence = gathered({"tone": reference}, {"tone": ROWS}, {"tone": 1}, {"tone": seen})
         found = features_beside(SimpleNamespace(objective=objective), evidence.parts[0], seen, rng)
         z += [deviation.z for deviation in found if deviation.z is not None]

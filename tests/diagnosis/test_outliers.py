@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calib.diagnosis.bench import Seen
+from calib.diagnosis.bench import SimulatedRows
 from calib.diagnosis.evidence import Part, outliers
 from calib.diagnosis.noise import STATED, Noise
 
@@ -30,14 +30,14 @@ def test_lost_samples_are_outliers_whether_the_motion_repeats_or_not(period):
     measured = motion(2.0) + 0.01 * rng.standard_normal((1, TIME.size))
     lost = rng.choice(TIME.size, 5, replace=False)
     measured[0, lost] += 2.0
-    found = outliers(part(measured, period), Seen(motion(2.0), np.ones(TIME.size)))
+    found = outliers(part(measured, period), SimulatedRows(motion(2.0), np.ones(TIME.size)))
     assert np.flatnonzero(found[0]).tolist() == sorted(lost)
 
 
 def test_what_comes_again_in_every_cycle_is_no_outlier():
     rng = np.random.default_rng(0)
     measured = motion(0.4) + 0.01 * rng.standard_normal((1, TIME.size))
-    simulated = Seen(motion(0.6), np.ones(TIME.size))
+    simulated = SimulatedRows(motion(0.6), np.ones(TIME.size))
     assert outliers(part(measured, None), simulated).any()  # without a period nothing tells that it comes again
     assert not outliers(part(measured, PERIOD), simulated).any()
 
@@ -50,7 +50,7 @@ def test_outliers_that_have_others_in_neighbouring_cycles_by_chance_are_found(sh
         measured = motion(2.0) + 0.01 * rng.standard_normal((1, TIME.size))
         lost = rng.choice(TIME.size, round(share * TIME.size), replace=False)
         measured[0, lost] += 2.0 * rng.choice([-1.0, 1.0], lost.size)
-        seen = Seen(motion(2.0), np.ones(TIME.size))
+        seen = SimulatedRows(motion(2.0), np.ones(TIME.size))
         periodic, single = (outliers(part(measured, period), seen)[0] for period in (PERIOD, None))
         missed, count = missed + (single & ~periodic).sum(), count + single.sum()
     assert missed < 0.07 * count

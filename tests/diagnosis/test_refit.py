@@ -8,7 +8,7 @@ from scipy.optimize import curve_fit
 from scipy.signal import lfilter
 from straight_line import MODEL, START, TIME, TRUE, WINDOWS, Evidence, straight
 
-from calib.diagnosis.bench import Seen
+from calib.diagnosis.bench import SimulatedRows
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.signature import Point
 from calib.execution.pool import InProcess
@@ -25,10 +25,10 @@ def fitted(function, autocorrelation=0.0, seed=0, windows=WINDOWS, start=START):
     measured = function(TRUE) + noise
 
     def simulate(run):
-        return Seen(function(run.values)[None], np.ones(TIME.size))
+        return SimulatedRows(function(run.values)[None], np.ones(TIME.size))
 
     fitter = Fitter(InProcess(simulate), Evidence(measured), Space(windows), MODEL)
-    seen = {"record": Seen(function(start)[None], np.ones(TIME.size))}
+    seen = {"record": SimulatedRows(function(start)[None], np.ones(TIME.size))}
     return fitter, fitter.fit(Point(start, (), seen)), measured
 
 
@@ -70,10 +70,10 @@ def test_a_fit_ends_at_the_bound_of_a_window():
 
 def test_where_the_motion_fails_there_is_a_reason_and_no_parameter():
     def simulate(run):
-        return Seen(np.zeros((0, 0)), np.zeros(0), status="diverged", reason="")
+        return SimulatedRows(np.zeros((0, 0)), np.zeros(0), status="diverged", reason="")
 
     fitter = Fitter(InProcess(simulate), Evidence(decaying(TRUE)), Space(WINDOWS), MODEL)
-    seen = {"record": Seen(decaying(START)[None], np.ones(TIME.size))}
+    seen = {"record": SimulatedRows(decaying(START)[None], np.ones(TIME.size))}
     fit = fitter.fit(Point(START, (), seen))
     assert (fit.names, fit.reason) == ((), "the motion fails there")
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from straight_line import MODEL, START, TIME, TRUE, WINDOWS, Evidence, straight
 
-from calib.diagnosis.bench import Seen
+from calib.diagnosis.bench import SimulatedRows
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.excess import significant
 from calib.diagnosis.refit import Fitter
@@ -35,7 +35,7 @@ def simulate(run):
     size = {name: run.values.get(name, 0.0) for name in NAMES}
     rows = straight(run.values) + size["wave"] * WAVE + (size["dip"] + size["twin"]) * DIP + size["mix"] * MIX
     rows = rows + size["step"] * (TIME > 1.0)
-    return Seen((rows + HIDDEN * 0.01 * np.tanh(size["soft"]))[None], np.ones(TIME.size))
+    return SimulatedRows((rows + HIDDEN * 0.01 * np.tanh(size["soft"]))[None], np.ones(TIME.size))
 
 
 class InSegments(Evidence):
@@ -49,7 +49,7 @@ def test_the_best_pair_is_found_though_another_is_predicted_to_explain_more():
     """With `soft` any pair is predicted to explain all; of those that act alike beside it one is fitted."""
     measured = straight(TRUE) + HIDDEN + np.random.default_rng(0).standard_normal(TIME.size)
     fitter = Fitter(InProcess(simulate), InSegments(measured), Space(WINDOWS), MODEL)
-    seen = {"record": Seen(straight(START)[None], np.ones(TIME.size))}
+    seen = {"record": SimulatedRows(straight(START)[None], np.ones(TIME.size))}
     null = fitter.fit(Point(START, (), seen))
     twin = Candidate(effect("twin"), ("twin",), {}, {"twin": 100.0})
     suspects, _ = screened(fitter, null, [*CANDIDATES, twin], 0)
@@ -71,7 +71,7 @@ def test_the_best_pair_is_found_though_another_is_predicted_to_explain_more():
 def test_a_cause_that_imitates_two_is_seen_through_by_a_test_of_two_where_no_sum_of_squares_shows_it(hidden, shows):
     measured = straight(TRUE) + hidden + np.random.default_rng(1).standard_normal(TIME.size)
     fitter = Fitter(InProcess(simulate), InSegments(measured), Space(WINDOWS), MODEL)
-    seen = {"record": Seen(straight(START)[None], np.ones(TIME.size))}
+    seen = {"record": SimulatedRows(straight(START)[None], np.ones(TIME.size))}
     null, mix, known = fitter.fit(Point(START, (), seen)), Candidate(effect("mix"), ("mix",), {}, {"mix": 100.0}), {}
     suspects, _ = screened(fitter, null, [mix, *CANDIDATES], 0, known)
     final = fitter.with_derivatives(fitter.fit(null.point, [mix], {"mix": 40.0}))

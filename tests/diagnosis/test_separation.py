@@ -13,7 +13,7 @@ from calib.diagnosis.laboratory import DesignPoint, Laboratory, inapplicable_tes
 from calib.diagnosis.next_measurement import next_measurement
 from calib.diagnosis.noise import Noise
 from calib.diagnosis.refit import Fit
-from calib.diagnosis.separation import Prediction, least_squares, prior_of
+from calib.diagnosis.separation import LinearisedPrediction, least_squares, prior_of
 from calib.diagnosis.signature import Point
 from calib.execution.pool import InProcess
 from calib.modelling.model import Model, Request
@@ -35,7 +35,7 @@ def linear(one, other, derivatives, priors):
     """Separation of two predictions (n,) with one derivative (n,) each, known before to a precision."""
     columns = np.column_stack([one, other, *derivatives])
     triangle = np.linalg.qr(columns, mode="r")
-    return Prediction((triangle,), (1, 1), tuple(np.array([[p]]) for p in priors)).separation()
+    return LinearisedPrediction((triangle,), (1, 1), tuple(np.array([[p]]) for p in priors)).separation()
 
 
 def test_the_separation_is_the_distance_of_the_predictions_where_no_parameter_is_free():
@@ -58,7 +58,7 @@ def test_a_nuisance_known_to_its_unit_absorbs_what_that_leaves_free():
     column = np.random.default_rng(2).standard_normal(40)
     block = np.column_stack([np.zeros(40), 5.0 * column, np.zeros((40, 2)), column])
     priors = (np.array([[1.0]]), np.array([[1.0]]))
-    known = Prediction((np.linalg.qr(block, mode="r"),), (1, 1), priors, standardised=1).separation()
+    known = LinearisedPrediction((np.linalg.qr(block, mode="r"),), (1, 1), priors, standardised=1).separation()
     length = column @ column
     assert known.z == pytest.approx([5.0 * np.sqrt(length / (1.0 + length))], abs=1e-6)
 

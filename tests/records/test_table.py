@@ -8,11 +8,11 @@ import pytest
 from scipy.io import savemat
 
 from calib.errors import CalibError
-from calib.records.table import Channel, Clock, Drive, Table, read
+from calib.records.table import Channel, ExcitationColumn, Table, TimeColumn, read
 
 HEADED = "t,x,u,note,\n0.0,1.0,10,a,\n0.1,2.0,20,,\n0.2,3.0,30,b,\n0.3,4.0,40,c,\n0.4,5.0,50,d,\n"
 X = Channel("x", "mass", "displacement", "mm")
-U = Drive("u", "mass", "force", "V", "2 N/V")
+U = ExcitationColumn("u", "mass", "force", "V", "2 N/V")
 
 
 @pytest.fixture
@@ -23,7 +23,7 @@ def headed(tmp_path):
 
 
 def test_columns_become_channels_in_si_and_the_excitation(headed):
-    record, excitation = read(Table(headed, [X], U, time=Clock("t")))
+    record, excitation = read(Table(headed, [X], U, time=TimeColumn("t")))
     np.testing.assert_allclose(record.displacement.sel(body="mass"), [1e-3, 2e-3, 3e-3, 4e-3, 5e-3], rtol=1e-15)
     np.testing.assert_allclose(record.time, [0.0, 0.1, 0.2, 0.3, 0.4], rtol=1e-15)
     np.testing.assert_allclose(excitation.value, [20.0, 40.0, 60.0, 80.0, 100.0], rtol=1e-15)
@@ -32,7 +32,7 @@ def test_columns_become_channels_in_si_and_the_excitation(headed):
 
 
 def test_a_slice_starts_at_time_zero_and_the_excitation_keeps_the_margin(headed):
-    record, excitation = read(Table(headed, [X], U, time=Clock("t"), first=2, last=4, margin=1))
+    record, excitation = read(Table(headed, [X], U, time=TimeColumn("t"), first=2, last=4, margin=1))
     np.testing.assert_allclose(record.time, [0.0, 0.1], atol=1e-15)
     np.testing.assert_allclose(record.displacement[0], [3e-3, 4e-3])
     np.testing.assert_allclose(excitation.time, [-0.1, 0.0, 0.1, 0.2], atol=1e-15)
@@ -55,7 +55,7 @@ def test_decimation_thins_the_channels_but_not_the_excitation(headed):
 def test_a_file_without_header_is_read_by_position(tmp_path, text):
     path = tmp_path / "bare.txt"
     path.write_text(text)
-    record, _ = read(Table(path, [Channel(2, "mass", "velocity", "m/s")], time=Clock(1, "ms")))
+    record, _ = read(Table(path, [Channel(2, "mass", "velocity", "m/s")], time=TimeColumn(1, "ms")))
     np.testing.assert_allclose(record.velocity[0], [2.0, 4.0, 6.0])
     np.testing.assert_allclose(record.time, [0.0, 2e-3, 4e-3])
 
@@ -64,7 +64,7 @@ def test_a_matlab_file_gives_the_same_record(tmp_path, headed):
     numbers = np.genfromtxt(headed, delimiter=",", skip_header=1, usecols=(0, 1, 2))
     path = tmp_path / "same.mat"
     savemat(path, {"t": numbers[:, :1], "x": numbers[:, 1:2], "u": numbers[:, 2:], "gain": 3.0, "label": "by hand"})
-    text, matlab = (read(Table(p, [X], U, time=Clock("t")))[0] for p in (headed, path))
+    text, matlab = (read(Table(p, [X], U, time=TimeColumn("t")))[0] for p in (headed, path))
     np.testing.assert_array_equal(text.displacement, matlab.displacement)
     np.testing.assert_array_equal(text.excitation, matlab.excitation)
 
@@ -74,8 +74,8 @@ def test_a_json_list_of_rows_is_read_by_position(tmp_path, headed, whole):
     path = tmp_path / "same.json"
     path.write_text(whole % "[[0.0, 1, 10], [0.1, 2.0, 20], [0.2, 3, 30], [0.3, 4, 40], [0.4, 5, 50]]")
     by_position = replace(X, column=2), replace(U, column=3)
-    found, _ = read(Table(path, [by_position[0]], by_position[1], time=Clock(1)))
-    text, _ = read(Table(headed, [X], U, time=Clock("t")))
+    found, _ = read(Table(path, [by_position[0]], by_position[1], time=TimeColumn(1)))
+    text, _ = read(Table(headed, [X], U, time=TimeColumn("t")))
     np.testing.assert_array_equal(found.displacement, text.displacement)
     np.testing.assert_array_equal(found.excitation, text.excitation)
 
@@ -99,25 +99,27 @@ def test_bodies_and_uncertainties(headed):
         Channel("x", "beam", "displacement", "mm", sigma="0.01 mm"),
         Channel("u", "layer", "displacement", "V", "1 mm/V", sigma=2e-5),
     ]
-    record, excitation = read(Table(headed, channels, time=Clock("t")))
+    record, excitation = read(Table(headed, channels, time=TimeColumn("t")))
     assert list(record.body.values) == ["beam", "layer"]
     np.testing.assert_allclose(record.displacement_sigma, [1e-5, 2e-5])
     assert excitation is None
 
 
 def test_a_channel_of_another_kind_keeps_its_unit(headed):
-    record, _ = read(Table(headed, [Channel("u", "tank", "level", "V")], time=Clock("t")))
+    record, _ = read(Table(headed, [Channel("u", "tank", "level", "V")], time=TimeColumn("t")))
     assert record.level.attrs["units"] == "V"
 
 
 def test_a_channel_of_another_kind_must_be_in_si(headed):
     with pytest.raises(CalibError, match="must be one of SI without a factor, got 'mV'"):
-        read(Table(headed, [Channel("u", "tank", "level", "mV")], time=Clock("t")))
+        read(Table(headed, [Channel("u", "tank", "level", "mV")], time=TimeColumn("t")))
 
 
 def test_a_prescribed_motion_is_said_and_not_scored(headed):
-    drive = Drive("x", "mass", "displacement", "mm", cutoff=2.0)
-    record, excitation = read(Table(headed, [Channel("u", "mass", "force", "V", "35.15 N/V")], drive, time=Clock("t")))
+    drive = ExcitationColumn("x", "mass", "displacement", "mm", cutoff=2.0)
+    record, excitation = read(
+        Table(headed, [Channel("u", "mass", "force", "V", "35.15 N/V")], drive, time=TimeColumn("t"))
+    )
     assert record.attrs["prescribed"] == "mass.displacement,mass.velocity"
     assert excitation.cutoff == 2.0
 
@@ -171,7 +173,7 @@ def mistake(path, says, text=HEADED, channels=(X,), drive=None, **options):
         ("at least two samples", {"cutoff": 1.0, "first": 4}),
         (
             "a time that increases",
-            {"cutoff": 1.0, "rate": None, "time": Clock("t"), "text": HEADED.replace("0.3,", "0.1,")},
+            {"cutoff": 1.0, "rate": None, "time": TimeColumn("t"), "text": HEADED.replace("0.3,", "0.1,")},
         ),
         ("holds no rows", {"text": "\n# nothing\n"}),
         ("samples 3 to 9 were asked for, but the file has 5", {"first": 3, "last": 9}),
@@ -186,9 +188,12 @@ def mistake(path, says, text=HEADED, channels=(X,), drive=None, **options):
             {"channels": [X, Channel("x", "b", "displacement", "m"), Channel("u", "b", "velocity", "m/s")]},
         ),
         ("between 0 and half the sampling rate", {"cutoff": 6.0}),
-        ("uniform samples", {"cutoff": 1.0, "rate": None, "time": Clock("t"), "text": HEADED.replace("0.3,", "0.35,")}),
-        ("time must increase", {"rate": None, "time": Clock("t"), "text": HEADED.replace("0.3,", "0.1,")}),
-        ("either a time column or a sampling rate", {"time": Clock("t")}),
+        (
+            "uniform samples",
+            {"cutoff": 1.0, "rate": None, "time": TimeColumn("t"), "text": HEADED.replace("0.3,", "0.35,")},
+        ),
+        ("time must increase", {"rate": None, "time": TimeColumn("t"), "text": HEADED.replace("0.3,", "0.1,")}),
+        ("either a time column or a sampling rate", {"time": TimeColumn("t")}),
         ("either a time column or a sampling rate", {"rate": None}),
         ("rate must be positive", {"rate": 0.0}),
         ("count samples from 0", {"first": -1}),
@@ -201,7 +206,7 @@ def test_a_mistake_is_answered(tmp_path, says, change):
 
 def test_an_unknown_quantity_is_answered():
     with pytest.raises(CalibError, match="did you mean 'base motion'"):
-        Drive("u", "mass", "base mtion", "m")
+        ExcitationColumn("u", "mass", "base mtion", "m")
 
 
 def test_files_that_are_no_tables(tmp_path):
@@ -224,7 +229,7 @@ def cells(tmp_path):
 
 
 def test_cells_of_a_matlab_file_are_columns_by_their_matlab_names(cells):
-    record, _ = read(Table(cells, [replace(X, column="runs{1,2}")], time=Clock("runs{1,1}")))
+    record, _ = read(Table(cells, [replace(X, column="runs{1,2}")], time=TimeColumn("runs{1,1}")))
     np.testing.assert_allclose(record.displacement.sel(body="mass"), [1e-3, 2e-3, 3e-3], rtol=1e-15)
     np.testing.assert_allclose(record.time, [0.0, 0.1, 0.2], rtol=1e-15)
 

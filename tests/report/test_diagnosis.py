@@ -13,7 +13,7 @@ from rich.console import Console
 
 from calib.cli.diagnose import show
 from calib.diagnosis import artifacts, serialise
-from calib.diagnosis.bench import Seen
+from calib.diagnosis.bench import SimulatedRows
 from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.evidence import Evidence, Part
 from calib.diagnosis.noise import Noise
@@ -530,7 +530,7 @@ def test_what_a_diagnosis_leaves_in_its_folder_can_be_read_again(tmp_path):
     part = Part(
         "clapping", pairs, record.time.values, record.measured.values, 0.04, 1, (), noise, shape > 0.0, shape
     )  # fmt: skip
-    point = SimpleNamespace(simulated={"clapping": Seen(record.calibrated.values, shape[0])})
+    point = SimpleNamespace(simulated={"clapping": SimulatedRows(record.calibrated.values, shape[0])})
     selection = SimpleNamespace(null=SimpleNamespace(point=point), causes=())
     found = Diagnosis("not_diagnosable", "", (), evidence=Evidence((part,)))
     reference = SimpleNamespace(record={c: SimpleNamespace(attrs={"units": "m"}) for c in ("displacement", "velocity")})

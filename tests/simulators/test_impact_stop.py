@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from calib.simulators.impact.modes import Stop, Structure, modal, viscous
-from calib.simulators.impact.run import Drive, assemble, simulate, start
+from calib.simulators.impact.modes import LinearStructure, Stop, modal, viscous
+from calib.simulators.impact.run import ImpactDrive, assemble, simulate, start
 
 GRAVITY = 9.81  # m/s^2
 
@@ -13,11 +13,11 @@ GRAVITY = 9.81  # m/s^2
 def falling(restitution, height=1.0):
     """A mass of 1 kg that falls on a floor `height` below."""
     stop = Stop(np.ones(1), np.ones(1), height, restitution)
-    return Structure(np.eye(1), np.zeros((1, 1)), viscous(0.0), np.zeros((1, 3)), np.array([-GRAVITY]), stop)
+    return LinearStructure(np.eye(1), np.zeros((1, 1)), viscous(0.0), np.zeros((1, 3)), np.array([-GRAVITY]), stop)
 
 
 def run(structure, duration, q=0.0, dq=0.0):
-    problem = assemble(structure, Drive(period=duration), length=1.0)
+    problem = assemble(structure, ImpactDrive(period=duration), length=1.0)
     times = np.linspace(0.0, duration, 101)
     return simulate(problem, start(problem, np.array([q]), np.array([dq])), times, settle=0, sections=0)
 
@@ -50,7 +50,7 @@ def test_an_elastic_ball_bounces_for_ever():
 
 
 def test_an_oscillator_that_rests_on_its_stop_is_hit_every_half_period():
-    structure = Structure(
+    structure = LinearStructure(
         np.eye(1),
         np.array([[100.0]]),
         modal(0.0),
@@ -68,7 +68,7 @@ def test_a_graze_is_judged_by_its_depth_however_short_it_is(share):
     """The clearance of an oscillator dips to -share or +share of its amplitude for a moment."""
     for depth, hits in ((share, 1), (-share, 0)):
         stop = Stop(np.ones(1), np.ones(1), 1.0 - depth, 0.0)
-        structure = Structure(np.eye(1), np.array([[1.0]]), modal(0.0), np.zeros((1, 3)), np.zeros(1), stop)
+        structure = LinearStructure(np.eye(1), np.array([[1.0]]), modal(0.0), np.zeros((1, 3)), np.zeros(1), stop)
         assert len(run(structure, 2.0 * np.pi, q=1.0).impacts) == hits
 
 
@@ -76,8 +76,8 @@ def test_a_body_pressed_onto_its_stop_leaves_when_the_pull_turns():
     """A pull x'' = -p cos(w t) presses onto a floor at x = 0 first: contact ends at a quarter of the period."""
     stop = Stop(np.ones(1), np.ones(1), 0.0, 0.3)
     load = np.array([[1.0, 0.0, 0.0]])
-    structure = Structure(np.eye(1), np.zeros((1, 1)), viscous(0.0), load, np.zeros(1), stop)
-    drive = Drive(period=1.0, omega=2.0 * np.pi, amplitude=-1.0 + 0.0j)
+    structure = LinearStructure(np.eye(1), np.zeros((1, 1)), viscous(0.0), load, np.zeros(1), stop)
+    drive = ImpactDrive(period=1.0, omega=2.0 * np.pi, amplitude=-1.0 + 0.0j)
     problem = assemble(structure, drive, length=1.0)
     state = start(problem, np.zeros(1), np.zeros(1))
     times = np.linspace(0.0, 0.999, 1000)
@@ -92,12 +92,12 @@ def test_a_body_pressed_onto_its_stop_leaves_when_the_pull_turns():
 
 def test_a_tabulated_input_gives_the_same_as_the_harmonic_it_samples():
     w, n = 2.0 * np.pi * 3.0, 4001
-    structure = Structure(np.eye(1), np.array([[400.0]]), modal(0.02), np.array([[400.0, 0.8, 0.0]]), np.zeros(1))
+    structure = LinearStructure(np.eye(1), np.array([[400.0]]), modal(0.02), np.array([[400.0, 0.8, 0.0]]), np.zeros(1))
     duration = 2.0
-    harmonic = assemble(structure, Drive(period=1.0 / 3.0, omega=w, amplitude=1.0))
+    harmonic = assemble(structure, ImpactDrive(period=1.0 / 3.0, omega=w, amplitude=1.0))
     t = np.linspace(0.0, duration, n)
     spline = CubicSpline(t, np.cos(w * t), bc_type=((1, 0.0), (1, 0.0)))
-    table = assemble(structure, Drive(period=duration, knots=t, table=spline.c[::-1].T))
+    table = assemble(structure, ImpactDrive(period=duration, knots=t, table=spline.c[::-1].T))
     rest = np.zeros(1), np.zeros(1)
     times = np.linspace(0.0, duration - 1e-3, 300)
     a = simulate(harmonic, start(harmonic, *rest), times, periods=6, settle=0, sections=0)
@@ -106,5 +106,5 @@ def test_a_tabulated_input_gives_the_same_as_the_harmonic_it_samples():
 
 
 def test_an_unstable_structure_ends_with_a_status():
-    structure = Structure(np.eye(1), np.array([[-400.0]]), modal(0.0), np.zeros((1, 3)), np.zeros(1))
+    structure = LinearStructure(np.eye(1), np.array([[-400.0]]), modal(0.0), np.zeros((1, 3)), np.zeros(1))
     assert run(structure, 50.0, q=1e-3).status == "diverged"

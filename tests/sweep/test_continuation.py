@@ -15,7 +15,7 @@ from calib.execution.pool import InProcess
 from calib.modelling.model import Model
 from calib.sweep import Sweep, run
 from calib.sweep.compute import as_run
-from calib.sweep.continuation import Chain, Known, Regular, continued
+from calib.sweep.continuation import ContinuationChain, Known, Regular, continued
 
 PUSH = np.linspace(-0.6, 0.6, 13)
 
@@ -55,7 +55,7 @@ def test_a_motion_is_near_another_at_whatever_phase_of_its_return():
 def test_a_cycle_is_taken_to_where_it_ends_in_a_fold():
     sweep = bistable()
     left, nothing = run_of(sweep, 0), Known((), False, False)
-    found = continued(sweep, Chain(tuple(range(13)), (nothing,) * 13, (left,)))
+    found = continued(sweep, ContinuationChain(tuple(range(13)), (nothing,) * 13, (left,)))
     np.testing.assert_array_equal(PUSH[found["at"]], PUSH[PUSH < FOLDS])
     assert (found["displacement"][:, 0, -1] < 0.0).all()
     assert (found["share"] == 0.0).all()
@@ -64,7 +64,7 @@ def test_a_cycle_is_taken_to_where_it_ends_in_a_fold():
 def test_what_is_known_there_is_confirmed_and_not_told_again():
     sweep = bistable()
     whole = run_of(sweep, 3)._replace(sightings=2)
-    found = continued(sweep, Chain((3,), (Known((whole,), False, False),), (whole,)))
+    found = continued(sweep, ContinuationChain((3,), (Known((whole,), False, False),), (whole,)))
     assert found["at"].size == 0
     assert found["confirmed"].tolist() == [[1]]
     assert found["support"].tolist() == [[2]]
@@ -73,7 +73,7 @@ def test_what_is_known_there_is_confirmed_and_not_told_again():
 def test_sightings_add_up_along_a_branch():
     sweep = bistable()
     known = [run_of(sweep, point)._replace(sightings=1) for point in range(3)]
-    found = continued(sweep, Chain((0, 1, 2), tuple(Known((one,), True, False) for one in known), ()))
+    found = continued(sweep, ContinuationChain((0, 1, 2), tuple(Known((one,), True, False) for one in known), ()))
     assert found["support"].tolist() == [[0], [1], [2]]
 
 
@@ -88,7 +88,7 @@ def test_points_that_failed_are_passed_over():
     sweep = bistable(simulator=Mapped("bistable", {"impossible": PUSH[4:6].tolist()}))
     begin = run_of(sweep, 3)
     known = tuple(Known((), False, failed) for failed in (True, True, False))
-    found = continued(sweep, Chain((4, 5, 6), known, (begin,)))
+    found = continued(sweep, ContinuationChain((4, 5, 6), known, (begin,)))
     assert found["at"].tolist() == [2]
 
 
@@ -97,7 +97,7 @@ def test_a_chain_that_breaks_costs_no_point(tmp_path, monkeypatch):
 
     def breaking(function):
         def called(task):
-            if isinstance(task, Chain):
+            if isinstance(task, ContinuationChain):
                 raise RuntimeError("the simulator broke")
             return function(task)
 

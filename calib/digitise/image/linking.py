@@ -18,7 +18,7 @@ COMPANIONS = 8  # other ends that an end is tried with
 
 
 @dataclass(frozen=True, eq=False)
-class Chain:
+class StrokeChain:
     """Strokes one after the other.
 
     Attributes
@@ -45,7 +45,7 @@ class Chain:
         return self.gaps.size >= 6 and self.gaps.sum() > 0.12 * len(self.path)
 
 
-def linked(strokes: Sequence[Stroke], width: float) -> list[Chain]:
+def linked(strokes: Sequence[Stroke], width: float) -> list[StrokeChain]:
     """Link strokes so that gaps are short and curves go straight on, as far as the whole drawing allows.
 
     Each end of a stroke goes to at most one other end. The links are the matching of least cost, (gap + width) times
@@ -150,7 +150,7 @@ def _run(first: int, partner: dict[int, int]) -> tuple[list[tuple[int, int]], bo
     return backward[::-1] + forward, False
 
 
-def _chain(paths: Sequence[np.ndarray], closed: bool, width: float) -> Chain:
+def _chain(paths: Sequence[np.ndarray], closed: bool, width: float) -> StrokeChain:
     pieces, seen, gaps = [], [], []
     count = len(paths)
     for k, path in enumerate(paths):
@@ -162,7 +162,7 @@ def _chain(paths: Sequence[np.ndarray], closed: bool, width: float) -> Chain:
             pieces.append(bridge)
             seen.append(np.zeros(len(bridge), dtype=bool))
     lengths = np.array([gap for gap in gaps if gap > 1.5])
-    return Chain(np.concatenate(pieces), np.concatenate(seen), closed, lengths)
+    return StrokeChain(np.concatenate(pieces), np.concatenate(seen), closed, lengths)
 
 
 def _bridge(path: np.ndarray, following: np.ndarray, width: float) -> np.ndarray:

@@ -8,7 +8,7 @@ from scipy.interpolate import Akima1DInterpolator
 from scipy.ndimage import gaussian_filter1d, map_coordinates
 
 from calib.digitise.image.ink import FAINT, coverage, paper
-from calib.digitise.image.linking import Chain, linked
+from calib.digitise.image.linking import StrokeChain, linked
 from calib.digitise.image.strokes import strokes
 from calib.errors import CalibError
 
@@ -106,7 +106,7 @@ def _fullest(share: np.ndarray) -> float:
     return 1.0
 
 
-def _chosen(chains: Sequence[Chain], wanted: Wanted, width: float) -> Chain:
+def _chosen(chains: Sequence[StrokeChain], wanted: Wanted, width: float) -> StrokeChain:
     """Return the chain that is meant."""
     where = f"curve {wanted.name!r}"
     fit = [c for c in chains if c.length > LEAST]
@@ -142,7 +142,7 @@ def _chosen(chains: Sequence[Chain], wanted: Wanted, width: float) -> Chain:
     return best
 
 
-def _closes(chain: Chain) -> bool:
+def _closes(chain: StrokeChain) -> bool:
     apart = np.linalg.norm(chain.path[0] - chain.path[-1])
     return chain.closed or apart < BREACH * len(chain.path)
 
@@ -151,12 +151,12 @@ def _spot(pixel: np.ndarray) -> str:
     return f"({pixel[0]:.0f}, {pixel[1]:.0f})"
 
 
-def _passes(chain: Chain, points: np.ndarray, near: float) -> bool:
+def _passes(chain: StrokeChain, points: np.ndarray, near: float) -> bool:
     distance = np.linalg.norm(chain.path[:, None] - points[None], axis=2).min(axis=0)
     return bool((distance < near).all())
 
 
-def _check_inside(chain: Chain, inside: np.ndarray, wanted: Wanted, width: float) -> None:
+def _check_inside(chain: StrokeChain, inside: np.ndarray, wanted: Wanted, width: float) -> None:
     """Refuse a curve that runs along the edge of the panel, beyond which it may go on."""
     columns, rows = np.round(chain.path).astype(int).T
     padded = np.pad(inside, 1)
@@ -174,7 +174,7 @@ def _check_inside(chain: Chain, inside: np.ndarray, wanted: Wanted, width: float
         )
 
 
-def _refined(share: np.ndarray, chain: Chain, wanted: Wanted, width: float) -> Traced:
+def _refined(share: np.ndarray, chain: StrokeChain, wanted: Wanted, width: float) -> Traced:
     """Move a thinned line to the middle of its ink, to parts of a pixel."""
     mode = "wrap" if wanted.closed else "nearest"
     path, seen = _spaced(chain.path, chain.seen, wanted.closed)

@@ -4,7 +4,7 @@ from calib.records.cycles.clock import clock_rate
 from calib.records.cycles.impacts import impact, impacts_per_period
 from calib.records.cycles.loop import averaged_at_impacts, cut, harmonics, period_of, rows, sampled
 from calib.records.cycles.mean_cycle import MeanCycle, loop_sigma, mean_cycle, phase_curve
-from calib.records.cycles.motion import IRREGULAR, NO_CONTACT, NOT_PERIODIC, UNDECIDED, Motion, kind_of_motion
+from calib.records.cycles.motion import IRREGULAR, NO_CONTACT, NOT_PERIODIC, UNDECIDED, MotionKind, kind_of_motion
 from calib.records.cycles.stroboscopic import poincare, section
 
 __all__ = [
@@ -13,7 +13,7 @@ __all__ = [
     "NO_CONTACT",
     "UNDECIDED",
     "MeanCycle",
-    "Motion",
+    "MotionKind",
     "averaged_at_impacts",
     "clock_rate",
     "cut",

@@ -23,7 +23,7 @@ IRREGULAR, UNDECIDED, NO_CONTACT, NOT_PERIODIC = "irregular", "undecided", "no c
 
 
 @dataclass(frozen=True)
-class Motion:
+class MotionKind:
     """Kind of a motion, and why it is called so.
 
     Attributes
@@ -45,7 +45,7 @@ class Motion:
     impacts: float = float("nan")
 
 
-def kind_of_motion(record: xr.Dataset) -> Motion:
+def kind_of_motion(record: xr.Dataset) -> MotionKind:
     """Say after how many periods of the excitation a motion returns.
 
     From the section (64 periods or more, every body and channel): the largest difference of states n = 1..16 periods
@@ -64,7 +64,7 @@ def kind_of_motion(record: xr.Dataset) -> Motion:
     record : Dataset with displacement or velocity over (body, time), with or without section
     """
     if "frequency" not in record.attrs:
-        return Motion(NOT_PERIODIC, None, "the excitation has no period")
+        return MotionKind(NOT_PERIODIC, None, "the excitation has no period")
     sections = section(record)
     impacts = impacts_per_period(record)
     if sections and next(iter(sections.values())).shape[1] >= SECTION:
@@ -80,7 +80,7 @@ def kind_of_motion(record: xr.Dataset) -> Motion:
         evidence = f"{evidence}; {impacts:.3g} impact(s) a period"
     if BESIDE in record.attrs:
         evidence = f"{evidence}; {record.attrs[BESIDE]}"
-    return Motion(kind, motion.period, evidence, motion.recurrence, motion.likely, impacts)
+    return MotionKind(kind, motion.period, evidence, motion.recurrence, motion.likely, impacts)
 
 
 def _amplitude(values: np.ndarray) -> float:
@@ -105,12 +105,12 @@ def _from_section(record, sections):
     if shrinking:
         n = shrinking[0]
         text = f"still settles towards period-{n}: {n} period(s) apart it differs by {recurrence[n - 1]:.1e}, falling,"
-        return Motion(UNDECIDED, None, said.format(text), tuple(recurrence), n)
+        return MotionKind(UNDECIDED, None, said.format(text), tuple(recurrence), n)
     if settled:
         text = said.format(f"returns after {lag} period(s) within {recurrence[-1]:.1e}")
-        return Motion(f"period-{lag}", lag, text, tuple(recurrence))
+        return MotionKind(f"period-{lag}", lag, text, tuple(recurrence))
     text = said.format(f"does not return within {LAGS} periods, best after {_best(recurrence)}: {min(recurrence):.1e}")
-    return Motion(IRREGULAR, None, text + ALONE, tuple(recurrence))
+    return MotionKind(IRREGULAR, None, text + ALONE, tuple(recurrence))
 
 
 def _best(recurrence):
@@ -141,7 +141,7 @@ def _from_cycles(record):
     cycles, noise = _normalised_cycles(record)
     count = cycles.shape[1]
     if count < 2:
-        return Motion(UNDECIDED, None, "one cycle of the record cannot show whether it returns")
+        return MotionKind(UNDECIDED, None, "one cycle of the record cannot show whether it returns")
     recurrence = []
     for lag in range(1, min(LAGS, count // 2) + 1):
         difference = cycles[:, lag:] - cycles[:, :-lag]
@@ -149,11 +149,11 @@ def _from_cycles(record):
         recurrence.append(float(spread.max()))
         if (spread <= np.sqrt(2.0) * NOISE * noise).all():
             text = f"{count} cycles of the record return after {lag} period(s) within {NOISE} of their noise"
-            return Motion(f"period-{lag}", lag, text, tuple(recurrence))
+            return MotionKind(f"period-{lag}", lag, text, tuple(recurrence))
     text = f"{count} cycles of the record do not return within {len(recurrence)} period(s)"
     if count >= SECTION:
-        return Motion(IRREGULAR, None, text + ALONE, tuple(recurrence))
-    return Motion(UNDECIDED, None, f"{text}, and are too few to call it irregular", tuple(recurrence))
+        return MotionKind(IRREGULAR, None, text + ALONE, tuple(recurrence))
+    return MotionKind(UNDECIDED, None, f"{text}, and are too few to call it irregular", tuple(recurrence))
 
 
 def _from_mean_cycles(record, period, count):
@@ -185,16 +185,18 @@ def _from_mean_cycles(record, period, count):
     recurrence = tuple(float(np.sqrt(2.0) * d.max()) for d in deviations)
     if not returning.size:
         text = f"{count} cycles of the record, sampled freely, do not return within {len(left)} period(s)"
-        return Motion(UNDECIDED, None, text, recurrence)
+        return MotionKind(UNDECIDED, None, text, recurrence)
     n = int(returning[0]) + 1
     text = f"its {count} cycles leave {deviations[n - 1].max():.1e} of the amplitude about a mean of {n} period(s)"
-    return Motion(f"period-{n}", n, text, recurrence[:n])
+    return MotionKind(f"period-{n}", n, text, recurrence[:n])
 
 
 def _stated(record):
     """Kind of a record that is one closed curve: it returns after as many periods as the record says."""
     n = int(record.attrs["returns_after"])
-    return Motion(f"period-{n}", n, f"the record is a closed curve, which returns after {n} period(s) by its source")
+    return MotionKind(
+        f"period-{n}", n, f"the record is a closed curve, which returns after {n} period(s) by its source"
+    )
 
 
 def _normalised_cycles(record):

@@ -8,9 +8,9 @@ import numpy as np
 from calib.errors import CalibError
 from calib.modelling.laws import BoundLaw
 from calib.simulators.delaminated_beam import layout, reduction
-from calib.simulators.delaminated_beam.drive import Drive
+from calib.simulators.delaminated_beam.drive import BeamDrive
 from calib.simulators.delaminated_beam.full import Full
-from calib.simulators.delaminated_beam.layout import Layout, Structure
+from calib.simulators.delaminated_beam.layout import Layout, MeshedStructure
 from calib.simulators.delaminated_beam.mesh import Counts, Geometry, mesh
 from calib.simulators.delaminated_beam.modes import Modes, modes
 from calib.simulators.delaminated_beam.plane_stress import Material
@@ -22,7 +22,7 @@ APART = 0.01  # of a period without contact separates two impacts
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class BeamCase:
     """One beam with its numbers, ready to be run by either kernel.
 
     Attributes
@@ -36,7 +36,7 @@ class Case:
     lagged, clipped, laws : see `layout.plan`
     """
 
-    structure: Structure
+    structure: MeshedStructure
     alpha: float
     beta: float
     critical: float
@@ -46,7 +46,7 @@ class Case:
     clearance: np.ndarray
     stiffness: np.ndarray
     damping: np.ndarray
-    drive: Drive
+    drive: BeamDrive
     lagged: bool
     clipped: bool
     laws: tuple[BoundLaw, ...]
@@ -136,7 +136,7 @@ class Case:
 
 
 @lru_cache(maxsize=8)
-def structure_of(shape: tuple[tuple[str, float], ...], arch: float, counts: Counts, symmetric: bool) -> Structure:
+def structure_of(shape: tuple[tuple[str, float], ...], arch: float, counts: Counts, symmetric: bool) -> MeshedStructure:
     """Mesh of a beam with its matrices."""
     v = dict(shape)
     if not v["poisson_ratio"] < 0.5:
@@ -150,12 +150,12 @@ def structure_of(shape: tuple[tuple[str, float], ...], arch: float, counts: Coun
 
 
 @lru_cache(maxsize=8)
-def critical_step_of(built: Structure) -> float:
+def critical_step_of(built: MeshedStructure) -> float:
     """Longest stable step without damping [s], kept as the structure is."""
     return built.critical_step()
 
 
 @lru_cache(maxsize=16)
-def modes_of(built: Structure, count: int) -> Modes:
+def modes_of(built: MeshedStructure, count: int) -> Modes:
     """Modes of a structure; kept, since most evaluations of a search share them."""
     return modes(built, count)

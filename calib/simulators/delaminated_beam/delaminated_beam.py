@@ -15,14 +15,14 @@ from calib.modelling.laws import BoundLaw
 from calib.modelling.parameter import Parameter
 from calib.records import OK, STATE, failed, make, prescription
 from calib.records.excitation import Excitation
-from calib.simulators.delaminated_beam.case import Case, critical_step_of, modes_of, structure_of
+from calib.simulators.delaminated_beam.case import BeamCase, critical_step_of, modes_of, structure_of
 from calib.simulators.delaminated_beam.contact import Stiffness, clearance, critical_damping, penalty
-from calib.simulators.delaminated_beam.drive import Drive
+from calib.simulators.delaminated_beam.drive import BeamDrive
 from calib.simulators.delaminated_beam.layout import BODIES, LONGEST, elastic_energy, stable_step
 from calib.simulators.delaminated_beam.mesh import Counts, Geometry, mesh
 from calib.simulators.delaminated_beam.period_map import BeamMap
 from calib.simulators.delaminated_beam.reduction import Fineness
-from calib.simulators.delaminated_beam.stationary import Motion, stationary
+from calib.simulators.delaminated_beam.stationary import StationaryMotion, stationary
 from calib.simulators.impact.period_map import shifted
 
 Fidelity = Literal["reduced", "full", "auto"]
@@ -290,7 +290,7 @@ class DelaminatedBeam:
         if request is not None and request.times is not None:
             raise CalibError("output times are for excitations without a period; ask for periods and samples instead")
 
-    def _case(self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw]) -> Case:
+    def _case(self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw]) -> BeamCase:
         for name, value in values.items():
             if not math.isfinite(value):
                 raise ValueError(f"parameter {name} is {value}")
@@ -319,7 +319,7 @@ class DelaminatedBeam:
             pairs, self.contact_stiffness, values["f"], built.material, built.width, values["layer_thickness"], step
         )
         share = values["beta"] + values["beta_seconds"] / critical
-        return Case(
+        return BeamCase(
             structure=built,
             alpha=values["alpha"],
             beta=share * critical,
@@ -330,7 +330,7 @@ class DelaminatedBeam:
             clearance=clearance(pairs, height, shift, laws, self.gap_table),
             stiffness=stiffness,
             damping=values["c_con"] * critical_damping(pairs, stiffness),
-            drive=Drive(excitation, values["amplitude"], values["alpha"], laws),
+            drive=BeamDrive(excitation, values["amplitude"], values["alpha"], laws),
             lagged=self.damper == "lagged",
             clipped=self.clipped,
             laws=tuple(laws),
@@ -338,10 +338,10 @@ class DelaminatedBeam:
 
     # --- from a case to a motion
 
-    def _settled(self, engine, request) -> Motion:
+    def _settled(self, engine, request) -> StationaryMotion:
         return stationary(engine, request.periods, request.samples, request.settle, self.settle_limit)
 
-    def _full(self, case: Case, request) -> tuple[Motion, dict]:
+    def _full(self, case: BeamCase, request) -> tuple[StationaryMotion, dict]:
         """Run the full kernel; also the energy balance of a period, where it is asked for."""
         engine = case.full(request.initial_state, request.step_budget)
         motion = self._settled(engine, request)
@@ -350,7 +350,7 @@ class DelaminatedBeam:
         balance = engine.balance(lambda displacement: elastic_energy(case.structure, displacement))
         return motion, {name: case.factor * energy for name, energy in balance.items()}
 
-    def _reduced(self, case: Case, request) -> tuple[Motion, dict]:
+    def _reduced(self, case: BeamCase, request) -> tuple[StationaryMotion, dict]:
         """Run the reduced kernel at the level that the tolerance asks for; also that level, and its estimated error."""
         level = self.levels[0]
         engine = case.reduced(level, request.initial_state, request.step_budget)
@@ -385,7 +385,7 @@ class DelaminatedBeam:
             "prescribed": prescription(["beam"]),
         }
 
-    def _record(self, case: Case, motion: Motion, request, attrs: dict) -> xr.Dataset:
+    def _record(self, case: BeamCase, motion: StationaryMotion, request, attrs: dict) -> xr.Dataset:
         times = np.arange(len(motion.samples)) * (case.drive.period / request.samples)
         contact, reason = motion.contact, ""
         if motion.returns is None and request.settle is None:
@@ -412,7 +412,7 @@ class DelaminatedBeam:
         )
 
 
-def loop_difference(one: Motion, other: Motion, samples: int) -> float:
+def loop_difference(one: StationaryMotion, other: StationaryMotion, samples: int) -> float:
     """Root mean square difference of the layer's phase curves, over the second one's about its mean  [1].
 
     The mean of the squares of displacement and velocity, as the feature `phase_curve` has it; over the periods after

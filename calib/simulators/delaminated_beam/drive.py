@@ -26,7 +26,7 @@ def changes(times, period, amplitude, phase, functions, parameters, count):
     return table
 
 
-class Drive:
+class BeamDrive:
     """X(t) = amplitude cos(2 pi t / period + phase) + laws.
 
     Attributes

@@ -36,7 +36,7 @@ DONE, UNSTABLE = 0, 1
 VECTOR = {**WITHIN, "fastmath": {"contract"}}
 
 
-class Plan(NamedTuple):
+class ExplicitPlan(NamedTuple):
     """Everything that a run holds fixed.
 
     Nodes are numbered line by line, padded, all x first, then all y: `size` to each.
@@ -111,7 +111,7 @@ class Plan(NamedTuple):
     counts: np.ndarray
 
 
-class State(NamedTuple):
+class ExplicitState(NamedTuple):
     """Where a run stands; the kernel writes it.
 
     Attributes
@@ -137,7 +137,7 @@ class State(NamedTuple):
     count: np.ndarray
 
 
-class Seen(NamedTuple):
+class ExplicitTrace(NamedTuple):
     """What is noted while stepping.
 
     Attributes

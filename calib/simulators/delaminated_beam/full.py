@@ -6,7 +6,7 @@ import numpy as np
 
 from calib.records import OK
 from calib.simulators.delaminated_beam import explicit
-from calib.simulators.delaminated_beam.explicit import Plan, Seen, State
+from calib.simulators.delaminated_beam.explicit import ExplicitPlan, ExplicitState, ExplicitTrace
 from calib.simulators.delaminated_beam.stationary import CAPACITY, Contact, Period
 
 
@@ -26,8 +26,8 @@ class Full:
 
     def __init__(
         self,
-        plan: Plan,
-        start: State,
+        plan: ExplicitPlan,
+        start: ExplicitState,
         gather: Callable,
         free: np.ndarray,
         still: tuple[np.ndarray, np.ndarray],
@@ -79,7 +79,7 @@ class Full:
 
     def middle(self) -> np.ndarray:
         """Displacements and velocities (4,) of beam and layer in the middle, at the end of the last period."""
-        ahead = State(*(array.copy() for array in self.now))
+        ahead = ExplicitState(*(array.copy() for array in self.now))
         seen = self._empty()._replace(at=np.zeros(1, dtype=np.int64), shift=np.zeros(1), samples=np.zeros((1, 5)))
         done = int(self.now.count[0]) // self._steps
         first = self._drive(done, self._steps)[:1]
@@ -102,7 +102,7 @@ class Full:
         done = int(self.now.count[0]) // self._steps
         drive = self._drive(done, self._steps), self._drive(done + 1, self._steps)[:1]
         for k in range(2):  # one more step, for the kinetic energy at the end
-            now = self.now if k == 0 else State(*(array.copy() for array in self.now))
+            now = self.now if k == 0 else ExplicitState(*(array.copy() for array in self.now))
             stored[k] = elastic(self._gather(now.w - self.plan.beta * now.v))
             explicit.audit(self.plan, now, (done + k) * self._period, drive[k], energies[k])
         work, alpha, beta, contact = energies[0, :4]
@@ -128,8 +128,8 @@ class Full:
         self._since = int(self.now.count[0])
         self._seen = self._empty()
 
-    def _empty(self) -> Seen:
-        return Seen(
+    def _empty(self) -> ExplicitTrace:
+        return ExplicitTrace(
             at=np.zeros(0, dtype=np.int64),
             shift=np.zeros(0),
             samples=np.zeros((0, 5)),

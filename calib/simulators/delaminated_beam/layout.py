@@ -10,7 +10,7 @@ from scipy.sparse.linalg import eigsh, spsolve
 from calib.modelling.laws import BoundLaw
 from calib.simulators.delaminated_beam import contact, explicit
 from calib.simulators.delaminated_beam.contact import Pairs
-from calib.simulators.delaminated_beam.explicit import FACTORS, FORCES, LANES, ROW, Plan, State
+from calib.simulators.delaminated_beam.explicit import FACTORS, FORCES, LANES, ROW, ExplicitPlan, ExplicitState
 from calib.simulators.delaminated_beam.mesh import Mesh
 from calib.simulators.delaminated_beam.plane_stress import Material, elements, energy, masses, stiffness
 from calib.simulators.slots import acting, fill
@@ -20,7 +20,7 @@ LONGEST = ROW - 2 * LANES  # nodes of a line
 
 
 @dataclass(frozen=True, eq=False)
-class Structure:
+class MeshedStructure:
     """A meshed beam with its matrices.
 
     Attributes
@@ -69,11 +69,11 @@ class Structure:
         return float(2.0 / np.sqrt(highest))
 
 
-def structure(mesh: Mesh, material: Material, width: float, full: bool = False) -> Structure:
-    """Work out the matrices of a mesh; see `Structure`."""
+def structure(mesh: Mesh, material: Material, width: float, full: bool = False) -> MeshedStructure:
+    """Work out the matrices of a mesh; see `MeshedStructure`."""
     mass = masses(mesh, material, width)
     k = stiffness(mesh, material, width, full)
-    return Structure(mesh, material, width, mass, k, mesh.held, contact.pairs(mesh, mass), full)
+    return MeshedStructure(mesh, material, width, mass, k, mesh.held, contact.pairs(mesh, mass), full)
 
 
 def stable_step(critical: float, beta: float) -> float:
@@ -135,7 +135,7 @@ class Layout:
 
 
 def plan(
-    structure: Structure,
+    structure: MeshedStructure,
     layout: Layout,
     *,
     alpha: float,
@@ -149,7 +149,7 @@ def plan(
     lagged: bool = False,
     clipped: bool = True,
     laws: Sequence[BoundLaw] = (),
-) -> Plan:
+) -> ExplicitPlan:
     """Put together what the full kernel is told.
 
     Parameters
@@ -184,7 +184,7 @@ def plan(
     slave, master, following = (size + layout.place[nodes] for nodes in (pairs.slave, pairs.master, pairs.following))
     force, force_p, forces = fill(laws, "force")
     contacts, contact_p, number = fill(laws, "contact")
-    return Plan(
+    return ExplicitPlan(
         size=size,
         strips=np.array(strips),
         turned=np.array(turned),
@@ -265,10 +265,10 @@ def _bodies(mesh: Mesh, layout: Layout) -> np.ndarray:
     return np.array(rows)
 
 
-def begin(plan: Plan, layout: Layout, displacement: np.ndarray, velocity: np.ndarray) -> State:
+def begin(plan: ExplicitPlan, layout: Layout, displacement: np.ndarray, velocity: np.ndarray) -> ExplicitState:
     """State with nodal displacements (n, 2) [m], and velocities (n, 2) half a step before them [m/s]."""
     pairs, v = len(plan.slave), layout.spread(velocity)
-    return State(
+    return ExplicitState(
         w=layout.spread(displacement) + plan.beta * v,
         v=v,
         elastic=np.zeros(len(plan.strips) * FORCES * ROW),
@@ -282,7 +282,7 @@ def begin(plan: Plan, layout: Layout, displacement: np.ndarray, velocity: np.nda
     )
 
 
-def internal_force(plan: Plan, layout: Layout, displacement: np.ndarray) -> np.ndarray:
+def internal_force(plan: ExplicitPlan, layout: Layout, displacement: np.ndarray) -> np.ndarray:
     """Nodal forces (n, 2) of the elements at nodal displacements (n, 2)  [N]."""
     out = np.zeros(len(plan.strips) * FORCES * ROW)
     explicit.elastic(plan, layout.spread(displacement), out)
@@ -298,7 +298,7 @@ def internal_force(plan: Plan, layout: Layout, displacement: np.ndarray) -> np.n
     return force[:, layout.place].T
 
 
-def elastic_energy(structure: Structure, displacement: np.ndarray) -> float:
+def elastic_energy(structure: MeshedStructure, displacement: np.ndarray) -> float:
     """Elastic energy at nodal displacements (n, 2)  [J]."""
     mesh, material = structure.mesh, structure.material
     return sum(

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse.linalg import eigsh, splu
 
-from calib.simulators.delaminated_beam.layout import Structure
+from calib.simulators.delaminated_beam.layout import MeshedStructure
 from calib.simulators.delaminated_beam.plane_stress import ALONG, elements
 
 
@@ -45,7 +45,7 @@ class Modes:
     kappa: float
 
 
-def modes(structure: Structure, count: int) -> Modes:
+def modes(structure: MeshedStructure, count: int) -> Modes:
     """Work out the lowest `count` modes of a structure."""
     free, size = structure.free, structure.stiffness.shape[0]
     mass = np.repeat(structure.mass, 2)[free]
@@ -91,7 +91,7 @@ def modes(structure: Structure, count: int) -> Modes:
     )
 
 
-def _membrane(structure: Structure):
+def _membrane(structure: MeshedStructure):
     """Elongation (2 n,) of the layer per displacement, rotations (e, 2 n) of elements, their weights in E, and more.
 
     Returns also the layer's length [m] and cross-section [m^2].
@@ -125,7 +125,7 @@ def _membrane(structure: Structure):
     return elongation, np.concatenate(rotations), np.concatenate(weights), length, area
 
 
-def _heights(structure: Structure) -> dict[bool, float]:
+def _heights(structure: MeshedStructure) -> dict[bool, float]:
     """Height of the remaining beam (False) and of the layer (True)  [m]."""
     mesh = structure.mesh
     y = mesh.nodes[[line[-1] for line in mesh.lines], 1]

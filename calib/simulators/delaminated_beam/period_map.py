@@ -8,7 +8,7 @@ import numpy as np
 from calib.modelling.orbit import Orbit, Tangent
 from calib.records import OK
 from calib.records.excitation import Excitation
-from calib.simulators.delaminated_beam.layout import BODIES, Structure
+from calib.simulators.delaminated_beam.layout import BODIES, MeshedStructure
 from calib.simulators.delaminated_beam.modes import Modes
 
 MISSES = 256  # minima of the clearance in a period
@@ -52,7 +52,7 @@ class BeamMap:
         )
 
     @classmethod
-    def of_full(cls, engine, structure: Structure, excitation: Excitation, length: float) -> "BeamMap":
+    def of_full(cls, engine, structure: MeshedStructure, excitation: Excitation, length: float) -> "BeamMap":
         """Map of the full kernel; the state is displacements of the free nodes and their velocities."""
         names = [f"node {k // 2} {'xy'[k % 2]}" for k in structure.free]
         return cls._of(engine, names, ("m", "m/s"), np.full(len(names), abs(length)), excitation)

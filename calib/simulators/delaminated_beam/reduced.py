@@ -50,7 +50,7 @@ class Drift(NamedTuple):
     kick: np.ndarray
 
 
-class Plan(NamedTuple):
+class ReducedPlan(NamedTuple):
     """Everything that a run holds fixed; n modes, m contact pairs, k pairs that are looked at in flight.
 
     Attributes
@@ -72,7 +72,7 @@ class Plan(NamedTuple):
     guard : (m,) clearance that counts as near  [m]
     limit : displacement beyond which the motion diverges  [m]
     merged : time without contact that separates two impacts  [s]
-    force, force_p, acts : laws, as in `explicit.Plan`
+    force, force_p, acts : laws, as in `explicit.ReducedPlan`
     columns, masses, bodies : (j, n + 1) displacement of the points at which force laws act, their masses [kg], bodies
     contact, contact_p : laws of the contact
     counts : (2,) laws at force and contact
@@ -113,7 +113,7 @@ class Plan(NamedTuple):
     counts: np.ndarray
 
 
-class State(NamedTuple):
+class ReducedState(NamedTuple):
     """Where a run stands; the kernel writes it.
 
     Attributes
@@ -135,13 +135,13 @@ class State(NamedTuple):
     count: np.ndarray
 
 
-class Seen(NamedTuple):
+class ReducedTrace(NamedTuple):
     """What is noted on the way.
 
     Attributes
     ----------
     times : (s,) of the samples, since the beginning of the call  [s]
-    samples : (s, 5) see `explicit.Seen`
+    samples : (s, 5) see `explicit.ReducedTrace`
     impacts, central : (k, 2) time [s] and closing speed [m/s] at which contact begins
     closed : (m,) time for which each pair was closed  [s]
     total : (5,) impacts, central impacts, time with contact [s], largest force [N], deepest penetration [m]

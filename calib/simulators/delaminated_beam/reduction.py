@@ -9,9 +9,9 @@ from scipy.linalg import expm
 from calib.modelling.laws import BoundLaw
 from calib.records import OK
 from calib.simulators.delaminated_beam import reduced
-from calib.simulators.delaminated_beam.layout import BODIES, Structure
+from calib.simulators.delaminated_beam.layout import BODIES, MeshedStructure
 from calib.simulators.delaminated_beam.modes import Modes
-from calib.simulators.delaminated_beam.reduced import Drift, Plan, Seen, State
+from calib.simulators.delaminated_beam.reduced import Drift, ReducedPlan, ReducedState, ReducedTrace
 from calib.simulators.delaminated_beam.stationary import CAPACITY, Contact, Period
 from calib.simulators.slots import acting, fill
 
@@ -61,7 +61,7 @@ def drift(omega: np.ndarray, decay: np.ndarray, inertia: np.ndarray, time: float
 
 
 def plan(
-    structure: Structure,
+    structure: MeshedStructure,
     basis: Modes,
     fineness: Fineness,
     *,
@@ -75,7 +75,7 @@ def plan(
     merged: float,
     clipped: bool = True,
     laws: Sequence[BoundLaw] = (),
-) -> Plan:
+) -> ReducedPlan:
     """Put together what the reduced kernel is told; see `layout.plan`. `limit` is a displacement [m]."""
     pairs, step = structure.pairs, period / fineness.steps
     taken = np.arange(0, len(pairs.place), fineness.every)
@@ -92,7 +92,7 @@ def plan(
     watched = near_tip | (np.arange(len(taken)) % max(1, WATCHED // fineness.every) == 0)
     centre = int(np.argmin(np.abs(place)))
     near = drift(basis.omega, decay, basis.inertia, step / fineness.parts)
-    return Plan(
+    return ReducedPlan(
         step=step,
         parts=fineness.parts,
         flight=drift(basis.omega, decay, basis.inertia, step),
@@ -157,7 +157,7 @@ def _stretch(basis: Modes, step: float) -> tuple[np.ndarray, np.ndarray, float]:
     return tension, tension[:-1] * np.tan(slow) / slow / np.sinc(slow / np.pi), basis.kappa - float(yielding @ yielding)
 
 
-def _columns(structure: Structure, basis: Modes):
+def _columns(structure: MeshedStructure, basis: Modes):
     """Points at which force laws act: the nodes above one another of a body, with their mass."""
     mesh = structure.mesh
     layer = np.isin(np.arange(len(mesh.nodes)), mesh.layer)
@@ -184,10 +184,10 @@ class Reduced:
     budget : steps and parts at most
     """
 
-    def __init__(self, plan: Plan, period: float, table: Callable, state: np.ndarray, budget: int):
+    def __init__(self, plan: ReducedPlan, period: float, table: Callable, state: np.ndarray, budget: int):
         n, m = len(plan.flight.qq), len(plan.clearance)
         self.plan = plan
-        self.now = State(
+        self.now = ReducedState(
             q=np.append(state[:n], 0.0),
             v=np.append(state[n:], 0.0),
             push=np.zeros(m),
@@ -246,7 +246,7 @@ class Reduced:
     def begin_notes(self) -> None:
         """Forget what contact did so far."""
         self._since = self._done * self._period
-        self._seen = Seen(
+        self._seen = ReducedTrace(
             times=np.zeros(0),
             samples=np.zeros((0, 5)),
             impacts=np.zeros((CAPACITY, 2)),

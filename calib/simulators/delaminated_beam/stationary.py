@@ -54,7 +54,7 @@ class Contact:
 
         Parameters
         ----------
-        seen : `Seen` of either kernel
+        seen : `ExplicitTrace` or `ReducedTrace`
         since, span : when the notes began and how long they went on, in the kernel's unit of time
         unit : of its times  [s]
         """
@@ -93,7 +93,7 @@ class Engine(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class StationaryMotion:
     """A recorded motion.
 
     Attributes
@@ -131,7 +131,7 @@ def stationary(
     samples: int,
     settle: int | None,
     limit: int,
-) -> Motion:
+) -> StationaryMotion:
     """Let a motion settle, then record it.
 
     Parameters
@@ -150,7 +150,7 @@ def stationary(
     while len(dropped) < (limit if settle is None else settle):
         period = engine.period(1)
         if period.status != OK:
-            return Motion(period.status, period.reason, none, none[:, 0], none, len(dropped), None, None)
+            return StationaryMotion(period.status, period.reason, none, none[:, 0], none, len(dropped), None, None)
         dropped.append(period.samples[:1])
         states = [*states[-LAGS:], engine.state()]
         returns = returning(states)
@@ -161,7 +161,7 @@ def stationary(
     for _ in range(periods):
         period = engine.period(samples)
         if period.status != OK:
-            return Motion(period.status, period.reason, none, none[:, 0], none, len(dropped), None, None)
+            return StationaryMotion(period.status, period.reason, none, none[:, 0], none, len(dropped), None, None)
         recorded.append(period.samples)
         force.append(period.force)
         states = [*states[-LAGS:], engine.state()]
@@ -171,13 +171,13 @@ def stationary(
     while returns is None and len(sections) < SECTION:
         period = engine.period(1)
         if period.status != OK:
-            return Motion(period.status, period.reason, none, none[:, 0], none, len(dropped), None, None)
+            return StationaryMotion(period.status, period.reason, none, none[:, 0], none, len(dropped), None, None)
         sections = np.concatenate([sections, period.samples[:1]])
         states = [*states[-LAGS:], engine.state()]
         returns = returning(states)
     if returns is not None and periods < SECTION:
         sections = np.resize(sections[-returns:], (SECTION, 4))  # what was before is on the way there
-    return Motion(
+    return StationaryMotion(
         OK, "", np.concatenate(recorded), np.concatenate(force), sections[-max(SECTION, periods) :],
         len(dropped), returns, contact,
     )  # fmt: skip

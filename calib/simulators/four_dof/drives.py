@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.simulators.four_dof.lumped import Lumped
-from calib.simulators.impact.modes import Stop, Structure
+from calib.simulators.impact.modes import LinearStructure, Stop
 
 BODIES = ("q1", "q2", "q3", "q4")
 BEAM, LAYER = 1, 2  # the bodies that meet
@@ -47,7 +47,7 @@ DRIVES = {
 
 def structure(
     kind: DriveKind, body: Lumped, rate: Callable[[np.ndarray], np.ndarray], gap: float, restitution: float
-) -> Structure:
+) -> LinearStructure:
     """Build the structure that remains free under a drive; gap [m], restitution [1].
 
     The mass matrix is diagonal, so a prescribed displacement loads the others through the stiffness alone.
@@ -68,7 +68,7 @@ def structure(
     hit[LAYER] = 1.0  # paper, eq. (2): only the layer's velocity jumps
     loads = np.zeros((len(free), 3))
     loads[:, 0] = load[free]
-    return Structure(
+    return LinearStructure(
         mass=body.mass[np.ix_(free, free)],
         stiffness=stiffness[np.ix_(free, free)],
         rate=rate,

@@ -18,8 +18,8 @@ from calib.simulators.four_dof.drives import BODIES, DRIVES, LAYER, structure
 from calib.simulators.four_dof.lumped import lumped
 from calib.simulators.impact.modes import modal, regimes
 from calib.simulators.impact.period_map import ImpactMap, impact_map, shifted
-from calib.simulators.impact.problem import PORT, Problem, State
-from calib.simulators.impact.run import GRID, Drive, Motion, assemble, simulate, start, with_inner
+from calib.simulators.impact.problem import PORT, ImpactState, Problem
+from calib.simulators.impact.run import GRID, ImpactDrive, SimulatedMotion, assemble, simulate, start, with_inner
 
 PARAMETERS = (
     Parameter("restitution", "1", 0.05, "Newton's coefficient of restitution, beam and layer", low=0.0, high=1.0),
@@ -206,16 +206,16 @@ class FourDof:
                 raise ValueError("the shaker does not move q1")
             scale /= answer
         if duration is None:
-            drive = Drive(
+            drive = ImpactDrive(
                 period=excitation.period,
                 omega=2.0 * np.pi * excitation.frequency,
                 amplitude=scale * excitation.amplitude * np.exp(1j * excitation.phase),
             )
         elif excitation.recorded:
             spline = CubicSpline(excitation.time - excitation.time[0], scale * excitation.value)
-            drive = Drive(period=duration, knots=spline.x, table=spline.c[::-1].T)
+            drive = ImpactDrive(period=duration, knots=spline.x, table=spline.c[::-1].T)
         else:
-            drive = Drive(period=duration)
+            drive = ImpactDrive(period=duration)
         return assemble(
             free,
             drive,
@@ -251,12 +251,12 @@ class FourDof:
                 f"the initial state of four_dof is (q1..q4, q1'..q4'), 8 numbers; got {np.size(request.initial_state)}"
             )
 
-    def _start(self, problem: Problem, request) -> State:
+    def _start(self, problem: Problem, request) -> ImpactState:
         free, n = list(DRIVES[self.drive].coordinates), len(BODIES)
         asked = np.zeros(2 * n) if request.initial_state is None else np.asarray(request.initial_state, dtype=float)
         return with_inner(start(problem, asked[:n][free], asked[n : 2 * n][free]), asked[2 * n :])
 
-    def _state(self, motion: Motion) -> np.ndarray:
+    def _state(self, motion: SimulatedMotion) -> np.ndarray:
         """State at phase zero after the recorded periods, as `Request.initial_state` takes it."""
         free = list(DRIVES[self.drive].coordinates)
         state = np.zeros((2, len(BODIES)))
@@ -277,7 +277,7 @@ class FourDof:
             attrs["amplitude"] = excitation.amplitude * values["amplitude"]
         return attrs
 
-    def _record(self, times, problem: Problem, motion: Motion, attrs: dict, harmonic: bool) -> xr.Dataset:
+    def _record(self, times, problem: Problem, motion: SimulatedMotion, attrs: dict, harmonic: bool) -> xr.Dataset:
         stationary = {}
         if harmonic:
             at_phase_zero = np.zeros(len(motion.sections))

@@ -31,7 +31,7 @@ class Stop:
 
 
 @dataclass(frozen=True, eq=False)
-class Structure:
+class LinearStructure:
     """M q'' + C q' + K q = load . (U, U', U'') + constant, with modal damping.
 
     Attributes
@@ -73,7 +73,7 @@ def _real(amplitude: complex | np.ndarray, constant: float | np.ndarray) -> np.n
 
 
 def _modes(
-    structure: Structure, basis: np.ndarray, load: np.ndarray, constant: np.ndarray, drive: complex, omega: float
+    structure: LinearStructure, basis: np.ndarray, load: np.ndarray, constant: np.ndarray, drive: complex, omega: float
 ) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
     """Modes within the span of `basis` (n, m), and their motion under the drive.
 
@@ -105,7 +105,7 @@ def _modes(
     return arrays, shape @ harmonic, shape @ deflection
 
 
-def _free(structure: Structure, drive: complex, omega: float) -> dict[str, np.ndarray]:
+def _free(structure: LinearStructure, drive: complex, omega: float) -> dict[str, np.ndarray]:
     """Work out the regime without contact; its witness is the clearance [m]."""
     n = len(structure.mass)
     arrays, harmonic, static = _modes(structure, np.eye(n), structure.load, structure.constant, drive, omega)
@@ -119,7 +119,9 @@ def _free(structure: Structure, drive: complex, omega: float) -> dict[str, np.nd
     }
 
 
-def _contact(structure: Structure, free: dict[str, np.ndarray], drive: complex, omega: float) -> dict[str, np.ndarray]:
+def _contact(
+    structure: LinearStructure, free: dict[str, np.ndarray], drive: complex, omega: float
+) -> dict[str, np.ndarray]:
     """Work out the regime of permanent contact: q = T p - hit (gap + input U), T spanning what keeps r = 0.
 
     Its witness is -r'' of the free regime at the same q, q' [m/s^2]: where that acceleration turns positive, the
@@ -152,7 +154,7 @@ def _contact(structure: Structure, free: dict[str, np.ndarray], drive: complex, 
     }
 
 
-def regimes(structure: Structure, drive: complex, omega: float) -> Regimes:
+def regimes(structure: LinearStructure, drive: complex, omega: float) -> Regimes:
     """Work out both regimes under U = Re(drive exp(i omega t)); without a stop the second repeats the first.
 
     Raises

@@ -13,7 +13,7 @@ from calib.records import OK
 from calib.records.excitation import Excitation
 from calib.simulators.impact import kernel
 from calib.simulators.impact.near_misses import nearest_passes
-from calib.simulators.impact.problem import AT_PERIOD, IMPACTS, PORT, Problem, State
+from calib.simulators.impact.problem import AT_PERIOD, IMPACTS, PORT, ImpactState, Problem
 from calib.simulators.impact.run import STATUS, start
 from calib.simulators.impact.scratch import scratch
 from calib.simulators.impact.tangent import carry
@@ -113,7 +113,7 @@ class ImpactMap:
         count = nearest_passes(self.problem, self._started(state), scratch(n), BUDGET, np.zeros((0, 2 + 2 * n)), minima)
         return minima[: max(0, count)]
 
-    def _started(self, state: np.ndarray) -> State:
+    def _started(self, state: np.ndarray) -> ImpactState:
         n = len(self.problem.hit)
         state = np.asarray(state, dtype=float)
         now = start(self.problem, state[:n], state[n : 2 * n])

@@ -107,7 +107,7 @@ class Problem(NamedTuple):
     push: np.ndarray
 
 
-class State(NamedTuple):
+class ImpactState(NamedTuple):
     """Where a run stands; the kernel writes it.
 
     Attributes

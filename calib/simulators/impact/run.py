@@ -11,7 +11,7 @@ from calib.records import OK, SECTION
 from calib.simulators.impact import kernel
 from calib.simulators.impact.coordinates import to_coordinates
 from calib.simulators.impact.flow import REACH
-from calib.simulators.impact.modes import Structure, regimes
+from calib.simulators.impact.modes import LinearStructure, regimes
 from calib.simulators.impact.problem import (
     AT_PERIOD,
     CONTACT,
@@ -23,8 +23,8 @@ from calib.simulators.impact.problem import (
     SECTIONS,
     STEPS,
     TOUCH,
+    ImpactState,
     Problem,
-    State,
 )  # fmt: skip
 from calib.simulators.impact.scratch import scratch
 from calib.simulators.impact.shooting import shoot
@@ -39,7 +39,7 @@ STATUS = {kernel.DIVERGED: "diverged", kernel.SPENT: "step budget"}
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class ImpactDrive:
     """What moves the structure: U(t) = Re(amplitude exp(i omega t)) + the table + the laws of the excitation.
 
     Attributes
@@ -57,7 +57,7 @@ class Drive:
     table: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
 
 
-class Motion(NamedTuple):
+class SimulatedMotion(NamedTuple):
     """What a run gives.
 
     Attributes
@@ -84,8 +84,8 @@ class Motion(NamedTuple):
 
 
 def assemble(
-    structure: Structure,
-    drive: Drive,
+    structure: LinearStructure,
+    drive: ImpactDrive,
     laws: Sequence[BoundLaw] = (),
     coordinates: Sequence[str] = (),
     length: float = 1e-3,
@@ -157,7 +157,7 @@ def assemble(
     )
 
 
-def _push(structure: Structure) -> np.ndarray:
+def _push(structure: LinearStructure) -> np.ndarray:
     """Accelerations (n,) by a force between the two that meet, per unit mass of the body that an impact turns round."""
     stop, mass = structure.stop, structure.mass
     if stop is None:
@@ -165,7 +165,7 @@ def _push(structure: Structure) -> np.ndarray:
     return (stop.hit @ mass @ stop.hit) * np.linalg.solve(mass, stop.normal)
 
 
-def start(problem: Problem, q: np.ndarray, dq: np.ndarray) -> State:
+def start(problem: Problem, q: np.ndarray, dq: np.ndarray) -> ImpactState:
     """Return the state at phase zero with coordinates q [m] and velocities dq [m/s] (n,).
 
     Where the stop would be penetrated, or is touched and not being left, the run starts in contact.
@@ -191,12 +191,12 @@ def start(problem: Problem, q: np.ndarray, dq: np.ndarray) -> State:
             regime = CONTACT if rate < 0.0 or at_rest else 0
             touch = 0 if regime == CONTACT else (HIT if rate > 0.0 else RELEASED)
             y, v = modal(regime, q, dq - rate * problem.hit if regime == CONTACT else dq)
-    state = State(y, v, np.zeros((*problem.acts.shape, STATES)), np.zeros(2), np.zeros(7, dtype=np.int64))
+    state = ImpactState(y, v, np.zeros((*problem.acts.shape, STATES)), np.zeros(2), np.zeros(7, dtype=np.int64))
     state.count[REGIME], state.count[TOUCH] = regime, touch
     return state
 
 
-def _coordinates(problem: Problem, state: State) -> tuple[np.ndarray, np.ndarray]:
+def _coordinates(problem: Problem, state: ImpactState) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates [m] and velocities [m/s] (n,) of a state at phase zero."""
     n, w = len(state.y), scratch(len(state.y))
     u, du = problem.table[0, :2] if len(problem.table) else (0.0, 0.0)
@@ -206,7 +206,7 @@ def _coordinates(problem: Problem, state: State) -> tuple[np.ndarray, np.ndarray
     return w.q[:n], w.dq[:n]
 
 
-def with_inner(state: State, inner: np.ndarray) -> State:
+def with_inner(state: ImpactState, inner: np.ndarray) -> ImpactState:
     """Return the state with the internal states of the force laws that a motion ended with, where the sizes agree."""
     if inner.size == state.z.size:
         state.z[:] = inner.reshape(state.z.shape)
@@ -215,7 +215,7 @@ def with_inner(state: State, inner: np.ndarray) -> State:
 
 def simulate(
     problem: Problem,
-    state: State,
+    state: ImpactState,
     times: np.ndarray,
     periods: int = 1,
     settle: int | None = None,
@@ -223,7 +223,7 @@ def simulate(
     budget: int = 50_000_000,
     capacity: int = 4096,
     near: bool = False,
-) -> Motion:
+) -> SimulatedMotion:
     """Settle, then record `periods` periods.
 
     Parameters
@@ -288,14 +288,14 @@ def simulate(
         "diverged": f"the motion grew beyond bounds in period {int(state.count[AT_PERIOD])}",
         "step budget": f"{budget} steps were spent by period {int(state.count[AT_PERIOD])}",
     }
-    return Motion(
+    return SimulatedMotion(
         status, reasons.get(status, ""), len(dropped), samples,
         np.concatenate([dropped, recorded, after])[-max(sections, periods, 1) :],
         impacts, contact, int(state.count[STEPS]), state.z.ravel() if problem.counts[3] else np.zeros(0),
     )  # fmt: skip
 
 
-def _repeated(one: Motion, periods: int, period: float) -> Motion:
+def _repeated(one: SimulatedMotion, periods: int, period: float) -> SimulatedMotion:
     """Return the motion of so many periods that a motion of one makes when it returns."""
     impacts = np.tile(one.impacts, (periods, 1))
     impacts[:, 0] += np.repeat(np.arange(periods) * period, len(one.impacts))

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.optimize import NoConvergence, broyden1
 
 from calib.simulators.impact import kernel
-from calib.simulators.impact.problem import STEPS, Problem, State
+from calib.simulators.impact.problem import STEPS, ImpactState, Problem
 from calib.simulators.impact.scratch import Scratch
 from calib.simulators.impact.tangent import carry
 
@@ -15,7 +15,7 @@ LAST = 1e-9  # distance that is accepted where rounding does not let it fall fur
 
 def shoot(
     problem: Problem, begin, q: np.ndarray, dq: np.ndarray, z: np.ndarray, w: Scratch, budget: int
-) -> State | None:
+) -> ImpactState | None:
     """State at phase zero that returns after one period, near (q, dq, z); None where there is none, or it is not found.
 
     Broyden's steps (1965) on P(x) - x, preconditioned by the derivative of the map without its force laws, which
@@ -35,7 +35,7 @@ def shoot(
     scale = np.concatenate([np.full(n, length), np.full(n, speed), np.full(z.size if problem.counts[3] else 0, inner)])
     none = np.zeros((0, 2 * n + 2))
 
-    def state(xi: np.ndarray) -> State:
+    def state(xi: np.ndarray) -> ImpactState:
         x = xi * scale
         now = begin(problem, x[:n], x[n : 2 * n])
         if x.size > 2 * n:
@@ -83,7 +83,7 @@ def shoot(
     return state(found) if stable else None
 
 
-def _derivative(problem: Problem, state: State, w: Scratch, budget: int, scale: np.ndarray) -> np.ndarray | None:
+def _derivative(problem: Problem, state: ImpactState, w: Scratch, budget: int, scale: np.ndarray) -> np.ndarray | None:
     """Derivative (2 n, 2 n) of the map of a period without force laws, in units of `scale`; None where it fails."""
     counts = problem.counts.copy()
     counts[[0, 3]] = 0

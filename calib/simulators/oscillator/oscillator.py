@@ -14,10 +14,10 @@ from calib.errors import CalibError, nearest
 from calib.modelling.laws import BoundLaw, at_site
 from calib.modelling.parameter import Parameter
 from calib.records.excitation import Excitation
-from calib.simulators.impact.modes import Stop, Structure, viscous
+from calib.simulators.impact.modes import LinearStructure, Stop, viscous
 from calib.simulators.impact.period_map import ImpactMap, impact_map, shifted
 from calib.simulators.impact.problem import PORT
-from calib.simulators.impact.run import Drive, Motion, assemble, simulate, start, with_inner
+from calib.simulators.impact.run import ImpactDrive, SimulatedMotion, assemble, simulate, start, with_inner
 from calib.simulators.oscillator.prescribed import law_accelerations, prescribed_motion
 
 BODY = "mass"
@@ -233,7 +233,7 @@ def _attrs(values: Mapping[str, float], excitation: Excitation) -> dict:
     return attrs
 
 
-def _structure(values: Mapping[str, float], quantity: str, laws: Sequence[BoundLaw]) -> Structure:
+def _structure(values: Mapping[str, float], quantity: str, laws: Sequence[BoundLaw]) -> LinearStructure:
     """Put together mass, spring, damper, servo, stop and what the drive does to them."""
     stiffness, damping = values["stiffness"], values["damping"]
     load = [0.0, 0.0, 0.0]  # per unit of U, U', U''
@@ -250,7 +250,7 @@ def _structure(values: Mapping[str, float], quantity: str, laws: Sequence[BoundL
     if "gap" in values:
         gap = values["gap"] + sum(law.function(0.0, law.p) for law in at_site(laws, "gap"))
         stop = Stop(np.array([-1.0]), np.array([-1.0]), gap, values["restitution"])
-    return Structure(
+    return LinearStructure(
         mass=np.array([[values["mass"]]]),
         stiffness=np.array([[stiffness]]),
         rate=viscous(damping / (2.0 * values["mass"])),
@@ -260,14 +260,14 @@ def _structure(values: Mapping[str, float], quantity: str, laws: Sequence[BoundL
     )
 
 
-def _drive(excitation: Excitation, scale: float, hold: str, times: np.ndarray) -> Drive:
+def _drive(excitation: Excitation, scale: float, hold: str, times: np.ndarray) -> ImpactDrive:
     """Return U as the kernel takes it; without a period, the run lasts to the last of `times` [s]."""
     if excitation.quantity == "free decay":
-        return Drive(period=times[-1])
+        return ImpactDrive(period=times[-1])
     if excitation.recorded:
-        return Drive(period=times[-1], knots=excitation.time, table=scale * _pieces(excitation, hold))
+        return ImpactDrive(period=times[-1], knots=excitation.time, table=scale * _pieces(excitation, hold))
     amplitude = scale * excitation.amplitude * cmath.exp(1j * excitation.phase)
-    return Drive(period=excitation.period, omega=2.0 * math.pi * excitation.frequency, amplitude=amplitude)
+    return ImpactDrive(period=excitation.period, omega=2.0 * math.pi * excitation.frequency, amplitude=amplitude)
 
 
 def _pieces(excitation: Excitation, hold: str) -> np.ndarray:
@@ -282,7 +282,7 @@ def _pieces(excitation: Excitation, hold: str) -> np.ndarray:
     return table
 
 
-def _length(values: Mapping[str, float], structure: Structure, excitation: Excitation, duration: float) -> float:
+def _length(values: Mapping[str, float], structure: LinearStructure, excitation: Excitation, duration: float) -> float:
     """Scale of the motion [m]: what the initial state and the loads make of a mass in the time they have."""
     mass = values["mass"]
     slowest = max(math.sqrt(abs(structure.stiffness[0, 0]) / mass), 1.0 / duration)
@@ -296,7 +296,7 @@ def _length(values: Mapping[str, float], structure: Structure, excitation: Excit
     return max(abs(values["initial_displacement"]), abs(values["initial_velocity"]) / slowest, loads) or 1.0
 
 
-def _record(times: np.ndarray, motion: Motion, harmonic: bool, attrs: dict) -> xr.Dataset:
+def _record(times: np.ndarray, motion: SimulatedMotion, harmonic: bool, attrs: dict) -> xr.Dataset:
     if motion.status != records.OK:
         return records.failed((BODY,), motion.status, motion.reason, **attrs)
     if not np.isfinite(motion.samples).all():

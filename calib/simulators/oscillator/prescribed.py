@@ -23,7 +23,7 @@ TOLERANCE = 1e-6  # of the internal states of laws, relative to the largest valu
 TINY = 1e-300  # no state is asked to be more exact than this
 
 
-class Motion(NamedTuple):
+class PrescribedMotion(NamedTuple):
     """A prescribed motion: time, displacement, velocity, acceleration, each (n,), in SI."""
 
     time: np.ndarray
@@ -32,7 +32,9 @@ class Motion(NamedTuple):
     a: np.ndarray
 
 
-def prescribed_motion(excitation: Excitation, scale: float, laws: Sequence[BoundLaw], times: np.ndarray) -> Motion:
+def prescribed_motion(
+    excitation: Excitation, scale: float, laws: Sequence[BoundLaw], times: np.ndarray
+) -> PrescribedMotion:
     """Displacement, velocity and acceleration at all samples of the excitation and at `times` (n,) [s] within them.
 
     A recorded motion passes the zero-phase low-pass of its cutoff and is then differentiated as a spline. A harmonic
@@ -56,7 +58,9 @@ def prescribed_motion(excitation: Excitation, scale: float, laws: Sequence[Bound
     return _differentiated(grid, value, np.union1d(grid, np.clip(times, start, end)))
 
 
-def _harmonic_motion(excitation: Excitation, scale: float, laws: Sequence[BoundLaw], times: np.ndarray) -> Motion:
+def _harmonic_motion(
+    excitation: Excitation, scale: float, laws: Sequence[BoundLaw], times: np.ndarray
+) -> PrescribedMotion:
     """Motion of a harmonic excitation at `times` (n,), evenly spaced, and in between where they are sparse."""
     omega = 2.0 * math.pi * excitation.frequency
     amplitude = scale * excitation.amplitude
@@ -69,15 +73,15 @@ def _harmonic_motion(excitation: Excitation, scale: float, laws: Sequence[BoundL
     x = amplitude * np.cos(phase)
     changes = law_changes(grid, x, excitation, scale, laws)
     if not changes.any():
-        motion = Motion(grid, x, -omega * amplitude * np.sin(phase), -(omega**2) * x)
+        motion = PrescribedMotion(grid, x, -omega * amplitude * np.sin(phase), -(omega**2) * x)
     else:
         motion = _differentiated(grid, x + changes, grid)
-    return Motion(*(part[before:-before] for part in motion))
+    return PrescribedMotion(*(part[before:-before] for part in motion))
 
 
-def _differentiated(time: np.ndarray, x: np.ndarray, at: np.ndarray) -> Motion:
+def _differentiated(time: np.ndarray, x: np.ndarray, at: np.ndarray) -> PrescribedMotion:
     spline = make_interp_spline(time, x, k=DEGREE)
-    return Motion(at, spline(at), spline.derivative(1)(at), spline.derivative(2)(at))
+    return PrescribedMotion(at, spline(at), spline.derivative(1)(at), spline.derivative(2)(at))
 
 
 def law_changes(
@@ -99,7 +103,7 @@ def _changes(time, x, omega, phase, amplitude, functions, p, count):
     return change
 
 
-def law_accelerations(motion: Motion, laws: Sequence[BoundLaw], budget: int) -> np.ndarray | None:
+def law_accelerations(motion: PrescribedMotion, laws: Sequence[BoundLaw], budget: int) -> np.ndarray | None:
     """Sum (n,) [m/s^2] of the force laws along the motion; None where their states take more than `budget` steps.
 
     Internal states start at zero and obey their own equation, driven by the motion.

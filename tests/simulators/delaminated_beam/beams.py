@@ -6,8 +6,8 @@ import numpy as np
 
 from calib.modelling.laws import BoundLaw
 from calib.simulators.delaminated_beam import contact, explicit, layout
-from calib.simulators.delaminated_beam.explicit import Plan, Seen, State
-from calib.simulators.delaminated_beam.layout import Layout, Structure
+from calib.simulators.delaminated_beam.explicit import ExplicitPlan, ExplicitState, ExplicitTrace
+from calib.simulators.delaminated_beam.layout import Layout, MeshedStructure
 from calib.simulators.delaminated_beam.mesh import Counts, Geometry, mesh
 from calib.simulators.delaminated_beam.plane_stress import Material
 
@@ -26,7 +26,7 @@ FIGURE_14 = (500.0, 0.02, 0.01, 5.0, 9.38e-8, 0.2e-3, 0.8e-3)
 class Beam(NamedTuple):
     """A meshed beam with its kernel arrays and critical step [s]."""
 
-    structure: Structure
+    structure: MeshedStructure
     layout: Layout
     critical: float
 
@@ -47,7 +47,7 @@ class Beam(NamedTuple):
         lagged: bool = False,
         clipped: bool = True,
         laws: tuple[BoundLaw, ...] = (),
-    ) -> Plan:
+    ) -> ExplicitPlan:
         """Plan of a run; beta is a fraction of the critical damping of the highest mode."""
         pairs = self.structure.pairs
         stiffness = contact.penalty(pairs, "bulk", factor, ALUMINIUM, WIDTH, LAYER, step)
@@ -67,7 +67,7 @@ class Beam(NamedTuple):
             laws=laws,
         )
 
-    def figure(self, alpha, beta, factor, c_con, step, height, shift) -> tuple[Plan, State, int]:
+    def figure(self, alpha, beta, factor, c_con, step, height, shift) -> tuple[ExplicitPlan, ExplicitState, int]:
         """Plan of a set of the paper, its start on the static shape, and the steps to a period."""
         steps = int(np.ceil(PERIOD / step))
         gap = contact.clearance(self.structure.pairs, height, shift)
@@ -75,15 +75,15 @@ class Beam(NamedTuple):
         shape = self.structure.static_shape()
         return plan, self.begin(plan, AMPLITUDE * shape), steps
 
-    def begin(self, plan: Plan, displacement: np.ndarray, velocity: np.ndarray | float = 0.0) -> State:
+    def begin(self, plan: ExplicitPlan, displacement: np.ndarray, velocity: np.ndarray | float = 0.0) -> ExplicitState:
         """State with displacements (n, 2) [m] and velocities half a step before them [m/s]."""
         return layout.begin(plan, self.layout, displacement, velocity + np.zeros_like(displacement))
 
-    def displacement(self, plan: Plan, state: State) -> np.ndarray:
+    def displacement(self, plan: ExplicitPlan, state: ExplicitState) -> np.ndarray:
         """Displacements (n, 2) of a state  [m]."""
         return self.layout.gather(state.w - plan.beta * state.v)
 
-    def velocity(self, state: State) -> np.ndarray:
+    def velocity(self, state: ExplicitState) -> np.ndarray:
         """Velocities (n, 2) of a state, half a step back  [m/s]."""
         return self.layout.gather(state.v)
 
@@ -100,10 +100,10 @@ def cosine(steps: int, periods: float = 1.0, amplitude: float = AMPLITUDE) -> np
     return amplitude * np.cos(2.0 * np.pi * np.arange(1, round(periods * steps) + 1) / steps)
 
 
-def seen(plan: Plan, at=(), impacts: int = 64) -> Seen:
+def seen(plan: ExplicitPlan, at=(), impacts: int = 64) -> ExplicitTrace:
     """Empty notes, with samples before each of the steps `at`."""
     at = np.asarray(at, dtype=np.int64)
-    return Seen(
+    return ExplicitTrace(
         at=at,
         shift=np.zeros(len(at)),
         samples=np.zeros((len(at), 5)),
@@ -116,7 +116,7 @@ def seen(plan: Plan, at=(), impacts: int = 64) -> Seen:
     )
 
 
-def advance(plan: Plan, state: State, drive: np.ndarray, at=()) -> tuple[int, Seen]:
+def advance(plan: ExplicitPlan, state: ExplicitState, drive: np.ndarray, at=()) -> tuple[int, ExplicitTrace]:
     """Go on by len(drive) steps; return the kernel's code and its notes."""
     notes = seen(plan, at)
     return explicit.advance(plan, state, 0.0, drive, notes), notes

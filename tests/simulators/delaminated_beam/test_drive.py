@@ -8,7 +8,7 @@ import pytest
 
 from calib.modelling.laws import BoundLaw, excitation
 from calib.records.excitation import Excitation
-from calib.simulators.delaminated_beam.drive import Drive
+from calib.simulators.delaminated_beam.drive import BeamDrive
 
 HARMONIC = Excitation("centre", "displacement", frequency=25.0, amplitude=1e-3, phase=0.4)
 
@@ -42,19 +42,19 @@ def exact(t, alpha, harmonics=((1, 1.0),)):
 
 @pytest.mark.parametrize("alpha", [0.0, 300.0])
 def test_a_harmonic_has_its_exact_derivatives(alpha):
-    drive = Drive(HARMONIC, 1.0, alpha, ())
+    drive = BeamDrive(HARMONIC, 1.0, alpha, ())
     np.testing.assert_allclose(drive.table(7, 64), exact(np.arange(65) / 64 * 0.04, alpha), rtol=1e-9, atol=1e-12)
 
 
 def test_displacements_are_those_at_the_ends_of_steps():
-    drive = Drive(HARMONIC, 0.5, 0.0, ())
+    drive = BeamDrive(HARMONIC, 0.5, 0.0, ())
     expected = 0.5 * exact(np.arange(1, 51) / 50 * 0.04, 0.0)[:, 0]
     np.testing.assert_allclose(drive.displacements(3, 50), expected, atol=1e-15)
     np.testing.assert_allclose(drive.displacements(0, 64), drive.table(0, 64)[1:, 0], atol=1e-18)
 
 
 def test_a_law_adds_to_the_drive_and_to_its_derivatives():
-    drive = Drive(HARMONIC, 1.0, 200.0, [law(third, 0.1)])
+    drive = BeamDrive(HARMONIC, 1.0, 200.0, [law(third, 0.1)])
     expected = exact(np.arange(4097) / 4096 * 0.04, 200.0, ((1, 1.0), (3, 0.1)))
     found = drive.table(5, 4096)
     np.testing.assert_allclose(found[:, 0], expected[:, 0], atol=1e-15)
@@ -64,7 +64,7 @@ def test_a_law_adds_to_the_drive_and_to_its_derivatives():
 
 
 def test_a_law_that_looks_at_the_time_makes_each_period_another():
-    drive = Drive(HARMONIC, 1.0, 0.0, [law(swelling, 2.0)])
+    drive = BeamDrive(HARMONIC, 1.0, 0.0, [law(swelling, 2.0)])
     for period in (0, 3):
         t = np.arange(1, 9) / 8 * 0.04
         grown = exact(t, 0.0)[:, 0] * (1.0 + 2.0 * (t + 0.04 * period))
@@ -73,22 +73,22 @@ def test_a_law_that_looks_at_the_time_makes_each_period_another():
 
 
 def test_tables_that_stay_the_same_are_made_once():
-    drive = Drive(HARMONIC, 1.0, 0.0, ())
+    drive = BeamDrive(HARMONIC, 1.0, 0.0, ())
     assert drive.table(0, 16) is drive.table(9, 16)
     assert drive.displacements(0, 16) is drive.displacements(9, 16)
     assert drive.table(0, 16) is not drive.table(0, 32)
-    changing = Drive(HARMONIC, 1.0, 0.0, [law(third, 0.1)])
+    changing = BeamDrive(HARMONIC, 1.0, 0.0, [law(third, 0.1)])
     assert changing.table(0, 16) is not changing.table(0, 16)
 
 
 def test_the_start_is_that_of_phase_zero():
-    x, v = Drive(HARMONIC, 2.0, 0.0, ()).at_start()
+    x, v = BeamDrive(HARMONIC, 2.0, 0.0, ()).at_start()
     assert x == pytest.approx(2e-3 * math.cos(0.4))
     assert v == pytest.approx(-2e-3 * 50.0 * math.pi * math.sin(0.4))
 
 
 def test_scales_are_of_the_amplitude_and_never_nothing():
-    drive = Drive(HARMONIC, -2.0, 0.0, ())
+    drive = BeamDrive(HARMONIC, -2.0, 0.0, ())
     assert drive.length == pytest.approx(2e-3)
     assert drive.speed == pytest.approx(2e-3 * 50.0 * math.pi)
-    assert Drive(replace(HARMONIC, amplitude=0.0), 1.0, 0.0, ()).speed > 0.0
+    assert BeamDrive(replace(HARMONIC, amplitude=0.0), 1.0, 0.0, ()).speed > 0.0
