@@ -47,15 +47,15 @@ def differentiate(evaluate: Evaluate, names: Sequence[str], u: np.ndarray, centr
         again, _ = _columns(evaluate, u, centre, third, only=doubtful)
         tried = [pair if column is None else [*pair, column] for pair, column in zip(tried, again, strict=True)]
     chosen = [_smoothest(slopes) for slopes in tried]
-    rough = [
+    unresolved = [
         names[k]
         for k in doubtful
         if not any(_agree(chosen[k], slope, ROUGH, noise) for slope in tried[k] if slope is not chosen[k])
     ]
-    if rough:
+    if unresolved:
         return np.empty((0, 0)), (
-            "the residuals are too rough about the best point to be differentiated with respect to "
-            f"{', '.join(rough)}: two steps give slopes that differ by more than half"
+            "the residuals are not differentiable about the best point with respect to "
+            f"{', '.join(unresolved)}: two steps give slopes that differ by more than half"
         )
     return np.column_stack(chosen), ""
 

@@ -16,7 +16,7 @@ WIDE = 0.25  # of the window: a parameter that spans more is not determined
 def describe_near_optimal(space: Space, trials: Sequence[Trial], units: dict[str, str]) -> str:
     """Say which parameters the trials that fit nearly as well as the best one share, and which they do not.
 
-    It takes the place of intervals where the residuals are too rough to be differentiated. It knows only points where
+    It takes the place of intervals where the residuals are not differentiable. It knows only points where
     the search has been: a parameter that spans much of its window is not determined; one that spans little may owe
     that to the search.
 

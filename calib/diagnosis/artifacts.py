@@ -90,13 +90,13 @@ def _motion(part: Part, diagnosis: Diagnosis, record: xr.Dataset) -> xr.Dataset:
     views = {"measured": part.measured, "calibrated": calibrated, "weight": part.weight}
     if selection.causes:
         views["extended"] = selection.final.point.simulated[part.name].rows
-    memory = np.zeros((len(part.rows), max([1, *(noise.memory.size for noise in part.noise)])))
-    for own, noise in zip(memory, part.noise, strict=True):
-        own[: noise.memory.size] = noise.memory
+    ar = np.zeros((len(part.rows), max([1, *(noise.ar.size for noise in part.noise)])))
+    for own, noise in zip(ar, part.noise, strict=True):
+        own[: noise.ar.size] = noise.ar
     noises = {
         "sigma": ("row", [noise.sigma for noise in part.noise]),
         "innovation": ("row", [noise.sigma * noise.innovation for noise in part.noise]),
-        "memory": (("row", "lag"), memory),
+        "memory": (("row", "lag"), ar),
     }
     return xr.Dataset(
         {name: (over, rows) for name, rows in views.items()} | noises,

@@ -210,7 +210,10 @@ def _refusal(model: Model, effect: Effect, references: Mapping[str, Reference], 
 
 
 def _variants(effect: Effect, scales: Scales, references: Mapping[str, Reference]) -> list[Candidate]:
-    """Make a candidate of each combination of held values; of a rough effect, of each of its free parameters alone."""
+    """Make a candidate of each combination of held values.
+
+    Of an effect that is not differentiable, of each of its free parameters alone.
+    """
     free = tuple(p.name for p in effect.parameters if p.null is not None)
     scale = {p.name: scales.scale(p.unit, p.nominal) for p in effect.parameters}
     grids = [
@@ -221,7 +224,7 @@ def _variants(effect: Effect, scales: Scales, references: Mapping[str, Reference
     bounds = _bounds(effect, scale)
     variants = []
     for held in itertools.product(*grids):
-        for own in [(name,) for name in free] if effect.rough else [free]:
+        for own in [(name,) for name in free] if not effect.differentiable else [free]:
             absent = {name: effect.null[name] for name in free if name not in own}
             sizes = _sizes(effect, own, scale, references)
             if effect.guess is not None and not sizes.size:
@@ -235,7 +238,7 @@ def _bounds(effect: Effect, scale: Mapping[str, float]) -> dict[str, tuple[float
     """Bounds of the parameters that give an effect its form: those it is tried at, and somewhat beyond."""
     bounds = {}
     for p in effect.parameters:
-        if p.null is None and not effect.rough:
+        if p.null is None and effect.differentiable:
             held = _held(p, effect, scale[p.name])
             if min(held) > 0.0:
                 bounds[p.name] = max(p.low, min(held) / FORM_BOUND_RATIO), min(p.high, max(held) * FORM_BOUND_RATIO)

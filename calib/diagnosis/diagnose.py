@@ -361,7 +361,7 @@ def _quantisation_or_causes(ready: Prepared, selection: Selection) -> tuple[Prep
 def _quantisation_chi2(evidence: Evidence) -> float:
     """Chi-square that the steps of converters add to the residual."""
     return sum(
-        float(share * (1.0 + noise.memory @ noise.memory) / noise.innovation**2 * (weight**2).sum())
+        float(share * (1.0 + noise.ar @ noise.ar) / noise.innovation**2 * (weight**2).sum())
         for part in evidence.parts
         for share, noise, weight in zip(rounding(part), part.noise, part.weight, strict=True)
     )

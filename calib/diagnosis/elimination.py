@@ -2,9 +2,10 @@
 
 What nobody has modelled looks a little like any effect, and like some of many by chance. One that explains W of what
 the other causes leave, W + R, makes an angle with it whose cosine is sqrt(W / (W + R)), and of the size that fits,
-a remainder R may have made sqrt(R / W) at most (the inequality of Cauchy and Schwarz). An effect that is told from what
-remains therefore explains much more than that. How much remains the sum of squares tells, to its standard error; what
-was left out remains in any case. Source of the procedure: Miller, Subset Selection in Regression, 2002, section 3.
+a remainder R may have made sqrt(R / W) at most (the inequality of Cauchy and Schwarz). An effect that is
+distinguishable from the remainder therefore explains much more than that. The excess chi-square says how large the
+remainder is, to its standard error; what was left out remains in any case. Source of the procedure: Miller, Subset
+Selection in Regression, 2002, section 3.
 """
 
 from collections.abc import Sequence

@@ -21,7 +21,7 @@ from calib.diagnosis.noise import (
     from_cycles,
     from_residual,
     shared,
-    with_memory,
+    with_autoregression,
 )
 from calib.diagnosis.score import variance_along
 from calib.objective import Objective, Reference, compared_rows, row_weights
@@ -316,7 +316,7 @@ def gathered(
     cycle: Mapping[str, int],
     seen: Mapping[str, SimulatedRows],
     left: Mapping[str, Remainder] | None = None,
-    spoilt: Mapping[str, np.ndarray] | None = None,
+    outliers: Mapping[str, np.ndarray] | None = None,
     clocks: Mapping[str, np.ndarray] | None = None,
 ) -> Evidence:
     """Put measured records and their noise together.
@@ -328,11 +328,11 @@ def gathered(
     seen : simulations
     left : what no fit explains, by record: the noise of what does not repeat is judged by it; None: by what the
         simulations leave
-    spoilt : record -> (row, n) whether a sample is an outlier; None: none is
+    outliers : record -> (row, n) whether a sample is an outlier; None: none is
     clocks : as `clock_slopes` gives them; None: all clocks are right
     """
     measured = {name: _measured(reference, rows[name]) for name, reference in references.items()}
-    good = {name: np.ones(m.shape, dtype=bool) if spoilt is None else ~spoilt[name] for name, m in measured.items()}
+    good = {name: np.ones(m.shape, dtype=bool) if outliers is None else ~outliers[name] for name, m in measured.items()}
     mended = {name: _mended(measured[name], seen[name].rows, good[name]) for name in measured}
     used = {name: _used(seen[name], rows[name], good[name]) for name in measured}
     weights = {name: row_weights(rows[name], used[name], seen[name].trust) for name in measured}
@@ -350,14 +350,14 @@ def gathered(
         for index, row in enumerate(rows[name]):
             noise = repeating[name].get(row)
             if noise is None:
-                stated, memory = _stated(reference.record, row), shared(shown, row, _step(reference))
+                stated, ar = _stated(reference.record, row), shared(shown, row, _step(reference))
                 known = weight[index], measured[name][index], stated
-                if memory is not None:
-                    noise = with_memory(memory, rest.scaled(index, weight[index], memory), *known)
+                if ar is not None:
+                    noise = with_autoregression(ar, rest.scaled(index, weight[index], ar), *known)
                 elif left is not None:
                     noise = from_residual(rest.rows[index], *known, rest.absorbed[index])
-                else:  # before anything is fitted to it a residual shows no memory of the noise
-                    noise = replace(with_memory(np.zeros(0), rest.rows[index], *known), repeated=False)
+                else:  # before anything is fitted to it a residual shows no autocorrelation of the noise
+                    noise = replace(with_autoregression(np.zeros(0), rest.rows[index], *known), repeated=False)
                 noise = noise.within(rest.whole[index], weight[index])
             noises.append(noise)
         parts.append(

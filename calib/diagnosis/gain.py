@@ -23,7 +23,7 @@ from calib.records.cycles import kind_of_motion
 from calib.study import Pool
 
 BOOTSTRAP_DRAWS = 2000
-DERIVATIVE_ERROR = 0.003  # relative, of differences: by it a signature is told from rounding
+DERIVATIVE_ERROR = 0.003  # relative, of differences: by it a signature is distinguished from rounding
 RECORDS, BLOCKS = "records held out", "blocks of the calibrated records"
 
 

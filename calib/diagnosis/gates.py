@@ -94,7 +94,7 @@ def noise_known(evidence: Evidence) -> Gate:
     for part in evidence.parts:
         for (body, channel), noise, used in zip(part.rows, part.noise, part.used, strict=True):
             if used.any():
-                correlated = ", correlated" if noise.memory.size else ""
+                correlated = ", correlated" if noise.ar.size else ""
                 levels.append(f"{part.name} {body} {channel}: {noise.sigma:.3g} ({noise.source}{correlated})")
     return Gate("noise", True, "; ".join(levels))
 

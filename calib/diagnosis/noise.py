@@ -1,4 +1,4 @@
-"""The noise of the measured channels: its level, and how long it remembers.
+"""The noise of the measured channels: its level and its autocorrelation.
 
 Where a record holds several cycles of a motion that returns, what is left about the mean cycle is noise, whatever the
 model gets wrong (`calib.records.cycles.mean_cycle`: of the samples as they were measured). Where it does not, the
@@ -6,9 +6,9 @@ autocorrelation of the noise is taken from records that do and that are sampled 
 part of the residual; where there is no such record, both are read off the residual that is left when everything that is
 known to the diagnosis has been fitted to it. A level that the record states comes before all of these. Where the
 variance of what is left exceeds the stated one by more than a sample of such noise may, and by more than a stated level
-may be wrong, it holds errors of the model: to take their memory for that of the noise would whiten away what is looked
-for. Such noise is taken as white, and the scores over segments (see `score`) widen what memory of either would make too
-sure.
+may be wrong, it holds errors of the model: to take their autocorrelation for that of the noise would whiten away what
+is looked for. Such noise is taken as white, and the scores over segments (see `score`) widen what autocorrelation of
+either would make too sure.
 """
 
 import math
@@ -43,13 +43,13 @@ class Noise:
     Attributes
     ----------
     sigma : standard deviation  [unit of the channel]
-    memory : (order,) coefficients of the autoregression  [1]
+    ar : (order,) coefficients of its autoregression  [1]
     source : where the level comes from
-    repeated : whether the memory is of cycles that repeat, not of what a fit leaves
+    repeated : whether the autoregression is of cycles that repeat, not of what a fit leaves
     """
 
     sigma: float
-    memory: np.ndarray
+    ar: np.ndarray
     source: str
     repeated: bool = False
 
@@ -61,14 +61,14 @@ class Noise:
     @property
     def innovation(self) -> float:
         """Standard deviation of what is new in each sample, over that of the noise  [1]."""
-        return math.sqrt(max(1e-12, 1.0 - float(self.memory @ _correlations(self.memory))))
+        return math.sqrt(max(1e-12, 1.0 - float(self.ar @ _correlations(self.ar))))
 
     def autocorrelation(self, lags: int) -> np.ndarray:
         """Correlation (lags,) of samples 0, 1, 2, ... apart  [1]."""
-        first, order = np.concatenate([[1.0], _correlations(self.memory)]), self.memory.size
+        first, order = np.concatenate([[1.0], _correlations(self.ar)]), self.ar.size
         if not order or lags <= first.size:
             return np.pad(first, (0, max(0, lags - first.size)))[:lags]
-        polynomial = np.concatenate([[1.0], -self.memory])
+        polynomial = np.concatenate([[1.0], -self.ar])
         state = lfiltic([1.0], polynomial, first[:0:-1])
         later, _ = lfilter([1.0], polynomial, np.zeros(lags - first.size), zi=state)
         return np.concatenate([first, later])
@@ -88,21 +88,21 @@ class Noise:
 
         By the equations of Yule and Walker; the last of them is the autoregression itself.
         """
-        order, rho = self.memory.size, self.autocorrelation(self.memory.size + 1)
+        order, rho = self.ar.size, self.autocorrelation(self.ar.size + 1)
         coefficients, new = np.zeros((order + 1, order)), np.ones(order + 1)
         for known in range(1, order + 1):
-            own = self.memory if known == order else solve_toeplitz(rho[:known], rho[1 : known + 1])
+            own = self.ar if known == order else solve_toeplitz(rho[:known], rho[1 : known + 1])
             coefficients[known, :known] = own
             new[known] = math.sqrt(max(1e-12, 1.0 - float(own @ rho[1 : known + 1])))
         return coefficients, self.sigma * new
 
     def _bands(self, weight: np.ndarray) -> np.ndarray:
-        """Diagonals (order + 1, n), from the main one down, of the matrix that takes the memory out of rows.
+        """Diagonals (order + 1, n), from the main one down, of the matrix that whitens rows.
 
         Each sample is predicted from those just before it, as far as all of them count as much as it does: what is
         known of it may not rest on what is less to be trusted. After a gap the prediction begins anew.
         """
-        order, n = self.memory.size, weight.size
+        order, n = self.ar.size, weight.size
         known, goes_on = np.zeros(n, dtype=int), weight > 0.0
         for lag in range(1, min(order, n - 1) + 1):
             goes_on = goes_on & np.concatenate([np.zeros(lag, dtype=bool), weight[:-lag] >= weight[lag:]])
@@ -115,23 +115,23 @@ class Noise:
         return bands
 
     def whitened(self, rows: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        """Rows (..., n) in units of the noise, their memory taken out, weighted (n,).
+        """Rows (..., n) in units of the noise, whitened and weighted (n,).
 
         Of such noise they are white, and of variance weight^2.
         """
-        if not self.memory.size:
+        if not self.ar.size:
             return rows * weight / self.sigma
-        below = dia_array((self._bands(weight), -np.arange(self.memory.size + 1)), shape=(weight.size, weight.size))
+        below = dia_array((self._bands(weight), -np.arange(self.ar.size + 1)), shape=(weight.size, weight.size))
         return (below @ rows.reshape(-1, weight.size).T).T.reshape(rows.shape) * weight
 
     def coloured(self, white: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """Undo `whitened` for rows (..., n) where the weight (n,) is not 0; 0 elsewhere."""
         counts = weight > 0.0
         even = np.divide(white, weight, out=np.zeros(white.shape), where=counts)
-        if not self.memory.size:
+        if not self.ar.size:
             return even * self.sigma
         bands, flat = self._bands(weight), even.reshape(-1, weight.size).T
-        return solve_banded((self.memory.size, 0), bands, flat).T.reshape(white.shape) * counts
+        return solve_banded((self.ar.size, 0), bands, flat).T.reshape(white.shape) * counts
 
     def within(self, residual: np.ndarray, weight: np.ndarray) -> "Noise":
         """Return it no larger than a residual (n,) of this weight (n,), unless its level is known otherwise."""
@@ -143,9 +143,9 @@ class Noise:
 
     def drawn(self, rng: np.random.Generator, size: int) -> np.ndarray:
         """Draw noise (size,)."""
-        lead = 20 * (self.memory.size + 1)
+        lead = 20 * (self.ar.size + 1)
         new = self.sigma * self.innovation * rng.standard_normal(size + lead)
-        return lfilter([1.0], np.concatenate([[1.0], -self.memory]), new)[lead:]
+        return lfilter([1.0], np.concatenate([[1.0], -self.ar]), new)[lead:]
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,10 +172,10 @@ class Remainder:
     whole: np.ndarray
     absorbed: np.ndarray
 
-    def scaled(self, row: int, weight: np.ndarray, memory: np.ndarray) -> np.ndarray:
-        """Return a row (n,) as large as noise of a known memory is on average; its samples have this weight (n,)."""
+    def scaled(self, row: int, weight: np.ndarray, ar: np.ndarray) -> np.ndarray:
+        """Return a row (n,) as large as noise of known autoregression is on average, of samples of this weight (n,)."""
         counted = float((weight**2).sum())
-        taken = _taken(self.absorbed[row], memory, 1)[0]
+        taken = _taken(self.absorbed[row], ar, 1)[0]
         return self.rows[row] * math.sqrt(counted / max(1.0, counted - taken))
 
 
@@ -239,7 +239,7 @@ def _about_mean(
     least = _least(measured)
     noise = replace(_of_unit_innovations(noise, left, weight, free, least), repeated=True)
     likeliest = noise.innovation * max(noise.sigma * math.sqrt(free / about), least)
-    criterion = 2.0 * about * math.log(likeliest) + (noise.memory.size + slow.rank) * math.log(about)
+    criterion = 2.0 * about * math.log(likeliest) + (noise.ar.size + slow.rank) * math.log(about)
     return noise, free, criterion
 
 
@@ -260,15 +260,15 @@ def _of_unit_innovations(noise: Noise, residual: np.ndarray, weight: np.ndarray,
 def _beside_stated(noise: Noise, stated: float, free: float, tolerated: float = 0.0) -> Noise:
     """Return noise that was estimated with so many degrees of freedom, of which the record states the level.
 
-    A stated level is that of the noise as a whole. Where the noise has memory, what is new in each sample is judged by,
-    and that the residual tells better: the level of a sample of such noise is off by chance, what is new in it hardly.
+    A stated level is that of the noise as a whole. Where the noise is autocorrelated, its innovation is judged by, and
+    that the residual tells better: the level of a sample of such noise is off by chance, its innovation hardly.
     Many cycles tell the level better, too, than it is stated, and what comes on top of it, as by a clock that jitters.
 
     tolerated : departure of the variance from the stated one, relative, by which a statement may be off  [1]
     """
     chance = CRITERIA.significance_std * noise.mean_square_std(free)
     off = abs((noise.sigma / stated) ** 2 - 1.0)
-    own = max(chance, off) < tolerated or (noise.memory.size > 0 and off < chance)
+    own = max(chance, off) < tolerated or (noise.ar.size > 0 and off < chance)
     return replace(noise, sigma=noise.sigma if own else stated, source=STATED)
 
 
@@ -295,21 +295,21 @@ def from_residual(
     return Noise(stated, np.zeros(0), STATED)
 
 
-def with_memory(
-    memory: np.ndarray, residual: np.ndarray, weight: np.ndarray, measured: np.ndarray, stated: float | None
+def with_autoregression(
+    ar: np.ndarray, residual: np.ndarray, weight: np.ndarray, measured: np.ndarray, stated: float | None
 ) -> Noise:
-    """Noise of known memory; its level from the fastest part of the residual."""
+    """Noise of known autoregression; its level from the fastest part of the residual."""
     if stated is not None:
-        return Noise(stated, memory, STATED, repeated=True)
-    new = Noise(1.0, memory, RESIDUAL).whitened(residual, weight)
+        return Noise(stated, ar, STATED, repeated=True)
+    new = Noise(1.0, ar, RESIDUAL).whitened(residual, weight)
     quick = np.abs(2.0 * new[2:-2] - new[:-4] - new[4:])
     level = QUICK * float(np.median(quick))
-    return Noise(max(level, _least(measured)), memory, RESIDUAL, repeated=True)
+    return Noise(max(level, _least(measured)), ar, RESIDUAL, repeated=True)
 
 
 def _noise(series, weight, measured, source, absorbed=NOTHING_ABSORBED) -> Noise:
-    memory, variance = _autoregression(series, weight, absorbed)
-    return Noise(max(math.sqrt(variance), _least(measured)), memory, source)
+    ar, variance = _autoregression(series, weight, absorbed)
+    return Noise(max(math.sqrt(variance), _least(measured)), ar, source)
 
 
 def _least(measured: np.ndarray) -> float:
@@ -329,22 +329,22 @@ def _autoregression(series: np.ndarray, weight: np.ndarray, absorbed: np.ndarray
     moments, windows = _moments(series, weight, min(ORDER, int(freedom) // SAMPLES_PER_COEFFICIENT))
     lags, mean_square = range(len(moments)), float(((series * weight) ** 2).sum()) / max(1.0, total)
     both = np.array([max(1.0, float((weight[lag:] * weight[: n - lag]).sum())) for lag in lags])
-    memory, taken = np.zeros(0), _taken(absorbed, np.zeros(0), len(lags))
+    ar, taken = np.zeros(0), _taken(absorbed, np.zeros(0), len(lags))
     for _ in range(FIXED_POINT_STEPS):
         variance = mean_square * total / max(1.0, total - taken[0])
-        before, mended = memory, moments + variance * toeplitz(taken / both)
-        memory = _of_moments(mended, windows * freedom / max(1.0, total))
-        taken = _taken(absorbed, memory, len(lags))
-        if np.array_equal(before, memory):
+        before, mended = ar, moments + variance * toeplitz(taken / both)
+        ar = _of_moments(mended, windows * freedom / max(1.0, total))
+        taken = _taken(absorbed, ar, len(lags))
+        if np.array_equal(before, ar):
             break
-    return memory, mean_square * total / max(1.0, total - taken[0])
+    return ar, mean_square * total / max(1.0, total - taken[0])
 
 
 def _moments(series: np.ndarray, weight: np.ndarray, order: int) -> tuple[np.ndarray, float]:
     """Mean products (order + 1, order + 1) of the samples that lie 0, 1, ..., order before each; how many each is of.
 
     All are of the same windows of samples, those without a gap, so that they are the moments of something: estimated
-    each from all pairs that there are, those of noise of long memory are not, though a single sample is missing
+    each from all pairs that there are, those of noise of long correlation are not, though a single sample is missing
     (Broersen, de Waele & Bos, Automatica 40 (2004) 1495). The order is the highest, up to the given one, for which such
     windows are half of the samples, and SAMPLES_PER_COEFFICIENT for each coefficient.
     """
@@ -357,9 +357,9 @@ def _moments(series: np.ndarray, weight: np.ndarray, order: int) -> tuple[np.nda
     return rows.T @ rows / max(1.0, windows), windows
 
 
-def _taken(absorbed: np.ndarray, memory: np.ndarray, lags: int) -> np.ndarray:
+def _taken(absorbed: np.ndarray, ar: np.ndarray, lags: int) -> np.ndarray:
     """By how much a fit lowers the expected sums (lag,) of products of residuals of noise of unit variance."""
-    rho = Noise(1.0, memory, RESIDUAL).autocorrelation(len(absorbed))
+    rho = Noise(1.0, ar, RESIDUAL).autocorrelation(len(absorbed))
     taken = (absorbed @ rho)[:lags]
     return np.pad(taken, (0, lags - taken.size))
 
@@ -371,27 +371,27 @@ def _of_moments(moments: np.ndarray, freedom: float) -> np.ndarray:
     best, chosen = freedom * math.log(moments[0, 0]), np.zeros(0)
     for order in range(1, len(moments)):
         own = slice(1, order + 1)
-        memory = np.linalg.lstsq(moments[own, own], moments[0, own], rcond=None)[0]
-        left = moments[0, 0] - memory @ moments[0, own]
-        if left > 0.0 and freedom * math.log(left) + order * math.log(freedom) < best and _stable(memory):
-            best, chosen = freedom * math.log(left) + order * math.log(freedom), memory
+        ar = np.linalg.lstsq(moments[own, own], moments[0, own], rcond=None)[0]
+        left = moments[0, 0] - ar @ moments[0, own]
+        if left > 0.0 and freedom * math.log(left) + order * math.log(freedom) < best and _stable(ar):
+            best, chosen = freedom * math.log(left) + order * math.log(freedom), ar
     return chosen
 
 
-def _stable(memory: np.ndarray) -> bool:
-    return bool(np.abs(np.roots(np.concatenate([[1.0], -memory]))).max(initial=0.0) < 0.9999)
+def _stable(ar: np.ndarray) -> bool:
+    return bool(np.abs(np.roots(np.concatenate([[1.0], -ar]))).max(initial=0.0) < 0.9999)
 
 
-def _correlations(memory: np.ndarray) -> np.ndarray:
+def _correlations(ar: np.ndarray) -> np.ndarray:
     """Correlations (order,) at lags 1, 2, ... of an autoregression: the equations of Yule and Walker for them."""
-    order = memory.size
+    order = ar.size
     matrix = np.eye(order)
     for k in range(1, order + 1):
         for j in range(1, order + 1):
             lag = abs(k - j)
             if lag > 0:
-                matrix[k - 1, lag - 1] -= memory[j - 1]
-    return np.linalg.solve(matrix, memory)
+                matrix[k - 1, lag - 1] -= ar[j - 1]
+    return np.linalg.solve(matrix, ar)
 
 
 def shared(noises: Iterable[Repeating], row: tuple[str, str], step: float) -> np.ndarray | None:
@@ -405,6 +405,6 @@ def shared(noises: Iterable[Repeating], row: tuple[str, str], step: float) -> np
     step : interval between the samples of the record that needs one  [s]
     """
     alike = [known.noise for known in noises if abs(known.step - step) <= SAME_STEP * step]
-    own = [noise[row].memory for noise in alike if row in noise]
-    others = [n.memory for noise in alike for (_, channel), n in noise.items() if channel == row[1]]
+    own = [noise[row].ar for noise in alike if row in noise]
+    others = [n.ar for noise in alike for (_, channel), n in noise.items() if channel == row[1]]
     return next(iter((*own, *others)), None)

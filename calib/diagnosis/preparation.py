@@ -84,7 +84,7 @@ def prepared(
     if masks is not None:
         null, gates[-1] = _regathered(fitter, null, bench, records, None, masks)
     if _noise_is_open(fitter.evidence, null):
-        slopes = fitter.candidate_slopes(null, [c for c in suspects if not c.effect.rough])
+        slopes = fitter.candidate_slopes(null, [c for c in suspects if c.effect.differentiable])
         columns = [slope.column for own in slopes for slope in own if slope.column is not None]
         left = remainder(fitter.evidence, null, columns)
         null, gates[-1] = _regathered(fitter, null, bench, records, left, masks)

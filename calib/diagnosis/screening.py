@@ -63,8 +63,8 @@ def _derivatives(
     fitter: Fitter, base: Fit, candidates: Sequence[Candidate], known: KnownDerivatives
 ) -> tuple[dict[int, Derivatives], dict[int, str]]:
     """Derivatives of the candidates, and why there are none or none to rely on, each by the id of the candidate."""
-    new = [c for c in candidates if not c.effect.rough and id(c) not in known]
-    reasons = {id(c): NO_DERIVATIVE for c in candidates if c.effect.rough}
+    new = [c for c in candidates if c.effect.differentiable and id(c) not in known]
+    reasons = {id(c): NO_DERIVATIVE for c in candidates if not c.effect.differentiable}
     derivatives = {id(c): known[id(c)] for c in candidates if id(c) in known}
     for candidate, slopes in zip(new, fitter.candidate_slopes(base, new), strict=True):
         key, reason = id(candidate), _unreliable(slopes)

@@ -29,7 +29,7 @@ TOLERANCE = 1e-6  # how well a periodic motion returns, as a share of its size
 NEARBY = 1e-2  # how near a stable cycle has to be, as a share of the motion's size, for a motion to be led to it
 REST = 1e-6  # of the map's scale: a smaller motion is at rest, and is measured as if it had this size
 TO_GO = 0.05  # how far a motion may yet move, as a share of what tells its period from a shorter one
-NEUTRAL = 1e-3  # an exponent that cannot be told from zero: some 1/n of a torus over n = 3200 periods  [1/period]
+NEUTRAL = 1e-3  # an exponent that is indistinguishable from zero: some 1/n of a torus over n = 3200 periods  [1/period]
 GROWING = 1e-3  # the least exponent of chaos, where the 0-1 test agrees  [1/period]
 STEADY = 0.01  # error of an exponent, as a share of it, below which growth is the same in every period
 SIGMAS = 3.0  # standard errors that an exponent has to differ from zero by

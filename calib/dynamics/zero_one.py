@@ -1,4 +1,4 @@
-"""The 0-1 test: whether a series is chaotic, told from the series alone."""
+"""The 0-1 test: whether a series is chaotic, from the series alone."""
 
 import math
 

@@ -22,7 +22,7 @@ EFFECT = Effect(
     equation="tolerance of the events / tolerance_refinement",
     confused=("linear_drag", "rate_restitution"),
     changes=(("event_tolerance",),),
-    rough=True,
+    differentiable=False,
     natural={"tolerance_refinement": (1.0, 3.0)},
     cite="Hairer, Norsett & Wanner, Solving Ordinary Differential Equations I (1993), chapter II",
 )

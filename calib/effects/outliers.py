@@ -19,7 +19,7 @@ EFFECT = Effect(
     meaning="a few samples are wrong altogether: spikes, drop-outs, misread points",
     equation="noise of a mixture: a share of the samples has a much larger spread",
     confused=("quantisation",),
-    rough=True,
+    differentiable=False,
     noise=True,
     cite="Huber, Robust Statistics (1981)",
 )

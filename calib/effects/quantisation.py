@@ -41,7 +41,7 @@ EFFECT = Effect(
     meaning="few bits of a converter or of a digitised picture: the phase curve has steps",
     equation="quantum round(channel / quantum)",
     confused=("time_step", "outliers"),
-    rough=True,
+    differentiable=False,
     guess=guess,
     cite="Widrow & Kollar, Quantization Noise (2008)",
 )

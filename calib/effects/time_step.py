@@ -20,7 +20,7 @@ EFFECT = Effect(
     equation="time step / refinement",
     confused=("linear_drag", "rate_restitution"),
     changes=(("time_step",),),
-    rough=True,
+    differentiable=False,
     natural={"refinement": (1.0, 3.0)},
     cite="Hairer, Norsett & Wanner, Solving Ordinary Differential Equations I (1993), chapter II",
 )

@@ -33,10 +33,10 @@ class Effect:
         that the simulator has entirely is taken; of a numerical law, alternatives of what it refines
     transient : whether the law is explicit in time: no motion under it is periodic. It acts on motions that begin; one
         that has settled under a harmonic excitation knows no beginning, and the law has no part in it
-    rough : whether the record has no usable derivative by the parameters at their null
+    differentiable : whether the record has a usable derivative by the parameters at their null
     noise : whether the effect belongs to the noise of a record, so that the simulated record does not change
-    natural : parameter -> multiples of its natural scale, which its unit makes of the displacement amplitude and of one
-        over the angular frequency (a frequency in Hz: that of the drive). Of one without null, the values at which it
+    natural : parameter -> multiples of its natural scale: by dimensional analysis from the displacement amplitude and
+        the angular frequency (of a frequency in Hz, that of the drive). Of one without null, the values at which it
         is held in turn (nothing said: at its nominal value); of one with null, typical departures from it, from zero
         where it is infinite (nothing said: `SIZES`)
     guess : (record) -> parameter -> starting values, read off the measured record
@@ -54,7 +54,7 @@ class Effect:
     borrowed: tuple[str, ...] = ()
     changes: tuple[tuple[str, ...], ...] = ()
     transient: bool = False
-    rough: bool = False
+    differentiable: bool = True
     noise: bool = False
     natural: Mapping[str, tuple[float, ...]] = field(default_factory=dict, hash=False)
     guess: Callable | None = None

@@ -328,7 +328,9 @@ def _reason(suspect, fate, said):
         rounds = [k for k, found in enumerate(said["rounds"], 1) if found["chosen"] == suspect["effect"]]
         return f"named in round {rounds[0]}" if rounds and len(said["causes"]) > 1 else "named"
     if fate == causes.CLASS:
-        return "not told from the others of the class" if len(said["class"]) > 1 else "one steady tone shows it"
+        return (
+            "not distinguishable from the others of the class" if len(said["class"]) > 1 else "one steady tone shows it"
+        )
     if fate == causes.SENSELESS:
         [name] = suspect["null"]
         low, high = suspect["limits"][name]

@@ -28,8 +28,7 @@ class EffectSuite:
 
     The effect is tried on the simulator `four_dof` in a motion with impacts, unless `make` gives another one (with its
     own `excitation` and `values`); one that is explicit in time is tried in a motion that begins. An effect of the
-    noise is looked for in no record, and one that is rough, without a derivative at its null, need not fade in
-    proportion.
+    noise is looked for in no record, and one that is not differentiable at its null need not fade in proportion.
     """
 
     effect: Effect
@@ -64,8 +63,8 @@ class EffectSuite:
         assert change == 0.0 if self.effect.noise else change > self.least
 
     def test_it_fades_towards_its_null_value(self):
-        if self.effect.rough:
-            pytest.skip("it is rough")
+        if not self.effect.differentiable:
+            pytest.skip("it is not differentiable at its null")
         near = dict(self.present)
         for name, null in self.effect.null.items():
             near[name] = null + 1e-3 * (near[name] - null)

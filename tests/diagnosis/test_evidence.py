@@ -16,7 +16,7 @@ RNG = np.random.default_rng(3)
 
 
 def part(name, *memories):
-    noise = tuple(Noise(0.1 * (k + 1), np.array(memory), STATED) for k, memory in enumerate(memories))
+    noise = tuple(Noise(0.1 * (k + 1), np.array(ar), STATED) for k, ar in enumerate(memories))
     weight = np.ones((2, SIZE))
     weight[1, 40:50], weight[1, 50:53] = 0.0, (0.2, 0.6, 0.9)  # next to an impact
     measured = RNG.standard_normal((2, SIZE))
@@ -30,7 +30,7 @@ def seen():
 def test_columns_are_carried_to_noise_that_was_judged_anew():
     white = Evidence((part("quiet", [], []), part("loud", [], [])))
     parts = [
-        replace(one, noise=tuple(replace(n, sigma=0.7 * n.sigma, memory=np.array([0.8, -0.2])) for n in one.noise))
+        replace(one, noise=tuple(replace(n, sigma=0.7 * n.sigma, ar=np.array([0.8, -0.2])) for n in one.noise))
         for one in white.parts
     ]
     anew = Evidence(tuple(parts))

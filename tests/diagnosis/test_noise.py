@@ -5,37 +5,37 @@ import pytest
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
-from calib.diagnosis.noise import RESIDUAL, STATED, Noise, absorbed_by, from_cycles, from_residual, with_memory
+from calib.diagnosis.noise import RESIDUAL, STATED, Noise, absorbed_by, from_cycles, from_residual, with_autoregression
 from calib.diagnosis.score import Projection
 from calib.records.cycles import mean_cycle
 
 
-def series(memory, size, seed=0, sigma=2.0):
+def series(ar, size, seed=0, sigma=2.0):
     """An autoregression of standard deviation sigma."""
-    return Noise(sigma, np.array(memory), "").drawn(np.random.default_rng(seed), size)
+    return Noise(sigma, np.array(ar), "").drawn(np.random.default_rng(seed), size)
 
 
-@pytest.mark.parametrize("memory", [[], [0.8], [1.2, -0.5]])
-def test_drawn_noise_has_its_level(memory):
-    assert series(memory, 200_000).std() == pytest.approx(2.0, rel=0.03)
+@pytest.mark.parametrize("ar", [[], [0.8], [1.2, -0.5]])
+def test_drawn_noise_has_its_level(ar):
+    assert series(ar, 200_000).std() == pytest.approx(2.0, rel=0.03)
 
 
-@pytest.mark.parametrize("memory", [[], [0.8], [1.2, -0.5]])
+@pytest.mark.parametrize("ar", [[], [0.8], [1.2, -0.5]])
 @pytest.mark.parametrize("per_cycle", [500.0, 487.35, 20.7])
-def test_level_and_memory_are_found_from_cycles_of_whatever_motion(memory, per_cycle):
+def test_level_and_memory_are_found_from_cycles_of_whatever_motion(ar, per_cycle):
     time = np.arange(10_000) / per_cycle
     motion = 30.0 * np.sin(2.0 * np.pi * time) + 5.0 * np.cos(6.0 * np.pi * time + 1.0)
-    row, weight = motion + series(memory, time.size), np.ones(time.size)
+    row, weight = motion + series(ar, time.size), np.ones(time.size)
     mean = mean_cycle(time, row[None], 1.0)
     noise = from_cycles(mean.residual[0], weight, row, mean.parameters, None)
     assert noise.sigma == pytest.approx(2.0, rel=0.1)
-    np.testing.assert_allclose(noise.memory[: len(memory)], memory, atol=0.06)
+    np.testing.assert_allclose(noise.ar[: len(ar)], ar, atol=0.06)
 
 
-@pytest.mark.parametrize("memory", [[], [0.8], [1.2, -0.5]])
-def test_whitened_noise_is_white_and_of_unit_variance(memory):
-    noise = Noise(2.0, np.array(memory), "")
-    white = noise.whitened(series(memory, 100_000), np.ones(100_000))
+@pytest.mark.parametrize("ar", [[], [0.8], [1.2, -0.5]])
+def test_whitened_noise_is_white_and_of_unit_variance(ar):
+    noise = Noise(2.0, np.array(ar), "")
+    white = noise.whitened(series(ar, 100_000), np.ones(100_000))
     assert white.std() == pytest.approx(1.0, rel=0.02)
     assert abs(np.corrcoef(white[1:], white[:-1])[0, 1]) < 0.02
 
@@ -51,10 +51,10 @@ def gaps(size):
     return weight
 
 
-@pytest.mark.parametrize("memory", MEMORIES)
-def test_noise_beside_gaps_has_the_variance_of_its_weights_once_whitened_and_no_memory_between_them(memory):
+@pytest.mark.parametrize("ar", MEMORIES)
+def test_noise_beside_gaps_has_the_variance_of_its_weights_once_whitened_and_no_memory_between_them(ar):
     """By the covariance of the noise itself: no sample counts more than it was meant to because its past is unknown."""
-    noise, weight = Noise(2.0, np.array(memory), ""), gaps(60)
+    noise, weight = Noise(2.0, np.array(ar), ""), gaps(60)
     covariance = 4.0 * toeplitz(noise.autocorrelation(60))
     matrix = noise.whitened(np.eye(60), weight).T
     whitened = matrix @ covariance @ matrix.T
@@ -63,18 +63,18 @@ def test_noise_beside_gaps_has_the_variance_of_its_weights_once_whitened_and_no_
         np.testing.assert_allclose(whitened[run, run], np.eye(run.stop - run.start), atol=1e-9)
 
 
-@pytest.mark.parametrize("memory", MEMORIES)
-def test_what_is_hardly_trusted_changes_nothing_else(memory):
-    noise, weight = Noise(2.0, np.array(memory), ""), gaps(60)
-    row, spoilt = series([0.8], 60), series([0.8], 60)
-    spoilt[weight < 1.0] += 1e6
+@pytest.mark.parametrize("ar", MEMORIES)
+def test_what_is_hardly_trusted_changes_nothing_else(ar):
+    noise, weight = Noise(2.0, np.array(ar), ""), gaps(60)
+    row, disturbed = series([0.8], 60), series([0.8], 60)
+    disturbed[weight < 1.0] += 1e6
     whole = weight == 1.0
-    np.testing.assert_array_equal(noise.whitened(row, weight)[whole], noise.whitened(spoilt, weight)[whole])
+    np.testing.assert_array_equal(noise.whitened(row, weight)[whole], noise.whitened(disturbed, weight)[whole])
 
 
-@pytest.mark.parametrize("memory", MEMORIES)
-def test_colouring_undoes_whitening(memory):
-    noise, weight = Noise(2.0, np.array(memory), ""), gaps(300)
+@pytest.mark.parametrize("ar", MEMORIES)
+def test_colouring_undoes_whitening(ar):
+    noise, weight = Noise(2.0, np.array(ar), ""), gaps(300)
     rows = np.array([series([0.8], 300, seed) for seed in range(3)])
     np.testing.assert_allclose(noise.coloured(noise.whitened(rows, weight), weight), rows * (weight > 0.0), atol=1e-9)
 
@@ -90,35 +90,35 @@ def test_memory_of_stated_noise_is_that_of_a_residual_which_is_no_larger(phi):
     noise = from_residual(row, np.ones(4000), np.ones(4000), stated=2.0)
     assert noise.sigma == (pytest.approx(2.0, rel=0.03) if phi else 2.0)
     assert np.mean(noise.whitened(row, np.ones(4000)) ** 2) == pytest.approx(1.0, rel=1e-9 if phi else 0.05)
-    assert noise.memory.sum() == pytest.approx(phi, abs=0.1)
+    assert noise.ar.sum() == pytest.approx(phi, abs=0.1)
 
 
 @pytest.mark.parametrize("error", [1.0, 4.0])
 def test_an_error_of_the_model_gives_stated_noise_no_memory(error):
     wave = error * 2.0 * np.sin(np.linspace(0.0, 60.0, 4000))  # 1.2 and 3 times the stated level in all
     noise = from_residual(series([], 4000) + wave, np.ones(4000), np.ones(4000), stated=2.0)
-    assert noise.memory.size == 0
+    assert noise.ar.size == 0
 
 
-@pytest.mark.parametrize("memory", [[], [0.8], [1.2, -0.5], [0.5, 0.2, -0.4, 0.1]])
+@pytest.mark.parametrize("ar", [[], [0.8], [1.2, -0.5], [0.5, 0.2, -0.4, 0.1]])
 @pytest.mark.parametrize("lags", [1, 2, 4, 40])
-def test_the_autocorrelation_is_that_of_the_impulse_response(memory, lags):
-    impulse = lfilter([1.0], np.concatenate([[1.0], -np.array(memory)]), np.eye(1, 5000)[0])
+def test_the_autocorrelation_is_that_of_the_impulse_response(ar, lags):
+    impulse = lfilter([1.0], np.concatenate([[1.0], -np.array(ar)]), np.eye(1, 5000)[0])
     whole = np.correlate(impulse, impulse, "full")[4999:]
-    noise = Noise(2.0, np.array(memory), "")
+    noise = Noise(2.0, np.array(ar), "")
     np.testing.assert_allclose(noise.autocorrelation(lags), (whole / whole[0])[:lags], atol=1e-9)
 
 
-@pytest.mark.parametrize("memory", [[], [0.8], [1.5, -0.7]])
-def test_the_mean_square_of_noise_varies_as_stated(memory):
-    squares = [np.mean(series(memory, 2000, seed) ** 2) / 4.0 for seed in range(400)]
-    known = Noise(2.0, np.array(memory), "").mean_square_std(2000.0)
+@pytest.mark.parametrize("ar", [[], [0.8], [1.5, -0.7]])
+def test_the_mean_square_of_noise_varies_as_stated(ar):
+    squares = [np.mean(series(ar, 2000, seed) ** 2) / 4.0 for seed in range(400)]
+    known = Noise(2.0, np.array(ar), "").mean_square_std(2000.0)
     assert np.std(squares) == pytest.approx(known, rel=0.15)
 
 
 def test_of_known_memory_the_fastest_part_of_a_residual_tells_the_level():
     slow = 40.0 * np.sin(np.linspace(0.0, 20.0, 20_000))
-    noise = with_memory(np.array([0.8]), slow + series([0.8], 20_000), np.ones(20_000), np.ones(20_000), None)
+    noise = with_autoregression(np.array([0.8]), slow + series([0.8], 20_000), np.ones(20_000), np.ones(20_000), None)
     assert noise.sigma == pytest.approx(2.0, rel=0.1)
 
 
@@ -136,13 +136,13 @@ def test_away_from_gaps_whitening_is_the_filter_of_scipy():
 
 def test_of_stated_noise_with_memory_what_is_new_is_judged_by_its_cycles():
     """Its level in 70 cycles is off by chance, more than what is new in each sample."""
-    memory, weight = np.array([1.3582, -0.6873]), np.ones(4000)
+    ar, weight = np.array([1.3582, -0.6873]), np.ones(4000)
     by_level, whitened = [], []
     for seed in range(60):
-        row = series(memory, 4000, seed)
+        row = series(ar, 4000, seed)
         noise = from_cycles(row, weight, row, 0, 2.0)
         assert noise.source == STATED
-        by_level.append(np.mean(Noise(2.0, noise.memory, STATED).whitened(row, weight) ** 2))
+        by_level.append(np.mean(Noise(2.0, noise.ar, STATED).whitened(row, weight) ** 2))
         whitened.append(np.mean(noise.whitened(row, weight) ** 2))
     assert np.std(whitened) < 0.005 < 0.02 < np.std(by_level)
     assert np.mean(whitened) == pytest.approx(1.0, abs=0.003)
@@ -159,29 +159,29 @@ def test_many_cycles_tell_a_level_better_than_it_is_stated_unless_they_contradic
     assert noise.sigma == (pytest.approx(np.sqrt(np.mean(row**2)), rel=1e-6) if own else stated)
 
 
-@pytest.mark.parametrize("memory", [[], [0.8], [1.3582, -0.6873]])
+@pytest.mark.parametrize("ar", [[], [0.8], [1.3582, -0.6873]])
 @pytest.mark.parametrize("stated", [None, 2.0])
-def test_what_changes_slowly_from_cycle_to_cycle_is_no_noise(memory, stated):
+def test_what_changes_slowly_from_cycle_to_cycle_is_no_noise(ar, stated):
     """A zero that drifts by several times the noise would be taken for a memory without end, and be whitened away."""
     time = np.arange(4000) / 100.0
     slow = np.column_stack([time - time.mean(), time * np.sin(2.0 * np.pi * time)])
-    row = series(memory, 4000) + 0.5 * slow[:, 0]
+    row = series(ar, 4000) + 0.5 * slow[:, 0]
     noise = from_cycles(row, np.ones(4000), row, 0, stated, (slow[:, 1:], slow))
     assert noise.sigma == pytest.approx(2.0, rel=0.06)
-    np.testing.assert_allclose(noise.memory[: len(memory)], memory[: noise.memory.size], atol=0.06)
-    assert noise.memory.size < 5
-    none = from_cycles(series(memory, 4000), np.ones(4000), row, 0, stated, (slow[:, 1:], slow))
-    same = from_cycles(series(memory, 4000), np.ones(4000), row, 0, stated)
-    np.testing.assert_array_equal(none.memory, same.memory)  # where nothing changes none is taken out
+    np.testing.assert_allclose(noise.ar[: len(ar)], ar[: noise.ar.size], atol=0.06)
+    assert noise.ar.size < 5
+    none = from_cycles(series(ar, 4000), np.ones(4000), row, 0, stated, (slow[:, 1:], slow))
+    same = from_cycles(series(ar, 4000), np.ones(4000), row, 0, stated)
+    np.testing.assert_array_equal(none.ar, same.ar)  # where nothing changes none is taken out
 
 
-@pytest.mark.parametrize("memory", [[], [0.8]])
-def test_noise_that_is_judged_by_a_residual_does_not_exceed_it(memory):
-    row, weight = series(memory, 4000), np.ones(4000)
-    judged = Noise(3.0, np.array(memory), RESIDUAL)
+@pytest.mark.parametrize("ar", [[], [0.8]])
+def test_noise_that_is_judged_by_a_residual_does_not_exceed_it(ar):
+    row, weight = series(ar, 4000), np.ones(4000)
+    judged = Noise(3.0, np.array(ar), RESIDUAL)
     assert judged.within(row, weight).sigma == pytest.approx(2.0, rel=0.05)
     assert judged.within(2.0 * row, weight).sigma == 3.0
-    assert Noise(3.0, np.array(memory), STATED).within(row, weight).sigma == 3.0
+    assert Noise(3.0, np.array(ar), STATED).within(row, weight).sigma == 3.0
 
 
 @pytest.mark.parametrize("drift", [0.0, 0.02, 0.1])
@@ -193,18 +193,18 @@ def test_what_is_noise_does_not_depend_on_the_unit(drift):
     found = {unit: from_cycles(unit * row, weight, unit * row, 0, None, (slow,)) for unit in (1e-6, 1.0, 1e6)}
     for unit, noise in found.items():
         assert noise.sigma / unit == pytest.approx(found[1.0].sigma, rel=1e-9)
-        np.testing.assert_allclose(noise.memory, found[1.0].memory, rtol=1e-9)
+        np.testing.assert_allclose(noise.ar, found[1.0].ar, rtol=1e-9)
 
 
 @pytest.mark.parametrize("stated", [None, 2.0])
-@pytest.mark.parametrize("memory", MEMORIES)
-def test_what_a_fit_leaves_of_noise_has_unit_variance_once_whitened_by_what_it_tells(memory, stated):
+@pytest.mark.parametrize("ar", MEMORIES)
+def test_what_a_fit_leaves_of_noise_has_unit_variance_once_whitened_by_what_it_tells(ar, stated):
     """Whatever the fit absorbs: here most of a slow noise's power, as the parameters of all candidates do."""
     x = np.linspace(-1.0, 1.0, 600)
     fit = Projection(np.polynomial.legendre.legvander(x, 24))
     table, squares = absorbed_by(fit.basis), []
     for seed in range(60):
-        row = fit(series(memory, 600, seed))
+        row = fit(series(ar, 600, seed))
         noise = from_residual(row, np.ones(600), np.ones(600), stated, table)
         squares.append(np.sum(noise.whitened(row, np.ones(600)) ** 2) / (600 - fit.rank))
     assert np.mean(squares) == pytest.approx(1.0, abs=0.03)
@@ -214,12 +214,12 @@ def test_what_a_fit_leaves_of_noise_has_unit_variance_once_whitened_by_what_it_t
 @pytest.mark.parametrize("about", [from_cycles, from_residual])
 def test_a_few_lost_samples_do_not_spoil_the_memory_of_noise_that_is_long(about, share):
     """Correlations of lag after lag, each from the pairs that are left, would be those of no noise at all."""
-    memory, found = [1.5, -0.6], []
+    ar, found = [1.5, -0.6], []
     for seed in range(20):
-        noise = series(memory, 670, seed)
+        noise = series(ar, 670, seed)
         weight = (np.random.default_rng(seed).uniform(size=670) > share).astype(float)
         more = (0,) if about is from_cycles else ()
         found.append(about(np.where(weight > 0.0, noise, 0.0), weight, noise, *more, None))
-    true = Noise(2.0, np.array(memory), "")
+    true = Noise(2.0, np.array(ar), "")
     assert [one.innovation for one in found] == pytest.approx([true.innovation] * 20, rel=0.25)
     assert np.mean([one.innovation * one.sigma for one in found]) == pytest.approx(2.0 * true.innovation, rel=0.03)

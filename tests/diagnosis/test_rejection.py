@@ -48,12 +48,12 @@ def test_a_pair_takes_the_place_of_a_cause_only_where_it_explains_more_than_a_ne
 
 
 @pytest.mark.parametrize(
-    ("sigma", "memory", "differs"),
+    ("sigma", "ar", "differs"),
     [(1.0, [0.9], False), (1.01, [0.9], False), (1.05, [0.9], True), (1.0, [0.2], True), (1.0, [-0.9], True)],
 )
-def test_noise_is_another_where_its_level_or_its_autocorrelation_is(sigma, memory, differs):
-    def evidence(sigma, memory):
-        noise = (Noise(sigma, np.array(memory), STATED),)
+def test_noise_is_another_where_its_level_or_its_autocorrelation_is(sigma, ar, differs):
+    def evidence(sigma, ar):
+        noise = (Noise(sigma, np.array(ar), STATED),)
         return SimpleNamespace(parts=[SimpleNamespace(noise=noise, clock_share=0.0)])
 
-    assert _differs(evidence(sigma, memory), evidence(1.0, [0.9])) is differs
+    assert _differs(evidence(sigma, ar), evidence(1.0, [0.9])) is differs

@@ -30,9 +30,9 @@ def left(noise, measured, derivatives):
     return remainder(whole, fit, [whole.parts[0].white(own)[:, None] for own in derivatives])["record"].rows
 
 
-def drawn(seed, memory=(), sigma=(2.0, 30.0)):
+def drawn(seed, ar=(), sigma=(2.0, 30.0)):
     rng = np.random.default_rng(seed)
-    return np.array([Noise(level, np.array(memory), "").drawn(rng, SIZE) for level in sigma])
+    return np.array([Noise(level, np.array(ar), "").drawn(rng, SIZE) for level in sigma])
 
 
 def as_left(rows):
@@ -70,10 +70,10 @@ def test_without_the_candidate_it_is_left():
 
 def test_the_level_and_the_memory_of_noise_are_those_of_what_is_left():
     known = (Noise(9.0, np.zeros(0), RESIDUAL), Noise(30.0, np.zeros(0), STATED))
-    again = evidence(known, np.zeros((2, SIZE))).with_reestimated_noise(as_left(drawn(2, memory=(0.7,))))
+    again = evidence(known, np.zeros((2, SIZE))).with_reestimated_noise(as_left(drawn(2, ar=(0.7,))))
     first, second = again.parts[0].noise
     assert (first.sigma, second.sigma) == (pytest.approx(2.0, rel=0.1), pytest.approx(30.0, rel=0.05))
-    assert (first.memory.sum(), second.memory.sum()) == pytest.approx((0.7, 0.7), abs=0.06)
+    assert (first.ar.sum(), second.ar.sum()) == pytest.approx((0.7, 0.7), abs=0.06)
 
 
 def test_noise_of_cycles_that_repeat_stays_as_it_is():
@@ -103,7 +103,7 @@ def test_a_fit_of_many_parameters_gives_white_noise_no_memory(size, share):
     """As of a ball's fall of 55 samples, beside 20 candidates: slow columns leave a residual that is correlated."""
     columns = slow(size, int(share * size))
     found = [estimated(np.random.default_rng(seed).standard_normal(size), columns) for seed in range(60)]
-    assert np.mean([noise.memory.size > 0 for noise in found]) <= 0.15
+    assert np.mean([noise.ar.size > 0 for noise in found]) <= 0.15
     assert np.mean([noise.sigma * noise.innovation for noise in found]) == pytest.approx(1.0, abs=0.08)
 
 

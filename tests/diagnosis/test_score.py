@@ -94,16 +94,16 @@ def test_one_sign_only_lowers_the_threshold():
     assert threshold(own, SEGMENTS, 0, [1] * 8) < threshold(own, SEGMENTS, 0, [0] * 8)
 
 
-@pytest.mark.parametrize("memory", [0.0, 0.9])
+@pytest.mark.parametrize("ar", [0.0, 0.9])
 @pytest.mark.parametrize("along", [0.0, 300.0])
-def test_variance_along_a_vector_is_that_of_what_is_left_beside_it(memory, along):
+def test_variance_along_a_vector_is_that_of_what_is_left_beside_it(ar, along):
     """Of a slow vector an autocorrelated remainder leaves much more than of white noise; the vector's own part none."""
     rng, size = np.random.default_rng(3), 4000
     slow = np.cos(np.pi * np.arange(size) / size)
     direction = slow / np.linalg.norm(slow)
-    new = 3.0 * np.sqrt(1.0 - memory**2) * rng.standard_normal(size)
-    left = lfilter([1.0], [1.0, -memory], new) + along * direction
-    expected = 9.0 * (1.0 + memory) / (1.0 - memory)
+    new = 3.0 * np.sqrt(1.0 - ar**2) * rng.standard_normal(size)
+    left = lfilter([1.0], [1.0, -ar], new) + along * direction
+    expected = 9.0 * (1.0 + ar) / (1.0 - ar)
     assert variance_along(direction, left, np.zeros(size, dtype=int)) == pytest.approx(expected, rel=0.3)
 
 

@@ -110,7 +110,7 @@ def test_suspects_are_fitted_from_the_middle_of_the_windows_too_and_the_better_f
     """Stand-ins: from the end of a window drag attains 100 and lag 150; from the middle 20 and 200, and friction 50."""
 
     def scored(name):
-        found = SimpleNamespace(name=name, is_testable=name != "rough", candidate=candidates[name])
+        found = SimpleNamespace(name=name, is_testable=name != "steps", candidate=candidates[name])
         found.derivatives = np.zeros((10, 1))
         found.refitted = lambda fit, drop: SimpleNamespace(
             name=name, candidate=candidates[name], fit=fit, chi2_reduction=drop
@@ -127,7 +127,7 @@ def test_suspects_are_fitted_from_the_middle_of_the_windows_too_and_the_better_f
         return fit({"drag": 20.0, "lag": 200.0, "friction": 50.0, "offset": 1000.0}[sizes])
 
     candidates = {
-        name: SimpleNamespace(absent=lambda name=name: name) for name in ("drag", "lag", "friction", "offset", "rough")
+        name: SimpleNamespace(absent=lambda name=name: name) for name in ("drag", "lag", "friction", "offset", "steps")
     }
     suspects, base = [scored(name) for name in candidates], fit(1000.0)
     before = [suspects[0].refitted(fit(100.0), 900.0), suspects[1].refitted(fit(150.0), 850.0)]

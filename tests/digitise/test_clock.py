@@ -81,7 +81,7 @@ def test_a_velocity_axis_read_at_the_wrong_place_shows(offset):
 
 
 @pytest.mark.parametrize(
-    ("spoilt", "said"),
+    ("damaged", "said"),
     [
         (np.zeros((20, 2)), "at least 8 points that move"),
         (points()[:5], "at least 8 points"),
@@ -89,7 +89,7 @@ def test_a_velocity_axis_read_at_the_wrong_place_shows(offset):
         (np.column_stack([np.linspace(-1, 1, 20), np.linspace(-1, 1, 20)]), "encloses no area"),
     ],
 )
-def test_what_is_no_phase_curve_is_refused(spoilt, said):
+def test_what_is_no_phase_curve_is_refused(damaged, said):
     with pytest.raises(CalibError) as raised:
-        clock(loop(spoilt))
+        clock(loop(damaged))
     assert said in str(raised.value)

@@ -67,10 +67,10 @@ def study(*references, fixed=None, windows=None):
 
 def test_the_start_is_read_off_the_first_samples_and_outliers_have_no_say():
     x = 0.05 * np.cos(9.0 * TIME + 0.4)
-    spoilt = x.copy()
-    spoilt[[0, 4, 9]] += 0.05, -0.03, 0.05
+    disturbed = x.copy()
+    disturbed[[0, 4, 9]] += 0.05, -0.03, 0.05
     assert quarter_period(x) == pytest.approx(2.0 * np.pi / 9.0 / 4.0 / 0.01, abs=3)
-    for values in (x, spoilt):
+    for values in (x, disturbed):
         value, rate = first_value(TIME, values, quarter_period(values))
         assert value == pytest.approx(x[0], abs=1e-3)
         assert rate == pytest.approx(-9.0 * 0.05 * np.sin(0.4), abs=0.05)
@@ -126,10 +126,10 @@ def test_the_same_values_give_the_same_bits_whatever_ran_before():
 def test_isolated_outliers_do_not_move_the_solution():
     record = decay(STARTS["first"], 0)
     record.displacement.values[:] -= OFFSET
-    spoilt = record.copy(deep=True)
-    spoilt.displacement.values[0, np.arange(9, 600, 31)] += 0.05
+    disturbed = record.copy(deep=True)
+    disturbed.displacement.values[0, np.arange(9, 600, 31)] += 0.05
     states = []
-    for one in (record, spoilt):
+    for one in (record, disturbed):
         found = objective(reference("first", one, ["initial_state"]))
         states.append(found({"first": found.released("first", MODEL, TRUE).record}).nuisances["first"])
     assert states[1] == pytest.approx(states[0], rel=2e-4)

@@ -98,7 +98,7 @@ def test_a_result_is_read_back_as_it_was_written(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["result.json"]
 
 
-def test_no_result_is_none_and_a_spoilt_one_is_refused(tmp_path):
+def test_no_result_is_none_and_an_unreadable_one_is_refused(tmp_path):
     assert result.read(tmp_path) is None
     (tmp_path / "result.json").write_text("{")
     with pytest.raises(CalibError, match="not JSON"):

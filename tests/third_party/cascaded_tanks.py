@@ -136,7 +136,7 @@ OVERFLOW = Effect(
     meaning="a tank that spills over its brim: what is pumped in beyond that is lost, or falls into the next tank",
     equation="-spill_rate max(0, x - brim)",
     bodies=("upper",),
-    rough=True,  # what is lost changes the levels that decide about it
+    differentiable=False,  # what is lost changes the levels that decide about it
     natural={"spill_rate": (3.0, 10.0, 30.0), "brim": (2.0, 2.5, 3.0)},
     cite="M. Schoukens, P. Mattson, T. Wigren, J.-P. Noel, Cascaded tanks benchmark (2016)",
 )

@@ -5,7 +5,7 @@ import numpy as np
 APART = 0.3  # of the difference between a pixel and paper: how far its colour may be off the mixtures of ink and paper
 GRAIN = 0.04  # of the difference between ink and paper, the same: what compression leaves
 THICKEST = 1.25  # coverage above which a pixel is of a darker ink
-FAINT = 0.08  # difference of colours [0, sqrt 3] below which ink cannot be told from paper
+FAINT = 0.08  # difference of colours [0, sqrt 3] below which ink is indistinguishable from paper
 
 
 def paper(light: np.ndarray, inside: np.ndarray) -> np.ndarray:

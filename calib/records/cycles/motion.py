@@ -12,7 +12,7 @@ from calib.records.cycles.mean_cycle import IN_STEP_TOLERANCE, mean_cycle
 from calib.records.cycles.stroboscopic import section
 from calib.records.record import SECTION, STATE
 
-LAGS = 16  # the longest motion that is told from an irregular one, in periods
+LAGS = 16  # the longest period that is distinguishable from irregular motion, in periods of the excitation
 TOLERANCE = 1e-3  # how well a periodic motion returns, as a share of its amplitude
 NOISE = 1.5  # a measured cycle returns where it differs by less than this many standard deviations of its noise
 CYCLES_OF_A_MEAN = 4  # that are compared at least, where more than one period is tried on freely sampled cycles
