@@ -1,9 +1,32 @@
 """Calibrate simulators of vibro-impacting structures against measured phase curves."""
 
 import hashlib
+import importlib
 import os
 import sys
 from pathlib import Path
+
+_DOOR = {
+    "CalibError": "calib.errors",
+    "Effect": "calib.modelling.effect",
+    "Excitation": "calib.records.excitation",
+    "Model": "calib.modelling.model",
+    "Parameter": "calib.modelling.parameter",
+    "Record": "calib.workflows.record",
+    "Request": "calib.modelling.model",
+    "Study": "calib.workflows.study",
+}  # name -> module; imported when it is first used
+__all__ = sorted(_DOOR)
+
+
+def __getattr__(name: str):
+    if name not in _DOOR:
+        raise AttributeError(f"module 'calib' has no attribute {name!r}; it has {', '.join(_DOOR)}")
+    return getattr(importlib.import_module(_DOOR[name]), name)
+
+
+def __dir__() -> list[str]:
+    return __all__
 
 
 def _kernel_cache() -> Path:

@@ -18,7 +18,7 @@ from calib.records.excitation import Excitation
 from calib.simulators.four_dof import FourDof
 from calib.simulators.oscillator import Oscillator
 from calib.store import Store
-from calib.study import Study, evaluate
+from calib.study import CalibrationStudy, evaluate
 
 NOISE = 0.02  # of each channel's standard deviation
 TIME = np.arange(2000) * 1e-3  # s
@@ -147,7 +147,7 @@ def recovered(case, seed, folder):
     reference = Reference(
         "made", noisy(record, rng), nuisance=case.nuisance, excitation=case.excitation, request=case.request
     )
-    study = Study(
+    study = CalibrationStudy(
         name="recovery",
         model=Model(case.simulator),
         space=Space(case.windows, case.fixed),

@@ -14,7 +14,7 @@ from calib.modelling.parameter import Parameter, Space, Window
 from calib.records import record
 from calib.records.excitation import Excitation
 from calib.store import Store
-from calib.study import Study, evaluate
+from calib.study import CalibrationStudy, evaluate
 
 TIME = np.linspace(0.0, 1.0, 41)
 
@@ -150,9 +150,9 @@ SPACE = Space({"x": Window(0.1, 2.0, "log"), "y": Window(-1.0, 1.0)})
 
 
 def study(budget=40, *, seconds=0.0, trouble="", records=("decay",), optimiser=Wanderer, measured=0.7, **settings):
-    """A study of the formula; settings of `Study` may be given."""
+    """A study of the formula; settings of `CalibrationStudy` may be given."""
     settings = {"name": "formula", "batch": 4, "seed": 5, "screen": 8, "space": SPACE} | settings
-    return Study(
+    return CalibrationStudy(
         model=Model(Formula(seconds, trouble)),
         objective=Distance(records, measured),
         optimiser=optimiser,

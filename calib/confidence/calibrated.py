@@ -6,10 +6,12 @@ from calib.confidence.local import Confidence, local
 from calib.confidence.noise_propagation import noise_draws
 from calib.execution.pool import Failure, in_order
 from calib.store import Trial
-from calib.study import Evaluation, Outcome, Pool, Study, outcome
+from calib.study import CalibrationStudy, Evaluation, Outcome, Pool, outcome
 
 
-def around_best(study: Study, pool: Pool, best: Trial, evaluation: Evaluation | Failure | None = None) -> Confidence:
+def around_best(
+    study: CalibrationStudy, pool: Pool, best: Trial, evaluation: Evaluation | Failure | None = None
+) -> Confidence:
     """Confidence in the values of a study's best trial.
 
     Parameters

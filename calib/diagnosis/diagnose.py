@@ -21,10 +21,10 @@ from calib.diagnosis.search import simplest
 from calib.diagnosis.selection import Selection, exchanged, left_out, paired, select
 from calib.diagnosis.suspect import Refitted
 from calib.diagnosis.verdict import NAMED, NOT_DIAGNOSABLE, ONE_OF, UNEXPLAINED, failures, untried, verdict_of
-from calib.execution.pool import LocalPool
+from calib.execution.pool import workers
 from calib.modelling.effect import Effect
 from calib.objective import Reference
-from calib.study import Pool, Study
+from calib.study import CalibrationStudy, Pool
 
 ONE_SIZE = "it has one size in all records"
 
@@ -91,7 +91,7 @@ class Diagnosis:
 
 
 def diagnose(
-    study: Study,
+    study: CalibrationStudy,
     others: Mapping[str, Reference],
     values: Mapping[str, float],
     effects: Sequence[Effect],
@@ -123,7 +123,7 @@ def diagnose(
     """
     begin = time.monotonic()
     bench = bench_of(study, others)
-    make = pool or (lambda function: LocalPool(function, study.jobs, study.timeout))
+    make = pool or (lambda function: workers(function, study.jobs, study.timeout))
     with make(bench) as open_pool:
         effort = Effort(open_pool, budget, on_progress)
         diagnosis = _diagnosed(effort, bench, study, values, effects, seed, on_stage, laboratory)
@@ -133,7 +133,7 @@ def diagnose(
 def _diagnosed(
     pool: Effort,
     bench: Bench,
-    study: Study,
+    study: CalibrationStudy,
     values: Mapping[str, float],
     effects: Sequence[Effect],
     seed: int,

@@ -19,7 +19,7 @@ from calib.diagnosis.signature import Point
 from calib.modelling.effect import Effect
 from calib.objective import Objective, Reference
 from calib.records.cycles import kind_of_motion
-from calib.study import Pool, Study
+from calib.study import CalibrationStudy, Pool
 
 OUTLIERS, QUANTISATION = "outliers", "quantisation"  # faults of the records themselves
 EXPECTED_FITS = 4  # before anything is known: of the calibrated model, and of a few candidates
@@ -48,7 +48,7 @@ class Prepared:
     rounding: float = 0.0
 
 
-def bench_of(study: Study, others: Mapping[str, Reference]) -> Bench:
+def bench_of(study: CalibrationStudy, others: Mapping[str, Reference]) -> Bench:
     """Return what the simulations of a diagnosis need of a study and of its other references."""
     objective = Objective({**study.objective.references, **others}, study.objective.terms)
     return Bench(study.model, objective, looked_at(objective))
@@ -57,7 +57,7 @@ def bench_of(study: Study, others: Mapping[str, Reference]) -> Bench:
 def prepared(
     pool: Pool,
     bench: Bench,
-    study: Study,
+    study: CalibrationStudy,
     values: Mapping[str, float],
     effects: Sequence[Effect],
     on_stage: Callable[[str], None],
@@ -119,7 +119,7 @@ class _Records:
 
 def _gates_of_simulations(
     pool: Pool,
-    study: Study,
+    study: CalibrationStudy,
     references: Mapping[str, Reference],
     values: Mapping[str, float],
     views: Mapping[str, SimulatedRows],

@@ -18,10 +18,10 @@ from calib.diagnosis.screening import screened
 from calib.diagnosis.suspect import Suspect, Untestable
 from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED
 from calib.errors import CalibError
-from calib.execution.pool import Failure, InProcess, LocalPool
+from calib.execution.pool import Failure, InProcess, workers
 from calib.modelling.effect import Effect
 from calib.objective import Objective, Reference
-from calib.study import Pool, Study
+from calib.study import CalibrationStudy, Pool
 
 STRENGTHS = (5.0, 10.0, 20.0, 40.0)  # sizes of a hidden effect, as the z that its information predicts
 SEEDS = 3
@@ -105,7 +105,7 @@ class Stage:
     evidence : of the real records, whose noise is drawn
     """
 
-    study: Study
+    study: CalibrationStudy
     others: Mapping[str, Reference]
     values: Mapping[str, float]
     effects: Sequence[Effect]
@@ -142,7 +142,7 @@ def _made(reference: Reference, part, view: SimulatedRows, rng: np.random.Genera
 
 
 def rehearse(
-    study: Study,
+    study: CalibrationStudy,
     others: Mapping[str, Reference],
     values: Mapping[str, float],
     effects: Sequence[Effect],
@@ -169,7 +169,7 @@ def rehearse(
     """
     others = {name: reference for name, reference in others.items() if reference.use != "holdout"}
     bench = bench_of(study, others)
-    with LocalPool(bench, study.jobs, study.timeout) as open_pool:
+    with workers(bench, study.jobs, study.timeout) as open_pool:
         ready = prepared(open_pool, bench, study, values, effects, lambda text: None)
         if ready.null is None:
             failed = "; ".join(gate.summary for gate in ready.gates if not gate.passed)
@@ -186,7 +186,7 @@ def rehearse(
     answered = {case.key: done[case.key] for case in cases if done and case.key in done}
     todo = [case for case in cases if case.key not in answered]
     stage = Stage(study.without_search(), others, fitted, list(effects), ready.fitter.evidence, hidden)
-    make = pool or (lambda function: LocalPool(function, study.jobs))
+    make = pool or (lambda function: workers(function, study.jobs))
     with make(stage) as stages:
         for index, answer in stages.map(todo):
             case = todo[index]

@@ -15,7 +15,7 @@ from calib.dynamics.pseudo_orbit import pseudo_tangent
 from calib.dynamics.setting import Setting
 from calib.dynamics.single_run import FAILED, PATIENCE, SIGMAS, UNDECIDED, OrbitKind, kind_of_run, settled_orbit
 from calib.errors import CalibError, nearest
-from calib.execution.pool import REFUSED, Failure, LocalPool
+from calib.execution.pool import REFUSED, Failure, workers
 from calib.store.chunks import Chunks, join, joined
 from calib.store.environment import environment
 from calib.store.plain import plain
@@ -127,7 +127,7 @@ def basins(
     tasks = {str(first): range(first, min(first + CHUNK, total)) for first in range(0, total, CHUNK)}
 
     def make(chunks: Chunks) -> xr.Dataset:
-        with LocalPool(partial(_motions, plane), jobs, timeout) as pool:
+        with workers(partial(_motions, plane), jobs, timeout) as pool:
             pieces = _pieces(plane, pool, chunks, tasks, lambda done: on_done(done, total))
         return _dataset(plane, _together([pieces[key] for key in tasks]))
 

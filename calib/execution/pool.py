@@ -5,9 +5,11 @@ import os
 import pickle
 import queue
 import signal
+import sys
 import threading
 import time
 import traceback
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
@@ -159,6 +161,26 @@ class LocalPool:
 
     def __exit__(self, *exception):
         self.close()
+
+
+def workers(function: Callable[[Any], Any], jobs: int = 1, timeout: float | None = None) -> LocalPool | InProcess:
+    """Child processes for a function; this process where the function needs what is defined in a notebook.
+
+    Child processes import what they need, and nothing can import the cells of a notebook or an interactive session.
+
+    Parameters
+    ----------
+    function, jobs, timeout : as in `LocalPool`
+    """
+    needed = _pickled(function)[1]
+    if "__main__" not in needed or hasattr(sys.modules["__main__"], "__file__"):
+        return LocalPool(function, jobs, timeout)
+    warnings.warn(
+        "what is simulated is defined in this session, where child processes cannot import it: all runs in this "
+        f"process, one after the other and without a time-out; move it into a module to use {jobs} processes",
+        stacklevel=2,
+    )
+    return InProcess(function)
 
 
 def _tell(done: queue.SimpleQueue, index: int, _: Future) -> None:

@@ -51,7 +51,7 @@ def render(
 
     Parameters
     ----------
-    study : calib.study.Study; read are name, model, space, objective, budget, seed, definition
+    study : calib.study.CalibrationStudy; read are name, model, space, objective, budget, seed, definition
     trials : every trial of the ledger, in its order
     records : name of a reference -> record simulated at the best values, failed ones too; may be empty
     result : what result.json holds (see `calib.study.result`); what is not in it is left out of the page

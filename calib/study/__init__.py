@@ -6,7 +6,7 @@ from calib.study.evaluation import Evaluation, evaluate, outcome, simulated
 from calib.study.initial_state import check_searched, check_solvable, check_stated
 from calib.study.reachability import Reach, missed, reach
 from calib.study.search import BUDGET
-from calib.study.study import INTERRUPTED, Result, Study
+from calib.study.study import INTERRUPTED, CalibrationStudy, Result
 
 __all__ = [
     "BUDGET",
@@ -21,7 +21,7 @@ __all__ = [
     "Reach",
     "Result",
     "StoreContract",
-    "Study",
+    "CalibrationStudy",
     "check_searched",
     "check_solvable",
     "check_stated",

@@ -43,7 +43,7 @@ def evaluate(study, values: Mapping[str, float]) -> Evaluation:
 
     Parameters
     ----------
-    study : a `calib.study.Study`; its model and its objective are all that is looked at
+    study : a `calib.study.CalibrationStudy`; its model and its objective are all that is looked at
 
     Raises
     ------

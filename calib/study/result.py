@@ -15,7 +15,7 @@ from calib.store import Trial
 from calib.store.plain import plain
 from calib.study.confirmation import Confirmation
 from calib.study.reachability import Reach
-from calib.study.study import Study
+from calib.study.study import CalibrationStudy
 
 NAME = "result.json"
 FAILED = "failed"
@@ -23,7 +23,7 @@ NUISANCE_UNITS = {"trigger": "s", "offset": "m", "scale": "1", "shear": "s"}  # 
 
 
 def summarised(
-    study: Study,
+    study: CalibrationStudy,
     trials: Sequence[Trial],
     *,
     best: Trial | None = None,
@@ -95,7 +95,9 @@ def summarised(
     return plain(found)
 
 
-def _nuisance_units(study: Study, score: Score | None, holdout: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
+def _nuisance_units(
+    study: CalibrationStudy, score: Score | None, holdout: Mapping[str, Mapping[str, Any]]
+) -> dict[str, str]:
     """SI unit of each nuisance by name: of an initial state, that of the simulator's parameter."""
     known = {name: parameter.unit for name, parameter in study.model.parameters.items()} | NUISANCE_UNITS
     solved = [*(score.nuisances.values() if score else ()), *(said.get("nuisances", {}) for said in holdout.values())]

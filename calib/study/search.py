@@ -21,7 +21,7 @@ BUDGET = "budget spent"  # why a search ended; otherwise the optimiser's own rea
 
 
 class Search:
-    """One run of a `calib.study.Study` over its store: what is logged, and what is going on."""
+    """One run of a `calib.study.CalibrationStudy` over its store: what is logged, and what is going on."""
 
     def __init__(self, study, store: StoreContract, pool: Pool, logged: list[Trial], on_trial):
         self._study, self._store, self._pool, self._on_trial = study, store, pool, on_trial

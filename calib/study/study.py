@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from calib.errors import CalibError, nearest
-from calib.execution.pool import LocalPool
+from calib.execution.pool import workers
 from calib.modelling.model import Model
 from calib.modelling.parameter import Space
 from calib.objective import Objective
@@ -43,7 +43,7 @@ class Result:
 
 
 @dataclass(frozen=True, eq=False)
-class Study:
+class CalibrationStudy:
     """A search for the parameters with which a model fits its references best.
 
     Attributes
@@ -129,7 +129,7 @@ class Study:
         Parameters
         ----------
         store : see `StoreContract`; closed at the end
-        pool : maps values to an `Evaluation` or `Failure`; a `LocalPool` of `jobs` child processes unless given
+        pool : maps values to an `Evaluation` or `Failure`; those of `workers` unless given
         on_trial : called with each new trial, the best so far, and the number of trials there are
         fresh : set aside what the store has
 
@@ -139,7 +139,7 @@ class Study:
             the first point
         """
         self.optimiser(dim=self.space.dim, seed=self.seed, budget=self.budget, batch=self.batch).close()  # refuses here
-        own = LocalPool(partial(evaluate, self.without_search()), self.jobs, self.timeout) if pool is None else None
+        own = workers(partial(evaluate, self.without_search()), self.jobs, self.timeout) if pool is None else None
         logged = store.open(self.header, fresh)
         run = Search(self, store, pool or own, logged, on_trial)
         try:
@@ -153,6 +153,6 @@ class Study:
         trials = sorted(run.trials.values(), key=lambda trial: trial.number)
         return Result(best(trials), trials, reach(trials), run.agreement, stopped)
 
-    def without_search(self) -> "Study":
+    def without_search(self) -> "CalibrationStudy":
         """Return what an evaluation needs of the study: it crosses to the child processes."""
         return replace(self, optimiser=None, definition={})

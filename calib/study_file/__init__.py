@@ -1,4 +1,4 @@
-"""study.toml -> Study: the only room where names become things; no logic."""
+"""study.toml -> CalibrationStudy: the only room where names become things; no logic."""
 
 from calib.study_file.load import StudyFile, load, results_folder
 from calib.study_file.mistakes import located, read_toml

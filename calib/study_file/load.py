@@ -15,7 +15,7 @@ from calib.modelling.model import Model
 from calib.modelling.parameter import Parameter, Space, Window, values_for
 from calib.objective import Objective, Reference, Term
 from calib.store.plain import plain
-from calib.study import Study, check_searched, check_stated
+from calib.study import CalibrationStudy, check_searched, check_stated
 from calib.study_file.laboratory import read_laboratory
 from calib.study_file.mistakes import Mistakes, located, read_toml
 from calib.study_file.references import OWN, digest, references
@@ -42,7 +42,7 @@ class StudyFile:
     """
 
     path: Path
-    study: Study
+    study: CalibrationStudy
     others: Mapping[str, Reference]
     folder: Path
     view: str
@@ -135,7 +135,7 @@ def load(path: str | Path, budget: int | None = None, jobs: int | None = None) -
     laboratory = read_laboratory(shape.diagnosis.bench, known, model, mistakes)
     mistakes.tell()
     head = shape.study
-    study = Study(
+    study = CalibrationStudy(
         name=head.name,
         model=model,
         space=space,

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError
-from calib.execution.pool import REFUSED, Failure, LocalPool
+from calib.execution.pool import REFUSED, Failure, workers
 from calib.store.chunks import Chunks, join, joined
 from calib.sweep.compute import OTHER, SweepTask, failed_row, motions, stacked
 from calib.sweep.continuation import ContinuationChain, Known, continued, nothing_continued
@@ -110,7 +110,7 @@ def run(
         return found
 
     def make(chunks: Chunks) -> xr.Dataset:
-        with LocalPool(partial(_made, sweep), jobs, timeout) as pool:
+        with workers(partial(_made, sweep), jobs, timeout) as pool:
             pieces = _pieces(sweep, pool, chunks, lambda done: on_done(done, total))
             rows = _rows(sweep, pieces)
             chains = list(sweep.chains())

@@ -16,14 +16,25 @@ from calib.confidence import Confidence, around_best, describe_near_optimal
 from calib.diagnosis import artifacts
 from calib.errors import CalibError
 from calib.execution.files import whole
-from calib.execution.pool import Failure, LocalPool, in_order
+from calib.execution.pool import Failure, InProcess, LocalPool, in_order, workers
 from calib.modelling.model import Model
 from calib.objective import Objective, Reference, Score, record_misfit
 from calib.records import OK, failed
 from calib.report import figures, render
 from calib.store import Store, Trial, read
 from calib.store.trial import best
-from calib.study import INTERRUPTED, Confirmation, Evaluation, Result, Study, confirm, evaluate, leaders, reach, result
+from calib.study import (
+    INTERRUPTED,
+    CalibrationStudy,
+    Confirmation,
+    Evaluation,
+    Result,
+    confirm,
+    evaluate,
+    leaders,
+    reach,
+    result,
+)
 from calib.study.progress import Progress
 from calib.study_file import StudyFile, load
 
@@ -71,7 +82,7 @@ def _calibrate(file: StudyFile, folder: Path, progress: Progress, fresh: bool) -
     if not fresh:
         progress.earlier(_earlier(folder))
     store = Store(folder, file.view, file.keep, partial(figures.picture, objective=study.objective))
-    with LocalPool(partial(evaluate, study.without_search()), study.jobs, study.timeout) as pool:
+    with workers(partial(evaluate, study.without_search()), study.jobs, study.timeout) as pool:
         progress.stage("screen")
         found = study.run(store, pool, on_trial=progress.trial, fresh=fresh)
         if found.stopped == INTERRUPTED:
@@ -81,7 +92,7 @@ def _calibrate(file: StudyFile, folder: Path, progress: Progress, fresh: bool) -
 
 
 def _concluded(
-    file: StudyFile, store: Store, pool: LocalPool, found: Result, progress: Progress, begin: float
+    file: StudyFile, store: Store, pool: LocalPool | InProcess, found: Result, progress: Progress, begin: float
 ) -> dict[str, Any]:
     """Confirm what was found, work out how sure it is, predict what is held out, and write result and report."""
     study = file.study
@@ -142,6 +153,24 @@ def rebuild(path: str | Path, out: str | Path | None = None, jobs: int | None = 
     """
     file = load(path, jobs=jobs)
     folder = file.folder if out is None else Path(out)
+    return _report(file, folder, *_what_lies_there(file, folder))
+
+
+def summary_so_far(path: str | Path, out: str | Path | None = None) -> dict[str, Any]:
+    """Return what result.json says or, where the search has not ended, would say of the trials that there are.
+
+    Raises
+    ------
+    CalibError : there are no trials, or they are of another study
+    """
+    file = load(path)
+    return _what_lies_there(file, file.folder if out is None else Path(out))[-1]
+
+
+def _what_lies_there(
+    file: StudyFile, folder: Path
+) -> tuple[Mapping[str, Any], list[Trial], Mapping[str, Evaluation | Failure], dict[str, Any]]:
+    """Header and trials of the ledger, the records of the best trial and those held out, and the result."""
     header, trials = read(folder, file.study.header["definition"])
     trials.sort(key=lambda trial: trial.number)
     top, model = best(trials), file.study.model
@@ -163,7 +192,7 @@ def rebuild(path: str | Path, out: str | Path | None = None, jobs: int | None = 
             remarks=_remarks(file.study.objective, final.get(CALIBRATED)),
             stopped="not finished",
         )
-    return _report(file, folder, header, trials, final, said)
+    return header, trials, final, said
 
 
 def _simulated_with(model: Model, said: Mapping[str, Any]) -> Model:
@@ -181,10 +210,12 @@ def _simulated_with(model: Model, said: Mapping[str, Any]) -> Model:
 # --- the leaders -----------------------------------------------------------------------------------------------------
 
 
-def _confirmation(study: Study, confirming: Model, trials: Sequence[Trial], progress: Progress) -> Confirmation:
+def _confirmation(
+    study: CalibrationStudy, confirming: Model, trials: Sequence[Trial], progress: Progress
+) -> Confirmation:
     searched = leaders(trials)
     again = partial(evaluate, replace(study.without_search(), model=confirming))
-    with LocalPool(again, min(study.jobs, len(searched)), study.timeout) as pool:
+    with workers(again, min(study.jobs, len(searched)), study.timeout) as pool:
         return confirm(pool, searched, progress.leader)
 
 
@@ -223,7 +254,7 @@ def _held_out(
         judged[CALIBRATED] = _Case(model, study.objective)
     if not judged:
         return {}
-    with LocalPool(partial(_evaluate_one, judged), min(study.jobs, len(judged)), study.timeout) as pool:
+    with workers(partial(_evaluate_one, judged), min(study.jobs, len(judged)), study.timeout) as pool:
         return dict(zip(judged, in_order(pool, [(name, values) for name in judged]), strict=True))
 
 
@@ -252,7 +283,9 @@ def _said_of(file: StudyFile, name: str, answer: Evaluation | Failure) -> dict[s
     return result.held_out(answer.score, record_misfit(reference, objective.terms, simulated, aligned))
 
 
-def _in_the_place_of_intervals(study: Study, trials: Sequence[Trial], confidence: Confidence | None) -> list[str]:
+def _in_the_place_of_intervals(
+    study: CalibrationStudy, trials: Sequence[Trial], confidence: Confidence | None
+) -> list[str]:
     """Say what nearly equal trials share, where there are no intervals."""
     if confidence is None or confidence.status == OK:
         return []

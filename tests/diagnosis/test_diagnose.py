@@ -24,7 +24,7 @@ from calib.objective import Objective, Reference, Term
 from calib.plugins import load
 from calib.records import make
 from calib.records.excitation import Excitation
-from calib.study import Study
+from calib.study import CalibrationStudy
 
 OSCILLATOR = Model(load("calib.simulators", "oscillator")())
 TIMES = np.arange(500) / 500.0  # s
@@ -93,7 +93,7 @@ def study(known, model=OSCILLATOR):
     scored = {name: reference for name, reference in known.items() if reference.use == "calibrate"}
     space = Space({"damping": Window(0.5, 8.0), "stiffness": Window(3000.0, 5000.0)}, {"mass": 1.0})
     term = Term(load("calib.features", "time_history")())
-    return Study("small", model, space, Objective(scored, [term]), None, 9)
+    return CalibrationStudy("small", model, space, Objective(scored, [term]), None, 9)
 
 
 def diagnosed(known, library=LIBRARY, model=OSCILLATOR, budget=None, on_progress=lambda *state: None, **changed):

@@ -12,7 +12,7 @@ from calib.modelling.parameter import Space, Window
 from calib.objective import Objective, Reference, Term, trusted
 from calib.plugins import load
 from calib.records.excitation import Excitation
-from calib.study import Study
+from calib.study import CalibrationStudy
 
 FOUR_DOF = Model(load("calib.simulators", "four_dof")())
 OSCILLATOR = Model(load("calib.simulators", "oscillator")())
@@ -55,7 +55,7 @@ def test_beside_a_record_sampled_in_another_way_than_a_simulation_measurements_a
     kept = record[["displacement", "velocity"]].assign_attrs(record.attrs)
     reference = Reference("tone", kept, "calibrate", excitation=drive, nuisance=("trigger",))
     space = Space({"damping": Window(0.5, 8.0), "stiffness": Window(3000.0, 5000.0)}, {"mass": 1.0})
-    study = Study("small", OSCILLATOR, space, Objective({"tone": reference}, [CURVE]), None, 9)
+    study = CalibrationStudy("small", OSCILLATOR, space, Objective({"tone": reference}, [CURVE]), None, 9)
     effects = [load("calib.effects", name) for name in ("preload", "channel_offset", "cubic_stiffness")]
     few = Laboratory(simulations=250)
     found = diagnose(study, {}, {**OSCILLATOR.nominal, **truth}, effects, seed=3, pool=InProcess, laboratory=few)

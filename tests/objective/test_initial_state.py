@@ -24,7 +24,7 @@ from calib.plugins import load as registered
 from calib.records.excitation import Excitation
 from calib.simulators.oscillator import Oscillator
 from calib.store import Store
-from calib.study import Study, evaluate
+from calib.study import CalibrationStudy, evaluate
 from calib.study_file import load
 from calib.workflows.calibrate import calibrate
 
@@ -59,7 +59,9 @@ def objective(*references):
 def study(*references, fixed=None, windows=None):
     windows = windows or {"stiffness": Window(10.0, 20.0), "damping": Window(0.0, 0.2)}
     space = Space(windows, {"mass": 0.2} if fixed is None else fixed)
-    return Study("decay", MODEL, space, objective(*references), registered("calib.optimisers", "multistart"), 60)
+    return CalibrationStudy(
+        "decay", MODEL, space, objective(*references), registered("calib.optimisers", "multistart"), 60
+    )
 
 
 # --- what the record alone tells --------------------------------------------------------------------------------------

@@ -1,0 +1,183 @@
+"""Measured records from arrays, with what a study has to know of them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from calib.errors import CalibError
+from calib.objective.terms import Use
+from calib.records import CHANNELS, check, make, read
+from calib.records.excitation import unit_of
+from calib.units import is_si, to_si
+
+DRIVEN = ("place", "quantity", "frequency", "amplitude", "phase", "cutoff", "values", "unit")  # keys of an excitation
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """A measured record, and how a study uses it.
+
+    Attributes
+    ----------
+    dataset : channels (body, time) in SI with the excitation in its attributes; see `calib.records.record`
+    name : of the record in the study
+    use : "calibrate" (fitted), "name" (helps to name a cause) or "holdout" (only predicted)
+    bodies : body of the record -> body of the simulator; None: they have the same names
+    nuisance : what else of the record is not known, such as "trigger" or "initial_state"
+    """
+
+    dataset: xr.Dataset
+    name: str = "record"
+    use: Use = "calibrate"
+    bodies: Mapping[str, str] | None = None
+    nuisance: Sequence[str] = field(default=())
+
+    @classmethod
+    def from_arrays(
+        cls,
+        time: np.ndarray,
+        displacement: Mapping[str, np.ndarray] | None = None,
+        velocity: Mapping[str, np.ndarray] | None = None,
+        *,
+        excitation: Mapping[str, Any],
+        channels: Mapping[str, Mapping[str, np.ndarray]] | None = None,
+        units: Mapping[str, str] | None = None,
+        sigma: Mapping[str, float | str] | None = None,
+        name: str = "record",
+        use: Use = "calibrate",
+        bodies: Mapping[str, str] | None = None,
+        nuisance: Sequence[str] = (),
+    ) -> "Record":
+        """Make a record from arrays.
+
+        Parameters
+        ----------
+        time : (n,) ascending  [`units["time"]`, or s]
+        displacement, velocity : body -> (n,)  [`units["displacement"]`, or m; `units["velocity"]`, or m/s]
+        excitation : place ("end", "mass", ...), quantity ("displacement", "force", "base motion", "free decay", ...),
+            and frequency, amplitude and phase of a harmonic one ("26.24 Hz", "1.5 mm", "90 deg"; numbers are in SI), or
+            `values` (n,) of a recorded one in its `unit`
+        channels : further channels, such as {"force": {"mass": array}}
+        units : of time and channels, such as {"time": "ms", "displacement": "mm"}
+        sigma : channel -> standard uncertainty of a sample, with its unit ("2 um") or in SI
+        name, use, bodies, nuisance : see the class
+
+        Raises
+        ------
+        CalibError : arrays of other shapes than `time`, a unit of another dimension, an incomplete excitation, samples
+            that are no numbers
+        """
+        units = dict(units or {})
+        stated = {"displacement": displacement, "velocity": velocity, **(channels or {})}
+        given = {channel: rows for channel, rows in stated.items() if rows}
+        if not given:
+            raise CalibError("a record needs a channel: displacement or velocity, body -> array")
+        seconds = _array(time, "time") * _factor(units.pop("time", "s"), "s", "time")
+        if seconds.ndim != 1:
+            raise CalibError(f"time: expected an array (n,), got one of shape {seconds.shape}")
+        names = list(dict.fromkeys(body for rows in given.values() for body in rows))
+        unknown = [channel for channel in units if channel not in given]
+        if unknown:
+            raise CalibError(f"units: there is no channel {unknown[0]!r}; the record has {', '.join(given)} and time")
+        arrays, si = {}, {}
+        for channel, rows in given.items():
+            missing = [body for body in names if body not in rows]
+            if missing:
+                raise CalibError(f"{channel}: body {missing[0]!r} is missing, of which there are other channels")
+            si[channel] = CHANNELS.get(channel) or _stated_si(units, channel)
+            factor = _factor(units.get(channel, si[channel]), si[channel], channel)
+            arrays[channel] = np.stack([_row(rows[body], channel, body, seconds.size) for body in names]) * factor
+        for channel, value in (sigma or {}).items():
+            if channel not in given:
+                raise CalibError(f"sigma: there is no channel {channel!r}; the record has {', '.join(given)}")
+            arrays[f"{channel}_sigma"] = np.full(len(names), to_si(value, si[channel]))
+        record = make(seconds, names, arrays, si, source="arrays", **_attributes(excitation))
+        if "values" in excitation:
+            unit = unit_of(excitation["quantity"])
+            values = _row(excitation["values"], "excitation", "values", seconds.size)
+            record["excitation"] = "time", values * _factor(excitation.get("unit", unit), unit, "excitation")
+        return cls(check(record, name), name, use, bodies, tuple(nuisance))
+
+    @classmethod
+    def from_file(
+        cls,
+        path: str | Path,
+        name: str | None = None,
+        use: Use = "calibrate",
+        bodies: Mapping[str, str] | None = None,
+        nuisance: Sequence[str] = (),
+    ) -> "Record":
+        """Read a record from a netCDF file, such as `calib digitise` or `calib simulate` writes.
+
+        Raises
+        ------
+        CalibError : no such file, or not a record
+        """
+        return cls(read(path), name or Path(path).stem, use, bodies, tuple(nuisance))
+
+    def entry(self, path: str) -> dict[str, Any]:
+        """Entry [[record]] of a study file for this record, whose data lie in a file at `path`."""
+        optional = {"bodies": None if self.bodies is None else dict(self.bodies), "nuisance": list(self.nuisance)}
+        return {"name": self.name, "path": path, "use": self.use, **{k: v for k, v in optional.items() if v}}
+
+    def _repr_html_(self) -> str:
+        return f"<b>{self.name}</b> ({self.use}){self.dataset._repr_html_()}"
+
+
+def _array(values: Any, what: str) -> np.ndarray:
+    try:
+        return np.asarray(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise CalibError(f"{what}: expected an array of numbers, got {values!r:.60}") from error
+
+
+def _row(values: Any, channel: str, body: str, size: int) -> np.ndarray:
+    row = _array(values, f"{channel} of {body!r}")
+    if row.shape != (size,):
+        raise CalibError(f"{channel} of {body!r}: expected an array ({size},) like time, got one of shape {row.shape}")
+    return row
+
+
+def _stated_si(units: Mapping[str, str], channel: str) -> str:
+    """Unit of a channel that has no usual one."""
+    if channel not in units or not is_si(units[channel]):
+        stated = f"got {units[channel]!r}" if channel in units else "none is given"
+        raise CalibError(f"units of {channel}: expected an SI unit such as 'N' or 'm/s^2', {stated}")
+    return units[channel]
+
+
+def _factor(unit: str, si: str, what: str) -> float:
+    """Factor from a unit to the SI unit."""
+    try:
+        return to_si(f"1 {unit}", si)
+    except CalibError as error:
+        raise CalibError(f"units of {what}: {error}") from error
+
+
+def _attributes(excitation: Mapping[str, Any]) -> dict[str, Any]:
+    """Attributes of a record that say how a body was driven, in SI."""
+    if not isinstance(excitation, Mapping):
+        raise CalibError(
+            "excitation: expected a mapping such as {'place': 'end', 'quantity': 'displacement', 'frequency': '26 Hz', "
+            f"'amplitude': '1 mm'}}, got {excitation!r:.60}"
+        )
+    unknown = [key for key in excitation if key not in DRIVEN]
+    if unknown:
+        raise CalibError(f"excitation: unknown key {unknown[0]!r}; known are {', '.join(DRIVEN)}")
+    for key in ("place", "quantity"):
+        if key not in excitation:
+            raise CalibError(f"excitation: {key!r} is missing; say where and by what the bodies are driven")
+    unit = unit_of(excitation["quantity"])
+    units = {"frequency": "Hz", "amplitude": unit, "phase": "rad", "cutoff": "Hz"}
+    numbers = {}
+    for key in units:
+        if key in excitation:
+            try:
+                numbers[key] = to_si(excitation[key], units[key])
+            except CalibError as error:
+                raise CalibError(f"excitation: {key}: {error}") from error
+    return {"place": excitation["place"], "quantity": excitation["quantity"], **numbers}

@@ -1,0 +1,378 @@
+"""Studies from Python: what a study file says, said in keywords, run, and what was found."""
+
+import base64
+import copy
+import html
+import os
+import shutil
+import tempfile
+import tomllib
+import weakref
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import tomlkit
+import xarray as xr
+from matplotlib.figure import Figure
+
+from calib.errors import CalibError, nearest
+from calib.execution.files import whole
+from calib.modelling.effect import Effect
+from calib.records import read, write
+from calib.report import figures
+from calib.report.drawing import png
+from calib.study import result
+from calib.study_file import StudyFile, load
+from calib.units import shown
+from calib.workflows.calibrate import calibrate, rebuild, summary_so_far
+from calib.workflows.diagnose import diagnose_study
+from calib.workflows.document import MEASURED, named, place, reference_of, usual_terms, window_of, without_place
+from calib.workflows.record import Record
+
+FILE = "study.toml"
+
+
+class Study:
+    """A study: records, a model with windows of its parameters, and what is compared; see the keys of a study file.
+
+    Numbers are in SI, texts have a unit ("1 mm"). Everything is checked when the study is made.
+
+    Parameters
+    ----------
+    simulator : name of a registered one, "package.module:Thing", or the class
+    records : at least one of use "calibrate"
+    windows : parameter -> (low, high), (low, high, "log") or a mapping with low, high, scale and start
+    fixed : parameter -> value
+    options : of the simulator
+    effects : of the model, by name, "package.module:THING" or as `calib.Effect`
+    terms : features that are compared, by name or as mappings with options; None: phase curves where the excitation has
+        a period, time histories where it has none
+    optimiser : name, or a mapping with its options
+    budget : simulations of the search
+    seed : of every random number
+    jobs : processes; None: one for each core
+    timeout : wall-clock limit of one simulation
+    name : of the study
+    more : further tables of a study file: `study` (screen, periods, samples, settle, step_budget), `store`, `diagnosis`
+
+    Raises
+    ------
+    CalibError : every mistake with its key, what was expected, and the nearest right name
+    """
+
+    def __init__(
+        self,
+        simulator: str | type,
+        records: Sequence[Record],
+        windows: Mapping[str, Any],
+        *,
+        fixed: Mapping[str, float | str] | None = None,
+        options: Mapping[str, Any] | None = None,
+        effects: Sequence[str | Mapping[str, Any] | Effect] = (),
+        terms: Sequence[str | Mapping[str, Any]] | None = None,
+        optimiser: str | Mapping[str, Any] = "multistart",
+        budget: int = 200,
+        seed: int = 0,
+        jobs: int | None = None,
+        timeout: float | str = "60 s",
+        name: str = "study",
+        **more: Mapping[str, Any],
+    ):
+        unknown = [key for key in more if key not in ("study", "store", "diagnosis")]
+        if unknown:
+            raise CalibError(f"unknown keyword {unknown[0]!r}; further tables are study, store and diagnosis")
+        records = (records,) if isinstance(records, Record) else tuple(records)
+        for record in records:
+            if not isinstance(record, Record):
+                raise CalibError(f"records: expected calib.Record, got {type(record).__name__}; see Record.from_arrays")
+        head = {"name": name, "seed": seed, "budget": budget, "jobs": jobs or os.cpu_count() or 1, "timeout": timeout}
+        model = {
+            "simulator": reference_of(simulator, "calib.simulators"),
+            "effects": [reference_of(effect, "calib.effects") for effect in effects],
+            "options": dict(options or {}),
+            "fixed": dict(fixed or {}),
+        }
+        self._records = {record.name: record for record in records}
+        if len(self._records) < len(records):
+            raise CalibError("records: two have one name; give each its own")
+        self._document = {
+            "study": {**head, **more.get("study", {})},
+            "record": [record.entry(place(record.name)) for record in records],
+            "model": model,
+            "windows": {parameter: window_of(parameter, window) for parameter, window in windows.items()},
+            "term": [named(term, "feature") for term in (usual_terms(records) if terms is None else terms)],
+            "optimiser": named(optimiser, "name"),
+            **{key: dict(more[key]) for key in ("store", "diagnosis") if key in more},
+        }
+        self.check()
+
+    @classmethod
+    def read(cls, path: str | Path) -> "Study":
+        """Read a study file, or the `study.toml` of a folder.
+
+        Raises
+        ------
+        CalibError : every mistake of the file with its line and key
+        """
+        path = load(path).path
+        study = cls.__new__(cls)
+        study._document, study._records = tomllib.loads(path.read_text(encoding="utf-8")), {}
+        for entry in study._document["record"]:
+            if not entry["path"].startswith("$"):
+                entry["path"] = str((path.parent / entry["path"]).resolve())
+        return study
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """What the study file of this study says."""
+        return copy.deepcopy(self._document)
+
+    def save(self, path: str | Path) -> Path:
+        """Write the study file, and records that were made in Python into a folder beside it; return its path.
+
+        Parameters
+        ----------
+        path : of a .toml file, or of a folder, in which it is called study.toml
+        """
+        path = Path(path)
+        path = path if path.suffix == ".toml" else path / FILE
+        path.parent.mkdir(parents=True, exist_ok=True)
+        for name, record in self._records.items():
+            (path.parent / MEASURED).mkdir(exist_ok=True)
+            write(record.dataset, path.parent / place(name))
+        with whole(path) as temporary:
+            temporary.write_text(tomlkit.dumps(self._document), encoding="utf-8")
+        return path
+
+    def check(self) -> None:
+        """Check the study as a study file is checked.
+
+        Raises
+        ------
+        CalibError : every mistake with its key
+        """
+        with tempfile.TemporaryDirectory(prefix="calib-") as folder:
+            self._loaded(Path(folder))
+
+    def run(
+        self, out: str | Path | None = None, *, budget: int | None = None, jobs: int | None = None, quiet: bool = False
+    ) -> "Calibration":
+        """Calibrate: `calib run` on the file of this study.
+
+        Ctrl-C ends the search; what was found until then is returned.
+
+        Parameters
+        ----------
+        out : folder in which study file and results are kept, and gone on with if there are results; None: a temporary
+            one, which goes when the result does
+        budget, jobs : take the place of the study's
+        quiet : no progress on stderr
+
+        Raises
+        ------
+        CalibError : a mistake in the study, or the folder belongs to another one or cannot be written
+        KeyboardInterrupt : stopped before any simulation ended
+        """
+        with ExitStack() as undo:
+            folder = Path(tempfile.mkdtemp(prefix="calib-") if out is None else out)
+            if out is None:
+                undo.callback(shutil.rmtree, folder, ignore_errors=True)
+            path = self.save(folder / FILE)
+            try:
+                calibrate(path, budget=budget, jobs=jobs, quiet=quiet)
+            except KeyboardInterrupt:
+                try:
+                    rebuild(path, jobs=jobs)
+                except CalibError:
+                    raise KeyboardInterrupt from None
+            undo.pop_all()
+        return Calibration(path, passing=out is None)
+
+    def _loaded(self, folder: Path) -> StudyFile:
+        path = self.save(folder / FILE)
+        try:
+            return load(path)
+        except CalibError as error:
+            raise CalibError(without_place(str(error), path)) from None
+
+    def _repr_html_(self) -> str:
+        name, text = html.escape(self._document["study"]["name"]), html.escape(tomlkit.dumps(self._document))
+        return f"<details><summary><b>{name}</b>, as a study file</summary><pre>{text}</pre></details>"
+
+
+class Plot:
+    """A figure that shows itself in a notebook.
+
+    Attributes
+    ----------
+    figure : of matplotlib
+    """
+
+    def __init__(self, figure: Figure):
+        self.figure = figure
+
+    def save(self, path: str | Path) -> Path:
+        """Write the figure as PNG, SVG or PDF, by the suffix."""
+        self.figure.savefig(path)
+        return Path(path)
+
+    def _repr_png_(self) -> bytes:
+        return png(self.figure)
+
+
+class Calibration:
+    """What a study found.
+
+    Attributes
+    ----------
+    path : of the study file
+    folder : of its results
+    summary : what result.json says
+
+    Parameters
+    ----------
+    passing : whether the study's folder goes when this object does
+    """
+
+    def __init__(self, path: Path, passing: bool = False):
+        self.path = path
+        self.folder = self._file.folder
+        if passing:
+            weakref.finalize(self, shutil.rmtree, path.parent, ignore_errors=True)
+
+    @cached_property
+    def _file(self) -> StudyFile:
+        return load(self.path)
+
+    @cached_property
+    def summary(self) -> dict[str, Any]:
+        """What result.json says; of a search that was stopped, what the trials say that there are."""
+        return result.read(self.folder) or summary_so_far(self.path)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Parameter -> value [SI]; empty where no trial ended well."""
+        return self.summary["values"]
+
+    @property
+    def intervals(self) -> dict[str, list[float]]:
+        """Parameter -> [low, high] of its 95 % interval [SI], of those that have one."""
+        return self.summary["intervals"]
+
+    @property
+    def kind(self) -> str | None:
+        """Kind of the calibrated motion, such as "period-1"."""
+        return self.summary["motion"]["kind"]
+
+    def simulated(self, record: str | None = None) -> xr.Dataset:
+        """Return the calibrated motion for a record, the first one where none is named.
+
+        Raises
+        ------
+        CalibError : there is no such record, or no trial ended well
+        """
+        names = list(self._file.study.objective.references)
+        record = record or names[0]
+        if record not in names:
+            raise CalibError(f"no record {record!r} was calibrated on{nearest(record, names)}; those are {names}")
+        path = self.folder / ("best.nc" if record == names[0] else f"best-{quote(record, safe='')}.nc")
+        return read(path)
+
+    def plot(self, record: str | None = None) -> Plot:
+        """Measured and simulated phase curves of a record; time histories where it has none.
+
+        Raises
+        ------
+        CalibError : there is no such record, or no trial ended well
+        """
+        simulated, objective = self.simulated(record), self._file.study.objective
+        name = record or next(iter(objective.references))
+        measured = objective.references[name].record
+        aligned = figures.beside(objective, name, simulated)
+        return Plot(figures.phase_curves(measured, aligned) or figures.histories(measured, aligned))
+
+    def report(self, path: str | Path) -> Path:
+        """Write the page of the study, which needs no other file."""
+        shutil.copyfile(self.folder / "report.html", path)
+        return Path(path)
+
+    def diagnose(self, *, jobs: int | None = None, budget: str | None = None, seed: int | None = None) -> "Diagnosed":
+        """Look for what the model lacks: `calib diagnose`.
+
+        Parameters
+        ----------
+        jobs : takes the place of the study's
+        budget : a number of simulations, or a time such as "10 min", after which no further fit begins
+        seed : of the noise that is drawn; None: the study's
+
+        Raises
+        ------
+        CalibError : there are no calibrated values, or a mistake in the budget
+        """
+        said, extended = diagnose_study(self.path, jobs=jobs, budget=budget, seed=seed, apply=True)
+        return Diagnosed(said, extended, self)
+
+    def _repr_html_(self) -> str:
+        rows = "".join(f"<tr><td>{html.escape(name)}</td>{self._cells(name)}</tr>" for name in self.values)
+        total, kind = self.summary["score"]["total"], self.kind or self.summary["status"]
+        score = "" if total is None else f", score {total:.4g}"
+        picture = base64.b64encode(self.plot()._repr_png_()).decode() if self.values else ""
+        return (
+            f"<b>{html.escape(self.summary['name'])}</b>: {html.escape(kind)}{score}"
+            f"<table><tr><th>parameter</th><th>value</th><th>95 % interval</th></tr>{rows}</table>"
+            + (f'<img alt="measured and simulated" src="data:image/png;base64,{picture}">' if picture else "")
+        )
+
+    def _cells(self, name: str) -> str:
+        """Value of a parameter and its interval, as cells of a table."""
+        unit, ends = self.summary["units"][name], self.intervals.get(name)
+        interval = f"{shown(ends[0], unit)} to {shown(ends[1], unit)}" if ends else ""
+        if name not in self.summary["windows"]:
+            interval = "fixed"
+        return f"<td>{shown(self.values[name], unit)}</td><td>{interval or 'none'}</td>"
+
+
+class Diagnosed:
+    """What the diagnosis of a calibrated study says.
+
+    Attributes
+    ----------
+    summary : what diagnosis.json says
+    calibration : that was diagnosed
+    """
+
+    def __init__(self, summary: dict[str, Any], extended: Path | None, calibration: Calibration):
+        self.summary, self._extended, self.calibration = summary, extended, calibration
+
+    @property
+    def verdict(self) -> str:
+        """Return "named", "one_of", "none", "unexplained" or "not_diagnosable"."""
+        return self.summary["verdict"]
+
+    @property
+    def causes(self) -> list[str]:
+        """Names of the effects that are named; empty where none is."""
+        return self.summary["causes"]
+
+    def apply(self) -> Study:
+        """Return the study with the causes in its model.
+
+        Raises
+        ------
+        CalibError : no cause was named
+        """
+        if self._extended is None:
+            raise CalibError(f"there is nothing to apply: the verdict is {self.verdict!r}, and no cause is named")
+        return Study.read(self._extended)
+
+    def report(self, path: str | Path) -> Path:
+        """Write the page of the study, the diagnosis in it."""
+        return self.calibration.report(path)
+
+    def _repr_html_(self) -> str:
+        causes = f": {html.escape(', '.join(self.causes))}" if self.causes else ""
+        return f"<b>{html.escape(self.verdict)}</b>{causes}<p>{html.escape(self.summary['said'])}</p>"
