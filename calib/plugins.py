@@ -1,9 +1,11 @@
 """Names to things: the entry points of simulators, effects, features and optimisers."""
 
 import importlib
+import sys
 import warnings
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 
 from calib.errors import CalibError, nearest
 
@@ -20,15 +22,17 @@ def names(group: str) -> list[str]:
     return list(_registered(group))
 
 
-def load(group: str, name: str):
+def load(group: str, name: str, folder: Path | None = None):
     """Return the thing that `name` stands for: an entry point of the group, or ``"package.module:Thing"``.
+
+    folder : in which such a module is looked for too; child processes find it there as well
 
     Raises
     ------
     CalibError : the name is not known, or its module does not import
     """
     if ":" in name:
-        return _imported(name)
+        return _imported(name, folder)
     known = _registered(group)
     if name not in known:
         kind = group.rpartition(".")[2].removesuffix("s")
@@ -53,9 +57,28 @@ def load_all(group: str) -> dict[str, object]:
     return things
 
 
-def _imported(path: str):
+def _imported(path: str, folder: Path | None):
     module, _, attribute = path.partition(":")
+    own = None if folder is None else _beside(folder.resolve(), module)
+    if own is not None and str(folder.resolve()) not in sys.path:
+        sys.path.append(str(folder.resolve()))
     try:
-        return getattr(importlib.import_module(module), attribute)
+        found = importlib.import_module(module)
+        thing = getattr(found, attribute)
     except Exception as error:
+        if isinstance(error, ModuleNotFoundError) and error.name == module.partition(".")[0]:
+            places = "Python's path" if folder is None else f"{folder.resolve()} or on Python's path"
+            raise CalibError(f"{path!r} does not load: there is no module {error.name!r} in {places}") from error
         raise CalibError(f"{path!r} does not load: {error!r}; expected an importable 'package.module:Thing'") from error
+    if own is not None and Path(getattr(found, "__file__", None) or "").resolve() != own:
+        raise CalibError(
+            f"{path!r}: module {module!r} was imported from {found.__file__} already, not from {own}; "
+            "rename one of the two, or load them in processes of their own"
+        )
+    return thing
+
+
+def _beside(folder: Path, module: str) -> Path | None:
+    """File of a module in a folder, None where it is not there."""
+    place = folder.joinpath(*module.split("."))
+    return next((file for file in (place.with_suffix(".py"), place / "__init__.py") if file.is_file()), None)

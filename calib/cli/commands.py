@@ -11,7 +11,7 @@ from pathlib import Path
 
 import click
 
-from calib.errors import CalibError
+from calib.errors import CalibError, nearest
 
 # ruff: noqa: D301 - click reads the "\b" of a docstring as "do not wrap"
 # Everything but click is imported inside the command that needs it: numba, xarray and optuna take seconds, and
@@ -44,7 +44,7 @@ SETTLE = click.option(
     show_default=True,
     help="Periods dropped before the first verdict; the undecided get 5 times as many more.",
 )
-JOBS = click.option("--jobs", type=click.IntRange(min=1), help="Child processes. [default: the study's]")
+JOBS = click.option("--jobs", "-j", type=click.IntRange(min=1), help="Child processes. [default: the study's]")
 FRESH = click.option("--fresh", is_flag=True, help="Replace what the file holds, and forget what was done so far.")
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON to stdout, for scripts.")
 
@@ -84,7 +84,18 @@ def _mendable(command: Callable) -> Callable:
     return safe
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+class _Commands(click.Group):
+    """Commands; a misspelt one is answered with the nearest."""
+
+    def resolve_command(self, context: click.Context, args: list[str]):
+        """Find the command that is asked for."""
+        if args and args[0] not in self.commands and not args[0].startswith("-"):
+            known = list(self.commands)
+            context.fail(f"there is no command {args[0]!r}{nearest(args[0], known)}; there are {', '.join(known)}")
+        return super().resolve_command(context, args)
+
+
+@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(package_name="calib")
 def main():
     """Calibrate simulators of vibro-impacting structures against measured phase curves.
@@ -99,7 +110,7 @@ def main():
 @main.command(short_help="Calibrate: search, judge, report; or go on where it stopped.")
 @STUDY
 @OUT
-@click.option("--jobs", type=click.IntRange(min=1), help="Trials side by side. [default: the study's]")
+@click.option("--jobs", "-j", type=click.IntRange(min=1), help="Trials side by side. [default: the study's]")
 @click.option("--budget", type=click.IntRange(min=1), help="Trials of the whole study. [default: the study's]")
 @click.option("--fresh", is_flag=True, help="Forget the trials made so far (needed when the study was changed).")
 @click.option("--quiet", "-q", is_flag=True, help="No progress, no summary; errors only.")

@@ -68,17 +68,15 @@ class Simulator(Protocol):
     9. Optionally `confirming`: a simulator of the same parameters, bodies and sites, of higher fidelity and cost. A
        search runs with this one; its leaders are simulated again with the confirming one before one of them is called
        the best (see `calib.study.Confirmation`). Absent or None: nothing is confirmed.
-    10. Optionally `internal_states`: False where it takes no force laws that have such; they are then refused before
-       any run.
-
-    11. Optionally `places`, a mapping of "body", "support", "interface" to names of bodies: "body", those on which an
+    10. Optionally `places`, a mapping of "body", "support", "interface" to names of bodies: "body", those on which an
         effect is likely; "support", those that are held from outside; "interface", the name of a *port* between two
         bodies, no body itself, at which force laws see the clearance (see `calib.modelling.laws`). Absent: effects
         that act at a support or an interface are not offered.
-    12. Optionally `law_states`, how many internal states a force law may have. Absent: as many as a law can.
-    13. Optionally `initial`, a mapping of the parameters that set the initial state to the (body, channel) that each
+    11. Optionally `law_states`, how many internal states a force law may have (0: such laws are refused before any
+        run). Absent: as many as a law can.
+    12. Optionally `initial`, a mapping of the parameters that set the initial state to the (body, channel) that each
         sets, such as {"initial_velocity": ("mass", "velocity")}: a record's nuisance "initial_state" solves for them.
-    14. Optionally `finer(what, factor)`, the same simulator with a time step (what = "time_step") or a tolerance of its
+    13. Optionally `finer(what, factor)`, the same simulator with a time step (what = "time_step") or a tolerance of its
         events ("event_tolerance") divided by `factor`, and `numerics`, the set of those it can refine.
 
     `calib.testing.SimulatorSuite` checks all this.

@@ -72,9 +72,13 @@ class StudyFile:
         """
         registered = plugins.names("calib.effects")
         asked = [(name, None) for name in registered] if self.candidates is None else list(self.candidates)
-        effects = [_effect(name, bodies) for name, bodies in asked]
+        effects = [_effect(name, bodies, self.path.parent) for name, bodies in asked]
         known = {effect.name for effect in effects}
-        gates = [_effect(name, None) for name in registered if name not in known] if self.candidates else []
+        gates = (
+            [_effect(name, None, self.path.parent) for name in registered if name not in known]
+            if self.candidates
+            else []
+        )
         return effects + [effect for effect in gates if effect.site == "numerical"]
 
     def effect_references(self) -> dict[str, str]:
@@ -87,7 +91,7 @@ class StudyFile:
         CalibError : one of them does not load
         """
         asked = plugins.names("calib.effects") if self.candidates is None else [name for name, _ in self.candidates]
-        return {_effect(reference, None).name: reference for reference in asked}
+        return {_effect(reference, None, self.path.parent).name: reference for reference in asked}
 
     def setting(
         self, values: Mapping[str, float] | None = None, record: str | None = None, phase: float = 0.0
@@ -173,19 +177,19 @@ def results_folder(path: Path) -> Path:
 def _model(shape: StudyToml, mistakes: Mistakes) -> Model | None:
     model: Model | None = None
     with mistakes.at("model", "simulator"):
-        maker = plugins.load("calib.simulators", shape.model.simulator)
+        maker = plugins.load("calib.simulators", shape.model.simulator, mistakes.path.parent)
         simulator = _made(maker, shape.model.options, shape.model.simulator, mistakes, ("model", "options"))
         model = None if simulator is None else Model(simulator)
     for index, entry in enumerate(shape.model.effects):
         with mistakes.at("model", "effects", index):
-            effect = _effect(entry.name, entry.bodies)
+            effect = _effect(entry.name, entry.bodies, mistakes.path.parent)
             if model is not None:
                 model = model.extended(effect)
     return model
 
 
-def _effect(name: str, bodies: Sequence[str] | None) -> Effect:
-    effect = plugins.load("calib.effects", name)
+def _effect(name: str, bodies: Sequence[str] | None, folder: Path) -> Effect:
+    effect = plugins.load("calib.effects", name, folder)
     if not isinstance(effect, Effect):
         raise CalibError(f"{name!r} is no effect but a {type(effect).__name__}")
     return effect if bodies is None else replace(effect, bodies=tuple(bodies))
@@ -197,7 +201,7 @@ def _candidates(shape: StudyToml, mistakes: Mistakes) -> tuple[tuple[str, tuple[
         return None
     for index, entry in enumerate(asked):
         with mistakes.at("diagnosis", "candidates", index):
-            _effect(entry.name, entry.bodies)
+            _effect(entry.name, entry.bodies, mistakes.path.parent)
     mistakes.tell()
     return tuple((entry.name, None if entry.bodies is None else tuple(entry.bodies)) for entry in asked)
 
@@ -294,7 +298,7 @@ def _terms(shape: StudyToml, calibrated: Mapping[str, Reference], mistakes: Mist
         key = ("term", index)
         feature = None
         with mistakes.at(*key, "feature"):
-            maker = plugins.load("calib.features", entry.feature)
+            maker = plugins.load("calib.features", entry.feature, mistakes.path.parent)
             feature = _made(maker, entry.options, entry.feature, mistakes, key)
         if feature is None:
             continue
@@ -328,7 +332,7 @@ class OptimiserMaker:
 
 def _optimiser(shape: StudyToml, mistakes: Mistakes) -> OptimiserMaker | None:
     with mistakes.at("optimiser", "name"):
-        maker = plugins.load("calib.optimisers", shape.optimiser.name)
+        maker = plugins.load("calib.optimisers", shape.optimiser.name, mistakes.path.parent)
         _made(maker, shape.optimiser.options, shape.optimiser.name, mistakes, ("optimiser",), given=CONTRACT)
         return OptimiserMaker(maker, shape.optimiser.options, mistakes.place("optimiser"))
     return None

@@ -356,3 +356,16 @@ def test_the_schema_is_json():
 )
 def test_a_value_has_the_digits_of_its_error(value, error, unit, texts):
     assert _measured(value, error, unit) == texts
+
+
+def test_a_misspelt_command_is_answered_with_the_nearest():
+    ended = CliRunner().invoke(main, ["calibrat"])
+    assert ended.exit_code == 2
+    assert "there is no command 'calibrat'" in ended.stderr
+    ended = CliRunner().invoke(main, ["diagnos", "studies/minimal"])
+    assert "did you mean 'diagnose'?" in ended.stderr
+
+
+def test_the_number_of_processes_has_a_short_name():
+    for command in ("run", "diagnose", "sweep", "rehearse"):
+        assert "-j, --jobs" in CliRunner().invoke(main, [command, "--help"]).stdout

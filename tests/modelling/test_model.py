@@ -1,14 +1,19 @@
+"""A simulator with effects is a model."""
+
 import pickle
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import calib
 from calib.effects import channel_lag, gap_offset, quadratic_drag
 from calib.errors import CalibError
 from calib.modelling.effect import Effect
 from calib.modelling.laws import SLOTS, force, gap, numerical, slots, structure
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model, Request, Simulator
 from calib.modelling.parameter import Parameter
 from calib.records import record
 from calib.records.excitation import Excitation
@@ -204,3 +209,15 @@ def test_an_effect_that_is_explicit_in_time_has_no_period_map():
 def test_an_effect_survives_as_a_key_and_through_a_pickle():
     effect = replace(FINER, natural={"refinement": (2.0, 4.0)})
     assert {pickle.loads(pickle.dumps(effect)): 1}[effect] == 1
+
+
+def test_the_guide_of_a_simulator_numbers_its_items_and_names_what_is_read():
+    guide = Simulator.__doc__
+    assert [int(number) for number in re.findall(r"^    (\d+)\. ", guide, re.M)] == list(range(1, 14))
+    optional = set(re.findall(r"Optionally `(\w+)", guide)) | {"numerics"}
+    read = set()
+    for path in Path(calib.__file__).parent.rglob("*.py"):
+        text = path.read_text()
+        read |= set(re.findall(r"(?:get|has)attr\((?:\w+\.)*simulator, \"(\w+)\"", text))
+        read |= {name for name in ("finer",) if f"simulator.{name}(" in text}
+    assert optional == read

@@ -1,0 +1,46 @@
+"""Simulators and effects that lie beside the study file."""
+
+import subprocess
+import sys
+
+import pytest
+from child_environment import environment
+from echo_study import write_study
+
+from calib.errors import CalibError
+from calib.study_file import load
+
+OWN = "from tiny_simulators import Echo\n\n\nclass Spring(Echo):\n    name = 'spring'\n"
+
+
+def study_with(folder, module, text=OWN):
+    folder.mkdir(exist_ok=True)
+    (folder / f"{module}.py").write_text(text)
+    return write_study(folder, ("tiny_simulators:Echo", f"{module}:Spring"), ("jobs = 1", "jobs = 2"))
+
+
+def test_a_simulator_beside_the_study_file_is_found_from_anywhere(tmp_path):
+    path = study_with(tmp_path / "bench", "own_spring")
+    done = subprocess.run(
+        [sys.executable, "-m", "calib", "run", str(path), "--budget", "10", "--quiet"],
+        cwd=tmp_path, env=environment(), capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "bench" / "out" / "result.json").exists()
+
+
+def test_where_a_module_was_looked_for_is_said(tmp_path):
+    path = write_study(tmp_path, ("tiny_simulators:Echo", "no_such_module:Spring"))
+    with pytest.raises(CalibError, match=f"there is no module 'no_such_module' in {tmp_path} or on Python's path"):
+        load(path)
+
+
+def test_a_module_of_the_same_name_from_elsewhere_is_not_taken(tmp_path):
+    load(study_with(tmp_path / "one", "spring_of_two_studies"))
+    with pytest.raises(CalibError, match="was imported from .*one.* already, not from .*two"):
+        load(study_with(tmp_path / "two", "spring_of_two_studies"))
+
+
+def test_a_module_that_fails_says_why(tmp_path):
+    with pytest.raises(CalibError, match="'broken_spring:Spring' does not load: NameError.*stiffness"):
+        load(study_with(tmp_path, "broken_spring", "stiffness\n"))
