@@ -451,3 +451,28 @@ def list_(name: str | None, schema: bool, as_json: bool):
             click.echo(json.dumps({**facts, "parameters": listed}, indent=2, allow_nan=False))
         else:
             tables.show_thing(facts.items(), parameters)
+
+
+@main.command(short_help="Begin a simulator, an effect or a study from a skeleton that works.")
+@click.argument("kind", type=click.Choice(["simulator", "effect", "study"]))
+@click.argument("name")
+@click.option(
+    "--folder", type=click.Path(path_type=Path, file_okay=False), default=Path(), help="Where. [default: here]"
+)
+@_mendable
+def new(kind: str, name: str, folder: Path):
+    """Write a small working simulator, effect or study called NAME, with the test that it has to pass.
+
+    \b
+    Example:  calib new simulator pendulum && pytest test_pendulum.py
+    """
+    from calib.workflows.new import new as write_new  # see above
+
+    for path in write_new(kind, name, folder):
+        click.echo(path)
+    where = folder / name
+    if kind == "study":
+        click.echo(f"next: calib run {where}")
+    else:
+        click.echo(f"next: pytest {where.parent / f'test_{name}.py'}; a study beside it knows it as")
+        click.echo(f"      {name}:{'EFFECT' if kind == 'effect' else ''.join(p.capitalize() for p in name.split('_'))}")

@@ -1,0 +1,77 @@
+"""Small working skeletons to begin from: a simulator, an effect, a study."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from calib.errors import CalibError
+from calib.execution.files import whole
+
+KINDS = ("simulator", "effect", "study")
+STIFFNESS, DAMPING, MASS, DRIVEN = 4000.0, 5.0, 1.0, 9.0  # N/m, N s/m, kg, Hz: of the record that is made up
+SIGMA = 2e-6  # m, and over the angular frequency m/s: of its noise
+CYCLES, SAMPLES = 6, 100  # of it; samples a cycle
+
+
+def new(kind: str, name: str, folder: str | Path = ".") -> list[Path]:
+    """Write a skeleton into a folder; return the files.
+
+    Parameters
+    ----------
+    kind : "simulator" and "effect": a module of that name and a test beside it; "study": a folder of that name with a
+        study file and a record that is made up
+    name : lower case letters, digits and underscores
+
+    Raises
+    ------
+    CalibError : no such kind, a name that no module can have, or a file of that name that is there already
+    """
+    if kind not in KINDS:
+        raise CalibError(f"there is a skeleton of a {', '.join(KINDS)}, got {kind!r}")
+    if not re.fullmatch(r"[a-z][a-z0-9_]*", name):
+        raise CalibError(f"expected a name of lower case letters, digits and underscores, got {name!r}")
+    title = name.replace("_", " ").capitalize()
+    words = {"name": name, "title": title, "thing": "".join(part.capitalize() for part in name.split("_"))}
+    files = _study(Path(folder) / name, words) if kind == "study" else _module(kind, Path(folder), words)
+    for path in files:
+        if path.exists():
+            raise CalibError(f"{path} is there already; choose another name, or move it away")
+    for path, text in files.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole(path) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+    return list(files)
+
+
+def _module(kind: str, folder: Path, words: dict[str, str]) -> dict[Path, str]:
+    name = words["name"]
+    return {
+        folder / f"{name}.py": _text(f"{kind}.py.j2", words),
+        folder / f"test_{name}.py": _text(f"test_{kind}.py.j2", words),
+    }
+
+
+def _study(folder: Path, words: dict[str, str]) -> dict[Path, str]:
+    return {folder / "study.toml": _text("study.toml.j2", words), folder / f"{words['name']}.csv": _made_up()}
+
+
+def _text(template: str, words: dict[str, str]) -> str:
+    loader = PackageLoader("calib.workflows", "skeletons")
+    known = Environment(
+        loader=loader, undefined=StrictUndefined, keep_trailing_newline=True, autoescape=False
+    )  # no page
+    return known.get_template(template).render(words)
+
+
+def _made_up() -> str:
+    """Table of a record that is made up: a mass on a spring and a damper under a force, and noise."""
+    omega, rng = 2.0 * np.pi * DRIVEN, np.random.default_rng(1)
+    time = np.arange(CYCLES * SAMPLES) / (SAMPLES * DRIVEN)
+    x = np.exp(1j * omega * time) / (STIFFNESS - MASS * omega**2 + 1j * omega * DAMPING)
+    rows = np.column_stack([x.real, (1j * omega * x).real]) + SIGMA * np.array([1.0, omega]) * rng.standard_normal(
+        (time.size, 2)
+    )
+    lines = [f"{t:.6f},{1e3 * a:.6f},{1e3 * b:.4f}" for t, (a, b) in zip(time, rows, strict=True)]
+    return "\n".join(["time_s,x_mm,v_mm_s", *lines]) + "\n"

@@ -1,0 +1,57 @@
+"""The skeletons work as they are written."""
+
+import subprocess
+import sys
+
+import pytest
+from child_environment import environment
+from click.testing import CliRunner
+
+from calib.cli import main
+from calib.errors import CalibError
+from calib.workflows.calibrate import calibrate
+from calib.workflows.new import DAMPING, STIFFNESS, new
+
+
+@pytest.mark.parametrize("kind", ["simulator", "effect"])
+def test_a_skeleton_passes_the_suite_of_its_kind(kind, tmp_path):
+    ended = CliRunner().invoke(main, ["new", kind, "own_thing", "--folder", str(tmp_path)])
+    assert ended.exit_code == 0, ended.output
+    assert f"own_thing:{'EFFECT' if kind == 'effect' else 'OwnThing'}" in ended.stdout
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-n", "0", "test_own_thing.py"],
+        cwd=tmp_path, env=environment(), capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout
+    assert "passed" in done.stdout
+
+
+def test_a_new_study_finds_what_its_record_was_made_from(tmp_path):
+    new("study", "bench", tmp_path)
+    found = calibrate(tmp_path / "bench", quiet=True)
+    assert found["values"]["stiffness"] == pytest.approx(STIFFNESS, rel=0.01)
+    assert found["values"]["damping"] == pytest.approx(DAMPING, rel=0.05)
+    for name, truth in (("stiffness", STIFFNESS), ("damping", DAMPING)):
+        low, high = found["intervals"][name]
+        assert low < truth < high
+
+
+def test_a_new_simulator_runs_in_a_study_beside_it(tmp_path):
+    new("study", "bench", tmp_path)
+    new("simulator", "swing", tmp_path / "bench")
+    path = tmp_path / "bench" / "study.toml"
+    path.write_text(path.read_text().replace('"oscillator"', '"swing:Swing"'))
+    assert calibrate(path, quiet=True, jobs=1)["values"]["stiffness"] == pytest.approx(STIFFNESS, rel=0.01)
+
+
+def test_nothing_is_overwritten(tmp_path):
+    (tmp_path / "test_swing.py").write_text("mine")
+    with pytest.raises(CalibError, match=r"test_swing\.py is there already"):
+        new("simulator", "swing", tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["test_swing.py"]
+
+
+@pytest.mark.parametrize("name", ["Swing", "two words", "3d", "a-b", "../up"])
+def test_a_name_that_is_no_module_is_refused(name, tmp_path):
+    with pytest.raises(CalibError, match="lower case letters"):
+        new("effect", name, tmp_path)
