@@ -13,7 +13,7 @@ STRAIGHT = 1e-3  # axis points are on one line where their smaller spread is bel
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration:
+class AxisCalibration:
     """An affine map from pixels to axes: shift, scale, turn and shear of a page that was scanned askew.
 
     (x, y) = matrix (column, row, 1), of the logarithm to base 10 where an axis is logarithmic.
@@ -77,7 +77,7 @@ def calibrated(
     y: Sequence[float | None],
     logarithmic: tuple[bool, bool] = (False, False),
     reading: float = READING,
-) -> Calibration:
+) -> AxisCalibration:
     """Calibrate by least squares from axis points.
 
     With three axis points that carry both numbers the map is determined, and there is no residual; more show how well
@@ -118,10 +118,10 @@ def calibrated(
     spread = np.array([root * length * reading for (_, _, root), length in zip(rows, lengths, strict=True)])
     most = max(len(left) for left in over)
     residual = np.sqrt(sum(np.pad(left, (0, most - len(left))) ** 2 for left in over))
-    return Calibration(matrix, spread, logarithmic, residual, reading)
+    return AxisCalibration(matrix, spread, logarithmic, residual, reading)
 
 
-def two_points(pixels: np.ndarray, points: np.ndarray) -> Calibration:
+def two_points(pixels: np.ndarray, points: np.ndarray) -> AxisCalibration:
     """Calibrate from two points of a map: one scale in all directions, y up."""
     [first, second], [start, end] = np.asarray(pixels, dtype=float), np.asarray(points, dtype=float)
     apart = complex(second[0] - first[0], first[1] - second[1])
@@ -131,7 +131,7 @@ def two_points(pixels: np.ndarray, points: np.ndarray) -> Calibration:
     linear = np.array([[turn.real, turn.imag], [turn.imag, -turn.real]])
     matrix = np.column_stack([linear, start - linear @ first])
     root = READING * abs(turn) / abs(apart) * np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, abs(apart)]])
-    return Calibration(matrix, np.array([root, root]), (False, False), np.zeros(2), READING)
+    return AxisCalibration(matrix, np.array([root, root]), (False, False), np.zeros(2), READING)
 
 
 def _affine(pixels: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from skimage.draw import polygon2mask
 
-from calib.digitise.axes import Calibration, calibrated
+from calib.digitise.axes import AxisCalibration, calibrated
 from calib.digitise.curve import Curve
 from calib.digitise.image import Traced, Wanted, read_picture, traced
 from calib.digitise.image.picture import SUFFIXES as PICTURES
@@ -62,7 +62,7 @@ class Shown:
     body: str
     kind: str
     trace: Traced
-    calibration: Calibration
+    calibration: AxisCalibration
     points: np.ndarray
     numbers: Sequence[tuple[float | None, float | None]]
 
@@ -237,7 +237,7 @@ def _panel(entry: CurveTable, panels: dict):
     return panels[entry.panel]
 
 
-def _calibrated(panel: PanelTable, shape: Sequence[int]) -> tuple[Calibration, np.ndarray]:
+def _calibrated(panel: PanelTable, shape: Sequence[int]) -> tuple[AxisCalibration, np.ndarray]:
     """Calibration of a panel, and the pixels (row, column) between its limits."""
     calibration = calibrated(
         [point.pixel for point in panel.points],
@@ -260,14 +260,14 @@ def _calibrated(panel: PanelTable, shape: Sequence[int]) -> tuple[Calibration, n
     return calibration, inside
 
 
-def _wanted(entry: CurveTable, calibration: Calibration) -> Wanted:
+def _wanted(entry: CurveTable, calibration: AxisCalibration) -> Wanted:
     code = "#000000" if entry.colour == "black" else entry.colour
     colour = np.array([int(code[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
     through = calibration.pixels(np.array(entry.through)) if entry.through else np.empty((0, 2))
     return Wanted(entry.body, colour, entry.kind == "phase curve", entry.dashed, through)
 
 
-def _curve(entry: CurveTable, trace: Traced, calibration: Calibration) -> Curve:
+def _curve(entry: CurveTable, trace: Traced, calibration: AxisCalibration) -> Curve:
     """Return a trace in the units of the axes, with its uncertainty."""
     pixels = trace.path
     rates = calibration.rates(pixels)
@@ -281,7 +281,7 @@ def _curve(entry: CurveTable, trace: Traced, calibration: Calibration) -> Curve:
     return Curve(entry.body, calibration(pixels), sigma, calibration.modes(pixels), lean, notes)
 
 
-def _posture(calibration: Calibration) -> str:
+def _posture(calibration: AxisCalibration) -> str:
     """Say how the page lies, and how well the axis points agree with one another."""
     turn, shear = calibration.posture
     left = calibration.residual

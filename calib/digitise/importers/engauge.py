@@ -8,7 +8,7 @@ import numpy as np
 from defusedxml import ElementTree
 from defusedxml.common import DefusedXmlException
 
-from calib.digitise.axes import Calibration, calibrated, two_points
+from calib.digitise.axes import AxisCalibration, calibrated, two_points
 from calib.digitise.curve import Curve
 from calib.digitise.importers.content import content
 from calib.digitise.importers.imported import CLICK, Imported, clicked
@@ -61,7 +61,7 @@ def _curve(name: str, element: Element, system: Element, required: str) -> Curve
     return clicked(name, calibration(pixels), pixels, calibration)
 
 
-def _calibration(system: Element, required: str) -> Calibration:
+def _calibration(system: Element, required: str) -> AxisCalibration:
     coords = system.find("Coords")
     if coords is None:
         raise CalibError("the document does not say what its axes are (<Coords> is missing)")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.digitise.axes import Calibration
+from calib.digitise.axes import AxisCalibration
 from calib.digitise.curve import Curve
 from calib.errors import CalibError, nearest
 
@@ -71,7 +71,7 @@ class Imported:
 
 
 def clicked(
-    name: str, points: np.ndarray, pixels: np.ndarray, calibration: Calibration, notes: Sequence[str] = ()
+    name: str, points: np.ndarray, pixels: np.ndarray, calibration: AxisCalibration, notes: Sequence[str] = ()
 ) -> Curve:
     """Curve of points that were clicked.
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from calib.digitise.axes import Calibration, calibrated
+from calib.digitise.axes import AxisCalibration, calibrated
 from calib.digitise.curve import Curve
 from calib.digitise.importers.content import LARGEST, content, parsed
 from calib.digitise.importers.imported import CLICK, Imported, clicked
@@ -210,7 +210,7 @@ def _value(datum: _Datum, own: np.ndarray) -> Sequence[float]:
     return [float(v) for v in datum.value]
 
 
-def _calibration(axes: _Axes) -> Calibration:
+def _calibration(axes: _Axes) -> AxisCalibration:
     """WebPlotDigitizer takes x from its first two axis points and y from the other two."""
     if len(axes.points) != 4:
         found = f"its axes {axes.name!r} have {len(axes.points)} calibration points"
