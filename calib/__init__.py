@@ -20,6 +20,8 @@ __all__ = sorted(_DOOR)
 
 
 def __getattr__(name: str):
+    if name == "__version__":
+        return importlib.import_module("importlib.metadata").version("calib")
     if name not in _DOOR:
         raise AttributeError(f"module 'calib' has no attribute {name!r}; it has {', '.join(_DOOR)}")
     return getattr(importlib.import_module(_DOOR[name]), name)

@@ -6,10 +6,12 @@ import warnings
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
+from types import ModuleType
 
 from calib.errors import CalibError, nearest
 
 GROUPS = ("calib.simulators", "calib.effects", "calib.features", "calib.optimisers")
+_FOLDERS: set[Path] = set()  # of studies, which were added to Python's path
 
 
 @cache
@@ -59,26 +61,40 @@ def load_all(group: str) -> dict[str, object]:
 
 def _imported(path: str, folder: Path | None):
     module, _, attribute = path.partition(":")
-    own = None if folder is None else _beside(folder.resolve(), module)
-    if own is not None and str(folder.resolve()) not in sys.path:
-        sys.path.append(str(folder.resolve()))
+    folder = None if folder is None else folder.resolve()
+    own = None if folder is None else module_file(folder, module)
+    if own is not None and str(folder) not in sys.path:
+        sys.path.append(str(folder))
+        _FOLDERS.add(folder)
     try:
         found = importlib.import_module(module)
-        thing = getattr(found, attribute)
+        _check_place(path, module, found, folder, own)
+        return getattr(found, attribute)
+    except CalibError:
+        raise
     except Exception as error:
         if isinstance(error, ModuleNotFoundError) and error.name == module.partition(".")[0]:
-            places = "Python's path" if folder is None else f"{folder.resolve()} or on Python's path"
+            places = "Python's path" if folder is None else f"{folder} or on Python's path"
             raise CalibError(f"{path!r} does not load: there is no module {error.name!r} in {places}") from error
         raise CalibError(f"{path!r} does not load: {error!r}; expected an importable 'package.module:Thing'") from error
-    if own is not None and Path(getattr(found, "__file__", None) or "").resolve() != own:
+
+
+def _check_place(path: str, module: str, found: ModuleType, folder: Path | None, own: Path | None) -> None:
+    """Refuse a module that was imported from the folder of another study."""
+    file = getattr(found, "__file__", None)
+    place = None if file is None else Path(file).resolve()
+    if own is not None and place != own and (place is None or place.read_bytes() != own.read_bytes()):
         raise CalibError(
-            f"{path!r}: module {module!r} was imported from {found.__file__} already, not from {own}; "
+            f"{path!r}: module {module!r} was imported from {file or 'Python itself'} already, not from {own}; "
             "rename one of the two, or load them in processes of their own"
         )
-    return thing
+    elsewhere = [other for other in _FOLDERS - {folder} if place is not None and place == module_file(other, module)]
+    if own is None and elsewhere:
+        other = elsewhere[0]
+        raise CalibError(f"{path!r}: module {module!r} is that of another study, in {other}; copy it to {folder}")
 
 
-def _beside(folder: Path, module: str) -> Path | None:
+def module_file(folder: Path, module: str) -> Path | None:
     """File of a module in a folder, None where it is not there."""
     place = folder.joinpath(*module.split("."))
     return next((file for file in (place.with_suffix(".py"), place / "__init__.py") if file.is_file()), None)

@@ -35,6 +35,8 @@ def to_si(quantity: str | float, unit: str) -> float:
     CalibError : no number, an unknown unit, another dimension, or hertz on one side only. Cycles and radians have no
         dimension, so 26.24 Hz would silently become 26.24 rad/s; such a conversion is always refused.
     """
+    if hasattr(quantity, "item") and getattr(quantity, "size", 0) == 1:  # a number of numpy's, or an array of one
+        quantity = quantity.item()
     if isinstance(quantity, bool) or not isinstance(quantity, str | int | float):
         raise CalibError(f"expected a number or a text with a unit, as in '1 {unit}', got {quantity!r}")
     if not isinstance(quantity, str):

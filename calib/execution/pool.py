@@ -302,6 +302,8 @@ class _Modules(pickle.Pickler):
     def reducer_override(self, thing):
         if isinstance(thing, type | FunctionType):
             self.names.add(thing.__module__)
+        elif isinstance(module := getattr(thing, "module", None), str):  # pickled by reference to it, as laws are
+            self.names.add(module)
         return NotImplemented
 
 

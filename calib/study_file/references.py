@@ -84,13 +84,13 @@ def _nuisance(entry: RecordTable, record: xr.Dataset) -> tuple[str, ...]:
 
 
 def _file(entry: RecordTable, folder: Path) -> Path:
-    path = folder / _expanded(entry.path, folder)
+    path = folder / expanded(entry.path, folder)
     place = ", or set CALIB_DATA to the folder that has it" if "${CALIB_DATA}" in entry.path else ""
     verified(path, entry.sha256, entry.origin, hint=place)
     return path
 
 
-def _expanded(text: str, folder: Path) -> str:
+def expanded(text: str, folder: Path) -> str:
     """Put the data folder for ${CALIB_DATA}: the environment's, else `shared/data` beside the checkout of the study."""
     if "${CALIB_DATA}" in text:
         text = text.replace("${CALIB_DATA}", os.environ.get("CALIB_DATA") or str(_beside(folder)))
@@ -106,7 +106,7 @@ def _beside(folder: Path) -> Path:
 
 def digest(entry: RecordTable, folder: Path) -> str:
     """SHA-256 of the file of a record, whose path is relative to `folder`."""
-    return checksum(folder / _expanded(entry.path, folder))
+    return checksum(folder / expanded(entry.path, folder))
 
 
 def _table(entry: RecordTable, file: Path) -> table.Table:
@@ -147,11 +147,13 @@ def _excitation(how: ExcitationTable | None, record: xr.Dataset) -> Excitation:
         return Excitation.of(record)
     if how.column is not None:
         raise CalibError("a column of a table was named, but the record has no [record.table]; drop the key column")
-    unit = how.unit or unit_of(how.quantity)
+    unit, amplitude = unit_of(how.quantity), how.amplitude
+    if how.unit is not None and amplitude is not None and not isinstance(amplitude, str):
+        amplitude = f"{amplitude!r} {how.unit}"
     numbers = {
         name: to_si(value, in_unit)
         for name, value, in_unit in (
-            ("frequency", how.frequency, "Hz"), ("amplitude", how.amplitude, unit), ("cutoff", how.cutoff, "Hz"),
+            ("frequency", how.frequency, "Hz"), ("amplitude", amplitude, unit), ("cutoff", how.cutoff, "Hz"),
         )
         if value is not None
     }  # fmt: skip

@@ -39,6 +39,7 @@ from calib.study.progress import Progress
 from calib.study_file import StudyFile, load
 
 MUCH = 0.5  # of the distance; where a free trigger takes it below, this is said
+UNFINISHED = "not finished"  # why a search ended that has not
 CALIBRATED = ""  # beside the names of the records held out: all calibrated records together
 
 
@@ -190,7 +191,7 @@ def _what_lies_there(
             reach=reach(trials),
             holdout=_said_of_others(file, final),
             remarks=_remarks(file.study.objective, final.get(CALIBRATED)),
-            stopped="not finished",
+            stopped=UNFINISHED,
         )
     return header, trials, final, said
 

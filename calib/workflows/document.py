@@ -1,13 +1,17 @@
 """A study file as a document: its entries from what is given in Python."""
 
 import sys
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+import numpy as np
+
 from calib import plugins
 from calib.errors import CalibError
+from calib.modelling.effect import Effect
 from calib.workflows.record import Record
 
 MEASURED = "measured"  # folder beside a study file in which records from Python lie
@@ -28,24 +32,36 @@ def without_place(text: str, path: Path) -> str:
             continue
         number, _, told = rest.partition(" ")
         lines.append(told if number.rstrip(":").lstrip(":").isdigit() or number == ":" else f"the study{rest}")
-    return "\n".join(lines)
+    return "\n".join(lines).replace(str(path.parent.resolve()), "the study's folder")
 
 
 def reference_of(thing: Any, group: str) -> Any:
-    """Name by which a study file knows a simulator or an effect."""
+    """Name by which a study file knows a simulator or an effect.
+
+    Raises
+    ------
+    CalibError : a thing that stands at the top of no module
+    """
     if isinstance(thing, str | Mapping):
         return thing
-    known = [name for name in plugins.names(group) if plugins.load(group, name) is thing]
-    if known:
-        return known[0]
-    if isinstance(thing, type):
-        return f"{thing.__module__}:{thing.__qualname__}"
-    for name, module in list(sys.modules.items()):
-        found = [key for key, value in vars(module).items() if value is thing] if module is not None else []
-        if found and not name.startswith("calib."):
-            return f"{name}:{found[0]}"
+    module = getattr(thing, "__module__", "") if isinstance(thing, type) else ""
+    if module.startswith("calib.") or isinstance(thing, Effect):
+        with warnings.catch_warnings(action="ignore"):  # one that does not load is not this one
+            known = [name for name, other in plugins.load_all(group).items() if other is thing]
+        if known:
+            return known[0]
+    if isinstance(thing, type) and "<locals>" not in thing.__qualname__:
+        return f"{module}:{thing.__qualname__}"
+    if isinstance(thing, Effect):
+        first = [getattr(thing.law, "module", "")]
+        for name in [*first, *(name for name in list(sys.modules) if name != "__main__"), "__main__"]:
+            known = getattr(sys.modules.get(name), "__dict__", {})
+            found = [key for key, value in list(known.items()) if value is thing and not key.startswith("_")]
+            if found:
+                return f"{name}:{found[0]}"
     raise CalibError(
-        f"expected a name, 'package.module:Thing' or a thing at module level for {group}, got {type(thing).__name__}"
+        f"expected a name, 'package.module:Thing', or what stands at the top of a module, for {group}; "
+        f"got {thing!r:.60}"
     )
 
 
@@ -53,6 +69,8 @@ def window_of(parameter: str, window: Any) -> dict[str, Any]:
     """Table of a window that is given as (low, high), (low, high, scale) or a mapping."""
     if isinstance(window, Mapping):
         return dict(window)
+    if isinstance(window, np.ndarray):
+        window = window.tolist()
     if not isinstance(window, Sequence) or isinstance(window, str) or len(window) not in (2, 3):
         raise CalibError(f"windows.{parameter}: expected (low, high) or (low, high, 'log'), got {window!r}")
     return dict(zip(("low", "high", "scale"), window, strict=False))
@@ -60,7 +78,11 @@ def window_of(parameter: str, window: Any) -> dict[str, Any]:
 
 def named(thing: str | Mapping[str, Any], key: str) -> dict[str, Any]:
     """Table of a thing that is given by its name or with its options."""
-    return {key: thing} if isinstance(thing, str) else dict(thing)
+    if isinstance(thing, str):
+        return {key: thing}
+    if not isinstance(thing, Mapping):
+        raise CalibError(f"expected the name of a {key}, or a mapping with its options, got {type(thing).__name__}")
+    return dict(thing)
 
 
 def usual_terms(records: Sequence[Record]) -> list[str]:
@@ -68,3 +90,43 @@ def usual_terms(records: Sequence[Record]) -> list[str]:
     periodic = all("frequency" in record.dataset.attrs for record in records)
     curves = all({"displacement", "velocity"} <= set(record.dataset.data_vars) for record in records)
     return ["phase_curve"] if periodic and curves else ["time_history"]
+
+
+def plain(value: Any, key: str = "") -> Any:
+    """Return the same as TOML has it: numbers of numpy's as numbers, paths as texts; without keys whose value is None.
+
+    Raises
+    ------
+    CalibError : a value that TOML cannot hold, with its key
+    """
+    if isinstance(value, Mapping):
+        entries = {str(name): (f"{key}.{name}" if key else str(name), one) for name, one in value.items()}
+        return {name: plain(one, place) for name, (place, one) in entries.items() if one is not None}
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist(), key)
+    if isinstance(value, list | tuple):
+        return [plain(one, f"{key}[{index + 1}]") for index, one in enumerate(value)]
+    if isinstance(value, str | bool | int | float):
+        return value
+    raise CalibError(f"{key}: expected a number, a text or a list of them, got {value!r:.60}")
+
+
+def differing(one: Any, other: Any, key: str = "") -> str | None:
+    """Return the first key in which two documents differ, None where they are the same."""
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        names = dict.fromkeys([*one, *other])
+        places = ((name, f"{key}.{name}" if key else name) for name in names)
+        found = (differing(one.get(name), other.get(name), place) for name, place in places)
+        return next((place for place in found if place), None)
+    return None if one == other else key
+
+
+def modules_of(document: Mapping[str, Any]) -> list[str]:
+    """Modules that a document refers to by "package.module:Thing"."""
+    model = document["model"]
+    things = [model["simulator"], *model.get("effects", ()), *document.get("diagnosis", {}).get("candidates", ())]
+    things += [*(term["feature"] for term in document["term"]), document.get("optimiser", {}).get("name", "")]
+    names = [thing["name"] if isinstance(thing, Mapping) else thing for thing in things]
+    return [name.partition(":")[0] for name in names if ":" in name]

@@ -1,6 +1,9 @@
 """Small working skeletons to begin from: a simulator, an effect, a study."""
 
+import importlib.util
+import keyword
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -32,12 +35,16 @@ def new(kind: str, name: str, folder: str | Path = ".") -> list[Path]:
         raise CalibError(f"there is a skeleton of a {', '.join(KINDS)}, got {kind!r}")
     if not re.fullmatch(r"[a-z][a-z0-9_]*", name):
         raise CalibError(f"expected a name of lower case letters, digits and underscores, got {name!r}")
+    if keyword.iskeyword(name) or name in sys.stdlib_module_names:
+        raise CalibError(f"{name!r} is a word or a module of Python; choose another name")
     title = name.replace("_", " ").capitalize()
     words = {"name": name, "title": title, "thing": "".join(part.capitalize() for part in name.split("_"))}
     files = _study(Path(folder) / name, words) if kind == "study" else _module(kind, Path(folder), words)
     for path in files:
         if path.exists():
             raise CalibError(f"{path} is there already; choose another name, or move it away")
+    if kind != "study" and importlib.util.find_spec(name) is not None:
+        raise CalibError(f"Python has a module {name!r} already, which this one would hide; choose another name")
     for path, text in files.items():
         path.parent.mkdir(parents=True, exist_ok=True)
         with whole(path) as temporary:

@@ -1,7 +1,8 @@
 """Measured records from arrays, with what a study has to know of them."""
 
+import html
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import xarray as xr
 from calib.errors import CalibError
 from calib.objective.terms import Use
 from calib.records import CHANNELS, check, make, read
-from calib.records.excitation import unit_of
+from calib.records.excitation import Excitation, unit_of
 from calib.units import is_si, to_si
 
 DRIVEN = ("place", "quantity", "frequency", "amplitude", "phase", "cutoff", "values", "unit")  # keys of an excitation
@@ -34,7 +35,16 @@ class Record:
     name: str = "record"
     use: Use = "calibrate"
     bodies: Mapping[str, str] | None = None
-    nuisance: Sequence[str] = field(default=())
+    nuisance: Sequence[str] = ()
+
+    def __post_init__(self):
+        if not isinstance(self.name, str) or not self.name:
+            raise CalibError(f"name: expected a text, got {self.name!r}")
+        names = [*self.dataset.body.values.tolist(), *_mapping(self.bodies, "bodies", "{'beam': 'q2'}").values()]
+        wrong = [body for body in names if not isinstance(body, str)]
+        if wrong:
+            raise CalibError(f"bodies: expected names that are texts, got {wrong[0]!r}")
+        object.__setattr__(self, "nuisance", listed(self.nuisance))
 
     @classmethod
     def from_arrays(
@@ -71,9 +81,14 @@ class Record:
         CalibError : arrays of other shapes than `time`, a unit of another dimension, an incomplete excitation, samples
             that are no numbers
         """
-        units = dict(units or {})
-        stated = {"displacement": displacement, "velocity": velocity, **(channels or {})}
-        given = {channel: rows for channel, rows in stated.items() if rows}
+        units = dict(_mapping(units, "units", "{'displacement': 'mm'}"))
+        sigma = _mapping(sigma, "sigma", "{'displacement': '2 um'}")
+        further = _mapping(channels, "channels", "{'force': {'mass': array}}")
+        twice = [channel for channel in ("displacement", "velocity") if channel in further]
+        if twice:
+            raise CalibError(f"channels: {twice[0]} is an argument of its own")
+        stated = {"displacement": displacement, "velocity": velocity, **further}
+        given = {c: rows for c, one in stated.items() if (rows := _mapping(one, c, "{'mass': array}"))}
         if not given:
             raise CalibError("a record needs a channel: displacement or velocity, body -> array")
         seconds = _array(time, "time") * _factor(units.pop("time", "s"), "s", "time")
@@ -91,7 +106,7 @@ class Record:
             si[channel] = CHANNELS.get(channel) or _stated_si(units, channel)
             factor = _factor(units.get(channel, si[channel]), si[channel], channel)
             arrays[channel] = np.stack([_row(rows[body], channel, body, seconds.size) for body in names]) * factor
-        for channel, value in (sigma or {}).items():
+        for channel, value in sigma.items():
             if channel not in given:
                 raise CalibError(f"sigma: there is no channel {channel!r}; the record has {', '.join(given)}")
             arrays[f"{channel}_sigma"] = np.full(len(names), to_si(value, si[channel]))
@@ -100,7 +115,8 @@ class Record:
             unit = unit_of(excitation["quantity"])
             values = _row(excitation["values"], "excitation", "values", seconds.size)
             record["excitation"] = "time", values * _factor(excitation.get("unit", unit), unit, "excitation")
-        return cls(check(record, name), name, use, bodies, tuple(nuisance))
+        Excitation.of(check(record, str(name)))
+        return cls(record, name, use, bodies, nuisance)
 
     @classmethod
     def from_file(
@@ -117,7 +133,7 @@ class Record:
         ------
         CalibError : no such file, or not a record
         """
-        return cls(read(path), name or Path(path).stem, use, bodies, tuple(nuisance))
+        return cls(read(path), name or Path(path).stem, use, bodies, nuisance)
 
     def entry(self, path: str) -> dict[str, Any]:
         """Entry [[record]] of a study file for this record, whose data lie in a file at `path`."""
@@ -125,12 +141,29 @@ class Record:
         return {"name": self.name, "path": path, "use": self.use, **{k: v for k, v in optional.items() if v}}
 
     def _repr_html_(self) -> str:
-        return f"<b>{self.name}</b> ({self.use}){self.dataset._repr_html_()}"
+        return f"<b>{html.escape(self.name)}</b> ({self.use}){self.dataset._repr_html_()}"
+
+
+def listed(value: Any) -> tuple[Any, ...]:
+    """One thing, or a sequence of them, as a tuple: a text is one thing."""
+    return tuple(value) if isinstance(value, Sequence) and not isinstance(value, str) else (value,)
+
+
+def _mapping(value: Any, what: str, example: str) -> Mapping[str, Any]:
+    if value is None:
+        return {}
+    if not isinstance(value, Mapping):
+        raise CalibError(f"{what}: expected a mapping such as {example}, got {type(value).__name__}")
+    return value
 
 
 def _array(values: Any, what: str) -> np.ndarray:
+    kind = np.asarray(values).dtype.kind
+    if kind in "mMc":
+        wanted = {"m": "a duration", "M": "a date", "c": "complex numbers"}[kind]
+        raise CalibError(f"{what}: expected real numbers, got {wanted}; give seconds since the start, or real parts")
     try:
-        return np.asarray(values, dtype=float)
+        return np.ma.filled(np.ma.asarray(values).astype(float), np.nan)  # what is masked is no number
     except (TypeError, ValueError) as error:
         raise CalibError(f"{what}: expected an array of numbers, got {values!r:.60}") from error
 
@@ -171,6 +204,10 @@ def _attributes(excitation: Mapping[str, Any]) -> dict[str, Any]:
     for key in ("place", "quantity"):
         if key not in excitation:
             raise CalibError(f"excitation: {key!r} is missing; say where and by what the bodies are driven")
+        if not isinstance(excitation[key], str):
+            raise CalibError(f"excitation: {key}: expected a text, got {excitation[key]!r}")
+    if "unit" in excitation and "values" not in excitation:
+        raise CalibError("excitation: unit is that of `values`; write the amplitude with its unit, such as '1.5 mm'")
     unit = unit_of(excitation["quantity"])
     units = {"frequency": "Hz", "amplitude": unit, "phase": "rad", "cutoff": "Hz"}
     numbers = {}

@@ -21,19 +21,34 @@ from matplotlib.figure import Figure
 
 from calib.errors import CalibError, nearest
 from calib.execution.files import whole
+from calib.execution.progress import Count
 from calib.modelling.effect import Effect
+from calib.plugins import module_file
 from calib.records import read, write
 from calib.report import figures
 from calib.report.drawing import png
 from calib.study import result
 from calib.study_file import StudyFile, load
+from calib.study_file.references import expanded
 from calib.units import shown
-from calib.workflows.calibrate import calibrate, rebuild, summary_so_far
+from calib.workflows.calibrate import UNFINISHED, calibrate, rebuild, summary_so_far
 from calib.workflows.diagnose import diagnose_study
-from calib.workflows.document import MEASURED, named, place, reference_of, usual_terms, window_of, without_place
-from calib.workflows.record import Record
+from calib.workflows.document import (
+    MEASURED,
+    differing,
+    modules_of,
+    named,
+    place,
+    plain,
+    reference_of,
+    usual_terms,
+    window_of,
+    without_place,
+)
+from calib.workflows.record import Record, listed
 
 FILE = "study.toml"
+FREE = ("budget", "jobs", "timeout")  # of [study]: a study that is gone on with may have others
 
 
 class Study:
@@ -85,29 +100,33 @@ class Study:
         unknown = [key for key in more if key not in ("study", "store", "diagnosis")]
         if unknown:
             raise CalibError(f"unknown keyword {unknown[0]!r}; further tables are study, store and diagnosis")
-        records = (records,) if isinstance(records, Record) else tuple(records)
+        if not isinstance(windows, Mapping):
+            raise CalibError(f"windows: expected a mapping such as {{'gain': (0.5, 2.0)}}, got {windows!r:.60}")
+        records = listed(records)
         for record in records:
             if not isinstance(record, Record):
                 raise CalibError(f"records: expected calib.Record, got {type(record).__name__}; see Record.from_arrays")
         head = {"name": name, "seed": seed, "budget": budget, "jobs": jobs or os.cpu_count() or 1, "timeout": timeout}
         model = {
             "simulator": reference_of(simulator, "calib.simulators"),
-            "effects": [reference_of(effect, "calib.effects") for effect in effects],
+            "effects": [reference_of(effect, "calib.effects") for effect in listed(effects)],
             "options": dict(options or {}),
             "fixed": dict(fixed or {}),
         }
         self._records = {record.name: record for record in records}
         if len(self._records) < len(records):
             raise CalibError("records: two have one name; give each its own")
-        self._document = {
+        terms = usual_terms(records) if terms is None else listed(terms)
+        document = {
             "study": {**head, **more.get("study", {})},
             "record": [record.entry(place(record.name)) for record in records],
             "model": model,
             "windows": {parameter: window_of(parameter, window) for parameter, window in windows.items()},
-            "term": [named(term, "feature") for term in (usual_terms(records) if terms is None else terms)],
+            "term": [named(term, "feature") for term in terms],
             "optimiser": named(optimiser, "name"),
-            **{key: dict(more[key]) for key in ("store", "diagnosis") if key in more},
+            **{key: more[key] for key in ("store", "diagnosis") if key in more},
         }
+        self._document, self._folder = plain(document), None
         self.check()
 
     @classmethod
@@ -118,12 +137,15 @@ class Study:
         ------
         CalibError : every mistake of the file with its line and key
         """
-        path = load(path).path
+        path = load(path).path.resolve()
         study = cls.__new__(cls)
         study._document, study._records = tomllib.loads(path.read_text(encoding="utf-8")), {}
+        study._folder = path.parent
         for entry in study._document["record"]:
-            if not entry["path"].startswith("$"):
-                entry["path"] = str((path.parent / entry["path"]).resolve())
+            if entry["path"] == place(entry["name"]) and "table" not in entry:  # as `save` has left it
+                study._records[entry["name"]] = Record(read(path.parent / entry["path"]), entry["name"])
+            else:
+                entry["path"] = str((path.parent / expanded(entry["path"], path.parent)).resolve())
         return study
 
     @property
@@ -131,22 +153,65 @@ class Study:
         """What the study file of this study says."""
         return copy.deepcopy(self._document)
 
-    def save(self, path: str | Path) -> Path:
-        """Write the study file, and records that were made in Python into a folder beside it; return its path.
+    def save(self, path: str | Path, overwrite: bool = False) -> Path:
+        """Write the study file; beside it records that were made in Python, and modules that lay beside it before.
 
         Parameters
         ----------
         path : of a .toml file, or of a folder, in which it is called study.toml
+        overwrite : whether what is there is replaced, where it says something else
+
+        Returns
+        -------
+        path of the study file
+
+        Raises
+        ------
+        CalibError : there is another study or another record of that name; the folder cannot be written
         """
         path = Path(path)
         path = path if path.suffix == ".toml" else path / FILE
-        path.parent.mkdir(parents=True, exist_ok=True)
-        for name, record in self._records.items():
-            (path.parent / MEASURED).mkdir(exist_ok=True)
-            write(record.dataset, path.parent / place(name))
-        with whole(path) as temporary:
-            temporary.write_text(tomlkit.dumps(self._document), encoding="utf-8")
+        if not overwrite:
+            self._check_free(path)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            for name, record in self._records.items():
+                (path.parent / MEASURED).mkdir(exist_ok=True)
+                write(record.dataset, path.parent / place(name))
+            for source, target in self._modules(path.parent):
+                target.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(source, target)
+            with whole(path) as temporary:
+                temporary.write_text(tomlkit.dumps(self._document), encoding="utf-8")
+        except OSError as error:
+            raise CalibError(f"{error.filename or path} cannot be written: {error.strerror or error}") from error
         return path
+
+    def _check_free(self, path: Path) -> None:
+        """Refuse to write where something else is: the budget, the processes and the time-out may differ."""
+        hint = "choose another folder, or overwrite it"
+        if path.is_file():
+            there, here = tomllib.loads(path.read_text(encoding="utf-8")), self.document
+            for document in (there, here):
+                for key in FREE:
+                    document.get("study", {}).pop(key, None)
+            key = differing(there, here)
+            if key:
+                raise CalibError(f"{path} is another study: it differs in {key}; {hint}")
+        for name, record in self._records.items():
+            file = path.parent / place(name)
+            if file.is_file() and not read(file).equals(record.dataset):
+                raise CalibError(f"{file} is another record; {hint}")
+        for source, target in self._modules(path.parent):
+            if target.is_file() and target.read_bytes() != source.read_bytes():
+                raise CalibError(f"{target} is another module; {hint}")
+
+    def _modules(self, folder: Path) -> list[tuple[Path, Path]]:
+        """Files of modules that lie beside the file that was read, and where they lie beside one in a folder."""
+        if self._folder is None or self._folder == folder.resolve():
+            return []
+        files = [module_file(self._folder, module) for module in modules_of(self._document)]
+        return [(file, folder / file.relative_to(self._folder)) for file in files if file is not None]
 
     def check(self) -> None:
         """Check the study as a study file is checked.
@@ -159,7 +224,13 @@ class Study:
             self._loaded(Path(folder))
 
     def run(
-        self, out: str | Path | None = None, *, budget: int | None = None, jobs: int | None = None, quiet: bool = False
+        self,
+        out: str | Path | None = None,
+        *,
+        budget: int | None = None,
+        jobs: int | None = None,
+        fresh: bool = False,
+        quiet: bool = False,
     ) -> "Calibration":
         """Calibrate: `calib run` on the file of this study.
 
@@ -170,27 +241,31 @@ class Study:
         out : folder in which study file and results are kept, and gone on with if there are results; None: a temporary
             one, which goes when the result does
         budget, jobs : take the place of the study's
+        fresh : replace what is in the folder, and forget the trials made there
         quiet : no progress on stderr
 
         Raises
         ------
-        CalibError : a mistake in the study, or the folder belongs to another one or cannot be written
+        CalibError : a mistake in the study, or the folder holds another one or cannot be written
         KeyboardInterrupt : stopped before any simulation ended
         """
         with ExitStack() as undo:
             folder = Path(tempfile.mkdtemp(prefix="calib-") if out is None else out)
             if out is None:
                 undo.callback(shutil.rmtree, folder, ignore_errors=True)
-            path = self.save(folder / FILE)
+            path = self.save(folder / FILE, overwrite=fresh)
             try:
-                calibrate(path, budget=budget, jobs=jobs, quiet=quiet)
+                calibrate(path, budget=budget, jobs=jobs, fresh=fresh, quiet=quiet)
+            except CalibError as error:
+                raise CalibError(without_place(str(error), path)) from error
             except KeyboardInterrupt:
                 try:
                     rebuild(path, jobs=jobs)
                 except CalibError:
                     raise KeyboardInterrupt from None
+            found = Calibration(path, passing=out is None)
             undo.pop_all()
-        return Calibration(path, passing=out is None)
+        return found
 
     def _loaded(self, folder: Path) -> StudyFile:
         path = self.save(folder / FILE)
@@ -217,7 +292,10 @@ class Plot:
 
     def save(self, path: str | Path) -> Path:
         """Write the figure as PNG, SVG or PDF, by the suffix."""
-        self.figure.savefig(path)
+        try:
+            self.figure.savefig(path)
+        except (OSError, ValueError) as error:
+            raise CalibError(f"{path} cannot be written: {error}") from error
         return Path(path)
 
     def _repr_png_(self) -> bytes:
@@ -231,7 +309,7 @@ class Calibration:
     ----------
     path : of the study file
     folder : of its results
-    summary : what result.json says
+    summary : what result.json says; of a search that was stopped, what the trials say that there are
 
     Parameters
     ----------
@@ -241,17 +319,13 @@ class Calibration:
     def __init__(self, path: Path, passing: bool = False):
         self.path = path
         self.folder = self._file.folder
+        self.summary = result.read(self.folder) or summary_so_far(path)
         if passing:
             weakref.finalize(self, shutil.rmtree, path.parent, ignore_errors=True)
 
     @cached_property
     def _file(self) -> StudyFile:
         return load(self.path)
-
-    @cached_property
-    def summary(self) -> dict[str, Any]:
-        """What result.json says; of a search that was stopped, what the trials say that there are."""
-        return result.read(self.folder) or summary_so_far(self.path)
 
     @property
     def values(self) -> dict[str, float]:
@@ -275,6 +349,8 @@ class Calibration:
         ------
         CalibError : there is no such record, or no trial ended well
         """
+        if not self.values:
+            raise CalibError("no trial ended well: there is no motion to show")
         names = list(self._file.study.objective.references)
         record = record or names[0]
         if record not in names:
@@ -297,10 +373,16 @@ class Calibration:
 
     def report(self, path: str | Path) -> Path:
         """Write the page of the study, which needs no other file."""
-        shutil.copyfile(self.folder / "report.html", path)
+        try:
+            Path(path).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(self.folder / "report.html", path)
+        except OSError as error:
+            raise CalibError(f"{path} cannot be written: {error.strerror or error}") from error
         return Path(path)
 
-    def diagnose(self, *, jobs: int | None = None, budget: str | None = None, seed: int | None = None) -> "Diagnosed":
+    def diagnose(
+        self, *, jobs: int | None = None, budget: int | str | None = None, seed: int | None = None, quiet: bool = False
+    ) -> "Diagnosed":
         """Look for what the model lacks: `calib diagnose`.
 
         Parameters
@@ -308,22 +390,34 @@ class Calibration:
         jobs : takes the place of the study's
         budget : a number of simulations, or a time such as "10 min", after which no further fit begins
         seed : of the noise that is drawn; None: the study's
+        quiet : no progress on stderr
 
         Raises
         ------
         CalibError : there are no calibrated values, or a mistake in the budget
         """
-        said, extended = diagnose_study(self.path, jobs=jobs, budget=budget, seed=seed, apply=True)
-        return Diagnosed(said, extended, self)
+        if not self.values or self.summary["stopped"] == UNFINISHED:
+            raise CalibError("the search has not ended with values: run the study to its end, then diagnose it")
+        with Count("simulations", quiet) as count:
+            said, extended = diagnose_study(
+                self.path, jobs=jobs, budget=None if budget is None else str(budget), seed=seed, apply=True,
+                on_progress=count,
+            )  # fmt: skip
+        return Diagnosed(said, None if extended is None else Study.read(extended), self)
 
     def _repr_html_(self) -> str:
         rows = "".join(f"<tr><td>{html.escape(name)}</td>{self._cells(name)}</tr>" for name in self.values)
         total, kind = self.summary["score"]["total"], self.kind or self.summary["status"]
         score = "" if total is None else f", score {total:.4g}"
+        notes = [
+            *(["the search has not ended"] if self.summary["stopped"] == UNFINISHED else []),
+            *self.summary["remarks"],
+        ]
         picture = base64.b64encode(self.plot()._repr_png_()).decode() if self.values else ""
         return (
             f"<b>{html.escape(self.summary['name'])}</b>: {html.escape(kind)}{score}"
             f"<table><tr><th>parameter</th><th>value</th><th>95 % interval</th></tr>{rows}</table>"
+            + "".join(f"<p>{html.escape(note)}</p>" for note in notes)
             + (f'<img alt="measured and simulated" src="data:image/png;base64,{picture}">' if picture else "")
         )
 
@@ -345,7 +439,7 @@ class Diagnosed:
     calibration : that was diagnosed
     """
 
-    def __init__(self, summary: dict[str, Any], extended: Path | None, calibration: Calibration):
+    def __init__(self, summary: dict[str, Any], extended: Study | None, calibration: Calibration):
         self.summary, self._extended, self.calibration = summary, extended, calibration
 
     @property
@@ -355,19 +449,21 @@ class Diagnosed:
 
     @property
     def causes(self) -> list[str]:
-        """Names of the effects that are named; empty where none is."""
+        """Names of the effects that are named; empty where none is, or one of several (`summary["class"]`)."""
         return self.summary["causes"]
 
     def apply(self) -> Study:
-        """Return the study with the causes in its model.
+        """Return the study with the causes, of several the simplest, in its model.
 
         Raises
         ------
-        CalibError : no cause was named
+        CalibError : no effect of the model was named
         """
         if self._extended is None:
-            raise CalibError(f"there is nothing to apply: the verdict is {self.verdict!r}, and no cause is named")
-        return Study.read(self._extended)
+            raise CalibError(
+                f"there is nothing to apply: the verdict is {self.verdict!r}, without an effect for the model"
+            )
+        return self._extended
 
     def report(self, path: str | Path) -> Path:
         """Write the page of the study, the diagnosis in it."""

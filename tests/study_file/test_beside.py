@@ -38,7 +38,16 @@ def test_where_a_module_was_looked_for_is_said(tmp_path):
 def test_a_module_of_the_same_name_from_elsewhere_is_not_taken(tmp_path):
     load(study_with(tmp_path / "one", "spring_of_two_studies"))
     with pytest.raises(CalibError, match="was imported from .*one.* already, not from .*two"):
-        load(study_with(tmp_path / "two", "spring_of_two_studies"))
+        load(study_with(tmp_path / "two", "spring_of_two_studies", f"{OWN}    sites = frozenset()\n"))
+    assert load(study_with(tmp_path / "three", "spring_of_two_studies")).study.name == "echo"
+
+
+def test_a_module_of_another_study_is_not_taken(tmp_path):
+    load(study_with(tmp_path / "one", "spring_of_one_study"))
+    (tmp_path / "two").mkdir()
+    path = write_study(tmp_path / "two", ("tiny_simulators:Echo", "spring_of_one_study:Spring"))
+    with pytest.raises(CalibError, match="is that of another study, in .*one; copy it to .*two"):
+        load(path)
 
 
 def test_a_module_that_fails_says_why(tmp_path):

@@ -391,3 +391,12 @@ def test_a_recorded_excitation_may_have_a_period(tmp_path):
 def test_what_a_column_says_is_not_said_twice(tmp_path, more):
     with pytest.raises(CalibError, match="has its own amplitude and phase"):
         load(recorded(tmp_path, more))
+
+
+@pytest.mark.parametrize("stated", ["amplitude = 1.0", "amplitude = '1 mm'", "amplitude = '0.001 m'"])
+def test_the_unit_of_an_excitation_is_that_of_its_number(stated, tmp_path):
+    table = (
+        f"[record.excitation]\nplace = 'base'\nquantity = 'base motion'\nfrequency = '10 Hz'\n{stated}\nunit = 'mm'\n"
+    )
+    path = write_study(tmp_path, ("[model]\n", f"{table}\n[model]\n"))
+    assert load(path).reference().excitation.amplitude == pytest.approx(1e-3, rel=1e-12)

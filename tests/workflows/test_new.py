@@ -55,3 +55,9 @@ def test_nothing_is_overwritten(tmp_path):
 def test_a_name_that_is_no_module_is_refused(name, tmp_path):
     with pytest.raises(CalibError, match="lower case letters"):
         new("effect", name, tmp_path)
+
+
+@pytest.mark.parametrize("name", ["class", "signal", "numpy"])
+def test_a_name_that_python_has_already_is_refused(name, tmp_path):
+    with pytest.raises(CalibError, match="Python"):
+        new("simulator", name, tmp_path)
