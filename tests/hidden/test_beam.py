@@ -26,6 +26,7 @@ def test_a_gap_of_its_own_is_that_of_the_model_where_it_does_not_depart():
     np.testing.assert_allclose(one.look(times)[0], other.look(times)[0], atol=1e-7)
 
 
+@pytest.mark.slow
 def test_all_elements_and_what_else_the_beam_has_are_no_effect(tmp_path):
     at = bench("delaminated_beam", tmp_path)
     assert 0.0 < change(at, {"full": 1.0}) < SHARES[0]

@@ -153,6 +153,7 @@ def test_both_commands_say_one_misfit_of_the_record_held_out(folder, answer):
     assert page.count(MISFIT) >= 3
 
 
+@pytest.mark.slow
 def test_a_third_partys_effect_stands_in_the_extended_study_as_it_was_loaded(tmp_path, folder):
     shutil.copytree(folder, tmp_path / "own")
     path = tmp_path / "own" / "study.toml"
