@@ -467,12 +467,11 @@ def new(kind: str, name: str, folder: Path):
     Example:  calib new simulator pendulum && pytest test_pendulum.py
     """
     from calib.workflows.new import new as write_new  # see above
+    from calib.workflows.new import thing_of
 
-    for path in write_new(kind, name, folder):
-        click.echo(path)
-    where = folder / name
+    files = write_new(kind, name, folder)
+    click.echo("\n".join(map(str, files)))
     if kind == "study":
-        click.echo(f"next: calib run {where}")
+        click.echo(f"next: calib run {folder / name}")
     else:
-        click.echo(f"next: pytest {where.parent / f'test_{name}.py'}; a study beside it knows it as")
-        click.echo(f"      {name}:{'EFFECT' if kind == 'effect' else ''.join(p.capitalize() for p in name.split('_'))}")
+        click.echo(f"next: pytest {files[-1]}; a study beside it knows it as {name}:{thing_of(kind, name)}")

@@ -172,8 +172,7 @@ def workers(function: Callable[[Any], Any], jobs: int = 1, timeout: float | None
     ----------
     function, jobs, timeout : as in `LocalPool`
     """
-    needed = _pickled(function)[1]
-    if "__main__" not in needed or hasattr(sys.modules["__main__"], "__file__"):
+    if hasattr(sys.modules["__main__"], "__file__") or "__main__" not in _pickled(function)[1]:
         return LocalPool(function, jobs, timeout)
     warnings.warn(
         "what is simulated is defined in this session, where child processes cannot import it: all runs in this "

@@ -18,6 +18,11 @@ Keep = Literal["best", "improving", "all"]
 KEEP = get_args(Keep)
 
 
+def file_of(stem: str, record: str, first: bool) -> str:
+    """Name of the file of a record among those of a trial, of which the first has the bare stem."""
+    return f"{stem}.nc" if first else f"{stem}-{quote(record, safe='')}.nc"
+
+
 class Kept:
     """`records/` and `best.nc` of a study's folder.
 
@@ -60,9 +65,8 @@ class Kept:
         text = json.dumps(provenance)
         with mendable(folder):
             for index, (name, record) in enumerate(records.items()):
-                file = stem if index == 0 else f"{stem}-" + quote(name, safe="")
                 stamped = record.assign_attrs(trial=number, record=name, provenance=text)
-                write(stamped, folder / f"{file}.nc")
+                write(stamped, folder / file_of(stem, name, index == 0))
 
     def promote(self, number: int) -> None:
         """Make the records of trial `number` the best ones; nothing happens where none were kept."""

@@ -12,6 +12,7 @@ import numpy as np
 from calib import plugins
 from calib.errors import CalibError
 from calib.modelling.effect import Effect
+from calib.study_file.lines import dotted
 from calib.workflows.record import Record
 
 MEASURED = "measured"  # folder beside a study file in which records from Python lie
@@ -92,7 +93,7 @@ def usual_terms(records: Sequence[Record]) -> list[str]:
     return ["phase_curve"] if periodic and curves else ["time_history"]
 
 
-def plain(value: Any, key: str = "") -> Any:
+def for_toml(value: Any, *key: str | int) -> Any:
     """Return the same as TOML has it: numbers of numpy's as numbers, paths as texts; without keys whose value is None.
 
     Raises
@@ -100,27 +101,16 @@ def plain(value: Any, key: str = "") -> Any:
     CalibError : a value that TOML cannot hold, with its key
     """
     if isinstance(value, Mapping):
-        entries = {str(name): (f"{key}.{name}" if key else str(name), one) for name, one in value.items()}
-        return {name: plain(one, place) for name, (place, one) in entries.items() if one is not None}
+        return {str(name): for_toml(one, *key, str(name)) for name, one in value.items() if one is not None}
     if isinstance(value, Path):
         return str(value)
     if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist(), key)
+        return for_toml(value.tolist(), *key)
     if isinstance(value, list | tuple):
-        return [plain(one, f"{key}[{index + 1}]") for index, one in enumerate(value)]
+        return [for_toml(one, *key, index) for index, one in enumerate(value)]
     if isinstance(value, str | bool | int | float):
         return value
-    raise CalibError(f"{key}: expected a number, a text or a list of them, got {value!r:.60}")
-
-
-def differing(one: Any, other: Any, key: str = "") -> str | None:
-    """Return the first key in which two documents differ, None where they are the same."""
-    if isinstance(one, Mapping) and isinstance(other, Mapping):
-        names = dict.fromkeys([*one, *other])
-        places = ((name, f"{key}.{name}" if key else name) for name in names)
-        found = (differing(one.get(name), other.get(name), place) for name, place in places)
-        return next((place for place in found if place), None)
-    return None if one == other else key
+    raise CalibError(f"{dotted(key)}: expected a number, a text or a list of them, got {value!r:.60}")
 
 
 def modules_of(document: Mapping[str, Any]) -> list[str]:

@@ -38,7 +38,7 @@ def new(kind: str, name: str, folder: str | Path = ".") -> list[Path]:
     if keyword.iskeyword(name) or name in sys.stdlib_module_names:
         raise CalibError(f"{name!r} is a word or a module of Python; choose another name")
     title = name.replace("_", " ").capitalize()
-    words = {"name": name, "title": title, "thing": "".join(part.capitalize() for part in name.split("_"))}
+    words = {"name": name, "title": title, "thing": thing_of(kind, name)}
     files = _study(Path(folder) / name, words) if kind == "study" else _module(kind, Path(folder), words)
     for path in files:
         if path.exists():
@@ -50,6 +50,11 @@ def new(kind: str, name: str, folder: str | Path = ".") -> list[Path]:
         with whole(path) as temporary:
             temporary.write_text(text, encoding="utf-8")
     return list(files)
+
+
+def thing_of(kind: str, name: str) -> str:
+    """Name of what a module of that name holds: the class of a simulator, the constant of an effect."""
+    return "EFFECT" if kind == "effect" else "".join(part.capitalize() for part in name.split("_"))
 
 
 def _module(kind: str, folder: Path, words: dict[str, str]) -> dict[Path, str]:
@@ -66,9 +71,7 @@ def _study(folder: Path, words: dict[str, str]) -> dict[Path, str]:
 
 def _text(template: str, words: dict[str, str]) -> str:
     loader = PackageLoader("calib.workflows", "skeletons")
-    known = Environment(
-        loader=loader, undefined=StrictUndefined, keep_trailing_newline=True, autoescape=False
-    )  # no page
+    known = Environment(loader=loader, undefined=StrictUndefined, keep_trailing_newline=True, autoescape=False)
     return known.get_template(template).render(words)
 
 

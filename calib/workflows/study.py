@@ -13,7 +13,6 @@ from contextlib import ExitStack
 from functools import cached_property
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 import tomlkit
 import xarray as xr
@@ -27,6 +26,8 @@ from calib.plugins import module_file
 from calib.records import read, write
 from calib.report import figures
 from calib.report.drawing import png
+from calib.store.kept import file_of
+from calib.store.ledger import differences
 from calib.study import result
 from calib.study_file import StudyFile, load
 from calib.study_file.references import expanded
@@ -35,11 +36,10 @@ from calib.workflows.calibrate import UNFINISHED, calibrate, rebuild, summary_so
 from calib.workflows.diagnose import diagnose_study
 from calib.workflows.document import (
     MEASURED,
-    differing,
+    for_toml,
     modules_of,
     named,
     place,
-    plain,
     reference_of,
     usual_terms,
     window_of,
@@ -64,13 +64,13 @@ class Study:
     fixed : parameter -> value
     options : of the simulator
     effects : of the model, by name, "package.module:THING" or as `calib.Effect`
-    terms : features that are compared, by name or as mappings with options; None: phase curves where the excitation has
-        a period, time histories where it has none
+    terms : features that are compared, by name or as mappings with options; None: phase curves where all records
+        have a period, displacement and velocity, else time histories
     optimiser : name, or a mapping with its options
     budget : simulations of the search
     seed : of every random number
     jobs : processes; None: one for each core
-    timeout : wall-clock limit of one simulation
+    timeout : wall-clock limit of one simulation  [s]
     name : of the study
     more : further tables of a study file: `study` (screen, periods, samples, settle, step_budget), `store`, `diagnosis`
 
@@ -126,7 +126,7 @@ class Study:
             "optimiser": named(optimiser, "name"),
             **{key: more[key] for key in ("store", "diagnosis") if key in more},
         }
-        self._document, self._folder = plain(document), None
+        self._document, self._folder = for_toml(document), None
         self.check()
 
     @classmethod
@@ -195,9 +195,9 @@ class Study:
             for document in (there, here):
                 for key in FREE:
                     document.get("study", {}).pop(key, None)
-            key = differing(there, here)
-            if key:
-                raise CalibError(f"{path} is another study: it differs in {key}; {hint}")
+            changes = differences(there, here)
+            if changes:
+                raise CalibError(f"{path} is another study: it differs in {changes[0]}; {hint}")
         for name, record in self._records.items():
             file = path.parent / place(name)
             if file.is_file() and not read(file).equals(record.dataset):
@@ -221,7 +221,11 @@ class Study:
         CalibError : every mistake with its key
         """
         with tempfile.TemporaryDirectory(prefix="calib-") as folder:
-            self._loaded(Path(folder))
+            path = self.save(folder)
+            try:
+                load(path)
+            except CalibError as error:
+                raise CalibError(without_place(str(error), path)) from None
 
     def run(
         self,
@@ -266,13 +270,6 @@ class Study:
             found = Calibration(path, passing=out is None)
             undo.pop_all()
         return found
-
-    def _loaded(self, folder: Path) -> StudyFile:
-        path = self.save(folder / FILE)
-        try:
-            return load(path)
-        except CalibError as error:
-            raise CalibError(without_place(str(error), path)) from None
 
     def _repr_html_(self) -> str:
         name, text = html.escape(self._document["study"]["name"]), html.escape(tomlkit.dumps(self._document))
@@ -355,8 +352,7 @@ class Calibration:
         record = record or names[0]
         if record not in names:
             raise CalibError(f"no record {record!r} was calibrated on{nearest(record, names)}; those are {names}")
-        path = self.folder / ("best.nc" if record == names[0] else f"best-{quote(record, safe='')}.nc")
-        return read(path)
+        return read(self.folder / file_of("best", record, record == names[0]))
 
     def plot(self, record: str | None = None) -> Plot:
         """Measured and simulated phase curves of a record; time histories where it has none.

@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 from child_environment import environment
 from echo_study import TRUTH
-from tiny_simulators import Echo
+from tiny_simulators import MEMORY, Echo
 
 import calib
+from calib.effects.channel_gain import EFFECT
 from calib.study import result
+from calib.study.progress import Progress
 from calib.workflows.calibrate import calibrate
+from calib.workflows.document import reference_of
 
 BENCH = echo_study.bench()
 DRIVE = {"place": "base", "quantity": "base motion", "frequency": "10 Hz", "amplitude": "1 mm"}
@@ -43,6 +46,13 @@ def study(**more):
             "jobs": 1, "timeout": "20 s", "name": "echo", "study": {"screen": 8}, **more,
         }
     )  # fmt: skip
+
+
+def said_by(code):
+    """What an interactive session prints that is given this code."""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment())
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
 
 
 @pytest.fixture(scope="module")
@@ -106,8 +116,6 @@ def test_a_study_is_read_as_it_was_saved(tmp_path):
 
 
 def test_a_search_that_is_stopped_keeps_what_there_is(monkeypatch):
-    from calib.study.progress import Progress
-
     def stop(self, trial, top, count):
         if count == 10:
             raise KeyboardInterrupt
@@ -120,10 +128,6 @@ def test_a_search_that_is_stopped_keeps_what_there_is(monkeypatch):
 
 
 def test_an_effect_is_given_as_the_thing_itself(tmp_path):
-    from tiny_simulators import MEMORY
-
-    from calib.effects.channel_gain import EFFECT
-
     assert study(effects=[EFFECT, "plot_scale"]).document["model"]["effects"] == ["channel_gain", "plot_scale"]
     with pytest.raises(calib.CalibError, match="model.effects.*'memory'.*takes laws at"):
         study(effects=[MEMORY])
@@ -198,8 +202,7 @@ def test_a_recorded_input_and_further_channels_come_through():
 
 def test_importing_calib_imports_nothing_heavy():
     code = "import sys, calib; dir(calib); print(sorted({'numpy', 'xarray', 'numba', 'matplotlib'} & set(sys.modules)))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment(), check=True)
-    assert done.stdout.strip() == "[]"
+    assert said_by(code) == "[]"
 
 
 def test_an_unknown_name_is_answered_with_those_there_are():
@@ -219,8 +222,7 @@ def test_a_simulator_of_an_interactive_session_runs_in_its_process():
         "assert any('defined in this session' in str(w.message) for w in told), told\n"
         "print(round(found.values['gain'], 1))\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment())
-    assert done.stdout.strip() == "1.2", done.stderr
+    assert said_by(code) == "1.2"
 
 
 @pytest.fixture(scope="module")
@@ -313,13 +315,8 @@ def test_an_effect_of_an_interactive_session_runs_in_its_process():
         "found = study.run(quiet=True)\n"
         "print(study.document['model']['effects'], round(found.values['gain'], 1))\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment())
-    assert done.stdout.strip() == "['__main__:MORE'] 1.2", done.stderr
+    assert said_by(code) == "['__main__:MORE'] 1.2"
 
 
 def test_an_effect_of_a_module_is_known_by_that_module():
-    from tiny_simulators import MEMORY
-
-    from calib.workflows.document import reference_of
-
     assert reference_of(MEMORY, "calib.effects") == "tiny_simulators:MEMORY"
