@@ -224,7 +224,7 @@ def _variants(effect: Effect, scales: Scales, references: Mapping[str, Reference
     bounds = _bounds(effect, scale)
     variants = []
     for held in itertools.product(*grids):
-        for own in [(name,) for name in free] if not effect.differentiable else [free]:
+        for own in [free] if effect.differentiable else [(name,) for name in free]:
             absent = {name: effect.null[name] for name in free if name not in own}
             sizes = _sizes(effect, own, scale, references)
             if effect.guess is not None and not sizes.size:
