@@ -98,7 +98,7 @@ def verified(path: Path, expected: str | None = None, origin: str = "", hint: st
     if not path.is_file():
         known = f" (sha256 {expected})" if expected else ""
         raise CalibError(f"{path}: no such file{source}{known}{hint}")
-    found = checksum(path)
-    if expected is not None and found != expected.lower():
-        raise CalibError(f"{path}: expected sha256 {expected}, got {found}: another or a damaged file{source}")
-    return found
+    actual = checksum(path)
+    if expected is not None and actual != expected.lower():
+        raise CalibError(f"{path}: expected sha256 {expected}, got {actual}: another or a damaged file{source}")
+    return actual

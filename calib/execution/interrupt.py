@@ -4,6 +4,7 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import FrameType
 
 
 @contextmanager
@@ -12,16 +13,17 @@ def uninterrupted() -> Iterator[None]:
 
     Blocking the signal in this thread is not enough: another thread takes it, and Python runs the handler here.
     """
-    held, handler = [], signal.getsignal(signal.SIGINT)
-    deferred = callable(handler) and threading.current_thread() is threading.main_thread()
+    caught: list[tuple[int, FrameType | None]] = []
+    installed, in_main_thread = signal.getsignal(signal.SIGINT), threading.current_thread() is threading.main_thread()
+    handler = installed if callable(installed) and in_main_thread else None
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    if deferred:
-        signal.signal(signal.SIGINT, lambda *seen: held.append(seen))
+    if handler is not None:
+        signal.signal(signal.SIGINT, lambda number, frame: caught.append((number, frame)))
     try:
         yield
     finally:
-        if deferred:
+        if handler is not None:
             signal.signal(signal.SIGINT, handler)
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        if held:
-            handler(*held[0])
+        if handler is not None and caught:
+            handler(*caught[0])

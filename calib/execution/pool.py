@@ -19,23 +19,33 @@ from multiprocessing import get_context, parent_process, resource_tracker, spawn
 from multiprocessing.context import ForkServerContext, ForkServerProcess
 from multiprocessing.forkserver import ensure_running, set_forkserver_preload
 from types import FunctionType
-from typing import Any
+from typing import Any, Protocol, Self
 
 from pebble import ProcessExpired, ProcessPool
 
 from calib.errors import CalibError
 from calib.execution.interrupt import uninterrupted
 
-STARTUP = 120.0  # s, allowance of a worker's first call: imports and compiling of kernels
-RESTART = 10.0  # s, least allowance of a later worker's first call: what was compiled is loaded then
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+STARTUP_ALLOWANCE = 120.0  # s, for a worker's first call: imports and compiling of kernels
+MIN_STARTUP_ALLOWANCE = 10.0  # s, for a later worker's first call: what was compiled is loaded then
+THREAD_VARIABLES = (  # of the environment: number of threads of a BLAS
+    "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS",
+)  # fmt: skip
 REFUSED, RAISED, TIMEOUT, CRASHED = "refused", "raised", "timeout", "crashed"
 
 
-def in_order(pool, payloads: Sequence[Any]) -> list[Any]:
+class Pool(Protocol):
+    """Where a function is evaluated at many payloads."""
+
+    def map(self, payloads: Iterable[Any]) -> Iterator[tuple[int, Any]]:
+        """Yield (index, result or Failure) as they end."""
+        ...
+
+
+def in_order(pool: Pool, payloads: Sequence[Any]) -> list[Any]:
     """Return the results of `pool.map` in the order of the payloads."""
-    found = dict(pool.map(payloads))
-    return [found[index] for index in range(len(payloads))]
+    results = dict(pool.map(payloads))
+    return [results[index] for index in range(len(payloads))]
 
 
 @dataclass(frozen=True)
@@ -82,10 +92,10 @@ class InProcess:
     def close(self) -> None:
         """Nothing to end."""
 
-    def __enter__(self):
+    def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *exception):
+    def __exit__(self, *exception: object) -> None:
         self.close()
 
 
@@ -103,11 +113,15 @@ class LocalPool:
     jobs : number of processes
     timeout : wall-clock limit of one call [s], None for none; only the process that exceeds it is killed
     startup : what is added to the limit of the first call in each process, which may import and compile [s]; once such
-        a call has come back, twice the time it took, and not below RESTART, is allowed to the processes that follow
+        a call has come back, later processes are allowed twice the time it took, and at least MIN_STARTUP_ALLOWANCE
     """
 
     def __init__(
-        self, function: Callable[[Any], Any], jobs: int = 1, timeout: float | None = None, startup: float = STARTUP
+        self,
+        function: Callable[[Any], Any],
+        jobs: int = 1,
+        timeout: float | None = None,
+        startup: float = STARTUP_ALLOWANCE,
     ):
         if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
             raise CalibError(f"jobs is the number of child processes, a whole number from 1 on; got {jobs!r}")
@@ -128,9 +142,10 @@ class LocalPool:
         """
         _start_server(self._modules)
         waiting = iter(enumerate(payloads))
-        idle, busy, done = list(self._slots), {}, queue.SimpleQueue()
+        idle, busy = list(self._slots), dict[int, _Slot]()
+        done: queue.SimpleQueue[int] = queue.SimpleQueue()
 
-        def hand_out():
+        def hand_out() -> None:
             while idle and (call := next(waiting, None)) is not None:
                 index, payload = call
                 busy[index] = idle.pop()
@@ -156,10 +171,10 @@ class LocalPool:
         for slot in self._slots:
             slot.close()
 
-    def __enter__(self):
+    def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *exception):
+    def __exit__(self, *exception: object) -> None:
         self.close()
 
 
@@ -182,7 +197,7 @@ def workers(function: Callable[[Any], Any], jobs: int = 1, timeout: float | None
     return InProcess(function)
 
 
-def _tell(done: queue.SimpleQueue, index: int, _: Future) -> None:
+def _tell(done: queue.SimpleQueue[int], index: int, _: Future[bytes]) -> None:
     done.put(index)
 
 
@@ -197,7 +212,7 @@ class _Allowance:
 
     def learn(self, seconds: float) -> None:
         """Take in how long such a call took that came back: what it compiled is on disk for the next process."""
-        self.seconds = min(self.seconds, max(RESTART, 2.0 * seconds))
+        self.seconds = min(self.seconds, max(MIN_STARTUP_ALLOWANCE, 2.0 * seconds))
 
 
 class _Slot:
@@ -210,17 +225,17 @@ class _Slot:
         self._fresh = True  # the next call is the process's first
         self._worked = False  # some call got as far as being taken up
         self._retried = False
-        self._future: Future | None = None
+        self._future: Future[bytes] = Future()  # of the call under way
         self._payload = b""
         self._since, self._limit = 0.0, timeout
 
-    def start(self, payload: Any, done: Callable[[Future], None]) -> None:
+    def start(self, payload: Any, done: Callable[[Future[bytes]], None]) -> None:
         """Hand out one call; `done` is called, in another thread, when it has ended."""
         self._payload = pickle.dumps(payload)
         self._retried = False
         self._schedule(done)
 
-    def _schedule(self, done: Callable[[Future], None]) -> None:
+    def _schedule(self, done: Callable[[Future[bytes]], None]) -> None:
         if self._pool is None or not self._pool.active:  # none yet, or its idle process died
             self.close()
             self._pool = ProcessPool(1, initializer=_prepare, initargs=(self._function,), context=self._context)
@@ -237,7 +252,7 @@ class _Slot:
             self._future.set_exception(error)
         self._future.add_done_callback(done)
 
-    def result(self, done: Callable[[Future], None]) -> Any:
+    def result(self, done: Callable[[Future[bytes]], None]) -> Any:
         """Result or Failure of the call that has ended; RETRIED where its process died before taking it up."""
         seconds = time.perf_counter() - self._since
         error = self._future.exception()
@@ -255,7 +270,7 @@ class _Slot:
             return Failure(CRASHED, _death(error.exitcode), seconds)
         return _failure(error, seconds)
 
-    def _again(self, done: Callable[[Future], None], error: BrokenProcessPool, seconds: float) -> Any:
+    def _again(self, done: Callable[[Future[bytes]], None], error: BrokenProcessPool, seconds: float) -> Any:
         """Hand the call out once more, to a new process: the old one died before it was seen to take it up."""
         if not self._retried:
             self._retried = True
@@ -294,19 +309,20 @@ def _death(code: int) -> str:
 class _Modules(pickle.Pickler):
     """Pickler that notes the modules its classes and functions come from."""
 
-    def __init__(self, file):
+    def __init__(self, file: "_Buffer"):
         super().__init__(file)
         self.names: set[str] = set()
 
-    def reducer_override(self, thing):
-        if isinstance(thing, type | FunctionType):
-            self.names.add(thing.__module__)
-        elif isinstance(module := getattr(thing, "module", None), str):  # pickled by reference to it, as laws are
+    def reducer_override(self, obj: Any) -> Any:
+        """Note the module of `obj` and leave its pickling as it is."""
+        if isinstance(obj, type | FunctionType):
+            self.names.add(obj.__module__)
+        elif isinstance(module := getattr(obj, "module", None), str):  # pickled by reference to it, as laws are
             self.names.add(module)
         return NotImplemented
 
 
-def _pickled(function: Callable) -> tuple[bytes, set[str]]:
+def _pickled(function: Callable[[Any], Any]) -> tuple[bytes, set[str]]:
     """Pickle `function`; also the modules that a process needs to call it."""
     file = _Buffer()
     pickler = _Modules(file)
@@ -320,7 +336,7 @@ def _pickled(function: Callable) -> tuple[bytes, set[str]]:
 
 
 class _Buffer(bytearray):
-    def write(self, data) -> None:
+    def write(self, data: bytes) -> None:
         self.extend(data)
 
 
@@ -343,10 +359,13 @@ def _die_with_parent() -> None:
 
     A watching thread would need the interpreter, which a running kernel may hold.
     """
-    pipe = parent_process().sentinel
+    parent = parent_process()
+    if parent is None:  # not a child process
+        return
+    pipe = parent.sentinel
     fcntl.fcntl(pipe, fcntl.F_SETOWN, os.getpid())
     fcntl.fcntl(pipe, fcntl.F_SETFL, fcntl.fcntl(pipe, fcntl.F_GETFL) | os.O_ASYNC)
-    if not parent_process().is_alive():
+    if not parent.is_alive():
         os._exit(1)
 
 
@@ -370,7 +389,8 @@ _starting = threading.Lock()
 class _ProcessWithoutMain(ForkServerProcess):
     """A process that does not import the script it was started from."""
 
-    def start(self):
+    def start(self) -> None:
+        """Start the process; what prepares it leaves the main module out."""
         with _starting:
             prepared = spawn.get_preparation_data
             spawn.get_preparation_data = partial(_without_main, prepared)
@@ -380,7 +400,7 @@ class _ProcessWithoutMain(ForkServerProcess):
                 spawn.get_preparation_data = prepared
 
 
-def _without_main(prepared: Callable[[str], dict], name: str) -> dict:
+def _without_main(prepared: Callable[[str], dict[str, Any]], name: str) -> dict[str, Any]:
     return {key: value for key, value in prepared(name).items() if not key.startswith("init_main")}
 
 
@@ -393,8 +413,8 @@ class _WithoutMain(ForkServerContext):
 def _start_server(modules: list[str]) -> None:
     """Start the fork server, if there is none yet, with `modules` imported and one thread for BLAS."""
     with _starting:
-        before = {name: os.environ.get(name) for name in THREADS}
-        os.environ.update(dict.fromkeys(THREADS, "1"))
+        before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
+        os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
         set_forkserver_preload(modules)
         try:
             resource_tracker.ensure_running()  # first: it unblocks SIGINT when it starts

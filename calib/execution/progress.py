@@ -12,42 +12,42 @@ INTERVAL = 5.0  # s between two lines where there is no terminal
 class Count:
     """Says how much of a known number is done: a live bar on a terminal, a line now and then elsewhere."""
 
-    def __init__(self, what: str, quiet: bool = False, console: Console | None = None):
+    def __init__(self, unit: str, quiet: bool = False, console: Console | None = None):
         self._console = console or Console(stderr=True, highlight=False)
         self._quiet = quiet
-        self._what = what
-        self._told = self._begin = time.monotonic()
-        self._already: int | None = None  # done when it was first told: not of this run
+        self._unit = unit
+        self._last_line = self._begin = time.monotonic()
+        self._done_before: int | None = None  # number done at the first call: by earlier runs
         self._bars: Bars | None = None
 
     def __enter__(self) -> "Count":
         if self._console.is_terminal and not self._quiet:
             self._bars = Bars(
-                SpinnerColumn(), BarColumn(bar_width=30), TextColumn("{task.fields[said]}"),
+                SpinnerColumn(), BarColumn(bar_width=30), TextColumn("{task.fields[text]}"),
                 console=self._console, transient=True,
             )  # fmt: skip
-            self._task = self._bars.add_task(self._what, total=None, said=self._what)
+            self._task = self._bars.add_task(self._unit, total=None, text=self._unit)
             self._bars.start()
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: object) -> None:
         if self._bars is not None:
             self._bars.stop()
 
     def __call__(self, done: int, total: int) -> None:
         """Take in that `done` of `total` are done."""
-        if self._already is None:
-            self._already = done
+        if self._done_before is None:
+            self._done_before = done
         now = time.monotonic()
         left = ""
-        if done > self._already:
-            left = f"  about {clock_time((now - self._begin) / (done - self._already) * (total - done))} left"
-        said = f"{done}/{total} {self._what}{left if done < total else ''}"
+        if done > self._done_before:
+            left = f"  about {clock_time((now - self._begin) / (done - self._done_before) * (total - done))} left"
+        text = f"{done}/{total} {self._unit}{left if done < total else ''}"
         if self._bars is not None:
-            self._bars.update(self._task, completed=done, total=total, said=said)
-        elif not self._quiet and now - self._told >= INTERVAL:
-            self._told = now
-            self._console.print(said, soft_wrap=True)
+            self._bars.update(self._task, completed=done, total=total, text=text)
+        elif not self._quiet and now - self._last_line >= INTERVAL:
+            self._last_line = now
+            self._console.print(text, soft_wrap=True)
 
 
 def clock_time(seconds: float) -> str:

@@ -1,7 +1,8 @@
 """A study: points are asked for, simulated, scored, logged and told."""
 
+from calib.execution.pool import Pool
 from calib.study.confirmation import LEADERS, Confirmation, Leader, confirm, leaders
-from calib.study.contracts import Optimiser, Outcome, Pool, StoreContract
+from calib.study.contracts import Optimiser, Outcome, StoreContract
 from calib.study.evaluation import Evaluation, evaluate, outcome, simulated
 from calib.study.initial_state import check_searched, check_solvable, check_stated
 from calib.study.reachability import Reach, missed, reach

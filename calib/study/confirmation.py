@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.execution.pool import TIMEOUT, Failure
+from calib.execution.pool import TIMEOUT, Failure, Pool
 from calib.store import Trial
-from calib.study.contracts import Pool
 from calib.study.evaluation import Evaluation, as_trial
 
 LEADERS = 4  # trials that are confirmed

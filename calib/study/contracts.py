@@ -1,6 +1,6 @@
-"""What a study needs of a search method, of the place its trials are kept in, and of where they are evaluated."""
+"""What a study needs of a search method and of the place its trials are kept in."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -99,12 +99,4 @@ class StoreContract(Protocol):
 
     def close(self) -> None:
         """Let go of the place."""
-        ...
-
-
-class Pool(Protocol):
-    """Where evaluations happen; see `calib.execution.pool`."""
-
-    def map(self, payloads: Iterable[Any]) -> Iterator[tuple[int, Any]]:
-        """Yield (index, result or Failure) as they end."""
         ...

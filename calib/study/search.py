@@ -10,11 +10,11 @@ from scipy.stats.qmc import Sobol
 
 from calib.errors import CalibError
 from calib.execution.interrupt import uninterrupted
-from calib.execution.pool import REFUSED, Failure
+from calib.execution.pool import REFUSED, Failure, Pool
 from calib.modelling.parameter import Space
 from calib.store import Trial
 from calib.store.trial import best
-from calib.study.contracts import Optimiser, Pool, StoreContract
+from calib.study.contracts import Optimiser, StoreContract
 from calib.study.evaluation import as_trial, outcome
 
 BUDGET = "budget spent"  # why a search ended; otherwise the optimiser's own reason

@@ -6,13 +6,13 @@ from functools import partial
 from typing import Any
 
 from calib.errors import CalibError, nearest
-from calib.execution.pool import workers
+from calib.execution.pool import Pool, workers
 from calib.modelling.model import Model
 from calib.modelling.parameter import Space
 from calib.objective import Objective
 from calib.store import Trial
 from calib.store.trial import best
-from calib.study.contracts import Optimiser, Pool, StoreContract
+from calib.study.contracts import Optimiser, StoreContract
 from calib.study.evaluation import evaluate
 from calib.study.initial_state import check_searched, check_solvable, check_stated
 from calib.study.reachability import Reach, reach
