@@ -21,7 +21,7 @@ from optuna.storages import BaseStorage, JournalStorage, RDBStorage
 from optuna.storages.journal import BaseJournalBackend
 
 from calib.errors import CalibError
-from calib.store.optuna_view import told
+from calib.store.optuna_view import address_without_password
 
 HOST = "127.0.0.1"
 PORT = 8080
@@ -75,7 +75,7 @@ def application(view: str | Path, artifacts: str | Path | None = None) -> Callab
 
 def plain_command(view: str | Path, artifacts: str | Path | None = None) -> str:
     """Command line that shows the same view with Optuna's own program (which may also change it)."""
-    words = ["optuna-dashboard", told(str(view))]
+    words = ["optuna-dashboard", address_without_password(str(view))]
     return shlex.join(words if artifacts is None else [*words, "--artifact-dir", str(artifacts)])
 
 
@@ -175,7 +175,7 @@ def _database(url: str) -> BaseStorage:
     try:
         return RDBStorage(url, skip_table_creation=True)
     except Exception as error:  # every driver has its own; all mean that the view cannot be read
-        raise CalibError(f"{told(url)}: the view cannot be read ({error})") from error
+        raise CalibError(f"{address_without_password(url)}: the view cannot be read ({error})") from error
 
 
 def _log(line: bytes) -> dict[str, Any] | None:

@@ -52,7 +52,7 @@ class Excitation:
     value: np.ndarray | None = None
     cutoff: float | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         unit = unit_of(self.quantity)
         if not self.unit:
             object.__setattr__(self, "unit", unit)
@@ -60,24 +60,13 @@ class Excitation:
             raise CalibError(f"the excitation's frequency must be positive [Hz], got {self.frequency}")
         if (self.time is None) != (self.value is None):
             raise CalibError("a recorded excitation needs both time [s] and value; one of them is missing")
-        if self.time is not None:
-            self._check_recorded()
+        if self.time is not None and self.value is not None:
+            _check_samples(self.time, self.value)
         elif self.quantity != "free decay" and (self.frequency is None or self.amplitude is None):
             raise CalibError(
                 f"an excitation by {self.quantity} needs frequency [Hz] and amplitude [{self.unit}], "
                 "or a recorded input"
             )
-
-    def _check_recorded(self):
-        if self.time.shape != self.value.shape or self.time.ndim != 1 or self.time.size < 2:
-            raise CalibError(
-                "a recorded excitation needs time and value of one length, at least two samples; "
-                f"got shapes {self.time.shape} and {self.value.shape}"
-            )
-        if not (np.isfinite(self.time).all() and np.isfinite(self.value).all()):
-            raise CalibError("the recorded excitation holds NaN or infinity; cut those samples")
-        if (np.diff(self.time) <= 0.0).any():
-            raise CalibError("the time of the recorded excitation must increase from sample to sample")
 
     @property
     def recorded(self) -> bool:
@@ -122,8 +111,28 @@ class Excitation:
                     f"the record does not say how the body was driven: attribute {key!r} is missing; "
                     "say it in [record.excitation] of the study file, or in the record"
                 )
-        recorded = {}
-        if "excitation" in record:
-            recorded = {"time": record.time.values, "value": record["excitation"].values}
+        recorded = "excitation" in record
         numbers = {k: float(attrs[k]) for k in ("frequency", "amplitude", "phase", "cutoff") if k in attrs}
-        return cls(place=attrs["place"], quantity=attrs["quantity"], **numbers, **recorded)
+        return cls(
+            place=attrs["place"],
+            quantity=attrs["quantity"],
+            frequency=numbers.get("frequency"),
+            amplitude=numbers.get("amplitude"),
+            phase=numbers.get("phase", 0.0),
+            time=record.time.values if recorded else None,
+            value=record["excitation"].values if recorded else None,
+            cutoff=numbers.get("cutoff"),
+        )
+
+
+def _check_samples(time: np.ndarray, value: np.ndarray) -> None:
+    """Refuse a recorded input whose samples (n,) cannot be taken as a function of time."""
+    if time.shape != value.shape or time.ndim != 1 or time.size < 2:
+        raise CalibError(
+            "a recorded excitation needs time and value of one length, at least two samples; "
+            f"got shapes {time.shape} and {value.shape}"
+        )
+    if not (np.isfinite(time).all() and np.isfinite(value).all()):
+        raise CalibError("the recorded excitation holds NaN or infinity; cut those samples")
+    if (np.diff(time) <= 0.0).any():
+        raise CalibError("the time of the recorded excitation must increase from sample to sample")

@@ -4,6 +4,7 @@ import json
 from collections.abc import Mapping, Sequence
 from numbers import Real
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -27,7 +28,7 @@ def make(
     impacts: tuple[np.ndarray, np.ndarray] | None = None,
     section: Mapping[str, np.ndarray] | None = None,
     state: np.ndarray | None = None,
-    **attrs,
+    **attrs: Any,
 ) -> xr.Dataset:
     """Build a record from arrays.
 
@@ -43,20 +44,20 @@ def make(
     attrs : status (default "ok"), source, frequency [Hz], amplitude, place, quantity, ...
     """
     units = {**CHANNELS, **(units or {})}
-    variables = {}
+    variables: dict[str, xr.Variable] = {}
     for name, values in channels.items():
         values = np.asarray(values, dtype=float)
         unit = units.get(name.removesuffix("_sigma"))
         if unit is None:
             raise CalibError(f"channel {name!r} needs a unit; the channels with a known one are {sorted(CHANNELS)}")
-        variables[name] = (("body", "time") if values.ndim == 2 else ("body",), values, {"units": unit})
+        variables[name] = xr.Variable(("body", "time") if values.ndim == 2 else ("body",), values, {"units": unit})
     if impacts is not None:
-        variables["impact_time"] = ("impact", impacts[0], {"units": "s"})
-        variables["impact_speed"] = ("impact", impacts[1], {"units": "m/s"})
+        variables["impact_time"] = xr.Variable("impact", impacts[0], {"units": "s"})
+        variables["impact_speed"] = xr.Variable("impact", impacts[1], {"units": "m/s"})
     for channel, values in (section or {}).items():
-        variables[f"section_{channel}"] = (("body", "period"), values, {"units": CHANNELS[channel]})
+        variables[f"section_{channel}"] = xr.Variable(("body", "period"), values, {"units": CHANNELS[channel]})
     if state is not None:
-        variables["state"] = ("component", state)
+        variables["state"] = xr.Variable("component", state)
     record = xr.Dataset(
         variables,
         coords={"body": list(bodies), "time": ("time", np.asarray(time, dtype=float), {"units": "s"})},
@@ -66,7 +67,7 @@ def make(
     return record
 
 
-def failed(bodies: Sequence[str], status: str, reason: str, **attrs) -> xr.Dataset:
+def failed(bodies: Sequence[str], status: str, reason: str, **attrs: Any) -> xr.Dataset:
     """Build the record of a run that did not succeed: no samples, but a status and its reason."""
     return make(np.empty(0), bodies, {}, status=status, reason=reason, **attrs)
 

@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -16,7 +17,7 @@ from calib import records
 from calib.errors import CalibError, nearest
 from calib.execution.files import verified
 from calib.records.excitation import UNITS as EXCITATION_UNITS
-from calib.records.excitation import Excitation
+from calib.records.excitation import Excitation, Quantity
 from calib.records.filter import low_pass
 from calib.units import is_si, to_si
 
@@ -52,12 +53,12 @@ class ExcitationColumn:
 
     column: str | int
     place: str
-    quantity: str
+    quantity: Quantity
     unit: str
     scale: str | float = 1.0
     cutoff: float | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.quantity not in EXCITATION_UNITS or self.quantity == "free decay":
             known = sorted(set(EXCITATION_UNITS) - {"free decay"})
             raise CalibError(
@@ -100,11 +101,10 @@ class Table:
     sha256: str | None = None
     origin: str = ""
 
-    def __post_init__(self):
-        if (self.time is None) == (self.rate is None):
-            raise CalibError(f"{self.path}: a table needs either a time column or a sampling rate [Hz], one of the two")
-        if self.rate is not None and not self.rate > 0.0:
-            raise CalibError(f"{self.path}: the sampling rate must be positive [Hz], got {self.rate}")
+    def __post_init__(self) -> None:
+        clock = self.clock
+        if not isinstance(clock, TimeColumn) and not clock > 0.0:
+            raise CalibError(f"{self.path}: the sampling rate must be positive [Hz], got {clock}")
         if not self.channels:
             raise CalibError(f"{self.path}: a table needs at least one channel")
         if self.first < 0 or self.margin < 0 or self.decimate < 1:
@@ -112,6 +112,15 @@ class Table:
                 f"{self.path}: first and margin count samples from 0 and decimate from 1; "
                 f"got first = {self.first}, margin = {self.margin}, decimate = {self.decimate}"
             )
+
+    @property
+    def clock(self) -> TimeColumn | float:
+        """The column that is time, or the sampling rate [Hz]."""
+        if self.time is not None and self.rate is None:
+            return self.time
+        if self.rate is not None and self.time is None:
+            return self.rate
+        raise CalibError(f"{self.path}: a table needs either a time column or a sampling rate [Hz], one of the two")
 
 
 def read(table: Table) -> tuple[xr.Dataset, Excitation | None]:
@@ -144,8 +153,9 @@ def read(table: Table) -> tuple[xr.Dataset, Excitation | None]:
     )
     if table.drive is None:
         return records.check(record, str(table.path)), None
-    excitation = _excitation(table.drive, sheet, time)
-    record["excitation"] = ("time", excitation.value[kept], {"units": excitation.unit})
+    value = _si(table.drive, sheet, EXCITATION_UNITS[table.drive.quantity])
+    excitation = _excitation(table.drive, time, value)
+    record["excitation"] = ("time", value[kept], {"units": excitation.unit})
     record.attrs |= {"place": excitation.place, "quantity": excitation.quantity}
     if excitation.cutoff is not None:
         record.attrs["cutoff"] = excitation.cutoff
@@ -154,19 +164,22 @@ def read(table: Table) -> tuple[xr.Dataset, Excitation | None]:
     return records.check(record, str(table.path)), excitation
 
 
+Cells = Sequence[Any] | np.ndarray  # of a column, not yet known to be numbers
+
+
 @dataclass(frozen=True)
 class _Sheet:
     """The columns of a file and the samples of them that are looked at: `begin` to `end`, the record ends at `last`."""
 
     path: Path
-    columns: Mapping[str | int, Sequence]
+    columns: Mapping[str | int, Cells]
     lines: Sequence[int] | None  # line number of each sample, of a text
     unfit: Mapping[str | int, str] = field(default_factory=dict)  # what else the file names, and what that is
     begin: int = 0
     last: int = 0
     end: int = 0
 
-    def find(self, column: str | int) -> Sequence:
+    def find(self, column: str | int) -> Cells:
         """Cells of a column."""
         if column in self.columns:
             return self.columns[column]
@@ -223,13 +236,13 @@ def _text(path: Path, content: bytes) -> _Sheet:
             raise CalibError(f"{path}, line {i}: expected {len(rows[0])} cells as in line {numbers[0]}, got {len(row)}")
     names = [cell.strip() for cell in rows[0]]
     header = any(name and not _is_number(name) for name in names)
-    columns: dict = dict(enumerate(zip(*rows[header:], strict=True), 1))
+    columns: dict[str | int, Cells] = dict(enumerate(zip(*rows[header:], strict=True), 1))
     if header and columns:
         columns |= {name: columns[i] for i, name in enumerate(names, 1) if name and names.count(name) == 1}
     return _Sheet(path, columns, numbers[header:])
 
 
-def _is_number(cell) -> bool:
+def _is_number(cell: Any) -> bool:
     try:
         float(cell)
     except (ValueError, TypeError):
@@ -240,10 +253,10 @@ def _is_number(cell) -> bool:
 def _json(path: Path, content: bytes) -> _Sheet:
     """Columns, by position from 1, of a JSON list of rows, alone or as the only such member of an object."""
     try:
-        found = json.loads(content)
+        document = json.loads(content)
     except ValueError as error:
         raise CalibError(f"{path}: not a readable JSON file ({error})") from error
-    members = list(found.values()) if isinstance(found, dict) else [found]
+    members = list(document.values()) if isinstance(document, dict) else [document]
     tables = [m for m in members if isinstance(m, list) and m and all(isinstance(row, list) for row in m)]
     if len(tables) != 1:
         raise CalibError(f"{path}: expected one list of rows, found {len(tables)}; keep one")
@@ -293,9 +306,10 @@ def _described(name: str, array: np.ndarray) -> str:
 
 def _time(table: Table, sheet: _Sheet) -> np.ndarray:
     """Time (end - begin,) [s], 0 at the first sample of the record."""
-    if table.time is None:
-        return (np.arange(sheet.begin, sheet.end) - table.first) / table.rate
-    time = sheet.numbers(table.time.column) * to_si(f"1 {table.time.unit}", "s")
+    clock = table.clock
+    if not isinstance(clock, TimeColumn):
+        return (np.arange(sheet.begin, sheet.end) - table.first) / clock
+    time = sheet.numbers(clock.column) * to_si(f"1 {clock.unit}", "s")
     return time - time[table.first - sheet.begin]
 
 
@@ -352,7 +366,6 @@ def _rows(
     return np.array([given[name, body] for body in bodies])
 
 
-def _excitation(drive: ExcitationColumn, sheet: _Sheet, time: np.ndarray) -> Excitation:
+def _excitation(drive: ExcitationColumn, time: np.ndarray, value: np.ndarray) -> Excitation:
     unit = EXCITATION_UNITS[drive.quantity]
-    value = _si(drive, sheet, unit)
     return Excitation(drive.place, drive.quantity, unit, time=time, value=value, cutoff=drive.cutoff)

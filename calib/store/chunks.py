@@ -14,7 +14,7 @@ import xarray as xr
 from calib.errors import CalibError
 from calib.execution.files import read_dataset, whole, write_dataset
 from calib.execution.interrupt import uninterrupted
-from calib.execution.pool import REFUSED, Failure
+from calib.execution.pool import REFUSED, Failure, Pool
 from calib.store.lock import Lock
 
 DEFINITION = "definition"  # attribute of the joined file
@@ -28,12 +28,12 @@ def read_joined(path: str | Path) -> xr.Dataset:
     ------
     CalibError : no such file, or another one
     """
-    found = read_dataset(path)
-    if DEFINITION not in found.attrs:
+    stored = read_dataset(path)
+    if DEFINITION not in stored.attrs:
         raise CalibError(f"{path}: not a file of `calib sweep` or `calib basins`; choose another name")
-    texts = {name: variable.astype(str) for name, variable in found.variables.items() if variable.dtype == object}
-    coords = {name: text for name, text in texts.items() if name in found.coords}
-    return found.assign({name: text for name, text in texts.items() if name not in coords}).assign_coords(coords)
+    texts = {name: variable.astype(str) for name, variable in stored.variables.items() if variable.dtype == object}
+    coords = {name: text for name, text in texts.items() if name in stored.coords}
+    return stored.assign({name: text for name, text in texts.items() if name not in coords}).assign_coords(coords)
 
 
 def write_joined(dataset: xr.Dataset, definition: Mapping[str, Any], path: Path) -> None:
@@ -74,10 +74,10 @@ def joined(path: Path, definition: Mapping[str, Any], fresh: bool = False) -> xr
     """
     if not path.exists():
         return None
-    found = read_joined(path)
+    dataset = read_joined(path)
     if fresh:
         return None
-    stored = json.loads(found.attrs[DEFINITION])
+    stored = json.loads(dataset.attrs[DEFINITION])
     different = sorted(k for k in definition if k != "environment" and stored.get(k) != definition[k])
     if different:
         raise CalibError(
@@ -87,7 +87,7 @@ def joined(path: Path, definition: Mapping[str, Any], fresh: bool = False) -> xr
     if stored.get("environment") != definition.get("environment"):
         warnings.warn(f"{path} was made with other library versions or on another processor; --fresh makes it anew",
                       stacklevel=2)  # fmt: skip
-    return found
+    return dataset
 
 
 class Chunks:
@@ -117,7 +117,7 @@ class Chunks:
         self.folder.mkdir(parents=True, exist_ok=True)
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: object) -> None:
         if not any(self._hidden.rglob("*.npz")):
             shutil.rmtree(self._hidden, ignore_errors=True)
         self._lock.release()
@@ -133,14 +133,14 @@ class Chunks:
     def write(self, key: str, arrays: Mapping[str, np.ndarray]) -> None:
         """Keep a piece; when this returns, it outlives a power failure."""
         with uninterrupted(), whole(self.folder / f"{key}.npz") as temporary, open(temporary, "wb") as file:
-            np.savez(file, **arrays)
+            np.savez(file, **arrays)  # type: ignore[arg-type]  # no array of a piece is named as its option is
 
     def kept(self, keys: Iterable[str]) -> dict[str, dict[str, np.ndarray]]:
         """Return the pieces that have been done, by key."""
         return {key: arrays for key in keys if (arrays := self.read(key)) is not None}
 
     def made(
-        self, pool, tasks: Mapping[str, Any], singly: Callable[[Any], dict[str, np.ndarray]]
+        self, pool: Pool, tasks: Mapping[str, Any], singly: Callable[[Any], dict[str, np.ndarray]]
     ) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
         """Yield the arrays that `pool` makes of each task by its key, as they end and when they are kept.
 
@@ -150,16 +150,16 @@ class Chunks:
         ------
         CalibError : the call refuses what it is asked for
         """
-        keys, lost = list(tasks), []
+        keys, failed = list(tasks), list[str]()
         for index, result in pool.map(tasks.values()):
             if isinstance(result, Failure):
                 if result.status == REFUSED:
                     raise CalibError(result.reason)
-                lost.append(keys[index])
+                failed.append(keys[index])
                 continue
             self.write(keys[index], result)
             yield keys[index], result
-        for key in lost:
+        for key in failed:
             arrays = singly(tasks[key])
             self.write(key, arrays)
             yield key, arrays

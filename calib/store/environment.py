@@ -4,6 +4,7 @@ import platform
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 
 import numpy.linalg  # noqa: F401 - threadpoolctl sees the linear algebra that is loaded, and each brings its own
 import scipy.linalg  # noqa: F401
@@ -14,7 +15,7 @@ LIBRARIES = ("calib", "numpy", "scipy", "numba", "llvmlite", "cma", "optuna")
 
 
 @cache
-def environment() -> dict:
+def environment() -> dict[str, Any]:
     """Versions by name, the processor, the name numba compiles for, and the kernels and threads of each BLAS.
 
     The kernel that a BLAS picks by the processor, or by a variable such as OPENBLAS_CORETYPE, and its number of threads
@@ -31,7 +32,7 @@ def environment() -> dict:
 
 def _blas() -> dict[str, str]:
     """Kernel and threads of each BLAS in this process, by the folder it was loaded from."""
-    found = {
+    kernels = {
         Path(blas["filepath"]).parent.name: (
             f"{blas['internal_api']} {blas['version']}, kernel {blas.get('architecture', 'unknown')}, "
             f"{blas['num_threads']} thread(s)"
@@ -39,7 +40,7 @@ def _blas() -> dict[str, str]:
         for blas in threadpool_info()
         if blas["user_api"] == "blas"
     }
-    return dict(sorted(found.items()))  # they are listed in the order in which they were loaded
+    return dict(sorted(kernels.items()))  # they are listed in the order in which they were loaded
 
 
 def _processor() -> str:

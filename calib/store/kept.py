@@ -4,7 +4,7 @@ import json
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 from urllib.parse import quote
 
 import xarray as xr
@@ -51,16 +51,16 @@ class Kept:
         """Whether the records of a trial are to be kept."""
         return improves or self._keep == "all"
 
-    def write(self, number: int, records: Mapping[str, xr.Dataset], provenance: Mapping) -> None:
+    def write(self, number: int, records: Mapping[str, xr.Dataset], provenance: Mapping[str, Any]) -> None:
         """Write the records of a trial."""
         self._write(self._records, f"{number:06d}", number, records, provenance)
 
-    def write_best(self, number: int, records: Mapping[str, xr.Dataset], provenance: Mapping) -> None:
+    def write_best(self, number: int, records: Mapping[str, xr.Dataset], provenance: Mapping[str, Any]) -> None:
         """Write records of trial `number` as the best ones, other than those kept of it."""
         self._write(self._folder, "best", number, records, provenance)
 
     def _write(
-        self, folder: Path, stem: str, number: int, records: Mapping[str, xr.Dataset], provenance: Mapping
+        self, folder: Path, stem: str, number: int, records: Mapping[str, xr.Dataset], provenance: Mapping[str, Any]
     ) -> None:
         text = json.dumps(provenance)
         with mendable(folder):

@@ -20,10 +20,11 @@ from calib.store.trial import Trial, line, trial_of
 
 TRIALS, RESIDUALS = "trials.jsonl", "residuals.f64"
 FORMAT = 1
-FLOAT = 8  # bytes of a residual
+Header = dict[str, Any]  # of a segment, as JSON has it; its keys stand at `Ledger`
+BYTES_PER_RESIDUAL = 8  # float64
 
 
-def read(folder: str | Path, definition: Mapping[str, Any] | None = None) -> tuple[dict, list[Trial]]:
+def read(folder: str | Path, definition: Mapping[str, Any] | None = None) -> tuple[Header, list[Trial]]:
     """Header now in force and the trials of a study's folder, without a lock; a run may be going on there.
 
     Raises
@@ -57,7 +58,7 @@ class Ledger:
         self._file = self._side = -1
         self._end = self._side_end = 0
         self._next = 0
-        self.header: dict = {}
+        self.header: Header = {}
 
     def open(self, header: Mapping[str, Any]) -> list[Trial]:
         """Repair what a kill left behind, compare the header, and return the trials logged so far.
@@ -83,7 +84,7 @@ class Ledger:
             self._begin(header, definition, here)
         return content.trials
 
-    def _begin(self, header: Mapping[str, Any], definition: dict, here: dict) -> None:
+    def _begin(self, header: Mapping[str, Any], definition: dict[str, Any], here: Mapping[str, Any]) -> None:
         canonical = json.dumps(definition, separators=(",", ":"))
         self._head(
             {
@@ -104,7 +105,7 @@ class Ledger:
         os.fsync(folder)
         os.close(folder)
 
-    def _go_on(self, content: "_Content", header: Mapping[str, Any], here: dict) -> None:
+    def _go_on(self, content: "_Content", header: Mapping[str, Any], here: dict[str, Any]) -> None:
         """Take up the last segment, or begin a new one where libraries, processor or BLAS are others now."""
         last = content.headers[-1]
         self.header = last
@@ -138,16 +139,16 @@ class Ledger:
         place = None
         if trial.residuals is not None:
             data = np.ascontiguousarray(trial.residuals, dtype="<f8")
-            place = (self._side_end // FLOAT, data.size)
+            place = (self._side_end // BYTES_PER_RESIDUAL, data.size)
             self._write(self._side, self._side_path, data.tobytes(), self._side_end)
         text = (line(trial, place) + "\n").encode()
         self._write(self._file, self._path, text, self._end)
         self._end += len(text)
         self._next = max(self._next, trial.number + 1)
         if place is not None:
-            self._side_end += FLOAT * place[1]
+            self._side_end += BYTES_PER_RESIDUAL * place[1]
 
-    def _head(self, header: dict) -> None:
+    def _head(self, header: Header) -> None:
         self.header = {**header, "time": datetime.now(UTC).isoformat(timespec="seconds")}
         text = (json.dumps(self.header, allow_nan=False, separators=(",", ":")) + "\n").encode()
         self._write(self._file, self._path, text, self._end)
@@ -189,7 +190,7 @@ def mendable(path: Path) -> Iterator[None]:
 class _Content:
     """What is whole in a ledger: headers, trials, and where each file ends  [bytes]."""
 
-    headers: list[dict]
+    headers: list[Header]
     trials: list[Trial]
     end: int
     side_end: int
@@ -206,8 +207,9 @@ def _parse(path: Path) -> _Content:
         residuals = np.frombuffer(side.read_bytes() if side.exists() else b"", dtype=np.uint8)
     except OSError as error:
         raise CalibError(f"cannot read {path}: {error.strerror}") from error
-    residuals = residuals[: residuals.size // FLOAT * FLOAT].view("<f8")
-    headers, trials, end, side_end = [], [], 0, 0
+    residuals = residuals[: residuals.size // BYTES_PER_RESIDUAL * BYTES_PER_RESIDUAL].view("<f8")
+    headers, trials = list[Header](), list[Trial]()
+    end, side_end = 0, 0
     lines = raw.splitlines(keepends=True)
     for index, text in enumerate(lines):
         try:
@@ -237,12 +239,12 @@ def _parse(path: Path) -> _Content:
                 break
             own = None if content["residuals"] is None else residuals[offset : offset + length]
             trials.append(replace(trial, residuals=own))
-            side_end = max(side_end, FLOAT * (offset + length))
+            side_end = max(side_end, BYTES_PER_RESIDUAL * (offset + length))
         end += len(text)
     return _Content(headers, trials, end, side_end)
 
 
-def _compare(path: Path, old: dict, new: dict) -> None:
+def _compare(path: Path, old: dict[str, Any], new: dict[str, Any]) -> None:
     changes = differences(old, new)
     if changes:
         raise CalibError(
@@ -259,33 +261,33 @@ def _damaged(path: Path, index: int) -> CalibError:
     )
 
 
-def _known(header: dict, path: Path) -> dict:
+def _known(header: Header, path: Path) -> Header:
     if header["format"] != FORMAT:
         raise CalibError(f"{path}: format {header['format']}, this calib reads {FORMAT}; use the calib that wrote it")
     return header
 
 
 def differences(old: Any, new: Any, where: str = "") -> list[str]:
-    """Lines "key: old -> new" of two nested things of dicts, lists and plain values; keys joined by dots."""
+    """Lines "key: old -> new" of two nests of dicts, lists and plain values; keys joined by dots."""
     if isinstance(old, dict) and isinstance(new, dict):
-        found = []
+        lines = []
         for key in [*old, *(key for key in new if key not in old)]:
-            place = f"{where}.{key}" if where else str(key)
+            path = f"{where}.{key}" if where else str(key)
             if key not in new:
-                found.append(f"{place}: {_short(old[key])} -> (absent)")
+                lines.append(f"{path}: {_short(old[key])} -> (absent)")
             elif key not in old:
-                found.append(f"{place}: (absent) -> {_short(new[key])}")
+                lines.append(f"{path}: (absent) -> {_short(new[key])}")
             else:
-                found += differences(old[key], new[key], place)
-        if not found and list(old) != list(new):
-            found.append(f"{where or 'keys'}: order {list(old)} -> {list(new)}")
-        return found
+                lines += differences(old[key], new[key], path)
+        if not lines and list(old) != list(new):
+            lines.append(f"{where or 'keys'}: order {list(old)} -> {list(new)}")
+        return lines
     if isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
         pairs = enumerate(zip(old, new, strict=True))
         return [text for index, pair in pairs for text in differences(*pair, f"{where}[{index}]")]
     return [] if old == new else [f"{where}: {_short(old)} -> {_short(new)}"]
 
 
-def _short(thing: Any) -> str:
-    text = json.dumps(thing)
+def _short(value: Any) -> str:
+    text = json.dumps(value)
     return text if len(text) <= 80 else text[:77] + "..."

@@ -11,7 +11,7 @@ from pathlib import Path
 from calib.errors import CalibError
 
 NAME = "trials.lock"
-PATIENCE = 0.5  # s: `held` takes the lock for an instant to look at it
+MAX_WAIT = 0.5  # s, for the lock: `held` takes it for an instant to look at it
 
 
 class Lock:
@@ -60,8 +60,8 @@ class Lock:
 
 
 def _lock(handle: int) -> None:
-    """Take the lock on an open file, within some patience."""
-    limit = time.monotonic() + PATIENCE
+    """Take the lock on an open file; where another process holds it, try again for `MAX_WAIT`."""
+    limit = time.monotonic() + MAX_WAIT
     while True:
         try:
             return fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import optuna
 from optuna.artifacts import ArtifactMeta, FileSystemArtifactStore
@@ -25,9 +26,9 @@ from calib.store.plain import plain
 from calib.store.trial import Trial
 
 JOURNAL, ARTIFACTS = "optuna.log", "artifacts"
-BATCH, PATIENCE = 16, 2.0  # trials, s: how far the view may lag behind the ledger
+MAX_LAG, MAX_LAG_SECONDS = 16, 2.0  # trials, s: by which the view may be behind the ledger
 PASSWORD = re.compile(r"(?<=:)[^:/@]+(?=@)")  # of a URL
-STALE = 2.0  # s, age at which a journal's lock can only be that of a dead process
+STALE_LOCK_AGE = 2.0  # s, at which a journal's lock can only be that of a dead process
 
 
 def storage(folder: str | Path, view: str = "journal") -> BaseStorage:
@@ -37,8 +38,8 @@ def storage(folder: str | Path, view: str = "journal") -> BaseStorage:
     return get_storage(view)
 
 
-def told(view: str) -> str:
-    """Address of a view as it may be told: without its password."""
+def address_without_password(view: str) -> str:
+    """Address of a view, its password replaced by asterisks."""
     return PASSWORD.sub("***", view)
 
 
@@ -50,7 +51,7 @@ class _Journal(JournalFileBackend):
         self._mirror, self._guard = str(path.absolute()), JournalFileSymlinkLock(str(path.absolute()))
         super().__init__(self._mirror, self._guard)
 
-    def append_logs(self, logs: list[dict]) -> None:
+    def append_logs(self, logs: list[dict[str, Any]]) -> None:
         """Add lines to the file."""
         text = "".join(json.dumps(log, separators=(",", ":")) + "\n" for log in logs)
         self._guard.acquire()
@@ -73,12 +74,12 @@ class OptunaView:
     header : of the ledger; its definition's `windows` give the parameters, {name: {"low", "high", "scale"}}
     """
 
-    def __init__(self, folder: Path, view: str, header: Mapping):
+    def __init__(self, folder: Path, view: str, header: Mapping[str, Any]):
         if view == "journal":
             _mend_journal(folder / JOURNAL)
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         self._ledger = header["id"]
-        self._windows = {
+        self._windows: dict[str, FloatDistribution] = {
             name: FloatDistribution(w["low"], w["high"], log=w["scale"] == "log")
             for name, w in header["definition"]["windows"].items()
         }
@@ -109,10 +110,10 @@ class OptunaView:
     def catch_up(self, trials: Iterable[Trial], picture: Callable[[Trial], bytes | None]) -> None:
         """Add the trials that the view lacks; fail what a killed process left running in it."""
         present = set()
-        for trial in self._storage.get_all_trials(self._study, deepcopy=False):
-            if trial.state == TrialState.RUNNING:
-                self._storage.set_trial_state_values(trial._trial_id, TrialState.FAIL)
-            present.add(trial.user_attrs.get("number"))
+        for mirrored in self._storage.get_all_trials(self._study, deepcopy=False):
+            if mirrored.state == TrialState.RUNNING:
+                self._storage.set_trial_state_values(mirrored._trial_id, TrialState.FAIL)
+            present.add(mirrored.user_attrs.get("number"))
         for trial in trials:
             if trial.number not in present:
                 self._waiting.append(self._frozen(trial, picture(trial)))
@@ -121,7 +122,7 @@ class OptunaView:
     def add(self, trial: Trial, picture: bytes | None = None) -> None:
         """Take a finished trial, with a picture of it (PNG)."""
         self._waiting.append(self._frozen(trial, picture))
-        if len(self._waiting) >= BATCH or time.monotonic() - self._flushed > PATIENCE:
+        if len(self._waiting) >= MAX_LAG or time.monotonic() - self._flushed > MAX_LAG_SECONDS:
             self.flush()
 
     def flush(self) -> None:
@@ -141,7 +142,7 @@ class OptunaView:
             datetime_start=end - timedelta(seconds=trial.seconds),
             datetime_complete=end,
             params={n: min(d.high, max(d.low, trial.values[n])) for n, d in self._windows.items()},
-            distributions=self._windows,
+            distributions=dict(self._windows),
             user_attrs={
                 "number": trial.number,
                 "phase": trial.phase,
@@ -179,7 +180,7 @@ def _mend_journal(path: Path) -> None:
             age = time.time() - lock.lstat().st_mtime
         except FileNotFoundError:
             break
-        if age > STALE:
+        if age > STALE_LOCK_AGE:
             lock.unlink(missing_ok=True)
         else:
             time.sleep(0.05)

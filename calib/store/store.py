@@ -5,16 +5,17 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any, Self
 
 import xarray as xr
 
 from calib.store.kept import Keep, Kept
-from calib.store.ledger import RESIDUALS, TRIALS, Ledger, mendable
+from calib.store.ledger import RESIDUALS, TRIALS, Header, Ledger, mendable
 from calib.store.lock import Lock
-from calib.store.optuna_view import ARTIFACTS, JOURNAL, OptunaView, told
+from calib.store.optuna_view import ARTIFACTS, JOURNAL, OptunaView, address_without_password
 from calib.store.trial import Trial, best
 
-SAID = ("result.json", "report.html")  # what `calib.workflows.calibrate` says of the trials
+RESULT_FILES = ("result.json", "report.html")  # that `calib.workflows.calibrate` makes of the trials
 Picture = Callable[[Trial, Mapping[str, xr.Dataset]], bytes]
 
 
@@ -45,11 +46,11 @@ class Store:
         self.best: Trial | None = None
 
     @property
-    def header(self) -> dict:
+    def header(self) -> Header:
         """Header of the segment now in force; see `calib.store.ledger.Ledger`."""
         return self._ledger.header
 
-    def open(self, header: Mapping, fresh: bool = False) -> list[Trial]:
+    def open(self, header: Mapping[str, Any], fresh: bool = False) -> list[Trial]:
         """Take the folder for the study of `header` and return the trials it has, in the order they ended.
 
         Parameters
@@ -73,11 +74,11 @@ class Store:
         except BaseException:
             self.close()
             raise
-        self._look(lambda: self._open_view(trials))
+        self._update_view(lambda: self._open_view(trials))
         return trials
 
     def _set_aside(self) -> None:
-        names = [TRIALS, RESIDUALS, JOURNAL, ARTIFACTS, "records", *SAID]
+        names = [TRIALS, RESIDUALS, JOURNAL, ARTIFACTS, "records", *RESULT_FILES]
         present = [path for name in names if (path := self.folder / name).exists()]
         present += self.folder.glob("best*.nc")
         if not present:
@@ -101,16 +102,16 @@ class Store:
         CalibError : disk full or not writable; the trials logged before are safe
         """
         improves = trial.scored and (self.best is None or trial.rank < self.best.rank)
-        keep = bool(records) and trial.scored and self._kept.wants(improves)
-        if keep:  # before the line: a logged trial is never evaluated again
-            self._kept.write(trial.number, records, self._provenance(trial))
+        kept = records if records and trial.scored and self._kept.wants(improves) else None
+        if kept is not None:  # before the line: a logged trial is never evaluated again
+            self._kept.write(trial.number, kept, self._provenance(trial))
         self._ledger.append(trial)
         if improves:
             self.best = trial
             self._kept.promote(trial.number)
-        if self._view is not None:
-            png = self._drawn(trial, records) if keep else None
-            self._look(lambda: self._view.add(trial, png))
+        if (view := self._view) is not None:
+            png = None if kept is None else self._drawn(trial, kept)
+            self._update_view(lambda: view.add(trial, png))
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -140,7 +141,7 @@ class Store:
         """Begin a new segment of the ledger; see `calib.store.ledger.Ledger`."""
         self._ledger.begin_segment(budget)
 
-    def _provenance(self, trial: Trial) -> dict:
+    def _provenance(self, trial: Trial) -> dict[str, Any]:
         header = {key: self.header[key] for key in ("name", "digest", "id", "versions", "processor", "cpu", "blas")}
         score = {"total": trial.total, "terms": {k: v for k, v in trial.terms.items() if v < float("inf")}}
         return {"trial": trial.number, "values": trial.values, "score": score, "kind": trial.kind, "study": header}
@@ -158,13 +159,13 @@ class Store:
         records = {} if self._picture is None else self._kept.read(trial.number)
         return self._drawn(trial, records) if records else None
 
-    def _look(self, deed: Callable[[], None]) -> None:
-        """Do something with the view; where that fails, the study goes on without it."""
+    def _update_view(self, update: Callable[[], None]) -> None:
+        """Call `update`, which writes to the view; where that fails, the study goes on without a view."""
         try:
-            deed()
+            update()
         except Exception as error:  # databases fail in many ways, and none of them is the study's business
             self._view = None
-            name = told(self._view_name)
+            name = address_without_password(str(self._view_name))
             warnings.warn(
                 f"the Optuna view ({name}) failed: {type(error).__name__}: {error}; the study goes on "
                 "without it, the ledger has all trials, and the view is mended when the study is next opened",
@@ -174,13 +175,13 @@ class Store:
     def close(self) -> None:
         """Bring the view up to date, close the files and give the folder back."""
         if self._view is not None:
-            self._look(self._view.close)
+            self._update_view(self._view.close)
             self._view = None
         self._ledger.close()
         self._lock.release()
 
-    def __enter__(self):
+    def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *exception):
+    def __exit__(self, *exception: object) -> None:
         self.close()

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -60,7 +60,7 @@ class Trial:
         return (self.total, self.number)
 
 
-def best(trials) -> Trial | None:
+def best(trials: Iterable[Trial]) -> Trial | None:
     """Trial with the lowest finite total, the earliest among equals; None where all failed."""
     scored = [trial for trial in trials if trial.scored]
     return min(scored, key=lambda trial: trial.rank, default=None)

@@ -62,7 +62,7 @@ def impact(phase: np.ndarray, velocity: np.ndarray) -> tuple[float, float, float
     return float((phase[0] + place * spacing) % (size * spacing)), change, float(spacing * contact)
 
 
-def _hump(values, centre):
+def _hump(values: np.ndarray, centre: int) -> np.ndarray:
     """Return the values of the stretch around `centre` that is positive, zero elsewhere."""
     negative = np.flatnonzero(values <= 0.0)
     left = negative[negative < centre].max(initial=-1)
@@ -72,7 +72,7 @@ def _hump(values, centre):
     return hump
 
 
-def _width(values, centre):
+def _width(values: np.ndarray, centre: int) -> float:
     """Length in samples of the stretch around `centre` that is positive, its ends interpolated."""
     width = 0.0
     for side in (values[centre:], values[centre::-1]):

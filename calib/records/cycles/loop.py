@@ -106,7 +106,7 @@ def samples_in_step(time: np.ndarray, period: float, samples: int, periods: int,
     return bool(uniform and drift < tolerance)
 
 
-def _as_sampled(values, offset, own, periods, count):
+def _as_sampled(values: np.ndarray, offset: float, own: int, periods: int, count: int) -> tuple[np.ndarray, np.ndarray]:
     size = own * periods
     first = int(np.floor(offset + 0.01))
     cycles = values[:, : count * size].reshape(len(values), count, size)
@@ -116,7 +116,9 @@ def _as_sampled(values, offset, own, periods, count):
     return cycles, (np.arange(size) + max(0.0, offset - first)) / own
 
 
-def _interpolated(time, values, period, periods, count, samples):
+def _interpolated(
+    time: np.ndarray, values: np.ndarray, period: float, periods: int, count: int, samples: int
+) -> tuple[np.ndarray, np.ndarray]:
     end = time[0] + count * period * periods
     if time[-1] < end:  # within one sample of it, see `cut`
         last = np.searchsorted(time, end - period * periods)

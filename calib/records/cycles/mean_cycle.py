@@ -6,6 +6,7 @@ the periodic cubic spline that fits them best (de Boor, A Practical Guide to Spl
 interpolated, so that what is left about the mean cycle has the variance and the autocorrelation of the noise.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -111,7 +112,7 @@ def mean_cycle(
     return MeanCycle(phase, loop, values - fitted, weight, nearest, parameters, length)
 
 
-def _phase_means(values, weight, place, size) -> tuple[np.ndarray, np.ndarray]:
+def _phase_means(values: np.ndarray, weight: np.ndarray, place: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
     """Loop (row, size) and fitted samples (row, n): means of the samples (row, n) at the same `place` (n,)."""
     if (weight == 1.0).all() and values.shape[1] % size == 0:
         loop = np.roll(values.reshape(len(values), -1, size).mean(axis=1), place[0], axis=1)
@@ -123,29 +124,38 @@ def _phase_means(values, weight, place, size) -> tuple[np.ndarray, np.ndarray]:
     return loop, loop[:, place]
 
 
-def _of_spline(turn, values, weight, sizes, grid) -> tuple[np.ndarray, np.ndarray, int]:
+def _of_spline(
+    turn: np.ndarray, values: np.ndarray, weight: np.ndarray, sizes: Sequence[int], grid: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, int]:
     """Loop (row, phase) at `grid`, fitted samples (row, n) and number of knots, the best of `sizes`.
 
-    turn, grid : places of the samples (n,) and of the loop (phase,), in cycles
+    turn, grid : positions of the samples (n,) and of the loop (phase,), in cycles
     """
-    chosen, best = None, np.inf
-    for knots in sizes:
-        if chosen is not None and turn.size < SAMPLES_PER_KNOT * knots:
+    best, knots = _fitted(turn, values, weight, sizes[0]), sizes[0]
+    for more in sizes[1:]:
+        if turn.size < SAMPLES_PER_KNOT * more:
             break
-        made = _spline if turn.size <= MAX_SAMPLES_KEPT else _spline.__wrapped__
-        spline = made((turn - turn[0]).tobytes(), knots)
-        coefficients = np.array([spline.fitted(row, w) for row, w in zip(values, weight, strict=True)])
-        fitted = coefficients @ spline.basis.T
-        criterion = _schwarz(values, fitted, weight, knots)
-        if criterion < best:
-            chosen, best = (coefficients, fitted, knots), criterion
-    coefficients, fitted, knots = chosen
-    return coefficients @ _basis(grid - turn[0], knots).T, fitted, knots
+        finer = _fitted(turn, values, weight, more)
+        if finer[0] < best[0]:
+            best, knots = finer, more
+    _, coefficients, samples = best
+    return coefficients @ _basis(grid - turn[0], knots).T, samples, knots
+
+
+def _fitted(
+    turn: np.ndarray, values: np.ndarray, weight: np.ndarray, knots: int
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """Schwarz's criterion, coefficients (row, knots) and fitted samples (row, n) of the spline of so many knots."""
+    made = _spline if turn.size <= MAX_SAMPLES_KEPT else _spline.__wrapped__
+    spline = made((turn - turn[0]).tobytes(), knots)
+    coefficients = np.array([spline.fitted(row, w) for row, w in zip(values, weight, strict=True)])
+    fitted = coefficients @ spline.basis.T
+    return _schwarz(values, fitted, weight, knots), coefficients, fitted
 
 
 @lru_cache(maxsize=SPLINES_KEPT)
 def _spline(turn: bytes, knots: int) -> "_Spline":
-    """Periodic spline at places (n,) of float64, in cycles from a knot: records share their clocks."""
+    """Periodic spline at positions (n,) of float64, in cycles from a knot: records share their clocks."""
     return _Spline(_basis(np.frombuffer(turn), knots))
 
 
@@ -179,7 +189,7 @@ class _Spline:
 
 
 def _basis(turn: np.ndarray, knots: int) -> sparse.csr_array:
-    """Periodic cubic B-splines (n, knots) at places `turn` (n,), counted in cycles from a knot."""
+    """Periodic cubic B-splines (n, knots) at positions `turn` (n,), counted in cycles from a knot."""
     place = np.minimum((turn % 1.0) * knots, np.nextafter(knots, 0.0))
     spread = BSpline.design_matrix(place, np.arange(-DEGREE, knots + DEGREE + 1, dtype=float), DEGREE)
     index = np.arange(knots + DEGREE)
@@ -187,7 +197,7 @@ def _basis(turn: np.ndarray, knots: int) -> sparse.csr_array:
     return sparse.csr_array(spread) @ wrapped
 
 
-def _schwarz(values, fitted, weight, knots) -> float:
+def _schwarz(values: np.ndarray, fitted: np.ndarray, weight: np.ndarray, knots: int) -> float:
     """Schwarz's criterion of all rows (row, n) together."""
     counted = np.maximum(weight.sum(axis=1), 1.0)
     size = np.maximum((weight * values**2).sum(axis=1), 1e-300)

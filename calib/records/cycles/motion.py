@@ -1,5 +1,6 @@
 """The kind of a motion: after how many periods of the excitation it returns."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,10 +89,10 @@ def _amplitude(values: np.ndarray) -> float:
     return float(0.5 * np.ptp(values, axis=-1).max()) or 1.0
 
 
-def _from_section(record, sections):
+def _from_section(record: xr.Dataset, sections: Mapping[str, np.ndarray]) -> MotionKind:
     states = np.concatenate([values / _amplitude(record.variables[c].values) for c, values in sections.items()])
     size = states.shape[1]
-    differences, recurrence = [], []
+    differences, recurrence = list[np.ndarray](), list[float]()
     for lag in range(1, LAGS + 1):
         difference = np.abs(states[:, lag:] - states[:, :-lag]).max(axis=0)
         differences.append(difference)
@@ -101,19 +102,19 @@ def _from_section(record, sections):
     settled = recurrence[-1] <= TOLERANCE
     shrinking = [n for n, d in enumerate(differences, 1) if recurrence[n - 1] > TOLERANCE and _shrinks(d)]
     shrinking = [n for n in shrinking if not settled or (n < lag and lag % n == 0)]
-    said = f"over {size} periods the state {{}} of the amplitude (tolerance {TOLERANCE:.0e})"
+    sentence = f"over {size} periods the state {{}} of the amplitude (tolerance {TOLERANCE:.0e})"
     if shrinking:
         n = shrinking[0]
         text = f"still settles towards period-{n}: {n} period(s) apart it differs by {recurrence[n - 1]:.1e}, falling,"
-        return MotionKind(UNDECIDED, None, said.format(text), tuple(recurrence), n)
+        return MotionKind(UNDECIDED, None, sentence.format(text), tuple(recurrence), n)
     if settled:
-        text = said.format(f"returns after {lag} period(s) within {recurrence[-1]:.1e}")
+        text = sentence.format(f"returns after {lag} period(s) within {recurrence[-1]:.1e}")
         return MotionKind(f"period-{lag}", lag, text, tuple(recurrence))
-    text = said.format(f"does not return within {LAGS} periods, best after {_best(recurrence)}: {min(recurrence):.1e}")
-    return MotionKind(IRREGULAR, None, text + ALONE, tuple(recurrence))
+    text = f"does not return within {LAGS} periods, best after {_best(recurrence)}: {min(recurrence):.1e}"
+    return MotionKind(IRREGULAR, None, sentence.format(text) + ALONE, tuple(recurrence))
 
 
-def _best(recurrence):
+def _best(recurrence: Sequence[float]) -> int:
     return int(np.argmin(recurrence)) + 1
 
 
@@ -131,7 +132,7 @@ def _shrinks(difference: np.ndarray) -> bool:
     return bool(slope * logarithm.size < -0.1 and explained > 0.9)
 
 
-def _from_cycles(record):
+def _from_cycles(record: xr.Dataset) -> MotionKind:
     period, time = period_of(record), record.variables["time"].values
     count, own, _ = cycles_in(time, period, 1)
     if count <= record.attrs.get("returns_after", 0):
@@ -156,12 +157,13 @@ def _from_cycles(record):
     return MotionKind(UNDECIDED, None, f"{text}, and are too few to call it irregular", tuple(recurrence))
 
 
-def _from_mean_cycles(record, period, count):
-    """Kind of a record whose clock runs freely: by what its samples leave about mean cycles of 1, 2, ... periods.
+def _from_mean_cycles(record: xr.Dataset, period: float, count: int) -> MotionKind:
+    """Kind of a record whose clock runs freely: by its residuals about mean cycles of 1, 2, ... periods.
 
-    A motion returns after so many periods where no longer cycle leaves much less, and little is left at all. What is
-    left is measured by its median: a jump of velocity between samples is left about any cycle, but at few instants.
-    The steps of a converter leave as much: they are alike wherever samples fall on the same phases again.
+    A motion returns after so many periods where the residuals about no longer cycle are much smaller, and these are
+    small themselves. Their size is taken from the median of their absolute values: a jump of velocity between samples
+    makes a residual about any cycle, but at few instants. The steps of a converter repeat wherever samples fall on the
+    same phases again, and set a lower bound.
     """
     time = record.variables["time"].values
     present = [channel for channel in STATE if channel in record.variables]
@@ -170,28 +172,28 @@ def _from_mean_cycles(record, period, count):
     values = [sampled(record, channel) for channel in present]
     amplitude = np.concatenate([np.full(len(v), _amplitude(v)) for v in values])
     noise = np.concatenate([_noise(record, c, v) for c, v in zip(present, values, strict=True)]) / amplitude
-    stacked, left = np.concatenate(values) / amplitude[:, None], []
+    stacked, sizes = np.concatenate(values) / amplitude[:, None], list[np.ndarray]()
     for lag in range(1, max(1, min(LAGS, count // CYCLES_OF_A_MEAN)) + 1):
         mean = mean_cycle(time, stacked, period, lag, refined=False)
         free = max(0.1, 1.0 - mean.parameters / time.size)
-        left.append(np.median(np.abs(mean.residual), axis=1) / (MEDIAN_TO_STD * np.sqrt(free)))
-        if (left[-1] <= NOISE * np.maximum(noise, TOLERANCE)).all():
+        sizes.append(np.median(np.abs(mean.residual), axis=1) / (MEDIAN_TO_STD * np.sqrt(free)))
+        if (sizes[-1] <= NOISE * np.maximum(noise, TOLERANCE)).all():
             break
-    deviations = np.array(left)
+    deviations = np.array(sizes)
     steps = np.concatenate([_steps(v) for v in values]) / (4.0 * MEDIAN_TO_STD * amplitude)  # median: a fourth
     least = np.maximum(np.maximum(deviations.min(axis=0), TOLERANCE), steps)
     limit = NOISE * np.minimum(least, np.maximum(noise, COARSE))
     returning = np.flatnonzero((deviations <= limit).all(axis=1))
     recurrence = tuple(float(np.sqrt(2.0) * d.max()) for d in deviations)
     if not returning.size:
-        text = f"{count} cycles of the record, sampled freely, do not return within {len(left)} period(s)"
+        text = f"{count} cycles of the record, sampled freely, do not return within {len(sizes)} period(s)"
         return MotionKind(UNDECIDED, None, text, recurrence)
     n = int(returning[0]) + 1
     text = f"its {count} cycles leave {deviations[n - 1].max():.1e} of the amplitude about a mean of {n} period(s)"
     return MotionKind(f"period-{n}", n, text, recurrence[:n])
 
 
-def _stated(record):
+def _stated(record: xr.Dataset) -> MotionKind:
     """Kind of a record that is one closed curve: it returns after as many periods as the record says."""
     n = int(record.attrs["returns_after"])
     return MotionKind(
@@ -199,7 +201,7 @@ def _stated(record):
     )
 
 
-def _normalised_cycles(record):
+def _normalised_cycles(record: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     """Cycles (row, cycle, phase) over the amplitude of their channel, and the deviation of their noise (row,)."""
     period, time = period_of(record), record.variables["time"].values
     cycles, noise = [], []
@@ -214,7 +216,7 @@ def _normalised_cycles(record):
     return np.concatenate(cycles), np.maximum(np.concatenate(noise), TOLERANCE / (np.sqrt(2.0) * NOISE))
 
 
-def _noise(record, channel, values):
+def _noise(record: xr.Dataset, channel: str, values: np.ndarray) -> np.ndarray:
     """Standard deviation (row,) of the noise of a channel, that of the steps of its converter at least."""
     name = f"{channel}_sigma"
     if name in record.variables:
