@@ -7,6 +7,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from calib.errors import CalibError, nearest
 
@@ -48,7 +49,7 @@ def load(group: str, name: str, folder: Path | None = None):
         raise CalibError(f"{group}: {name!r} ({known[name].value}) does not load: {error!r}") from error
 
 
-def load_all(group: str) -> dict[str, object]:
+def load_all(group: str) -> dict[str, Any]:
     """Return every thing of a group by name; one that does not load is skipped with a warning."""
     things = {}
     for name in names(group):

@@ -23,7 +23,7 @@ class Amplitude:
     name = "amplitude"
     unit = "that of the channel"
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "channels", as_names(self.channels))
 
     def __call__(self, record: xr.Dataset, bodies: Sequence[str] | None = None) -> xr.DataArray:
@@ -42,4 +42,4 @@ class Amplitude:
 
     def scale(self, reference: xr.DataArray) -> xr.DataArray:
         """Return the reference's own amplitude (body, channel): 10 % larger scores 0.10."""
-        return np.abs(reference)
+        return abs(reference)

@@ -10,23 +10,27 @@ from calib.records import STATE
 from calib.records.cycles import impact, mean_cycle, period_of, rows
 
 
-def compared_channels(record: xr.Dataset, wanted: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the channels wanted, or, where none are named, displacement and velocity as the record has them."""
-    if wanted:
-        return wanted
+def compared_channels(record: xr.Dataset, named: Sequence[str]) -> tuple[str, ...]:
+    """Return the channels named, or, where none are, displacement and velocity as the record has them."""
+    if named:
+        return tuple(named)
     present = tuple(channel for channel in STATE if channel in record.variables)
     if not present:
         raise CalibError("the record has neither displacement nor velocity; name the channels to compare")
     return present
 
 
-def labelled(values: np.ndarray, record: xr.Dataset, bodies, channels, *dims: str) -> xr.DataArray:
+def labelled(
+    values: np.ndarray, record: xr.Dataset, bodies: Sequence[str] | None, channels: Sequence[str], *dims: str
+) -> xr.DataArray:
     """Put the names of bodies and channels to values (body, channel, *dims)."""
     names = list(bodies or record.variables["body"].values.tolist())
     return xr.DataArray(values, dims=("body", "channel", *dims), coords={"body": names, "channel": list(channels)})
 
 
-def mean_loops(record: xr.Dataset, bodies, channels, periods: int = 1) -> tuple[np.ndarray, np.ndarray]:
+def mean_loops(
+    record: xr.Dataset, bodies: Sequence[str] | None, channels: Sequence[str], periods: int = 1
+) -> tuple[np.ndarray, np.ndarray]:
     """Mean closed loops (body, channel, phase) and their phase [1, in periods]."""
     mean = mean_cycle(record.variables["time"].values, rows(record, bodies, channels), period_of(record), periods)
     return mean.loop.reshape(-1, len(channels), mean.phase.size), mean.phase
@@ -34,8 +38,8 @@ def mean_loops(record: xr.Dataset, bodies, channels, periods: int = 1) -> tuple[
 
 def spread(reference: xr.DataArray) -> xr.DataArray:
     """Root mean square about the mean along the last dimension; of a constant, its magnitude."""
-    last = reference.dims[-1]
-    std, largest = reference.std(last), np.abs(reference).max(last)
+    last = str(reference.dims[-1])
+    std, largest = reference.std(last), abs(reference).max(last)
     return std.where(std > 1e-9 * largest, largest)
 
 
@@ -49,7 +53,9 @@ def as_names(names: Sequence[str] | str) -> tuple[str, ...]:
     return (names,) if isinstance(names, str) else tuple(names)
 
 
-def picked(values: np.ndarray, record: xr.Dataset, bodies, channels, *dims: str) -> xr.DataArray:
+def picked(
+    values: np.ndarray, record: xr.Dataset, bodies: Sequence[str] | None, channels: Sequence[str], *dims: str
+) -> xr.DataArray:
     """Values (body, channel, *dims) of the record's bodies, of which those named are kept."""
     everything = labelled(values, record, None, channels, *dims)
     return everything if bodies is None else everything.sel(body=list(bodies))

@@ -31,7 +31,7 @@ class ForceBalance:
     unit = CHANNELS["force"]
     channels = ("force",)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.decimate < 1:
             raise CalibError(f"decimate is a number of samples from 1 on, got {self.decimate}")
 
@@ -44,4 +44,4 @@ class ForceBalance:
 
     def scale(self, reference: xr.DataArray) -> xr.DataArray:
         """Root mean square (body, channel) of the measured force."""
-        return np.sqrt((reference**2).mean("time"))
+        return xr.apply_ufunc(np.sqrt, (reference**2).mean("time"))

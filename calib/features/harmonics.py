@@ -26,7 +26,7 @@ class Harmonics:
     name = "harmonics"
     unit = "that of the channel"
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.number < 1:
             raise CalibError(f"harmonics are counted from 1 on, got number = {self.number}")
         object.__setattr__(self, "channels", as_names(self.channels))
@@ -51,5 +51,5 @@ class Harmonics:
 
         So the distance is the root of the summed squares of the differences, relative to the fundamental.
         """
-        fundamental = np.sqrt((reference.isel(harmonic=0) ** 2).sum("part"))
+        fundamental = xr.apply_ufunc(np.sqrt, (reference.isel(harmonic=0) ** 2).sum("part"))
         return fundamental / np.sqrt(2.0 * self.number)

@@ -8,7 +8,7 @@ import xarray as xr
 
 from calib.features.channels import impacts, labelled
 
-RADIAN = 1.0 / (2.0 * np.pi)  # periods: a phase shift by delta costs a loop about 2 pi delta of its size
+PERIODS_PER_RADIAN = 1.0 / (2.0 * np.pi)  # a shift by delta periods changes a loop by about 2 pi delta of its size
 
 
 @dataclass(frozen=True)
@@ -29,4 +29,4 @@ class ImpactPhase:
 
     def scale(self, reference: xr.DataArray) -> float:
         """One radian, in periods."""
-        return RADIAN
+        return PERIODS_PER_RADIAN

@@ -30,7 +30,7 @@ class PhaseCurve:
     name = "phase_curve"
     unit = "m, m/s"
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "channels", as_names(self.channels))
 
     def __call__(self, record: xr.Dataset, bodies: Sequence[str] | None = None) -> xr.DataArray:
@@ -53,7 +53,8 @@ class PhaseCurve:
 
     def uncertainty(self, record: xr.Dataset, bodies: Sequence[str] | None = None) -> xr.DataArray | None:
         """Standard uncertainty (body, channel, phase) from the record's sigma, None where it has none."""
-        sigma = [loop_sigma(record, channel, self.periods) for channel in self.channels]
-        if any(s is None for s in sigma):
+        stated = [loop_sigma(record, channel, self.periods) for channel in self.channels]
+        sigma = [own for own in stated if own is not None]
+        if len(sigma) < len(stated):
             return None
         return picked(np.stack(sigma, axis=1), record, bodies, self.channels, "phase")

@@ -27,7 +27,7 @@ class PoincareSpread:
     unit = "1"
     aligned = False  # the section is longer than the record, and its spread does not depend on the trigger
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "channels", as_names(self.channels))
 
     def __call__(self, record: xr.Dataset, bodies: Sequence[str] | None = None) -> xr.DataArray:

@@ -25,7 +25,7 @@ class TimeHistory:
     name = "time_history"
     unit = "that of the channel"
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "channels", as_names(self.channels))
 
     def __call__(self, record: xr.Dataset, bodies: Sequence[str] | None = None) -> xr.DataArray:

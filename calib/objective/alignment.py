@@ -1,6 +1,6 @@
 """A simulated record brought onto the time base of a measured one, its nuisances solved for."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,8 +20,8 @@ OVERLAP = np.array(
 )
 SLOPE = CUBIC[:, 1:] * np.arange(1, 4)  # of the weights over f
 QUARTERS = (0.0, 0.25, 0.5, 0.75, 1.0)
-BLIND, SEEING = 2.0, 3.0  # samples from a simulated impact: nearer, velocity is not compared; farther, fully
-POLISH = 25  # steps at most
+NO_TRUST_WITHIN, FULL_TRUST_BEYOND = 2.0, 3.0  # samples from a simulated impact, in a velocity
+MAX_STEPS = 25  # of Gauss and Newton
 
 
 class Alignment:
@@ -58,15 +58,15 @@ class Alignment:
         period: float | None,
         periods: int,
         nuisance: Sequence[str],
-        bodies: Sequence[str],
+        bodies: Collection[str],
         prescribed: frozenset[tuple[str, str]],
     ):
         self.time, self.period, self.periods = record.time.values, period, periods
         self.bodies = [str(body) for body in record.body.values]
         self.channels = channels_of(record)
-        kept = [c for c in STATE if c in self.channels]
-        driven = [(b, c) for c in kept for b in self.bodies if (b, c) in prescribed]
-        used = [(b, c) for b in self.bodies for c in kept if b in bodies or (b, c) in prescribed]
+        present = [c for c in STATE if c in self.channels]
+        driven = [(b, c) for c in present for b in self.bodies if (b, c) in prescribed]
+        used = [(b, c) for b in self.bodies for c in present if b in bodies or (b, c) in prescribed]
         self.used = used
         linear = tuple(name for name in nuisance if name in ("offset", "scale", "shear"))
         self.solves = bool(used) and ("trigger" in nuisance or bool(linear))
@@ -79,7 +79,7 @@ class Alignment:
             values, self.per_period = mean.loop, mean.phase.size // periods
             self.offset = mean.phase[0] * self.per_period
         self._all = _Fit(values, used, linear)
-        self._trigger = None
+        self._trigger: _Fit | None = None
         if "trigger" in nuisance:
             first = [row for row in driven if row[1] == driven[0][1]]
             index = [used.index(row) for row in first] or range(len(used))
@@ -102,25 +102,24 @@ class Alignment:
         values = {c: sampled(simulated, c)[index] for c in present}
         time = simulated.variables["time"].values
         impacts = _impacts(simulated)
-        shift, theta = 0.0, {}
-        if self.solves:
-            shift, theta = self._solved(time, values, present, impacts)
+        shift, theta = self._solved(time, values, present, impacts) if self.solves else (0.0, {})
         stacked = np.concatenate([values[c] for c in present])
         trust = self._trust(time, impacts, shift)
         moved = self._moved(time, stacked, shift, trust).reshape(len(present), len(self.bodies), self.time.size)
-        found = dict(zip(present, moved, strict=True))
         nuisances = dict(theta)
-        if self.solves and self._trigger is not None:
+        if self.solves and self._trigger is not None and self.period is not None:
             nuisances = {"trigger": float(shift * self.period), **theta}
-        return self._seen(found, theta), nuisances, trust
+        return self._measured(dict(zip(present, moved, strict=True)), theta), nuisances, trust
 
-    def _trust(self, time, impacts, shift) -> np.ndarray:
+    def _trust(self, time: np.ndarray, impacts: np.ndarray, shift: float) -> np.ndarray:
         """Trust (time,) in the velocity at each instant of the reference, the simulation `shift` periods ahead."""
         if self.period is None:
             return _trusted(self.time, impacts)
         return _trusted(self.time + shift * self.period, impacts, _length(time, self.period))
 
-    def _solved(self, time, values, present, impacts) -> tuple[float, dict[str, float]]:
+    def _solved(
+        self, time: np.ndarray, values: Mapping[str, np.ndarray], present: Collection[str], impacts: np.ndarray
+    ) -> tuple[float, dict[str, float]]:
         """Return the trigger in periods, and the linear nuisances by name."""
         missing = [c for _, c in self.used if c not in present]
         if missing:
@@ -131,23 +130,23 @@ class Alignment:
             return 0.0, self._all.linear(self._all.correlated(loops), 0.0)
         cycles, _ = cut(time, loops, self.period, self.periods, self.per_period)
         loops = cycles.mean(axis=1)
-        place = self.offset
+        shift = self.offset
         sums = None
         if self._trigger is self._all:
             sums = self._all.correlated(loops)
-            place = self._all.best(sums)
+            shift = self._all.best(sums)
         elif self._trigger is not None:
             driven = [self.used.index(row) for row in self._trigger.rows]
-            place = self._trigger.best(self._trigger.correlated(loops[driven]))
-        theta = {}
+            shift = self._trigger.best(self._trigger.correlated(loops[driven]))
+        theta: dict[str, float] = {}
         if self._all.names:
-            theta = self._all.linear(self._all.correlated(loops) if sums is None else sums, place)
+            theta = self._all.linear(self._all.correlated(loops) if sums is None else sums, shift)
         if self._trigger is self._all and impacts.size:
             at = np.unique((impacts / self.period * self.per_period) % self._all.size)
-            place, theta = self._all.polished(loops, at, place, theta)
-        return ((place - self.offset) / self.per_period) % self.periods, theta
+            shift, theta = self._all.polished(loops, at, shift, theta)
+        return ((shift - self.offset) / self.per_period) % self.periods, theta
 
-    def _moved(self, time, values, shift, trust=1.0):
+    def _moved(self, time: np.ndarray, values: np.ndarray, shift: float, trust: np.ndarray | float = 1.0) -> np.ndarray:
         """Rows of the simulation at the reference's instants plus `shift` periods."""
         same = time.size == self.time.size and np.abs(time - self.time).max() < 1e-6 * (time[1] - time[0])
         if same and shift == 0.0:
@@ -163,25 +162,26 @@ class Alignment:
         cycles, phase = cut(time, values, self.period)
         steps = phase.size
         flat = cycles.reshape(len(values), -1)
-        place = (self.time / self.period + shift - phase[0]) * steps
-        before = np.floor(place)
-        share = place - before
+        position = (self.time / self.period + shift - phase[0]) * steps
+        before = np.floor(position)
+        share = position - before
         weights = CUBIC @ share ** np.arange(4)[:, None]
         straight = np.array([0.0 * share, 1.0 - share, share, 0.0 * share])
         weights = straight + trust * (weights - straight)  # a cubic would overshoot on both sides of a jump
-        before = before.astype(int) - 1
-        return sum(weights[j] * np.take(flat, before + j, axis=1, mode="wrap") for j in range(4))
+        first = before.astype(int) - 1
+        return sum((weights[j] * np.take(flat, first + j, axis=1, mode="wrap") for j in range(4)), np.zeros(()))
 
-    def _seen(self, found: Mapping[str, np.ndarray], theta: Mapping[str, float]) -> dict[str, np.ndarray]:
+    def _measured(self, simulated: Mapping[str, np.ndarray], theta: Mapping[str, float]) -> dict[str, np.ndarray]:
+        """Channels (body, time) as the instrument shows them, with scale, offset and shear."""
         if not theta:
-            return dict(found)
-        seen = {c: theta.get(f"scale.{c}", 1.0) * values for c, values in found.items()}
-        if "displacement" in seen:
+            return dict(simulated)
+        measured = {c: theta.get(f"scale.{c}", 1.0) * values for c, values in simulated.items()}
+        if "displacement" in measured:
             offsets = [theta.get(f"offset.{body}", 0.0) for body in self.bodies]
-            seen["displacement"] = seen["displacement"] + np.array(offsets)[:, None]
+            measured["displacement"] = measured["displacement"] + np.array(offsets)[:, None]
             if "shear" in theta:
-                seen["displacement"] = seen["displacement"] + theta["shear"] * found["velocity"]
-        return seen
+                measured["displacement"] = measured["displacement"] + theta["shear"] * simulated["velocity"]
+        return measured
 
 
 def trusted(simulated: xr.Dataset) -> np.ndarray:
@@ -205,14 +205,14 @@ def _trusted(time: np.ndarray, impacts: np.ndarray, length: float | None = None)
     """Trust (n,) at these instants, smooth in them; the simulation goes round after `length` where it does."""
     if not impacts.size:
         return np.ones(time.size)
-    place, impacts = time, np.sort(impacts)
+    instants, impacts = time, np.sort(impacts)
     if length is not None:
-        place, impacts = time % length, np.sort(impacts % length)
+        instants, impacts = time % length, np.sort(impacts % length)
         impacts = np.concatenate([impacts[-1:] - length, impacts, impacts[:1] + length])
-    after = np.clip(np.searchsorted(impacts, place), 1, impacts.size - 1) if impacts.size > 1 else 0
-    nearest = np.minimum(np.abs(impacts[after] - place), np.abs(impacts[after - 1] - place))
+    after = np.clip(np.searchsorted(impacts, instants), 1, impacts.size - 1) if impacts.size > 1 else 0
+    nearest = np.minimum(np.abs(impacts[after] - instants), np.abs(impacts[after - 1] - instants))
     nearest = nearest * (time.size - 1) / (time[-1] - time[0])  # in samples
-    share = np.clip((nearest - BLIND) / (SEEING - BLIND), 0.0, 1.0)
+    share = np.clip((nearest - NO_TRUST_WITHIN) / (FULL_TRUST_BEYOND - NO_TRUST_WITHIN), 0.0, 1.0)
     return share**2 * (3.0 - 2.0 * share)
 
 
@@ -250,7 +250,7 @@ class _Fit:
         self._weighted = weight[:, None] * np.conj(np.fft.rfft(reference, axis=1))
         self._weight = weight
 
-    def _of(self, row):
+    def _of(self, row: tuple[str, str]) -> list[tuple[int, int]]:
         body, channel = row
         certain = len(self.names)
         index = {name: i for i, name in enumerate(self.names)}
@@ -283,24 +283,23 @@ class _Fit:
         squares = -2.0 * (theta * sums.right).sum(axis=0) + ((gram @ theta) * theta).sum(axis=0)
         whole = int(np.argmin(squares))
         slope = _slope(self, sums, whole)
-        cells = ((whole, slope), (whole - 1, None)) if slope(0.0) < 0.0 else ((whole - 1, None), (whole, slope))
-        for start, slope in cells:
-            slope = slope or _slope(self, sums, start)
+        for start in (whole, whole - 1) if slope(0.0) < 0.0 else (whole - 1, whole):
+            own = slope if start == whole else _slope(self, sums, start)
             for low, high in zip(QUARTERS[:-1], QUARTERS[1:], strict=True):
-                if slope(low) < 0.0 <= slope(high):
-                    return start + brentq(slope, low, high, xtol=1e-13, rtol=1e-13)
+                if own(low) < 0.0 <= own(high):
+                    return start + brentq(own, low, high, xtol=1e-13, rtol=1e-13)
         return float(whole)
 
-    def linear(self, sums: _Sums, place: float) -> dict[str, float]:
+    def linear(self, sums: _Sums, shift: float) -> dict[str, float]:
         """Linear unknowns by name for a shift in samples."""
-        start = int(np.floor(place))
+        start = int(np.floor(shift))
         right, gram = _between(sums, start)
-        powers = (place - start) ** np.arange(7)
+        powers = (shift - start) ** np.arange(7)
         theta = self._theta(gram @ powers, (right @ powers[:4])[:, None])
         return dict(zip(self.names, theta[:-1, 0].tolist(), strict=True))
 
     def polished(
-        self, loops: np.ndarray, impacts: np.ndarray, place: float, theta: Mapping[str, float]
+        self, loops: np.ndarray, impacts: np.ndarray, shift: float, theta: Mapping[str, float]
     ) -> tuple[float, dict[str, float]]:
         """Shift in samples and linear unknowns without the velocities next to impacts, by Gauss and Newton.
 
@@ -308,16 +307,16 @@ class _Fit:
         ----------
         loops : (row, n) simulated
         impacts : (m,) where they are in the simulated loop, in samples
-        place, theta : where to begin
+        shift, theta : where to begin
         """
         samples = np.arange(self.size)
         unknowns = np.array([*theta.values(), 1.0])
         velocity = np.array([channel == "velocity" for _, channel in self.rows])
-        for _ in range(POLISH):
-            trust = _trusted(samples + place, impacts, self.size)
+        for _ in range(MAX_STEPS):
+            trust = _trusted(samples + shift, impacts, self.size)
             weight = np.sqrt(self._weight)[:, None] * np.where(velocity[:, None], trust, 1.0)
-            before = int(np.floor(place))
-            powers = (place - before) ** np.arange(4)
+            before = int(np.floor(shift))
+            powers = (shift - before) ** np.arange(4)
             near = [np.roll(loops, 1 - before - j, axis=1) for j in range(4)]
             x = sum(h * row for h, row in zip(CUBIC @ powers, near, strict=True))
             rate = sum(h * row for h, row in zip(SLOPE @ powers[:3], near, strict=True))
@@ -332,11 +331,11 @@ class _Fit:
             jacobian = (weight * np.concatenate([slope[None], columns[:-1]])).reshape(unknowns.size, -1)
             move = np.linalg.lstsq(jacobian.T, residual, rcond=1e-12)[0]
             move[0] = np.clip(move[0], -0.5, 0.5)
-            place += move[0]
+            shift += move[0]
             unknowns[:-1] += move[1:]
             if abs(move[0]) < 1e-11:
                 break
-        return place, dict(zip(self.names, unknowns[:-1].tolist(), strict=True))
+        return shift, dict(zip(self.names, unknowns[:-1].tolist(), strict=True))
 
     def _theta(self, gram: np.ndarray, right: np.ndarray) -> np.ndarray:
         """Unknowns (unknown + 1, n) that minimise the squared difference for each column of `right`; the last is 1."""
@@ -344,7 +343,7 @@ class _Fit:
         if not self.names:
             return one
         free = gram[:-1, :-1]
-        # what cannot be told (the scale of a body at rest) must not stop the rest
+        # an undetermined unknown (the scale of a body at rest) must not make the equations singular
         ridge = 1e-14 * np.diag(np.maximum(np.diag(free), 1e-300 + 1e-14 * np.trace(free)))
         return np.concatenate([np.linalg.solve(free + ridge, right[:-1] - gram[:-1, -1:]), one])
 
@@ -355,7 +354,7 @@ def _between(sums: _Sums, start: int) -> tuple[np.ndarray, np.ndarray]:
     return near @ CUBIC, sums.gram @ OVERLAP
 
 
-def _slope(fit: _Fit, sums: _Sums, start: int):
+def _slope(fit: _Fit, sums: _Sums, start: int) -> Callable[[float], float]:
     """Slope of the squared difference over the share of a step after the shift `start`, its unknowns at their best."""
     right, gram = _between(sums, start)
     down, up = right[:, 1:] * np.arange(1, 4), gram[..., 1:] * np.arange(1, 7)
@@ -365,7 +364,7 @@ def _slope(fit: _Fit, sums: _Sums, start: int):
         c0, c1, c2, c3, c4, c5 = c.tolist()
         return lambda f: c0 + f * (c1 + f * (c2 + f * (c3 + f * (c4 + f * c5))))
 
-    def slope(f):
+    def slope(f: float) -> float:
         powers = f ** np.arange(7)
         theta = fit._theta(gram @ powers, (right @ powers[:4])[:, None])[:, 0]
         return float(theta @ (up @ powers[:6]) @ theta - 2.0 * theta @ (down @ powers[:3]))

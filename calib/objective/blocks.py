@@ -36,8 +36,8 @@ class Blocks:
         channels = [str(c) for c in reference.channel.values] if "channel" in reference.dims else [feature.name]
         finite = np.isfinite(self.measured)
         if term.bodies is not None and not finite.all():
-            lacking = names[int(np.argwhere(~finite)[0][0])]
-            raise CalibError(f"{label}: the reference shows no {feature.name} of {lacking!r}; leave this body out")
+            body = names[int(np.argwhere(~finite)[0][0])]
+            raise CalibError(f"{label}: the reference shows no {feature.name} of {body!r}; leave this body out")
         free = np.array([[(b, c) not in compared.prescribed for c in channels] for b in names])
         self.mask = finite & free[:, :, None]
         if free.any() and not self.mask.any():
@@ -57,12 +57,9 @@ class Blocks:
         """(body, channel) pairs that are compared."""
         return {(body, channel) for body, channel, _ in self.layout}
 
-    def _factors(self, feature, reference, record, sizes):
+    def _factors(self, feature: Feature, reference: xr.DataArray, record: xr.Dataset, sizes: np.ndarray) -> np.ndarray:
         """1 / scale, times 1 / sigma of unit mean square, over the root of the number of samples (body, channel, n)."""
-        scale = feature.scale(reference)
-        if isinstance(scale, xr.DataArray):
-            scale = _cubed(scale.broadcast_like(reference).transpose(*reference.dims))
-        scale = np.broadcast_to(np.asarray(scale, dtype=float), self.shape)
+        scale = _broadcast(feature.scale(reference), reference, self.shape)
         if not (scale[self.mask] > 0.0).all():
             body = self._names[int(np.argmax(((scale <= 0.0) & self.mask).any(axis=2).ravel()))][0]
             raise CalibError(
@@ -77,13 +74,13 @@ class Blocks:
         sizes = np.maximum(sizes, 1)[:, :, None]
         return np.divide(weight, scale * np.sqrt(sizes), out=np.zeros(self.shape), where=self.mask)
 
-    def active(self, prescribed: frozenset) -> np.ndarray:
+    def active(self, prescribed: frozenset[tuple[str, str]]) -> np.ndarray:
         """Whether each block (body, channel) of the layout counts: what the simulator prescribes does not."""
         return np.array([(body, channel) not in prescribed for body, channel, _ in self.layout], dtype=bool)
 
-    def residual(self, seen: SensedRecord, active: np.ndarray) -> np.ndarray:
+    def residual(self, sensed: SensedRecord, active: np.ndarray) -> np.ndarray:
         """Differences over scale and root of their number, in the order of the layout; what does not count is 0."""
-        record = seen.raw if self._raw else seen.record
+        record = sensed.raw if self._raw else sensed.record
         feature, bodies = self.term.feature, self.term.bodies
         try:
             simulated = _cubed(feature(record, bodies)) if self._bare is None else self._bare(record, bodies)
@@ -122,15 +119,22 @@ def _check_channels(feature: Feature, record: xr.Dataset, label: str) -> None:
 
 def _possible(have: Sequence[str]) -> list[str]:
     """Names of the registered features that records with these channels can be compared by."""
-    found = []
+    possible = []
     for name, maker in plugins.load_all("calib.features").items():
         needs = maker().channels
         if set(needs) <= set(have) and (needs or set(STATE) & set(have)):
-            found.append(name)
-    if "phase_curve" not in found and set(STATE) & set(have):
+            possible.append(name)
+    if "phase_curve" not in possible and set(STATE) & set(have):
         one = next(c for c in STATE if c in have)
-        found.append(f'phase_curve with channels = ["{one}"]')
-    return found
+        possible.append(f'phase_curve with channels = ["{one}"]')
+    return possible
+
+
+def _broadcast(scale: xr.DataArray | float, reference: xr.DataArray, shape: tuple[int, ...]) -> np.ndarray:
+    """Scale (body, channel, rest) of every value of the reference."""
+    if isinstance(scale, xr.DataArray):
+        return np.broadcast_to(_cubed(scale.broadcast_like(reference).transpose(*reference.dims)).astype(float), shape)
+    return np.broadcast_to(np.asarray(scale, dtype=float), shape)
 
 
 def _cubed(values: xr.DataArray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""A reference, prepared to have simulated records seen beside it."""
+"""A reference, prepared for the comparison with simulated records."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -26,19 +26,31 @@ from calib.records import OK, prescribed
 from calib.records import channels as channels_of
 from calib.records.cycles import NO_CONTACT, UNDECIDED, MotionKind, clock_rate, kind_of_motion, sampled
 
-DRIFTING = (1, 2, 3, 4)  # periods after which a motion may return that its own clock shows not to return at all
+DRIFTING_PERIODS = (1, 2, 3, 4)  # tried for a motion that on its recorder's clock does not return at all
 CLOCK_RATE = "clock_rate"  # attribute of a record: by how much the drive's clock is faster than the recorder's  [1]
+
+
+Pairs = frozenset[tuple[str, str]]  # (body, channel)
 
 
 @dataclass(frozen=True, eq=False)
 class SensedRecord:
-    """A simulated record as the instrument would have seen it."""
+    """A simulated record as the instrument would have recorded it.
+
+    Attributes
+    ----------
+    record : on the time base of the reference, nuisances applied, with its variable `trust`
+    raw : as it was simulated
+    nuisances : name -> value in SI
+    motion : kind of the simulated motion
+    prescribed : (body, channel) pairs that the excitation prescribes
+    """
 
     record: xr.Dataset
     raw: xr.Dataset
     nuisances: Mapping[str, float]
     motion: MotionKind
-    prescribed: frozenset[tuple[str, str]]
+    prescribed: Pairs
 
 
 class Compared:
@@ -54,7 +66,7 @@ class Compared:
         self.prescribed = frozenset(prescribed(self.record))
         wanted = [t for t in terms if t.records is None or reference.name in t.records] or terms
         self._bodies = {body for term in wanted for body in term.bodies or self.bodies}
-        self._alignments: dict[frozenset, Alignment] = {}
+        self._alignments: dict[Pairs, Alignment] = {}
         self._alignment(self.prescribed)
         self._channels = channels_of(self.record)
         trust = xr.DataArray(np.ones(self.record.sizes["time"]), dims="time")
@@ -62,10 +74,10 @@ class Compared:
             {**{c: self.record[c] for c in self._channels}, "trust": trust},
             attrs={k: v for k, v in self.record.attrs.items() if k in ("frequency", "place", "quantity", "status")},
         )
-        self._scalars: dict[tuple[str, frozenset], Mapping[str, Scalar]] = {}
+        self._scalars: dict[tuple[str, frozenset[str]], Mapping[str, Scalar]] = {}
         self._initial: tuple[Mapping[str, tuple[str, str]], list[Unknown]] | None = None
 
-    def _alignment(self, prescribed) -> Alignment:
+    def _alignment(self, prescribed: Pairs) -> Alignment:
         if prescribed not in self._alignments:
             self._alignments[prescribed] = Alignment(
                 self.record,
@@ -87,7 +99,7 @@ class Compared:
                 return "not finite", f"{channel} of the simulated record {self.name!r} holds NaN or infinity"
         return None
 
-    def seen(self, simulated: xr.Dataset) -> SensedRecord:
+    def sensed(self, simulated: xr.Dataset) -> SensedRecord:
         """Align a simulated record, and tell its kind of motion."""
         given = self.prescribed.union(prescribed(simulated))
         raw = simulated
@@ -104,7 +116,7 @@ class Compared:
         """Simulate with the initial state that fits the reference best; see `calib.objective.initial_state`."""
         compared = self._comparison
 
-        def look(state: Mapping[str, float]) -> View:
+        def simulated(state: Mapping[str, float]) -> View:
             record = model.run({**values, **state}, self.reference.excitation, request)
             failed = self.failure(record)
             if failed is not None:
@@ -113,7 +125,7 @@ class Compared:
             return compared.view(record, channels, trust)
 
         try:
-            return released(look, compared, self._unknowns(model))
+            return released(simulated, compared, self._unknowns(model))
         except CalibError as error:
             raise CalibError(f"{self.name}: {error}") from error
 
@@ -147,20 +159,22 @@ class Compared:
         apart = motion.recurrence[period - 1] if period <= len(motion.recurrence) else 1.0
         return apart / (1.0 + apart)
 
-    def features(self, pairs: set[tuple[str, str]], view: SensedRecord) -> list[FeatureValue]:
+    def features(self, pairs: set[tuple[str, str]], sensed: SensedRecord) -> list[FeatureValue]:
         """Scalar features of (body, channel) pairs."""
-        found = []
+        features: list[FeatureValue] = []
         for body in self.bodies:
-            channels = tuple(c for c in self._channels if (body, c) in pairs and (body, c) not in view.prescribed)
+            channels = tuple(c for c in self._channels if (body, c) in pairs and (body, c) not in sensed.prescribed)
             if not channels:
                 continue
             key = (body, frozenset(channels))
             if key not in self._scalars:
                 self._scalars[key] = self._measured(self.record, body, channels, sigmas=True)
-            found += compared(self.name, body, self._scalars[key], self._measured(view.record, body, channels))
-        return found
+            features += compared(self.name, body, self._scalars[key], self._measured(sensed.record, body, channels))
+        return features
 
-    def _measured(self, record, body, channels, sigmas=False) -> dict[str, Scalar]:
+    def _measured(
+        self, record: xr.Dataset, body: str, channels: Sequence[str], sigmas: bool = False
+    ) -> dict[str, Scalar]:
         row = self.bodies.index(body)
         values = {c: record.variables[c].values[row] for c in channels if c in record.variables}
         units = {c: self.record[c].attrs["units"] for c in channels}
@@ -195,7 +209,7 @@ def on_drive_clock(reference: Reference) -> Reference:
         return reference
     steady = _with_period(reference.record, reference.excitation.period)
     known = kind_of_motion(steady).period
-    for periods in DRIFTING if known is None else (known,):
+    for periods in DRIFTING_PERIODS if known is None else (known,):
         rate = clock_rate(steady, periods)
         if rate != 0.0 and kind_of_motion(_with_rate(steady, rate)).period is not None:
             return replace(reference, record=_with_rate(reference.record, rate))

@@ -19,8 +19,8 @@ from calib.modelling.parameter import Parameter
 from calib.objective.outliers import STD_PER_MAD, isolated_outliers
 from calib.records import OK
 
-ATTRIBUTE = "initial_state"  # of a simulated record: the state that was solved for, as JSON [SI]
-COUNT = "simulations"  # attribute of a simulated record: runs of the simulator that it took
+STATE_ATTRIBUTE = "initial_state"  # of a simulated record: the state that was solved for, as JSON [SI]
+COUNT_ATTRIBUTE = "simulations"  # of a simulated record: runs of the simulator that it took
 
 MAX_STEPS = 4
 MAX_HALVINGS = 4  # of a step that does not reduce the squared difference
@@ -28,11 +28,11 @@ DIFFERENCE_STEP = 1e-3  # of a state's scale
 MAX_CONTRACTION = 0.03  # of one predicted reduction to the next: above it, the derivatives are taken anew
 TOLERANCE = 1e-6  # predicted change of the residual, relative to the residual: a smaller one ends the search
 ROUNDING = 1e-11  # the same, relative to the measured channels
-RANK = 1e-9  # singular value, over the largest, below which a direction of the state is not determined
+MIN_SINGULAR_VALUE = 1e-9  # over the largest: below it a direction of the state is not determined
 
 MIN_WINDOW, CUBIC_WINDOW = 6, 12  # samples of the local polynomial: least number, and from which on it is a cubic
-HUBER = 1.345  # of Huber's weights, in standard deviations (Holland & Welsch 1977)
-HUBER_STEPS = 30
+HUBER_THRESHOLD = 1.345  # of Huber's weights, in standard deviations (Holland & Welsch 1977)
+MAX_HUBER_STEPS = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,12 +93,12 @@ class Released:
 
 def initial_state(record: xr.Dataset) -> dict[str, float]:
     """Initial state that was solved for, by parameter [SI]; empty where none was."""
-    return json.loads(record.attrs.get(ATTRIBUTE, "{}"))
+    return json.loads(record.attrs.get(STATE_ATTRIBUTE, "{}"))
 
 
 def with_initial_state(record: xr.Dataset, state: Mapping[str, float]) -> xr.Dataset:
     """Return a simulated record that says the initial state, by parameter [SI], it was simulated with as solved for."""
-    return record.assign_attrs({ATTRIBUTE: json.dumps(dict(state))})
+    return record.assign_attrs({STATE_ATTRIBUTE: json.dumps(dict(state))})
 
 
 def no_initial_state(model: Model) -> str:
@@ -112,7 +112,7 @@ def no_initial_state(model: Model) -> str:
 
 def simulations(record: xr.Dataset) -> int:
     """Runs of the simulator that a record took."""
-    return int(record.attrs.get(COUNT, 1))
+    return int(record.attrs.get(COUNT_ATTRIBUTE, 1))
 
 
 class Comparison:
@@ -147,7 +147,7 @@ class Comparison:
 
 
 def released(
-    look: Callable[[Mapping[str, float]], View],
+    simulate: Callable[[Mapping[str, float]], View],
     compared: Comparison,
     unknowns: Sequence[Unknown],
 ) -> Released:
@@ -155,7 +155,7 @@ def released(
 
     Parameters
     ----------
-    look : simulates at an initial state, by parameter [SI]
+    simulate : called with an initial state, by parameter [SI]
     compared : of the reference
     unknowns : components of the state
 
@@ -163,14 +163,19 @@ def released(
     ------
     CalibError : the initial state changes nothing that is compared
     """
-    return _Search(look, compared, unknowns).released()
+    return _Search(simulate, compared, unknowns).released()
+
+
+Slopes = list[dict[str, np.ndarray]]  # one for each unknown: channel -> (body, time)
 
 
 class _Search:
     """Gauss-Newton's search for one initial state; counts its simulations."""
 
-    def __init__(self, look, compared, unknowns):
-        self.look, self.compared, self.unknowns = look, compared, unknowns
+    def __init__(
+        self, simulate: Callable[[Mapping[str, float]], View], compared: Comparison, unknowns: Sequence[Unknown]
+    ):
+        self.simulate, self.compared, self.unknowns = simulate, compared, unknowns
         self.scale = np.array([u.scale for u in unknowns])
         self.low, self.high = np.array([u.low for u in unknowns]), np.array([u.high for u in unknowns])
         self.count = 0
@@ -181,14 +186,16 @@ class _Search:
         if now.status != OK:
             return self._failed(now)
         size = float(np.linalg.norm(now.weight * self.compared.measured.ravel()))
-        slopes, before = None, np.inf
+        slopes: Slopes = []
+        before = np.inf
         for _ in range(MAX_STEPS):
-            if slopes is not None:
+            if slopes:
                 step, change = self._step(now, slopes)
-            if slopes is None or change > MAX_CONTRACTION * before:
-                slopes = self._slopes(now, state)
-                if isinstance(slopes, View):
-                    return self._failed(slopes)
+            if not slopes or change > MAX_CONTRACTION * before:
+                taken = self._slopes(now, state)
+                if isinstance(taken, View):
+                    return self._failed(taken)
+                slopes = taken
                 self._check(now, slopes, size)
                 step, change = self._step(now, slopes)
             if change <= TOLERANCE * np.linalg.norm(now.residual) + ROUNDING * size:
@@ -203,14 +210,14 @@ class _Search:
 
     def _view(self, state: np.ndarray) -> View:
         self.count += 1
-        return self.look(self._named(state))
+        return self.simulate(self._named(state))
 
     def _named(self, state: np.ndarray) -> dict[str, float]:
         return {u.name: float(value) for u, value in zip(self.unknowns, state, strict=True)}
 
-    def _slopes(self, now: View, state: np.ndarray) -> list[dict[str, np.ndarray]] | View:
+    def _slopes(self, now: View, state: np.ndarray) -> Slopes | View:
         """Forward differences of the aligned channels, a backward one where the state ahead fails; or what failed."""
-        found = []
+        slopes = []
         for index, unknown in enumerate(self.unknowns):
             step = DIFFERENCE_STEP * unknown.scale
             room = (1.0, -1.0) if state[index] + step <= unknown.high else (-1.0,)
@@ -223,20 +230,20 @@ class _Search:
             else:
                 return view
             moved = beside[index] - state[index]
-            found.append({c: (view.channels[c] - now.channels[c]) / moved for c in now.channels})
-        return found
+            slopes.append({c: (view.channels[c] - now.channels[c]) / moved for c in now.channels})
+        return slopes
 
-    def _columns(self, now: View, slopes: Sequence[Mapping[str, np.ndarray]]) -> np.ndarray:
+    def _columns(self, now: View, slopes: Slopes) -> np.ndarray:
         """Weighted changes (n, k) with each unknown over its scale."""
         return np.column_stack([now.weight * self.compared.stacked(own) for own in slopes]) * self.scale
 
-    def _step(self, now: View, slopes: Sequence[Mapping[str, np.ndarray]]) -> tuple[np.ndarray, float]:
+    def _step(self, now: View, slopes: Slopes) -> tuple[np.ndarray, float]:
         """Step (k,) of the state, and the norm of the change of the residual that it predicts."""
         columns = self._columns(now, slopes)
-        step = np.linalg.lstsq(columns, now.residual, rcond=RANK)[0]
+        step = np.linalg.lstsq(columns, now.residual, rcond=MIN_SINGULAR_VALUE)[0]
         return step * self.scale, float(np.linalg.norm(columns @ step))
 
-    def _check(self, now: View, slopes: Sequence[Mapping[str, np.ndarray]], size: float) -> None:
+    def _check(self, now: View, slopes: Slopes, size: float) -> None:
         if np.linalg.norm(self._columns(now, slopes), axis=0).max() <= ROUNDING * size:
             names = ", ".join(u.name for u in self.unknowns)
             raise CalibError(
@@ -256,13 +263,13 @@ class _Search:
                 return there, view
         return failed
 
-    def _finished(self, now: View, state: np.ndarray, slopes: Sequence[Mapping[str, np.ndarray]]) -> Released:
-        record = with_initial_state(now.record, self._named(state)).assign_attrs({COUNT: self.count})
+    def _finished(self, now: View, state: np.ndarray, slopes: Slopes) -> Released:
+        record = with_initial_state(now.record, self._named(state)).assign_attrs({COUNT_ATTRIBUTE: self.count})
         named = {u.name: own for u, own in zip(self.unknowns, slopes, strict=True)}
         return Released(record, named, self.count)
 
     def _failed(self, view: View) -> Released:
-        return Released(view.record.assign_attrs({COUNT: self.count}), {}, self.count)
+        return Released(view.record.assign_attrs({COUNT_ATTRIBUTE: self.count}), {}, self.count)
 
 
 # --- what the record alone tells --------------------------------------------------------------------------------------
@@ -322,12 +329,12 @@ def first_value(time: np.ndarray, values: np.ndarray, window: int) -> tuple[floa
     length = time[count - 1] - time[0]
     powers = np.vander((time[:count] - time[0]) / length, degree + 1, increasing=True)
     weight = np.ones(count)
-    for _ in range(HUBER_STEPS):
+    for _ in range(MAX_HUBER_STEPS):
         root = np.sqrt(weight)
-        found = np.linalg.lstsq(root[:, None] * powers, root * values[:count], rcond=None)[0]
-        apart = np.abs(values[:count] - powers @ found)
-        sigma = STD_PER_MAD * float(np.median(apart))
+        coefficients = np.linalg.lstsq(root[:, None] * powers, root * values[:count], rcond=None)[0]
+        residual = np.abs(values[:count] - powers @ coefficients)
+        sigma = STD_PER_MAD * float(np.median(residual))
         if sigma <= 1e-12 * np.abs(values[:count]).max():
             break
-        weight = np.minimum(1.0, HUBER * sigma / np.maximum(apart, 1e-300))
-    return float(found[0]), float(found[1] / length)
+        weight = np.minimum(1.0, HUBER_THRESHOLD * sigma / np.maximum(residual, 1e-300))
+    return float(coefficients[0]), float(coefficients[1] / length)

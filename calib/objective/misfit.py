@@ -102,6 +102,6 @@ def record_misfit(reference: Reference, terms: Sequence[Term], simulated: xr.Dat
 
 def squares_of(measured: xr.Dataset, aligned: xr.Dataset, rows: Rows) -> Squares:
     """Squares of these rows of a record, in a single segment."""
-    values = [np.array([one[c].sel(body=b).values for b, c in rows]) for one in (measured, aligned)]
-    weight = row_weights(rows, np.ones(values[0].shape), aligned["trust"].values)
-    return Squares.of(*values, weight, np.zeros(values[0].shape[1], dtype=int))
+    reference, simulated = (np.array([one[c].sel(body=b).values for b, c in rows]) for one in (measured, aligned))
+    weight = row_weights(rows, np.ones(reference.shape), aligned["trust"].values)
+    return Squares.of(reference, simulated, weight, np.zeros(reference.shape[1], dtype=int))

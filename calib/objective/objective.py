@@ -16,8 +16,8 @@ from calib.objective.terms import Reference, Score, Term
 from calib.records import channels as channels_of
 from calib.records.cycles import MotionKind
 
-BEND = 5.0  # distance from which the total rises more slowly than the distance
-WRONG = 10.0  # least total of a motion of the wrong kind; more than any right one
+MAX_LINEAR_DISTANCE = 5.0  # from which on the total rises more slowly than the distance
+MIN_TOTAL_OF_WRONG_KIND = 10.0  # of a motion; more than any of the right kind
 
 
 class Objective:
@@ -84,8 +84,8 @@ class Objective:
         scored = {name: replace(reference, use="calibrate") for name, reference in references.items()}
         terms = []
         for term in self.terms:
-            kept = tuple(name for name in term.records or () if name in scored)
-            terms.append(replace(term, records=kept or None))
+            present = tuple(name for name in term.records or () if name in scored)
+            terms.append(replace(term, records=present or None))
         return Objective(scored, terms)
 
     def with_free_trigger(self, name: str) -> "Objective":
@@ -96,72 +96,76 @@ class Objective:
 
     def __call__(self, records: Mapping[str, xr.Dataset]) -> Score:
         """Score the simulated records, one for each scored reference; a failed one makes the total infinite."""
-        bad = self._first_failure(records)
-        return self._score(self._seen(records)) if bad is None else self._failed(bad)
+        failure = self._first_failure(records)
+        return self._score(self._sensed(records)) if failure is None else self._failed(*failure)
 
     def judged(self, records: Mapping[str, xr.Dataset]) -> tuple[Score, list[FeatureValue]]:
         """Score the records, and put the scalar features of the compared bodies, measured and simulated, beside it.
 
         There are none where a run failed.
         """
-        bad = self._first_failure(records)
-        if bad is not None:
-            return self._failed(bad), []
-        seen = self._seen(records)
-        return self._score(seen), self._features(seen)
+        failure = self._first_failure(records)
+        if failure is not None:
+            return self._failed(*failure), []
+        sensed = self._sensed(records)
+        return self._score(sensed), self._features(sensed)
 
-    def _seen(self, records: Mapping[str, xr.Dataset]) -> dict[str, SensedRecord]:
-        return {name: self._compared[name].seen(records[name]) for name in self.scored}
+    def _sensed(self, records: Mapping[str, xr.Dataset]) -> dict[str, SensedRecord]:
+        return {name: self._compared[name].sensed(records[name]) for name in self.scored}
 
-    def _failed(self, bad: tuple[str, str]) -> Score:
-        return Score(np.inf, {term.label: np.inf for term in self.terms}, *bad)
+    def _failed(self, status: str, reason: str) -> Score:
+        return Score(np.inf, {term.label: np.inf for term in self.terms}, status, reason)
 
-    def _score(self, seen: Mapping[str, SensedRecord]) -> Score:
-        distances, residuals = [], []
+    def _score(self, sensed: Mapping[str, SensedRecord]) -> Score:
+        distances, residuals = list[float](), list[np.ndarray]()
         for blocks, weight in zip(self._blocks, self._weights, strict=True):
-            square, parts = self._term(blocks, weight, seen)
+            square, parts = self._term(blocks, weight, sensed)
             distances.append(square)
             residuals += parts
         square = float(np.dot(self._weights, distances))
         labels = [term.label for term in self.terms]
-        penalties = {name: self._compared[name].penalty(view.motion) for name, view in seen.items()}
-        wrong = tuple(name for name, penalty in penalties.items() if penalty is not None)
+        judged = {name: self._compared[name].penalty(view.motion) for name, view in sensed.items()}
+        penalties = {name: penalty for name, penalty in judged.items() if penalty is not None}
         return Score(
-            total=_total(np.sqrt(square), [penalties[name] for name in wrong]),
+            total=_total(np.sqrt(square), list(penalties.values())),
             terms=dict(zip(labels, np.sqrt(distances).tolist(), strict=True)),
-            kind=_joined({name: view.motion.kind for name, view in seen.items()}),
-            evidence=_joined({name: self._evidence(name, view.motion, name in wrong) for name, view in seen.items()}),
+            kind=_joined({name: view.motion.kind for name, view in sensed.items()}),
+            evidence=_joined(
+                {name: self._evidence(name, view.motion, name in penalties) for name, view in sensed.items()}
+            ),
             residuals=np.concatenate(residuals),
-            nuisances={name: view.nuisances for name, view in seen.items()},
-            wrong=wrong,
+            nuisances={name: view.nuisances for name, view in sensed.items()},
+            wrong=tuple(penalties),
         )
 
-    def _first_failure(self, records) -> tuple[str, str] | None:
+    def _first_failure(self, records: Mapping[str, xr.Dataset]) -> tuple[str, str] | None:
         for name in self.scored:
             if name not in records:
                 raise CalibError(f"no simulated record for {name!r}{nearest(name, records)}; there are {list(records)}")
         for name in self.scored:
-            found = self._compared[name].failure(records[name])
-            if found is not None:
-                return found
+            failure = self._compared[name].failure(records[name])
+            if failure is not None:
+                return failure
         return None
 
-    def _term(self, blocks, weight, seen):
+    def _term(
+        self, blocks: Sequence[Blocks], weight: float, sensed: Mapping[str, SensedRecord]
+    ) -> tuple[float, list[np.ndarray]]:
         """Squared distance of a term, and its residuals record by record."""
-        active = [block.active(seen[block.record].prescribed) for block in blocks]
+        active = [block.active(sensed[block.record].prescribed) for block in blocks]
         number = sum(int(a.sum()) for a in active)
         if not number:
             raise CalibError(
                 f"term {blocks[0].term.label!r}: the simulator prescribes all that it compares; compare another body"
             )
-        square, parts = 0.0, []
+        square, parts = 0.0, list[np.ndarray]()
         for block, mask in zip(blocks, active, strict=True):
-            residual = block.residual(seen[block.record], mask) / np.sqrt(number)
+            residual = block.residual(sensed[block.record], mask) / np.sqrt(number)
             square += float(residual @ residual)
             parts.append(np.sqrt(weight) * residual)
         return square, parts
 
-    def _evidence(self, name, motion: MotionKind, wrong: bool) -> str:
+    def _evidence(self, name: str, motion: MotionKind, wrong: bool) -> str:
         if not wrong:
             return motion.evidence
         return f"{motion.evidence}; the reference is {self._compared[name].motion.kind}"
@@ -176,7 +180,7 @@ class Objective:
         score = self(records)
         if score.residuals is None:
             raise CalibError(f"a failed run has no residuals (status {score.status!r}: {score.reason})")
-        names = {key: [] for key in ("term", "record", "body", "channel")}
+        names: dict[str, list[str]] = {key: [] for key in ("term", "record", "body", "channel")}
         for blocks in self._blocks:
             for block in blocks:
                 for body, channel, size in block.layout:
@@ -189,11 +193,12 @@ class Objective:
         """Return a simulated record on the time base of the reference `name`, its nuisances applied."""
         if name not in self._compared:
             raise CalibError(f"no reference {name!r}{nearest(name, self._compared)}; there are {list(self._compared)}")
-        found = self._compared[name].failure(record)
-        if found is not None:
-            raise CalibError(f"a failed run cannot be aligned (status {found[0]!r}: {found[1]})")
-        view = self._compared[name].seen(record)
-        return view.record.assign_attrs({f"nuisance_{key}": value for key, value in view.nuisances.items()})
+        failure = self._compared[name].failure(record)
+        if failure is not None:
+            status, reason = failure
+            raise CalibError(f"a failed run cannot be aligned (status {status!r}: {reason})")
+        sensed = self._compared[name].sensed(record)
+        return sensed.record.assign_attrs({f"nuisance_{key}": value for key, value in sensed.nuisances.items()})
 
     def released(
         self, name: str, model: Model, values: Mapping[str, float], request: Request | None = None
@@ -216,44 +221,44 @@ class Objective:
     def wrong_kind(self, name: str, record: xr.Dataset) -> str:
         """How the kind of motion of a simulated record differs from that of the reference `name`; "" if not."""
         compared = self._compared[name]
-        motion = compared.seen(record).motion
+        motion = compared.sensed(record).motion
         return self._evidence(name, motion, wrong=True) if compared.penalty(motion) is not None else ""
 
     def features(self, name: str, record: xr.Dataset) -> list[FeatureValue]:
         """Scalar features of all channels of the reference `name`, beside those of a simulated record."""
         compared = self._compared[name]
         pairs = {(body, channel) for body in compared.bodies for channel in channels_of(compared.record)}
-        return compared.features(pairs, compared.seen(record))
+        return compared.features(pairs, compared.sensed(record))
 
-    def _features(self, seen: Mapping[str, SensedRecord]) -> list[FeatureValue]:
-        found = []
+    def _features(self, sensed: Mapping[str, SensedRecord]) -> list[FeatureValue]:
+        features = []
         for name in self.scored:
             mine = [block for blocks in self._blocks for block in blocks if block.record == name]
             pairs = {pair for block in mine for pair in block.pairs}
-            found += self._compared[name].features(pairs, seen[name])
-        return found
+            features += self._compared[name].features(pairs, sensed[name])
+        return features
 
 
 def _distinct(terms: Sequence[Term]) -> list[Term]:
-    """Terms with labels of which no two are alike."""
-    kept: list[Term] = []
+    """Terms with labels of which no two are equal."""
+    distinct: list[Term] = []
     for term in terms:
         label, number = term.label, 1
-        while label in {other.label for other in kept}:
+        while label in {other.label for other in distinct}:
             number += 1
             label = f"{term.label} ({number})"
-        kept.append(term if number == 1 else replace(term, label=label))
-    return kept
+        distinct.append(term if number == 1 else replace(term, label=label))
+    return distinct
 
 
 def _total(distance: float, penalties: Sequence[float]) -> float:
     if penalties:
-        return float(WRONG * (1.0 + np.mean(penalties)) + distance / (1.0 + distance))
-    beyond = (distance - BEND) / 4.0
-    return float(distance if beyond <= 0.0 else BEND + 4.0 * beyond / (1.0 + beyond))
+        return float(MIN_TOTAL_OF_WRONG_KIND * (1.0 + np.mean(penalties)) + distance / (1.0 + distance))
+    beyond = (distance - MAX_LINEAR_DISTANCE) / 4.0
+    return float(distance if beyond <= 0.0 else MAX_LINEAR_DISTANCE + 4.0 * beyond / (1.0 + beyond))
 
 
-def _joined(said: Mapping[str, str]) -> str:
-    if len(set(said.values())) == 1:
-        return next(iter(said.values()))
-    return "; ".join(f"{name}: {text}" for name, text in said.items())
+def _joined(texts: Mapping[str, str]) -> str:
+    if len(set(texts.values())) == 1:
+        return next(iter(texts.values()))
+    return "; ".join(f"{name}: {text}" for name, text in texts.items())

@@ -8,9 +8,9 @@ import numpy as np
 from calib.records.cycles import harmonics, impact, mean_cycle
 from calib.records.cycles.impacts import PULSE_FOOT
 
-SHARE = 0.02  # tolerance, as a share of the measured value
-PHASE = 0.01  # tolerance of an impact's phase, in periods
-RATIO = 0.005  # least tolerance of a harmonic, as a share of the fundamental
+RELATIVE_TOLERANCE = 0.02  # of the measured value  [1]
+PHASE_TOLERANCE = 0.01  # of an impact, in periods
+MIN_HARMONIC_TOLERANCE = 0.005  # over the fundamental  [1]
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Scalar:
     @property
     def tolerance(self) -> float:
         """2 % of the value or the floor; of an angle the floor, for its zero is arbitrary."""
-        return self.floor if self.turn else max(SHARE * abs(self.value), self.floor)
+        return self.floor if self.turn else max(RELATIVE_TOLERANCE * abs(self.value), self.floor)
 
     def near(self, other: float) -> float:
         """Return `other`, or where this is an angle the equal of it that is nearest."""
@@ -81,40 +81,40 @@ def scalars(
     period : of the excitation  [s], None without one
     sigmas : channel -> standard uncertainty of a sample
     """
-    found = {}
+    features = {}
     for channel, row in values.items():
         sigma, unit = sigmas.get(channel, 0.0), units[channel]
         if period is None:
-            found[f"{channel} amplitude"] = Scalar(0.5 * float(np.ptp(row)), unit, 2.0 * sigma)
-            found[f"{channel} rms"] = Scalar(float(np.std(row)), unit, 2.0 * sigma / np.sqrt(row.size))
+            features[f"{channel} amplitude"] = Scalar(0.5 * float(np.ptp(row)), unit, 2.0 * sigma)
+            features[f"{channel} rms"] = Scalar(float(np.std(row)), unit, 2.0 * sigma / np.sqrt(row.size))
             continue
         mean = mean_cycle(time, row[None], period)
         loop, sigma = mean.loop[0], sigma / np.sqrt(mean.cycles)
-        found[f"{channel} amplitude"] = Scalar(0.5 * float(np.ptp(loop)), unit, 2.0 * sigma)
-        found |= _harmonics(channel, loop, sigma)
+        features[f"{channel} amplitude"] = Scalar(0.5 * float(np.ptp(loop)), unit, 2.0 * sigma)
+        features |= _harmonics(channel, loop, sigma)
         if channel == "velocity":
-            found |= _impact(mean.phase, loop, sigma)
-    return found
+            features |= _impact(mean.phase, loop, sigma)
+    return features
 
 
-def _harmonics(channel, loop, sigma):
+def _harmonics(channel: str, loop: np.ndarray, sigma: float) -> dict[str, Scalar]:
     if loop.size < 8:
         return {}
     size = np.abs(harmonics(loop, 3))
     if not size[0] > 0.0:
         return {}
-    floor = max(RATIO, 2.0 * sigma * np.sqrt(2.0 / loop.size) / size[0])
+    floor = max(MIN_HARMONIC_TOLERANCE, 2.0 * sigma * np.sqrt(2.0 / loop.size) / size[0])
     names = {1: "second", 2: "third"}
     return {f"{name} harmonic of {channel}": Scalar(float(size[i] / size[0]), "1", floor) for i, name in names.items()}
 
 
-def _impact(phase, loop, sigma):
+def _impact(phase: np.ndarray, loop: np.ndarray, sigma: float) -> dict[str, Scalar]:
     at, change, contact = impact(phase, loop)
     if np.isnan(at):
         return {}
     sampling = float(phase[1] - phase[0]) / np.sqrt(6.0)  # of a difference of two instants known to a sample each
     return {
-        "impact phase": Scalar(at, "1", PHASE, turn=1.0, resolution=sampling),
+        "impact phase": Scalar(at, "1", PHASE_TOLERANCE, turn=1.0, resolution=sampling),
         "velocity change at impact": Scalar(change, "m/s", 4.0 * sigma, resolution=PULSE_FOOT * abs(change)),
         "contact time": Scalar(contact, "1", float(phase[1] - phase[0]), resolution=sampling),
     }

@@ -15,6 +15,7 @@ from calib.records.excitation import Excitation
 Use = Literal["calibrate", "name", "holdout"]
 USES = get_args(Use)
 INITIAL_STATE = "initial_state"
+OF_RECORD = Excitation("", "free decay")  # stands for the excitation that the record itself states
 NUISANCES = ("trigger", "offset", "scale", "shear", INITIAL_STATE)
 
 
@@ -62,7 +63,7 @@ class Reference:
         bodies and channels), "offset" (of each body's displacement), "scale" (of each channel), "shear" (of the plotted
         phase curve, x + k y) are solved in closed form; "initial_state" (the simulator's parameters `initial`) by
         Gauss-Newton steps, where the record begins with the motion
-    excitation : None reads it from the record
+    excitation : by default the one that the record states in its attributes
     request : what to compute for the comparison; its interval, where it states none, is that of the record
     """
 
@@ -70,14 +71,14 @@ class Reference:
     record: xr.Dataset
     use: Use = "calibrate"
     nuisance: Sequence[str] = ()
-    excitation: Excitation | None = None
+    excitation: Excitation = OF_RECORD
     request: Request = field(default_factory=Request)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         check(self.record, self.name)
         if self.use not in USES:
             raise CalibError(f"{self.name}: use is one of {', '.join(USES)}, got {self.use!r}{nearest(self.use, USES)}")
-        if self.excitation is None:
+        if self.excitation is OF_RECORD:
             object.__setattr__(self, "excitation", Excitation.of(self.record))
         if self.request.interval is None:
             object.__setattr__(self, "request", replace(self.request, interval=mean_interval(self.record)))
@@ -90,7 +91,7 @@ class Reference:
         """Whether the initial state is one of the nuisances."""
         return INITIAL_STATE in self.nuisance
 
-    def _check_nuisance(self, nuisance):
+    def _check_nuisance(self, nuisance: str) -> None:
         if nuisance not in NUISANCES:
             hint = nearest(nuisance, NUISANCES)
             raise CalibError(f"{self.name}: unknown nuisance {nuisance!r}{hint}; known are {NUISANCES}")
@@ -130,7 +131,7 @@ class Term:
     weight: float = 1.0
     label: str = ""
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("bodies", "records"):
             value = getattr(self, name)
             if value is not None:
@@ -145,7 +146,7 @@ class Term:
 
 @dataclass(frozen=True, eq=False)
 class Score:
-    """What the simulated records are worth.
+    """Distance of the simulated records from the measured ones.
 
     Attributes
     ----------
@@ -155,7 +156,7 @@ class Score:
     terms : distance of each term by label
     status, reason : "ok", or of the first failed record
     kind : kind of the simulated motion, one for all records or "record: kind; ..."
-    evidence : how it was found
+    evidence : on which the kind was decided
     residuals : (n,) float64 with sum of squares D^2; None where a run failed
     nuisances : record -> name -> value in SI
     wrong : records whose motion is of another kind than the reference's

@@ -84,7 +84,7 @@ def test_the_first_call_of_a_process_has_a_warm_up_allowance():
 
 
 def test_a_process_that_follows_one_that_hung_is_not_given_the_time_to_compile_again(monkeypatch):
-    monkeypatch.setattr("calib.execution.pool.RESTART", 0.5)
+    monkeypatch.setattr("calib.execution.pool.MIN_STARTUP_ALLOWANCE", 0.5)
     with LocalPool(f.misbehave, 1, timeout=0.5, startup=100.0) as pool:
         assert results(pool, ["well"]) == {0: "well"}
         failures = results(pool, ["hang", "hang"]).values()
