@@ -15,7 +15,7 @@ from calib.dynamics.pseudo_orbit import pseudo_tangent
 from calib.dynamics.setting import Setting
 from calib.dynamics.single_run import FAILED, PATIENCE, SIGMAS, UNDECIDED, OrbitKind, kind_of_run, settled_orbit
 from calib.errors import CalibError, nearest
-from calib.execution.pool import REFUSED, Failure, workers
+from calib.execution.pool import REFUSED, Failure, Pool, workers
 from calib.store.chunks import Chunks, join, joined
 from calib.store.environment import environment
 from calib.store.plain import plain
@@ -46,7 +46,7 @@ class Plane:
     start: Mapping[str, float] = field(default_factory=dict)
     settle: int = 1000
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         known = self.map().names
         for name in (self.x[0], self.y[0], *self.start):
             if name not in known:
@@ -120,10 +120,10 @@ def basins(
     """
     path, definition = Path(path), plane.definition()
     total = len(plane.x[1]) * len(plane.y[1])
-    found = joined(path, definition, fresh)
-    if found is not None:
+    stored = joined(path, definition, fresh)
+    if stored is not None:
         on_done(total, total)
-        return found
+        return stored
     tasks = {str(first): range(first, min(first + CHUNK, total)) for first in range(0, total, CHUNK)}
 
     def make(chunks: Chunks) -> xr.Dataset:
@@ -135,23 +135,23 @@ def basins(
 
 
 def _pieces(
-    plane: Plane, pool, chunks: Chunks, tasks: Mapping[str, range], on_done: Callable[[int], None]
+    plane: Plane, pool: Pool, chunks: Chunks, tasks: Mapping[str, range], on_done: Callable[[int], None]
 ) -> dict[str, dict[str, np.ndarray]]:
     """Arrays of each task by its key: those kept from before, and those of what has not been run."""
-    found = chunks.kept(tasks)
-    on_done(_points(found))
-    missing = {key: task for key, task in tasks.items() if key not in found}
+    pieces = chunks.kept(tasks)
+    on_done(_points(pieces))
+    missing = {key: task for key, task in tasks.items() if key not in pieces}
     for key, arrays in chunks.made(pool, missing, partial(_singly, plane, pool)):
-        found[key] = arrays
-        on_done(_points(found))
-    return found
+        pieces[key] = arrays
+        on_done(_points(pieces))
+    return pieces
 
 
 def _points(pieces: Mapping[str, Mapping[str, np.ndarray]]) -> int:
     return sum(piece["period"].size for piece in pieces.values())
 
 
-def _singly(plane: Plane, pool, points: Sequence[int]) -> dict[str, np.ndarray]:
+def _singly(plane: Plane, pool: Pool, points: Sequence[int]) -> dict[str, np.ndarray]:
     """Run the states of a piece one by one, so that only the one that fails is lost.
 
     Raises
@@ -178,31 +178,31 @@ def _motions(plane: Plane, points: Sequence[int]) -> dict[str, np.ndarray]:
     """Period, last state, status and reason of the motions from some points of the plane, counted row by row."""
     map = plane.map()
     states = plane.states(map).reshape(-1, len(map.names))
-    found = [_motion(map, states[point], plane.settle) for point in points]
+    motions = [_motion(map, states[point], plane.settle) for point in points]
     return {
-        "period": np.array([LOST if f.kind == FAILED else f.period or IRREGULAR for f in found]),
-        "state": np.array([f.state for f in found]),
-        "status": np.array([f.status for f in found]),
-        "reason": np.array([f.reason for f in found]),
+        "period": np.array([LOST if one.kind == FAILED else one.period or IRREGULAR for one in motions]),
+        "state": np.array([one.state for one in motions]),
+        "status": np.array([one.status for one in motions]),
+        "reason": np.array([one.reason for one in motions]),
     }
 
 
 def _motion(map: PeriodMap, state: np.ndarray, settle: int) -> OrbitKind:
     """Motion that a state leads to; one that does not return has a growing difference or got all the time to settle."""
-    found = settled_orbit(map, state, settle, CYCLES)
-    if found.kind != UNDECIDED:
-        return found
-    exponent = largest_exponent(map, found.state, PERIODS, pseudo_tangent)
+    motion = settled_orbit(map, state, settle, CYCLES)
+    if motion.kind != UNDECIDED:
+        return motion
+    exponent = largest_exponent(map, motion.state, PERIODS, pseudo_tangent)
     if exponent.value > SIGMAS * exponent.error:
-        return found
-    return settled_orbit(map, found.state, PATIENCE * settle, CYCLES, found.dropped + CYCLES)
+        return motion
+    return settled_orbit(map, motion.state, PATIENCE * settle, CYCLES, motion.dropped + CYCLES)
 
 
-def _dataset(plane: Plane, found: Mapping[str, np.ndarray]) -> xr.Dataset:
+def _dataset(plane: Plane, motions: Mapping[str, np.ndarray]) -> xr.Dataset:
     map = plane.map()
-    attractor = np.full(found["period"].size, -1)
+    attractor = np.full(motions["period"].size, -1)
     members: list[tuple[int, np.ndarray]] = []  # period, states of one return
-    for point, (period, state) in enumerate(zip(found["period"].tolist(), found["state"], strict=True)):
+    for point, (period, state) in enumerate(zip(motions["period"].tolist(), motions["state"], strict=True)):
         if period == LOST:
             continue
         same = (k for k, (own, states) in enumerate(members) if own == period and _near(map, states, state, period))
@@ -219,7 +219,7 @@ def _dataset(plane: Plane, found: Mapping[str, np.ndarray]) -> xr.Dataset:
     share = np.array([(attractor == k).mean() for k in range(len(members))])
     (y, rows), (x, columns) = plane.y, plane.x
     units = dict(zip(map.names, map.units, strict=True))
-    of_start = {"attractor": attractor, "status": found["status"], "reason": found["reason"]}
+    of_start = {"attractor": attractor, "status": motions["status"], "reason": motions["reason"]}
     return xr.Dataset(
         {
             **{name: ((y, x), values.reshape(len(rows), len(columns))) for name, values in of_start.items()},

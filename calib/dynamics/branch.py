@@ -7,7 +7,7 @@ the unit tangent t the next is sought at t . (z - guess) = 0 with the guess a st
 import itertools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -36,7 +36,8 @@ CLOSED = "the branch closes on itself"
 SHORTER = "it comes out of a flip of the cycle of half its period"
 
 
-class Special(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Special:
     """A point of a branch at which the motion changes.
 
     Attributes
@@ -166,13 +167,13 @@ def follow(
     if start is None:
         why = "the derivative by the parameter is not known: the motion fails beside the parameter"
         return _branch(map, cycle.periods, [], [], (why, why))
-    onward, found, last = _run(curve, start, most)
+    onward, specials_onward, last = _run(curve, start, most)
     if last == CLOSED:
-        return _branch(map, cycle.periods, onward, found, (CLOSED, CLOSED))
-    back, back_found, first = _run(curve, start._replace(tangent=-start.tangent), most)
+        return _branch(map, cycle.periods, onward, specials_onward, (CLOSED, CLOSED))
+    back, specials_back, first = _run(curve, start._replace(tangent=-start.tangent), most)
     shift = len(back) - 1
-    specials = [special._replace(index=shift - special.index) for special in back_found[::-1]]
-    specials += [special._replace(index=shift + special.index) for special in found]
+    specials = [replace(special, index=shift - special.index) for special in specials_back[::-1]]
+    specials += [replace(special, index=shift + special.index) for special in specials_onward]
     return _branch(map, cycle.periods, [*back[:0:-1], *onward], specials, (first, last))
 
 
@@ -227,7 +228,7 @@ class _Curve:
     def opening(self, point: _CurvePoint, base: _CurvePoint) -> float:
         """How far the motion is from half its period, along what it was at `base`: it changes sign at the flip."""
         halves = (p.cycle.orbit.states[self.periods // 2 - 1] / self.scale - p.z[:-1] for p in (point, base))
-        return np.dot(*halves)
+        return float(np.dot(*halves))
 
     def shorter(self, point: _CurvePoint) -> bool:
         """Whether the motion returns after a part of the periods already, as what a long step may land on does."""
@@ -270,19 +271,19 @@ class _Curve:
 
 def _run(curve: _Curve, start: _CurvePoint, most: int) -> tuple[list[_CurvePoint], list[Special], str]:
     """Points from `start` on along its tangent, special points among them, and why they end."""
-    points, specials, step = [start], [], STEP
+    points, specials, step = [start], list[Special](), STEP
     while len(points) <= most:
         base = points[-1]
         if base.z[-1] == float(base.tangent[-1] > 0.0):
             return points, specials, f"edge of the window, {base.parameter:g}"
         ahead, reason = curve.ahead(base, step)
-        found = _found(curve, base, ahead) if ahead else []
-        if ahead is None or found is None:
+        between = _specials_between(curve, base, ahead) if ahead else []
+        if ahead is None or between is None:
             step /= 2.0
             if step < LEAST:
                 return _ended(curve, points, specials, reason or "the cycles beside a special point are not found")
             continue
-        for kind, point, evidence in found:
+        for kind, point, evidence in between:
             points.append(point)
             specials.append(Special(kind, point.parameter, point.cycle.state, len(points) - 1, evidence))
             if evidence == SHORTER:
@@ -304,19 +305,20 @@ def _impacts_differ(one: _CurvePoint, other: _CurvePoint) -> bool:
 
 
 def _fold(point: _CurvePoint, _: _CurvePoint) -> float:
-    return point.tangent[-1]
+    return float(point.tangent[-1])
 
 
 def _branching(point: _CurvePoint, base: _CurvePoint) -> float:
-    return np.linalg.det(np.vstack([point.matrix, base.tangent]))
+    return float(np.linalg.det(np.vstack([point.matrix, base.tangent])))
 
 
 def _flip(point: _CurvePoint, _: _CurvePoint) -> float:
-    return np.prod(point.cycle.multipliers + 1.0).real
+    return float(np.prod(point.cycle.multipliers + 1.0).real)
 
 
 def _neimark_sacker(point: _CurvePoint, _: _CurvePoint) -> float:
-    return np.prod([one * other - 1.0 for one, other in itertools.combinations(point.cycle.multipliers, 2)]).real
+    pairs = itertools.combinations(point.cycle.multipliers, 2)
+    return float(np.prod([one * other - 1.0 for one, other in pairs]).real)
 
 
 TESTS = {"fold": _fold, "branching": _branching, "flip": _flip, "Neimark-Sacker": _neimark_sacker}
@@ -334,12 +336,17 @@ def _evidence(kind: str, point: _CurvePoint) -> str:
     return f"a pair of modulus {abs(one):.6f} turns by {turned:.6f} of a circle per return" if one.imag else ""
 
 
-def _found(curve: _Curve, base: _CurvePoint, ahead: _CurvePoint) -> list[tuple[str, _CurvePoint, str]] | None:
+Test = Callable[[_CurvePoint, _CurvePoint], float]  # of a point and the one before it; it changes sign
+
+
+def _specials_between(
+    curve: _Curve, base: _CurvePoint, ahead: _CurvePoint
+) -> list[tuple[str, _CurvePoint, str]] | None:
     """Special points between two neighbours: kind, point and evidence; None where the curve is lost between them."""
     if curve.periods % 2 == 0 and curve.opening(ahead, base) < 0.0:
         root = _root(curve, base, ahead, curve.opening)
         return None if root is None else [("flip", root, SHORTER)]
-    found = []
+    specials = []
     for kind, test in TESTS.items():
         ends = test(base, base), test(ahead, base)
         if ends[0] * ends[1] < 0.0:
@@ -348,11 +355,11 @@ def _found(curve: _Curve, base: _CurvePoint, ahead: _CurvePoint) -> list[tuple[s
                 return None
             evidence = _evidence(kind, root)
             if evidence and abs(test(root, base)) < AT_ZERO * max(map(abs, ends)):
-                found.append((kind, root, evidence))
-    return sorted(found, key=lambda entry: (entry[1].z - base.z) @ base.tangent)
+                specials.append((kind, root, evidence))
+    return sorted(specials, key=lambda entry: (entry[1].z - base.z) @ base.tangent)
 
 
-def _root(curve: _Curve, base: _CurvePoint, ahead: _CurvePoint, test: Callable) -> _CurvePoint | None:
+def _root(curve: _Curve, base: _CurvePoint, ahead: _CurvePoint, test: Test) -> _CurvePoint | None:
     """Point between two neighbours at which `test` changes sign, by the Illinois method on the arclength."""
     low, high = 0.0, float(np.linalg.norm(ahead.z - base.z))
     # so close to the curve that Newton has little to do, which matters where its matrix is singular: at a branching
@@ -377,7 +384,9 @@ def _root(curve: _Curve, base: _CurvePoint, ahead: _CurvePoint, test: Callable) 
     return point
 
 
-def _ended(curve: _Curve, points: list[_CurvePoint], specials: list[Special], reason: str) -> tuple:
+def _ended(
+    curve: _Curve, points: list[_CurvePoint], specials: list[Special], reason: str
+) -> tuple[list[_CurvePoint], list[Special], str]:
     """Say why a curve that cannot be followed any further ends: by grazing where its margin runs to zero."""
     cycle = points[-1].cycle
     at = f"{points[-1].parameter:.9g}"

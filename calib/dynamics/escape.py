@@ -40,7 +40,7 @@ class EscapeTime:
             return low, math.inf
         return low, 2.0 * self.observed / float(chdtri(2 * self.escapes, 0.5 * (1.0 + CONFIDENCE)))
 
-    def __str__(self):
+    def __str__(self) -> str:
         low, high = self.interval
         if not self.escapes:
             return f"none of the runs left it within {self.observed} periods: mean escape time above {low:.0f}"

@@ -96,8 +96,8 @@ def kind_of_orbit(
     if not first.period:
         for cycle in stable_cycles(map, first.visited):
             met.add_cycle(cycle, cycles)
-        if first.kind != CHAOTIC and (cycle := met.settled_to()) is not None:
-            return cycle
+        if first.kind != CHAOTIC and (stable := met.settled_to()) is not None:
+            return stable
         if first.regular and not by_chance:
             return met.verdict(1, None)
     if explore and not first.regular:
@@ -163,7 +163,7 @@ def _closest_returns(section: np.ndarray, longest: int = LONG_LAGS) -> list[tupl
     A state beside a cycle of a part of the lag returns after that part already, and is no guess of a longer one.
     """
     apart = [np.abs(section[lag:] - section[:-lag]).max(axis=1) for lag in range(1, longest + 1)]
-    short, long = [], []
+    short, long = list[tuple[float, int, int]](), list[tuple[float, int, int]]()
     for lag, distance in enumerate(apart, 1):
         parts = [apart[part - 1][: distance.size] for part in range(1, lag) if lag % part == 0]
         later = np.any([distance >= FIRST_RETURN * part for part in parts], axis=0) if parts else False

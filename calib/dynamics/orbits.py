@@ -174,7 +174,10 @@ def checked_guess(map: PeriodMap, guess: np.ndarray, periods: int) -> np.ndarray
 
 
 def newton(
-    residual: Callable, derivative: Callable, start: np.ndarray, most: int
+    residual: Callable[[np.ndarray], np.ndarray],
+    derivative: Callable[[np.ndarray], np.ndarray],
+    start: np.ndarray,
+    most: int,
 ) -> tuple[np.ndarray, tuple[float, ...], str]:
     """Root of `residual` near `start` (n,), norms of the residual after 0, 1, ... steps, and why there is none or "".
 

@@ -41,9 +41,13 @@ class Setting:
         CalibError : an unknown parameter, a simulator or an excitation without a period map
         ValueError : these values give nothing that could move
         """
-        values = {**self.values, **(varied or {})}
-        drive = {field: values.pop(name) for name, field in DRIVE.items() if name in values}
-        return self.model.period_map(values, replace(self.excitation, **drive), self.phase)
+        values, own = {**self.values, **(varied or {})}, self.excitation
+        drive = replace(
+            own,
+            frequency=values.pop("excitation.frequency", own.frequency),
+            amplitude=values.pop("excitation.amplitude", own.amplitude),
+        )
+        return self.model.period_map(values, drive, self.phase)
 
     def unit(self, name: str) -> str:
         """SI unit of what can vary.

@@ -23,7 +23,7 @@ class SweepTask(NamedTuple):
     carried: bool
 
 
-MOTION = {  # what is told of each motion at a value: name -> what it is where there is none
+NO_MOTION = {  # name of each scalar of a motion at a value -> what it is where there is no motion
     "kind": FAILED,
     "period": 0,
     "impacts": -1,
@@ -37,7 +37,7 @@ MOTION = {  # what is told of each motion at a value: name -> what it is where t
     "sightings": 0,
     "evidence": "",
 }
-OTHER = "other_"  # prefix of what is told of the motions beside the one that gives the kind
+OTHER = "other_"  # prefix of the arrays of the motions that coexist with the one that gives the kind
 
 
 def motions(sweep: Sweep, task: SweepTask) -> dict[str, np.ndarray]:
@@ -52,12 +52,12 @@ def motions(sweep: Sweep, task: SweepTask) -> dict[str, np.ndarray]:
         except ValueError as error:
             rows.append(failed_row(sweep, IMPOSSIBLE, str(error)))
             continue
-        found = kind_of_orbit(map, begun(map, state), sweep.settle, sweep.cycles, sweep.runs, explore=False)
+        motion = kind_of_orbit(map, begun(map, state), sweep.settle, sweep.cycles, sweep.runs, explore=False)
         if task.carried:
-            found = as_run(found)
-        rows.append(_row(sweep, map, found))
-        if task.carried and found.kind != FAILED:
-            state = dict(zip(map.names, found.state.tolist(), strict=True))
+            motion = as_run(motion)
+        rows.append(_row(sweep, map, motion))
+        if task.carried and motion.kind != FAILED:
+            state = dict(zip(map.names, motion.state.tolist(), strict=True))
     return stacked(rows)
 
 
@@ -66,50 +66,52 @@ def begun(map: PeriodMap, state: Mapping[str, float]) -> np.ndarray:
     return np.array([state.get(name, own) for name, own in zip(map.names, map.initial.tolist(), strict=True)])
 
 
-def as_run(found: OrbitKind) -> OrbitKind:
-    """Return the motion that the run itself stayed on, with a stable one that was found beside it among the others."""
-    if found.run_state is None:
-        return found
-    [run] = [one for one in found.coexisting if one.state is found.run_state]
-    others = tuple(one for one in found.coexisting if one is not run)
-    stable = replace(found, coexisting=(), run_state=None)
-    text = f"{run.evidence}; a motion that is {found.kind} lies beside it"
-    text += f"; {found.escape}" if found.escape else ""
-    return replace(run, evidence=text, coexisting=(stable, *others), escape=found.escape, certain=False, run_state=None)
+def as_run(motion: OrbitKind) -> OrbitKind:
+    """Return the motion that the run itself stayed on, with a stable one that coexists with it among the others."""
+    if motion.run_state is None:
+        return motion
+    [run] = [one for one in motion.coexisting if one.state is motion.run_state]
+    others = tuple(one for one in motion.coexisting if one is not run)
+    stable = replace(motion, coexisting=(), run_state=None)
+    text = f"{run.evidence}; a motion that is {motion.kind} lies beside it"
+    text += f"; {motion.escape}" if motion.escape else ""
+    return replace(
+        run, evidence=text, coexisting=(stable, *others), escape=motion.escape, certain=False, run_state=None
+    )
 
 
-def motion_arrays(sweep: Sweep, found: OrbitKind) -> dict[str, np.ndarray]:
+def motion_arrays(sweep: Sweep, motion: OrbitKind) -> dict[str, np.ndarray]:
     """Arrays of one motion by name."""
-    impacts = found.orbit.impacts
-    told = {
-        "impacts_per_period": found.impacts_per_period,
-        "exponent": found.exponent,
-        "exponent_error": found.error,
-        **{name: getattr(found, name) for name in ("kind", "period", "impacts", "zero_one", "contact", "dropped")},
-        **{name: getattr(found, name) for name in ("share", "sightings", "evidence")},
+    impacts = motion.orbit.impacts
+    scalars = {
+        "impacts_per_period": motion.impacts_per_period,
+        "exponent": motion.exponent,
+        "exponent_error": motion.error,
+        **{name: getattr(motion, name) for name in ("kind", "period", "impacts", "zero_one", "contact", "dropped")},
+        **{name: getattr(motion, name) for name in ("share", "sightings", "evidence")},
     }
     return {
-        **{name: np.array(value) for name, value in told.items()},
-        "displacement": found.orbit.displacement,
-        "velocity": found.orbit.velocity,
+        **{name: np.array(value) for name, value in scalars.items()},
+        "displacement": motion.orbit.displacement,
+        "velocity": motion.orbit.velocity,
         "impact_phase": (impacts[:, 1] + sweep.setting.phase) % 1.0,
         "impact_speed": impacts[:, 2],
-        "state": found.state,
+        "state": motion.state,
     }
 
 
-def _row(sweep: Sweep, map: PeriodMap, found: OrbitKind) -> dict[str, np.ndarray]:
-    if found.kind == FAILED:
-        return failed_row(sweep, found.status, found.reason)
-    low, high = found.escape.interval if found.escape else (math.nan, math.nan)
-    others = stacked([no_motion(sweep), *(motion_arrays(sweep, one) for one in found.coexisting)])
+def _row(sweep: Sweep, map: PeriodMap, motion: OrbitKind) -> dict[str, np.ndarray]:
+    if motion.kind == FAILED:
+        return failed_row(sweep, motion.status, motion.reason)
+    low, high = motion.escape.interval if motion.escape else (math.nan, math.nan)
+    others = stacked([no_motion(sweep), *(motion_arrays(sweep, one) for one in motion.coexisting)])
     return {
-        **motion_arrays(sweep, found),
+        **motion_arrays(sweep, motion),
         **{f"{OTHER}{name}": array[1:] for name, array in others.items()},
-        "status": np.array(found.status),
-        "certain": np.array(found.certain),
-        "runs": np.array(found.runs),
-        "escape_mean": np.array(found.escape.mean if found.escape else math.nan),
+        "status": np.array(motion.status),
+        "certain": np.array(motion.certain),
+        "runs": np.array(motion.runs),
+        "escape_mean": np.array(motion.escape.mean if motion.escape else math.nan),
         "escape_low": np.array(low),
         "escape_high": np.array(high),
         "names": np.array(map.names),
@@ -121,8 +123,8 @@ def no_motion(sweep: Sweep) -> dict[str, np.ndarray]:
     """Arrays of a motion that is not there, by the names of those of one that is."""
     nothing = np.full((len(sweep.setting.model.bodies), sweep.cycles), np.nan)
     empty = dict.fromkeys(("impact_phase", "impact_speed", "state"), np.zeros(0))
-    told = {name: np.array(value) for name, value in MOTION.items()}
-    return {**told, "displacement": nothing, "velocity": nothing, **empty}
+    scalars = {name: np.array(value) for name, value in NO_MOTION.items()}
+    return {**scalars, "displacement": nothing, "velocity": nothing, **empty}
 
 
 def failed_row(sweep: Sweep, status: str, reason: str) -> dict[str, np.ndarray]:
@@ -150,6 +152,7 @@ def stacked(rows: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
         shape = np.max([part.shape for part in parts], axis=0).astype(int) if parts[0].ndim else ()
         padded = np.full((len(parts), *shape), np.nan if kind.kind == "f" else np.zeros((), kind), dtype=kind)
         for k, part in enumerate(parts):
-            padded[(k, *(slice(size) for size in part.shape))] = part
+            filled: tuple[int | slice, ...] = (k, *(slice(size) for size in part.shape))
+            padded[filled] = part
         arrays[name] = padded
     return arrays

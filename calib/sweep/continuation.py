@@ -94,7 +94,8 @@ def continued(sweep: Sweep, chain: ContinuationChain) -> dict[str, np.ndarray]:
     for place, (point, known) in enumerate(zip(chain.points, chain.known, strict=True)):
         staying = [one for one in brought if any(_same_branch(one, other) for other in known.regular)]
         leaving = [one for one in brought if not any(one is other for other in staying)]
-        arrived, new = [(one.period, one.sightings) for one in staying], []
+        arrived = [(one.period, one.sightings) for one in staying]
+        new: list[OrbitKind] = []
         if not known.failed and leaving:
             map = sweep.map_at(point)
             new, further = _taken_on(sweep, map, known, leaving)

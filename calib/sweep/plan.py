@@ -15,9 +15,9 @@ from calib.modelling.parameter import Window
 from calib.store.environment import environment
 from calib.store.plain import plain
 
-NONE, FORWARD, BACKWARD, BOTH = "none", "forward", "backward", "both"
 Carry = Literal["none", "forward", "backward", "both"]
-CARRY = get_args(Carry)
+CARRY: tuple[Carry, ...] = get_args(Carry)
+NONE, FORWARD, BACKWARD, BOTH = CARRY
 
 
 class Track(NamedTuple):
@@ -55,7 +55,7 @@ class Sweep:
     cycles: int = 100
     runs: int = 3
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         arrays = {name: np.atleast_1d(np.asarray(values, dtype=float)) for name, values in self.over.items()}
         object.__setattr__(self, "over", arrays)
         object.__setattr__(self, "starts", tuple(self.starts))
@@ -70,7 +70,7 @@ class Sweep:
         return np.stack([axis.ravel(order="F") for axis in grid], axis=1)
 
     @property
-    def _ways(self) -> list[tuple[int, str]]:
+    def _ways(self) -> list[tuple[int, Carry]]:
         """Start and direction of each branch."""
         ways = [FORWARD, BACKWARD] if self.carry == BOTH else [self.carry]
         return [(start, way) for start in range(len(self.starts)) for way in ways]
@@ -124,7 +124,7 @@ class Sweep:
 
     def components(self, points: Sequence[int] = (0, -1)) -> dict[str, str]:
         """Unit of each component of the state by name; laws that are at their null at all of `points` have none."""
-        units = {}
+        units: dict[str, str] = {}
         for point in points:
             try:
                 map = self.map_at(point)

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError
-from calib.execution.pool import REFUSED, Failure, workers
+from calib.execution.pool import REFUSED, Failure, Pool, workers
 from calib.store.chunks import Chunks, join, joined
 from calib.sweep.compute import OTHER, SweepTask, failed_row, motions, stacked
 from calib.sweep.continuation import ContinuationChain, Known, continued, nothing_continued
@@ -104,10 +104,10 @@ def run(
     """
     path, definition = Path(path), sweep.definition()
     total = len(sweep.points) * len(sweep.branches)
-    found = joined(path, definition, fresh)
-    if found is not None:
+    stored = joined(path, definition, fresh)
+    if stored is not None:
         on_done(total, total)
-        return found
+        return stored
 
     def make(chunks: Chunks) -> xr.Dataset:
         with workers(partial(_made, sweep), jobs, timeout) as pool:
@@ -129,32 +129,32 @@ def _made(sweep: Sweep, task: SweepTask | ContinuationChain) -> dict[str, np.nda
     return continued(sweep, task) if isinstance(task, ContinuationChain) else motions(sweep, task)
 
 
-def _pieces(sweep: Sweep, pool, chunks: Chunks, on_done: Callable[[int], None]) -> Pieces:
+def _pieces(sweep: Sweep, pool: Pool, chunks: Chunks, on_done: Callable[[int], None]) -> Pieces:
     """Run what has not been run; a track whose state is carried has one piece under way at a time."""
     tracks = list(sweep.tracks())
-    found = chunks.kept(_name(t, c) for t, track in enumerate(tracks) for c in range(len(_parts(track.points))))
-    on_done(_points(found))
-    while tasks := _ready(sweep, tracks, found):
+    pieces = chunks.kept(_name(t, c) for t, track in enumerate(tracks) for c in range(len(_parts(track.points))))
+    on_done(_points(pieces))
+    while tasks := _ready(sweep, tracks, pieces):
         for name, arrays in chunks.made(pool, tasks, partial(_singly, sweep, pool)):
-            found[name] = arrays
-            on_done(_points(found))
-    return found
+            pieces[name] = arrays
+            on_done(_points(pieces))
+    return pieces
 
 
-def _ready(sweep: Sweep, tracks: list[Track], found: Pieces) -> dict[str, SweepTask]:
+def _ready(sweep: Sweep, tracks: list[Track], pieces: Pieces) -> dict[str, SweepTask]:
     """Pieces that are missing and whose start is known."""
     tasks = {}
     for t, track in enumerate(tracks):
         for c, points in enumerate(_parts(track.points)):
-            if _name(t, c) not in found:
-                tasks[_name(t, c)] = SweepTask(points, _before(sweep, track, found, t, c), track.carried)
+            if _name(t, c) not in pieces:
+                tasks[_name(t, c)] = SweepTask(points, _before(sweep, track, pieces, t, c), track.carried)
                 if track.carried:
                     break
     return tasks
 
 
 def _chained(
-    sweep: Sweep, pool, chunks: Chunks, chains: list[tuple[int, ...]], at: Mapping[int, Known]
+    sweep: Sweep, pool: Pool, chunks: Chunks, chains: list[tuple[int, ...]], at: Mapping[int, Known]
 ) -> list[list[dict[str, np.ndarray]]]:
     """Pieces of each chain, in which regular motions are taken from value to value; one piece of a chain at a time."""
     parts = [_parts(chain) for chain in chains]
@@ -188,10 +188,10 @@ def _points(pieces: Pieces) -> int:
     return sum(len(piece["kind"]) for piece in pieces.values())
 
 
-def _before(sweep: Sweep, track: Track, found: Pieces, t: int, c: int) -> dict[str, float]:
+def _before(sweep: Sweep, track: Track, pieces: Pieces, t: int, c: int) -> dict[str, float]:
     """State that part c of track t starts from: the last one before it, where states are carried."""
     for earlier in range(c - 1, -1, -1) if track.carried else ():
-        state = _last(found[_name(t, earlier)])
+        state = _last(pieces[_name(t, earlier)])
         if state:
             return state
     return dict(sweep.starts[track.start])
@@ -206,7 +206,7 @@ def _last(arrays: Mapping[str, np.ndarray]) -> dict[str, float]:
     return {}
 
 
-def _singly(sweep: Sweep, pool, task: SweepTask) -> dict[str, np.ndarray]:
+def _singly(sweep: Sweep, pool: Pool, task: SweepTask) -> dict[str, np.ndarray]:
     """Run the points of a piece one by one, so that only the one that fails is lost.
 
     Raises
@@ -257,29 +257,28 @@ def _dataset(sweep: Sweep, rows: Rows) -> xr.Dataset:
     dims = ("point",) if sweep.paired else tuple(_dimension(name) for name in sweep.over)
     sizes = (size,) if sweep.paired else tuple(values.size for values in sweep.over.values())
     outer = ("branch",) if len(branches) > 1 else ()
-    variables = {}
+    variables: dict[str, xr.Variable] = {}
     for name, array in arrays.items():
         array = array.reshape(len(branches), *sizes[::-1], *array.shape[1:])  # the first parameter runs fastest
-        places = range(1, 1 + len(sizes))
-        array = np.moveaxis(array, places, [-k for k in places])
+        axes = range(1, 1 + len(sizes))
+        array = np.moveaxis(array, axes, [-k for k in axes])
         own = name.removeprefix(OTHER)
         beside = ", of a motion beside" if own != name else ""
         attrs = {"long_name": f"{NAMES[own]}{beside}"} if own in NAMES else {}
         attrs |= {"units": UNITS[own]} if own in UNITS else {}
         inside = (*(("other",) if own != name else ()), *INSIDE.get(own, ()))
-        variables[name] = ((*outer, *inside, *dims), array if outer else array[0], attrs)
-    coords = {
-        "body": list(sweep.setting.model.bodies),
-        "component": components,
-        "component_unit": ("component", component_units),
+        variables[name] = xr.Variable((*outer, *inside, *dims), array if outer else array[0], attrs)
+    coords: dict[str, xr.Variable] = {
+        "body": xr.Variable("body", list(sweep.setting.model.bodies)),
+        "component": xr.Variable("component", components),
+        "component_unit": xr.Variable("component", component_units),
     }
     if outer:
-        coords["branch"] = branches
+        coords["branch"] = xr.Variable("branch", branches)
     for name, values in sweep.over.items():
         attrs = {"units": sweep.setting.unit(name), "long_name": sweep.setting.meaning(name), "name": name}
-        coords[_dimension(name)] = (dims[0] if sweep.paired else _dimension(name), values, attrs)
-    attrs = {"model": sweep.setting.model.name, "phase": sweep.setting.phase}
-    return xr.Dataset(variables, coords=coords, attrs=attrs)
+        coords[_dimension(name)] = xr.Variable(dims[0] if sweep.paired else _dimension(name), values, attrs)
+    return xr.Dataset(variables, coords=coords, attrs={"model": sweep.setting.model.name, "phase": sweep.setting.phase})
 
 
 def _dimension(name: str) -> str:

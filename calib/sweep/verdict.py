@@ -1,6 +1,6 @@
 """Which of the motions of a value gives its kind, once neighbouring values have brought theirs."""
 
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -39,9 +39,9 @@ def _known(sweep: Sweep, rows: Rows, point: int) -> Known:
         for motion in _motions(sweep, row):
             if _regular(motion):
                 regular.append(_as_regular(motion, row["names"]))
-        settled |= _regular(row) and row["share"] > 0.0
+        settled |= _regular(row) and bool(row["share"] > 0.0)
     failed = all(rows[branch, point]["kind"] == FAILED for branch in range(len(sweep.branches)))
-    return Known(tuple(regular), bool(settled), failed)
+    return Known(tuple(regular), settled, failed)
 
 
 def regular_at_end(
@@ -67,24 +67,24 @@ def arrivals(
     ----------
     pieces : of each chain, of `chunk` points each
     """
-    found: dict[int, Arrivals] = {}
+    brought: dict[int, Arrivals] = {}
     for chain, parts in zip(chains, pieces, strict=True):
         for c, arrays in enumerate(parts):
             for place, point in enumerate(chain[c * chunk : (c + 1) * chunk]):
-                before = found.get(point, Arrivals([], {}))
+                before = brought.get(point, Arrivals([], {}))
                 own = _support(arrays, place)
-                found[point] = Arrivals(
+                brought[point] = Arrivals(
                     before.motions + _unstacked(arrays, np.flatnonzero(arrays["at"] == place)),
                     {p: before.support.get(p, 0) + own.get(p, 0) for p in {*before.support, *own}},
                 )
-    return found
+    return brought
 
 
-def judged(sweep: Sweep, rows: Rows, found: Mapping[int, Arrivals]) -> Rows:
-    """Rows with all motions of each point, the kind given to the one that the rule of a sweep says."""
+def judged(sweep: Sweep, rows: Rows, brought: Mapping[int, Arrivals]) -> Rows:
+    """Rows with all motions of each point, of which one gives the kind by the rule of a sweep."""
     return {
-        (branch, point): _judged(sweep, row, found[point], _of_other_starts(sweep, rows, branch, point))
-        if point in found and row["kind"] != FAILED
+        (branch, point): _judged(sweep, row, brought[point], _of_other_starts(sweep, rows, branch, point))
+        if point in brought and row["kind"] != FAILED
         else row
         for (branch, point), row in rows.items()
     }
@@ -137,7 +137,7 @@ def _motions(sweep: Sweep, row: Motion) -> list[Motion]:
     return [_told(sweep, row), *_unstacked(others, present)]
 
 
-def _unstacked(arrays: Mapping[str, np.ndarray], which: Sequence[int]) -> list[Motion]:
+def _unstacked(arrays: Mapping[str, np.ndarray], which: Iterable[int]) -> list[Motion]:
     return [{name: array[k] for name, array in arrays.items() if array.ndim and len(array) > k} for k in which]
 
 
