@@ -110,8 +110,8 @@ def _excitation(spec: FigureToml) -> tuple[float | None, dict[str, float | str]]
         attrs["amplitude"] = to_si(spec.excitation.amplitude, unit)
     if spec.excitation.frequency is None:
         return None, attrs
-    attrs["frequency"] = to_si(spec.excitation.frequency, "Hz")
-    return 1.0 / attrs["frequency"], attrs
+    frequency = attrs["frequency"] = to_si(spec.excitation.frequency, "Hz")
+    return 1.0 / frequency, attrs
 
 
 # --- phase curves
@@ -149,8 +149,9 @@ def _timed(reading: Reading, period: float | None, samples: int, findings: Findi
     time = np.diff(found.time)
     time = np.concatenate([[0.0], np.cumsum(np.roll(time, -start))]) * (once / found.period)
     rolled = NodeLoop(
-        *(np.roll(row, -start) for row in (drawn.displacement, drawn.velocity, drawn.place)), drawn.reversed
-    )
+        np.roll(drawn.displacement, -start), np.roll(drawn.velocity, -start), np.roll(drawn.place, -start),
+        drawn.reversed,
+    )  # fmt: skip
     return Timed(reading, rolled, np.roll(sigma, -start, axis=1), time)
 
 
@@ -351,17 +352,17 @@ def _start(timed: Timed, diagrams: Sequence[Reading], findings: Findings) -> flo
     even = np.linspace(time[0], time[-1], 2000)
     drawn, error = np.interp(even, time, values), np.interp(even, time, errors)
 
-    def left(start):
+    def mean_square(start: float) -> float:
         return float(np.mean((drawn - timed.at(even - start)[row]) ** 2))
 
     tried = np.arange(SHIFTS) * length / SHIFTS
-    best = float(tried[np.argmin([left(start) for start in tried])])
+    best = float(tried[np.argmin([mean_square(start) for start in tried])])
     step = length / SHIFTS
-    start = float(minimize_scalar(left, bounds=(best - step, best + step), method="bounded").x)
+    start = float(minimize_scalar(mean_square, bounds=(best - step, best + step), method="bounded").x)
     of_loop = timed.at(even - start)
     scale, offset = np.linalg.lstsq(np.column_stack([of_loop[row], np.ones(even.size)]), drawn, rcond=None)[0]
     size = float(np.ptp(timed.loop.displacement if row == 0 else timed.loop.velocity)) / 2.0
-    rest = float(np.sqrt(left(start)))
+    rest = float(np.sqrt(mean_square(start)))
     expected = float(np.sqrt(np.mean(of_loop[2 + row] ** 2 + error**2)))
     body, kind = timed.reading.body, first.kind
     findings.attrs[f"reconciled_scale_{body}"] = float(scale)

@@ -8,8 +8,8 @@ import numpy as np
 from calib.errors import CalibError
 
 READING = 0.3  # pixels: standard uncertainty of an axis point that is read to a whole pixel (1 / sqrt 12)
-WORTH = 4.0  # residuals that READING counts as, beside those of the axis points
-STRAIGHT = 1e-3  # axis points are on one line where their smaller spread is below this share of the larger
+PRIOR_WEIGHT = 4.0  # of READING, in residuals of axis points
+MIN_SPREAD_RATIO = 1e-3  # of axis points: smaller spread over larger, below which they are on one line
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +23,8 @@ class AxisCalibration:
     matrix : (2, 3)
     spread : (2, 3, 3) columns of each are the independent errors of a row of the matrix, one standard deviation large
     logarithmic : of x and of y
-    residual : (m,) how far the axis points lie from where the map puts them  [pixels]; zeros where nothing is over
+    residual : (m,) distance of the axis points from where the map puts them  [pixels]; zeros where the map is
+        determined by as many equations as it has unknowns
     reading : standard uncertainty of an axis point, from the residuals and `READING`  [pixels]
     """
 
@@ -54,10 +55,10 @@ class AxisCalibration:
 
     def modes(self, pixels: np.ndarray) -> np.ndarray:
         """What the errors of the calibration do to points: (6, n, 2), each one standard deviation large."""
-        found = np.zeros((6, len(pixels), 2))
+        modes = np.zeros((6, len(pixels), 2))
         for axis in (0, 1):
-            found[3 * axis : 3 * axis + 3, :, axis] = (_affine(pixels) @ self.spread[axis]).T
-        return found * self._stretch(pixels)
+            modes[3 * axis : 3 * axis + 3, :, axis] = (_affine(pixels) @ self.spread[axis]).T
+        return modes * self._stretch(pixels)
 
     @property
     def posture(self) -> tuple[float, float]:
@@ -72,7 +73,7 @@ class AxisCalibration:
 
 
 def calibrated(
-    pixels: Sequence[Sequence[float]],
+    pixels: Sequence[Sequence[float]] | np.ndarray,
     x: Sequence[float | None],
     y: Sequence[float | None],
     logarithmic: tuple[bool, bool] = (False, False),
@@ -95,14 +96,14 @@ def calibrated(
     ------
     CalibError : too few points, all on one line, two in one place, or a number that a logarithmic axis cannot carry
     """
-    pixels = np.asarray(pixels, dtype=float).reshape(-1, 2)
+    places = np.asarray(pixels, dtype=float).reshape(-1, 2)
     values = [_on_axis(v, log, name) for v, log, name in zip((x, y), logarithmic, "xy", strict=True)]
     rows = []
     for axis in (0, 1):
         own, other = np.isfinite(values[axis]), np.isfinite(values[1 - axis])
-        design, right = _affine(pixels[own]), values[axis][own]
+        design, right = _affine(places[own]), values[axis][own]
         if len(right) == 2 and (other & ~own).sum() == 2:
-            along = np.diff(pixels[other & ~own], axis=0)
+            along = np.diff(places[other & ~own], axis=0)
             design = np.vstack([design, np.column_stack([along, [0.0]])])
             right = np.append(right, 0.0)
         _check(design, right, "xy"[axis])
@@ -111,13 +112,13 @@ def calibrated(
     if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:, :2])) < 1e-9 * np.prod(_lengths(matrix)):
         raise CalibError("the axis points make x and y run the same way; give points off that line, or mend a number")
     lengths = _lengths(matrix)
-    over = [left / length for (_, left, _), length in zip(rows, lengths, strict=True)]
-    free = sum(len(left) - 3 for left in over)
-    squares = sum(float(left @ left) for left in over)
-    reading = float(np.sqrt((WORTH * reading**2 + squares) / (WORTH + free)))
+    residuals = [own / length for (_, own, _), length in zip(rows, lengths, strict=True)]
+    free = sum(len(own) - 3 for own in residuals)
+    squares = sum(float(own @ own) for own in residuals)
+    reading = float(np.sqrt((PRIOR_WEIGHT * reading**2 + squares) / (PRIOR_WEIGHT + free)))
     spread = np.array([root * length * reading for (_, _, root), length in zip(rows, lengths, strict=True)])
-    most = max(len(left) for left in over)
-    residual = np.sqrt(sum(np.pad(left, (0, most - len(left))) ** 2 for left in over))
+    most = max(len(own) for own in residuals)
+    residual = np.sqrt(sum(np.pad(own, (0, most - len(own))) ** 2 for own in residuals))
     return AxisCalibration(matrix, spread, logarithmic, residual, reading)
 
 
@@ -163,14 +164,14 @@ def _check(design: np.ndarray, right: np.ndarray, name: str) -> None:
     whole = design[:, 2] == 1.0
     centred = design[:, :2] - whole[:, None] * design[whole][:, :2].mean(axis=0)
     singular = np.linalg.svd(centred, compute_uv=False)
-    if singular[1] <= STRAIGHT * singular[0]:
+    if singular[1] <= MIN_SPREAD_RATIO * singular[0]:
         raise CalibError(f"the axis points that carry {name} are on one line; add one off it")
     if np.ptp(right[whole]) <= 0.0:
         raise CalibError(f"all axis points have the same {name} = {right[0]:g}; add one at another {name}")
 
 
 def _solved(design: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Row (3,), what is left of each equation, and a root (3, 3) of the covariance for unit noise."""
+    """Row (3,), residual of each equation, and a root (3, 3) of the covariance for unit noise."""
     scale = np.array([1.0, 1.0, np.abs(design[:, :2]).max()])  # keeps the columns of one size
     row, *_ = np.linalg.lstsq(design * scale, right, rcond=None)
     _, singular, turn = np.linalg.svd(design * scale, full_matrices=False)

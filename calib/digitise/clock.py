@@ -241,24 +241,23 @@ def _turn(q: np.ndarray, v: np.ndarray, at: int, noise: float) -> Turn:
     q, v = q[index] / (0.5 * span), v[index]
     count = int(np.clip(KNOTS * np.ptp(v) / (2.0 * REACH), 4, KNOTS))
     ends = np.arcsinh(np.array([v.min(), v.max() + 1e-12]) / DENSE)
-    knots = DENSE * np.sinh(np.linspace(*ends, count))
+    knots = DENSE * np.sinh(np.linspace(ends[0], ends[1], count))
     knots[[0, -1]] = v.min(), v.max() + 1e-12
     design, right = _centred(q, v, knots)
     root, right = _reduced(design, right)
-    best, least = None, np.inf
-    count, enough = len(v) / CORRELATED, (2.0 * SLACK * noise / span) ** 2 + EXACT**2
+    fits: list[tuple[float, Turn]] = []
+    independent, enough = len(v) / CORRELATED, (2.0 * SLACK * noise / span) ** 2 + EXACT**2
     for stiffness in STIFFNESS:
-        slowness, penalty, left, bends = _bent(design, q, root, right, stiffness)
-        criterion = count * np.log(left**2 + enough) + bends * np.log(count)  # Bayes's information criterion
-        if criterion < least:
-            best, least = Turn(first, last, knots, penalty, slowness > 0.0), criterion
-    return best
+        slowness, penalty, residual, bends = _bent(design, q, root, right, stiffness)
+        criterion = independent * np.log(residual**2 + enough) + bends * np.log(independent)  # Schwarz (1978)
+        fits.append((criterion, Turn(first, last, knots, penalty, slowness > 0.0)))
+    return min(fits, key=lambda fit: fit[0])[1]
 
 
 def _bent(
     design: np.ndarray, q: np.ndarray, root: np.ndarray, right: np.ndarray, stiffness: float
 ) -> tuple[np.ndarray, np.ndarray, float, int]:
-    """Slowness (m,) at the knots, the penalty (k, m) found with it, what it leaves of q, and its number of bends."""
+    """Slowness (m,) at the knots, its penalty (k, m), root mean square residual of q, and number of bends."""
     bends = np.diff(np.eye(design.shape[1]), 2, axis=0)
     below = np.concatenate([right, np.zeros(len(bends))])
     weight = np.ones(len(bends))
@@ -285,7 +284,7 @@ def _integrals(v: np.ndarray, knots: np.ndarray, weighed: bool) -> np.ndarray:
     widths = np.diff(knots)
     cell = np.clip(np.searchsorted(knots, v, side="right") - 1, 0, knots.size - 2)
 
-    def inside(cell, u):
+    def inside(cell: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         width = widths[cell]
         low, high = width * (u - u**2 / 2.0), width * u**2 / 2.0
         if not weighed:
@@ -297,12 +296,12 @@ def _integrals(v: np.ndarray, knots: np.ndarray, weighed: bool) -> np.ndarray:
     low, high = inside(cells, np.ones(cells.size))
     whole[cells + 1, cells] += low
     whole[cells + 1, cells + 1] += high
-    found = np.cumsum(whole, axis=0)[cell]
+    integrals = np.cumsum(whole, axis=0)[cell]
     low, high = inside(cell, (v - knots[cell]) / widths[cell])
     rows = np.arange(v.size)
-    found[rows, cell] += low
-    found[rows, cell + 1] += high
-    return found
+    integrals[rows, cell] += low
+    integrals[rows, cell + 1] += high
+    return integrals
 
 
 def _centred(q: np.ndarray, v: np.ndarray, knots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -3,16 +3,17 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-LONGER = 1.4  # times the shortest way found: points that are farther apart than that are not in order
-MOST = 3000  # points that are put in order
-NEIGHBOURS = 10  # of a point, between which shorter ways are sought
+MAX_LENGTH_RATIO = 1.4  # of points in order: length of their polygon over that of the shortest tour through them
+MAX_POINTS = 3000  # that are put in order
+NEIGHBOURS = 10  # of a point, to which the 2-opt search is limited
+MAX_ROUNDS = 20  # of the 2-opt search
 
 
 def ordered(points: np.ndarray, closed: bool) -> tuple[np.ndarray, list[str]]:
     """Order (n,) in which points lie along their curve, and a note where it is not the one they came in.
 
-    A curve over time is ordered by time. The points of a closed curve stay as they are where their order is a way
-    round; else they are put on a short way through all of them, which crosses itself nowhere.
+    A curve over time is ordered by time. The points of a closed curve stay as they are where they lie in order along
+    it; else they are put on a short tour through all of them, which crosses itself nowhere.
 
     Parameters
     ----------
@@ -22,57 +23,58 @@ def ordered(points: np.ndarray, closed: bool) -> tuple[np.ndarray, list[str]]:
         order = np.argsort(points[:, 0], kind="stable")
         return order, []
     size = np.ptp(points, axis=0)
-    if len(points) < 4 or len(points) > MOST or not (size > 0.0).all():
+    if len(points) < 4 or len(points) > MAX_POINTS or not (size > 0.0).all():
         return np.arange(len(points)), []
-    places = points / size
-    shortest = _short_way(places)
-    if _length(places) <= LONGER * _length(places[shortest]):
+    scaled = points / size
+    shortest = _short_tour(scaled)
+    if _length(scaled) <= MAX_LENGTH_RATIO * _length(scaled[shortest]):
         return np.arange(len(points)), []
     return shortest, [
         "its points were not in order along the curve, and were put on the shortest way round; look at the picture"
     ]
 
 
-def _length(places: np.ndarray) -> float:
-    return float(np.linalg.norm(places - np.roll(places, -1, axis=0), axis=1).sum())
+def _length(points: np.ndarray) -> float:
+    """Length of the closed polygon through points (n, 2)."""
+    return float(np.linalg.norm(points - np.roll(points, -1, axis=0), axis=1).sum())
 
 
-def _short_way(places: np.ndarray) -> np.ndarray:
-    """Way (n,) through all points: from each to the nearest one left, then crossings undone (2-opt)."""
-    size = len(places)
-    left = np.ones(size, dtype=bool)
-    way = [0]
-    left[0] = False
+def _short_tour(points: np.ndarray) -> np.ndarray:
+    """Tour (n,) through all points (n, 2): from each to its nearest neighbour not yet visited, then 2-opt."""
+    size = len(points)
+    open_ = np.ones(size, dtype=bool)
+    visited = [0]
+    open_[0] = False
     for _ in range(size - 1):
-        rest = np.flatnonzero(left)
-        way.append(int(rest[np.argmin(((places[rest] - places[way[-1]]) ** 2).sum(axis=1))]))
-        left[way[-1]] = False
-    way = np.array(way)
-    near = np.atleast_2d(cKDTree(places).query(places, k=min(NEIGHBOURS + 1, size))[1])[:, 1:]
-    for _ in range(20):
-        if not _uncrossed(way, places, near):
+        rest = np.flatnonzero(open_)
+        visited.append(int(rest[np.argmin(((points[rest] - points[visited[-1]]) ** 2).sum(axis=1))]))
+        open_[visited[-1]] = False
+    tour = np.array(visited)
+    near = np.atleast_2d(cKDTree(points).query(points, k=min(NEIGHBOURS + 1, size))[1])[:, 1:]
+    for _ in range(MAX_ROUNDS):
+        if not _shortened(tour, points, near):
             break
-    return way
+    return tour
 
 
-def _uncrossed(way: np.ndarray, places: np.ndarray, near: np.ndarray) -> bool:
-    """Turn stretches of a way round where that makes it shorter; whether any was."""
-    size, better = len(way), False
+def _shortened(tour: np.ndarray, points: np.ndarray, near: np.ndarray) -> bool:
+    """Reverse stretches of a tour where that makes it shorter; whether any was."""
+    size, better = len(tour), False
     rank = np.empty(size, dtype=int)
-    rank[way] = np.arange(size)
+    rank[tour] = np.arange(size)
 
-    def apart(a, b):
-        return float(np.hypot(*(places[a] - places[b])))
+    def apart(a: int, b: int) -> float:
+        return float(np.hypot(*(points[a] - points[b])))
 
     for a in range(size):
         for c in near[a]:
             i, j = sorted((int(rank[a]), int(rank[c])))
-            b, d = way[(i + 1) % size], way[(j + 1) % size]
-            first, last = way[i], way[j]
+            b, d = tour[(i + 1) % size], tour[(j + 1) % size]
+            first, last = tour[i], tour[j]
             if i == j or b == last:
                 continue
             if apart(first, last) + apart(b, d) < apart(first, b) + apart(last, d) - 1e-12:
-                way[i + 1 : j + 1] = way[i + 1 : j + 1][::-1]
-                rank[way] = np.arange(size)
+                tour[i + 1 : j + 1] = tour[i + 1 : j + 1][::-1]
+                rank[tour] = np.arange(size)
                 better = True
     return better

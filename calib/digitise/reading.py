@@ -1,6 +1,6 @@
 """The curves of a figure, read off and brought to SI."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -109,13 +109,13 @@ def read_figure(path: Path, spec: FigureToml, mistakes: Mistakes, bodies: Sequen
     period = _period(spec, mistakes)
     if is_picture(path):
         return _off_picture(path, spec, wanted, period, mistakes)
-    found = read_export(path)
+    export = read_export(path)
     readings = []
     for index, entry in wanted:
         with mistakes.at("curve", index):
-            readings.append(_off_export(found, entry, period))
+            readings.append(_off_export(export, entry, period))
     mistakes.tell()
-    return Figure(readings, (), None, found.form)
+    return Figure(readings, (), None, export.form)
 
 
 def _period(spec: FigureToml, mistakes: Mistakes) -> float | None:
@@ -134,13 +134,13 @@ def _period(spec: FigureToml, mistakes: Mistakes) -> float | None:
 # --- exports
 
 
-def _off_export(found: Imported, entry: CurveTable, period: float | None) -> Reading:
+def _off_export(export: Imported, entry: CurveTable, period: float | None) -> Reading:
     for key in ("panel", "colour", "dashed"):
         if getattr(entry, key) is not None:
-            raise CalibError(f"{key} belongs to a curve in a picture; drop it, for {found.path.name} holds numbers")
+            raise CalibError(f"{key} belongs to a curve in a picture; drop it, for {export.path.name} holds numbers")
     if entry.units is None:
         raise CalibError(f"units are missing: those of the two numbers of a point, such as {_example(entry)}")
-    curve = found.curve(entry.name) if entry.columns is None else found.pair(*entry.columns)
+    curve = export.curve(entry.name) if entry.columns is None else export.pair(*entry.columns)
     return _in_si(curve, entry, entry.units, period)
 
 
@@ -167,9 +167,9 @@ def _in_si(curve: Curve, entry: CurveTable, units: Sequence[str], period: float 
     known = [m * factors for m in (curve.modes, curve.lean) if len(m)]
     modes = np.concatenate([np.empty((0, len(points), 2)), *known])
     if not len(curve.lean):  # a trace is in order; points that were clicked or exported need not be
-        order, said = ordered(points, closed)
+        order, of_order = ordered(points, closed)
         points, sigma, modes = points[order], sigma[order], modes[:, order]
-        notes += said
+        notes += of_order
         modes = np.concatenate([modes, leaning(sigma, closed)])
     return Reading(entry.body, entry.kind, points, sigma, modes, len(curve.modes), tuple(notes))
 
@@ -200,45 +200,61 @@ def _off_picture(
     mistakes: Mistakes,
 ) -> Figure:
     light = read_picture(path)
-    panels = {}
+    panels: dict[str, _Panel] = {}
     for index, panel in enumerate(spec.panel):
         with mistakes.at("panel", index):
             if panel.name in panels:
                 raise CalibError(f"a second panel {panel.name!r}; give each its own name")
-            panels[panel.name] = panel, *_calibrated(panel, light.shape)
+            panels[panel.name] = _calibrated(panel, light.shape)
     if not spec.panel:
         mistakes.add(("panel",), f"{path.name} is a picture: it needs a [[panel]] with axis points")
     mistakes.tell()
     readings, shown = [], []
     for index, entry in wanted:
         with mistakes.at("curve", index):
-            panel, calibration, inside = _panel(entry, panels)
-            trace = traced(light, inside, _wanted(entry, calibration))
-            curve = _curve(entry, trace, calibration)
-            readings.append(_in_si(curve, entry, (panel.x.unit, panel.y.unit), period))
-            pixels = np.array([point.pixel for point in panel.points])
-            numbers = [(point.x, point.y) for point in panel.points]
-            shown.append(Shown(entry.body, entry.kind, trace, calibration, pixels, numbers))
+            colour = _colour(entry)
+            own = _panel(entry, panels)
+            trace = traced(light, own.inside, _wanted(entry, colour, own.calibration))
+            curve = _curve(entry, trace, own.calibration)
+            table = own.table
+            readings.append(_in_si(curve, entry, (table.x.unit, table.y.unit), period))
+            pixels = np.array([point.pixel for point in table.points])
+            numbers = [(point.x, point.y) for point in table.points]
+            shown.append(Shown(entry.body, entry.kind, trace, own.calibration, pixels, numbers))
     mistakes.tell()
     return Figure(readings, shown, light, "picture")
 
 
-def _panel(entry: CurveTable, panels: dict):
+@dataclass(frozen=True, eq=False)
+class _Panel:
+    """A panel with its calibration, and the pixels (row, column) between its limits."""
+
+    table: PanelTable
+    calibration: AxisCalibration
+    inside: np.ndarray
+
+
+def _colour(entry: CurveTable) -> np.ndarray:
+    """Red, green and blue (3,) in [0, 1] of the line of a curve in a picture."""
     for key in ("name", "columns", "units"):
         if getattr(entry, key) is not None:
             raise CalibError(f"{key} belongs to a curve of an export; of a picture, name its panel and colour")
     if entry.colour is None:
         raise CalibError("colour is missing: that of the line, such as '#0072B2' or 'black'")
+    code = "#000000" if entry.colour == "black" else entry.colour
+    return np.array([int(code[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
+
+
+def _panel(entry: CurveTable, panels: Mapping[str, _Panel]) -> _Panel:
     if entry.panel is None and len(panels) == 1:
         return next(iter(panels.values()))
-    if entry.panel not in panels:
+    if entry.panel is None or entry.panel not in panels:
         names = list(panels)
         raise CalibError(f"there is no panel {entry.panel!r}{nearest(str(entry.panel), names)}; there are {names}")
     return panels[entry.panel]
 
 
-def _calibrated(panel: PanelTable, shape: Sequence[int]) -> tuple[AxisCalibration, np.ndarray]:
-    """Calibration of a panel, and the pixels (row, column) between its limits."""
+def _calibrated(panel: PanelTable, shape: Sequence[int]) -> _Panel:
     calibration = calibrated(
         [point.pixel for point in panel.points],
         [point.x for point in panel.points],
@@ -257,12 +273,10 @@ def _calibrated(panel: PanelTable, shape: Sequence[int]) -> tuple[AxisCalibratio
             f"between its limits lie {int(inside.sum())} pixels of the picture of {shape[1]} x {shape[0]}; "
             "check limits and axis points (column first, counted from the top left corner)"
         )
-    return calibration, inside
+    return _Panel(panel, calibration, inside)
 
 
-def _wanted(entry: CurveTable, calibration: AxisCalibration) -> Wanted:
-    code = "#000000" if entry.colour == "black" else entry.colour
-    colour = np.array([int(code[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
+def _wanted(entry: CurveTable, colour: np.ndarray, calibration: AxisCalibration) -> Wanted:
     through = calibration.pixels(np.array(entry.through)) if entry.through else np.empty((0, 2))
     return Wanted(entry.body, colour, entry.kind == "phase curve", entry.dashed, through)
 
@@ -284,9 +298,9 @@ def _curve(entry: CurveTable, trace: Traced, calibration: AxisCalibration) -> Cu
 def _posture(calibration: AxisCalibration) -> str:
     """Say how the page lies, and how well the axis points agree with one another."""
     turn, shear = calibration.posture
-    left = calibration.residual
+    residual = calibration.residual
     agree = "no axis point is over to check them by"
-    if len(left) > 3:
-        rms = np.sqrt(np.mean(left**2))
-        agree = f"axis points are {rms:.2f} pixels off it (root mean square), {left.max():.2f} at most"
+    if len(residual) > 3:
+        rms = np.sqrt(np.mean(residual**2))
+        agree = f"axis points are {rms:.2f} pixels off it (root mean square), {residual.max():.2f} at most"
     return f"the page is turned by {turn:.2f} and sheared by {shear:.2f} degrees; {agree}"

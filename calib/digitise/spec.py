@@ -2,7 +2,7 @@
 
 import re
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, PlainValidator, model_validator
 
@@ -48,7 +48,7 @@ class AxisTable(TomlTable):
     scale: Literal["linear", "log"] = "linear"
 
     @model_validator(mode="after")
-    def _ordered(self):
+    def _ordered(self) -> Self:
         if not self.low < self.high:
             raise ValueError(f"expected low below high, got {self.low:g} and {self.high:g}")
         if self.scale == "log" and self.low <= 0.0:

@@ -62,7 +62,7 @@ def linked(strokes: Sequence[Stroke], width: float) -> list[StrokeChain]:
         return chains
     places, directions = _ends(open_ones, width)
     partner = _matched(places, directions, [len(s.pixels) for s in open_ones], width)
-    visited = set()
+    visited = set[int]()
     for first in range(len(open_ones)):
         if first in visited:
             continue

@@ -74,10 +74,10 @@ def _pruned(thin: np.ndarray, width: float) -> np.ndarray:
 
 def _path(pixels: np.ndarray) -> Stroke:
     """Order the pixels (n, 2) of a thin line."""
-    left = {tuple(p): None for p in pixels.tolist()}
+    left = {(column, row): None for column, row in pixels.tolist()}
     steps = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)]
 
-    def beside(p):
+    def beside(p: tuple[int, int]) -> list[tuple[int, int]]:
         return [(p[0] + dx, p[1] + dy) for dx, dy in steps if (p[0] + dx, p[1] + dy) in left]
 
     start = min(left, key=lambda p: len(beside(p)))

@@ -144,7 +144,7 @@ def _chosen(chains: Sequence[StrokeChain], wanted: Wanted, width: float) -> Stro
 
 def _closes(chain: StrokeChain) -> bool:
     apart = np.linalg.norm(chain.path[0] - chain.path[-1])
-    return chain.closed or apart < BREACH * len(chain.path)
+    return bool(chain.closed or apart < BREACH * len(chain.path))
 
 
 def _spot(pixel: np.ndarray) -> str:

@@ -58,7 +58,7 @@ def _header(lines: Sequence[str]) -> tuple[str, list[tuple[int, str]]]:
 def _blocks(path: Path, lines: Sequence[tuple[int, str]]) -> list[list[Row]]:
     """Rows of cells, in blocks that empty lines part."""
     delimiter = _delimiter([line for _, line in lines if line.strip()][:3])
-    blocks, fresh, count = [], True, 0
+    blocks, fresh, count = list[list[Row]](), True, 0
     for number, line in lines:
         if not line.strip():
             fresh = True
@@ -118,7 +118,7 @@ def _pairs(path: Path, blocks: Sequence[Sequence[Row]]) -> Imported:
     """Two columns a dataset, under two header rows."""
     rows = [row for block in blocks for row in block]
     (_, names), (_, kinds) = rows[:2]
-    curves, refused = [], {}
+    curves, refused = list[Curve](), dict[str, str]()
     for k in range(0, len(kinds), 2):
         name = (names[k] if k < len(names) else "") or f"dataset {k // 2 + 1}"
         if name in refused or name in {curve.name for curve in curves}:
@@ -151,7 +151,7 @@ def _keep(name: str, points: Sequence[Sequence[float]], curves: list[Curve], ref
 def _bare(path: Path, header: str, rows: Sequence[Row]) -> Imported:
     """Columns without names: one dataset of two, or columns called by their numbers."""
     columns = _filled_columns(path, [str(i + 1) for i in range(len(rows[0][1]))], rows)
-    curves, refused = [], {}
+    curves, refused = list[Curve](), dict[str, str]()
     [x, *others] = columns.values()
     for name, y in zip(list(columns)[1:], others, strict=True):
         points = np.column_stack([x, y])
@@ -161,7 +161,7 @@ def _bare(path: Path, header: str, rows: Sequence[Row]) -> Imported:
 
 def _columns(path: Path, header: str, blocks: Sequence[Sequence[Row]]) -> Imported:
     """Blocks of columns under their names; the first of a block is x."""
-    curves, refused, everything = [], {}, {}
+    curves, refused, everything = list[Curve](), dict[str, str](), dict[str, np.ndarray]()
     for number, block in enumerate(blocks, 1):
         names = [name or f"column {i + 1}" for i, name in enumerate(block[0][1])]
         if len(set(names)) < len(names):

@@ -68,9 +68,10 @@ def _calibration(system: Element, required: str) -> AxisCalibration:
     if coords.get("TypeString") != "Cartesian":
         raise CalibError(f"its axes are {str(coords.get('TypeString'))[:40]!r}; expected Cartesian ones")
     for name, key in (("x", "UnitsXString"), ("y", "UnitsYString")):
-        if coords.get(key, "Number") != "Number":
-            raise CalibError(f"{name} is in {coords.get(key)[:40]!r}; expected numbers: set the units in Engauge")
-    logarithmic = tuple(coords.get(key) == "Log" for key in ("ScaleXThetaString", "ScaleYRadiusString"))
+        unit = coords.get(key, "Number")
+        if unit != "Number":
+            raise CalibError(f"{name} is in {unit[:40]!r}; expected numbers: set the units in Engauge")
+    logarithmic = coords.get("ScaleXThetaString") == "Log", coords.get("ScaleYRadiusString") == "Log"
     axis = [c for c in system.findall("Curve") if c.get("CurveName") == "Axes"]
     points = axis[0].findall("CurvePoints/Point") if axis else []
     pixels = np.array([_place(p, "PositionScreen") for p in points]).reshape(-1, 2)
@@ -88,10 +89,11 @@ def _calibration(system: Element, required: str) -> AxisCalibration:
 
 
 def _place(point: Element, tag: str) -> Sequence[float]:
-    place = point.find(tag)
+    element = point.find(tag)
+    attributes = {} if element is None else element.attrib
     try:
-        numbers = [float(place.get(key)) for key in ("X", "Y")]
-    except (AttributeError, TypeError, ValueError) as error:
+        numbers = [float(attributes[key]) for key in ("X", "Y")]
+    except (KeyError, ValueError) as error:
         raise CalibError(f"a point has no readable <{tag}>; save the document again") from error
     if not all(abs(number) < 1e300 for number in numbers):
         raise CalibError(f"a point has a <{tag}> without bounds; mend it in Engauge")

@@ -42,12 +42,12 @@ class Imported:
         CalibError : there is no such curve, it is refused, or none was named where there are several
         """
         known = [curve.name for curve in self.curves]
-        if name in self.refused:
-            raise CalibError(f"{self.path}: curve {name!r} is not read: {self.refused[name]}")
         if name is None and len(known) == 1:
             return self.curves[0]
         if name is None:
             raise CalibError(f"{self.path} holds {len(known)} curves, {known}; say which one is meant: name = ...")
+        if name in self.refused:
+            raise CalibError(f"{self.path}: curve {name!r} is not read: {self.refused[name]}")
         if name not in known:
             raise CalibError(f"{self.path}: there is no curve {name!r}{nearest(name, known)}; it holds {known}")
         return self.curves[known.index(name)]

@@ -4,7 +4,7 @@ import io
 import tarfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -41,9 +41,9 @@ class _Point(_Part):
 class _Axes(_Part):
     name: str
     type: str
-    logarithmic_x: bool = Field(False, alias="isLogX")
-    logarithmic_y: bool = Field(False, alias="isLogY")
-    points: list[_Point] = Field([], alias="calibrationPoints")
+    logarithmic_x: bool = Field(default=False, alias="isLogX")
+    logarithmic_y: bool = Field(default=False, alias="isLogY")
+    points: list[_Point] = Field(default=[], alias="calibrationPoints")
 
 
 class _Datum(_Part):
@@ -64,8 +64,8 @@ class _Project(_Part):
 
 
 class _OldSettings(_Part):
-    logarithmic_x: bool = Field(False, alias="isLogX")
-    logarithmic_y: bool = Field(False, alias="isLogY")
+    logarithmic_x: bool = Field(default=False, alias="isLogX")
+    logarithmic_y: bool = Field(default=False, alias="isLogY")
 
 
 class _OldSeries(_Part):
@@ -75,8 +75,8 @@ class _OldSeries(_Part):
 
 class _Old(_Part):
     type: str = Field(alias="axesType")
-    settings: _OldSettings = Field(_OldSettings(), alias="axesParameters")
-    points: list[_Point] = Field([], alias="calibration")
+    settings: _OldSettings = Field(default=_OldSettings(), alias="axesParameters")
+    points: list[_Point] = Field(default=[], alias="calibration")
     series: list[_OldSeries] = Field(alias="dataSeries")
 
 
@@ -121,37 +121,44 @@ def read_tar(path: Path) -> Imported:
 
 def _members(path: Path, archive: tarfile.TarFile) -> dict[str, tarfile.TarInfo]:
     """Plain files of an archive by name."""
-    found = {}
+    members = {}
     for number, member in enumerate(archive):
         if number >= MEMBERS:
             raise CalibError(f"{path}: more than {MEMBERS} members; expected the few of a WebPlotDigitizer project")
         if member.isreg():
-            found[member.name.removeprefix("./")] = member
-    return found
+            members[member.name.removeprefix("./")] = member
+    return members
 
 
 def _member(path: Path, archive: tarfile.TarFile, member: tarfile.TarInfo) -> bytes:
     if member.size > LARGEST:
         raise CalibError(f"{path}: its member {member.name!r} is larger than the {LARGEST} bytes that are read")
-    with archive.extractfile(member) as file:
+    file = archive.extractfile(member)
+    if file is None:
+        raise CalibError(f"{path}: its member {member.name!r} is no file; save the project again")
+    with file:
         return file.read(LARGEST + 1)
 
 
-def _shaped(path: Path, model: type[_Part], found: Any):
+Shape = TypeVar("Shape", bound=_Part)
+
+
+def _shaped(path: Path, model: type[Shape], document: Any) -> Shape:
+    """Return a part of a project's JSON `document` where it has the shape of `model`."""
     try:
-        return model.model_validate(found)
+        return model.model_validate(document)
     except ValidationError as invalid:
         first = invalid.errors()[0]
-        place = ".".join(str(part) for part in first["loc"]) or "the file"
+        key = ".".join(str(part) for part in first["loc"]) or "the file"
         raise CalibError(
-            f"{path}: not a WebPlotDigitizer project as versions 3 and 4 write it: {place}: {first['msg']}; "
+            f"{path}: not a WebPlotDigitizer project as versions 3 and 4 write it: {key}: {first['msg']}; "
             "open it in WebPlotDigitizer and save it again"
         ) from invalid
 
 
-def _project(path: Path, found: Any) -> Imported:
-    if isinstance(found, dict) and "wpd" in found:
-        old = _shaped(path, _Old, found["wpd"])
+def _project(path: Path, document: Any) -> Imported:
+    if isinstance(document, dict) and "wpd" in document:
+        old = _shaped(path, _Old, document["wpd"])
         axes = _Axes(
             name="the axes",
             type=old.type,
@@ -161,15 +168,16 @@ def _project(path: Path, found: Any) -> Imported:
         )
         datasets = [_Dataset(name=s.name, axesName=axes.name, data=s.data) for s in old.series]
         return _read(path, "WebPlotDigitizer project, version 3", [axes], datasets)
-    if isinstance(found, dict) and "axesColl" not in found and "json" in found:
-        raise CalibError(f"{path}: the index of a project, not the project; give {str(found['json'])[:40]!r} beside it")
-    project = _shaped(path, _Project, found)
+    if isinstance(document, dict) and "axesColl" not in document and "json" in document:
+        beside = str(document["json"])[:40]
+        raise CalibError(f"{path}: the index of a project, not the project; give {beside!r} beside it")
+    project = _shaped(path, _Project, document)
     return _read(path, "WebPlotDigitizer project, version 4", project.axes, project.datasets)
 
 
 def _read(path: Path, form: str, axes: Sequence[_Axes], datasets: Sequence[_Dataset]) -> Imported:
     known = {a.name: a for a in axes}
-    curves, refused = [], {}
+    curves, refused = list[Curve](), dict[str, str]()
     for number, dataset in enumerate(datasets, 1):
         name = dataset.name
         if name in refused or name in {curve.name for curve in curves}:
@@ -201,10 +209,10 @@ def _curve(name: str, axes: _Axes, data: Sequence[_Datum]) -> Curve:
     return clicked(name, points, pixels, calibration, notes)
 
 
-def _value(datum: _Datum, own: np.ndarray) -> Sequence[float]:
+def _value(datum: _Datum, own: np.ndarray) -> list[float]:
     """Numbers of a point: those the project holds, else those of its pixel."""
     if not datum.value:
-        return own
+        return own.tolist()
     if len(datum.value) != 2 or not all(isinstance(v, int | float) and abs(v) < 1e300 for v in datum.value):
         raise CalibError(f"a point holds {str(datum.value)[:60]} where two numbers are expected")
     return [float(v) for v in datum.value]
@@ -226,8 +234,8 @@ def _calibration(axes: _Axes) -> AxisCalibration:
 
 def _number(text: float | str | None, axes: str, name: str) -> float:
     try:
-        number = float(text)
-    except (TypeError, ValueError):
+        number = None if text is None else float(text)
+    except ValueError:
         number = None
     if number is not None and abs(number) < 1e300:
         return number
