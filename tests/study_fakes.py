@@ -61,7 +61,7 @@ class Reference:
 class Score:
     """What the objective says."""
 
-    total: float
+    cost: float
     terms: dict
     status: str = "ok"
     reason: str = ""
@@ -96,8 +96,8 @@ class Distance:
                 return Score(np.inf, {}, one.attrs["status"], f"{name}: {one.attrs['reason']}", None)
         target = 0.7 * np.sin(2 * np.pi * TIME + 0.3)
         residuals = np.concatenate([one.displacement.values[0] - target for one in records.values()])
-        total = float(np.sqrt(np.mean(residuals**2)))
-        return Score(total, {"distance": total}, residuals=residuals)
+        cost = float(np.sqrt(np.mean(residuals**2)))
+        return Score(cost, {"distance": cost}, residuals=residuals)
 
     def judged(self, records):
         score = self(records)
@@ -170,7 +170,7 @@ def run(a_study, folder, **options):
 def lines(trials):
     """All that two runs of one study have in common, by asking number."""
     return [
-        (t.number, t.u, t.values, t.total, t.terms, t.status, t.reason, t.kind, t.phase, t.features,
+        (t.number, t.u, t.values, t.cost, t.terms, t.status, t.reason, t.kind, t.phase, t.features,
          None if t.residuals is None else t.residuals.tobytes())
         for t in sorted(trials, key=lambda t: t.number)
     ]  # fmt: skip

@@ -53,7 +53,7 @@ def study_status(study: Path, out: Path | None) -> dict[str, Any]:
 
 def _best(trials: Sequence[Trial]) -> dict[str, Any] | None:
     top = best(trials)
-    return None if top is None else {"number": top.number, "total": top.total, "kind": top.kind, "values": top.values}
+    return None if top is None else {"number": top.number, "total": top.cost, "kind": top.kind, "values": top.values}
 
 
 def _found(found: Mapping[str, Any]) -> dict[str, Any] | None:

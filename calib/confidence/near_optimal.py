@@ -29,8 +29,8 @@ def describe_near_optimal(space: Space, trials: Sequence[Trial], units: dict[str
     -------
     one sentence without its full stop; empty where too few trials fit that well
     """
-    best = min((trial.total for trial in trials), default=math.inf)
-    near = np.array([trial.u for trial in trials if trial.total <= NEAR * best < math.inf])
+    best = min((trial.cost for trial in trials), default=math.inf)
+    near = np.array([trial.u for trial in trials if trial.cost <= NEAR * best < math.inf])
     if len(near) < ENOUGH:
         return ""
     low, high = near.min(axis=0), near.max(axis=0)

@@ -16,8 +16,8 @@ from calib.objective.terms import Reference, Score, Term
 from calib.records import channels as channels_of
 from calib.records.cycles import MotionKind
 
-MAX_LINEAR_DISTANCE = 5.0  # from which on the total rises more slowly than the distance
-MIN_TOTAL_OF_WRONG_KIND = 10.0  # of a motion; more than any of the right kind
+MAX_LINEAR_DISTANCE = 5.0  # from which on the cost rises more slowly than the distance
+MIN_COST_OF_WRONG_KIND = 10.0  # of a motion; more than any of the right kind
 
 
 class Objective:
@@ -29,8 +29,8 @@ class Objective:
     mean square. D, the root of the weighted mean of the squared distances of all terms, is the root of the summed
     squares of the residuals.
 
-    The kind of motion comes first. Where a reference is period-n and the simulation of its record is not, the total is
-    at least 10, more than any total of the right kind (at most 9): 10 (1 + r / (1 + r)) averaged over the wrong records
+    The kind of motion comes first. Where a reference is period-n and the simulation of its record is not, the cost is
+    at least 10, more than any cost of the right kind (at most 9): 10 (1 + r / (1 + r)) averaged over the wrong records
     plus D / (1 + D), r being the difference of the simulated states n periods apart over the amplitude. A motion that
     is undecided is wrong only where it settles towards another period.
 
@@ -95,7 +95,7 @@ class Objective:
         return Objective({**self.references, name: freed}, self.terms)
 
     def __call__(self, records: Mapping[str, xr.Dataset]) -> Score:
-        """Score the simulated records, one for each scored reference; a failed one makes the total infinite."""
+        """Score the simulated records, one for each scored reference; a failed one makes the cost infinite."""
         failure = self._first_failure(records)
         return self._score(self._sensed(records)) if failure is None else self._failed(*failure)
 
@@ -127,7 +127,7 @@ class Objective:
         judged = {name: self._compared[name].penalty(view.motion) for name, view in sensed.items()}
         penalties = {name: penalty for name, penalty in judged.items() if penalty is not None}
         return Score(
-            total=_total(np.sqrt(square), list(penalties.values())),
+            cost=_cost(np.sqrt(square), list(penalties.values())),
             terms=dict(zip(labels, np.sqrt(distances).tolist(), strict=True)),
             kind=_joined({name: view.motion.kind for name, view in sensed.items()}),
             evidence=_joined(
@@ -251,9 +251,9 @@ def _distinct(terms: Sequence[Term]) -> list[Term]:
     return distinct
 
 
-def _total(distance: float, penalties: Sequence[float]) -> float:
+def _cost(distance: float, penalties: Sequence[float]) -> float:
     if penalties:
-        return float(MIN_TOTAL_OF_WRONG_KIND * (1.0 + np.mean(penalties)) + distance / (1.0 + distance))
+        return float(MIN_COST_OF_WRONG_KIND * (1.0 + np.mean(penalties)) + distance / (1.0 + distance))
     beyond = (distance - MAX_LINEAR_DISTANCE) / 4.0
     return float(distance if beyond <= 0.0 else MAX_LINEAR_DISTANCE + 4.0 * beyond / (1.0 + beyond))
 

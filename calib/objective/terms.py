@@ -150,7 +150,7 @@ class Score:
 
     Attributes
     ----------
-    total : what a search minimises. With D the root of the weighted mean of the squared distances of the terms: D
+    cost : what a search minimises. With D the root of the weighted mean of the squared distances of the terms: D
         itself up to 5, beyond that a value that rises with it towards 9; of a wrong kind of motion 10 to 21, falling as
         the motion comes nearer to the right kind; infinite where a run failed
     terms : distance of each term by label
@@ -162,7 +162,7 @@ class Score:
     wrong : records whose motion is of another kind than the reference's
     """
 
-    total: float
+    cost: float
     terms: dict[str, float]
     status: str = OK
     reason: str = ""

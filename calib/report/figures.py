@@ -148,7 +148,7 @@ def picture(trial: Trial, records: Mapping[str, xr.Dataset], objective) -> bytes
 
     Parameters
     ----------
-    trial : its number, total and kind are written above the curve
+    trial : its number, cost and kind are written above the curve
     records : name -> simulated record
     objective : has references (name -> .record, .use) and aligned(name, record)
     """
@@ -166,7 +166,7 @@ def picture(trial: Trial, records: Mapping[str, xr.Dataset], objective) -> bytes
         else:
             _history(axes, measured, aligned, body, channel, _worst(measured, aligned, body, channel))
             axes.set_xlabel(f"Time [{clock(measured)[1]}]")
-        score = f"{trial.total:.4g}" if trial.scored else trial.status
+        score = f"{trial.cost:.4g}" if trial.scored else trial.status
         axes.set_title(f"trial {trial.number}: {score}, {trial.kind or trial.status} ({name}, {body})")
         return png(figure)
 

@@ -8,7 +8,7 @@ import xarray as xr
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from calib.objective import CLOCK_RATE, MISFIT, misfit, squares_of
-from calib.objective.objective import MIN_TOTAL_OF_WRONG_KIND
+from calib.objective.objective import MIN_COST_OF_WRONG_KIND
 from calib.report import figures, residuals, search, tables
 from calib.report.diagnosis import chapter
 from calib.report.picture import drawn, pictured
@@ -91,7 +91,7 @@ def render(
         nuisances=tables.nuisances(result),
         provenance=tables.provenance(study, result, command, header or {}),
         misfit=MISFIT,
-        wrong=MIN_TOTAL_OF_WRONG_KIND,
+        wrong=MIN_COST_OF_WRONG_KIND,
         definition=json.dumps(study.definition, indent=2, default=str, ensure_ascii=False),
     )
     return template.render(content, drawn=drawn(content, jobs))
@@ -100,7 +100,7 @@ def render(
 def distance(total: float | None) -> str:
     """Write a total distance; one that is the penalty for another kind of motion is said to be that."""
     return (
-        f"{number(total)}{', another kind of motion' if total is not None and total >= MIN_TOTAL_OF_WRONG_KIND else ''}"
+        f"{number(total)}{', another kind of motion' if total is not None and total >= MIN_COST_OF_WRONG_KIND else ''}"
     )
 
 

@@ -25,9 +25,9 @@ def score_history(trials: Sequence[Trial]) -> Figure:
         axes = figure.subplots()
         for kind, colour in kind_colours(trials).items():
             mine = [t for t in good if (t.kind or "") == kind]
-            _dots(axes, [t.number for t in mine], [t.total for t in mine], colour, kind or "no kind stated")
+            _dots(axes, [t.number for t in mine], [t.cost for t in mine], colour, kind or "no kind stated")
         if good:
-            best = np.minimum.accumulate([t.total for t in good])
+            best = np.minimum.accumulate([t.cost for t in good])
             axes.step([t.number for t in good], best, where="post", color=LINE, linewidth=1.2, label="best so far")
             _score_axis(axes, good)
         _crosses(axes, failed, "failed")
@@ -74,11 +74,11 @@ def _strip(axes, k, trials, window, best, name, unit):
     good = [t for t in trials if t.scored]
     for kind, colour in kind_colours(trials).items():
         mine = [t for t in good if (t.kind or "") == kind]
-        _dots(axes, [place(t) for t in mine], [t.total for t in mine], colour, kind or "no kind stated")
+        _dots(axes, [place(t) for t in mine], [t.cost for t in mine], colour, kind or "no kind stated")
     _crosses(axes, [place(t) for t in trials if not t.scored], "failed")
     if best is not None and best.scored:
         look = {"color": MARK, "markersize": 9, "markeredgecolor": "white", "markeredgewidth": 0.6, "linestyle": "none"}
-        axes.plot(place(best), best.total, "*", zorder=5, label="best", clip_on=False, **look)
+        axes.plot(place(best), best.cost, "*", zorder=5, label="best", clip_on=False, **look)
     if good:
         _score_axis(axes, good)
     if window.scale == "log":
@@ -125,7 +125,7 @@ def _columns(axes):
 
 
 def _score_axis(axes, good):
-    totals = [t.total for t in good]
-    if min(totals) > 0.0:
+    costs = [t.cost for t in good]
+    if min(costs) > 0.0:
         axes.set_yscale("log")
-        logarithmic(axes.yaxis, min(totals), max(max(totals), 1.01 * min(totals)))
+        logarithmic(axes.yaxis, min(costs), max(max(costs), 1.01 * min(costs)))

@@ -138,7 +138,7 @@ class OptunaView:
             number=-1,  # the storage numbers it
             trial_id=-1,
             state=TrialState.COMPLETE if trial.scored else TrialState.FAIL,
-            value=trial.total if trial.scored else None,
+            value=trial.cost if trial.scored else None,
             datetime_start=end - timedelta(seconds=trial.seconds),
             datetime_complete=end,
             params={n: min(d.high, max(d.low, trial.values[n])) for n, d in self._windows.items()},

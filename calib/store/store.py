@@ -143,7 +143,7 @@ class Store:
 
     def _provenance(self, trial: Trial) -> dict[str, Any]:
         header = {key: self.header[key] for key in ("name", "digest", "id", "versions", "processor", "cpu", "blas")}
-        score = {"total": trial.total, "terms": {k: v for k, v in trial.terms.items() if v < float("inf")}}
+        score = {"total": trial.cost, "terms": {k: v for k, v in trial.terms.items() if v < float("inf")}}
         return {"trial": trial.number, "values": trial.values, "score": score, "kind": trial.kind, "study": header}
 
     def _drawn(self, trial: Trial, records: Mapping[str, xr.Dataset]) -> bytes | None:

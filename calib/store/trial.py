@@ -21,7 +21,7 @@ class Trial:
     number : asking number, from 0; the screen's points come first
     u : the point in the unit cube, in the order of the study's windows
     values : every searched and fixed parameter by name, in SI
-    total : what the optimiser minimises; infinity where the evaluation failed
+    cost : what the optimiser minimises; infinity where the evaluation failed
     terms : distance of each term by its label
     status : "ok" or why there is no score
     reason : one line on the status
@@ -37,7 +37,7 @@ class Trial:
     number: int
     u: list[float]
     values: dict[str, float]
-    total: float
+    cost: float
     terms: dict[str, float] = field(default_factory=dict)
     status: str = OK
     reason: str = ""
@@ -52,16 +52,16 @@ class Trial:
     @property
     def scored(self) -> bool:
         """Whether the evaluation gave a score."""
-        return math.isfinite(self.total)
+        return math.isfinite(self.cost)
 
     @property
     def rank(self) -> tuple[float, int]:
-        """What trials are compared by: the lowest total, the earliest among equals."""
-        return (self.total, self.number)
+        """What trials are compared by: the lowest cost, the earliest among equals."""
+        return (self.cost, self.number)
 
 
 def best(trials: Iterable[Trial]) -> Trial | None:
-    """Trial with the lowest finite total, the earliest among equals; None where all failed."""
+    """Trial with the lowest finite cost, the earliest among equals; None where all failed."""
     scored = [trial for trial in trials if trial.scored]
     return min(scored, key=lambda trial: trial.rank, default=None)
 
@@ -76,7 +76,7 @@ def line(trial: Trial, place: tuple[int, int] | None) -> str:
         "phase": trial.phase,
         "u": [float(x) for x in trial.u],
         "values": trial.values,
-        "total": trial.total,
+        "total": trial.cost,
         "terms": trial.terms,
         "status": trial.status,
         "reason": trial.reason,
@@ -95,7 +95,7 @@ def trial_of(content: Mapping[str, Any], residuals: np.ndarray | None, segment: 
         number=content["number"],
         u=content["u"],
         values=content["values"],
-        total=_score(content["total"]),
+        cost=_score(content["total"]),
         terms={label: _score(value) for label, value in content["terms"].items()},
         status=content["status"],
         reason=content["reason"],

@@ -46,8 +46,8 @@ class Confirmation:
 
     @property
     def chosen(self) -> Leader:
-        """The leader with the lowest confirmed total; among equals, and where all fail, the best of the search."""
-        return min(self.leaders, key=lambda leader: leader.confirmed.total)
+        """The leader with the lowest confirmed cost; among equals, and where all fail, the best of the search."""
+        return min(self.leaders, key=lambda leader: leader.confirmed.cost)
 
     @property
     def succeeded(self) -> bool:
@@ -86,7 +86,7 @@ class Confirmation:
         ]
 
     def _distance(self) -> list[str]:
-        before, after = self.chosen.searched.total, self.best.total
+        before, after = self.chosen.searched.cost, self.best.cost
         if abs(after - before) <= max(SHARE * before, LEAST):
             return []
         return [
@@ -96,7 +96,7 @@ class Confirmation:
 
     def _order(self) -> list[str]:
         before = [leader.confirmed for leader in self.leaders if leader.confirmed.scored]
-        after = sorted(before, key=lambda trial: trial.total)
+        after = sorted(before, key=lambda trial: trial.cost)
         if before == after:
             return []
         return [

@@ -74,7 +74,7 @@ def outcome(result: Trial | Score | Failure) -> Outcome:
     """What an optimiser, or whoever differentiates, learns of a trial, a score or a call that failed."""
     if isinstance(result, Failure):
         return Outcome(math.inf, None, result.status, None)
-    return Outcome(result.total, result.residuals, result.status, result.kind)
+    return Outcome(result.cost, result.residuals, result.status, result.kind)
 
 
 def as_trial(
@@ -83,12 +83,12 @@ def as_trial(
     """Trial at the point `u` of the unit cube, of what its evaluation gave; the rest as in `calib.store.Trial`."""
     known = {"number": number, "u": list(u), "values": dict(values), "seconds": result.seconds, "phase": phase}
     if isinstance(result, Failure):
-        return Trial(**known, total=math.inf, status=result.status, reason=result.reason, segment=segment)
+        return Trial(**known, cost=math.inf, status=result.status, reason=result.reason, segment=segment)
     score = result.score
-    scored = math.isfinite(score.total)
+    scored = math.isfinite(score.cost)
     return Trial(
         **known,
-        total=float(score.total) if scored else math.inf,
+        cost=float(score.cost) if scored else math.inf,
         terms={label: float(distance) for label, distance in score.terms.items()},
         status=score.status,
         reason=score.reason,

@@ -104,7 +104,7 @@ class Progress:
         """Best score, kind of motion, rate, failures and time left, as one line."""
         parts = [f"{self._done}/{self._budget} trials"]
         if self._best is not None:
-            parts.append(f"best {self._best.total:.4g} ({self._best.kind})")
+            parts.append(f"best {self._best.cost:.4g} ({self._best.kind})")
         rate = self._rate()
         if rate:
             parts.append(f"{rate:.3g} trials/s")

@@ -72,7 +72,7 @@ def summarised(
         "undetermined": [] if confidence is None else confidence["undetermined"],
         "at_edge": [] if confidence is None else sorted(confidence["at_edge"]),
         "unreachable": [_reach(r) for r in reach if not r.reached],
-        "score": {"total": None if best is None else best.total, "terms": {} if best is None else dict(best.terms)},
+        "score": {"total": None if best is None else best.cost, "terms": {} if best is None else dict(best.terms)},
         "motion": {
             "kind": None if best is None else best.kind,
             "evidence": None if score is None else score.evidence,
@@ -123,7 +123,7 @@ def held_out(score: Score, misfit: float) -> dict[str, Any]:
     """
     if score.status != OK:
         return failed(score.status, score.reason)
-    found = {"misfit": misfit, "score": score.total, "terms": dict(score.terms), "kind": score.kind}
+    found = {"misfit": misfit, "score": score.cost, "terms": dict(score.terms), "kind": score.kind}
     nuisances = {name: value for own in score.nuisances.values() for name, value in own.items()}
     return {**found, "status": OK, "reason": "", "nuisances": nuisances}
 
@@ -159,8 +159,8 @@ def _confirmation(confirmation: Confirmation) -> dict[str, Any]:
         "leaders": [
             {
                 "trial": leader.searched.number,
-                "searched": leader.searched.total,
-                "confirmed": leader.confirmed.total,
+                "searched": leader.searched.cost,
+                "confirmed": leader.confirmed.cost,
                 "status": leader.confirmed.status,
                 "reason": leader.confirmed.reason,
                 "kind": leader.confirmed.kind,

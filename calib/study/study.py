@@ -28,7 +28,7 @@ class Result:
 
     Attributes
     ----------
-    best : trial with the lowest total, the earliest among equals; None where none ended ok
+    best : trial with the lowest cost, the earliest among equals; None where none ended ok
     trials : all trials in asking order, resumed ones included
     reach : of each measured scalar feature
     agreement : the optimiser's summary, None where it has none

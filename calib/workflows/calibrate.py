@@ -299,15 +299,15 @@ def _remarks(objective: Objective, answer: Evaluation | Failure | None) -> list[
     """Name the records that fit far better when it is left open at which instant they start."""
     if not isinstance(answer, Evaluation) or answer.score.status != OK:
         return []
-    remarks, total = [], answer.score.total
+    remarks, cost = [], answer.score.cost
     for name in objective.scored:
         reference = objective.references[name]
         if reference.excitation.periodic and "trigger" not in reference.nuisance:
-            freed = objective.with_free_trigger(name)(answer.records).total
-            if freed < MUCH * total:
+            freed = objective.with_free_trigger(name)(answer.records).cost
+            if freed < MUCH * cost:
                 remarks.append(
                     f"were {name} to start at another instant of its period, the distance would be {freed:.2g} instead "
-                    f'of {total:.2g}: give it nuisance = ["trigger"] unless its start is known'
+                    f'of {cost:.2g}: give it nuisance = ["trigger"] unless its start is known'
                 )
     return remarks
 

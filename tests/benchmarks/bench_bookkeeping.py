@@ -32,7 +32,7 @@ def trial(number: int) -> Trial:
         number=number,
         u=u.tolist(),
         values=dict(zip(NAMES, 10.0 ** (3.0 * (u - 1.0)), strict=True)),
-        total=float(rng.random()),
+        cost=float(rng.random()),
         terms={"phase_curve(layer)": float(rng.random()), "amplitude(layer)": float(rng.random())},
         kind="period-1",
         seconds=0.1,

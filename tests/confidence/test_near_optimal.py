@@ -12,9 +12,9 @@ SPACE = Space({"alpha": Window(100.0, 1000.0, "log"), "beta": Window(0.0, 2.0)})
 UNITS = {"alpha": "1/s", "beta": "1"}
 
 
-def trials(points, totals):
-    pairs = enumerate(zip(points, totals, strict=True))
-    return [Trial(number, list(u), SPACE.values(np.array(u)), total) for number, (u, total) in pairs]
+def trials(points, costs):
+    pairs = enumerate(zip(points, costs, strict=True))
+    return [Trial(number, list(u), SPACE.values(np.array(u)), cost) for number, (u, cost) in pairs]
 
 
 def test_what_nearly_equal_trials_share_is_told_from_what_they_do_not():

@@ -12,7 +12,7 @@ CASES = cases()
 @pytest.mark.parametrize("number", [0, 14])
 def test_a_figure_comes_back(number, tmp_path):
     digitised, _, (score, aligned) = round_trip(CASES[number], tmp_path, number)
-    assert score.total < 0.01
+    assert score.cost < 0.01
     assert np.abs(misses(digitised.record, aligned, "layer")).mean() < 3.0
     assert digitised.record.attrs["returns_after"] == 1
 
@@ -26,11 +26,11 @@ def test_thirty_figures_come_back(tmp_path, capsys):
         except CalibError as error:
             refused.append(str(error))
             continue
-        near += score.total < 0.01
+        near += score.cost < 0.01
         apart.append(np.abs(misses(digitised.record, aligned, "layer")).ravel())
         with capsys.disabled():
             covered = (apart[-1] < 2.0).mean()
-            print(f"\nfigure {number}: distance {score.total:.4f}, {100.0 * covered:.0f} % within 2 s.u.", end="")
+            print(f"\nfigure {number}: distance {score.cost:.4f}, {100.0 * covered:.0f} % within 2 s.u.", end="")
     assert near >= 28
     assert all("curve 'layer'" in said for said in refused)
     assert 0.90 < (np.concatenate(apart) < 2.0).mean() < 0.99

@@ -55,7 +55,7 @@ def test_a_linear_spring_is_wrong_by_a_third_on_the_decay_held_out(file, best):
     objective = file.study.objective.on({"decay2": file.reference("decay2")})
     values = {**file.study.space.fixed, **best.values}
     run = objective({"decay2": objective.released("decay2", file.study.model, values).record})
-    assert run.total == pytest.approx(0.344, abs=0.003)
+    assert run.cost == pytest.approx(0.344, abs=0.003)
     observable, single = second_cause().predicted(file, file.study.model, values)
     assert single == pytest.approx(0.073, abs=0.002)
     assert observable == pytest.approx(0.083, abs=0.002)

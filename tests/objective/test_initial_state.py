@@ -176,7 +176,7 @@ def test_a_recorded_input_has_a_start_too():
     found = objective(Reference("forced", record, "calibrate", ("initial_state",), force, REQUEST))
     score = found({"forced": found.released("forced", MODEL, TRUE).record})
     assert score.nuisances["forced"] == pytest.approx(begin, rel=1e-6)
-    assert score.total < 1e-6
+    assert score.cost < 1e-6
 
 
 # --- calibration ------------------------------------------------------------------------------------------------------

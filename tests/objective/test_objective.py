@@ -36,8 +36,8 @@ def simulated(**how):
     return clapping(section=64, **how)
 
 
-def total(record, run, *terms, **how):
-    return objective(record, *terms, **how)({"run": run}).total
+def cost(record, run, *terms, **how):
+    return objective(record, *terms, **how)({"run": run}).cost
 
 
 # --- the distance
@@ -45,7 +45,7 @@ def total(record, run, *terms, **how):
 
 def test_an_identical_loop_scores_zero():
     score = objective(simulated())({"run": simulated()})
-    assert score.total == pytest.approx(0.0, abs=1e-10)
+    assert score.cost == pytest.approx(0.0, abs=1e-10)
     assert score.status == "ok"
     assert score.kind == "period-1"
     assert score.wrong == ()
@@ -53,7 +53,7 @@ def test_an_identical_loop_scores_zero():
 
 @pytest.mark.parametrize("jump", [0.0, 0.4])
 def test_ten_per_cent_larger_scores_a_tenth(jump):
-    assert total(simulated(jump=jump), simulated(jump=jump, size=1.1)) == pytest.approx(0.1, rel=0.02)
+    assert cost(simulated(jump=jump), simulated(jump=jump, size=1.1)) == pytest.approx(0.1, rel=0.02)
 
 
 def test_a_shifted_start_costs_no_more_than_the_noise():
@@ -61,7 +61,7 @@ def test_a_shifted_start_costs_no_more_than_the_noise():
     noise = [SIGMA[c] / np.sqrt(6) / phase_curve(truth)[c].std("phase").values for c in ("displacement", "velocity")]
     level = float(np.sqrt(np.mean(np.square(noise))))
     for trigger in (0.0, 0.0123, 0.0387):
-        found = total(noisy(clapping(jump=0.0, trigger=trigger)), simulated(jump=0.0))
+        found = cost(noisy(clapping(jump=0.0, trigger=trigger)), simulated(jump=0.0))
         assert found == pytest.approx(level, rel=0.1)
         assert found < 0.01
 
@@ -72,7 +72,7 @@ def test_the_trigger_is_found_with_its_sign():
 
 
 def test_without_the_nuisance_nothing_is_shifted():
-    assert total(clapping(trigger=0.25 * PERIOD), simulated(), nuisance=()) > 1.0
+    assert cost(clapping(trigger=0.25 * PERIOD), simulated(), nuisance=()) > 1.0
 
 
 def test_one_trigger_is_common_to_all_bodies():
@@ -80,42 +80,42 @@ def test_one_trigger_is_common_to_all_bodies():
     for channel in ("displacement", "velocity"):
         record[channel][1] = late[channel][1]  # the layer alone is early
     run = simulated(jump=0.0)
-    each = [total(record, run, Term(PhaseCurve(), bodies=[body])) for body in ("beam", "layer")]
+    each = [cost(record, run, Term(PhaseCurve(), bodies=[body])) for body in ("beam", "layer")]
     assert max(each) < 1e-3
-    assert total(record, run) > 0.1
+    assert cost(record, run) > 0.1
 
 
 def test_records_that_start_late_or_are_sampled_otherwise_are_aligned_too():
     run = simulated(jump=0.0)
     for how in ({"start": 0.0173}, {"samples": 173}, {"samples": 500, "start": -0.3}, {"periods": 2}, {"periods": 9}):
-        assert total(clapping(jump=0.0, trigger=0.007, **how), run) < 2e-3
+        assert cost(clapping(jump=0.0, trigger=0.007, **how), run) < 2e-3
 
 
 def test_samples_that_do_not_divide_the_period_are_aligned_too():
     whole = clapping(jump=0.0, samples=1733)
     record = whole.isel(time=slice(0, None, 10))
-    assert total(record, simulated(jump=0.0)) < 2e-3
+    assert cost(record, simulated(jump=0.0)) < 2e-3
 
 
-def test_the_total_is_the_root_of_the_summed_squares_of_the_residuals():
+def test_the_cost_is_the_root_of_the_summed_squares_of_the_residuals():
     terms = [Term(PhaseCurve()), Term(Amplitude(), weight=2.0), Term(Harmonics(), bodies=["layer"], weight=0.5)]
     score = objective(noisy(clapping()), *terms)({"run": simulated(size=1.2, impact=0.28)})
-    assert score.total == pytest.approx(np.sqrt((score.residuals**2).sum()))
+    assert score.cost == pytest.approx(np.sqrt((score.residuals**2).sum()))
     distances = np.array(list(score.terms.values()))
-    assert score.total == pytest.approx(np.sqrt(np.average(distances**2, weights=[1.0, 2.0, 0.5])))
+    assert score.cost == pytest.approx(np.sqrt(np.average(distances**2, weights=[1.0, 2.0, 0.5])))
 
 
 def test_weights_count_only_against_each_other():
     run, record = simulated(size=1.2), noisy(clapping())
     one = objective(record, Term(PhaseCurve()), Term(Amplitude()))({"run": run})
     ten = objective(record, Term(PhaseCurve(), weight=10.0), Term(Amplitude(), weight=10.0))({"run": run})
-    assert one.total == pytest.approx(ten.total)
+    assert one.cost == pytest.approx(ten.cost)
 
 
 def test_a_very_large_distance_stays_below_a_wrong_kind():
-    far = total(simulated(), simulated(size=1e3))
+    far = cost(simulated(), simulated(size=1e3))
     assert 8.0 < far < 9.0
-    assert total(simulated(), simulated(size=1e4)) > far
+    assert cost(simulated(), simulated(size=1e4)) > far
 
 
 def test_a_stated_uncertainty_that_varies_weighs_the_samples():
@@ -123,14 +123,14 @@ def test_a_stated_uncertainty_that_varies_weighs_the_samples():
     sigma = np.full((2, 2400), 1e-5)
     sigma[:, :1200] = 1e-3  # the first three cycles are coarse: the mean loop's uncertainty is even
     even = record.assign(displacement_sigma=(("body", "time"), sigma, {"units": "m"}))
-    assert total(even, simulated(jump=0.0, size=1.1)) == pytest.approx(0.1, rel=1e-3)
+    assert cost(even, simulated(jump=0.0, size=1.1)) == pytest.approx(0.1, rel=1e-3)
     phase = np.arange(2400) % 400 / 400
     sigma = np.where((phase > 0.2) & (phase < 0.4), 1e-2, 1e-5) * np.ones((2, 1))
     blind = record.assign(displacement_sigma=(("body", "time"), sigma, {"units": "m"}))
     bent = simulated(jump=0.0)
     bent["displacement"] = bent.displacement + 1e-3 * ((phase > 0.25) & (phase < 0.35))
     term = Term(PhaseCurve(channels=["displacement"]))
-    assert total(blind, bent, term, nuisance=()) < 0.01 * total(record, bent, term, nuisance=())
+    assert cost(blind, bent, term, nuisance=()) < 0.01 * cost(record, bent, term, nuisance=())
 
 
 # --- nuisances
@@ -146,7 +146,7 @@ def test_offset_scale_and_shear_are_recovered():
     record.attrs.update(plotted.attrs)
     score = objective(record, nuisance=("trigger", "offset", "scale", "shear"))({"run": truth})
     found = score.nuisances["run"]
-    assert score.total < 1e-6
+    assert score.cost < 1e-6
     assert found["trigger"] == pytest.approx(40 * PERIOD / 400, abs=1e-8)
     assert found["offset.beam"] == pytest.approx(1e-4, abs=1e-9)
     assert found["offset.layer"] == pytest.approx(-3e-4, abs=1e-9)
@@ -165,7 +165,7 @@ def test_an_offset_is_solved_without_a_period_too():
     score = objective(record, Term(TimeHistory()), nuisance=("offset",))({"run": run})
     assert score.kind == "not periodic"
     assert score.nuisances["run"]["offset.mass"] == pytest.approx(0.3, abs=1e-3)
-    assert score.total < 5e-3
+    assert score.cost < 5e-3
 
 
 def test_what_a_body_at_rest_cannot_tell_does_not_stop_the_rest():
@@ -173,7 +173,7 @@ def test_what_a_body_at_rest_cannot_tell_does_not_stop_the_rest():
     run["displacement"][:] = 0.0
     run["velocity"][:] = 0.0
     score = objective(noisy(clapping()), nuisance=("trigger", "offset", "scale", "shear"))({"run": run})
-    assert np.isfinite(score.total)
+    assert np.isfinite(score.cost)
 
 
 def test_the_prescribed_channel_fixes_the_trigger_and_is_not_scored():
@@ -192,11 +192,11 @@ def test_a_channel_that_only_the_simulator_prescribes_leaves_zeros():
     both = objective(record)
     residuals = both.residuals({"run": run})
     assert (residuals[residuals.body == "beam"] == 0.0).all()
-    assert both({"run": run}).total == pytest.approx(total(record, run, Term(PhaseCurve(), bodies=["layer"])))
+    assert both({"run": run}).cost == pytest.approx(cost(record, run, Term(PhaseCurve(), bodies=["layer"])))
     assert both({"run": simulated()}).residuals.size == residuals.size
     assert both({"run": run}).nuisances["run"]["trigger"] == pytest.approx(0.0123, abs=2e-6)
     with pytest.raises(CalibError, match="simulator prescribes"):
-        total(record, run, Term(PhaseCurve(), bodies=["beam"]))
+        cost(record, run, Term(PhaseCurve(), bodies=["beam"]))
 
 
 # --- residuals
@@ -259,7 +259,7 @@ def test_scoring_is_deterministic_and_survives_pickling():
 
 def test_a_failed_run_scores_infinity_and_says_why():
     score = objective(clapping())({"run": failed(["beam", "layer"], "diverged", "at 0.3 s")})
-    assert (score.total, score.status, score.reason, score.residuals) == (np.inf, "diverged", "at 0.3 s", None)
+    assert (score.cost, score.status, score.reason, score.residuals) == (np.inf, "diverged", "at 0.3 s", None)
     run = simulated()
     run["velocity"][1, 7] = np.nan
     assert objective(clapping())({"run": run}).status == "not finite"
@@ -278,10 +278,10 @@ def test_a_failed_record_fails_all():
 
 def test_the_right_kind_beats_any_wrong_kind():
     compared = objective(noisy(clapping()))
-    worst = compared({"run": simulated(size=1e6)}).total
+    worst = compared({"run": simulated(size=1e6)}).cost
     for run in (simulated(subharmonic=0.003), simulated(wander=chaotic(64)), simulated(wander=[1.0, 1.01, 1.03])):
         score = compared({"run": run})
-        assert score.total > worst
+        assert score.cost > worst
         assert score.wrong == ("run",)
         assert "the reference is period-1" in score.evidence
         assert score.residuals is not None
@@ -289,16 +289,16 @@ def test_the_right_kind_beats_any_wrong_kind():
 
 def test_the_penalty_falls_towards_the_right_kind():
     compared = objective(noisy(clapping()))
-    totals = [compared({"run": simulated(subharmonic=share)}).total for share in (0.5, 0.2, 0.1, 0.05, 0.01, 0.005)]
-    assert (np.diff(totals) < 0.0).all()
+    costs = [compared({"run": simulated(subharmonic=share)}).cost for share in (0.5, 0.2, 0.1, 0.05, 0.01, 0.005)]
+    assert (np.diff(costs) < 0.0).all()
 
 
 def test_a_period_2_reference_wants_a_period_2_motion():
     compared = objective(noisy(clapping(subharmonic=0.2, trigger=1.3 * PERIOD)), Term(PhaseCurve(periods=2)))
     right, wrong = compared({"run": simulated(subharmonic=0.2)}), compared({"run": simulated()})
-    assert right.total < 0.03
+    assert right.cost < 0.03
     assert right.nuisances["run"]["trigger"] == pytest.approx(1.3 * PERIOD, abs=1e-5)
-    assert wrong.total > 10.0
+    assert wrong.cost > 10.0
 
 
 def test_a_motion_without_contact_is_of_no_other_period():
@@ -325,12 +325,12 @@ def test_kinds_of_several_records_are_told_apart():
 def test_the_difference_of_impact_phases_goes_around_the_circle():
     early, late = simulated(impact=0.99), simulated(impact=0.01)
     expected = 2 * np.pi * 0.02
-    assert total(early, late, Term(ImpactPhase(), bodies=["layer"]), nuisance=()) == pytest.approx(expected, rel=0.1)
+    assert cost(early, late, Term(ImpactPhase(), bodies=["layer"]), nuisance=()) == pytest.approx(expected, rel=0.1)
 
 
 def test_no_impact_where_one_was_measured_scores_one():
     for feature in (ImpactPhase(), ContactTime()):
-        assert total(clapping(), simulated(jump=0.0), Term(feature)) == pytest.approx(1.0)
+        assert cost(clapping(), simulated(jump=0.0), Term(feature)) == pytest.approx(1.0)
 
 
 def test_a_body_without_impact_is_left_out_or_refused_by_name():
@@ -343,7 +343,7 @@ def test_a_body_without_impact_is_left_out_or_refused_by_name():
 
 
 def test_the_spread_is_taken_from_the_section_as_simulated():
-    spread = total(clapping(), simulated(subharmonic=0.1), Term(PoincareSpread()))
+    spread = cost(clapping(), simulated(subharmonic=0.1), Term(PoincareSpread()))
     assert spread > 10.0
     score = objective(clapping(), Term(PoincareSpread()))({"run": simulated(subharmonic=0.1)})
     assert 0.01 < score.terms["poincare_spread"] < 0.2
@@ -355,7 +355,7 @@ def test_a_force_is_compared_where_motion_is_prescribed():
     drive = Excitation("mass", "displacement", time=time, value=np.sin(time))
     record = make(time, ["mass"], {"force": force[None]})
     run = make(time, ["mass"], {"force": 1.1 * force[None], "displacement": np.sin(time)[None]})
-    assert total(record, run, Term(ForceBalance()), nuisance=(), excitation=drive) == pytest.approx(0.1)
+    assert cost(record, run, Term(ForceBalance()), nuisance=(), excitation=drive) == pytest.approx(0.1)
     names = {
         feature.label
         for feature in objective(record, Term(ForceBalance()), nuisance=(), excitation=drive).judged({"run": run})[1]
@@ -378,7 +378,7 @@ class PeakSpeed:
 def test_a_stranger_s_feature_of_one_number_a_body_is_enough():
     term = Term(PeakSpeed(), bodies=["layer"])
     expected = 0.1 * float(np.abs(clapping().velocity[1]).max()) / 0.5
-    assert total(clapping(), simulated(size=1.1), term, nuisance=()) == pytest.approx(expected, rel=1e-3)
+    assert cost(clapping(), simulated(size=1.1), term, nuisance=()) == pytest.approx(expected, rel=1e-3)
     assert list(objective(clapping(), term).residuals({"run": simulated()}).channel.values) == ["peak_speed"]
 
 
@@ -471,7 +471,7 @@ def test_the_same_terms_score_other_records():
     one = Objective({"one": Reference("one", clapping())}, terms)
     held = one.on({"louder": Reference("louder", clapping(size=1.2, trigger=0.004), "holdout", ["trigger"])})
     score = held({"louder": simulated(size=1.2)})
-    assert score.total == pytest.approx(0.0, abs=0.01)
+    assert score.cost == pytest.approx(0.0, abs=0.01)
     assert set(score.terms) == {"phase_curve", "amplitude in one"}
 
 
@@ -481,7 +481,7 @@ def test_other_records_are_aligned_but_not_scored():
         "two": Reference("two", clapping(trigger=0.003), "name", ["trigger"]),
     }
     both = Objective(references, [Term(PhaseCurve())])
-    assert both({"one": simulated()}).total == pytest.approx(0.0, abs=1e-9)
+    assert both({"one": simulated()}).cost == pytest.approx(0.0, abs=1e-9)
     aligned = both.aligned("two", simulated())
     assert np.allclose(aligned.time, references["two"].record.time)
     assert aligned.attrs["nuisance_trigger"] == pytest.approx(0.003, abs=1e-5)
@@ -532,19 +532,19 @@ def test_a_reference_record_is_at_its_noise_from_its_own_mean_loop(folder):
     channels = {c: np.tile(loop[c].values, 6) for c in ("displacement", "velocity")}
     run = make(time, ["beam", "layer"], channels, frequency=record.attrs["frequency"])
     score = objective(record)({"run": run})
-    assert score.total < 1e-3
+    assert score.cost < 1e-3
     score = objective(record, Term(TimeHistory()))({"run": run})
-    assert 0.002 < score.total < 0.05
+    assert 0.002 < score.cost < 0.05
 
 
 @pytest.mark.parametrize("trigger", [0.0, 0.2, 0.5, 0.8])
 def test_a_sampled_jump_between_two_samples_costs_nothing(trigger):
     late = trigger * PERIOD / 400  # the same motion, sampled a share of a sample later
     score = objective(clapping(trigger=0.3 * PERIOD + late))({"run": simulated()})
-    assert score.total < 5e-4  # half a jump in one of 400 samples would be 6e-3
+    assert score.cost < 5e-4  # half a jump in one of 400 samples would be 6e-3
     assert score.nuisances["run"]["trigger"] == pytest.approx(0.3 * PERIOD + late, abs=0.01 * PERIOD / 400)
 
 
 def test_a_jump_at_another_phase_is_still_seen():
-    apart = [total(clapping(), simulated(impact=0.3012 + moved)) for moved in (0.0, 0.02, 0.05)]
+    apart = [cost(clapping(), simulated(impact=0.3012 + moved)) for moved in (0.0, 0.02, 0.05)]
     assert apart[0] < 1e-3 < 0.02 < apart[1] < apart[2]

@@ -15,7 +15,7 @@ impacts = st.floats(0.0, 1.0, exclude_max=True)
 
 
 def total(record, run, nuisance=("trigger",)):
-    return Objective({"run": Reference("run", record, nuisance=nuisance)}, [Term(PhaseCurve())])({"run": run}).total
+    return Objective({"run": Reference("run", record, nuisance=nuisance)}, [Term(PhaseCurve())])({"run": run}).cost
 
 
 @settings(deadline=None, max_examples=40)

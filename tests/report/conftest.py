@@ -62,7 +62,7 @@ def search(space, rng, number=240):
     trials = []
     for i in range(number):
         u = rng.random(space.dim) if i < 64 else np.clip(0.4 + 0.3 * rng.standard_normal(space.dim) * 0.98**i, 0.0, 1.0)
-        total = 0.02 + np.sum((u - 0.4) ** 2) * np.exp(0.2 * rng.standard_normal())
+        cost = 0.02 + np.sum((u - 0.4) ** 2) * np.exp(0.2 * rng.standard_normal())
         kind = "period 1" if u[0] < 0.45 else "period 2" if u[0] < 0.7 else "irregular"
         bad = i % 17 == 3
         trials.append(
@@ -70,8 +70,8 @@ def search(space, rng, number=240):
                 i,
                 u.tolist(),
                 space.values(u),
-                np.inf if bad else float(total + (kind != "period 1")),
-                {} if bad else {"phase_curve": float(total)},
+                np.inf if bad else float(cost + (kind != "period 1")),
+                {} if bad else {"phase_curve": float(cost)},
                 status="step budget" if bad else "ok",
                 reason=f"{1000 + i} steps made, {12 + i} of 100 periods" if bad else "",
                 kind="" if bad else kind,
@@ -122,7 +122,7 @@ def periodic():
         "slower": SimpleNamespace(record=clapping(rng, 0.9), use="holdout"),
     }
     trials = search(space, rng)
-    best = min(trials, key=lambda t: t.total)
+    best = min(trials, key=lambda t: t.cost)
     records = {"clapping": clapping(scale=1.03), "louder": clapping(scale=1.12)}
     records["slower"] = failed(["q2", "q3"], "diverged", "|q| > 1 m after 12 periods")
     result = {
@@ -144,7 +144,7 @@ def periodic():
                 "off": 6.1,
             }
         ],
-        "score": {"total": best.total, "terms": {"phase_curve": 0.031, "amplitude": 0.012}},
+        "score": {"total": best.cost, "terms": {"phase_curve": 0.031, "amplitude": 0.012}},
         "motion": {"kind": "period 1", "wrong": [], "evidence": "section spread 1e-6"},
         "agreement": {"starts": 8, "agree": 6},
         "holdout": {
@@ -178,10 +178,10 @@ def recorded():
     }
     references = {"emps": SimpleNamespace(record=sliding(rng, coulomb=20.0), use="calibrate")}
     trials = search(space, rng, 100)
-    best = min(trials, key=lambda t: t.total)
+    best = min(trials, key=lambda t: t.cost)
     result = {
         "values": best.values,
-        "score": {"total": best.total, "terms": {"force_balance": 0.167}},
+        "score": {"total": best.cost, "terms": {"force_balance": 0.167}},
         "motion": {"kind": "not periodic"},
         "best_trial": best.number,
     }

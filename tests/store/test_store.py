@@ -34,17 +34,17 @@ def picture(trial, records):
     return b"\x89PNG" + bytes(10)
 
 
-def trial(number, total=None, **more):
+def trial(number, cost=None, **more):
     rng = np.random.default_rng(number)
     values = {"x": float(rng.uniform(0.1, 2.0)), "y": float(rng.uniform(-1.0, 1.0)), "gap": 1e-3}
-    total = 1.0 / (1 + number) if total is None else total
+    cost = 1.0 / (1 + number) if cost is None else cost
     return Trial(
         **{
             "number": number,
             "u": rng.random(2).tolist(),
             "values": values,
-            "total": total,
-            "terms": {"curve": total},
+            "cost": cost,
+            "terms": {"curve": cost},
             "kind": "period-1",
             "seconds": 0.25,
             "residuals": rng.normal(size=5),
@@ -66,7 +66,7 @@ def filled(folder, trials, header=HEADER, **options):
     with Store(folder, **{"view": None} | options) as store:
         store.open(header)
         for one in trials:
-            store.append(one, records(one.number) if one.total < math.inf else None)
+            store.append(one, records(one.number) if one.cost < math.inf else None)
     return folder
 
 
@@ -329,7 +329,7 @@ def test_a_best_record_that_lags_is_brought_up_on_opening(tmp_path):
     assert kept(tmp_path) == ["000000", "000001"]
 
 
-def test_of_equal_totals_the_earlier_number_is_best_whichever_ended_first(tmp_path):
+def test_of_equal_costs_the_earlier_number_is_best_whichever_ended_first(tmp_path):
     filled(tmp_path, [trial(4, 0.5), trial(3, 0.5), trial(5, 0.5)])
     with Store(tmp_path, view=None) as store:
         store.open(HEADER)
@@ -354,7 +354,7 @@ def test_the_view_shows_every_trial_with_its_parameters_and_outcome(tmp_path):
     filled(tmp_path, written, view="journal")
     shown = viewed(tmp_path)
     assert [t.state.name for t in shown] == ["COMPLETE", "FAIL", "COMPLETE"]
-    assert [t.value for t in shown] == [1.0, None, trial(2).total]
+    assert [t.value for t in shown] == [1.0, None, trial(2).cost]
     assert shown[0].params == {name: trial(0).values[name] for name in WINDOWS}
     assert shown[0].distributions["x"] == optuna.distributions.FloatDistribution(0.1, 2.0, log=True)
     assert shown[0].user_attrs["terms"] == {"curve": 1.0}

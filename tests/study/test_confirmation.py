@@ -31,8 +31,8 @@ SKETCH = ("tiny_simulators:Echo", "tiny_simulators:Sketch")
 AGAIN = '[[record]]\nname = "again"\npath = "bench.nc"\nnuisance = ["trigger"]\nuse = "holdout"\n\n[model]\n'
 
 
-def trial(number, total, *u):
-    return Trial(number, list(u), {"gain": u[0]}, total, kind="period-1")
+def trial(number, cost, *u):
+    return Trial(number, list(u), {"gain": u[0]}, cost, kind="period-1")
 
 
 def without_times(found):
@@ -131,9 +131,9 @@ def confirmation(answers):
     class Judged:
         seconds, features, simulations = 0.0, (), 1
 
-        def __init__(self, total):
+        def __init__(self, cost):
             self.score = type("Score", (), {
-                "total": total, "terms": {"a": total}, "status": "ok", "reason": "", "kind": "period-1",
+                "cost": cost, "terms": {"a": cost}, "status": "ok", "reason": "", "kind": "period-1",
                 "residuals": None,
             })  # fmt: skip
 
@@ -171,7 +171,7 @@ def test_the_best_confirmed_is_chosen_and_what_to_mind_is_said(answers, chosen, 
 def test_where_none_is_confirmed_the_best_of_the_search_keeps_its_score():
     found = confirmation([LATE, LATE])
     assert not found.succeeded
-    assert (found.best.total, found.best.status) == (0.10, "ok")
+    assert (found.best.cost, found.best.status) == (0.10, "ok")
 
 
 # --- a study
@@ -192,7 +192,7 @@ def test_the_result_is_what_the_confirming_simulator_says(confirmed):
 
     study = load(path).study
     record = Echo().run(found["values"], study.objective.references["bench"].excitation, (), Request())
-    assert study.objective({"bench": record}).total == found["score"]["total"]
+    assert study.objective({"bench": record}).cost == found["score"]["total"]
 
 
 def test_the_best_record_is_the_confirmed_one(confirmed):

@@ -106,6 +106,6 @@ def test_no_result_is_none_and_an_unreadable_one_is_refused(tmp_path):
 
 
 def test_a_hold_out_record_that_fails_says_why():
-    score = SimpleNamespace(status="diverged", reason="too fast", total=math.inf, terms={}, kind=None)
+    score = SimpleNamespace(status="diverged", reason="too fast", cost=math.inf, terms={}, kind=None)
     held = result.held_out(score, math.nan)
     assert (held["misfit"], held["score"], held["status"], held["reason"]) == (None, None, "diverged", "too fast")

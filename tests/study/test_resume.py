@@ -299,4 +299,4 @@ def test_floats_survive_the_log_bit_for_bit(tmp_path):
     for one, other in zip(trials, again, strict=True):
         assert np.array(one.u).tobytes() == np.array(other.u).tobytes()
         assert one.residuals.tobytes() == other.residuals.tobytes()
-        assert one.total.hex() == other.total.hex()
+        assert one.cost.hex() == other.cost.hex()

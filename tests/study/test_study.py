@@ -22,9 +22,9 @@ def test_the_budget_counts_the_screen_and_is_spent_exactly(tmp_path):
     assert [t.phase for t in found.trials] == ["screen"] * 8 + ["search"] * 22
 
 
-def test_the_best_is_the_lowest_total(tmp_path):
+def test_the_best_is_the_lowest_cost(tmp_path):
     found = run(study(), tmp_path)
-    assert found.best.total == min(t.total for t in found.trials)
+    assert found.best.cost == min(t.cost for t in found.trials)
     assert found.best.values == SPACE.values(np.array(found.best.u))
 
 
@@ -90,7 +90,7 @@ def test_the_optimiser_is_told_the_screen_first_and_each_batch_in_asking_order(t
     assert [len(x) for x, _ in Recorder.heard] == [8, 4, 4, 4]
     told = np.concatenate([x for x, _ in Recorder.heard])
     assert told.tolist() == [t.u for t in found.trials]
-    assert [o.cost for _, outcomes in Recorder.heard for o in outcomes] == [t.total for t in found.trials]
+    assert [o.cost for _, outcomes in Recorder.heard for o in outcomes] == [t.cost for t in found.trials]
 
 
 def test_the_optimisers_reason_to_stop_is_the_studys(tmp_path):
@@ -128,7 +128,7 @@ def test_a_failed_simulation_is_data(tmp_path, trouble, status):
     failed = [t for t in found.trials if t.status != "ok"]
     assert failed
     assert {t.status for t in failed} == {status}
-    assert all(t.total == math.inf and t.residuals is None and t.reason for t in failed)
+    assert all(t.cost == math.inf and t.residuals is None and t.reason for t in failed)
     assert found.best.status == "ok"
     assert lines(read(tmp_path)[1]) == lines(found.trials)
 
@@ -202,10 +202,10 @@ def test_ctrl_c_ends_the_study_in_order(tmp_path):
 
 def test_each_trial_is_announced_with_the_best_so_far(tmp_path):
     seen = []
-    found = run(study(20), tmp_path, on_trial=lambda trial, best, count: seen.append((trial.total, best.total, count)))
+    found = run(study(20), tmp_path, on_trial=lambda trial, best, count: seen.append((trial.cost, best.cost, count)))
     assert [count for _, _, count in seen] == list(range(1, 21))
-    assert [best for _, best, _ in seen] == np.minimum.accumulate([total for total, _, _ in seen]).tolist()
-    assert seen[-1][1] == found.best.total
+    assert [best for _, best, _ in seen] == np.minimum.accumulate([cost for cost, _, _ in seen]).tolist()
+    assert seen[-1][1] == found.best.cost
 
 
 def test_a_measured_value_within_the_simulated_range_is_reached(tmp_path):

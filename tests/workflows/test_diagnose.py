@@ -166,7 +166,7 @@ def test_a_third_partys_effect_stands_in_the_extended_study_as_it_was_loaded(tmp
     assert file.others["later"].use == "holdout"
     assert file.study.space.fixed["initial_displacement@later"] == 0.0
     at = file.study.space.values(file.study.space.starting_point)
-    assert evaluate(file.study, at).score.total < 0.011  # of 1 % noise
+    assert evaluate(file.study, at).score.cost < 0.011  # of 1 % noise
 
 
 def test_what_was_not_calibrated_is_not_diagnosed(tmp_path, folder):
