@@ -30,7 +30,7 @@ from calib.modelling.model import Model, Request
 from calib.records import OK
 from calib.records.excitation import Excitation
 from calib.simulators.delaminated_beam import DelaminatedBeam
-from calib.simulators.delaminated_beam.delaminated_beam import LEVELS
+from calib.simulators.delaminated_beam.error_estimate import LEVELS
 from calib.study_file import load
 
 DRIVE = Excitation("centre", "displacement", frequency=26.51, amplitude=0.92e-3)

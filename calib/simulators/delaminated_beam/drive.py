@@ -2,15 +2,54 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 
+from calib.errors import CalibError
 from calib.modelling.laws import BoundLaw
 from calib.records.excitation import Excitation
 from calib.simulators import slots
 from calib.simulators.compilation import COMPILED
 from calib.simulators.slots import fill
+
+PLACE, QUANTITY = "centre", "displacement"  # of the excitation that the simulator takes
+MIN_LENGTH = 1e-6  # m, scale of a motion that is not driven
+
+
+@dataclass(frozen=True)
+class CentreDisplacement:
+    """Harmonic displacement of the middle: amplitude cos(2 pi frequency t + phase).
+
+    Attributes
+    ----------
+    frequency, amplitude, phase : [Hz], [m], [rad]
+    """
+
+    frequency: float
+    amplitude: float
+    phase: float
+
+    @classmethod
+    def of(cls, excitation: Excitation) -> "CentreDisplacement":
+        """Read it off an excitation.
+
+        Raises
+        ------
+        CalibError : the excitation is not a harmonic displacement of the centre
+        """
+        frequency, amplitude = excitation.frequency, excitation.amplitude
+        taken = (excitation.quantity, excitation.place) == (QUANTITY, PLACE) and excitation.harmonic
+        if not taken or frequency is None or amplitude is None:
+            given = f"{'recorded ' if excitation.recorded else ''}{excitation.quantity} at {excitation.place!r}"
+            raise CalibError(f"delaminated_beam takes a harmonic {QUANTITY} at {PLACE!r}, got {given}")
+        return cls(frequency, amplitude, excitation.phase)
+
+    @property
+    def period(self) -> float:
+        """Period  [s]."""
+        return 1.0 / self.frequency
 
 
 @njit(**COMPILED)
@@ -34,7 +73,7 @@ class BeamDrive:
     period, amplitude, phase : [s], [m], [rad]
     """
 
-    def __init__(self, excitation: Excitation, scale: float, alpha: float, laws: Sequence[BoundLaw]):
+    def __init__(self, excitation: CentreDisplacement, scale: float, alpha: float, laws: Sequence[BoundLaw]):
         self.period = excitation.period
         self.amplitude = scale * excitation.amplitude
         self.phase = excitation.phase
@@ -45,7 +84,7 @@ class BeamDrive:
     @property
     def length(self) -> float:
         """Scale of the motion  [m]."""
-        return max(abs(self.amplitude), 1e-6)
+        return max(abs(self.amplitude), MIN_LENGTH)
 
     @property
     def speed(self) -> float:

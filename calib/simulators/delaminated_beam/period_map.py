@@ -7,7 +7,7 @@ import numpy as np
 
 from calib.modelling.orbit import Orbit, Tangent
 from calib.records import OK
-from calib.records.excitation import Excitation
+from calib.simulators.delaminated_beam.drive import CentreDisplacement
 from calib.simulators.delaminated_beam.layout import BODIES, MeshedStructure
 from calib.simulators.delaminated_beam.modes import Modes
 
@@ -39,7 +39,7 @@ class BeamMap:
     impacting: bool = True
 
     @classmethod
-    def of_reduced(cls, engine, basis: Modes, excitation: Excitation, length: float) -> "BeamMap":
+    def of_reduced(cls, engine, basis: Modes, drive: CentreDisplacement, length: float) -> "BeamMap":
         """Map of the reduced kernel; the state is modal coordinates and their rates."""
         n = len(basis.omega)
         largest = np.abs(basis.across[:, :n]).max(axis=0)
@@ -48,22 +48,22 @@ class BeamMap:
             [f"mode {k + 1}" for k in range(n)],
             ("m kg^0.5", "m kg^0.5/s"),
             abs(length) / np.where(largest > 1e-3 * largest.max(), largest, largest.max()),
-            excitation,
+            drive,
         )
 
     @classmethod
-    def of_full(cls, engine, structure: MeshedStructure, excitation: Excitation, length: float) -> "BeamMap":
+    def of_full(cls, engine, structure: MeshedStructure, drive: CentreDisplacement, length: float) -> "BeamMap":
         """Map of the full kernel; the state is displacements of the free nodes and their velocities."""
         names = [f"node {k // 2} {'xy'[k % 2]}" for k in structure.free]
-        return cls._of(engine, names, ("m", "m/s"), np.full(len(names), abs(length)), excitation)
+        return cls._of(engine, names, ("m", "m/s"), np.full(len(names), abs(length)), drive)
 
     @classmethod
-    def _of(cls, engine, names, units, length, excitation: Excitation) -> "BeamMap":
-        n, omega = len(names), 2.0 * np.pi * excitation.frequency
+    def _of(cls, engine, names, units, length, drive: CentreDisplacement) -> "BeamMap":
+        n, omega = len(names), 2.0 * np.pi * drive.frequency
         length = np.maximum(length, 1e-12)
         return cls(
             engine=engine,
-            period=excitation.period,
+            period=drive.period,
             names=(*(f"{name}.displacement" for name in names), *(f"{name}.velocity" for name in names)),
             units=(units[0],) * n + (units[1],) * n,
             scale=np.concatenate([length, omega * length]),

@@ -92,13 +92,27 @@ class Engine(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class FailedMotion:
+    """A motion that ended before it was recorded.
+
+    Attributes
+    ----------
+    status, reason : see `Period`
+    settled : periods before it ended, at most those that settle
+    """
+
+    status: str
+    reason: str
+    settled: int
+
+
 @dataclass(frozen=True, eq=False)
 class StationaryMotion:
     """A recorded motion.
 
     Attributes
     ----------
-    status, reason : "ok", or why there is nothing
     samples : (periods * samples, 4), see `Period`
     force : (periods * samples,)  [N]
     sections : (SECTION or more, 4) the samples at phase zero of the last periods
@@ -107,14 +121,12 @@ class StationaryMotion:
     contact : over the recorded periods
     """
 
-    status: str
-    reason: str
     samples: np.ndarray
     force: np.ndarray
     sections: np.ndarray
     settled: int
     returns: int | None
-    contact: Contact | None
+    contact: Contact
 
 
 def returning(states: list[np.ndarray]) -> int | None:
@@ -126,12 +138,8 @@ def returning(states: list[np.ndarray]) -> int | None:
 
 
 def stationary(
-    engine: Engine,
-    periods: int,
-    samples: int,
-    settle: int | None,
-    limit: int,
-) -> StationaryMotion:
+    engine: Engine, periods: int, samples: int, settle: int | None, limit: int
+) -> StationaryMotion | FailedMotion:
     """Let a motion settle, then record it.
 
     Parameters
@@ -144,13 +152,12 @@ def stationary(
     Where the state has returned, the sections of further periods are those of the periods before: they are not
     simulated.
     """
-    dropped, states, returns = [], [], None
-    none = np.zeros((0, 4))
-    states.append(engine.state())
+    dropped: list[np.ndarray] = []
+    states, returns = [engine.state()], None
     while len(dropped) < (limit if settle is None else settle):
         period = engine.period(1)
         if period.status != OK:
-            return StationaryMotion(period.status, period.reason, none, none[:, 0], none, len(dropped), None, None)
+            return FailedMotion(period.status, period.reason, len(dropped))
         dropped.append(period.samples[:1])
         states = [*states[-LAGS:], engine.state()]
         returns = returning(states)
@@ -161,7 +168,7 @@ def stationary(
     for _ in range(periods):
         period = engine.period(samples)
         if period.status != OK:
-            return StationaryMotion(period.status, period.reason, none, none[:, 0], none, len(dropped), None, None)
+            return FailedMotion(period.status, period.reason, len(dropped))
         recorded.append(period.samples)
         force.append(period.force)
         states = [*states[-LAGS:], engine.state()]
@@ -171,13 +178,17 @@ def stationary(
     while returns is None and len(sections) < SECTION:
         period = engine.period(1)
         if period.status != OK:
-            return StationaryMotion(period.status, period.reason, none, none[:, 0], none, len(dropped), None, None)
+            return FailedMotion(period.status, period.reason, len(dropped))
         sections = np.concatenate([sections, period.samples[:1]])
         states = [*states[-LAGS:], engine.state()]
         returns = returning(states)
     if returns is not None and periods < SECTION:
         sections = np.resize(sections[-returns:], (SECTION, 4))  # what was before is on the way there
     return StationaryMotion(
-        OK, "", np.concatenate(recorded), np.concatenate(force), sections[-max(SECTION, periods) :],
-        len(dropped), returns, contact,
-    )  # fmt: skip
+        samples=np.concatenate(recorded),
+        force=np.concatenate(force),
+        sections=sections[-max(SECTION, periods) :],
+        settled=len(dropped),
+        returns=returns,
+        contact=contact,
+    )

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from calib.modelling.laws import BoundLaw, excitation
-from calib.records.excitation import Excitation
-from calib.simulators.delaminated_beam.drive import BeamDrive
+from calib.simulators.delaminated_beam.drive import BeamDrive, CentreDisplacement
 
-HARMONIC = Excitation("centre", "displacement", frequency=25.0, amplitude=1e-3, phase=0.4)
+HARMONIC = CentreDisplacement(frequency=25.0, amplitude=1e-3, phase=0.4)
 
 
 @excitation

@@ -7,13 +7,12 @@ from scipy.linalg import eigvalsh
 from scipy.sparse.linalg import spsolve
 from short_beam import EXCITATION, VALUES, beam, run
 
-from calib.records import OK
 from calib.records.excitation import Excitation
 from calib.simulators.delaminated_beam import DelaminatedBeam, reduced, reduction
 from calib.simulators.delaminated_beam.layout import elastic_energy
 from calib.simulators.delaminated_beam.modes import modes
 from calib.simulators.delaminated_beam.reduction import Fineness
-from calib.simulators.delaminated_beam.stationary import stationary
+from calib.simulators.delaminated_beam.stationary import StationaryMotion, stationary
 
 COUNT = 16
 LEVEL = Fineness(24, 512, 8, 2)  # error of a motion without contact: 0.01 %
@@ -189,7 +188,7 @@ def test_without_contact_the_reduced_kernel_is_the_full_one(layer):
 def test_without_contact_the_reduced_kernel_is_the_full_one_on_the_paper_s_beam(paper):
     engines = paper.reduced(LEVEL, None, 10**9), paper.full(None, 10**9)
     motions = [stationary(engine, 1, 400, 6, 6) for engine in engines]
-    assert [motion.status for motion in motions] == [OK, OK]
+    assert all(isinstance(motion, StationaryMotion) for motion in motions)
     x, full = (motion.samples[:, 1] for motion in motions)
     assert np.sqrt(np.mean((x - full) ** 2)) < 5e-4 * full.std()
 

@@ -78,61 +78,7 @@ def amplitude(record):
     return 0.5 * float(np.ptp(layer(record)[0]))
 
 
-# --- options
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        ({"fidelity": "ful"}, "did you mean 'full'"),
-        ({"contact_stiffness": "mass"}, "bulk, mass_dt"),
-        ({"damper": "implicit"}, "semi_implicit"),
-        ({"layer": "bent"}, "straight, arched"),
-        ({"shift": "fixed"}, "free, tied"),
-        ({"masters": 7}, "even"),
-        ({"masters": 0}, "from 1 on"),
-        ({"slaves": 2.0}, "whole number"),
-        ({"outer": True}, "whole number"),
-        ({"refinement": -1}, "from 1 on"),
-        ({"modes": 0}, "from 1 on"),
-        ({"steps": 1.5}, "whole number"),
-        ({"parts": "8"}, "whole number"),
-        ({"every": 5}, "divides the 112 elements"),
-        ({"settle_limit": 0}, "from 1 on"),
-        ({"beam_rows": []}, "positive heights"),
-        ({"beam_rows": 5.0}, "positive heights"),
-        ({"layer_rows": [1.0, -1.0]}, "positive heights"),
-        ({"layer_rows": ["a"]}, "positive heights"),
-        ({"tolerance": 0.0}, "such as 0.01"),
-        ({"tolerance": math.nan}, "such as 0.01"),
-        ({"tolerance": "small"}, "such as 0.01"),
-        ({"damper": "lagged"}, "needs fidelity 'full'"),
-        ({"damper": "lagged", "fidelity": "auto"}, "needs fidelity 'full'"),
-        ({"gap_table": 1e-3}, "at least two pairs"),
-        ({"gap_table": [[0.0, 1e-3]]}, "at least two pairs"),
-        ({"gap_table": [[0.0, "wide"], [1.0, 0.0]]}, "at least two pairs"),
-        ({"gap_table": [[0.0, math.nan], [1.0, 0.0]]}, "at least two pairs"),
-        ({"gap_table": [[1.0, 0.0], [0.0, 1e-3]]}, "must increase"),
-        ({"gap_table": [[0.0, 1e-3], [0.5, 0.0]]}, "from 0 .or -1. to 1"),
-        ({"gap_table": [[-0.5, 1e-3], [1.0, 0.0]]}, "from 0 .or -1. to 1"),
-        ({"gap_table": [[-1.0, 0.0], [1.0, 0.0]]}, "symmetric = false"),
-        ({"fidelity": "full", "refinement": 7}, "lower refinement"),
-        ({"symmetric": "no"}, "symmetric is true or false, got 'no'"),
-        ({"clipped": 0}, "clipped is true or false"),
-        ({"fidelity": "full", "balance": "yes"}, "balance is true or false"),
-        ({"modes": 945}, "945 modes of a mesh with 945 freedoms; take fewer"),
-    ],
-)
-def test_an_option_that_cannot_be_is_refused_and_the_refusal_says_what_can(options, said):
-    with pytest.raises(CalibError, match=said):
-        DelaminatedBeam(**options)
-
-
-def test_more_modes_than_the_mesh_has_freedoms_are_refused():
-    tiny = {"masters": 2, "outer": 1, "slaves": 1}
-    with pytest.raises(CalibError, match="fewer modes or a finer mesh"):
-        beam(**tiny)
-    beam(**tiny, fidelity="full")  # has no use for modes
+# --- options and values
 
 
 @pytest.mark.parametrize(
