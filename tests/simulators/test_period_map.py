@@ -187,8 +187,10 @@ def test_the_second_minimum_of_the_gap_falls_as_restitution_grows(e, expected):
     assert miss == pytest.approx(expected, abs=1e-6)
 
 
-def test_a_miss_is_the_least_clearance_between_impacts():
-    model, values = Model(FourDof()), {"restitution": 0.05}
+@pytest.mark.parametrize("extra", [{}, {"lag_force": 20.0, "lag": 0.005}])
+def test_a_miss_is_the_least_clearance_between_impacts(extra):
+    effects = [effect("force", lagging, **dict.fromkeys(extra, 0.0))] if extra else []
+    model, values = Model(FourDof(), effects), {"restitution": 0.05, **extra}
     map = model.period_map(values, SHAKER)
     [miss] = map.misses(map.orbit(map.initial, 300).states[-1])
     record = model.run(values, SHAKER, Request(periods=1, samples=20_000))

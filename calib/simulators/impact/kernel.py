@@ -5,19 +5,15 @@ import math
 from numba import njit
 
 from calib.simulators.compilation import COMPILED, WITHIN
-from calib.simulators.impact.collocation import collocate
 from calib.simulators.impact.coordinates import to_coordinates
-from calib.simulators.impact.events import meet_stop
 from calib.simulators.impact.flow import flow
 from calib.simulators.impact.polynomial import polynomial, slope
-from calib.simulators.impact.problem import AT_PERIOD, CONTACT, PIECE, REGIME, SECTIONS, STEPS, TOUCH
-from calib.simulators.impact.witness import BROKEN, FOUND, first_zero, witness
+from calib.simulators.impact.problem import AT_PERIOD, REGIME, SECTIONS, STEPS
+from calib.simulators.impact.step import complete_step, next_step
+from calib.simulators.impact.witness import BROKEN, FOUND
 
 DONE, SETTLED, DIVERGED, SPENT = 0, 1, 2, 3  # how a run ends
-UNLIMITED = 2**62  # steps
 LONGEST = 16  # periods of a motion that counts as settled
-SHORTEST = 1.0 / 2048.0  # of the longest step: shorter ones are not halved, whether their loads hold or not
-AGAIN = 6  # times a step is taken anew up to the event in it
 
 
 @njit(**WITHIN)
@@ -59,82 +55,6 @@ def _has_settled(sections, last, n, tolerance):
     return False
 
 
-@njit(**WITHIN)
-def _step_length(problem, state):
-    """Length of the next step [s]; where events are located it ends with the period, the grid, the table's piece."""
-    if not problem.exact:
-        return problem.step
-    time, period = state.clock[0], problem.period
-    reach = period - time
-    if problem.collocated:
-        grid = period / math.ceil(period / problem.step - 1e-9)
-        reach = min(reach, (math.floor(time / grid + 1e-9) + 1.0) * grid - time)
-    pieces = problem.table.shape[0]
-    if pieces > 0:
-        while state.count[PIECE] < pieces - 1 and time >= problem.knots[state.count[PIECE] + 1]:
-            state.count[PIECE] += 1
-        if state.count[PIECE] < pieces - 1:
-            reach = min(reach, problem.knots[state.count[PIECE] + 1] - time)
-    return reach
-
-
-@njit(**WITHIN)
-def fly(problem, state, w, ye, ve):
-    """Take one step: its loads are worked out and its end is found.
-
-    A step over which the loads do not hold is halved; the next ones are at most twice as long as the one before.
-    A step that an event ends is taken anew up to the event where laws act: at its end the collocation is of order 8,
-    within it only of order 5. Where the loads do not hold up to there, the event is taken from a shorter step.
-
-    Returns
-    -------
-    outcome : of `first_zero`
-    tau : when the step ends  [s]
-    step : length over which the loads' polynomials hold  [s]
-    """
-    r, time = state.count[REGIME], state.clock[0]
-    step = _step_length(problem, state)
-    wary = problem.exact and problem.counts[0] > 0
-    if wary and 2.0 * w.trust[0] < 0.99 * step:  # no sliver is left of it, which rounding might make nothing of
-        step = 2.0 * w.trust[0]
-    search = problem.exact and problem.stop
-    halved, again, rough = False, 0, False
-    while True:
-        state.count[STEPS] += 1
-        if problem.collocated:
-            converged = collocate(problem, r, state, time, step, w)
-            if not converged and problem.exact and step > SHORTEST * problem.step:
-                halved, rough = True, rough or again > 0
-                again = 0
-                step *= 0.5
-                continue
-        if wary and again == 0:
-            w.trust[0] = step if halved else max(w.trust[0], step)
-        if again > 0:
-            flow(problem.regimes, r, state.y, state.v, problem.collocated, w.load, step, step, ye, ve)
-            value, first, _, _ = witness(
-                problem.regimes, r, ye, ve, problem.omega, time + step, problem.collocated, w.load, w.added, step,
-                step, 0.0,
-            )  # fmt: skip
-            move = -value / first if first < 0.0 else 0.0
-            if abs(move) <= problem.resolution or again == AGAIN or step + move <= 0.0:
-                return FOUND, step, step
-            again += 1
-            step += move
-            continue
-        if not search:
-            return 0, step, step
-        outcome, tau, jumps = first_zero(
-            problem.regimes, r, state.count[TOUCH], state.y, state.v, problem.omega, time, problem.collocated, w.load,
-            w.added, step, step, problem.resolution, problem.lift, ye, ve,
-        )  # fmt: skip
-        state.count[STEPS] += jumps
-        if outcome != FOUND or problem.counts[0] == 0 or rough or tau <= 0.0:
-            return outcome, tau, step
-        again = 1
-        step = tau
-
-
 @njit(**COMPILED)
 def advance(problem, state, w, periods, tolerance, budget, sections, times, samples, impacts):
     """Go on by `periods` periods, or until the stroboscopic section has settled.
@@ -163,7 +83,7 @@ def advance(problem, state, w, periods, tolerance, budget, sections, times, samp
     regimes, loaded = problem.regimes, problem.collocated
     while done < periods:
         r, time = state.count[REGIME], state.clock[0]
-        outcome, tau, step = fly(problem, state, w, ye, ve)
+        outcome, tau, step = next_step(problem, state, w, ye, ve)
         if outcome == BROKEN:
             return DIVERGED
         if state.count[STEPS] > budget:
@@ -189,25 +109,8 @@ def advance(problem, state, w, periods, tolerance, budget, sections, times, samp
             if not problem.exact and (settled or done == periods):
                 return SETTLED if settled else DONE  # the step in hand is taken again when the run goes on
 
-        flow(regimes, r, state.y, state.v, loaded, w.load, step, tau, ye, ve)
-        if not math.isfinite(ye[0] + ve[0]):
+        if not complete_step(problem, state, outcome, tau, step, impacts, w, ye, ve):
             return DIVERGED
-        for i in range(n):
-            state.y[i], state.v[i] = ye[i], ve[i]
-        if problem.counts[3] > 0 and tau > 0.0:
-            for i in range(state.z.shape[0]):
-                for b in range(state.z.shape[1]):
-                    for k in range(state.z.shape[2]):
-                        state.z[i, b, k] = w.z[i, b, k, 4]
-        if r == CONTACT:
-            state.clock[1] += tau
-        state.count[TOUCH] = 0
-        if problem.stop and (outcome == FOUND or not problem.exact):
-            meet_stop(problem, state, time, tau, step, outcome == FOUND, impacts, w)
-        state.clock[0] = time + tau
-        if ends:
-            state.count[AT_PERIOD] += 1
-            state.clock[0] = 0.0 if problem.exact else time + tau - problem.period
-            if settled:
-                return SETTLED
+        if settled:
+            return SETTLED
     return DONE

@@ -5,11 +5,10 @@ import math
 from numba import njit
 
 from calib.simulators.compilation import COMPILED
-from calib.simulators.impact.events import meet_stop
 from calib.simulators.impact.flow import flow
-from calib.simulators.impact.kernel import fly
 from calib.simulators.impact.problem import AT_PERIOD, FREE, REGIME, RELEASED, STEPS, TOUCH
-from calib.simulators.impact.witness import BROKEN, FOUND, witness
+from calib.simulators.impact.step import complete_step, next_step
+from calib.simulators.impact.witness import BROKEN, witness
 
 SAMPLES = 256  # of the clearance's rate in a period
 HALVINGS = 50  # of the interval that holds a minimum
@@ -30,12 +29,12 @@ def nearest_passes(problem, state, w, budget, impacts, minima):
     -------
     count : how many minima there were; -1 where the motion fails
     """
-    n, count = state.y.size, 0
+    count = 0
     ye, ve = state.y.copy(), state.v.copy()
     regimes, loaded = problem.regimes, problem.collocated
     while state.count[AT_PERIOD] == 0:
         r, time = state.count[REGIME], state.clock[0]
-        outcome, tau, step = fly(problem, state, w, ye, ve)
+        outcome, tau, step = next_step(problem, state, w, ye, ve)
         if outcome == BROKEN or state.count[STEPS] > budget:
             return -1
         if r == FREE:
@@ -62,14 +61,6 @@ def nearest_passes(problem, state, w, budget, impacts, minima):
                     minima[count] = value
                     count += 1
                 early, rate_early = at, rate
-        flow(regimes, r, state.y, state.v, loaded, w.load, step, tau, ye, ve)
-        for i in range(n):
-            state.y[i], state.v[i] = ye[i], ve[i]
-        ends = tau >= problem.period - time
-        state.count[TOUCH] = 0
-        if outcome == FOUND:
-            meet_stop(problem, state, time, tau, step, True, impacts, w)
-        state.clock[0] = time + tau
-        if ends:
-            state.count[AT_PERIOD] += 1
+        if not complete_step(problem, state, outcome, tau, step, impacts, w, ye, ve):
+            return -1
     return count

@@ -14,11 +14,12 @@ import numpy as np
 from numba import njit
 
 from calib.simulators.compilation import COMPILED, WITHIN
-from calib.simulators.impact.events import coefficient, meet_stop
-from calib.simulators.impact.flow import flow, impulse_response
-from calib.simulators.impact.kernel import DIVERGED, DONE, SPENT, fly, within, write_row
+from calib.simulators.impact.events import coefficient
+from calib.simulators.impact.flow import impulse_response
+from calib.simulators.impact.kernel import DIVERGED, DONE, SPENT, within, write_row
 from calib.simulators.impact.polynomial import polynomial, slope
-from calib.simulators.impact.problem import AT_PERIOD, CONTACT, FREE, REGIME, SECTIONS, STEPS, TOUCH
+from calib.simulators.impact.problem import CONTACT, FREE, REGIME, STEPS
+from calib.simulators.impact.step import complete_step, next_step
 from calib.simulators.impact.witness import BROKEN, FOUND, witness
 
 LOST = 1e-13  # share of a difference that is left by rounding where a contact wipes it out
@@ -133,11 +134,12 @@ def _release(problem, before, after, dy, dv, delay):
 
 
 @njit(**COMPILED)
-def _cross(problem, state, time, tau, step, w, dy, dv):
-    """Take the event at `tau` into the step that began at `time`, and carry dy, dv (n, m) over it."""
-    r, now = state.count[REGIME], time + tau
-    n = state.y.size
-    y, v = state.y.copy(), state.v.copy()
+def _cross(problem, r, y, v, state, time, tau, step, w, dy, dv):
+    """Carry dy, dv (n, m) over the event at `tau` into the step that began at `time`.
+
+    Before the event the modal motion is y, v (n,) in regime `r`; after it, that of the state.
+    """
+    n, now = state.y.size, time + tau
     _, first, second, _ = witness(
         problem.regimes, r, y, v, problem.omega, now, problem.collocated, w.load, w.added, step, tau, 0.0
     )
@@ -145,7 +147,6 @@ def _cross(problem, state, time, tau, step, w, dy, dv):
     # a contact that ends as it begins does so at the same instant for all neighbours: it was the impact's instant
     if tau > 0.0 or r == FREE:
         _delays(problem, r, first, dy, dv, delay)
-    meet_stop(problem, state, time, tau, step, True, np.zeros((0, 2 + 2 * n)), w)
     to = state.count[REGIME]
     if r == FREE and to == FREE:
         _rebound(problem, v, state.v, first, second, dy, dv, delay)
@@ -240,7 +241,7 @@ def carry(problem, state, w, periods, budget, scale, sections, vectors, growth):
     done : periods gone
     """
     n, m = state.y.size, vectors.shape[1]
-    regimes, loaded = problem.regimes, problem.collocated
+    regimes, no_impacts = problem.regimes, np.zeros((0, 2 + 2 * n))
     ye, ve = state.y.copy(), state.v.copy()
     dy, dv = np.zeros((n, m)), np.zeros((n, m))
     _make_orthonormal(vectors, np.zeros((m, m)))
@@ -248,17 +249,15 @@ def carry(problem, state, w, periods, budget, scale, sections, vectors, growth):
     done = 0
     while done < periods:
         r, time = state.count[REGIME], state.clock[0]
-        outcome, tau, step = fly(problem, state, w, ye, ve)
+        outcome, tau, step = next_step(problem, state, w, ye, ve)
         if outcome == BROKEN:
             return DIVERGED, done
         if state.count[STEPS] > budget:
             return SPENT, done
-        flow(regimes, r, state.y, state.v, loaded, w.load, step, tau, ye, ve)
-        for i in range(n):
-            state.y[i], state.v[i] = ye[i], ve[i]
+        if not complete_step(problem, state, outcome, tau, step, no_impacts, w, ye, ve):
+            return DIVERGED, done
         _flow_differences(regimes, r, tau, dy, dv)
-        ends = tau >= problem.period - time
-        if ends:
+        if tau >= problem.period - time:
             write_row(problem, r, ye, ve, time, tau, step, w, sections[done])
             if not within(sections[done], n, problem.limit):
                 return DIVERGED, done
@@ -266,12 +265,6 @@ def carry(problem, state, w, periods, budget, scale, sections, vectors, growth):
             _make_orthonormal(vectors, growth[done])
             _from_section(regimes, r, vectors, scale, dy, dv)
             done += 1
-        state.count[TOUCH] = 0
         if outcome == FOUND and problem.stop:
-            _cross(problem, state, time, tau, step, w, dy, dv)
-        state.clock[0] = time + tau
-        if ends:
-            state.count[AT_PERIOD] += 1
-            state.count[SECTIONS] += 1
-            state.clock[0] = 0.0
+            _cross(problem, r, ye, ve, state, time, tau, step, w, dy, dv)
     return DONE, done

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from calib.simulators.impact import kernel
+from calib.simulators.impact import step as steps
 
 
 def test_a_step_is_found_where_its_loads_do_not_hold_up_to_the_event(monkeypatch):
@@ -14,12 +14,12 @@ def test_a_step_is_found_where_its_loads_do_not_hold_up_to_the_event(monkeypatch
     )
     state = SimpleNamespace(count=np.zeros(16, dtype=int), clock=[0.0], y=None, v=None)
     w = SimpleNamespace(trust=[1.6], load=None, added=None)
-    monkeypatch.setattr(kernel, "_step_length", lambda problem, state: 1.6)
-    monkeypatch.setattr(kernel, "collocate", lambda problem, r, state, time, step, w: step <= 1.0)
-    monkeypatch.setattr(kernel, "flow", lambda *state: None)
-    monkeypatch.setattr(kernel, "witness", lambda *state: (0.5, -1.0, 0.0, 0.0))  # half a second more
-    monkeypatch.setattr(kernel, "first_zero", lambda *state: (kernel.FOUND, 0.9 * state[10], 1))
-    outcome, tau, step = kernel.fly.py_func(problem, state, w, None, None)
-    assert outcome == kernel.FOUND
+    monkeypatch.setattr(steps, "_step_length", lambda problem, state: 1.6)
+    monkeypatch.setattr(steps, "collocate", lambda problem, r, state, time, step, w: step <= 1.0)
+    monkeypatch.setattr(steps, "flow", lambda *state: None)
+    monkeypatch.setattr(steps, "witness", lambda *state: (0.5, -1.0, 0.0, 0.0))  # half a second more
+    monkeypatch.setattr(steps, "first_zero", lambda *state: (steps.FOUND, 0.9 * state[10], 1))
+    outcome, tau, step = steps.next_step.py_func(problem, state, w, None, None)
+    assert outcome == steps.FOUND
     assert tau < step <= 1.0
-    assert state.count[kernel.STEPS] < 20
+    assert state.count[steps.STEPS] < 20

@@ -1,0 +1,132 @@
+"""One step of the motion: its loads, its end, and the event at its end.
+
+Every run goes on by `next_step`, which leaves the state where it is, and `complete_step`, which takes the state to the
+end of the step. What a run samples within the step, it works out between the two.
+"""
+
+import math
+
+from numba import njit
+
+from calib.simulators.compilation import INLINED, WITHIN
+from calib.simulators.impact.collocation import collocate
+from calib.simulators.impact.events import meet_stop
+from calib.simulators.impact.flow import flow
+from calib.simulators.impact.problem import AT_PERIOD, CONTACT, PIECE, REGIME, STEPS, TOUCH
+from calib.simulators.impact.witness import FOUND, first_zero, witness
+
+SHORTEST_STEP = 1.0 / 2048.0  # of the longest step: shorter ones are not halved, whether their loads hold or not
+MAX_RETAKES = 6  # times a step is taken anew up to the event in it
+
+
+@njit(**WITHIN)
+def _step_length(problem, state):
+    """Length of the next step [s]; where events are located it ends with the period, the grid, the table's piece."""
+    if not problem.exact:
+        return problem.step
+    time, period = state.clock[0], problem.period
+    reach = period - time
+    if problem.collocated:
+        grid = period / math.ceil(period / problem.step - 1e-9)
+        reach = min(reach, (math.floor(time / grid + 1e-9) + 1.0) * grid - time)
+    pieces = problem.table.shape[0]
+    if pieces > 0:
+        while state.count[PIECE] < pieces - 1 and time >= problem.knots[state.count[PIECE] + 1]:
+            state.count[PIECE] += 1
+        if state.count[PIECE] < pieces - 1:
+            reach = min(reach, problem.knots[state.count[PIECE] + 1] - time)
+    return reach
+
+
+@njit(**WITHIN)
+def next_step(problem, state, w, ye, ve):
+    """Work out the loads over the next step, and find where it ends.
+
+    A step over which the loads do not hold is halved; the next ones are at most twice as long as the one before.
+    A step that an event ends is taken anew up to the event where laws act: at its end the collocation is of order 8,
+    within it only of order 5. Where the loads do not hold up to there, the event is taken from a shorter step.
+
+    Returns
+    -------
+    outcome : of `first_zero`
+    tau : when the step ends  [s]
+    step : length over which the loads' polynomials hold  [s]
+    """
+    r, time = state.count[REGIME], state.clock[0]
+    step = _step_length(problem, state)
+    wary = problem.exact and problem.counts[0] > 0
+    if wary and 2.0 * w.trust[0] < 0.99 * step:  # no sliver is left of it, which rounding might make nothing of
+        step = 2.0 * w.trust[0]
+    search = problem.exact and problem.stop
+    halved, again, rough = False, 0, False
+    while True:
+        state.count[STEPS] += 1
+        if problem.collocated:
+            converged = collocate(problem, r, state, time, step, w)
+            if not converged and problem.exact and step > SHORTEST_STEP * problem.step:
+                halved, rough = True, rough or again > 0
+                again = 0
+                step *= 0.5
+                continue
+        if wary and again == 0:
+            w.trust[0] = step if halved else max(w.trust[0], step)
+        if again > 0:
+            flow(problem.regimes, r, state.y, state.v, problem.collocated, w.load, step, step, ye, ve)
+            value, first, _, _ = witness(
+                problem.regimes, r, ye, ve, problem.omega, time + step, problem.collocated, w.load, w.added, step,
+                step, 0.0,
+            )  # fmt: skip
+            move = -value / first if first < 0.0 else 0.0
+            if abs(move) <= problem.resolution or again == MAX_RETAKES or step + move <= 0.0:
+                return FOUND, step, step
+            again += 1
+            step += move
+            continue
+        if not search:
+            return 0, step, step
+        outcome, tau, jumps = first_zero(
+            problem.regimes, r, state.count[TOUCH], state.y, state.v, problem.omega, time, problem.collocated, w.load,
+            w.added, step, step, problem.resolution, problem.lift, ye, ve,
+        )  # fmt: skip
+        state.count[STEPS] += jumps
+        if outcome != FOUND or problem.counts[0] == 0 or rough or tau <= 0.0:
+            return outcome, tau, step
+        again = 1
+        step = tau
+
+
+@njit(**INLINED)
+def complete_step(problem, state, outcome, tau, step, impacts, w, ye, ve):
+    """Take the state to the end of a step, and through the event there.
+
+    Parameters
+    ----------
+    outcome, tau, step : of `next_step`
+    impacts : written, as in `kernel.advance`
+    ye, ve : (n,) written: the modal motion at the end of the step, before the event
+
+    Returns
+    -------
+    finite : whether the motion is; the state is unchanged where it is not
+    """
+    r, time = state.count[REGIME], state.clock[0]
+    flow(problem.regimes, r, state.y, state.v, problem.collocated, w.load, step, tau, ye, ve)
+    if not math.isfinite(ye[0] + ve[0]):
+        return False
+    for i in range(state.y.size):
+        state.y[i], state.v[i] = ye[i], ve[i]
+    if problem.counts[3] > 0 and tau > 0.0:
+        for i in range(state.z.shape[0]):
+            for b in range(state.z.shape[1]):
+                for k in range(state.z.shape[2]):
+                    state.z[i, b, k] = w.z[i, b, k, 4]
+    if r == CONTACT:
+        state.clock[1] += tau
+    state.count[TOUCH] = 0
+    if problem.stop and (outcome == FOUND or not problem.exact):
+        meet_stop(problem, state, time, tau, step, outcome == FOUND, impacts, w)
+    state.clock[0] = time + tau
+    if tau >= problem.period - time:
+        state.count[AT_PERIOD] += 1
+        state.clock[0] = 0.0 if problem.exact else time + tau - problem.period
+    return True
