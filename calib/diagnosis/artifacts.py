@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from calib.diagnosis.diagnose import Diagnosis
-from calib.diagnosis.evidence import Part
+from calib.diagnosis.part import Part
 from calib.diagnosis.serialise import as_dict
 from calib.errors import CalibError
 from calib.execution.files import whole

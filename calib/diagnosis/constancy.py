@@ -15,7 +15,7 @@ import numpy as np
 from calib.confidence.covariance import sandwich
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.evidence import Evidence
-from calib.diagnosis.refit import Fit
+from calib.diagnosis.fit import Fit
 from calib.diagnosis.score import Projection, deviate
 
 RANK_TOLERANCE = 1e-9  # singular value, over the largest, below which the unrestricted model does not know a direction

@@ -9,16 +9,19 @@ from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.effort import Budget, Effort
 from calib.diagnosis.elimination import several_sizes
-from calib.diagnosis.evidence import Evidence, rounding
+from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.gain import Gain, gained
 from calib.diagnosis.gates import Gate, above_noise, converged, noise_known
 from calib.diagnosis.laboratory import UNRESTRICTED, Laboratory
 from calib.diagnosis.misfit import Misfit, misfit
+from calib.diagnosis.model_selection import select
 from calib.diagnosis.next_measurement import Design, next_measurement
 from calib.diagnosis.preparation import OUTLIERS, QUANTISATION, Prepared, bench_of, numerical, prepared
+from calib.diagnosis.record_faults import rounding
 from calib.diagnosis.refit import Fitter
+from calib.diagnosis.revision import exchanged, left_out, paired
 from calib.diagnosis.search import simplest
-from calib.diagnosis.selection import Selection, exchanged, left_out, paired, select
+from calib.diagnosis.selection import Selection
 from calib.diagnosis.suspect import Refitted
 from calib.diagnosis.verdict import NAMED, NOT_DIAGNOSABLE, ONE_OF, UNEXPLAINED, failures, untried, verdict_of
 from calib.execution.pool import workers

@@ -16,7 +16,8 @@ import numpy as np
 from calib.diagnosis.constancy import Constancy, constancies, differing
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.excess import chi2_std, excess_chi2, significant
-from calib.diagnosis.refit import Fit, Fitter
+from calib.diagnosis.fit import Fit
+from calib.diagnosis.refit import Fitter
 from calib.diagnosis.replacement import without_cause
 from calib.diagnosis.suspect import Cause
 

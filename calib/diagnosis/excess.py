@@ -4,7 +4,7 @@ import numpy as np
 
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.evidence import Evidence
-from calib.diagnosis.refit import Fit
+from calib.diagnosis.fit import Fit
 
 
 def degrees_of_freedom(evidence: Evidence, fit: Fit) -> float:

@@ -9,8 +9,9 @@ import numpy as np
 from calib.diagnosis.bench import Run, SimulatedRows, simulated
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.evidence import Evidence
+from calib.diagnosis.fit import Fit
 from calib.diagnosis.noise import STATED
-from calib.diagnosis.refit import Fit, Fitter
+from calib.diagnosis.refit import Fitter
 from calib.diagnosis.score import variance_along
 from calib.modelling.effect import Effect
 from calib.modelling.model import Model

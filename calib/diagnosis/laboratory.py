@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 
-from calib.diagnosis.evidence import Part
+from calib.diagnosis.part import Part
 from calib.errors import nearest
 from calib.modelling.model import Model
 from calib.objective import Reference

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.diagnosis.bench import Bench, Run, SimulatedRows, simulated
-from calib.diagnosis.evidence import Evidence, Part
-from calib.diagnosis.refit import Fit
+from calib.diagnosis.evidence import Evidence
+from calib.diagnosis.fit import Fit
+from calib.diagnosis.part import Part
 from calib.objective import FeatureValue
 from calib.records.cycles import harmonics, mean_cycle
 from calib.study import Pool

@@ -24,7 +24,7 @@ import numpy as np
 from calib.confidence.covariance import sandwich
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.evidence import Evidence
-from calib.diagnosis.refit import Fit
+from calib.diagnosis.fit import Fit
 from calib.diagnosis.score import Projection
 
 TIME_FOLDS = 4  # blocks of time of a single record

@@ -9,11 +9,14 @@ from calib.diagnosis.bench import Bench, Run, SimulatedRows, simulated
 from calib.diagnosis.candidate import Candidate, candidates
 from calib.diagnosis.clock import clock_slopes
 from calib.diagnosis.criteria import CRITERIA
-from calib.diagnosis.evidence import Evidence, clocks_differ, gathered, looked_at, outliers, rounding
+from calib.diagnosis.evidence import Evidence, clocks_differ, looked_at
 from calib.diagnosis.excess import chi2_std, dominant, excess_chi2
+from calib.diagnosis.fit import Fit
 from calib.diagnosis.gates import Gate, above_noise, fine_enough, noise_known, same_kind, simulates
+from calib.diagnosis.gathering import gathered
 from calib.diagnosis.noise import RESIDUAL, Remainder
-from calib.diagnosis.refit import Fit, Fitter
+from calib.diagnosis.record_faults import outliers, rounding
+from calib.diagnosis.refit import Fitter
 from calib.diagnosis.remainder import remainder
 from calib.diagnosis.signature import Point
 from calib.modelling.effect import Effect

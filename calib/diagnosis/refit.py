@@ -1,21 +1,18 @@
 """A model fitted to the evidence with all its parameters, by the method of Gauss and Newton."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
-from scipy import stats
 from scipy.optimize import lsq_linear
 
-from calib.confidence.covariance import sandwich
 from calib.confidence.local import EDGE
 from calib.diagnosis.bench import SimulatedRows, Start, simulated
 from calib.diagnosis.candidate import Candidate
-from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.effort import Effort
 from calib.diagnosis.evidence import Evidence
-from calib.diagnosis.score import Projection, Signature
+from calib.diagnosis.fit import Fit
+from calib.diagnosis.score import Projection
 from calib.diagnosis.signature import Direction, Point, Slope, Step, slopes
 from calib.modelling.model import Model
 from calib.modelling.parameter import Parameter, Space
@@ -34,132 +31,6 @@ INITIAL_SIMULATIONS = 20  # of each record in a fit, where its initial state is 
 INITIAL_RELATIVE_STEP = 1e-3  # change of the rows by a step of the initial state, relative to their norm
 MAX_HALVINGS = 5  # of a step that does not reduce chi-square
 RIDGE = 1e-10  # on the normal equations, of unit diagonal: directions that the data do not know stay where they are
-
-
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """A fitted model.
-
-    Attributes
-    ----------
-    point : values, effects and simulations
-    candidates : whose effects are in it
-    residual : (N,) in units of the noise, without what nuisances absorb
-    columns : (N, k) its derivatives by the calibrated parameters and those of the candidates, in that order; as they
-        were updated on the way unless they were taken anew (`Fitter.with_derivatives`)
-    names : of these parameters
-    steps : that the derivatives were taken with  [units of the parameters]; empty where they were given
-    nuisances : (N, m) tangents of the nuisances
-    rows : (N,) number of the row, among those of all records, that each residual belongs to
-    reason : why it is not to be trusted; "" where it converged
-    """
-
-    point: Point
-    candidates: tuple[Candidate, ...]
-    residual: np.ndarray
-    columns: np.ndarray
-    names: tuple[str, ...]
-    steps: tuple[float, ...]
-    nuisances: np.ndarray
-    rows: np.ndarray
-    reason: str = ""
-
-    @property
-    def chi2(self) -> float:
-        """Sum of squares of the residual: chi-square."""
-        return float(self.residual @ self.residual)
-
-    @cached_property
-    def projection(self) -> Projection:
-        """Projection that takes out what calibrated parameters, effects in the model and nuisances absorb."""
-        return Projection(np.column_stack([self.columns, self.nuisances]))
-
-    @cached_property
-    def _without_nuisances(self) -> Projection:
-        return Projection(self.nuisances)
-
-    def free(self, columns: np.ndarray) -> np.ndarray:
-        """Return columns (N, k) without what the nuisances absorb."""
-        return self._without_nuisances(columns)
-
-    @cached_property
-    def _sandwich(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Covariance (k, k) of the parameters `names`, degrees of freedom and variances by the noise alone (k,).
-
-        In their units; the degrees of freedom are those of the covariance's variances.
-
-        What the model leaves beside the noise has a level and an autocorrelation of its own in each channel of each
-        record, as in the intervals of a calibration; no variance is less than what the noise alone makes.
-        """
-        free = self.free(self.columns)
-        counted = (self.residual != 0.0) | free.any(axis=1)
-        covariance, freedom = sandwich(free[counted], self.residual[counted], self.rows[counted])
-        scale = np.linalg.norm(free, axis=0)
-        scale[scale == 0.0] = 1.0
-        noise = np.diag(np.linalg.pinv((free / scale).T @ (free / scale), rcond=1e-12, hermitian=True)) / scale**2
-        wider = np.sqrt(np.maximum(1.0, noise / np.diag(covariance)))
-        return covariance * np.outer(wider, wider), freedom, noise
-
-    def information(self, name: str) -> float:
-        """Fisher information of a parameter beside all others: 1 over the variance that the noise alone makes.
-
-        In units of 1 over the square of the parameter's.
-        """
-        _, _, noise = self._sandwich
-        return 1.0 / max(float(noise[self.names.index(name)]), 1e-300)
-
-    def is_changed_by(self, candidate: Candidate, columns: np.ndarray) -> bool:
-        """Whether data change where a candidate is taken out, by more than the noise of one residual.
-
-        From its size to where it is absent; where that is at infinity, by as much as its own size.
-
-        Parameters
-        ----------
-        columns : (n, k) derivatives of the data by the parameters, in units of the noise
-        """
-        size = np.array([self.value(name) for name in candidate.free])
-        away = size - np.where(np.isfinite(candidate.null), candidate.null, 0.0)
-        change = columns[:, [self.names.index(name) for name in candidate.free]] @ away
-        return float(change @ change) > CRITERIA.min_change_chi2
-
-    def error(self, names: Sequence[str]) -> np.ndarray:
-        """Standard errors of these parameters, jointly with all others; infinite where no derivative tells."""
-        if not self.names:
-            return np.full(len(names), np.inf)
-        covariance, _, _ = self._sandwich
-        known = np.where(self.columns.any(axis=0), np.sqrt(np.maximum(0.0, np.diag(covariance))), np.inf)
-        return known[[self.names.index(name) for name in names]]
-
-    def inflation(self, names: Sequence[str]) -> float:
-        """Variance of what these parameters change, over what the noise alone makes, the largest; 1 where that is all.
-
-        Of what they change beside all other parameters, in whatever combination: some of them may not be told apart.
-        """
-        own = np.isin(self.names, names)
-        others = Projection(np.column_stack([self.columns[:, ~own], self.nuisances]))
-        changed = Signature.of(self.columns[:, own], others, np.zeros(own.sum())).columns
-        directions = np.column_stack([others.basis, Projection(changed).basis])
-        counted = (self.residual != 0.0) | directions.any(axis=1)
-        covariance, _ = sandwich(directions[counted], self.residual[counted], self.rows[counted])
-        return max(1.0, float(np.diag(covariance)[others.rank :].max(initial=1.0)))
-
-    def half_width(self, names: Sequence[str]) -> np.ndarray:
-        """Half widths of the 95 % intervals of these parameters, by Student's t."""
-        if not self.names:
-            return np.full(len(names), np.inf)
-        _, freedom, _ = self._sandwich
-        index = [self.names.index(name) for name in names]
-        return self.error(names) * stats.t.isf(CRITERIA.tail_probability, freedom[index])
-
-    def value(self, name: str) -> float:
-        """Value of a parameter, in SI."""
-        return float(self.point.values[name])
-
-    def chi2_over(self, evidence: Evidence) -> float:
-        """Chi-square over (other) evidence, without what nuisances absorb."""
-        simulated = self.point.simulated
-        residual = Projection(evidence.tangents(simulated))(evidence.residual(simulated))
-        return float(residual @ residual)
 
 
 def direction(point: Point, candidate: Candidate, parameter: Parameter) -> Direction:

@@ -9,8 +9,8 @@ from calib.diagnosis.constancy import constancies, differing
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.excess import chi2_std, dominant, excess_chi2, significant
+from calib.diagnosis.fit import Fit
 from calib.diagnosis.prediction import Prediction, predicted
-from calib.diagnosis.refit import Fit
 from calib.diagnosis.suspect import Refitted
 
 

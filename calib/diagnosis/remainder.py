@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.diagnosis.evidence import Evidence
+from calib.diagnosis.fit import Fit
 from calib.diagnosis.noise import Remainder, absorbed_by
-from calib.diagnosis.refit import Fit
 from calib.diagnosis.score import Projection
 
 

@@ -11,7 +11,8 @@ from scipy import stats
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.excess import chi2_std, excess_chi2
-from calib.diagnosis.refit import Fit, Fitter
+from calib.diagnosis.fit import Fit
+from calib.diagnosis.refit import Fitter
 from calib.diagnosis.score import Projection
 from calib.diagnosis.screening import KnownDerivatives
 from calib.diagnosis.search import Round, search

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.diagnosis.candidate import Candidate
-from calib.diagnosis.refit import Fit, Fitter
+from calib.diagnosis.fit import Fit
+from calib.diagnosis.refit import Fitter
 from calib.diagnosis.score import Signature, score_test, threshold
 from calib.diagnosis.signature import Slope
 from calib.diagnosis.suspect import Scored, Suspect, Untestable

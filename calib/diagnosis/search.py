@@ -9,8 +9,9 @@ from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.excess import chi2_std, degrees_of_freedom, dominant, excess_chi2, significant
+from calib.diagnosis.fit import Fit
 from calib.diagnosis.prediction import Prediction
-from calib.diagnosis.refit import Fit, Fitter
+from calib.diagnosis.refit import Fitter
 from calib.diagnosis.score import deviate
 from calib.diagnosis.screening import KnownDerivatives, screened
 from calib.diagnosis.suspect import Refitted, Scored, Suspect, cosine, leading_variants

@@ -16,7 +16,7 @@ from scipy.signal.windows import tukey
 
 from calib.diagnosis.bench import Bench, Run, SimulatedRows
 from calib.diagnosis.clock import CLOCK_RATE_STD, uncertain_clock
-from calib.diagnosis.evidence import Part
+from calib.diagnosis.fit import Fit
 from calib.diagnosis.laboratory import (
     FREE_DECAY,
     RELEASE,
@@ -28,7 +28,7 @@ from calib.diagnosis.laboratory import (
     releasable,
 )
 from calib.diagnosis.noise import Noise
-from calib.diagnosis.refit import Fit
+from calib.diagnosis.part import Part
 from calib.records import STATE
 from calib.records.excitation import Excitation
 

@@ -10,7 +10,8 @@ from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.gain import Gain
 from calib.diagnosis.gates import Gate
-from calib.diagnosis.next_measurement import DECISIVE_Z, Design, Measurement
+from calib.diagnosis.measurement import DECISIVE_Z, Measurement
+from calib.diagnosis.next_measurement import Design
 from calib.diagnosis.search import Round
 from calib.diagnosis.selection import Selection
 from calib.diagnosis.suspect import Refitted, Scored, Suspect, cosine, leading_variants

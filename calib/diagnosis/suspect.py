@@ -9,7 +9,7 @@ from scipy import stats
 
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.criteria import CRITERIA
-from calib.diagnosis.refit import Fit
+from calib.diagnosis.fit import Fit
 from calib.diagnosis.score import ScoreTest, Signature, deviate
 
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from calib.diagnosis.criteria import CRITERIA
-from calib.diagnosis.next_measurement import DECISIVE_Z
+from calib.diagnosis.measurement import DECISIVE_Z
 from calib.diagnosis.preparation import OUTLIERS, QUANTISATION
 from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED, explained, joined
 from calib.report.words import number, percent, quantity

@@ -10,7 +10,7 @@ from calib.diagnosis.constancy import CHANNELS
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.excess import significant
 from calib.diagnosis.laboratory import AMPLITUDE_RANGE, FREQUENCY_RANGE, RELEASE_RANGE
-from calib.diagnosis.next_measurement import DECISIVE_Z
+from calib.diagnosis.measurement import DECISIVE_Z
 from calib.diagnosis.verdict import explained, joined
 from calib.report import causes, drawing, missing_force, residual_plots, separation
 from calib.report.conclusion import (

@@ -12,7 +12,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import NullFormatter, StrMethodFormatter
 
 from calib.diagnosis.laboratory import FREE_DECAY, RECORDED_INPUT, STEADY_TONE, SWEEP, WITHOUT_CONTACT
-from calib.diagnosis.next_measurement import FAILED, GRID, IRREGULAR, OK
+from calib.diagnosis.measurement import FAILED, GRID, IRREGULAR, OK
 from calib.report.drawing import LINE, MARK, MEASURED, SIMULATED, STYLE, WIDTH, logarithmic, shown_unit
 from calib.report.words import number
 

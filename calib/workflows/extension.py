@@ -10,9 +10,9 @@ import tomlkit
 from tomlkit.items import AbstractTable, Table
 
 from calib.diagnosis.diagnose import Diagnosis
-from calib.diagnosis.gain import Transfer
-from calib.diagnosis.refit import Fit
+from calib.diagnosis.fit import Fit
 from calib.diagnosis.suspect import Refitted
+from calib.diagnosis.transfer import Transfer
 from calib.execution.files import whole
 from calib.modelling.parameter import Parameter, Space, Window
 from calib.study_file import StudyFile

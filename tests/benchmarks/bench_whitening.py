@@ -14,7 +14,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from calib.diagnosis.bench import SimulatedRows
-from calib.diagnosis.evidence import gathered
+from calib.diagnosis.gathering import gathered
 from calib.diagnosis.score import Projection
 from calib.objective import Reference
 from calib.records import make

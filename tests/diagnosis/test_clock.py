@@ -5,9 +5,9 @@ import pytest
 
 from calib.diagnosis.bench import Bench, Run
 from calib.diagnosis.clock import CLOCK_RATE_STD, clock_slopes
-from calib.diagnosis.evidence import Part
+from calib.diagnosis.fit import Fit
 from calib.diagnosis.noise import STATED, Noise
-from calib.diagnosis.refit import Fit
+from calib.diagnosis.part import Part
 from calib.execution.pool import InProcess
 from calib.modelling.model import Model, Request
 from calib.objective import Objective, Reference, Term

@@ -10,12 +10,14 @@ from calib.diagnosis.candidate import candidates
 from calib.diagnosis.constancy import CHANNELS, RECORDS, Constancy
 from calib.diagnosis.diagnose import _tried_on_records, diagnose
 from calib.diagnosis.effort import Budget, Effort
-from calib.diagnosis.gain import BLOCKS, Agreement, Gain
+from calib.diagnosis.gain import BLOCKS, Gain
 from calib.diagnosis.gain import RECORDS as RECORDS_HELD_OUT
+from calib.diagnosis.model_selection import select
 from calib.diagnosis.preparation import bench_of, prepared
-from calib.diagnosis.selection import exchanged, select
+from calib.diagnosis.revision import exchanged
 from calib.diagnosis.serialise import as_dict
 from calib.diagnosis.suspect import Scored
+from calib.diagnosis.transfer import Agreement
 from calib.diagnosis.verdict import _alternatives, joined, verdict_of
 from calib.execution.pool import InProcess
 from calib.modelling.model import Model, Request

@@ -7,8 +7,9 @@ import pytest
 
 from calib.diagnosis.bench import SimulatedRows
 from calib.diagnosis.clock import CLOCK_RATE_STD
-from calib.diagnosis.evidence import Evidence, Part
+from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.noise import STATED, Noise
+from calib.diagnosis.part import Part
 
 SIZE = 300
 ROWS = (("upper", "displacement"), ("upper", "velocity"))

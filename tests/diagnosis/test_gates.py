@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from calib.diagnosis import gates
-from calib.diagnosis.evidence import Evidence, Part
+from calib.diagnosis.evidence import Evidence
+from calib.diagnosis.fit import Fit
 from calib.diagnosis.gates import above_noise
 from calib.diagnosis.noise import STATED, Noise
-from calib.diagnosis.refit import Fit
+from calib.diagnosis.part import Part
 
 SIZE = 500
 

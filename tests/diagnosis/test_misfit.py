@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.bench import SimulatedRows
-from calib.diagnosis.evidence import gathered
+from calib.diagnosis.gathering import gathered
 from calib.diagnosis.misfit import features_beside
 from calib.features.phase_curve import PhaseCurve
 from calib.objective import Objective, Reference, Term

@@ -11,8 +11,11 @@ from softening_decay import DRAG, SOFTENING, written
 from calib import plugins
 from calib.cli import main as calib
 from calib.diagnosis.candidate import Candidate
-from calib.diagnosis.selection import _fitted_from, _recalibrated, _refitted_rivals, _Stepwise
+from calib.diagnosis.compromise import _fitted_from
+from calib.diagnosis.forward import _refitted_rivals
+from calib.diagnosis.model_selection import _recalibrated
 from calib.diagnosis.signature import Point
+from calib.diagnosis.stepwise import StepwiseState
 from calib.diagnosis.suspect import Refitted
 
 NEAR = ("presliding", "quadratic_drag", "softening", "coulomb_friction", "plot_scale", "axis_tilt")
@@ -74,7 +77,7 @@ def test_a_cause_that_a_pair_would_replace_is_fitted_again_from_where_the_pair_w
     old = SimpleNamespace(chi2=1000.0, names=("damping", "c1"), value={"damping": 0.01, "c1": 17.6}.get)
     old.point = Point({"damping": 0.01, "mass": 1.0, "c1": 17.6}, (), {})
     cause, rival = Refitted(drag, SimpleNamespace(), old, 500.0), SimpleNamespace(name="support")
-    state = _Stepwise(SimpleNamespace(names=("damping",)), old, {}, causes=((cause, (cause, rival)),))
+    state = StepwiseState(SimpleNamespace(names=("damping",)), old, {}, causes=((cause, (cause, rival)),))
     began = []
 
     def fit(start, candidates, sizes, rival):

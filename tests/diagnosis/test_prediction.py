@@ -6,10 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calib.diagnosis.evidence import Evidence, Part
+from calib.diagnosis.evidence import Evidence
+from calib.diagnosis.fit import Fit
 from calib.diagnosis.noise import STATED, Noise
+from calib.diagnosis.part import Part
 from calib.diagnosis.prediction import Prediction, predicted
-from calib.diagnosis.refit import Fit
 from calib.diagnosis.signature import Point
 
 CAUSE = SimpleNamespace(free=("c",), form=(), null=np.zeros(1))

@@ -5,9 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from calib.diagnosis.compromise import _explains_more
+from calib.diagnosis.forward import _differs
 from calib.diagnosis.noise import STATED, Noise
 from calib.diagnosis.rejection import is_negligible
-from calib.diagnosis.selection import _differs, _explains_more
 
 SAMPLES, WHOLE = 5000, 100_000.0  # residuals, and the excess chi-square of the calibrated model
 STD = float(np.sqrt(2.0 * SAMPLES))

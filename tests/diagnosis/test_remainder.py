@@ -6,8 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calib.diagnosis.evidence import Evidence, Part
+from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.noise import RESIDUAL, STATED, Noise, Remainder
+from calib.diagnosis.part import Part
 from calib.diagnosis.remainder import remainder
 
 SIZE = 4000

@@ -8,11 +8,12 @@ import pytest
 
 from calib import records
 from calib.diagnosis.bench import Bench, Run
-from calib.diagnosis.evidence import Evidence, Part
+from calib.diagnosis.evidence import Evidence
+from calib.diagnosis.fit import Fit
 from calib.diagnosis.laboratory import DesignPoint, Laboratory, inapplicable_tests
 from calib.diagnosis.next_measurement import next_measurement
 from calib.diagnosis.noise import Noise
-from calib.diagnosis.refit import Fit
+from calib.diagnosis.part import Part
 from calib.diagnosis.separation import LinearisedPrediction, least_squares, prior_of
 from calib.diagnosis.signature import Point
 from calib.execution.pool import InProcess

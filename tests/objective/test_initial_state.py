@@ -10,7 +10,7 @@ from calib import records
 from calib.confidence import around_best
 from calib.diagnosis.bench import Run
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.evidence import gathered
+from calib.diagnosis.gathering import gathered
 from calib.diagnosis.preparation import bench_of
 from calib.diagnosis.verdict import NONE
 from calib.errors import CalibError

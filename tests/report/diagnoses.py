@@ -4,7 +4,8 @@ import numpy as np
 import xarray as xr
 
 from calib.diagnosis.laboratory import DesignPoint, DesignVariable
-from calib.diagnosis.next_measurement import Design, EvaluatedPoint, Measurement, RecordedPoint
+from calib.diagnosis.measurement import EvaluatedPoint, Measurement
+from calib.diagnosis.next_measurement import Design, RecordedPoint
 from calib.diagnosis.noise import CYCLIC
 from calib.diagnosis.serialise import design_as_dict, measurement_as_dict
 from calib.store.plain import plain

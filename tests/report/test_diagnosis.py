@@ -15,8 +15,9 @@ from calib.cli.diagnose import show
 from calib.diagnosis import artifacts, serialise
 from calib.diagnosis.bench import SimulatedRows
 from calib.diagnosis.diagnose import Diagnosis
-from calib.diagnosis.evidence import Evidence, Part
+from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.noise import Noise
+from calib.diagnosis.part import Part
 from calib.diagnosis.suspect import Scored
 from calib.report import render
 from calib.report.conclusion import disagreements, headline, left_out, points, stale

@@ -12,7 +12,7 @@ import tomlkit
 from click.testing import CliRunner
 
 from calib.cli import main
-from calib.diagnosis.gain import Transfer
+from calib.diagnosis.transfer import Transfer
 from calib.effects.cubic_stiffness import EFFECT as CUBIC
 from calib.modelling.model import Model, Request
 from calib.modelling.parameter import Parameter, Space, Window

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.bench import SimulatedRows
-from calib.diagnosis.evidence import Part, outliers
 from calib.diagnosis.noise import STATED, Noise
+from calib.diagnosis.part import Part
+from calib.diagnosis.record_faults import outliers
 
 PERIOD, RATE, CYCLES = 0.1, 730.0, 6  # s, Hz
 TIME = np.arange(round(PERIOD * CYCLES * RATE)) / RATE

@@ -1,0 +1,111 @@
+"""Causes that are a compromise between two others, replaced by the best pair."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from calib.diagnosis.candidate import Candidate
+from calib.diagnosis.criteria import CRITERIA
+from calib.diagnosis.elimination import eliminated
+from calib.diagnosis.evidence import Evidence
+from calib.diagnosis.excess import chi2_std, dominant, excess_chi2, significant
+from calib.diagnosis.fit import Fit
+from calib.diagnosis.refit import Fitter
+from calib.diagnosis.rejection import extension, is_negligible, rejection
+from calib.diagnosis.replacement import aic, best_pair, pair_shows, replaced, without_cause
+from calib.diagnosis.screening import screened
+from calib.diagnosis.stepwise import StepwiseState
+from calib.diagnosis.suspect import Cause, Refitted
+
+
+def may_be_compromise(fitter: Fitter, state: StepwiseState, candidates: Sequence[Candidate]) -> bool:
+    """Whether causes leave more than noise; without a cause, whether no misfit that dominates it is left.
+
+    A sum of squares sees less than a score test: beside a cause, a suspect beyond the threshold that was rejected shows
+    it too, or a pair. It may have been rejected because that cause stands for both. Where nothing is a cause, it may
+    explain half.
+    """
+    excess, std = excess_chi2(fitter.evidence, state.final), chi2_std(fitter.evidence)
+    rejected = state.rounds[-1].rejected
+    shown = rejected is not None and rejected.name not in state.names
+    if state.causes:
+        more = shown or significant(excess, std)
+        return more or pair_shows(state.null, state.causes, state.final, candidates, state.known)
+    return significant(excess, std) and not dominant(excess - (rejected.chi2_reduction if shown else 0.0), std)
+
+
+def with_best_pair(fitter: Fitter, state: StepwiseState, candidates: Sequence[Candidate], seed: int) -> StepwiseState:
+    """Put the best pair in the place of the causes where it explains more, and each is a cause beside the other.
+
+    The other candidates are scored anew, about the model so far: its noise may have been re-estimated.
+    """
+    null, known = state.null, None if state.causes else state.known
+    others = [candidate for candidate in candidates if candidate.name not in state.names]
+    suspects, threshold = screened(fitter, state.final, others, seed, known)
+    pair = best_pair(fitter, null, state.causes, state.final, suspects)
+    if pair is None or not _explains_more(fitter.evidence, null, state.causes, state.final, pair):
+        return state
+    was_explained, state = state.is_explained, _fitted_from(fitter, state, pair[1])
+    if not _explains_more(fitter.evidence, null, state.causes, state.final, pair):
+        return state
+    causes, final = replaced(fitter, null, *pair, candidates, seed, {}, last_too=True)
+    if not _explains_more(fitter.evidence, null, state.causes, state.final, (causes, final)):
+        return state
+    if was_explained:
+        left = eliminated(fitter, null, causes, final, threshold, final.chi2)
+        if left.left_out or not left.is_explained:
+            return state
+    rejected = any_rejected(fitter, null, [cause for cause, _ in causes], final, threshold)
+    reason = "of all pairs this one explains most, and more than what was chosen before"
+    return state if rejected else state.with_causes(causes, final, reason)
+
+
+def _fitted_from(fitter: Fitter, state: StepwiseState, other: Fit) -> StepwiseState:
+    """Fit the causes again from the calibrated values of another model, and keep that fit where it explains more.
+
+    Steps of Gauss and Newton end at the nearest minimum: what explains more may owe that to where it began.
+    """
+    if not state.causes:
+        return state
+    candidates = [cause.candidate for cause, _ in state.causes]
+    values = {**state.final.point.values, **{name: other.value(name) for name in state.null.names}}
+    sizes = {name: state.final.value(name) for candidate in candidates for name in candidate.free}
+    fit = fitter.fit(replace(state.final.point, values=values), candidates, sizes, rival=state.final.chi2)
+    lower = state.final.chi2 - fit.chi2
+    if not fit.names or not lower > CRITERIA.aic_tie:
+        return state
+    fit, causes = fitter.with_derivatives(fit), []
+    for cause, rivals in state.causes:
+        again = cause.refitted(fit, cause.chi2_reduction + lower)
+        causes.append((again, tuple(again if rival.name == cause.name else rival for rival in rivals)))
+    return replace(state, causes=tuple(causes), final=fit, elimination=None)
+
+
+def any_rejected(fitter: Fitter, null: Fit, causes: Sequence[Refitted], final: Fit, threshold: float) -> bool:
+    """Whether some cause of a model would be rejected as the last one to enter it."""
+    for cause in causes:
+        others = tuple(other.candidate for other in causes if other is not cause)
+        base = without_cause(fitter, null, final, cause, others)
+        if not base.names:  # no motion without it
+            continue
+        base = fitter.with_derivatives(base)
+        again = cause.refitted(final, base.chi2 - final.chi2)
+        made = extension(fitter.evidence, base, final, again, threshold)
+        if rejection(fitter.evidence, null, made, further=bool(others)):
+            return True
+    return False
+
+
+def _explains_more(
+    evidence: Evidence, null: Fit, causes: Sequence[Cause], final: Fit, other: tuple[Sequence[Cause], Fit]
+) -> bool:
+    """Whether other causes explain more than those that they would replace; if they are more, no negligible part more.
+
+    Of what those leave they explain several times what they leave themselves, unless that is noise, as a cause that is
+    added has to.
+    """
+    reduction, remains = final.chi2 - other[1].chi2, excess_chi2(evidence, other[1])
+    lower = aic(*other) < aic(causes, final) - CRITERIA.aic_tie
+    noise = not significant(remains, chi2_std(evidence))
+    enough = noise or reduction > CRITERIA.min_over_remainder * remains
+    worth = len(other[0]) <= len(causes) or not is_negligible(evidence, null, final, reduction)
+    return lower and enough and worth

@@ -1,0 +1,115 @@
+"""Forward selection: causes chosen one after the other, until one is rejected."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from calib.diagnosis.candidate import Candidate
+from calib.diagnosis.criteria import CRITERIA
+from calib.diagnosis.evidence import Evidence, clocks_differ
+from calib.diagnosis.excess import chi2_std, dominant, excess_chi2
+from calib.diagnosis.fit import Fit
+from calib.diagnosis.noise import ORDER
+from calib.diagnosis.refit import Fitter
+from calib.diagnosis.rejection import extension, rejection
+from calib.diagnosis.remainder import remainder
+from calib.diagnosis.screening import Derivatives
+from calib.diagnosis.search import Round, chi2_of_a_rival, rival_suspects, search, simplest, with_those_behind
+from calib.diagnosis.stepwise import StepwiseState
+from calib.diagnosis.suspect import Refitted, leading_variants
+
+
+def forward(
+    fitter: Fitter, null: Fit, candidates: Sequence[Candidate], seed: int, on_stage: Callable[[str], None]
+) -> StepwiseState:
+    """Choose causes one after the other, until one is rejected."""
+    state = StepwiseState(null, null, {})
+    for number in range(CRITERIA.max_causes):
+        if number and fitter.effort.spent:
+            break
+        on_stage(f"suspects {number + 1}")
+        outcome, extended = _round(fitter, state, candidates, seed + number)
+        state = replace(state, rounds=(*state.rounds, outcome))
+        if outcome.chosen is None:
+            break
+        cause = replace(outcome.chosen, fit=extended), outcome.rivals
+        state = _reestimated(fitter, replace(state, final=extended, causes=(*state.causes, cause)))
+    return state
+
+
+def _round(
+    fitter: Fitter, state: StepwiseState, candidates: Sequence[Candidate], seed: int
+) -> tuple[Round, Fit | None]:
+    """Search for a further cause and judge it; beside it the model with it, None where nothing was chosen."""
+    evidence, base = fitter.evidence, state.final
+    rest = [c for c in candidates if c.name not in state.names]
+    outcome = search(fitter, base, rest, seed, excess_chi2(evidence, base) / chi2_std(evidence), state.known)
+    outcome = replace(outcome, excess_chi2_of_null=excess_chi2(evidence, state.null))
+    if outcome.chosen is None:
+        return outcome, None
+    extended = fitter.with_derivatives(outcome.chosen.fit)
+    made = extension(evidence, base, extended, outcome.chosen, outcome.threshold)
+    outcome = replace(outcome, prediction=made.prediction)
+    reason = rejection(evidence, state.null, made, further=bool(state.causes))
+    return (outcome.without_cause(reason) if reason else outcome), extended
+
+
+def _reestimated(fitter: Fitter, state: StepwiseState) -> StepwiseState:
+    """Re-estimate the noise of what does not repeat by what no candidate explains beside the causes; refit the models.
+
+    What follows is looked for in that noise, and the last cause is compared with its rivals in it again. Where what the
+    causes leave is mostly error of the model it tells no noise, only how far it hides the uncertainty of clocks.
+    """
+    old, residual = fitter.evidence, state.final.residual
+    evidence = old
+    if not dominant(excess_chi2(old, state.final), chi2_std(old)):
+        left = remainder(old, state.final, [derivatives.columns for derivatives in state.known.values()])
+        evidence = old.with_reestimated_noise(left)
+        residual = evidence.carried(residual[:, None], old)[:, 0]
+    evidence = evidence.with_remainder(residual)
+    if not _differs(evidence, old):
+        return state
+    fitter.evidence = evidence
+    null = fitter.fit(state.null.point)
+    earlier = [cause.candidate for cause, _ in state.causes[:-1]]
+    base = fitter.fit(state.rounds[-1].base.point, earlier) if earlier else null
+    refitted = _refitted_rivals(fitter, base, state) if null.names and base.names else []
+    rivals = rival_suspects(fitter.evidence, refitted, state.rounds[-1].threshold)
+    if not rivals:
+        fitter.evidence = old
+        return state
+    for key, known in state.known.items():
+        state.known[key] = Derivatives(evidence.carried(known.columns, old), known.relative_error)
+    chosen = simplest(rivals)
+    final = fitter.with_derivatives(chosen.fit)
+    cause = replace(chosen, fit=final), with_those_behind(fitter.evidence, rivals, refitted)
+    return replace(state, null=null, final=final, causes=(*state.causes[:-1], cause))
+
+
+def _refitted_rivals(fitter: Fitter, base: Fit, state: StepwiseState) -> list[Refitted]:
+    """The last cause and its rivals fitted in another noise, as far as they can be.
+
+    And all suspects of the round that explain about as much, which that noise may tell from it in another way.
+
+    base : the model without them, in that noise
+    """
+    cause, rivals = state.causes[-1]
+    threshold = state.rounds[-1].threshold
+    known, least = {rival.name for rival in rivals}, CRITERIA.min_explained_share * cause.chi2_reduction
+    others = [s for s in state.rounds[-1].suspects if isinstance(s, Refitted) and s.fit.names and s.name not in known]
+    refitted = []
+    for rival in (*rivals, *leading_variants(s for s in others if s.chi2_reduction >= least)):
+        bound = chi2_of_a_rival(refitted, base, threshold)
+        fit = fitter.fit(rival.fit.point, rival.fit.candidates, rival=bound)
+        if fit.names:
+            refitted.append(rival.refitted(fit, base.chi2 - fit.chi2))
+    return refitted
+
+
+def _differs(one: Evidence, other: Evidence) -> bool:
+    """Whether the same records have another noise: its level, its autocorrelation, or what clocks add to it."""
+    pairs = [pair for p, q in zip(one.parts, other.parts, strict=True) for pair in zip(p.noise, q.noise, strict=True)]
+    levels = [abs(p.sigma / q.sigma - 1.0) for p, q in pairs]
+    correlations = [np.abs(p.autocorrelation(ORDER) - q.autocorrelation(ORDER)).max() for p, q in pairs]
+    return clocks_differ(one, other) or bool(max((*levels, *correlations), default=0.0) > CRITERIA.max_noise_change)

@@ -1,0 +1,68 @@
+"""Stepwise selection of causes: forward, each beside the others, and in pairs."""
+
+from collections.abc import Callable, Sequence
+
+from calib.diagnosis.candidate import Candidate
+from calib.diagnosis.compromise import may_be_compromise, with_best_pair
+from calib.diagnosis.criteria import CRITERIA
+from calib.diagnosis.excess import chi2_std, dominant, excess_chi2
+from calib.diagnosis.fit import Fit
+from calib.diagnosis.forward import forward
+from calib.diagnosis.refit import Fitter
+from calib.diagnosis.replacement import replaced
+from calib.diagnosis.selection import Selection
+from calib.diagnosis.stepwise import StepwiseState, as_selection, through_elimination
+
+
+def select(
+    fitter: Fitter,
+    null: Fit,
+    candidates: Sequence[Candidate],
+    seed: int,
+    on_stage: Callable[[str], None] = lambda text: None,
+) -> Selection:
+    """Search for causes one after the other, at most three; then look for each earlier one again beside the others.
+
+    Those go that explain little beside what remains. Where the causes leave more than noise, one of them may be a
+    compromise between two: then the best pair is tried in their place.
+    """
+    state = forward(fitter, _recalibrated(fitter, null), candidates, seed, on_stage)
+    state = _looked_for_again(fitter, state, candidates, seed)
+    if may_be_compromise(fitter, state, candidates) and not fitter.effort.spent:
+        on_stage("pairs")
+        state = with_best_pair(fitter, state, candidates, seed)
+    return as_selection(fitter, through_elimination(fitter, state))
+
+
+def _recalibrated(fitter: Fitter, null: Fit) -> Fit:
+    """Fit the calibrated model from the middle of its windows too, where a value is at an edge; keep the better fit.
+
+    Where no misfit that dominates the noise is left there is nothing to be gained.
+    """
+    evidence = fitter.evidence
+    if not fitter.is_at_an_edge(null) or not dominant(excess_chi2(evidence, null), chi2_std(evidence)):
+        return null
+    middle = fitter.in_the_middle(null)
+    again = None if middle is None else fitter.fit(middle.point, columns=middle.columns, rival=null.chi2)
+    if again is None or not again.names or not null.chi2 - again.chi2 > CRITERIA.aic_tie:
+        return null
+    return fitter.with_derivatives(again)
+
+
+def _looked_for_again(
+    fitter: Fitter, state: StepwiseState, candidates: Sequence[Candidate], seed: int
+) -> StepwiseState:
+    """Look for each cause again beside the others, once those are left out that explain little beside what remains.
+
+    The last one was found beside the others and has its rivals from there, unless one of these was left out.
+    """
+    for again in range(CRITERIA.max_causes):
+        found, state = state.names, through_elimination(fitter, state)
+        last_too = state.names != found[: len(state.names)]
+        if fitter.effort.spent or not (last_too or (len(state.causes) > 1 and not again)):
+            break
+        causes, final = replaced(
+            fitter, state.null, state.causes, state.final, candidates, seed, state.known, last_too=last_too
+        )
+        state = state.with_causes(causes, final, "each was looked for again beside the others")
+    return through_elimination(fitter, state)

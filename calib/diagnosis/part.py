@@ -1,0 +1,147 @@
+"""One measured record as a diagnosis compares it: its rows, their noise, and what belongs to it alone."""
+
+import itertools
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from calib.diagnosis.bench import SimulatedRows
+from calib.diagnosis.clock import CLOCK_RATE_STD, clock_sensitivity
+from calib.diagnosis.noise import Noise
+from calib.diagnosis.score import variance_along
+
+MIN_SEGMENTS = 20  # of a record, whose scores are taken as independent
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One record as a diagnosis looks at it.
+
+    Attributes
+    ----------
+    name : of the record
+    rows : (body, channel) pairs
+    time : (n,)  [s]
+    measured : (row, n), each in its unit
+    period : of the excitation [s], None without one
+    cycle : of the motion, in periods
+    nuisance : names of what belongs to this measurement alone
+    noise : of each row
+    used : (row, n) whether a sample is compared: not what the excitation prescribes, and no outlier
+    weight : (row, n) in [0, 1], 0 where a sample is not compared
+    clock : (row, n) change of the rows with the rate of the clock, where that is uncertain and no nuisance
+        [per unit rate]; None elsewhere
+    variance_along_clock : variance of what a model leaves along that change, over the noise's  [1]
+    """
+
+    name: str
+    rows: tuple[tuple[str, str], ...]
+    time: np.ndarray
+    measured: np.ndarray
+    period: float | None
+    cycle: int
+    nuisance: tuple[str, ...]
+    noise: tuple[Noise, ...]
+    used: np.ndarray
+    weight: np.ndarray
+    clock: np.ndarray | None = None
+    variance_along_clock: float = 1.0
+
+    @property
+    def compared_noise(self) -> tuple[Noise, ...]:
+        """Noise of the rows that are compared: of one that the excitation prescribes nothing is known."""
+        return tuple(itertools.compress(self.noise, self.used.any(axis=1)))
+
+    def white(self, rows: np.ndarray) -> np.ndarray:
+        """Rows (row, n) in units of the noise, one after the other (row * n,)."""
+        return self._shrunk(self._whitened(rows), 1.0)
+
+    def _whitened(self, rows: np.ndarray) -> np.ndarray:
+        parts = [noise.whitened(row, w) for noise, row, w in zip(self.noise, rows, self.weight, strict=True)]
+        return np.concatenate(parts)
+
+    def of_row(self, columns: np.ndarray, row: int) -> np.ndarray:
+        """Whitened columns (row * n, k) of what changes one of the rows alone."""
+        alone = np.repeat(np.arange(len(self.rows)) == row, self.time.size)
+        return self._shrunk(alone[:, None] * self._shrunk(columns, -1.0), 1.0)
+
+    def restored(self, columns: np.ndarray) -> np.ndarray:
+        """Undo `white`: columns (row * n, k) to (row, n, k) in the units of the rows; 0 where nothing counts."""
+        blocks = zip(self.noise, np.split(self._shrunk(columns, -1.0), len(self.rows)), self.weight, strict=True)
+        return np.array([noise.coloured(block.T, weight).T for noise, block, weight in blocks])
+
+    def _shrunk(self, columns: np.ndarray, power: float) -> np.ndarray:
+        """Columns (row * n,) or (row * n, k) in units of the noise and of what the clock's rate adds to it.
+
+        Along t, the change of the rows with one standard deviation of the rate, the variance is s^2 + |t|^2, where what
+        a model leaves alone would make it s^2; times the inverse root of their ratio to a power. An error of the model
+        that is larger than the clock's hides the clock, not the other way round.
+        """
+        if self.clock is None:
+            return columns
+        direction, length = self._clock_direction
+        factor = (1.0 + length**2) ** (-0.5 * power) - 1.0
+        return columns + factor * np.multiply.outer(direction, direction @ columns)
+
+    @cached_property
+    def _clock_direction(self) -> tuple[np.ndarray, float]:
+        """Unit vector (row * n,) of what the clock's rate changes, and how much by a standard deviation of that.
+
+        In units of the standard deviation that what a model leaves has along it.
+        """
+        column = CLOCK_RATE_STD / math.sqrt(self.variance_along_clock) * self._whitened(self.clock)
+        length = float(np.linalg.norm(column))
+        return column / max(length, 1e-300), length
+
+    @property
+    def clock_share(self) -> float:
+        """Share of the variance along what the clock's rate changes that the rate makes  [1]."""
+        length = 0.0 if self.clock is None else self._clock_direction[1]
+        return length**2 / (1.0 + length**2)
+
+    def with_remainder(self, residual: np.ndarray) -> "Part":
+        """Return the record with the variance along its clock of what a model leaves: residual (row * n,)."""
+        if self.clock is None or not residual.any():
+            return self
+        direction, _ = self._clock_direction
+        rows = np.repeat(np.arange(len(self.rows)), self.time.size)
+        return replace(self, variance_along_clock=variance_along(direction, residual, rows))
+
+    def tangents(self, simulated: SimulatedRows) -> np.ndarray:
+        """Change of the simulated rows with each nuisance, in units of the noise (row * n, k).
+
+        The rate of the recorder's clock against that of the drive is one in every record of a steady tone: nothing
+        that repeats looks like it. In other records it is as uncertain as clocks are (`clock`).
+        """
+        rows, channel = simulated.rows, [c for _, c in self.rows]
+        columns = [*simulated.initial, *([clock_sensitivity(self.time, rows)] if self.period is not None else [])]
+        if "trigger" in self.nuisance:
+            columns.append(np.gradient(rows, self.time, axis=1))
+        if "offset" in self.nuisance:
+            for index, name in enumerate(channel):
+                if name == "displacement":
+                    columns.append(_only(rows, index, 1.0))
+        if "scale" in self.nuisance:
+            for name in dict.fromkeys(channel):
+                columns.append(rows * np.array([c == name for c in channel])[:, None])
+        if "shear" in self.nuisance:
+            sheared = np.zeros_like(rows)
+            for index, (body, name) in enumerate(self.rows):
+                if name == "displacement" and (body, "velocity") in self.rows:
+                    sheared[index] = rows[self.rows.index((body, "velocity"))]
+            columns.append(sheared)
+        return np.column_stack([self.white(column) for column in columns]) if columns else np.zeros((rows.size, 0))
+
+    def segments(self) -> np.ndarray:
+        """Number (row * n,) of the segment that each residual belongs to; all rows of an instant share it."""
+        n = self.time.size
+        length = max(8, n // MIN_SEGMENTS)
+        return np.tile(np.minimum(np.arange(n) // length, max(1, n // length) - 1), len(self.rows))
+
+
+def _only(rows: np.ndarray, index: int, value: float) -> np.ndarray:
+    column = np.zeros_like(rows)
+    column[index] = value
+    return column

@@ -1,0 +1,84 @@
+"""A selection revised: one of its causes exchanged or left out, or all replaced by the best pair."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from calib.diagnosis.candidate import Candidate
+from calib.diagnosis.compromise import any_rejected, with_best_pair
+from calib.diagnosis.elimination import LeftOut
+from calib.diagnosis.refit import Fitter
+from calib.diagnosis.replacement import without_cause
+from calib.diagnosis.selection import Selection
+from calib.diagnosis.stepwise import StepwiseState, as_selection, through_elimination
+from calib.diagnosis.suspect import Refitted
+
+
+def exchanged(fitter: Fitter, selection: Selection, cause: Refitted, rival: Refitted, reason: str) -> Selection | None:
+    """Return a selection with a rival in the place of a cause, fitted beside the others, and no rival beside it.
+
+    None where it cannot be fitted there, or would be rejected as a cause.
+
+    Parameters
+    ----------
+    reason : why, as the end of a sentence
+    """
+    own, new = cause.candidate, rival.candidate
+    others = [other.candidate for other in selection.causes if other is not cause]
+    rest = {name: value for name, value in selection.final.point.values.items() if name not in own.absent()}
+    sizes = {name: rest[name] for candidate in others for name in candidate.absent()}
+    sizes |= {name: rival.fit.value(name) for name in new.absent()}
+    fit = fitter.fit(replace(selection.final.point, values=rest), (*others, new), sizes)
+    if not fit.names:
+        return None
+    final = fitter.with_derivatives(fit)
+    put = rival.refitted(final, rival.chi2_reduction)
+    pairs = list(zip(selection.causes, selection.alternatives, strict=True))
+    causes = [(put, (put,)) if known is cause else (known, rivals) for known, rivals in pairs]
+    threshold = selection.rounds[0].threshold
+    if any_rejected(fitter, selection.null, [known for known, _ in causes], final, threshold):
+        return None
+    state = StepwiseState(
+        selection.null, selection.final, {}, selection.rounds, tuple(pairs), selection.exchanges,
+        attained=selection.attained,
+    )  # fmt: skip
+    state = through_elimination(fitter, state.with_causes(causes, final, reason))
+    return as_selection(fitter, state) if put.name in state.names else None
+
+
+def paired(fitter: Fitter, selection: Selection, candidates: Sequence[Candidate], seed: int) -> Selection | None:
+    """Return a selection with the best pair in the place of its causes, or with these as they fit where that was found.
+
+    None where neither explains more.
+    """
+    causes = tuple(zip(selection.causes, selection.alternatives, strict=True))
+    state = StepwiseState(
+        selection.null, selection.final, {}, selection.rounds, causes, selection.exchanges, attained=selection.attained
+    )
+    found = with_best_pair(fitter, state, candidates, seed)
+    return None if found is state else as_selection(fitter, through_elimination(fitter, found))
+
+
+def left_out(fitter: Fitter, selection: Selection, cause: Refitted, reason: str) -> Selection | None:
+    """Return a selection without one of its causes; None where the others do not explain enough without it.
+
+    Parameters
+    ----------
+    reason : why, as a clause
+    """
+    others = [pair for pair in zip(selection.causes, selection.alternatives, strict=True) if pair[0] is not cause]
+    names = tuple(other.name for other, _ in others)
+    candidates = tuple(other.candidate for other, _ in others)
+    fit = without_cause(fitter, selection.null, selection.final, cause, candidates)
+    if not fit.names:
+        return None
+    rise, attained = fit.chi2 - selection.final.chi2, min(selection.attained, selection.final.chi2)
+    out = LeftOut(cause.name, rise / (rise + max(0.0, selection.remaining_chi2)), names, reason)
+    state = StepwiseState(
+        selection.null, fitter.with_derivatives(fit), {}, selection.rounds, tuple(others), selection.exchanges,
+        attained=attained,
+    )  # fmt: skip
+    state = through_elimination(fitter, state)
+    if not state.is_explained:
+        return None
+    told = (*selection.left_out, out, *state.elimination.left_out)
+    return as_selection(fitter, replace(state, elimination=replace(state.elimination, left_out=told)))

@@ -1,0 +1,92 @@
+"""The state of a stepwise selection."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.diagnosis.constancy import constancies
+from calib.diagnosis.elimination import Elimination, eliminated
+from calib.diagnosis.excess import chi2_std, degrees_of_freedom, significant
+from calib.diagnosis.fit import Fit
+from calib.diagnosis.refit import Fitter
+from calib.diagnosis.screening import KnownDerivatives
+from calib.diagnosis.search import Round
+from calib.diagnosis.selection import Exchange, Selection
+from calib.diagnosis.suspect import Cause
+
+
+@dataclass(frozen=True, eq=False)
+class StepwiseState:
+    """A stepwise selection so far.
+
+    Attributes
+    ----------
+    null, final : the calibrated model, and the one with the causes
+    known : derivatives of candidates
+    rounds : searches one after the other
+    causes : in the final model
+    exchanges : of causes for others
+    elimination : of these causes; None before they have been through it
+    attained : least chi-square of a model that went through elimination: what its causes explained remains without them
+    """
+
+    null: Fit
+    final: Fit
+    known: KnownDerivatives
+    rounds: tuple[Round, ...] = ()
+    causes: tuple[Cause, ...] = ()
+    exchanges: tuple[Exchange, ...] = ()
+    elimination: Elimination | None = None
+    attained: float = np.inf
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the causes."""
+        return tuple(cause.name for cause, _ in self.causes)
+
+    @property
+    def is_explained(self) -> bool:
+        """Whether the causes, which have been through elimination, explain enough."""
+        return self.elimination is not None and self.elimination.is_explained
+
+    def with_causes(self, causes: Sequence[Cause], final: Fit, reason: str) -> "StepwiseState":
+        """Return it with these causes instead of its own, and why."""
+        before, after = (tuple(cause.name for cause, _ in own) for own in (self.causes, causes))
+        told = () if set(before) == set(after) else (Exchange(before, after, reason),)
+        exchanges, elimination = (*self.exchanges, *told), None if told else self.elimination
+        return replace(self, causes=tuple(causes), final=final, exchanges=exchanges, elimination=elimination)
+
+
+def through_elimination(fitter: Fitter, state: StepwiseState) -> StepwiseState:
+    """Leave out causes that explain little beside what remains; if that is all, they stay as what comes closest."""
+    if not state.causes or state.elimination is not None:
+        return state
+    attained = min(state.attained, state.final.chi2)
+    left = eliminated(fitter, state.null, state.causes, state.final, state.rounds[0].threshold, attained)
+    return replace(state, causes=left.causes, final=left.final, elimination=left, attained=attained)
+
+
+def as_selection(fitter: Fitter, state: StepwiseState) -> Selection:
+    """Compare both models where the simulations of both are to be trusted."""
+    null, final, causes, left = state.null, state.final, state.causes, state.elimination
+    common = fitter.evidence.with_weights([null.point.simulated, final.point.simulated])
+    excess, std = null.chi2_over(common) - degrees_of_freedom(common, null), chi2_std(common)
+    told = {rival.name for _, rivals in causes for rival in rivals}
+    return Selection(
+        rounds=state.rounds,
+        null=null,
+        final=final,
+        causes=tuple(cause.within(final) for cause, _ in causes),
+        alternatives=tuple(rivals for _, rivals in causes),
+        is_explained=state.is_explained if causes else not significant(excess, std),
+        excess_chi2=excess,
+        remaining_chi2=final.chi2_over(common) - degrees_of_freedom(common, final),
+        chi2_std=std,
+        constancy=constancies(fitter.evidence, final) if causes else (),
+        exchanges=state.exchanges,
+        left_out=tuple(one for one in left.left_out if one.effect not in told) if left else (),
+        elimination_margin=left.margin if left else np.inf,
+        attained=state.attained,
+        cut_short=fitter.effort.spent,
+    )
