@@ -2,6 +2,9 @@
 
 import numpy as np
 
+MIN_POPULATION_WIDTH = 1e-4  # of the window: standard deviation along the longest axis that ends a run  [1]
+MAX_ASPECT_RATIO = 1e6  # of the longest to the shortest axis of the covariance  [1]
+
 
 class Evolution:
     """Covariance matrix adaptation; equation numbers are those of Hansen (2016), arXiv:1604.00772.
@@ -9,7 +12,7 @@ class Evolution:
     Points outside the cube are moved onto it before they are evaluated, and learnt from where they then lie.
     """
 
-    def __init__(self, centre, sigma, size, rng):
+    def __init__(self, centre: np.ndarray, sigma: float, size: int, rng: np.random.Generator):
         dim = centre.size
         self.centre, self.sigma, self.size, self.rng, self.generation = centre, sigma, size, rng, 0
         raw = np.log((size + 1) / 2) - np.log(np.arange(1, size // 2 + 1))  # eq. (49)
@@ -24,12 +27,12 @@ class Evolution:
         self.path_sigma, self.path_c, self.covariance = np.zeros(dim), np.zeros(dim), np.eye(dim)
         self.axes, self.lengths = np.eye(dim), np.ones(dim)
 
-    def sample(self):
+    def sample(self) -> np.ndarray:
         """Points (size, dim) of the next generation."""
         z = self.rng.standard_normal((self.size, self.centre.size))
         return np.clip(self.centre + self.sigma * (z * self.lengths) @ self.axes.T, 0, 1)  # eq. (38)-(40)
 
-    def learn(self, points, costs):
+    def learn(self, points: np.ndarray, costs: np.ndarray) -> None:
         """Take in a generation's points (size, dim) and costs (size,); one that failed altogether teaches nothing."""
         self.generation += 1
         if not np.isfinite(costs).any():
@@ -59,6 +62,7 @@ class Evolution:
         squares, self.axes = np.linalg.eigh(self.covariance)
         self.lengths = np.sqrt(np.maximum(squares, 1e-20 * squares.max()))
 
-    def over(self):
-        """Whether the generation has become too small to find anything new."""
-        return self.sigma * self.lengths.max() < 1e-4 or self.lengths.max() > 1e6 * self.lengths.min()
+    def over(self) -> bool:
+        """Whether the generation has become too small, or too flat, to find anything new."""
+        longest, shortest = float(self.lengths.max()), float(self.lengths.min())
+        return self.sigma * longest < MIN_POPULATION_WIDTH or longest > MAX_ASPECT_RATIO * shortest

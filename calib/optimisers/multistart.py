@@ -1,6 +1,6 @@
 """The default optimiser: a Sobol screen, local searches from its best basins, and a population beside them."""
 
-from collections.abc import Generator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,15 +9,16 @@ from scipy.stats.qmc import Sobol
 from calib.optimisers import least_squares, model_search
 from calib.optimisers.archive import Archive
 from calib.optimisers.evolution import Evolution
+from calib.optimisers.outcome import Asking, OutcomeLike
 from calib.optimisers.trend import lowest_of_trend
 
 SAME_POINT = 0.01  # of the window: ends of searches closer than this agree in point
 SAME_COST = 0.01  # relative: ends whose costs differ less agree in cost
-WIDE, NARROW = 0.1, 0.02  # of the window: first trust region of a search from a screened point; from where
-# the trend or the population has already followed the wide slopes
-SPACING = 0.35  # of the mean spacing of the screen: a start this near to another is not tried
-SCREEN_SHARE = 3  # at most one part in three of the budget is screened
-FEWEST_AGREEING = 3  # searches that must have ended in the best basin before the study may stop
+FIRST_RADIUS = 0.1  # of the window: first trust region of a search from a screened point  [1]
+FIRST_RADIUS_NEAR_MINIMUM = 0.02  # of the window: of one from the least point of the trend or from the population  [1]
+MIN_START_DISTANCE = 0.35  # over the mean spacing of the screen: a start nearer to another is not tried  [1]
+MAX_SCREEN_FRACTION = 3  # one part in so many of the budget is screened at most
+MIN_SEARCHES_IN_BEST_BASIN = 3  # that have to have ended there before the study may stop  [count]
 
 
 @dataclass(frozen=True)
@@ -43,15 +44,15 @@ class Summary:
 class SearchTask:
     """A generator that yields points it wants evaluated, with its open request and the answers so far."""
 
-    deed: str
-    generator: Generator
-    request: np.ndarray = None
-    answers: list = field(default_factory=list)
+    purpose: str
+    generator: Asking[None]
+    request: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    answers: list[OutcomeLike] = field(default_factory=list)
 
-    def advance(self):
+    def advance(self) -> bool:
         """Hand the answers over and take the next request; False once the generator has ended."""
         try:
-            self.request = self.generator.send(self.answers or None)
+            self.request = self.generator.send(self.answers) if self.answers else next(self.generator)
         except StopIteration:
             return False
         self.answers = []
@@ -66,9 +67,9 @@ class Multistart:
     the cost where there are none (`model_search`). From the second round on it also searches from where the trend of
     all screened costs is least (`trend`) and from the centre of the population; a cost with a million minima is
     solved there. The population (`evolution`) spends half as much as the rest, and as much while the best is its own.
-    A search that could not catch up with the best at its present rate is given up.
+    A search that could not reach the best cost at its present rate is given up.
 
-    The screen takes at most a third of the budget; what is told before the first ask counts as part of it.
+    The screen takes at most a third of the budget; what is evaluated before the first ask counts as part of it.
 
     Evaluations to target with default options, seeds 0..19, budget 4000
     (``python tests/benchmarks/compare_optimisers.py --peers "calib multistart" --problems ...``):
@@ -88,26 +89,31 @@ class Multistart:
     Parameters
     ----------
     dim, seed : of the unit cube, and of everything random
-    budget : evaluations in all, those told before the first ask included
+    budget : evaluations in all, those before the first ask included
     batch : points wanted at a time; several searches go on side by side where one asks for fewer
     screen : points of the first round; None for four times the dimension
     """
 
-    def __init__(self, dim, seed, budget=1000, batch=1, screen=None):
+    def __init__(self, dim: int, seed: int, budget: int = 1000, batch: int = 1, screen: int | None = None):
         self._dim, self._budget, self._batch = dim, budget, batch
-        self._first = max(1, min(4 * dim if screen is None else screen, budget // SCREEN_SHARE))
+        self._first = max(1, min(4 * dim if screen is None else screen, budget // MAX_SCREEN_FRACTION))
         self._sobol = Sobol(dim, rng=np.random.default_rng([seed, 1]))
         self._rng = np.random.default_rng([seed, 2])
         self._archive = Archive(dim)
-        self._screened, self._tasks, self._starts, self._ends = [], [], [], []
+        self._screened: list[tuple[np.ndarray, OutcomeLike]] = []
+        self._tasks: list[SearchTask] = []
+        self._starts: list[np.ndarray] = []
+        self._ends: list[tuple[np.ndarray, float]] = []
         self.spent = dict.fromkeys(("screen", "search", "population"), 0)
-        self._best = (None, np.inf, "screen")
-        self._round, self._candidates = 0, iter(())
-        self._evolution, self._runs = None, 0
+        self._best = (np.full(dim, np.nan), np.inf, "screen")  # point, cost, purpose of the task that found it
+        self._round = 0
+        self._candidates: Iterator[tuple[np.ndarray, OutcomeLike | None, float]] = iter(())
+        self._evolution: Evolution | None = None
+        self._runs = 0
         self._asked = self._has_residuals = False
 
     # ------------------------------------------------------------------------------------------------- contract
-    def ask(self):
+    def ask(self) -> np.ndarray:
         """Points (n, dim): all that the tasks under way want, cut to what is left of the budget."""
         if not self._asked and len(self._screened) >= self._first:
             self._open_round()
@@ -117,24 +123,24 @@ class Multistart:
         left = self._budget - self._total()
         return points[:left] if left > 0 else points
 
-    def tell(self, x, outcomes):
+    def tell(self, x: np.ndarray, outcomes: Sequence[OutcomeLike]) -> None:
         """Take the outcomes of the points (n, dim) asked for last, or of others made before the first ask."""
-        x, outcomes = np.asarray(x, float), [settled(outcome) for outcome in outcomes]
-        self._archive.add(x, [outcome.cost for outcome in outcomes])
-        self._has_residuals = self._has_residuals or any(outcome.residuals is not None for outcome in outcomes)
+        x, usable = np.asarray(x, float), [usable_part(outcome) for outcome in outcomes]
+        self._archive.add(x, [outcome.cost for outcome in usable])
+        self._has_residuals = self._has_residuals or any(outcome.residuals is not None for outcome in usable)
         if not self._asked:
-            self._note("screen", x, outcomes)
-            self._screened += zip(x, outcomes, strict=True)
+            self._note("screen", x, usable)
+            self._screened += zip(x, usable, strict=True)
             return
         first = 0
         for task in self._tasks:
             mine = slice(first, first + len(task.request) - len(task.answers))
-            task.answers += outcomes[mine]
-            self._note(task.deed, x[mine], outcomes[mine])
+            task.answers += usable[mine]
+            self._note(task.purpose, x[mine], usable[mine])
             first = mine.stop
         self._tasks = [task for task in self._tasks if len(task.answers) < len(task.request) or task.advance()]
 
-    def stop(self):
+    def stop(self) -> str | None:
         """Why there is nothing more to gain, or None.
 
         Either the budget is spent, or the searches on a residual vector have ended in so few basins so often that
@@ -144,16 +150,16 @@ class Multistart:
         if self._total() >= self._budget:
             return "budget spent"
         n, basins = len(self._ends), self._basins()
-        if not self._has_residuals or n <= len(basins) + 2 or basins[0].searches < FEWEST_AGREEING:
+        if not self._has_residuals or n <= len(basins) + 2 or basins[0].searches < MIN_SEARCHES_IN_BEST_BASIN:
             return None
         if len(basins) * (n - 1) / (n - len(basins) - 2) < len(basins) + 0.5:
             return f"{basins[0].searches} of {n} local searches agree on the best of {len(basins)} basins"
         return None
 
-    def close(self):
+    def close(self) -> None:
         """Nothing to end: no threads, no files."""
 
-    def summary(self):
+    def summary(self) -> Summary:
         """How many local searches were started, how many agree with the best, and the basins they found."""
         basins = self._basins()
         if not basins:
@@ -162,10 +168,10 @@ class Multistart:
         return Summary(len(self._starts), basins[0].searches, agree, tuple(basins))
 
     # ---------------------------------------------------------------------------------------------- what to do next
-    def _total(self):
+    def _total(self) -> int:
         return sum(self.spent.values())
 
-    def _fill(self):
+    def _fill(self) -> None:
         """Start tasks until they want at least a batch of points, or none can be started beside those under way."""
         while sum(len(task.request) for task in self._tasks) < self._batch:
             task = self._next_task()
@@ -174,9 +180,9 @@ class Multistart:
             if task.advance():
                 self._tasks.append(task)
 
-    def _next_task(self):
+    def _next_task(self) -> SearchTask | None:
         """Population generation, search or screen, whichever is due; None if it must wait for those under way."""
-        busy = {task.deed for task in self._tasks}
+        busy = {task.purpose for task in self._tasks}
         if "population" not in busy and self._population_due():
             return SearchTask("population", self._generation())
         if "screen" not in busy:
@@ -191,7 +197,7 @@ class Multistart:
                 return SearchTask("search", self._search(*start))
         return SearchTask("population", self._generation()) if "population" not in busy and self._round else None
 
-    def _round_size(self):
+    def _round_size(self) -> int:
         """Points of the next screen: the first, as many again, then twice as many, within a third of the budget.
 
         Where every run failed there is nothing else to do, and it goes on.
@@ -199,9 +205,9 @@ class Multistart:
         wanted = max(self._first, len(self._screened)) if self._round else self._first - len(self._screened)
         if not np.isfinite(self._best[1]):
             return wanted
-        return max(0, min(wanted, self._budget // SCREEN_SHARE - len(self._screened)))
+        return max(0, min(wanted, self._budget // MAX_SCREEN_FRACTION - len(self._screened)))
 
-    def _population_due(self):
+    def _population_due(self) -> bool:
         """Whether the population lags: it may spend half as much as the rest, or as much where it found the best."""
         if self._round < 2 or not np.isfinite(self._best[1]):
             return False
@@ -209,73 +215,73 @@ class Multistart:
         return self.spent["population"] < share * (self.spent["search"] + self.spent["screen"])
 
     # -------------------------------------------------------------------------------------------------------- tasks
-    def _screen(self, size):
+    def _screen(self, size: int) -> Asking[None]:
         points = self._draw(size)
         self._screened += zip(points, (yield points), strict=True)
         self._open_round()
 
-    def _draw(self, size):
+    def _draw(self, size: int) -> np.ndarray:
         """The next points (size, dim) of the Sobol sequence; drawing the first alone keeps scipy from warning."""
         head = self._sobol.random(1)
         return np.concatenate([head, self._sobol.random(size - 1)]) if size > 1 else head
 
-    def _open_round(self):
+    def _open_round(self) -> None:
         self._round += 1
         self._candidates = self._round_starts()
 
-    def _round_starts(self):
+    def _round_starts(self) -> Iterator[tuple[np.ndarray, OutcomeLike | None, float]]:
         """Starts of a round, as (point, outcome or None), each chosen in the light of the searches before it."""
         if self._round > 1:
-            point, _, deed = self._best
-            if deed == "population":
-                yield point, None, NARROW
+            point, _, purpose = self._best
+            if purpose == "population":
+                yield point, None, FIRST_RADIUS_NEAR_MINIMUM
             trend = lowest_of_trend(*self._screen_costs())
             if trend is not None and not any(np.allclose(trend, start) for start in self._starts):
-                yield trend, None, NARROW
+                yield trend, None, FIRST_RADIUS_NEAR_MINIMUM
             if self._evolution and self._evolution.generation > self._dim:
-                yield self._evolution.centre.copy(), None, NARROW
+                yield self._evolution.centre.copy(), None, FIRST_RADIUS_NEAR_MINIMUM
         for _ in range(1 + self._round):
             start = self._best_unexplored()
             if start is None:
                 return
-            yield *start, WIDE
+            yield *start, FIRST_RADIUS
 
-    def _screen_costs(self):
+    def _screen_costs(self) -> tuple[np.ndarray, np.ndarray]:
         return np.array([u for u, _ in self._screened]), np.array([o.cost for _, o in self._screened])
 
-    def _best_unexplored(self):
+    def _best_unexplored(self) -> tuple[np.ndarray, OutcomeLike] | None:
         """The best screened point away from all starts and ends, with its outcome; None if there is none."""
         points, costs = self._screen_costs()
         known = np.array(self._starts + [u for u, _ in self._ends]).reshape(-1, self._dim)
-        away = SPACING * len(points) ** (-1 / self._dim)
+        away = MIN_START_DISTANCE * len(points) ** (-1 / self._dim)
         for i in np.argsort(costs, kind="stable"):
             if np.isfinite(costs[i]) and (np.abs(known - points[i]).max(axis=1) > away).all():
                 return self._screened[i]
         return None
 
-    def _search(self, u, outcome, radius):
-        """A local search from a point, on residuals where there are any, until it ends or cannot catch up."""
+    def _search(self, u: np.ndarray, outcome: OutcomeLike | None, radius: float) -> Asking[None]:
+        """A local search from a point, on residuals if there are any, until it ends or cannot reach the best cost."""
         if outcome is None:
             (outcome,) = yield u[None]
         if not np.isfinite(outcome.cost):
             return
         search = (
             least_squares.descend(u, outcome, radius)
-            if least_squares.usable(outcome)
+            if outcome.residuals is not None
             else model_search.descend(u, outcome, self._archive, radius)
         )
-        window, spent, marks = 5 * (self._dim + 1), 0, [outcome.cost]
+        window, spent, costs = 5 * (self._dim + 1), 0, [outcome.cost]
         lowest = (u, outcome.cost)
         request = next(search)
         while True:
             outcomes = yield request
-            for point, told in zip(request, outcomes, strict=True):
+            for point, answer in zip(request, outcomes, strict=True):
                 spent += 1
-                if told.cost < lowest[1]:
-                    lowest = (point, told.cost)
+                if answer.cost < lowest[1]:
+                    lowest = (point, answer.cost)
                 if spent % window == 0:
-                    marks.append(lowest[1])
-            if len(marks) > 1 and lowest[1] - self._best[1] > (marks[-2] - marks[-1]) * spent / window:
+                    costs.append(lowest[1])
+            if len(costs) > 1 and lowest[1] - self._best[1] > (costs[-2] - costs[-1]) * spent / window:
                 break
             try:
                 request = search.send(outcomes)
@@ -283,7 +289,7 @@ class Multistart:
                 break
         self._ends.append(lowest)
 
-    def _generation(self):
+    def _generation(self) -> Asking[None]:
         """One generation of the population; a run that has converged is followed by one twice as large (IPOP)."""
         if self._evolution is None or self._evolution.over():
             self._evolution = self._new_evolution()
@@ -291,7 +297,7 @@ class Multistart:
         outcomes = yield points
         self._evolution.learn(points, np.array([o.cost for o in outcomes]))
 
-    def _new_evolution(self):
+    def _new_evolution(self) -> Evolution:
         """The first run starts from the better quarter of the screen, later ones anywhere (Auger & Hansen 2005)."""
         size = 2 * (4 + int(3 * np.log(self._dim))) * 2**self._runs
         self._runs += 1
@@ -304,15 +310,15 @@ class Multistart:
         return Evolution(centre, 0.25, size, self._rng)
 
     # ------------------------------------------------------------------------------------------------------- results
-    def _note(self, deed, points, outcomes):
-        self.spent[deed] += len(outcomes)
+    def _note(self, purpose: str, points: np.ndarray, outcomes: Sequence[OutcomeLike]) -> None:
+        self.spent[purpose] += len(outcomes)
         for u, outcome in zip(points, outcomes, strict=True):
             if outcome.cost < self._best[1]:
-                self._best = (np.array(u), outcome.cost, deed)
+                self._best = (np.array(u), outcome.cost, purpose)
 
-    def _basins(self):
+    def _basins(self) -> list[Basin]:
         """Basins where the searches ended, best first; ends agree with a basin in point and in cost."""
-        basins = []
+        basins: list[Basin] = []
         for u, cost in sorted(self._ends, key=lambda end: end[1]):
             for i, basin in enumerate(basins):
                 if np.abs(u - basin.point).max() < SAME_POINT and same_cost(cost, basin.cost):
@@ -324,23 +330,23 @@ class Multistart:
 
 
 @dataclass(frozen=True)
-class Told:
-    """An outcome with what cannot be used taken out of it."""
+class UsableOutcome:
+    """What a search can use of an outcome."""
 
     cost: float
     residuals: np.ndarray | None
     kind: str | None
 
 
-def settled(outcome):
+def usable_part(outcome: OutcomeLike) -> UsableOutcome:
     """An outcome whose cost is finite or inf, and whose residuals, if any, are finite."""
     cost = float(outcome.cost) if np.isfinite(outcome.cost) else np.inf
     residuals = None if outcome.residuals is None or cost == np.inf else np.asarray(outcome.residuals, float)
     if residuals is not None and not np.isfinite(residuals).all():
         residuals = None
-    return Told(cost, residuals, outcome.kind)
+    return UsableOutcome(cost, residuals, outcome.kind)
 
 
-def same_cost(cost, best):
+def same_cost(cost: float, best: float) -> bool:
     """Whether a cost is that of the best, to one per cent."""
     return abs(cost - best) <= SAME_COST * abs(best) + 1e-12

@@ -14,11 +14,11 @@ class Quadratic:
     gradient: np.ndarray
     hessian: np.ndarray
 
-    def __call__(self, z):
+    def __call__(self, z: np.ndarray) -> float:
         """Value at an offset z (dim,): level + gradient z + z hessian z / 2."""
         return self.level + self.gradient @ z + 0.5 * z @ self.hessian @ z
 
-    def lowest(self, low, high):
+    def lowest(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Offset (dim,) where the model is least in the box low..high, searched from the box's point nearest zero."""
         result = minimize(
             lambda z: (self(z), self.gradient + self.hessian @ z),
@@ -30,7 +30,7 @@ class Quadratic:
         return np.clip(result.x, low, high)
 
 
-def monomials(z):
+def monomials(z: np.ndarray) -> np.ndarray:
     """Columns 1, z_i, and z_i z_j scaled so that their coefficients' norm is the Frobenius norm of the hessian.
 
     Parameters
@@ -45,13 +45,13 @@ def monomials(z):
     return np.hstack([np.ones((len(z), 1)), z, z[:, i] * z[:, j] * np.where(i == j, 0.5, np.sqrt(0.5))])
 
 
-def pack(hessian):
+def pack(hessian: np.ndarray) -> np.ndarray:
     """Coefficients of the second-order columns of `monomials` that make up a hessian (dim, dim)."""
     i, j = np.triu_indices(len(hessian))
     return hessian[i, j] * np.where(i == j, 1.0, np.sqrt(2.0))
 
 
-def unpack(coefficients, dim):
+def unpack(coefficients: np.ndarray, dim: int) -> Quadratic:
     """The model with the given coefficients of `monomials`."""
     i, j = np.triu_indices(dim)
     hessian = np.empty((dim, dim))
@@ -59,7 +59,9 @@ def unpack(coefficients, dim):
     return Quadratic(coefficients[0], coefficients[1 : 1 + dim], hessian)
 
 
-def nearest_model(z, values, weights, hessian, stiffness):
+def nearest_model(
+    z: np.ndarray, values: np.ndarray, weights: np.ndarray, hessian: np.ndarray, stiffness: float
+) -> Quadratic:
     """Weighted least-squares quadratic whose hessian keeps close to a given one.
 
     With fewer points than coefficients and little stiffness this is the interpolant whose hessian changes least in

@@ -1,15 +1,21 @@
 """Methods of scipy.optimize, which meet the study at each evaluation."""
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 from scipy import optimize
 
-from calib.optimisers.thread import Conversation
+from calib.optimisers.outcome import OutcomeLike
+from calib.optimisers.thread import Conversation, Evaluate
 
-FAILED = 1e12  # cost of a failed run for methods that cannot take infinity
+COST_OF_FAILED_RUN = 1e12  # for methods that cannot take infinity  [1]
+DIFFERENCE_STEP = 1e-4  # of the window: one-sided differences of the method least_squares  [1]
 
 
 class Scipy:
-    """A method of scipy.optimize, from the best point told before the first ask or a random one, until it converges.
+    """A method of scipy.optimize, until it converges.
+
+    It starts from the best point evaluated before the first ask, or from a random one.
 
     Parameters
     ----------
@@ -18,8 +24,8 @@ class Scipy:
         alone, so a wrong kind of motion is not held against a point)
     """
 
-    def __init__(self, dim, seed, budget=1000, batch=1, method="differential_evolution"):
-        methods = {
+    def __init__(self, dim: int, seed: int, budget: int = 1000, batch: int = 1, method: str = "differential_evolution"):
+        methods: dict[str, Callable[[Evaluate], str]] = {
             "differential_evolution": self._differential_evolution,
             "dual_annealing": self._dual_annealing,
             "least_squares": self._least_squares,
@@ -28,10 +34,12 @@ class Scipy:
             raise ValueError(f"unknown method {method!r}; known are {', '.join(methods)}")
         self._dim, self._budget, self._method, self._spent = dim, budget, methods[method], 0
         self._rng = np.random.default_rng(seed)
-        self._start, self._lowest = None, np.inf
-        self._conversation, self._outcomes = None, []
+        self._start: np.ndarray | None = None
+        self._lowest = np.inf
+        self._conversation: Conversation | None = None
+        self._outcomes: list[OutcomeLike] = []
 
-    def ask(self):
+    def ask(self) -> np.ndarray:
         """What the method waits for (n, dim), cut to what is left of the budget; its exception if it raised one."""
         if self._conversation is None:
             self._conversation = Conversation(self._method)
@@ -43,7 +51,7 @@ class Scipy:
         points, left = what[len(self._outcomes) :], self._budget - self._spent
         return points[:left] if left > 0 else points
 
-    def tell(self, x, outcomes):
+    def tell(self, x: np.ndarray, outcomes: Sequence[OutcomeLike]) -> None:
         """Take the outcomes of the points (n, dim) asked for last, or of others made before the first ask."""
         self._spent += len(outcomes)
         if self._conversation is None:
@@ -53,10 +61,10 @@ class Scipy:
             return
         self._outcomes += outcomes
         if len(self._outcomes) == len(self._conversation.waiting()[1]):
-            told, self._outcomes = self._outcomes, []
-            self._conversation.tell(told)
+            answer, self._outcomes = self._outcomes, []
+            self._conversation.tell(answer)
 
-    def stop(self):
+    def stop(self) -> str | None:
         """The budget is spent, the method's own reason once it has ended, or None."""
         if self._spent >= self._budget:
             return "budget spent"
@@ -65,14 +73,14 @@ class Scipy:
         event, what = self._conversation.waiting()
         return what if event == "ended" else None
 
-    def close(self):
+    def close(self) -> None:
         """End the thread in which the method runs; safe to call twice."""
         if self._conversation is not None:
             self._conversation.close()
 
     # ------------------------------------------------------------------------ what runs in the thread, one at a time
-    def _differential_evolution(self, evaluate):
-        def costs(x):
+    def _differential_evolution(self, evaluate: Evaluate) -> str:
+        def costs(x: np.ndarray) -> np.ndarray:
             outcomes = evaluate(np.clip(x.T.reshape(-1, self._dim), 0, 1))
             return np.array([cost(outcome, failed=np.inf) for outcome in outcomes])
 
@@ -87,7 +95,7 @@ class Scipy:
             updating="deferred",
         ).message
 
-    def _dual_annealing(self, evaluate):
+    def _dual_annealing(self, evaluate: Evaluate) -> str:
         return ". ".join(
             optimize.dual_annealing(
                 lambda u: cost(evaluate(np.clip(u, 0, 1)[None])[0]),
@@ -99,29 +107,26 @@ class Scipy:
             ).message
         )
 
-    def _least_squares(self, evaluate):
+    def _least_squares(self, evaluate: Evaluate) -> str:
         """Trust-region-reflective least squares from the first of start and random points that does not fail."""
-        start, first = self._start, None
-        while first is None:
-            start = self._rng.random(self._dim) if start is None else start
-            first = residuals(evaluate(start[None])[0])
-            if first is None:
-                start = None
-        memory = {start.tobytes(): first}
+        start = self._rng.random(self._dim) if self._start is None else self._start
+        while (first := residuals(evaluate(start[None])[0])) is None:
+            start = self._rng.random(self._dim)
+        size, latest = first.size, {start.tobytes(): first}
 
-        def fun(u):
-            if u.tobytes() not in memory:
-                told = residuals(evaluate(u[None])[0])
-                memory.clear()
-                memory[u.tobytes()] = np.full(first.size, np.nan) if told is None else told
-            return memory[u.tobytes()]
+        def fun(u: np.ndarray) -> np.ndarray:
+            if u.tobytes() not in latest:
+                ahead = residuals(evaluate(u[None])[0])
+                latest.clear()
+                latest[u.tobytes()] = np.full(size, np.nan) if ahead is None else ahead
+            return latest[u.tobytes()]
 
-        def jacobian(u):
-            centre, h = fun(u), np.where(u > 0.5, -1e-4, 1e-4)
+        def jacobian(u: np.ndarray) -> np.ndarray:
+            centre, h = fun(u), np.where(u > 0.5, -DIFFERENCE_STEP, DIFFERENCE_STEP)
             columns = [residuals(outcome) for outcome in evaluate(u + np.diag(h))]
             return np.array(
                 [
-                    np.zeros(first.size) if column is None else (column - centre) / step
+                    np.zeros(size) if column is None else (column - centre) / step
                     for column, step in zip(columns, h, strict=True)
                 ]
             ).T
@@ -129,12 +134,12 @@ class Scipy:
         return optimize.least_squares(fun, start, jac=jacobian, bounds=(0, 1), method="trf").message
 
 
-def cost(outcome, failed=FAILED):
+def cost(outcome: OutcomeLike, failed: float = COST_OF_FAILED_RUN) -> float:
     """Cost of an outcome, a given one if it failed."""
     return float(outcome.cost) if np.isfinite(outcome.cost) else failed
 
 
-def residuals(outcome):
+def residuals(outcome: OutcomeLike) -> np.ndarray | None:
     """Residuals of an outcome, None where it failed.
 
     Raises

@@ -1,4 +1,4 @@
-"""The trend of a cost over the whole window, seen through its roughness by a quadratic of the screened costs."""
+"""The trend of a cost over the whole window: a quadratic fitted to the screened costs."""
 
 import numpy as np
 from scipy.special import ndtri
@@ -6,17 +6,17 @@ from scipy.stats import rankdata
 
 from calib.optimisers.quadratic import monomials, unpack
 
-STIFFNESSES = (1e-3, 1e-2, 1e-1, 1.0)  # per point: what anisotropy of the hessian costs; the best is chosen
+STIFFNESSES = (1e-3, 1e-2, 1e-1, 1.0)  # penalties of the hessian's anisotropy, per point, of which the best is chosen
 
 
-def lowest_of_trend(points, costs):
+def lowest_of_trend(points: np.ndarray, costs: np.ndarray) -> np.ndarray | None:
     """Point (dim,) of the cube where a quadratic trend of evenly spread points (n, dim) with costs (n,) is least.
 
-    A rough cost with a funnel has minima without number, and its bottom lies near the least point of its trend, as
-    in convex global underestimation (Phillips, Rosen & Walke 1995, DIMACS 23, 181). The costs enter by their normal
-    scores, so that no scale and no outlier matters; failed runs do not enter. The hessian is drawn towards a
-    multiple of the identity, by an amount chosen by the leave-one-out error (PRESS; Allen 1974, Technometrics 16,
-    125). None where the points are fewer than twice the unknowns of an isotropic trend.
+    A cost of many local minima within a funnel has no useful gradient, and its bottom lies near the least point of its
+    trend, as in convex global underestimation (Phillips, Rosen & Walke 1995, DIMACS 23, 181). The costs enter by their
+    normal scores, so that no scale and no outlier matters; failed runs do not enter. The hessian is drawn towards a
+    multiple of the identity, by an amount chosen by the leave-one-out error (PRESS; Allen 1974, Technometrics 16, 125).
+    None where the points are fewer than twice the unknowns of an isotropic trend.
     """
     points, costs = points[np.isfinite(costs)], costs[np.isfinite(costs)]
     dim = points.shape[1]
@@ -27,7 +27,7 @@ def lowest_of_trend(points, costs):
     return (unpack(coefficients, dim).lowest(-np.ones(dim), np.ones(dim)) + 1) / 2
 
 
-def isotropic_fit(z, values, stiffness):
+def isotropic_fit(z: np.ndarray, values: np.ndarray, stiffness: float) -> tuple[float, np.ndarray]:
     """Leave-one-out error and coefficients of the quadratic whose hessian is drawn towards the identity's multiples.
 
     Parameters

@@ -34,7 +34,8 @@ class Optimiser(Protocol):
     To write one:
 
     1. It is made as ``optimiser(dim=, seed=, budget=, batch=)``, all further arguments being options with a default.
-       `budget` is the number of trials of the whole study, those told before the first ask included.
+       `budget` is the number of trials of the whole study, those told before the first ask included. The optimiser
+       counts what it is told against it: `ask` returns no more points than are left, `stop` a reason once none are.
     2. Everything random comes from `seed`. The same outcomes told in the same order give the same asks, bit for bit, in
        another process too: a study is resumed by asking and telling all over again.
     3. `ask` returns points (n, dim) in [0, 1], n of your choice; about `batch` points keep the processes busy.
@@ -42,7 +43,7 @@ class Optimiser(Protocol):
        bring others: the study's screen, or the trials of an earlier stretch.
     5. An outcome may be infinite and without residuals: the simulation failed there. All of them may be.
     6. `stop` is looked at before every `ask`: a reason to end in plain words, or None to go on.
-    7. `close` ends threads and files; it comes once, whatever happened.
+    7. `close` ends threads and files. A study calls it once, whatever happened; a second call does nothing.
     8. Optionally `summary()`: a dict (or dataclass) on how far the search may be trusted, after the last `tell`.
 
     `calib.testing.OptimiserSuite` checks all this.

@@ -144,6 +144,13 @@ class OptimiserSuite:
         assert len(points) <= 40
         assert isinstance(searcher.stop(), str)
 
+    def test_points_before_the_first_ask_count_against_the_budget(self, optimiser):
+        searcher, earlier = optimiser(2, budget=40), np.random.default_rng(3).random((16, 2))
+        searcher.tell(earlier, [bowl(u, BOWL[:2]) for u in earlier])
+        points, _ = search(searcher, lambda u: bowl(u, BOWL[:2]), 1000)
+        assert len(points) <= 24
+        assert isinstance(searcher.stop(), str)
+
     def test_it_closes_twice_and_leaves_no_thread(self, optimiser):
         before = set(threading.enumerate())
         searcher = optimiser(2)
