@@ -1,4 +1,4 @@
-"""How sure the values are that a study has found."""
+"""Confidence in the calibrated values of a study."""
 
 import numpy as np
 
@@ -30,7 +30,7 @@ def around_best(
         residuals = study.objective.residuals(evaluation.records)
         labels = zip(*(residuals[name].values for name in ("term", "record", "body", "channel")), strict=True)
         blocks = np.unique([" ".join(map(str, label)) for label in labels], return_inverse=True)[1]
-        if len(study.objective.terms) > 1:  # terms that look at one channel share its noise
+        if len(study.objective.terms) > 1:  # terms that compare one channel share its noise
             noise = noise_draws(study.objective, evaluation.records, study.seed)
     return local(
         evaluated, study.space, np.array(best.u), outcome=_outcome(evaluation), blocks=blocks, noise_draws=noise

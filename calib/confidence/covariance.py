@@ -7,21 +7,22 @@ J^+ Sigma J^+^T. Sigma is not assumed to be a multiple of the unit matrix:
 1. Each block (one term, record, body, channel) has its own noise level and its own autocovariance, both estimated from
    its residuals (block-wise stationary noise; lag window and its width: Politis 2003).
 2. Where Newey and West's estimate (1987; White's, 1980, when the residuals are white), which asks for no stationarity,
-   gives a larger standard error, the larger one is taken: misfit that sits where the sensitivity sits counts.
+   gives a larger standard error, the larger one is taken: so misfit counts where the residuals are sensitive.
 3. Residuals of a fit are smaller than the noise; each block is scaled so that its expected sum of squares is the
    observed one. Few degrees of freedom widen the interval through Student's t (Satterthwaite 1946 over the blocks).
 4. Blocks are taken as independent, unless `noise_draws` show how the noise of one channel correlates several of them:
    then each variance is corrected by the ratio that they give.
 5. The distance from the point to the minimum of the linearised problem is added in quadrature: a search that stopped
-   early is not surer than one that ended.
+   early has wider intervals.
 """
 
 import math
 
 import numpy as np
 
-SMALL_BLOCK = 8  # residuals: shorter blocks have no noise level of their own and share one
-FLOOR = 1e-9  # smallest singular value kept, relative to the largest
+MIN_BLOCK_SIZE = 8  # residuals: smaller blocks have no noise level of their own and share one  [count]
+MIN_SINGULAR_RATIO = 1e-9  # of the largest singular value: smaller ones are raised to it  [1]
+MAX_LEVERAGE = 0.99  # of one residual: where it is 1 the fit leaves no residual  [1]
 
 
 def sandwich(
@@ -32,14 +33,14 @@ def sandwich(
     jacobian (m, dim) and residuals (m,) at the minimum, blocks (m,): numbers of the blocks, noise_draws (number, m)
     or None. Sources: module docstring.
     """
-    if not jacobian.any():  # nothing that is scored hangs on any parameter
-        return np.eye(jacobian.shape[1]) / FLOOR**2, np.ones(jacobian.shape[1])
+    if not jacobian.any():  # no residual depends on any parameter
+        return np.eye(jacobian.shape[1]) / MIN_SINGULAR_RATIO**2, np.ones(jacobian.shape[1])
     scale = np.linalg.norm(jacobian, axis=0)
-    scale[scale == 0.0] = FLOOR * scale.max()
+    scale[scale == 0.0] = MIN_SINGULAR_RATIO * scale.max()
     left, singular, right = np.linalg.svd(jacobian / scale, full_matrices=False)
-    singular = np.maximum(singular, FLOOR * singular[0])
+    singular = np.maximum(singular, MIN_SINGULAR_RATIO * singular[0])
     turn = (right.T / singular) / scale[:, None]  # estimate = -turn @ left.T @ residuals
-    leverage = np.minimum(np.sum(left**2, axis=1), 0.99)
+    leverage = np.minimum(np.sum(left**2, axis=1), MAX_LEVERAGE)
 
     parts = [np.flatnonzero(members) for members in _members(blocks)]
     models = [_autocovariance(residuals[i]) for i in parts]
@@ -80,10 +81,10 @@ def sandwich(
 
 
 def _members(blocks: np.ndarray) -> list[np.ndarray]:
-    """Masks (m,) of the blocks; those that are too short for a noise level of their own are put together."""
+    """Masks (m,) of the blocks; those that are too small for a noise level of their own are joined."""
     masks = [blocks == b for b in np.unique(blocks)]
-    short = [mask for mask in masks if mask.sum() < SMALL_BLOCK]
-    return [mask for mask in masks if mask.sum() >= SMALL_BLOCK] + ([np.any(short, axis=0)] if short else [])
+    short = [mask for mask in masks if mask.sum() < MIN_BLOCK_SIZE]
+    return [mask for mask in masks if mask.sum() >= MIN_BLOCK_SIZE] + ([np.any(short, axis=0)] if short else [])
 
 
 def _autocovariance(residuals: np.ndarray) -> tuple[np.ndarray, int]:
@@ -91,7 +92,7 @@ def _autocovariance(residuals: np.ndarray) -> tuple[np.ndarray, int]:
     n = residuals.size
     size = 1 << (2 * n - 1).bit_length()
     raw = np.fft.irfft(np.abs(np.fft.rfft(residuals, size)) ** 2, size)[:n] / n
-    if raw[0] <= 0.0 or n < 2 * SMALL_BLOCK:
+    if raw[0] <= 0.0 or n < 2 * MIN_BLOCK_SIZE:
         return np.concatenate([raw[:1], np.zeros(n - 1)]), 0
     small = np.abs(raw / raw[0]) < 2.0 * math.sqrt(math.log10(n) / n)
     run = max(5, math.ceil(math.sqrt(math.log10(n))))
@@ -102,7 +103,7 @@ def _autocovariance(residuals: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def _toeplitz_form(left: np.ndarray, gamma: np.ndarray) -> np.ndarray:
-    """Return left.T @ toeplitz(gamma) @ left, negative spectral densities lifted to a small positive one."""
+    """Return left.T @ toeplitz(gamma) @ left, negative spectral densities raised to a small positive one."""
     n = gamma.size
     size = 1 << (2 * n - 1).bit_length()
     symmetric = np.zeros(size)

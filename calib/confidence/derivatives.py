@@ -1,4 +1,15 @@
-"""How the residuals change with the parameters, by differences that are checked against each other."""
+"""Derivatives of the residuals by the parameters: difference quotients with two steps that are compared.
+
+Three places difference a simulation whose noise is not known beforehand; they share the comparison of slopes
+(`relative_difference`, `MAX_SLOPE_DIFFERENCE`), and choose their steps each by what its derivatives are for:
+
+- Here a standard error is reported, at a minimum: differences are central, and the second step is a share of the
+  standard error that the first one implies, with the residuals of the best point as the only measure of noise.
+- `calib.diagnosis.signature` tests parameters at the edge of their range, where an effect is absent: differences are
+  one-sided, and a step is scaled to a given response of the records in units of their noise, which is known there.
+- `calib.optimisers.least_squares` needs a descent direction only, at the scale of its trust region: one step, whose
+  quality the next gain ratio shows. Optimisers import nothing else of this program.
+"""
 
 import math
 from collections.abc import Callable, Sequence
@@ -9,48 +20,53 @@ from calib.records import OK
 from calib.records.cycles import UNDECIDED
 from calib.study import Outcome
 
-STEP = 1e-3  # of the window: first step of the differences
-STEPS = (1e-6, 5e-2)  # of the window: bounds of the second step
-AGREE = 0.10  # relative difference of two difference quotients that are called equal
-ROUGH = 0.50  # relative difference beyond which no derivative is claimed
+FIRST_STEP = 1e-3  # of the window  [1]
+SECOND_STEP_BOUNDS = (1e-6, 5e-2)  # of the window  [1]
+SECOND_STEP_ERRORS = 0.3  # second step, in standard errors of the parameter  [1]
+MAX_SLOPE_DIFFERENCE = 0.10  # relative, of slopes by two steps that count as equal  [1]; convention
+MAX_CLAIMED_DIFFERENCE = 0.50  # relative, beyond which no derivative is claimed  [1]; convention
 
 Evaluate = Callable[[np.ndarray], Sequence[Outcome]]
 
 
 def differentiate(evaluate: Evaluate, names: Sequence[str], u: np.ndarray, centre: Outcome) -> tuple[np.ndarray, str]:
-    """Jacobian (m, dim) of the residuals in the unit cube at `u`, with two steps compared; and what went wrong, or "".
+    """Jacobian (m, dim) of the residuals in the unit cube at `u`; and the reason where there is none, else "".
 
     Central differences, one-sided at an edge of the window and where one neighbour has failed or moves in another way
     than the centre. The second step is about a third of the standard error that the first one implies: slopes are
-    wanted at the scale of the interval, above the roughness of the simulation.
+    wanted at the scale of the interval, above the numerical noise of the simulation.
     """
     residuals = np.asarray(centre.residuals, dtype=float)
     noise = math.sqrt(residuals @ residuals / max(1, residuals.size - u.size)) or 1e-12
-    first = np.full(u.size, STEP)
-    columns, _ = _columns(evaluate, u, centre, first)
+    first = np.full(u.size, FIRST_STEP)
+    columns, _ = _quotients(evaluate, u, centre, first)
     failed = [k for k in range(u.size) if columns[k] is None]
     sensitivity = np.array([0.0 if column is None else np.linalg.norm(column) for column in columns])
-    second = np.clip(0.3 * noise / np.maximum(sensitivity, 1e-300), *STEPS)
+    second = np.clip(SECOND_STEP_ERRORS * noise / np.maximum(sensitivity, 1e-300), *SECOND_STEP_BOUNDS)
     near = (second > first / 3.0) & (second < 3.0 * first)
     second = np.where(near, np.where(second > first, 5.0 * first, first / 5.0), second)
     second[failed] = first[failed] / 30.0  # the motion changes its kind close by: look closer
-    others, why = _columns(evaluate, u, centre, second)
+    others, reasons = _quotients(evaluate, u, centre, second)
     lost = [k for k in failed if others[k] is None]
     if lost:
         return np.empty((0, 0)), (
-            f"no neighbour along {names[lost[0]]} can be compared with the best point: {why[lost[0]]}"
+            f"no neighbour along {names[lost[0]]} can be compared with the best point: {reasons[lost[0]]}"
         )
     tried = [[c for c in pair if c is not None] for pair in zip(others, columns, strict=True)]
-    doubtful = [k for k, pair in enumerate(tried) if len(pair) < 2 or not _agree(*pair, AGREE, noise)]
+    doubtful = [
+        k for k, own in enumerate(tried) if len(own) < 2 or not _agree(own[0], own[1], MAX_SLOPE_DIFFERENCE, noise)
+    ]
     if doubtful:
         third = np.where(np.isin(np.arange(u.size), failed), second / 3.0, np.sqrt(first * second))
-        again, _ = _columns(evaluate, u, centre, third, only=doubtful)
-        tried = [pair if column is None else [*pair, column] for pair, column in zip(tried, again, strict=True)]
-    chosen = [_smoothest(slopes) for slopes in tried]
+        again, _ = _quotients(evaluate, u, centre, third, only=doubtful)
+        tried = [own if column is None else [*own, column] for own, column in zip(tried, again, strict=True)]
+    chosen = [_most_consistent(slopes) for slopes in tried]
     unresolved = [
         names[k]
         for k in doubtful
-        if not any(_agree(chosen[k], slope, ROUGH, noise) for slope in tried[k] if slope is not chosen[k])
+        if not any(
+            _agree(chosen[k], slope, MAX_CLAIMED_DIFFERENCE, noise) for slope in tried[k] if slope is not chosen[k]
+        )
     ]
     if unresolved:
         return np.empty((0, 0)), (
@@ -60,54 +76,64 @@ def differentiate(evaluate: Evaluate, names: Sequence[str], u: np.ndarray, centr
     return np.column_stack(chosen), ""
 
 
-def _columns(evaluate, u, centre, steps, only=None):
-    """Difference quotients with `steps` (dim,), a list of (m,) or None, and {axis: what was wrong with a neighbour}."""
-    members = range(u.size) if only is None else only
-    ends = [(k, min(1.0, max(0.0, u[k] + sign * steps[k]))) for k in members for sign in (-1.0, 1.0)]
+def _quotients(
+    evaluate: Evaluate, u: np.ndarray, centre: Outcome, steps: np.ndarray, only: Sequence[int] | None = None
+) -> tuple[list[np.ndarray | None], dict[int, str]]:
+    """Difference quotients (m,) along each axis with `steps` (dim,), None where there is none; {axis: why}.
+
+    only : axes along which they are taken; None: all
+    """
+    axes = range(u.size) if only is None else only
+    ends = [(k, min(1.0, max(0.0, u[k] + sign * steps[k]))) for k in axes for sign in (-1.0, 1.0)]
     ends = [(k, x) for k, x in ends if x != u[k]]
     points = np.repeat(u[None], len(ends), axis=0)
     points[np.arange(len(ends)), [k for k, _ in ends]] = [x for _, x in ends]
-    good: dict[int, list] = {k: [] for k in members}
-    why = {}
+    usable: dict[int, list[tuple[float, np.ndarray]]] = {k: [] for k in axes}
+    reasons = {}
     for (k, x), outcome in zip(ends, evaluate(points), strict=True):
         reason = why_unusable(outcome, centre)
         if reason:
-            why[k] = reason
+            reasons[k] = reason
         else:
-            good[k].append((x, np.asarray(outcome.residuals, dtype=float)))
-    columns: list = [None] * u.size
-    for k in members:
-        if len(good[k]) == 1:
-            good[k].append((u[k], np.asarray(centre.residuals, dtype=float)))
-        if len(good[k]) == 2:
-            (a, first), (b, second) = good[k]
-            columns[k] = (second - first) / (b - a)
-    return columns, why
+            usable[k].append((x, np.asarray(outcome.residuals, dtype=float)))
+    quotients: list[np.ndarray | None] = [None] * u.size
+    for k in axes:
+        if len(usable[k]) == 1:
+            usable[k].append((u[k], np.asarray(centre.residuals, dtype=float)))
+        if len(usable[k]) == 2:
+            (low, first), (high, second) = usable[k]
+            quotients[k] = (second - first) / (high - low)
+    return quotients, reasons
 
 
 def why_unusable(outcome: Outcome, centre: Outcome) -> str:
-    """Say why an outcome cannot be compared with that of the centre, or return an empty text."""
+    """Why an outcome cannot be compared with that of the centre; "" where it can."""
     if outcome.status != OK:
         return f"its simulation ended with status {outcome.status!r}"
     if outcome.residuals is None or not np.all(np.isfinite(outcome.residuals)):
         return "it has no finite residuals"
-    if outcome.kind != centre.kind and UNDECIDED not in f"{outcome.kind} {centre.kind}":  # that is no other kind
+    if outcome.kind != centre.kind and UNDECIDED not in f"{outcome.kind} {centre.kind}":  # undecided is no other kind
         return f"its motion is {outcome.kind}, not {centre.kind}"
-    if np.shape(outcome.residuals) != np.shape(centre.residuals):
-        return f"it has {np.size(outcome.residuals)} residuals, not {np.size(centre.residuals)}"
+    expected = np.asarray(centre.residuals)
+    if outcome.residuals.shape != expected.shape:
+        return f"it has {outcome.residuals.size} residuals, not {expected.size}"
     return ""
 
 
-def _difference(a: np.ndarray, b: np.ndarray) -> float:
-    return float(np.linalg.norm(a - b) / max(np.linalg.norm(a), np.linalg.norm(b), 1e-300))
+def relative_difference(one: np.ndarray, other: np.ndarray) -> float:
+    """Norm of the difference of two slopes (m,) over the larger of their norms; 0 where both are zero  [1]."""
+    length = max(float(np.linalg.norm(one)), float(np.linalg.norm(other)))
+    return float(np.linalg.norm(other - one) / length) if length > 0.0 else 0.0
 
 
-def _agree(a: np.ndarray, b: np.ndarray, tolerance: float, noise: float) -> bool:
-    """Two slopes are equal, or both so small that the whole window moves the residuals by less than their noise."""
-    return _difference(a, b) <= tolerance or max(np.linalg.norm(a), np.linalg.norm(b)) < noise
+def _agree(one: np.ndarray, other: np.ndarray, tolerance: float, noise: float) -> bool:
+    """Whether two slopes are equal, or both so small that the whole window changes the residuals by less than noise."""
+    if relative_difference(one, other) <= tolerance:
+        return True
+    return max(float(np.linalg.norm(one)), float(np.linalg.norm(other))) < noise
 
 
-def _smoothest(slopes: list[np.ndarray]) -> np.ndarray:
+def _most_consistent(slopes: list[np.ndarray]) -> np.ndarray:
     """Return the first of the slopes (two steps), or one of the two of three that agree best."""
-    pairs = [(a, b) for i, a in enumerate(slopes) for b in slopes[i + 1 :]]
-    return min(pairs, key=lambda pair: _difference(*pair))[0] if len(pairs) > 1 else slopes[0]
+    pairs = [(one, other) for i, one in enumerate(slopes) for other in slopes[i + 1 :]]
+    return min(pairs, key=lambda pair: relative_difference(*pair))[0] if len(pairs) > 1 else slopes[0]

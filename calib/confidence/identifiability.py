@@ -7,8 +7,10 @@ import numpy as np
 
 from calib.modelling.parameter import Space, Window
 
-SHARE = 0.25  # of the window: a direction with a larger standard error has a 2-s.e. interval as wide as the window
-INFLATION = 4.0  # a standard error so many times the one with the other parameters known: nearly collinear
+MAX_WINDOW_SHARE = 0.25  # standard error over the window  [1]: beyond it the 2-s.e. interval is as wide as the window
+MAX_ERROR_INFLATION = (
+    4.0  # standard error over the one with the other parameters known  [1]: beyond it nearly collinear
+)
 WIDE, COLLINEAR = "wider than the window", "nearly collinear"
 
 
@@ -29,42 +31,40 @@ class Group:
 def undetermined_combinations(space: Space, u: np.ndarray, covariance: np.ndarray) -> tuple[Group, ...]:
     """Groups of parameters of which only a combination, or nothing, is determined, by the covariance (dim, dim) at u.
 
-    First the directions whose standard error exceeds SHARE of the window, and what parameters of such a standard error
-    these leave. Then those whose standard error is more
-    than INFLATION times what it would be if the other parameters were known (the root of the variance inflation of
-    Marquardt 1970; 10 means a correlation of 0.99 between two).
+    First the directions whose standard error exceeds MAX_WINDOW_SHARE of the window, and what parameters of such a
+    standard error these leave. Then those whose standard error is more than MAX_ERROR_INFLATION times what it would be
+    if the other parameters were known (the root of the variance inflation of Marquardt 1970; 10 means a correlation of
+    0.99 between two).
     """
-    members, found = _wide(covariance, SHARE**2)
-    wide = list(zip(members, found, strict=True))
+    wide = _wide(covariance, MAX_WINDOW_SHARE**2)
     groups = [_group(space, u, own, directions, WIDE) for own, directions in _merged(wide)]
     named = {name for group in groups for name in group.members}
     # what moves with a direction that is another parameter's nearly alone is no member of its group
-    beyond = [k for k, variance in enumerate(np.diag(covariance)) if variance > SHARE**2]
+    beyond = [k for k, variance in enumerate(np.diag(covariance)) if variance > MAX_WINDOW_SHARE**2]
     axes = np.eye(len(space.names))
     groups += [_group(space, u, (k,), [axes[k]], WIDE) for k in beyond if space.names[k] not in named]
     named |= {space.names[k] for k in beyond}
     eigenvalues, vectors = np.linalg.eigh(covariance)
     precision = vectors**2 @ (1.0 / np.maximum(eigenvalues, 1e-300 + 1e-15 * eigenvalues[-1]))
     alone = 1.0 / np.sqrt(precision)  # standard errors if the others were known
-    members, found = _wide(covariance / np.outer(alone, alone), INFLATION**2)
     near = [
         (own, direction * alone / np.linalg.norm(direction * alone))
-        for own, direction in zip(members, found, strict=True)
+        for own, direction in _wide(covariance / np.outer(alone, alone), MAX_ERROR_INFLATION**2)
         if own.size > 1 and not named & {space.names[k] for k in own}
     ]
     return (*groups, *(_group(space, u, own, directions, COLLINEAR) for own, directions in _merged(near)))
 
 
-def _wide(covariance: np.ndarray, limit: float) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Directions of a variance above `limit`, each with the parameters that owe half of their variance to it."""
+def _wide(covariance: np.ndarray, limit: float) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Directions of a variance above `limit`, each after the parameters that owe half of their variance to it."""
     variance = np.maximum(np.diag(covariance), 1e-300)
-    members, directions = [], []
+    wide = []
     values, vectors = np.linalg.eigh(covariance)
     for size, direction in zip(values, vectors.T, strict=True):
         if size > limit:
-            members.append(np.flatnonzero((size * direction**2 > 0.5 * variance) & (np.abs(direction) > 0.1)))
-            directions.append(direction)
-    return members, directions
+            members = np.flatnonzero((size * direction**2 > 0.5 * variance) & (np.abs(direction) > 0.1))
+            wide.append((members, direction))
+    return wide
 
 
 def _merged(directions: list[tuple[np.ndarray, np.ndarray]]) -> list[tuple[tuple[int, ...], list[np.ndarray]]]:
@@ -105,7 +105,7 @@ def combination(names: Sequence[str], windows: Sequence[Window], u: Sequence[flo
     """Name what stays the same when two parameters at `u` (2,) move by `shifts` (2,), both as shares of their windows.
 
     Relative changes (d ln a : d ln b = q) leave a / b^q unchanged; where a value is near zero, a - q b in SI units. A
-    power that is no small half or whole number is no law of nature: then the two changes are told instead.
+    power that is no small half or whole number is no law of nature: then the two changes are stated instead.
     """
     (a, b), values = names, [w.value(x) for w, x in zip(windows, u, strict=True)]
     moves = [w.slope(v) * shift for w, v, shift in zip(windows, values, shifts, strict=True)]

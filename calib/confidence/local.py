@@ -1,4 +1,4 @@
-"""How sure the values at the best point are, judged from the residuals in its neighbourhood (see `covariance`)."""
+"""Confidence in the values at the best point, from the residuals in its neighbourhood (see `covariance`)."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -16,8 +16,8 @@ from calib.records import OK
 from calib.store.plain import plain
 from calib.study import Outcome
 
-EDGE = 1e-3  # of the window: nearer than this is at its edge
-TAIL = stats.norm.cdf(2.0)  # probability below +2 standard errors of a normal variable
+EDGE = 1e-3  # of the window: a value nearer to its end is at its edge  [1]
+INTERVAL_QUANTILE = stats.norm.cdf(2.0)  # probability below +2 standard errors of a normal variable  [1]
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Confidence:
     standard_error is in SI (of a log window: value times the standard error of the logarithm; infinite where it exceeds
     the window); interval is (low, high) in SI, the 2-standard-error interval, asymmetric for log windows and cut at the
     window; correlation (dim, dim) in the order of `names`; at_edge says "low" or "high". All empty where `status` is
-    "not available"; `reason` then says why, else what to mind.
+    "not available"; `reason` is then why, else a warning or "".
     """
 
     status: str
@@ -80,7 +80,7 @@ def local(
     blocks : (m,) integers, equal for residuals of one term, record, body and channel; in time or phase order inside
         a block. None: one block
     noise_draws : (number, m) changes of the residuals by noise in the measurement
-        (`calib.confidence.noise_propagation`); of use where several terms look at one channel
+        (`calib.confidence.noise_propagation`); of use where several terms compare one channel
 
     Raises
     ------
@@ -96,7 +96,7 @@ def local(
         (outcome,) = counted(u[None])
     missing = why_unusable(outcome, outcome)
     if missing:
-        reason = f"the best point itself cannot be judged: {missing}"
+        reason = f"the best point itself cannot be used: {missing}"
         return Confidence("not available", reason, space.names, value, at_edge=edges, evaluations=counted.number)
     residuals = np.asarray(outcome.residuals, dtype=float)
     if blocks is not None and np.shape(blocks) != residuals.shape:
@@ -104,7 +104,7 @@ def local(
     if noise_draws is not None and noise_draws.shape[1:] != residuals.shape:
         raise CalibError(f"expected noise_draws of shape (number, {residuals.size}), got {noise_draws.shape}")
     if residuals.size <= space.dim:
-        reason = f"{residuals.size} residuals cannot judge {space.dim} parameters; score more features or records"
+        reason = f"{residuals.size} residuals cannot determine {space.dim} parameters; score more features or records"
         return Confidence("not available", reason, space.names, value, at_edge=edges, evaluations=counted.number)
 
     jacobian, trouble = differentiate(counted, space.names, u, outcome)
@@ -126,9 +126,20 @@ def at_edge(names: Sequence[str], u: np.ndarray) -> dict[str, str]:
     return low | {name: "high" for name, x in zip(names, u, strict=True) if x >= 1.0 - EDGE}
 
 
-def _assemble(space, u, value, covariance, freedom, edges, reason, groups, evaluations) -> Confidence:
+def _assemble(
+    space: Space,
+    u: np.ndarray,
+    value: Mapping[str, float],
+    covariance: np.ndarray,
+    freedom: np.ndarray,
+    edges: Mapping[str, str],
+    reason: str,
+    groups: tuple[Group, ...],
+    evaluations: int,
+) -> Confidence:
+    """Errors and intervals in the units of the parameters, from a covariance (dim, dim) in the unit cube."""
     error = np.sqrt(np.diag(covariance))
-    half = stats.t.ppf(TAIL, freedom) * error
+    half = stats.t.ppf(INTERVAL_QUANTILE, freedom) * error
     standard_error, interval = {}, {}
     for k, (name, window) in enumerate(space.windows.items()):
         standard_error[name] = float(error[k] * window.slope(value[name])) if error[k] <= 1.0 else math.inf
@@ -150,12 +161,13 @@ def _assemble(space, u, value, covariance, freedom, edges, reason, groups, evalu
 
 
 def _unconverged(names: Sequence[str], step: np.ndarray, error: np.ndarray) -> str:
+    """Warn of parameters (dim,) whose step to the minimum exceeds their error; "" where none does."""
     far = [name for name, d, s in zip(names, step, error, strict=True) if abs(d) > max(s, 1e-6)]
     if not far:
         return ""
     return (
         f"the search ended before the best value of {', '.join(far)} was reached; "
-        "the intervals were widened by the way left"
+        "the intervals were widened by the distance to it"
     )
 
 

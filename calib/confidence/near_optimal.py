@@ -8,17 +8,16 @@ import numpy as np
 from calib.modelling.parameter import Space
 from calib.store import Trial
 
-NEAR = 1.25  # times the best distance: as well as the best
-ENOUGH = 12  # such trials that say something
-WIDE = 0.25  # of the window: a parameter that spans more is not determined
+NEAR_OPTIMAL_RATIO = 1.25  # distance over the best one, up to which a trial fits nearly as well  [1]
+MIN_TRIALS = 12  # that fit nearly as well: fewer describe nothing  [count]
+MAX_SPAN = 0.25  # of the window: a parameter that spans more is not determined  [1]
 
 
 def describe_near_optimal(space: Space, trials: Sequence[Trial], units: dict[str, str]) -> str:
-    """Say which parameters the trials that fit nearly as well as the best one share, and which they do not.
+    """Describe the range of each parameter among the trials that fit nearly as well as the best one.
 
-    It takes the place of intervals where the residuals are not differentiable. It knows only points where
-    the search has been: a parameter that spans much of its window is not determined; one that spans little may owe
-    that to the search.
+    It takes the place of intervals where the residuals are not differentiable. It covers only points of the search: a
+    parameter that spans much of its window is not determined; one that spans little may owe that to the search.
 
     Parameters
     ----------
@@ -30,11 +29,11 @@ def describe_near_optimal(space: Space, trials: Sequence[Trial], units: dict[str
     one sentence without its full stop; empty where too few trials fit that well
     """
     best = min((trial.cost for trial in trials), default=math.inf)
-    near = np.array([trial.u for trial in trials if trial.cost <= NEAR * best < math.inf])
-    if len(near) < ENOUGH:
+    near = np.array([trial.u for trial in trials if trial.cost <= NEAR_OPTIMAL_RATIO * best < math.inf])
+    if len(near) < MIN_TRIALS:
         return ""
     low, high = near.min(axis=0), near.max(axis=0)
-    wide = [name for name, span in zip(space.names, high - low, strict=True) if span > WIDE]
+    wide = [name for name, span in zip(space.names, high - low, strict=True) if span > MAX_SPAN]
     ends = space.values(low), space.values(high)
     shared = [f"{n} {ends[0][n]:.3g} .. {ends[1][n]:.3g} {units[n]}" for n in space.names if n not in wide]
     parts = []
@@ -42,4 +41,5 @@ def describe_near_optimal(space: Space, trials: Sequence[Trial], units: dict[str
         parts.append(f"have {', '.join(shared)} in common")
     if wide:
         parts.append(f"span more than a quarter of the windows of {', '.join(wide)}, which are not determined")
-    return f"{len(near)} trials are within {100 * (NEAR - 1):.0f} % of the best distance; they {' and '.join(parts)}"
+    percent = 100 * (NEAR_OPTIMAL_RATIO - 1)
+    return f"{len(near)} trials are within {percent:.0f} % of the best distance; they {' and '.join(parts)}"

@@ -6,38 +6,40 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 
+from calib.objective import Objective
 from calib.records import channels
 
-NUMBER = 100  # draws: a standard error of 7 % for each correlation that is made from them
-SMALL = 0.01  # of a channel's standard deviation: noise where the record states no uncertainty
+DRAWS = 100  # for a standard error of 7 % of each correlation that is estimated from them  [count]
+UNSTATED_NOISE_SHARE = 0.01  # of a channel's standard deviation: noise where the record states no uncertainty  [1]
 
 
-def noise_draws(objective, records: Mapping[str, xr.Dataset], seed: int, number: int = NUMBER) -> np.ndarray:
+def noise_draws(objective: Objective, records: Mapping[str, xr.Dataset], seed: int, number: int = DRAWS) -> np.ndarray:
     """Changes (number, m) of the residuals when white noise is added to the measured records.
 
-    Terms that look at one channel see the same noise, so their residuals are correlated although they stand in
-    different blocks; how much, `calib.confidence.local` learns from this. Nothing is simulated.
+    Terms that compare one channel share its noise, so their residuals are correlated although they stand in different
+    blocks: `calib.confidence.local` estimates the correlation from these draws. Nothing is simulated.
 
     Parameters
     ----------
     objective : has references, terms and residuals(records), and is made by ``type(objective)(references, terms)``
     records : name -> simulated record at the best point
-    seed : of the noise, whose size is the record's own uncertainty or, without one, SMALL
+    seed : of the noise, whose size is the record's own uncertainty or, without one, UNSTATED_NOISE_SHARE
     """
     rng = np.random.default_rng(seed)
     base = objective.residuals(records).values
-    found = np.empty((number, base.size))
-    for row in found:
+    draws = np.empty((number, base.size))
+    for row in draws:
         references = {name: replace(r, record=_noisy(r.record, rng)) for name, r in objective.references.items()}
         row[:] = type(objective)(references, objective.terms).residuals(records).values - base
-    return found
+    return draws
 
 
 def _noisy(record: xr.Dataset, rng: np.random.Generator) -> xr.Dataset:
+    """Return the record with white noise added to each channel."""
     changed = {}
     for channel in channels(record):
         values = record[channel]
-        size = record[f"{channel}_sigma"] if f"{channel}_sigma" in record else SMALL * values.std("time")
+        size = record[f"{channel}_sigma"] if f"{channel}_sigma" in record else UNSTATED_NOISE_SHARE * values.std("time")
         noise = values.copy(data=rng.standard_normal(values.shape)) * size
         changed[channel] = (values + noise.transpose(*values.dims)).assign_attrs(values.attrs)
     return record.assign(changed)

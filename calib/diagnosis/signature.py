@@ -1,9 +1,11 @@
-"""How the simulations change with a parameter: differences whose steps are fitted to the noise, two of them compared.
+"""Derivatives of the simulations by a parameter: differences whose steps are scaled to the noise, two of them compared.
 
-A step is chosen so that it moves all records together by a share of one standard deviation of the noise, as a z of that
-size would: that is where the effect has to be distinguishable from nothing. Where a step and its triple disagree by
-more than a tenth, the simulations may be rough, as those of contact in steps of time are: triple steps are tried as
-long as slopes agree better. Where none agree within a tenth, no derivative is claimed.
+A step is chosen so that the response of all records together is a share of one standard deviation of the noise, as a z
+of that size would make: that is where the effect has to be distinguishable from nothing. Differences are one-sided, for
+many parameters stand at the end of their range, where their effect is absent. Where a step and its triple disagree by
+more than a tenth, the simulations may have numerical noise, as those of contact by time stepping do: triple steps are
+tried as long as slopes agree better. Where none agree within a tenth, no derivative is claimed. The other places that
+choose a step do so for another purpose: see `calib.confidence.derivatives`, from which the comparison of slopes comes.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,21 +14,21 @@ from typing import Literal
 
 import numpy as np
 
+from calib.confidence.derivatives import MAX_SLOPE_DIFFERENCE, relative_difference
 from calib.diagnosis.bench import Run, SimulatedRows, Start, simulated
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.score import Projection
 from calib.modelling.effect import Effect
 from calib.study import Pool
 
-FIRST_STEP = 1e-4  # of the natural scale
+FIRST_STEP = 1e-4  # of the natural scale  [1]
 TARGET_RESPONSE = 0.3  # norm of the response that a step should make  [standard deviations of the noise]
-MAX_RESPONSE_RATIO = 10.0  # factor by which it may miss that
-SECOND_STEP_RATIO = 3.0  # of the second step over the first
-MAX_SLOPE_DIFFERENCE = 0.10  # of the slopes by both steps, relative
+MAX_RESPONSE_RATIO = 10.0  # of a response to its target, or of the target to it  [1]
+SECOND_STEP_RATIO = 3.0  # of the second step over the first  [1]
 MIN_RESPONSE = 1e-4  # below it a response is rounding  [standard deviations of the noise]
-MAX_TRIES = 3  # steps until the response is near its target
-MAX_COMPARISONS = 5  # of the slope by a step with that by its triple
-STEP_BOUNDS = 1e-9, 0.3  # of the natural scale
+MAX_TRIES = 3  # steps until the response is near its target  [count]
+MAX_COMPARISONS = 5  # of the slope by a step with that by its triple  [count]
+STEP_BOUNDS = 1e-9, 0.3  # of the natural scale  [1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +40,7 @@ class Direction:
     name : of the parameter
     at : where  [its unit]
     scale : natural scale  [its unit]
-    low, high : values that make sense
+    low, high : of its admissible range
     effects : beyond the ones that the point has
     values : of those effects, at the point
     """
@@ -63,7 +65,13 @@ class Direction:
 
 @dataclass(frozen=True)
 class Step:
-    """A step that was right: its size [unit of the parameter], and the norm of the response [standard deviations]."""
+    """A step whose response was near its target.
+
+    Attributes
+    ----------
+    size : unsigned  [unit of the parameter]
+    response : norm  [standard deviations of the noise]
+    """
 
     size: float
     response: float
@@ -143,27 +151,28 @@ def slopes(
 ) -> list[Slope]:
     """Difference all records along each direction, side by side.
 
-    Initial states that are nuisances stay: what they would take of a change is projected out of it (Kaufman, BIT 15
-    (1975) 49, of variable projection).
+    Initial states that are nuisances are held: what they would absorb of a change is projected out of it (Kaufman, BIT
+    15 (1975) 49, of variable projection).
 
     Parameters
     ----------
-    known : steps by parameter that were right before
-    compared : of which directions further steps are taken to see that slopes agree; "new": of those not known
-    absorbed : (N, m) changes that are fitted to the records anyway: slopes are to agree beside these
+    known : steps by parameter whose response was near its target before
+    compared : of which directions the slopes by further steps are compared; "new": of those not known
+    absorbed : (N, m) changes that are fitted to the records anyway: slopes are compared beside these
     together : whether the directions are of one model, where each is fitted beside the others
     """
     known = known or {}
     responses = _Responses(pool, evidence, point, directions)
     first = _first_responses(responses, directions, known)
-    found = {k: Slope(response / step, step, True) for k, (step, response) in first.items()}
+    quotients = {k: response / step for k, (step, response) in first.items()}
+    taken = {k: Slope(quotients[k], step, True) for k, (step, _) in first.items()}
     tried = {k: own for k, own in first.items() if compared == "all" or directions[k].name not in known}
     if tried and compared != "none":
-        beside = {k: [s.column for j, s in found.items() if together and j != k] for k in tried}
+        beside = {k: [q for j, q in quotients.items() if together and j != k] for k in tried}
         fixed = [] if absorbed is None else [absorbed]
         projections = {k: Projection(np.column_stack([*fixed, *own])) for k, own in beside.items() if fixed or own}
-        found |= _agreeing(responses, tried, projections)
-    return [found.get(k, Slope(None, 0.0, False, responses.reasons.get(k, "no step"))) for k in range(len(directions))]
+        taken |= _agreeing(responses, tried, projections)
+    return [taken.get(k, Slope(None, 0.0, False, responses.reasons.get(k, "no step"))) for k in range(len(directions))]
 
 
 class _Responses:
@@ -183,7 +192,7 @@ class _Responses:
         names = self.evidence.names
         runs = [run for k, step in steps.items() for run in _runs(self.point, names, self.directions[k], step)]
         answers = iter(simulated(self.pool, runs))
-        responses = {}
+        responses: dict[int, np.ndarray | None] = {}
         for k in steps:
             views = {name: next(answers) for name in names}
             bad = next((view for view in views.values() if not view.usable), None)
@@ -228,33 +237,31 @@ def _agreeing(
 ) -> dict[int, Slope]:
     """Slopes by steps (step, response) along directions, or by larger ones that agree better with their triples.
 
-    projections : of directions beside others, where they are to agree; a slope is relied on for what it is as a whole
+    projections : by direction, beside which its slopes are compared; whether a slope is reliable is judged as a whole
     """
-    found: dict[int, Slope] = {}
+    best: dict[int, Slope] = {}
     least: dict[int, float] = {}
-    now = dict(first)
+    latest = dict(first)
     for _ in range(MAX_COMPARISONS):
-        steps = {k: responses.directions[k].step(SECOND_STEP_RATIO * abs(step)) for k, (step, _) in now.items()}
-        second, further = responses(steps), {}
-        for k, own in now.items():
-            slope = _compared(own, steps[k], second[k], responses.reasons.get(k, ""))
-            comparable = second[k] is not None and abs(steps[k]) > abs(own[0])
-            left = projections.get(k, lambda column: column)
-            error = _difference(left(own[1] / own[0]), left(second[k] / steps[k])) if comparable else np.inf
-            if k not in found or error < least[k]:
-                found[k], least[k] = slope, error
-                if MAX_SLOPE_DIFFERENCE < error < np.inf:
-                    further[k] = steps[k], second[k]
-        now = further
-        if not now:
+        steps = {k: responses.directions[k].step(SECOND_STEP_RATIO * abs(step)) for k, (step, _) in latest.items()}
+        seconds, further = responses(steps), {}
+        for k, own in latest.items():
+            second = seconds[k]
+            slope = _compared(own, steps[k], second, responses.reasons.get(k, ""))
+            error = np.inf
+            if second is not None and abs(steps[k]) > abs(own[0]):
+                slopes_by_both = own[1] / own[0], second / steps[k]
+                if k in projections:
+                    slopes_by_both = projections[k](slopes_by_both[0]), projections[k](slopes_by_both[1])
+                error = relative_difference(*slopes_by_both)
+            if k not in best or error < least[k]:
+                best[k], least[k] = slope, error
+                if second is not None and MAX_SLOPE_DIFFERENCE < error < np.inf:
+                    further[k] = steps[k], second
+        latest = further
+        if not latest:
             break
-    return found
-
-
-def _difference(one: np.ndarray, other: np.ndarray) -> float:
-    """Norm of the difference of two slopes over the larger of theirs; 0 where both are."""
-    length = max(np.linalg.norm(one), np.linalg.norm(other))
-    return float(np.linalg.norm(other - one) / length) if length > 0.0 else 0.0
+    return best
 
 
 def _compared(first: tuple[float, np.ndarray], step: float, second: np.ndarray | None, reason: str) -> Slope:
@@ -262,10 +269,10 @@ def _compared(first: tuple[float, np.ndarray], step: float, second: np.ndarray |
     first_step, response = first
     slope = response / first_step
     if np.linalg.norm(response) <= MIN_RESPONSE:
-        return Slope(np.zeros_like(slope), first_step, True, "it does not show in any record")
+        return Slope(np.zeros_like(slope), first_step, True, "it changes no record")
     if second is None or abs(step) <= abs(first_step):
-        return Slope(slope, first_step, False, reason or "there is no room for a second step")
-    difference = _difference(slope, second / step)
+        return Slope(slope, first_step, False, reason or "its range leaves no second step")
+    difference = relative_difference(slope, second / step)
     if difference > MAX_SLOPE_DIFFERENCE:
         reason = f"its derivative is not reliable: finite differences with two step sizes differ by {difference:.0%}"
         return Slope(slope, first_step, False, reason, difference)

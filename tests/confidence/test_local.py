@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib.confidence.covariance import sandwich
-from calib.confidence.identifiability import SHARE, combination, undetermined_combinations
+from calib.confidence.identifiability import MAX_WINDOW_SHARE, combination, undetermined_combinations
 from calib.confidence.local import local
 from calib.errors import CalibError
 from calib.modelling.parameter import Space, Window
@@ -163,7 +163,7 @@ def test_nearly_collinear_parameters_are_named_though_their_errors_are_small():
     (group,) = c.undetermined
     assert set(group.members) == {"a", "b"}
     assert group.reason == "nearly collinear"
-    assert max(c.standard_error.values()) < SHARE
+    assert max(c.standard_error.values()) < MAX_WINDOW_SHARE
 
 
 def test_a_parameter_without_influence_is_not_determined():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from calib.confidence.noise_propagation import SMALL, noise_draws
+from calib.confidence.noise_propagation import UNSTATED_NOISE_SHARE, noise_draws
 from calib.records import make
 
 
@@ -42,7 +42,9 @@ def test_the_echo_has_the_size_of_the_stated_uncertainty():
 
 
 def test_without_an_uncertainty_it_is_small():
-    assert np.std(found(record())[:, :-1]) == pytest.approx(SMALL * np.std(np.sin(np.arange(50.0))), rel=0.03)
+    assert np.std(found(record())[:, :-1]) == pytest.approx(
+        UNSTATED_NOISE_SHARE * np.std(np.sin(np.arange(50.0))), rel=0.03
+    )
 
 
 def test_terms_of_one_channel_echo_together():
