@@ -1,4 +1,4 @@
-"""Conformance suites that third parties subclass; they need pytest."""
+"""Conformance suites that third parties subclass; they need what `calib[testing]` installs, which is pytest."""
 
 from calib.testing.effect_suite import EffectSuite
 from calib.testing.optimiser_suite import OptimiserSuite

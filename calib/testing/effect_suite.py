@@ -6,7 +6,7 @@
         effect = EFFECT
         present = {"c2": 0.5}
 
-The suite needs pytest.
+The suite needs pytest: `calib[testing]`.
 """
 
 import math

@@ -6,7 +6,7 @@
         def make(self, dim, seed, budget, batch):
             return Multistart(dim, seed, budget, batch)
 
-The suite needs pytest.
+The suite needs pytest: `calib[testing]`.
 """
 
 import threading

@@ -8,7 +8,7 @@
         def make(self):
             return Pendulum()
 
-The suite needs pytest.
+The suite needs pytest: `calib[testing]`.
 """
 
 import math
