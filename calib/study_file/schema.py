@@ -64,7 +64,7 @@ Count = Annotated[int, Field(ge=1)]
 class TomlTable(BaseModel):
     """A table in which nothing stands but what is known, and of the kind that is expected."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, use_attribute_docstrings=True)
 
 
 class _Open(TomlTable):
@@ -81,153 +81,227 @@ class _Open(TomlTable):
 class RequestTable(TomlTable):
     """What is computed of every record."""
 
-    periods: Count = 6  # kept of a periodic motion
-    samples: Annotated[int, Field(ge=8)] = 400  # a period
-    settle: Annotated[int, Field(ge=0)] | None = None  # periods dropped first; not given: the simulator's own judgement
+    periods: Count = 6
+    """Periods of the stationary motion that are kept."""
+    samples: Annotated[int, Field(ge=8)] = 400
+    """Samples a period."""
+    settle: Annotated[int, Field(ge=0)] | None = None
+    """Periods that are dropped first; without it the simulator judges when its motion has settled."""
     step_budget: Count = 50_000_000
+    """Steps of the solver after which a simulation ends with the status "step budget" and without a score."""
 
 
 class StudyTable(RequestTable):
-    """[study]."""
+    """[study]: name, seed and extent of the search."""
 
     name: str
+    """Name of the study, in the report."""
     seed: Annotated[int, Field(ge=0)]
-    budget: Count  # trials
-    jobs: Count = 1  # child processes
-    timeout: Quantity = "60 s"  # of one trial
-    screen: Annotated[int, Field(ge=0)] | None = None  # trials; not given: the study's own choice
+    """Seed of every random number."""
+    budget: Count
+    """Trials of the search; each simulates all records of use "calibrate" once."""
+    jobs: Count = 1
+    """Child processes."""
+    timeout: Quantity = "60 s"
+    """Wall-clock limit of one trial."""
+    screen: Annotated[int, Field(ge=0)] | None = None
+    """Trials that are spread over the windows before the optimiser begins; without it the study chooses."""
 
 
 class ChannelTable(TomlTable):
-    """One column of a table file."""
+    """An entry of [record.table] channels: one column of a table file."""
 
     column: Column
+    """Name of the column in the header, or its number counted from 1."""
     body: str
+    """Body that it belongs to."""
     channel: str
+    """What was measured: "displacement", "velocity", "force", or a name of your own."""
     unit: str
+    """Unit of the numbers in the file."""
     scale: Quantity = 1.0
+    """Factor on them, a number or a sensitivity such as "1 m/V"."""
     sigma: Quantity | None = None
+    """Standard uncertainty of a sample, in the unit of the channel or with its own."""
 
 
 class ClockTable(TomlTable):
-    """The column that is time."""
+    """[record.table] time: the column that is time."""
 
     column: Column
+    """Name of the column in the header, or its number counted from 1."""
     unit: str
+    """Unit of the numbers in the file."""
 
 
 class TableTable(TomlTable):
-    """[record.table]: how a table file becomes a record."""
+    """[record.table]: how a table file (delimited text, JSON, MATLAB v5) becomes a record."""
 
     channels: Annotated[list[ChannelTable], Field(min_length=1)]
+    """Columns that are measured channels."""
     time: ClockTable | None = None
+    """Column that is time; this or `rate`."""
     rate: Quantity | None = None
+    """Sampling rate; this or `time`."""
     first: Annotated[int, Field(ge=0)] = 0
+    """First row that is taken, counted from 0."""
     last: int | None = None
+    """Row before which the record ends; without it all rows are taken."""
     margin: Annotated[int, Field(ge=0)] = 0
+    """Rows beyond either end that the excitation and the low-pass see, as far as the file has them."""
     cutoff: Quantity | None = None
+    """Frequency of a zero-phase low-pass on all channels."""
     decimate: Count = 1
+    """Every so many-th sample of the channels is kept; the excitation keeps all of its own."""
 
 
 class ExcitationTable(TomlTable):
-    """[record.excitation]: how the bodies were driven."""
+    """[record.excitation]: how the bodies were driven, where the record does not say it."""
 
     place: str | None = None
+    """Where it acts, such as "end" or "mass", in the words of the simulator."""
     quantity: str
+    """One of "displacement", "base motion", "force", "free decay", "servo reference"."""
     frequency: Quantity | None = None
+    """Frequency of a harmonic excitation, or of one that is recorded and periodic."""
     amplitude: Quantity | None = None
+    """Amplitude of a harmonic excitation."""
     phase: Quantity = 0.0
+    """Phase of a harmonic excitation at time 0."""
     column: Column | None = None
+    """Column of the table that is a recorded excitation."""
     unit: str | None = None
+    """Unit of that column, or of a bare amplitude."""
     scale: Quantity = 1.0
+    """Factor on that column."""
     cutoff: Quantity | None = None
+    """Frequency of the zero-phase low-pass by which a simulator takes derivatives of a recorded motion."""
 
 
 class RecordTable(TomlTable):
-    """[[record]]."""
+    """[[record]]: one measurement."""
 
     name: Annotated[str, AfterValidator(_record_name)]
+    """Name of the record in the study."""
     path: str
-    origin: str = ""  # where a user gets the file
+    """File, relative to the study file; `${CALIB_DATA}` and other variables of the environment are expanded."""
+    origin: str = ""
+    """Where a user gets the file, told where it is absent."""
     sha256: Annotated[str, AfterValidator(_digest)] | None = None
+    """SHA-256 sum that the file has to have"""
     use: Use = "calibrate"
-    bodies: dict[str, str] | None = None  # record body = simulator body
-    nuisance: list[str] | None = None  # not given: those that the record itself states, of a digitised figure
+    """Use: "calibrate" (it is fitted), "name" (it helps a diagnosis to find the cause), "holdout" (it is predicted)."""
+    bodies: dict[str, str] | None = None
+    """Body of the record = body of the simulator; without it both have the same names."""
+    nuisance: list[str] | None = None
+    """What else is unknown of this measurement; without it what the record itself states, of a digitised figure."""
     table: TableTable | None = None
+    """How a table file becomes a record; without it the file is a record (netCDF)."""
     excitation: ExcitationTable | None = None
+    """How the bodies were driven; without it as the record says."""
     periods: Count | None = None
+    """In the place of [study] periods."""
     samples: Annotated[int, Field(ge=8)] | None = None
+    """In the place of [study] samples."""
     settle: Annotated[int, Field(ge=0)] | None = None
+    """In the place of [study] settle."""
     step_budget: Count | None = None
+    """In the place of [study] step_budget."""
 
 
 class EffectTable(TomlTable):
     """An effect that acts on some bodies only."""
 
     name: str
+    """Registered name (`calib list`), or "module:THING" as for a simulator."""
     bodies: list[str] | None = None
+    """Bodies that it acts on; without it all that it can act on."""
 
 
 class ModelTable(TomlTable):
-    """[model]."""
+    """[model]: what is simulated."""
 
     simulator: str
+    """Registered name (`calib list`), or "module:Thing" of a module that lies beside the study file or is installed."""
     effects: list[Annotated[EffectTable, BeforeValidator(_effect, json_schema_input_type=str | EffectTable)]] = []
+    """Effects by which the simulator is extended, by name or as { name, bodies }."""
     options: dict[str, Any] = {}
+    """Options of the simulator."""
     fixed: dict[str, Quantity] = {}
+    """Parameter = value that is not searched; of the others the nominal value is taken."""
 
 
 class WindowTable(TomlTable):
-    """The window of one parameter."""
+    """[windows] parameter: the window of one parameter; at least one parameter has one."""
 
     low: Quantity
+    """Least value."""
     high: Quantity
+    """Greatest value."""
     scale: Scale = "linear"
-    start: Quantity | None = None  # the first trial is made there
+    """Scale on which the window is searched: "linear" or "log"."""
+    start: Quantity | None = None
+    """Value at which the first trial is made."""
 
 
 class TermTable(_Open):
-    """[[term]]."""
+    """[[term]]: one feature that is compared; further keys are options of the feature (`calib list phase_curve`)."""
 
     feature: str
+    """Registered name (`calib list`), or "module:Thing" as for a simulator."""
     bodies: list[str] | None = None
+    """Bodies of the simulator that are compared; without it all that were measured."""
     records: list[str] | None = None
+    """Records that are compared; without it all that are calibrated on."""
     weight: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] = 1.0
+    """Weight of the squared distance against that of the other terms."""
 
 
 class OptimiserTable(_Open):
-    """[optimiser]."""
+    """[optimiser]: how the windows are searched; further keys are options of the optimiser (`calib list cma`)."""
 
     name: str = "multistart"
-    batch: Count = 1  # points asked for at a time
+    """Registered name (`calib list`), or "module:Thing" as for a simulator."""
+    batch: Count = 1
+    """Points that are asked for at a time; part of the study, unlike `jobs`."""
 
 
 class StoreTable(TomlTable):
-    """[store]."""
+    """[store]: what is kept of the trials."""
 
     view: Annotated[str, AfterValidator(_view)] = "journal"
+    """What the dashboard reads: "journal", a file, or the URL of a database that Optuna takes."""
     keep: Keep = "improving"
+    """Trials whose simulated records are kept: "best", "improving" (each that was the best so far) or "all"."""
 
 
 class BenchTable(TomlTable):
-    """[diagnosis.bench]: what the laboratory can do in a next measurement."""
+    """[diagnosis.bench]: what the laboratory can do in a next measurement; every bound has a unit."""
 
-    frequency: Bounds | None = None  # lowest and highest of a harmonic excitation
-    amplitude: Bounds | None = None  # least and greatest, in a unit of the excitation's quantity
-    release: Bounds | None = None  # least and greatest displacement from which a free decay begins
-    tests: Annotated[list[str], Field(min_length=1)] | None = None  # kinds of test; not given: all that apply
-    channels: list[str] | None = None  # "body.channel" that could be measured too; not given: all of the simulator
+    frequency: Bounds | None = None
+    """Lowest and highest frequency; without it 0.5 to 2 times those of the records."""
+    amplitude: Bounds | None = None
+    """Least and greatest amplitude, in a unit of the excitation; without it 0.1 to 1.5 times those of the records."""
+    release: Bounds | None = None
+    """Least and greatest displacement from which a free decay begins."""
+    tests: Annotated[list[str], Field(min_length=1)] | None = None
+    """Kinds of test; without it all that apply."""
+    channels: list[str] | None = None
+    """Channels that could be measured too, as "body.channel"; without it displacement and velocity of every body."""
     simulations: Count = MAX_SIMULATIONS
+    """Simulations that the search for the next measurement takes at most."""
 
 
 class DiagnosisTable(TomlTable):
-    """[diagnosis]."""
+    """[diagnosis]: what `calib diagnose` and `calib rehearse` look for."""
 
     candidates: Annotated[
         list[Annotated[EffectTable, BeforeValidator(_effect, json_schema_input_type=str | EffectTable)]] | None,
         BeforeValidator(_candidates, json_schema_input_type=Literal["all"] | list[str | EffectTable]),
-    ] = None  # effects; None: all
+    ] = None
+    """Effects that may be the cause, by name or as { name, bodies }; without it, or "all": all that are installed."""
     bench: BenchTable = BenchTable()
+    """What the laboratory can do in a next measurement."""
 
 
 class StudyToml(TomlTable):
