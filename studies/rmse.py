@@ -5,24 +5,24 @@
 The figure is that of public benchmarks: the simulated displacement against the measured one.
 """
 
-import json
 import sys
 from pathlib import Path
 
 import numpy as np
 
 from calib.modelling.parameter import values_for
+from calib.study import result
 from calib.study_file import load
 
 
 def errors(study: Path, out: Path | None = None) -> dict[str, np.ndarray]:
     """Error (n,) [m] of the simulated displacement in each record, at the values in the folder `out` of the results."""
     file = load(study)
-    found = json.loads(((out or file.folder) / "result.json").read_text(encoding="utf-8"))
+    found = result.read(out or file.folder)
     simulated = {}
     for name in [*file.study.objective.references, *file.others]:
         reference = file.reference(name)
-        values = values_for({**file.study.space.fixed, **found["values"]}, name)
+        values = values_for({**file.study.space.fixed, **found.values}, name)
         run = file.study.model.run(values, reference.excitation, reference.request)
         measured = reference.record.displacement
         simulated[name] = (run.displacement.sel(body=measured.body).values - measured.values)[0]

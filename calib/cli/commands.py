@@ -143,10 +143,10 @@ def run(study: Path, out: Path | None, jobs: int | None, budget: int | None, fre
         click.echo(f"\nstopped; every finished trial is kept. Go on with:  {again}", err=True)
         sys.exit(STOPPED)
     if as_json:
-        click.echo(json.dumps(found, indent=2, allow_nan=False))
+        click.echo(json.dumps(found.as_dict(), indent=2, allow_nan=False))
     elif not quiet:
         show_result(found, folder_of(study, out))
-    sys.exit(DONE if found["status"] == OK else NOTHING)
+    sys.exit(DONE if found.status == OK else NOTHING)
 
 
 @main.command(short_help="How far a study is.")

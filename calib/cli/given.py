@@ -71,13 +71,13 @@ def setting(
     ------
     CalibError : the study has found none yet; or as `settings`
     """
-    values = {}
+    values: Mapping[str, float] = {}
     if best:
         folder = file.folder if out is None else out
-        said = result.read(folder)
-        if said is None or not said["values"]:
+        found = result.read(folder)
+        if found is None or not found.values:
             raise CalibError(f"--best: there is no result in {folder}; `calib run {file.path}` makes one")
-        values = said["values"]
+        values = found.values
     held = file.setting(values, record, phase)
     # after the record's own values have taken the place of general ones: what the user says comes before both
     return replace(held, values={**held.values, **settings(texts, file.study.model.parameters)})

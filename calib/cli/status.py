@@ -1,7 +1,7 @@
 """How far a study is, from what lies in its folder; the study may be running, stopped, killed or finished."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ from calib.store import Trial, read
 from calib.store.lock import held
 from calib.store.optuna_view import ARTIFACTS, JOURNAL
 from calib.store.trial import best
-from calib.study import result
+from calib.study import CalibrationResult, result
 from calib.study_file import StudyToml, located, read_toml, results_folder
 
 MEMORY = 50  # trials over which the rate is taken
@@ -37,13 +37,13 @@ def study_status(study: Path, out: Path | None) -> dict[str, Any]:
     folder = folder_of(study, out)
     header, trials = read(folder)
     found = result.read(folder)
-    finished = found is not None and found["trials"] == len(trials)
+    finished = found is not None and found.trials == len(trials)
     return {
         "name": header["name"],
         "state": "running" if held(folder) else "finished" if finished else "unfinished",
         "trials": len(trials),
         "budget": header["budget"],
-        "best": _found(found) if finished else _best(trials),
+        "best": _best(trials) if found is None or not finished else _found(found),
         "units": {name: window["unit"] for name, window in header["definition"]["windows"].items()},
         "failed": dict(Counter(trial.status for trial in trials if trial.status != OK)),
         "seconds": _mean(trials),
@@ -56,13 +56,12 @@ def _best(trials: Sequence[Trial]) -> dict[str, Any] | None:
     return None if top is None else {"number": top.number, "total": top.cost, "kind": top.kind, "values": top.values}
 
 
-def _found(found: Mapping[str, Any]) -> dict[str, Any] | None:
+def _found(found: CalibrationResult) -> dict[str, Any] | None:
     """Best trial of a finished study: where it was confirmed, not the search's but the one chosen, as confirmed."""
-    if found["best_trial"] is None:
+    if found.best_trial is None:
         return None
-    score, motion = found["score"], found["motion"]
     return {
-        "number": found["best_trial"], "total": score["total"], "kind": motion["kind"], "values": found["values"],
+        "number": found.best_trial, "total": found.score.total, "kind": found.motion.kind, "values": found.values,
     }  # fmt: skip
 
 

@@ -12,30 +12,29 @@ from rich.table import Table
 from calib.modelling.parameter import Parameter
 from calib.objective import MISFIT
 from calib.records import OK
-from calib.study import missed
-from calib.study.result import confirmed, searched_best
+from calib.study import CalibrationResult
 from calib.units import reading, shown
 
 MOST_DECIMALS = 6  # beyond, a number is written with a power of ten
 WIDTH = 120  # columns, where the output is no terminal
 
 
-def show_result(found: Mapping[str, Any], folder: Path, console: Console | None = None) -> None:
+def show_result(found: CalibrationResult, folder: Path, console: Console | None = None) -> None:
     """Print what a study found (the content of its `result.json`)."""
     console = console or _console()
-    if found["status"] != OK:
-        console.print(f"[bold]{escape(found['name'])}[/]: none of {found['trials']} trials ended ok")
+    if found.status != OK:
+        console.print(f"[bold]{escape(found.name)}[/]: none of {found.trials} trials ended ok")
     else:
         console.print(_parameters(found))
         console.print(_scores(found))
-        if found["holdout"]:
+        if found.holdout:
             console.print(_held_out(found))
         for line in _remarks(found):
             console.print(line, soft_wrap=True)
-    console.print(f"trials: {found['trials']}, of which {found['failed']} failed; {found['seconds']:.1f} s")
-    for failure in found["failures"]:
-        reason = escape(failure["reason"].partition("\n")[0])
-        console.print(f"failed: {failure['trials']} ({escape(failure['status'])}), such as: {reason}", soft_wrap=True)
+    console.print(f"trials: {found.trials}, of which {found.failed} failed; {found.seconds:.1f} s")
+    for failure in found.failures:
+        reason = escape(failure.reason.partition("\n")[0])
+        console.print(f"failed: {failure.trials} ({escape(failure.status)}), such as: {reason}", soft_wrap=True)
     console.print(f"files:  {escape(str(folder))}/ (report.html, result.json, best.nc, trials.jsonl)", soft_wrap=True)
 
 
@@ -44,21 +43,21 @@ def _console() -> Console:
     return console if console.is_terminal else Console(highlight=False, width=WIDTH)
 
 
-def _parameters(found: Mapping[str, Any]) -> Table:
-    table = Table(title=escape(found["name"]), title_justify="left", title_style="bold")
+def _parameters(found: CalibrationResult) -> Table:
+    table = Table(title=escape(found.name), title_justify="left", title_style="bold")
     table.add_column("parameter")
     for heading in ("value", "± 2 s.e.", "window"):
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("")
-    errors = (found["confidence"] or {}).get("standard_error", {})
-    edges = (found["confidence"] or {}).get("at_edge", {})
-    for name, window in found["windows"].items():
-        unit = found["units"][name]
+    errors = {} if found.confidence is None else found.confidence.standard_error
+    edges = {} if found.confidence is None else found.confidence.at_edge
+    for name, window in found.windows.items():
+        unit = found.units[name]
         error = errors.get(name)
         table.add_row(
             escape(name),
-            *_measured(found["values"][name], None if error is None else 2.0 * error, unit),
-            f"{shown(window['low'], unit)} .. {shown(window['high'], unit)}",
+            *_measured(found.values[name], None if error is None else 2.0 * error, unit),
+            f"{shown(window.low, unit)} .. {shown(window.high, unit)}",
             f"[yellow]at the {edges[name]} edge of its window[/]" if name in edges else "",
         )
     return table
@@ -77,51 +76,50 @@ def _measured(value: float, error: float | None, unit: str) -> tuple[str, str]:
     return f"{value:{form}} {name}".rstrip(), f"{error:{form if 'f' in form else '.1e'}} {name}".rstrip()
 
 
-def _scores(found: Mapping[str, Any]) -> Table:
+def _scores(found: CalibrationResult) -> Table:
     table = Table(title=None)
     table.add_column("distance")
     table.add_column("", justify="right")
     table.add_column("kind of motion")
-    for label, distance in found["score"]["terms"].items():
+    for label, distance in found.score.terms.items():
         table.add_row(escape(label), shown(distance, "1"))
-    table.add_row("[bold]total[/]", f"[bold]{shown(found['score']['total'], '1')}[/]", found["motion"]["kind"] or "")
+    table.add_row("[bold]total[/]", f"[bold]{shown(found.score.total, '1')}[/]", found.motion.kind or "")
     return table
 
 
-def _held_out(found: Mapping[str, Any]) -> Table:
+def _held_out(found: CalibrationResult) -> Table:
     """Misfit of each record that was held out; what that is stands below."""
     table = Table(caption=f"misfit: {MISFIT}", caption_justify="left")
     table.add_column("held out")
     table.add_column("misfit", justify="right")
     table.add_column("score of the study's terms", justify="right")
     table.add_column("kind of motion")
-    for record, held in found["holdout"].items():
-        said = held["kind"] or "" if held["status"] == OK else f"{held['status']}: {held['reason']}"
-        values = (shown(held[key], "1") for key in ("misfit", "score"))
+    for record, held in found.holdout.items():
+        said = held.kind or "" if held.status == OK else f"{held.status}: {held.reason}"
+        values = (shown(number, "1") for number in (held.misfit, held.score))
         table.add_row(escape(record), *values, escape(said))
     return table
 
 
-def _remarks(found: Mapping[str, Any]) -> list[str]:
-    confidence = found["confidence"]
-    wrong = ", ".join(found["motion"]["wrong"])
-    lines = [f"[red]another kind of motion than measured[/] in {escape(wrong)}: {escape(found['motion']['evidence'])}"]
-    lines = lines if wrong else []
-    lines += [f"[yellow]mind:[/] {escape(group['text'])}" for group in found["undetermined"]]
-    if confidence is None or confidence["status"] != OK:
-        lines.append(f"[yellow]no intervals:[/] {escape((confidence or {}).get('reason', 'not worked out'))}")
-    for reach in found["unreachable"]:
-        which = (reach[key] for key in ("feature", "body", "record", "unit", "measured", "nearest", "percent"))
-        lines.append(f"[yellow]no point of the window reaches[/] {escape(missed(*which))}")
-    lines += [f"[yellow]mind:[/] {escape(remark)}" for remark in found["remarks"]]
-    if confirmed(found):
-        count, chosen = len(found["confirmation"]["leaders"]), found["confirmation"]["chosen"]
+def _remarks(found: CalibrationResult) -> list[str]:
+    confidence = found.confidence
+    wrong, evidence = ", ".join(found.motion.wrong), found.motion.evidence or ""
+    lines = [f"[red]another kind of motion than measured[/] in {escape(wrong)}: {escape(evidence)}"] if wrong else []
+    lines += [f"[yellow]mind:[/] {escape(group.text)}" for group in found.undetermined]
+    if confidence is None or confidence.status != OK:
+        why = "not worked out" if confidence is None else confidence.reason
+        lines.append(f"[yellow]no intervals:[/] {escape(why)}")
+    for feature in found.unreachable:
+        lines.append(f"[yellow]no point of the window reaches[/] {escape(str(feature))}")
+    lines += [f"[yellow]mind:[/] {escape(remark)}" for remark in found.remarks]
+    if found.confirmation is not None and found.confirmation.succeeded:
+        count, chosen = len(found.confirmation.leaders), found.confirmation.chosen
         lines.append(f"{count} leader{'' if count == 1 else 's'} of the search confirmed, trial {chosen} taken")
-    agreement = found["agreement"] or {}
-    if {"starts", "agree"} <= set(agreement):
-        changed = found["confirmation"] is not None and found["confirmation"]["changed"]
-        where = f"its best, trial {searched_best(found)}" if changed else "this point"
-        lines.append(f"{agreement['agree']} of {agreement['starts']} starts of the search ended at {where}")
+    if found.starts is not None:
+        agree, starts = found.starts
+        changed = found.confirmation is not None and found.confirmation.changed
+        where = f"its best, trial {found.searched_best}" if changed else "this point"
+        lines.append(f"{agree} of {starts} starts of the search ended at {where}")
     return lines
 
 

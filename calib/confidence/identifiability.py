@@ -1,11 +1,11 @@
 """Parameters of which the measurement determines only a combination, and that combination in words."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 
 from calib.modelling.parameter import Space, Window
+from calib.study import UndeterminedGroup
 
 MAX_WINDOW_SHARE = 0.25  # standard error over the window  [1]: beyond it the 2-s.e. interval is as wide as the window
 MAX_ERROR_INFLATION = (
@@ -14,21 +14,7 @@ MAX_ERROR_INFLATION = (
 WIDE, COLLINEAR = "wider than the window", "nearly collinear"
 
 
-@dataclass(frozen=True)
-class Group:
-    """Parameters of which the measurement determines only a combination.
-
-    `direction` is the change of each member, as a share of its window, that leaves the residuals (nearly) unchanged;
-    `reason` is "wider than the window" or "nearly collinear".
-    """
-
-    members: tuple[str, ...]
-    direction: Mapping[str, float]
-    text: str
-    reason: str
-
-
-def undetermined_combinations(space: Space, u: np.ndarray, covariance: np.ndarray) -> tuple[Group, ...]:
+def undetermined_combinations(space: Space, u: np.ndarray, covariance: np.ndarray) -> tuple[UndeterminedGroup, ...]:
     """Groups of parameters of which only a combination, or nothing, is determined, by the covariance (dim, dim) at u.
 
     First the directions whose standard error exceeds MAX_WINDOW_SHARE of the window, and what parameters of such a
@@ -81,7 +67,9 @@ def _merged(directions: list[tuple[np.ndarray, np.ndarray]]) -> list[tuple[tuple
     return [(tuple(sorted(own)), vectors) for own, vectors in groups]
 
 
-def _group(space: Space, u: np.ndarray, members: tuple[int, ...], directions: list[np.ndarray], reason: str) -> Group:
+def _group(
+    space: Space, u: np.ndarray, members: tuple[int, ...], directions: list[np.ndarray], reason: str
+) -> UndeterminedGroup:
     names = tuple(space.names[k] for k in members)
     direction = {name: float(directions[-1][k]) for name, k in zip(names, members, strict=True)}
     if len(names) == 1:
@@ -98,7 +86,7 @@ def _group(space: Space, u: np.ndarray, members: tuple[int, ...], directions: li
             f"{', '.join(names)}: only combinations are determined; moving them together "
             f"({shifts} of their windows) changes little that is measured"
         )
-    return Group(names, direction, text, reason)
+    return UndeterminedGroup(names, direction, text, reason)
 
 
 def combination(names: Sequence[str], windows: Sequence[Window], u: Sequence[float], shifts: Sequence[float]) -> str:

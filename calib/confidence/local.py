@@ -2,19 +2,19 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import stats
 
 from calib.confidence.covariance import distance_to_minimum, sandwich
 from calib.confidence.derivatives import Evaluate, differentiate, why_unusable
-from calib.confidence.identifiability import Group, undetermined_combinations
+from calib.confidence.identifiability import undetermined_combinations
 from calib.errors import CalibError
 from calib.modelling.parameter import Space
 from calib.records import OK
-from calib.store.plain import plain
-from calib.study import Outcome
+from calib.store.plain import plain, typed
+from calib.study import ConfidenceSummary, CorrelationSummary, Outcome, UndeterminedGroup
 
 EDGE = 1e-3  # of the window: a value nearer to its end is at its edge  [1]
 INTERVAL_QUANTILE = stats.norm.cdf(2.0)  # probability below +2 standard errors of a normal variable  [1]
@@ -37,26 +37,25 @@ class Confidence:
     standard_error: Mapping[str, float] = field(default_factory=dict)
     interval: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     correlation: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
-    undetermined: tuple[Group, ...] = ()
+    undetermined: tuple[UndeterminedGroup, ...] = ()
     at_edge: Mapping[str, str] = field(default_factory=dict)
     degrees_of_freedom: Mapping[str, float] = field(default_factory=dict)
     evaluations: int = 0
 
-    def as_dict(self) -> dict:
-        """Return the same in lists, numbers and text, None for what is not finite."""
-        return plain(
-            {
-                "status": self.status,
-                "reason": self.reason,
-                "standard_error": self.standard_error,
-                "interval": self.interval,
-                "correlation": {"names": self.names, "matrix": self.correlation},
-                "undetermined": [asdict(group) for group in self.undetermined],
-                "at_edge": self.at_edge,
-                "degrees_of_freedom": self.degrees_of_freedom,
-                "evaluations": self.evaluations,
-            }
+    def summary(self) -> ConfidenceSummary:
+        """Return the same for the result of a calibration: None for what is not finite."""
+        found = ConfidenceSummary(
+            status=self.status,
+            reason=self.reason,
+            standard_error=self.standard_error,
+            interval=self.interval,
+            correlation=CorrelationSummary(self.names, tuple(map(tuple, self.correlation.tolist()))),
+            undetermined=self.undetermined,
+            at_edge=self.at_edge,
+            degrees_of_freedom=self.degrees_of_freedom,
+            evaluations=self.evaluations,
         )
+        return typed(ConfidenceSummary, plain(found))
 
 
 def local(

@@ -9,6 +9,7 @@ from calib.diagnosis.measurement import DECISIVE_Z
 from calib.diagnosis.preparation import OUTLIERS, QUANTISATION
 from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED, explained, joined
 from calib.report.words import number, percent, quantity
+from calib.study import CalibrationResult
 
 LEAST_SHARE = CRITERIA.min_over_remainder / (1.0 + CRITERIA.min_over_remainder)  # of a remainder, by a cause  [1]
 HALF_WIDTH = 1.96  # of a 95 % interval of a normal distribution, in standard errors
@@ -293,9 +294,9 @@ def _gained(gain):
     return f"{text}. Misfit: {gain['metric']}; {REFITTED}."
 
 
-def stale(said: Mapping[str, Any], result: Mapping[str, Any]) -> bool:
+def stale(said: Mapping[str, Any], result: CalibrationResult) -> bool:
     """Whether the values that were diagnosed are no longer the calibrated ones."""
-    then, now = said.get("values") or {}, result.get("values") or {}
+    then, now = said.get("values") or {}, result.values
     return any(name in then and not math.isclose(then[name], value, rel_tol=SAME) for name, value in now.items())
 
 

@@ -31,6 +31,7 @@ from calib.report.conclusion import (
 )
 from calib.report.picture import pictured
 from calib.report.words import count, number, percent, quantity, raised, rounded, signed, with_error
+from calib.study import CalibrationResult
 from calib.units import reading
 
 TONES = {NAMED: "good", NONE: "good", ONE_OF: "mind", UNEXPLAINED: "mind"}
@@ -108,7 +109,7 @@ NAMES = {"amplitude": "amplitude", "frequency": "frequency", "release": "displac
 def chapter(
     said: Mapping[str, Any],
     motions: Mapping[str, xr.Dataset],
-    result: Mapping[str, Any],
+    result: CalibrationResult,
     study: Any,
 ) -> dict[str, Any]:
     """Everything that the page shows of a diagnosis.
@@ -117,7 +118,7 @@ def chapter(
     ----------
     said : what diagnosis.json holds
     motions : what diagnosis.nc holds; may be empty
-    result : what result.json holds
+    result : of the calibration
     study : read are its model's parameters and the attributes of its records
     """
     outcomes = {suspect["effect"]: outcome(suspect, said) for suspect in said["suspects"]}

@@ -14,7 +14,7 @@ from calib.report.diagnosis import chapter
 from calib.report.picture import drawn, pictured
 from calib.report.verdict import verdict
 from calib.report.words import number, percent
-from calib.study.result import confirmed
+from calib.study import CalibrationResult
 from calib.units import MILLI
 
 LOOP = "Phase curves: velocity over displacement."
@@ -40,7 +40,7 @@ def render(
     study,
     trials: Sequence,
     records: Mapping[str, xr.Dataset],
-    result: Mapping[str, Any],
+    result: CalibrationResult,
     command: str = "calib run study.toml",
     header: Mapping[str, Any] | None = None,
     diagnosis: Mapping[str, Any] | None = None,
@@ -54,7 +54,7 @@ def render(
     study : calib.study.CalibrationStudy; read are name, model, space, objective, budget, seed, definition
     trials : every trial of the ledger, in its order
     records : name of a reference -> record simulated at the best values, failed ones too; may be empty
-    result : what result.json holds (see `calib.study.result`); what is not in it is left out of the page
+    result : of the calibration; what it does not know is left out of the page
     command : the command that makes it again
     header : of the ledger; read are versions and processor
     diagnosis : what diagnosis.json holds; None where there was no diagnosis
@@ -70,7 +70,7 @@ def render(
     )
     environment.filters["number"], environment.filters["distance"] = number, distance
     template = environment.get_template("report.html.j2")
-    best = next((t for t in trials if t.number == result.get("best_trial")), None)
+    best = next((t for t in trials if t.number == result.best_trial), None)
     content = dict(
         study=study,
         result=result,
@@ -81,10 +81,10 @@ def render(
         terms=tables.terms(study, result),
         parameters=tables.parameters(study, result),
         fixed=tables.fixed(study),
-        groups=[g["text"] for g in result.get("undetermined", ())],
-        unreachable=[tables.unreachable(entry) for entry in result.get("unreachable", ())],
+        groups=[group.text for group in result.undetermined],
+        unreachable=[tables.unreachable(feature) for feature in result.unreachable],
         leaders=tables.leaders(result),
-        confirmed=confirmed(result),
+        confirmed=result.confirmed,
         d=None if diagnosis is None else chapter(diagnosis, motions or {}, result, study),
         search=_search(study, trials, best),
         failures=tables.failures(trials),
@@ -113,7 +113,7 @@ def _named(study, *uses):
 
 def _section(study, name, simulated, result):
     """Everything the page shows of one record."""
-    reference, found = study.objective.references[name], (result.get("holdout") or {}).get(name)
+    reference, found = study.objective.references[name], result.holdout.get(name)
     measured = reference.record
     usable = simulated is not None and figures.usable(simulated)
     aligned = figures.beside(study.objective, name, simulated) if usable else None
@@ -131,9 +131,9 @@ def _section(study, name, simulated, result):
         "warning": measured.attrs.get("warning", ""),
         "driven": _driven(measured),
         "failed": failed,
-        "kind": (found or {}).get("kind"),
-        "misfit": percent((found or {}).get("misfit"), 3),
-        "score": (found or {}).get("score"),
+        "kind": None if found is None else found.kind,
+        "misfit": percent(None if found is None else found.misfit, 3),
+        "score": None if found is None else found.score,
         "pictures": pictures,
         "residuals": _residuals(name, measured, aligned, simulated) if reference.use == "calibrate" and usable else [],
         "rms": _relative_rms(measured, aligned) if usable else [],

@@ -12,12 +12,13 @@ from calib.modelling.parameter import Window
 from calib.records import OK
 from calib.report import drawing
 from calib.report.words import measured_number, number, number_beside
+from calib.study import CalibrationResult, UndeterminedGroup, UnreachableFeature
 from calib.units import MILLI, shown
 
 
-def terms(study, result) -> list[dict[str, Any]]:
+def terms(study, result: CalibrationResult) -> list[dict[str, Any]]:
     """Distance of each term, its weight, and its share of the largest [%]."""
-    distances = (result.get("score") or {}).get("terms") or {}
+    distances = result.score.terms
     weights = {t.label: t.weight for t in study.objective.terms}
     largest = max((d for d in distances.values() if d is not None), default=0.0)
     return [
@@ -31,9 +32,9 @@ def terms(study, result) -> list[dict[str, Any]]:
     ]
 
 
-def parameters(study, result) -> list[dict[str, Any]]:
+def parameters(study, result: CalibrationResult) -> list[dict[str, Any]]:
     """Value, error, interval and place in the window of each searched parameter, in the unit of a reader."""
-    values = result.get("values") or {}
+    values = result.values
     return [
         _parameter(study, result, name, window, values[name])
         for name, window in study.space.windows.items()
@@ -41,16 +42,15 @@ def parameters(study, result) -> list[dict[str, Any]]:
     ]
 
 
-def _parameter(study, result, name, window: Window, value):
+def _parameter(study, result: CalibrationResult, name, window: Window, value):
     parameter = study.model.parameters.get(name.partition("@")[0])
-    confidence = result.get("confidence") or {}
-    interval = (result.get("intervals") or {}).get(name)
-    error = (confidence.get("standard_error") or {}).get(name)
+    interval = result.intervals.get(name)
+    error = None if result.confidence is None else result.confidence.standard_error.get(name)
     position = window.position(value)
     remarks = []
-    if name in (result.get("at_edge") or ()) or min(position, 1.0 - position) <= EDGE:
+    if name in result.at_edge or min(position, 1.0 - position) <= EDGE:
         remarks.append(f"at the {'lower' if position < 0.5 else 'upper'} edge of its window")
-    remarks += [_undetermined(name, g) for g in result.get("undetermined", ()) if name in g["members"]]
+    remarks += [_undetermined(name, group) for group in result.undetermined if name in group.members]
     scale, unit = drawing.shown_unit(parameter.unit if parameter else "1", max(abs(window.low), abs(window.high)))
     scaled = None if error is None else scale * error
     return {
@@ -68,10 +68,10 @@ def _parameter(study, result, name, window: Window, value):
     }
 
 
-def _undetermined(name, group):
+def _undetermined(name: str, group: UndeterminedGroup) -> str:
     """Say how a parameter is undetermined: not at all, or because it is nearly collinear with others."""
-    others = [other for other in group["members"] if other != name]
-    if others and group.get("reason") == COLLINEAR:
+    others = [other for other in group.members if other != name]
+    if others and group.reason == COLLINEAR:
         return f"nearly collinear with {', '.join(others)}"
     return "not determined on its own"
 
@@ -117,43 +117,44 @@ def fixed(study) -> list[dict[str, Any]]:
     return rows
 
 
-def unreachable(entry) -> dict[str, str]:
-    """Say of an entry of "unreachable" what was measured, what came nearest and how far off that is."""
-    scale, unit = MILLI.get(entry.get("unit") or "1", (1.0, entry.get("unit") or "1"))
-    measured, nearest = (None if entry.get(k) is None else scale * entry[k] for k in ("measured", "nearest"))
-    where = " ".join(x for x in (entry.get("body"), f"in {entry['record']}" if entry.get("record") else "") if x)
+def unreachable(feature: UnreachableFeature) -> dict[str, str]:
+    """Say of a feature that no trial reaches what was measured, what came nearest and how far off that is."""
+    scale, unit = MILLI.get(feature.unit or "1", (1.0, feature.unit or "1"))
+    measured, nearest = (None if x is None else scale * x for x in (feature.measured, feature.nearest))
+    where = " ".join(x for x in (feature.body, f"in {feature.record}" if feature.record else "") if x)
     shown = "" if unit == "1" else f" {unit}"
-    off = entry.get("off")
+    off = feature.off
     relative = ""
     if measured not in (None, 0.0) and nearest is not None:
         relative = f"{100.0 * (nearest - measured) / abs(measured):+.3g} %"
     given = "no trial gives it at all" if nearest is None else f"nearest {number(nearest)}{shown}"
-    sentence = f"{entry['feature']}{f' of {where}' if where else ''}"
+    sentence = f"{feature.feature}{f' of {where}' if where else ''}"
     sentence += f" (measured {number(measured)}{shown}, {given}{f', {relative}' if relative else ''})"
     return {
         "sentence": sentence,
-        "feature": entry["feature"],
-        "record": entry.get("record") or "",
-        "body": entry.get("body") or "",
+        "feature": feature.feature,
+        "record": feature.record,
+        "body": feature.body,
         "measured": f"{number(measured)}{shown}",
         "nearest": "none" if nearest is None else f"{number(nearest)}{shown}",
         "off": relative or (f"{number(scale * off)}{shown}" if off is not None else ""),
     }
 
 
-def leaders(result) -> list[dict[str, Any]]:
+def leaders(result: CalibrationResult) -> list[dict[str, Any]]:
     """Leaders of the search: distance there and confirmed, kind of motion or why there is none; empty where unasked."""
-    confirmation = result.get("confirmation") or {"leaders": (), "chosen": None}
+    if result.confirmation is None:
+        return []
     return [
         {
-            "trial": leader["trial"],
-            "searched": leader["searched"],
-            "confirmed": leader["confirmed"],
-            "said": leader["kind"] if leader["status"] == OK else f"{leader['status']}: {leader['reason']}",
-            "failed": leader["status"] != OK,
-            "chosen": leader["trial"] == confirmation["chosen"],
+            "trial": leader.trial,
+            "searched": leader.searched,
+            "confirmed": leader.confirmed,
+            "said": leader.kind if leader.status == OK else f"{leader.status}: {leader.reason}",
+            "failed": leader.status != OK,
+            "chosen": leader.trial == result.confirmation.chosen,
         }
-        for leader in confirmation["leaders"]
+        for leader in result.confirmation.leaders
     ]
 
 
@@ -176,14 +177,13 @@ def failures(trials) -> list[dict[str, Any]]:
     ]
 
 
-def nuisances(result) -> list[dict[str, Any]]:
+def nuisances(result: CalibrationResult) -> list[dict[str, Any]]:
     """Record, name and value of each nuisance that was solved for."""
-    units, held = result.get("nuisance_units") or {}, result.get("holdout") or {}
-    solved = {**(result.get("nuisances") or {}), **{name: said.get("nuisances") for name, said in held.items()}}
+    solved = {**result.nuisances, **{name: held.nuisances for name, held in result.holdout.items()}}
     return [
-        {"record": record, "name": name, "value": _with_unit(value, units.get(name))}
-        for record, found in solved.items()
-        for name, value in (found or {}).items()
+        {"record": record, "name": name, "value": _with_unit(value, result.nuisance_units.get(name))}
+        for record, own in solved.items()
+        for name, value in own.items()
     ]
 
 
@@ -191,21 +191,21 @@ def _with_unit(value: float, unit: str | None) -> str:
     return number(value) if unit in (None, "1") else shown(value, unit)
 
 
-def provenance(study, result, command, header) -> dict[str, Any]:
+def provenance(study, result: CalibrationResult, command, header) -> dict[str, Any]:
     """Everything that is needed to make the page again, by what it is called."""
     rows = {
         "Command": command,
         "Model": study.model.name,
         "Seed": study.seed,
         "Budget": f"{study.budget} trials",
-        "Trials made": f"{result.get('trials', '-')}, of which {result.get('failed', '-')} failed",
+        "Trials made": f"{result.trials}, of which {result.failed} failed",
     }
-    if result.get("simulations") is not None:
-        rows["Simulations"] = result["simulations"]
-    if result.get("seconds"):
-        rows["Wall-clock time"] = f"{result['seconds']:.1f} s"
-    if result.get("stopped"):
-        rows["Search ended"] = result["stopped"]
+    if result.simulations is not None:
+        rows["Simulations"] = result.simulations
+    if result.seconds:
+        rows["Wall-clock time"] = f"{result.seconds:.1f} s"
+    if result.stopped:
+        rows["Search ended"] = result.stopped
     if header:
         rows["Versions"] = ", ".join(f"{name} {version}" for name, version in header["versions"].items())
         rows["Processor"] = header["processor"]

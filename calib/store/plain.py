@@ -1,8 +1,12 @@
-"""Values as JSON takes them."""
+"""Values as JSON takes them, and dataclasses of what JSON gives back."""
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from dataclasses import fields, is_dataclass
+from types import NoneType, UnionType
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+
+T = TypeVar("T")
 
 
 def plain(value: Any) -> Any:
@@ -13,6 +17,32 @@ def plain(value: Any) -> Any:
         return {str(key): plain(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
         return [plain(entry) for entry in value]
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
     if hasattr(value, "tolist"):  # arrays and scalars of numpy
         return plain(value.tolist())
+    return value
+
+
+def typed(kind: type[T], document: Mapping[str, Any]) -> T:
+    """Return the dataclass `kind` that a JSON object describes, with the dataclasses that its fields declare.
+
+    A field that is missing or null takes its default; a key that is no field is left out.
+    """
+    known = {name: hint for name, hint in get_type_hints(kind).items() if document.get(name) is not None}
+    return kind(**{name: _value(hint, document[name]) for name, hint in known.items()})
+
+
+def _value(hint: Any, value: Any) -> Any:
+    """Return a JSON value as the type that a field declares: dataclasses, mappings and tuples of them, or as it is."""
+    if isinstance(hint, UnionType):
+        hint = next(one for one in get_args(hint) if one is not NoneType)
+    if value is None:
+        return None
+    if isinstance(hint, type) and is_dataclass(hint):
+        return typed(hint, value)
+    if get_origin(hint) is Mapping:
+        return {key: _value(get_args(hint)[1], one) for key, one in value.items()}
+    if get_origin(hint) is tuple:
+        return tuple(_value(get_args(hint)[0], one) for one in value)
     return value

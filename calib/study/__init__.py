@@ -5,12 +5,18 @@ from calib.study.confirmation import LEADERS, Confirmation, Leader, confirm, lea
 from calib.study.contracts import Optimiser, Outcome, StoreContract
 from calib.study.evaluation import Evaluation, evaluate, outcome, simulated
 from calib.study.initial_state import check_searched, check_solvable, check_stated
-from calib.study.reachability import Reach, missed, reach
+from calib.study.reachability import Reach, UnreachableFeature, reach
+from calib.study.result import CalibrationResult, ConfidenceSummary, CorrelationSummary, UndeterminedGroup
 from calib.study.search import BUDGET
 from calib.study.study import INTERRUPTED, CalibrationStudy, Result
 
 __all__ = [
     "BUDGET",
+    "CalibrationResult",
+    "ConfidenceSummary",
+    "CorrelationSummary",
+    "UndeterminedGroup",
+    "UnreachableFeature",
     "INTERRUPTED",
     "LEADERS",
     "Confirmation",
@@ -29,7 +35,6 @@ __all__ = [
     "confirm",
     "evaluate",
     "leaders",
-    "missed",
     "outcome",
     "reach",
     "simulated",

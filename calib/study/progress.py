@@ -12,7 +12,7 @@ from calib.execution.progress import INTERVAL, clock_time
 from calib.records import OK
 from calib.store import Trial
 from calib.store.trial import best
-from calib.study.reachability import missed, reach
+from calib.study.reachability import reach
 
 MEMORY = 20.0  # s over which the rate of trials is taken
 
@@ -95,8 +95,7 @@ class Progress:
             return
         away = [r for r in found if not r.reached]
         for r in away:
-            said = missed(r.label, r.body, r.record, r.unit, r.measured, r.nearest, r.percent)
-            self._console.print(f"[yellow]no point of the screen reaches[/] {escape(said)}", soft_wrap=True)
+            self._console.print(f"[yellow]no point of the screen reaches[/] {escape(str(r.summary()))}", soft_wrap=True)
         if not away:
             self._console.print("the screen reaches every measured feature")
 

@@ -8,6 +8,35 @@ from calib.units import shown
 
 
 @dataclass(frozen=True)
+class UnreachableFeature:
+    """A measured scalar feature that no trial reaches.
+
+    Attributes
+    ----------
+    feature, record, body, unit : which feature, of which record and body, in which unit
+    measured : value  [unit]
+    nearest : the simulated value nearest to it, None where no trial shows the feature  [unit]
+    off : how far the measured value lies outside the range of the simulated ones  [unit]
+    percent : the same in per cent of the measured value, None where that is zero
+    """
+
+    feature: str
+    record: str = ""
+    body: str = ""
+    unit: str = "1"
+    measured: float | None = None
+    nearest: float | None = None
+    off: float | None = None
+    percent: float | None = None
+
+    def __str__(self) -> str:
+        """Which feature it is, and how far off the nearest value is."""
+        off = "" if self.percent is None else f" ({self.percent:.3g} % off)"
+        measured, nearest = shown(self.measured, self.unit), shown(self.nearest, self.unit)
+        return f"{self.feature} of {self.body} in {self.record}: measured {measured}, nearest {nearest}{off}"
+
+
+@dataclass(frozen=True)
 class Reach:
     """How near the trials come to one measured scalar feature.
 
@@ -38,6 +67,12 @@ class Reach:
         """`off` in per cent of the measured value, None where there is no such number."""
         return None if self.off is None or not self.measured else 100.0 * self.off / abs(self.measured)
 
+    def summary(self) -> UnreachableFeature:
+        """Return what a result says of the feature where it is not reached."""
+        return UnreachableFeature(
+            self.label, self.record, self.body, self.unit, self.measured, self.nearest, self.off, self.percent
+        )
+
 
 def reach(trials: Iterable[Trial]) -> list[Reach]:
     """How near the trials that ended ok come to each measured scalar feature."""
@@ -66,11 +101,3 @@ def _reach(features: list[dict]) -> Reach:
         off=off,
         reached=off <= tolerance,
     )
-
-
-def missed(
-    feature: str, body: str, record: str, unit: str, measured: float, nearest: float | None, percent: float | None
-) -> str:
-    """Say which measured feature is not reached, and how far off the nearest value is."""
-    off = "" if percent is None else f" ({percent:.3g} % off)"
-    return f"{feature} of {body} in {record}: measured {shown(measured, unit)}, nearest {shown(nearest, unit)}{off}"

@@ -25,6 +25,7 @@ from calib.store import Store, Trial, read
 from calib.store.trial import best
 from calib.study import (
     INTERRUPTED,
+    CalibrationResult,
     CalibrationStudy,
     Confirmation,
     Evaluation,
@@ -36,6 +37,8 @@ from calib.study import (
     result,
 )
 from calib.study.progress import Progress
+from calib.study.result import HeldOutSummary
+from calib.study.summary import held_out, not_simulated, summarised
 from calib.study_file import StudyFile, load
 
 MUCH = 0.5  # of the distance; where a free trigger takes it below, this is said
@@ -51,7 +54,7 @@ def calibrate(
     jobs: int | None = None,
     fresh: bool = False,
     quiet: bool = False,
-) -> dict[str, Any]:
+) -> CalibrationResult:
     """Run a study to its end, or go on with it, and write what it found: `calib run` from Python.
 
     Parameters
@@ -64,7 +67,7 @@ def calibrate(
 
     Returns
     -------
-    what result.json says: values and intervals in SI, score, kind of motion, records held out
+    what result.json holds: values and intervals in SI, score, kind of motion, records held out
 
     Raises
     ------
@@ -77,7 +80,7 @@ def calibrate(
         return _calibrate(file, folder, progress, fresh)
 
 
-def _calibrate(file: StudyFile, folder: Path, progress: Progress, fresh: bool) -> dict[str, Any]:
+def _calibrate(file: StudyFile, folder: Path, progress: Progress, fresh: bool) -> CalibrationResult:
     begin = time.monotonic()
     study = file.study
     if not fresh:
@@ -94,7 +97,7 @@ def _calibrate(file: StudyFile, folder: Path, progress: Progress, fresh: bool) -
 
 def _concluded(
     file: StudyFile, store: Store, pool: LocalPool | InProcess, found: Result, progress: Progress, begin: float
-) -> dict[str, Any]:
+) -> CalibrationResult:
     """Confirm what was found, work out how sure it is, predict what is held out, and write result and report."""
     study = file.study
     top, model = found.best, study.model
@@ -113,13 +116,13 @@ def _concluded(
         if _held(file):
             progress.stage("hold-out")
         final |= _held_out(file, model, top.values)
-    said = result.summarised(
+    said = summarised(
         study,
         found.trials,
         best=top,
         score=_scores(final).get(CALIBRATED),
         confirmation=confirmation,
-        confidence=None if confidence is None else confidence.as_dict(),
+        confidence=None if confidence is None else confidence.summary(),
         reach=found.reach,
         agreement=found.agreement,
         stopped=found.stopped,
@@ -157,7 +160,7 @@ def rebuild(path: str | Path, out: str | Path | None = None, jobs: int | None = 
     return _report(file, folder, *_what_lies_there(file, folder))
 
 
-def summary_so_far(path: str | Path, out: str | Path | None = None) -> dict[str, Any]:
+def summary_so_far(path: str | Path, out: str | Path | None = None) -> CalibrationResult:
     """Return what result.json says or, where the search has not ended, would say of the trials that there are.
 
     Raises
@@ -170,20 +173,20 @@ def summary_so_far(path: str | Path, out: str | Path | None = None) -> dict[str,
 
 def _what_lies_there(
     file: StudyFile, folder: Path
-) -> tuple[Mapping[str, Any], list[Trial], Mapping[str, Evaluation | Failure], dict[str, Any]]:
+) -> tuple[Mapping[str, Any], list[Trial], Mapping[str, Evaluation | Failure], CalibrationResult]:
     """Header and trials of the ledger, the records of the best trial and those held out, and the result."""
     header, trials = read(folder, file.study.header["definition"])
     trials.sort(key=lambda trial: trial.number)
     top, model = best(trials), file.study.model
     said = result.read(folder)
     numbered = {trial.number: trial for trial in trials}
-    finished = said is not None and result.searched_best(said) == (None if top is None else top.number)
-    finished = finished and (top is None or said["best_trial"] in numbered)
+    finished = said is not None and said.searched_best == (None if top is None else top.number)
+    finished = finished and (top is None or said.best_trial in numbered)
     if finished and top is not None:
-        top, model = numbered[said["best_trial"]], _simulated_with(model, said)
+        top, model = numbered[said.best_trial], _simulated_with(model, said)
     final = {} if top is None else _held_out(file, model, top.values, with_calibrated=True)
     if not finished:
-        said = result.summarised(
+        said = summarised(
             file.study,
             trials,
             best=top,
@@ -196,9 +199,9 @@ def _what_lies_there(
     return header, trials, final, said
 
 
-def _simulated_with(model: Model, said: Mapping[str, Any]) -> Model:
+def _simulated_with(model: Model, said: CalibrationResult) -> Model:
     """Return the model whose records a result is about: of the confirming simulator, where one confirmed it."""
-    if not result.confirmed(said):
+    if not said.confirmed:
         return model
     if model.confirming is None:
         raise CalibError(
@@ -268,20 +271,20 @@ def _scores(final: Mapping[str, Evaluation | Failure]) -> dict[str, Score]:
     return {name: answer.score for name, answer in final.items() if isinstance(answer, Evaluation)}
 
 
-def _said_of_others(file: StudyFile, final: Mapping[str, Evaluation | Failure]) -> dict[str, dict[str, Any]]:
+def _said_of_others(file: StudyFile, final: Mapping[str, Evaluation | Failure]) -> dict[str, HeldOutSummary]:
     return {name: _said_of(file, name, answer) for name, answer in final.items() if name != CALIBRATED}
 
 
-def _said_of(file: StudyFile, name: str, answer: Evaluation | Failure) -> dict[str, Any]:
+def _said_of(file: StudyFile, name: str, answer: Evaluation | Failure) -> HeldOutSummary:
     """What result.json says of the record `name`, which was held out."""
     if isinstance(answer, Failure):
-        return result.failed(answer.status, answer.reason)
+        return not_simulated(answer.status, answer.reason)
     if answer.score.status != OK:
-        return result.held_out(answer.score, math.nan)
+        return held_out(answer.score, math.nan)
     reference, objective = file.others[name], file.study.objective
     simulated = answer.records[name]
     aligned = objective.on({name: reference}).aligned(name, simulated)
-    return result.held_out(answer.score, record_misfit(reference, objective.terms, simulated, aligned))
+    return held_out(answer.score, record_misfit(reference, objective.terms, simulated, aligned))
 
 
 def _in_the_place_of_intervals(
@@ -343,7 +346,7 @@ def _report(
     header: Mapping[str, Any],
     trials: Sequence[Trial],
     final: Mapping[str, Evaluation | Failure],
-    said: Mapping[str, Any],
+    said: CalibrationResult,
 ) -> Path:
     study = file.study
     known = {**study.objective.references, **file.others}

@@ -15,15 +15,15 @@ def calibrated_values(file: StudyFile, folder: Path) -> Mapping[str, float]:
     ------
     CalibError : the study was not calibrated, ended without values, or was changed since
     """
-    said = result.read(folder)
-    if said is None:
+    found = result.read(folder)
+    if found is None:
         raise CalibError(f"there is no {result.NAME} in {folder}: calibrate first, with `calib run {file.path}`")
-    if not said["values"]:
+    if not found.values:
         raise CalibError(f"no trial of the study in {folder} ended well: there are no values to diagnose")
-    missing = [name for name in file.study.space.names if name not in said["values"]]
+    missing = [name for name in file.study.space.names if name not in found.values]
     if missing:
         raise CalibError(
             f"{folder / result.NAME} has no value of {missing[0]}, which the study searches: it was changed since; "
             f"run `calib run {file.path}` again"
         )
-    return {**file.study.space.fixed, **said["values"]}
+    return {**file.study.space.fixed, **found.values}

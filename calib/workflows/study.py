@@ -306,7 +306,7 @@ class Calibration:
     ----------
     path : of the study file
     folder : of its results
-    summary : what result.json says; of a search that was stopped, what the trials say that there are
+    summary : the `CalibrationResult` of result.json; of a search that was stopped, what the trials so far say
 
     Parameters
     ----------
@@ -325,19 +325,19 @@ class Calibration:
         return load(self.path)
 
     @property
-    def values(self) -> dict[str, float]:
+    def values(self) -> Mapping[str, float]:
         """Parameter -> value [SI]; empty where no trial ended well."""
-        return self.summary["values"]
+        return self.summary.values
 
     @property
-    def intervals(self) -> dict[str, list[float]]:
-        """Parameter -> [low, high] of its 95 % interval [SI], of those that have one."""
-        return self.summary["intervals"]
+    def intervals(self) -> Mapping[str, tuple[float, float]]:
+        """Parameter -> (low, high) of its 95 % interval [SI], of those that have one."""
+        return self.summary.intervals
 
     @property
     def kind(self) -> str | None:
         """Kind of the calibrated motion, such as "period-1"."""
-        return self.summary["motion"]["kind"]
+        return self.summary.motion.kind
 
     def simulated(self, record: str | None = None) -> xr.Dataset:
         """Return the calibrated motion for a record, the first one where none is named.
@@ -392,7 +392,7 @@ class Calibration:
         ------
         CalibError : there are no calibrated values, or a mistake in the budget
         """
-        if not self.values or self.summary["stopped"] == UNFINISHED:
+        if not self.values or self.summary.stopped == UNFINISHED:
             raise CalibError("the search has not ended with values: run the study to its end, then diagnose it")
         with Count("simulations", quiet) as count:
             said, extended = diagnose_study(
@@ -403,15 +403,15 @@ class Calibration:
 
     def _repr_html_(self) -> str:
         rows = "".join(f"<tr><td>{html.escape(name)}</td>{self._cells(name)}</tr>" for name in self.values)
-        total, kind = self.summary["score"]["total"], self.kind or self.summary["status"]
+        total, kind = self.summary.score.total, self.kind or self.summary.status
         score = "" if total is None else f", score {total:.4g}"
         notes = [
-            *(["the search has not ended"] if self.summary["stopped"] == UNFINISHED else []),
-            *self.summary["remarks"],
+            *(["the search has not ended"] if self.summary.stopped == UNFINISHED else []),
+            *self.summary.remarks,
         ]
         picture = base64.b64encode(self.plot()._repr_png_()).decode() if self.values else ""
         return (
-            f"<b>{html.escape(self.summary['name'])}</b>: {html.escape(kind)}{score}"
+            f"<b>{html.escape(self.summary.name)}</b>: {html.escape(kind)}{score}"
             f"<table><tr><th>parameter</th><th>value</th><th>95 % interval</th></tr>{rows}</table>"
             + "".join(f"<p>{html.escape(note)}</p>" for note in notes)
             + (f'<img alt="measured and simulated" src="data:image/png;base64,{picture}">' if picture else "")
@@ -419,9 +419,9 @@ class Calibration:
 
     def _cells(self, name: str) -> str:
         """Value of a parameter and its interval, as cells of a table."""
-        unit, ends = self.summary["units"][name], self.intervals.get(name)
+        unit, ends = self.summary.units[name], self.intervals.get(name)
         interval = f"{shown(ends[0], unit)} to {shown(ends[1], unit)}" if ends else ""
-        if name not in self.summary["windows"]:
+        if name not in self.summary.windows:
             interval = "fixed"
         return f"<td>{shown(self.values[name], unit)}</td><td>{interval or 'none'}</td>"
 

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from calib.records import read
 from calib.report.drawing import LINE, MARK, MEASURED, SIMULATED, STYLE, dots, line
 from calib.report.figures import beside
+from calib.study import result
 from calib.study_file import load
 from calib.units import shown
 from calib.workflows.calibrate import calibrate
@@ -38,17 +39,17 @@ def tell(path: Path) -> None:
     """Calibrate the study, diagnose it, calibrate what the diagnosis makes of it; say in between what was found."""
     began = time.monotonic()
     first = calibrate(path)
-    print(f"calibrated: distance {first['score']['total']:.3g}, {first['motion']['kind']}")
-    for missed in first["unreachable"]:
-        print(f"    not reached: {missed['feature']}, {missed['percent']:.3g} % off")
+    print(f"calibrated: distance {first.score.total:.3g}, {first.motion.kind}")
+    for missed in first.unreachable:
+        print(f"    not reached: {missed.feature}, {missed.percent:.3g} % off")
     found, extended = diagnose_study(path, apply=True, on_stage=lambda stage: print(f"    {stage}", flush=True))
     print(f"diagnosed: {found['said']}")
     if extended is None:
         raise SystemExit(f"the diagnosis came to {found['verdict']!r}: there is nothing to extend the model by")
     second = calibrate(extended)
-    print(f"extended: distance {second['score']['total']:.3g}, {second['motion']['kind']}")
-    for name, before in first["holdout"].items():
-        one, other = (held.get("terms", {}) for held in (before, second["holdout"][name]))
+    print(f"extended: distance {second.score.total:.3g}, {second.motion.kind}")
+    for name, before in first.holdout.items():
+        one, other = (held.terms for held in (before, second.holdout[name]))
         print(f"    held out, {name}: " + "; ".join(f"{t} {one[t]:.3g} -> {other[t]:.3g}" for t in other if t in one))
     print(f"{time.monotonic() - began:.0f} s")
 
@@ -58,7 +59,7 @@ def draw(folder: Path) -> Figure:
     file = load(folder)
     objective, told = file.study.objective, [folder / "out", folder / "out.extended"]
     diagnosis = json.loads((told[0] / "diagnosis.json").read_text())
-    results = [json.loads((out / "result.json").read_text()) for out in told]
+    results = [result.read(out) for out in told]
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(10.0, 3.9), layout="constrained")
         loop, suspects, held = figure.subplots(1, 3, width_ratios=(1.25, 1.05, 0.75))
@@ -117,9 +118,9 @@ def explained(axes, diagnosis) -> None:
 
 def predicted(axes, results) -> None:
     """Distance of the layer's phase curve on the records held out, before and after."""
-    names, term = list(results[0]["holdout"]), "phase_curve of layer"
-    for offset, result, colour in zip((-0.2, 0.2), results, (BEFORE, AFTER), strict=True):
-        heights = [result["holdout"][name].get("terms", {}).get(term, np.nan) for name in names]
+    names, term = list(results[0].holdout), "phase_curve of layer"
+    for offset, found, colour in zip((-0.2, 0.2), results, (BEFORE, AFTER), strict=True):
+        heights = [found.holdout[name].terms.get(term, np.nan) for name in names]
         axes.bar(np.arange(len(names)) + offset, heights, color=colour, width=0.36)
         for place, height in enumerate(heights):
             axes.annotate(f"{height:.2g}", (place + offset, height), (0, 3), textcoords="offset points", ha="center")

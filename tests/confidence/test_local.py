@@ -173,7 +173,7 @@ def test_a_parameter_without_influence_is_not_determined():
     c = local(linear(matrix, np.full(2, 0.5), noise), cube("a", "idle"), np.full(2, 0.5))
     assert [g.members for g in c.undetermined] == [("idle",)]
     assert c.standard_error["idle"] == np.inf
-    assert c.as_dict()["standard_error"]["idle"] is None
+    assert c.summary().standard_error["idle"] is None
     assert c.interval["idle"] == (0.0, 1.0)
 
 
@@ -250,7 +250,7 @@ def test_failing_neighbours_give_a_reason_and_no_numbers():
     assert "b" in c.reason
     assert "irregular, not period 1" in c.reason
     assert c.standard_error == {}
-    assert c.as_dict()["interval"] == {}
+    assert c.summary().interval == {}
 
 
 def test_a_failed_best_point_gives_a_reason():

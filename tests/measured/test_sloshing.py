@@ -70,7 +70,7 @@ def diagnosis(measured, tmp_path_factory):
         study = Path(shutil.copy(STUDY, folder))
         calibrate(study, quiet=True)
         summary, extended = diagnose_study(study, apply=True)
-        values = calibrate(extended, folder / "extended", budget=10, quiet=True)["values"]
+        values = calibrate(extended, folder / "extended", budget=10, quiet=True).values
         return summary, load(extended), values
 
 

@@ -244,13 +244,13 @@ def test_a_decay_from_an_unknown_state_is_calibrated_to_the_true_stiffness_and_d
 @pytest.mark.slow
 def test_the_states_of_all_records_are_told_with_their_units(tmp_path):
     found = calibrate(written(tmp_path), quiet=True)
-    solved = found["nuisances"]["first"]
+    solved = found.nuisances["first"]
     assert (solved["initial_displacement"], solved["offset.mass"]) == pytest.approx((0.07, OFFSET), abs=1e-3)
-    assert found["nuisance_units"] == {"offset.mass": "m", "initial_displacement": "m", "initial_velocity": "m/s"}
-    held = found["holdout"]["third"]
-    assert held["nuisances"]["initial_displacement"] == pytest.approx(0.05, abs=1e-3)
-    assert held["misfit"] < 0.05
-    assert found["simulations"] > 4 * found["trials"] > 0
+    assert found.nuisance_units == {"offset.mass": "m", "initial_displacement": "m", "initial_velocity": "m/s"}
+    held = found.holdout["third"]
+    assert held.nuisances["initial_displacement"] == pytest.approx(0.05, abs=1e-3)
+    assert held.misfit < 0.05
+    assert found.simulations > 4 * found.trials > 0
     assert "third initial_velocity" in (tmp_path / "out" / "report.html").read_text()
 
 

@@ -33,9 +33,9 @@ def told(tmp_path_factory):
 @pytest.mark.slow
 def test_no_point_of_the_box_reaches_the_record(told):
     first, _, _ = told
-    assert first["motion"]["kind"] == "period-1"
-    assert first["score"]["terms"][TERM] > 0.4
-    missed = {entry["feature"] for entry in first["unreachable"]}
+    assert first.motion.kind == "period-1"
+    assert first.score.terms[TERM] > 0.4
+    missed = {missed.feature for missed in first.unreachable}
     assert missed >= {"displacement amplitude", "velocity amplitude", "velocity change at impact"}
 
 
@@ -53,8 +53,8 @@ def test_the_shape_of_the_gap_is_named(told):
 @pytest.mark.slow
 def test_the_extended_model_fits_and_predicts_the_records_held_out(told):
     first, found, second = told
-    assert second["score"]["terms"][TERM] < 0.05
+    assert second.score.terms[TERM] < 0.05
     assert found["gain"]["kind"] == "records held out"
     assert found["gain"]["proven"]
     for name, limit in (("louder", 0.1), ("slower", 0.05)):
-        assert second["holdout"][name]["terms"][TERM] < limit < 0.5 < first["holdout"][name]["terms"][TERM]
+        assert second.holdout[name].terms[TERM] < limit < 0.5 < first.holdout[name].terms[TERM]

@@ -1,6 +1,6 @@
 """Studies made up for the report: one with a period, one without, one in which nothing went well."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,6 +9,7 @@ import pytest
 from calib.modelling.parameter import Parameter, Space, Window
 from calib.records import failed, make
 from calib.store import Trial
+from calib.study import CalibrationResult
 
 PERIOD = 0.04  # s
 
@@ -18,7 +19,7 @@ class Scene:
     study: object
     trials: list
     records: dict
-    result: dict = field(default_factory=dict)
+    result: CalibrationResult
 
     @property
     def arguments(self):
@@ -165,7 +166,7 @@ def periodic():
         "simulations": 700,
         "seconds": 12.3,
     }
-    return Scene(study(references, space, parameters), trials, records, result)
+    return Scene(study(references, space, parameters), trials, records, CalibrationResult.from_dict(result))
 
 
 @pytest.fixture(scope="session")
@@ -185,7 +186,7 @@ def recorded():
         "motion": {"kind": "not periodic"},
         "best_trial": best.number,
     }
-    return Scene(study(references, space, parameters), trials, {"emps": sliding()}, result)
+    return Scene(study(references, space, parameters), trials, {"emps": sliding()}, CalibrationResult.from_dict(result))
 
 
 @pytest.fixture(scope="session")
@@ -198,4 +199,4 @@ def hopeless(periodic):
         "motion": {"kind": None},
         "best_trial": None,
     }
-    return Scene(periodic.study, trials, {}, result)
+    return Scene(periodic.study, trials, {}, CalibrationResult.from_dict(result))

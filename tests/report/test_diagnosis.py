@@ -25,9 +25,11 @@ from calib.report.diagnosis import chapter, outcome, separated
 from calib.report.missing_force import accelerations, stands_clear
 from calib.report.residual_plots import EXTENDED, loop, residuals, rows
 from calib.report.separation import separation_lines, separation_map
+from calib.study import CalibrationResult
 
 VERDICTS = ("named", "one_of", "none", "unexplained", "not_diagnosable")
 VALUES = {"restitution": 0.1, "gap": 1e-3}
+CALIBRATED = CalibrationResult(values=VALUES)
 
 
 @pytest.fixture(scope="module")
@@ -41,13 +43,13 @@ def study(periodic):
 def page(study):
     said = document("one_of", VALUES)
     shown = {"clapping": motions("one_of")["clapping"]}
-    return render(study, [], {}, {"values": VALUES}, diagnosis=said, motions=shown)
+    return render(study, [], {}, CALIBRATED, diagnosis=said, motions=shown)
 
 
 @pytest.fixture(scope="module")
 def told(study):
     """Return the chapter of a verdict."""
-    return functools.cache(lambda verdict: chapter(document(verdict, VALUES), {}, {"values": VALUES}, study))
+    return functools.cache(lambda verdict: chapter(document(verdict, VALUES), {}, CALIBRATED, study))
 
 
 def words(text):
@@ -92,7 +94,7 @@ def test_a_size_that_another_cause_moves_out_of_its_interval_is_told_with_both_v
 def test_causes_that_were_exchanged_after_the_rounds_are_in_their_table(study):
     exchange = {"before": ["gain"], "after": ["lag", "scale"], "reason": "of all pairs this one explains most"}
     said = document("named", VALUES) | {"exchanges": [exchange]}
-    last = chapter(said, {}, {"values": VALUES}, study)["rounds"][-1]
+    last = chapter(said, {}, CALIBRATED, study)["rounds"][-1]
     assert last["model"] == "calibrated + gain"
     assert last["chosen"] == "lag + scale instead: of all pairs this one explains most"
 
@@ -101,7 +103,7 @@ def test_what_could_not_be_looked_at_does_not_hold(study):
     said = document("named", VALUES)
     gate = {"name": "time_step", "passed": True, "said": "it has none", "z": None, "tried": False}
     said["gates"] = [*said["gates"], gate]
-    page = words(render(study, [], {}, {"values": VALUES}, diagnosis=said, motions={}))
+    page = words(render(study, [], {}, CALIBRATED, diagnosis=said, motions={}))
     assert "time_step not tried it has none" in page
 
 
@@ -194,7 +196,7 @@ def test_where_nothing_is_found_all_suspects_stand_with_the_sizes_that_would_hav
 
 
 def test_what_the_level_of_the_noise_is_known_from_is_said(study):
-    found = chapter(document("named", VALUES), motions("named"), {"values": VALUES}, study)
+    found = chapter(document("named", VALUES), motions("named"), CALIBRATED, study)
     [noise] = [gate for gate in found["gates"] if gate["name"] == "noise"]
     assert noise["said"].endswith(" of the standard deviation of the channel, in 8 channels (cycle to cycle)")
 
@@ -253,7 +255,7 @@ def test_the_strongest_rival_is_told_also_where_it_was_left_out_later(study):
     [rival] = [suspect for suspect in said["suspects"] if suspect["effect"] == "linear_drag"]
     rival |= {"share": 0.69, "alike": 0.52}
     said["left_out"] = [{"effect": "linear_drag", "share": 0.36, "beside": ["quadratic_drag"], "reason": ""}]
-    found = chapter(said, {}, {"values": VALUES}, study)
+    found = chapter(said, {}, CALIBRATED, study)
     [told] = [text for text in found["why"] if text.startswith("Of the effects that are not named")]
     assert "linear_drag explains most on its own: 69 % of the excess" in told
     assert told.endswith("Beside quadratic_drag it is left out.")
@@ -264,7 +266,7 @@ def test_a_likeness_to_a_choice_that_was_exchanged_is_said_to_be_that(study):
     said = document("named", VALUES)
     exchange = {"before": ["quadratic_drag"], "after": ["lag", "scale"], "reason": "it explains more"}
     said |= {"verdict": "one_of", "causes": [], "class": [["lag", "scale"], ["lag", "gain"]], "exchanges": [exchange]}
-    found = chapter(said, {}, {"values": VALUES}, study)
+    found = chapter(said, {}, CALIBRATED, study)
     [row] = [row for row in found["suspects"]["shown"] if row["effect"] == "linear_drag"]
     assert row["reason"] == "explains less; 90\u00a0% like quadratic_drag, the choice of round 1"
     last = found["rounds"][-1]
@@ -275,7 +277,7 @@ def test_a_likeness_to_a_choice_that_was_exchanged_is_said_to_be_that(study):
 def test_where_all_above_the_threshold_make_no_sense_none_is_not_said_to_be_above_it(study):
     said = document("unexplained", VALUES) | {"closest": [], "suspects": document("named", VALUES)["suspects"][2:3]}
     said["rounds"] = [{"threshold": 3.43, "chosen": None, "share": None, "rivals": [], "alike": {}}]
-    found = chapter(said, {}, {"values": VALUES}, study)
+    found = chapter(said, {}, CALIBRATED, study)
     assert abs(said["suspects"][0]["z"]) > said["threshold"]
     assert found["rounds"][0]["chosen"] == "none is above the threshold with a size that makes sense"
 
@@ -292,7 +294,7 @@ def test_what_calibration_absorbs_without_causes_may_come_in_a_later_round(study
     suspect |= {"absorbed": 1.0, "refitted": False}
     rejected = {"rejected": "channel_lag", "rejection": "it explains a negligible share"}
     said["rounds"] = [said["rounds"][0], said["rounds"][1] | rejected]
-    rows = chapter(said, {}, {"values": VALUES}, study)["suspects"]
+    rows = chapter(said, {}, CALIBRATED, study)["suspects"]
     [row] = [row for row in rows["shown"] + rows["rest"] if row["effect"] == "channel_lag"]
     assert row["reason"] == "without causes calibration absorbs it; see round 2"
     assert (row["share"], row["absorbed"]) == ("-", "all")
@@ -302,7 +304,7 @@ def test_a_feature_is_shown_as_z_is_taken_of_it(study):
     """With the noise of the record laid over the simulation."""
     said = document("named", VALUES)
     said["misfit"] = said["misfit"] | {"features": [said["misfit"]["features"][0] | {"z": -5.0}]}
-    [row] = chapter(said, {}, {"values": VALUES}, study)["features"]["marked"]
+    [row] = chapter(said, {}, CALIBRATED, study)["features"]["marked"]
     assert (row["measured"], row["predicted"], row["z"]) == ("2.4100 ± 0.0080", "2.3900", "−5.0")
 
 
@@ -310,7 +312,7 @@ def test_a_feature_is_shown_as_z_is_taken_of_it(study):
 def test_where_the_acceleration_is_too_uncertain_nothing_is_said_to_be_noise(lack, study):
     records = {"clapping": motion(np.random.default_rng(3), lack=lack)}
     said = document("unexplained", VALUES)
-    text = words(render(study, [], {}, {"values": VALUES}, diagnosis=said, motions=records))
+    text = words(render(study, [], {}, CALIBRATED, diagnosis=said, motions=records))
     assert "nothing stands clear of noise" not in text
     assert ("nothing stands clear of the uncertainty of the acceleration" in text) == (
         not all(stands_clear(force) for body in ("q2", "q3") for force in accelerations(records, body).values())
@@ -326,7 +328,7 @@ def test_of_records_with_one_channel_each_only_the_records_are_compared(several,
     among = {"among": "the channels of the records", "effect": "quadratic_drag", "z": 3.6, "variation": 0.13}
     said["misfit"] = said["misfit"] | {"inconstancy": 3.6, "constancy": [among], "channels": channels}
     said["remains"] = {"above_noise": True, "rows": []}
-    told = [text for text in chapter(said, {}, {"values": VALUES}, study)["why"] if "The sizes of" in text]
+    told = [text for text in chapter(said, {}, CALIBRATED, study)["why"] if "The sizes of" in text]
     assert len(told) == several
     for text in told:
         assert text.startswith("The sizes of quadratic_drag differ by 13\u00a0% among the channels of the records (")
@@ -349,7 +351,7 @@ def test_calibrated_values_move_by_the_errors_that_the_table_gives(study):
     [told] = [text for text in points(said) if "calibrated values move" in text]
     assert "two standard errors" in told
     assert "restitution from 0.09170 ± 0.00084 to 0.10010 ± 0.00060" in told
-    [moved, _] = chapter(said, {}, {"values": VALUES}, study)["brings"]["moved"]
+    [moved, _] = chapter(said, {}, CALIBRATED, study)["brings"]["moved"]
     assert (moved["before"], moved["after"]) == ("0.09170 ± 0.00084", "0.10010 ± 0.00060")
 
 
@@ -359,12 +361,12 @@ def test_what_calibration_absorbs_has_no_score(study):
     channel_lag = next(suspect for suspect in said["suspects"] if suspect["effect"] == "channel_lag")
     channel_lag |= {"z": 51.0, "absorbed": 0.9999, "refitted": False}
     assert outcome(channel_lag, said) == "absorbed"
-    rows = chapter(said, {}, {"values": VALUES}, study)["suspects"]
+    rows = chapter(said, {}, CALIBRATED, study)["suspects"]
     [row] = [row for row in rows["shown"] + rows["rest"] if row["effect"] == "channel_lag"]
     assert (row["z"], row["sizes"]) == ("-", ["-"])
     assert "calibration absorbs it" in row["reason"]
     channel_lag |= {"z": 0.0, "absorbed": 0.9, "detectable": dict.fromkeys(channel_lag["detectable"])}
-    rows = chapter(said, {}, {"values": VALUES}, study)["suspects"]
+    rows = chapter(said, {}, CALIBRATED, study)["suspects"]
     [row] = [row for row in rows["shown"] + rows["rest"] if row["effect"] == "channel_lag"]
     assert (row["z"], row["sizes"]) == ("-", ["-"])
     assert "error of its derivative" in row["reason"]
@@ -376,7 +378,7 @@ def test_whether_several_causes_have_one_size_everywhere_is_said(z, differ, stud
     said |= {"closest": ["quadratic_drag", "channel_lag"], "misfit": said["misfit"] | {"inconstancy": z}}
     said |= {"stand_ins": ["channel_lag"] if differ else [], "said": "both come closest, but why not"}
     assert headline(said) == "No known effect can be named as the cause: both come closest, but why not."
-    [told] = [text for text in chapter(said, {}, {"values": VALUES}, study)["why"] if "threshold" in text]
+    [told] = [text for text in chapter(said, {}, CALIBRATED, study)["why"] if "threshold" in text]
     how = "differ" if differ else "do not differ"
     assert told.startswith(f"The sizes of quadratic_drag and channel_lag {how} among the channels of the records")
 
@@ -404,7 +406,7 @@ def test_what_explains_too_little_of_a_remainder_is_told_and_not_named(study):
     beside = ["quadratic_drag", "preload"]
     said["left_out"].insert(0, {"effect": "coulomb_friction", "share": 0.4, "beside": beside})
     assert "quadratic_drag and preload may leave, coulomb_friction explains 40\u00a0%" in left_out(said)[0]
-    last = chapter(said, {}, {"values": VALUES}, study)["rounds"][-1]
+    last = chapter(said, {}, CALIBRATED, study)["rounds"][-1]
     assert last["chosen"] == "without preload: it explains 64 % of the excess that the others may leave: too little"
     assert last["share"] == "-"
 
@@ -427,14 +429,14 @@ def test_a_page_never_says_that_sizes_differ_and_that_they_do_not(inconstancy, a
     said |= {"stand_ins": ["channel_lag"] if inconstancy > 3.43 else []}
     alone = {"parameter": "c2", "chi2": 1.6, "degrees": 2, "z": 0.7 if agree else 11.5, "agree": agree}
     said["gain"] = GAIN | {"agreements": [alone]}
-    told = chapter(said, {}, {"values": VALUES}, study)
+    told = chapter(said, {}, CALIBRATED, study)
     text = " ".join([*told["why"], *told["brings"]["agreement"]])
     assert ("do not agree" in text) == (not agree)
     assert not ("do not agree" in text and "do not differ" in text)
     assert ("The records, each alone, agree on c2 (chi" in text) == agree
     biased = [transfer | {"bias": 0.3} for transfer in GAIN["transfers"]]
     said["gain"] |= {"transfers": biased}
-    [sentence] = chapter(said, {}, {"values": VALUES}, study)["brings"]["agreement"]
+    [sentence] = chapter(said, {}, CALIBRATED, study)["brings"]["agreement"]
     assert "agree on c2 within what the model leaves in them may bias it by (chi" in sentence
     assert ("what differs are the channels within them" in text) == (agree and inconstancy > 3.43)
 
@@ -442,7 +444,7 @@ def test_a_page_never_says_that_sizes_differ_and_that_they_do_not(inconstancy, a
 def test_where_a_gate_fails_after_several_causes_were_found_nothing_is_said_of_their_sizes(study):
     said = document("named", VALUES) | {"verdict": "not_diagnosable", "causes": [], "class": []}
     said |= {"gates": [GATES[3] | {"passed": False}], "misfit": said["misfit"] | {"inconstancy": 5.3}}
-    assert not [text for text in chapter(said, {}, {"values": VALUES}, study)["why"] if "The sizes of" in text]
+    assert not [text for text in chapter(said, {}, CALIBRATED, study)["why"] if "The sizes of" in text]
     assert "sizes differ" not in headline(said)
 
 
@@ -466,18 +468,18 @@ def test_a_gain_that_may_be_none_is_said_to_be():
 
 def test_a_diagnosis_of_other_values_is_out_of_date():
     said = document("named", VALUES)
-    assert not stale(said, {"values": VALUES})
-    assert stale(said, {"values": VALUES | {"gap": 1.01e-3}})
+    assert not stale(said, CALIBRATED)
+    assert stale(said, CalibrationResult(values=VALUES | {"gap": 1.01e-3}))
 
 
 def test_a_page_without_a_diagnosis_has_no_such_chapter(page, study):
     assert 'id="diagnosis"' in page
-    assert 'id="diagnosis"' not in render(study, [], {}, {"values": VALUES})
+    assert 'id="diagnosis"' not in render(study, [], {}, CALIBRATED)
 
 
 def test_the_page_says_that_a_diagnosis_is_out_of_date(study):
     said = document("not_diagnosable", {"gap": 2e-3})
-    assert "Out of date:" in words(render(study, [], {}, {"values": VALUES}, diagnosis=said))
+    assert "Out of date:" in words(render(study, [], {}, CALIBRATED, diagnosis=said))
 
 
 def test_the_chapter_closes_its_elements_and_has_its_pictures(page):
@@ -554,7 +556,7 @@ def test_what_a_diagnosis_leaves_in_its_folder_can_be_read_again(tmp_path):
 def test_a_class_of_one_is_not_said_to_have_others(study):
     said = document("one_of", VALUES)
     said |= {"class": [["quadratic_drag"]], "said": "quadratic_drag: explains all; or what acts alike"}
-    told = chapter(said, {}, {"values": VALUES}, study)
+    told = chapter(said, {}, CALIBRATED, study)
     [row] = [row for row in told["suspects"]["shown"] if row["effect"] == "quadratic_drag"]
     assert row["reason"] == "one steady tone shows it"
     assert "one record is not enough: quadratic_drag" in told["headline"]
@@ -567,6 +569,6 @@ def test_a_caption_tells_of_green_where_it_is_drawn(extended, study):
     record = motion(np.random.default_rng(9), lack=0.03)
     record = record.drop_vars("extended", errors="ignore")
     record = record.assign(extended=record.measured.copy()) if extended else record
-    told = chapter(document("named", VALUES), {"clapping": record}, {"values": VALUES}, study)
+    told = chapter(document("named", VALUES), {"clapping": record}, CALIBRATED, study)
     assert all(("green by the extended one" in picture["picture"].caption) == extended for picture in told["residuals"])
     assert told["residuals"]

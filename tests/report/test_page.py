@@ -15,6 +15,8 @@ from calib.report import render
 from calib.report.page import _driven
 from calib.report.verdict import verdict
 from calib.report.words import measured_number, number
+from calib.study import CalibrationResult, UndeterminedGroup
+from calib.study.result import ConfirmationSummary, LeaderSummary, MotionSummary, ScoreSummary
 
 LARGEST = 3_000_000  # bytes
 
@@ -133,8 +135,7 @@ def test_lengths_are_shown_in_millimetres(found):
 
 
 def test_another_kind_of_motion_comes_before_any_distance(periodic):
-    result = periodic.result | {"motion": {"kind": "period 2", "wrong": ["clapping"]}}
-    said = verdict(result)
+    said = verdict(replace(periodic.result, motion=MotionSummary("period 2", wrong=("clapping",))))
     assert said["tone"] == "bad"
     assert "another kind of motion" in said["headline"]
     assert "period 2, which is not the measured kind in clapping" in said["points"][0]
@@ -142,23 +143,20 @@ def test_another_kind_of_motion_comes_before_any_distance(periodic):
 
 def test_a_motion_without_a_period_is_not_said_to_have_an_excitation_without_one():
     """It may be driven with a period and simulated from rest, or not be driven at all."""
-    said = verdict({"score": {"total": 0.02}, "motion": {"kind": "not periodic", "wrong": []}})
+    said = verdict(CalibrationResult(score=ScoreSummary(0.02), motion=MotionSummary("not periodic")))
     assert said["points"][0].startswith("Kinds of motion do not apply")
     assert "excitation has no period" not in said["points"][0]
 
 
 @pytest.mark.parametrize(("total", "another"), [(9.0, False), (10.37, True)])
 def test_a_distance_that_is_a_penalty_is_said_to_be_that_of_another_kind_of_motion(total, another, periodic):
-    leaders = [
-        {"trial": 3, "searched": 0.43, "confirmed": c, "kind": "period 1", "status": "ok", "reason": ""}
-        for c in (total, 0.4336)
-    ]
-    confirmation = {"leaders": leaders, "chosen": 3, "changed": True}
-    scene = replace(periodic, result=periodic.result | {"confirmation": confirmation})
+    leaders = tuple(LeaderSummary(3, searched=0.43, confirmed=c, kind="period 1") for c in (total, 0.4336))
+    confirmation = ConfirmationSummary(leaders, chosen=3, changed=True)
+    scene = replace(periodic, result=replace(periodic.result, confirmation=confirmation))
     text = words(render(*scene.arguments))
     assert ("10.37, another kind of motion" in text) == another
-    held = {**periodic.result["holdout"]["louder"], "score": total}
-    scene = replace(periodic, result=periodic.result | {"holdout": {"louder": held}})
+    held = replace(periodic.result.holdout["louder"], score=total)
+    scene = replace(periodic, result=replace(periodic.result, holdout={"louder": held}))
     text = words(render(*scene.arguments))
     assert ("Score of the study's terms on this record: 10.37, another kind of motion." in text) == another
     assert ("times that of the calibrated record" in text) != another
@@ -171,8 +169,8 @@ def test_an_interval_of_the_parameters_is_called_by_one_definition(found):
 
 
 def test_a_parameter_that_is_nearly_collinear_with_another_is_not_said_to_be_undetermined(periodic):
-    group = {"members": ["gap", "damping"], "text": "gap damping is determined better", "reason": "nearly collinear"}
-    scene = replace(periodic, result=periodic.result | {"undetermined": [group]})
+    group = UndeterminedGroup(("gap", "damping"), text="gap damping is determined better", reason="nearly collinear")
+    scene = replace(periodic, result=replace(periodic.result, undetermined=(group,)))
     text = words(render(*scene.arguments))
     assert "nearly collinear with damping" in text
     assert "not determined on its own" not in text
@@ -180,7 +178,7 @@ def test_a_parameter_that_is_nearly_collinear_with_another_is_not_said_to_be_und
 
 @pytest.mark.parametrize(("total", "tone"), [(0.02, "good"), (0.14, "mind")])
 def test_a_large_distance_is_no_agreement(total, tone):
-    said = verdict({"score": {"total": total}, "motion": {"kind": "period-1", "wrong": []}})
+    said = verdict(CalibrationResult(score=ScoreSummary(total), motion=MotionSummary("period-1")))
     assert said["tone"] == tone
     assert ("left unexplained" in " ".join(said["points"])) == (tone == "mind")
 
@@ -198,7 +196,7 @@ def test_a_study_without_trials_still_has_a_page(hopeless):
 def test_text_of_others_is_escaped(periodic):
     trials = [replace(periodic.trials[3], reason="<script>alert(1)</script>")]
     study = SimpleNamespace(**{**vars(periodic.study), "name": "<b>bold</b>"})
-    page = render(study, trials, {}, {"values": {}, "score": {"total": None}})
+    page = render(study, trials, {}, CalibrationResult())
     assert "<script>alert" not in page
     assert "<b>bold" not in page
 

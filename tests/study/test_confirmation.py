@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -36,7 +37,7 @@ def trial(number, cost, *u):
 
 
 def without_times(found):
-    return {**found, "seconds": 0, "confirmation": {**found["confirmation"], "seconds": 0}}
+    return replace(found, seconds=0, confirmation=replace(found.confirmation, seconds=0))
 
 
 def best(folder):
@@ -179,20 +180,20 @@ def test_where_none_is_confirmed_the_best_of_the_search_keeps_its_score():
 
 def test_the_result_is_what_the_confirming_simulator_says(confirmed):
     path, found = confirmed
-    said = found["confirmation"]
-    order = {leader["trial"]: leader for leader in said["leaders"]}
-    searched = [leader["searched"] for leader in said["leaders"]]
+    said = found.confirmation
+    order = {leader.trial: leader for leader in said.leaders}
+    searched = [leader.searched for leader in said.leaders]
     assert searched == sorted(searched)
-    assert said["changed"]
-    assert said["chosen"] == found["best_trial"] == min(order, key=lambda number: order[number]["confirmed"])
-    assert found["score"]["total"] == order[said["chosen"]]["confirmed"]
-    assert found["holdout"]["again"]["score"] == pytest.approx(found["score"]["total"], rel=1e-12)
-    assert [part in " ".join(found["remarks"]) for part in ("another order", "is at a distance of")] == [True, True]
-    assert "simulator of the search, by finite differences about the confirmed point" in found["confidence"]["reason"]
+    assert said.changed
+    assert said.chosen == found.best_trial == min(order, key=lambda number: order[number].confirmed)
+    assert found.score.total == order[said.chosen].confirmed
+    assert found.holdout["again"].score == pytest.approx(found.score.total, rel=1e-12)
+    assert [part in " ".join(found.remarks) for part in ("another order", "is at a distance of")] == [True, True]
+    assert "simulator of the search, by finite differences about the confirmed point" in found.confidence.reason
 
     study = load(path).study
-    record = Echo().run(found["values"], study.objective.references["bench"].excitation, (), Request())
-    assert study.objective({"bench": record}).cost == found["score"]["total"]
+    record = Echo().run(found.values, study.objective.references["bench"].excitation, (), Request())
+    assert study.objective({"bench": record}).total == found.score.total
 
 
 def test_the_best_record_is_the_confirmed_one(confirmed):
@@ -200,9 +201,9 @@ def test_the_best_record_is_the_confirmed_one(confirmed):
     record = records.read(path.parent / "out" / "best.nc")
     provenance = json.loads(record.attrs["provenance"])
     assert (record.attrs["model"], record.attrs["record"]) == ("echo", "bench")
-    assert (record.attrs["trial"], provenance["trial"]) == (found["best_trial"], found["best_trial"])
-    assert (provenance["score"]["total"], provenance["confirmed"]) == (found["score"]["total"], True)
-    assert provenance["values"] == found["values"]
+    assert (record.attrs["trial"], provenance["trial"]) == (found.best_trial, found.best_trial)
+    assert (provenance["score"]["total"], provenance["confirmed"]) == (found.score.total, True)
+    assert provenance["values"] == found.values
 
 
 def test_a_study_stopped_while_it_confirms_and_run_again_finds_the_same(confirmed, tmp_path, monkeypatch, drawn):
@@ -241,32 +242,32 @@ def test_a_study_killed_while_it_confirms_and_run_again_finds_the_same(confirmed
 def test_the_page_shows_the_leaders(confirmed):
     page = (confirmed[0].parent / "out" / "report.html").read_text()
     table = page[page.index("Leaders, confirmed") : page.index("<h2>The search")]
-    for leader in confirmed[1]["confirmation"]["leaders"]:
-        assert all(number(leader[key]) in table for key in ("trial", "searched", "confirmed"))
+    for leader in confirmed[1].confirmation.leaders:
+        assert all(number(one) in table for one in (leader.trial, leader.searched, leader.confirmed))
     assert "the best point of the search is another one" in page
 
 
 def test_a_finished_study_keeps_its_confirmation_in_status_and_report(confirmed, drawn):
     path, found = confirmed
     said = study_status(path, None)
-    assert (said["state"], said["best"]["number"]) == ("finished", found["best_trial"])
-    assert (said["best"]["total"], said["best"]["values"]) == (found["score"]["total"], found["values"])
+    assert (said["state"], said["best"]["number"]) == ("finished", found.best_trial)
+    assert (said["best"]["total"], said["best"]["values"]) == (found.score.total, found.values)
     rebuild(path)
     _, _, simulated, said, *_ = drawn[0]
     assert said == found
     assert {name: record.attrs["model"] for name, record in simulated.items()} == {"bench": "echo", "again": "echo"}
-    assert json.loads(simulated["bench"].attrs["values"]) == found["values"]
+    assert json.loads(simulated["bench"].attrs["values"]) == found.values
 
 
 def test_where_no_leader_is_confirmed_the_best_of_the_search_stays(tmp_path, drawn):
     options = 'options = { fault = "raises", above = 0.0 }'
     path = write_study(tmp_path, SKETCH, ("[windows]", f"{options}\n[windows]"))
     found = calibrate(path, quiet=True)
-    leader = found["confirmation"]["leaders"][0]
-    assert found["best_trial"] == found["confirmation"]["chosen"] == leader["trial"]
-    assert found["score"]["total"] == leader["searched"]
-    assert (leader["confirmed"], leader["status"]) == (None, "raised")
-    assert "nothing is confirmed" in found["remarks"][0]
+    leader = found.confirmation.leaders[0]
+    assert found.best_trial == found.confirmation.chosen == leader.trial
+    assert found.score.total == leader.searched
+    assert (leader.confirmed, leader.status) == (None, "raised")
+    assert "nothing is confirmed" in found.remarks[0]
     assert records.read(tmp_path / "out" / "best.nc").attrs["model"] == "sketch"
     _, _, simulated, *_ = drawn[0]
     assert simulated["bench"].attrs["model"] == "sketch"

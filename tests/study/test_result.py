@@ -2,6 +2,7 @@
 
 import json
 import math
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,7 +11,9 @@ import pytest
 from calib.errors import CalibError
 from calib.modelling.parameter import Parameter, Space, Window
 from calib.store import Trial
-from calib.study import result
+from calib.study import CalibrationResult, ConfidenceSummary, Reach, result
+from calib.study.result import FailureSummary, HeldOutSummary, ScoreSummary
+from calib.study.summary import held_out, summarised
 
 STUDY = SimpleNamespace(
     name="s",
@@ -22,80 +25,83 @@ TRIALS = [
     Trial(1, [0.2], {"gap": 5e-4}, math.inf, {"a": math.inf}, status="diverged", reason="too fast"),
     Trial(2, [0.3], {"gap": 7e-4}, 0.25, {"a": 0.25}, kind="period 1"),
 ]
+SAMPLES = Path(__file__).parents[1] / "samples" / "v0_1"
 ARCHITECTURE = {
     "name", "status", "values", "units", "intervals", "undetermined", "at_edge", "unreachable", "score", "motion",
     "trials", "failed", "seconds",
 }  # fmt: skip
 
 
-SURE = {
-    "status": "ok", "interval": {"gap": [6e-4, 8e-4]}, "standard_error": {"gap": 5e-5}, "undetermined": [],
-    "at_edge": {"gap": "low"},
-}  # fmt: skip
+SURE = ConfidenceSummary(
+    "ok", interval={"gap": (6e-4, 8e-4)}, standard_error={"gap": 5e-5}, at_edge={"gap": "low"}
+)  # fmt: skip
 
 
-def summarised(**more):
-    return result.summarised(STUDY, TRIALS, best=TRIALS[2], **more)
+def of_the_study(**more):
+    return summarised(STUDY, TRIALS, best=TRIALS[2], **more)
 
 
 def test_every_promised_key_is_there():
-    assert set(summarised()) >= ARCHITECTURE
+    assert set(of_the_study().as_dict()) >= ARCHITECTURE
 
 
 def test_values_have_units_and_intervals():
-    said = summarised(confidence=SURE)
-    assert said["values"] == {"gap": 7e-4}
-    assert said["units"] == {"gap": "m"}
-    assert said["intervals"] == {"gap": [6e-4, 8e-4]}
-    assert said["at_edge"] == ["gap"]
+    found = of_the_study(confidence=SURE)
+    assert found.values == {"gap": 7e-4}
+    assert found.units == {"gap": "m"}
+    assert found.intervals == {"gap": (6e-4, 8e-4)}
+    assert found.at_edge == ("gap",)
 
 
 def test_trials_and_failures_are_counted():
-    said = summarised()
-    assert (said["trials"], said["failed"], said["best_trial"]) == (3, 1, 2)
-    assert said["failures"] == [{"status": "diverged", "trials": 1, "reason": "too fast"}]
+    found = of_the_study()
+    assert (found.trials, found.failed, found.best_trial) == (3, 1, 2)
+    assert found.failures == (FailureSummary("diverged", 1, "too fast"),)
 
 
 def test_a_failed_study_has_no_score():
-    said = result.summarised(STUDY, TRIALS[1:2])
-    assert said["status"] == "failed"
-    assert said["score"] == {"total": None, "terms": {}}
+    found = summarised(STUDY, TRIALS[1:2])
+    assert found.status == "failed"
+    assert found.score == ScoreSummary(None, {})
 
 
 def test_only_what_is_not_reached_is_listed():
     reach = [
-        SimpleNamespace(
-            label="amplitude",
-            record="r",
-            body="q3",
-            unit="m",
-            measured=2e-3,
-            nearest=1e-3,
-            off=1e-3,
-            percent=50.0,
-            reached=reached,
-        )  # fmt: skip
+        Reach("amplitude", "r", "q3", "m", 2e-3, 0.0, 5e-4, 1e-3, nearest=1e-3, off=1e-3, reached=reached)
         for reached in (True, False)
     ]
-    assert [entry["measured"] for entry in summarised(reach=reach)["unreachable"]] == [2e-3]
+    [feature] = of_the_study(reach=reach).unreachable
+    assert (feature.measured, feature.percent) == (2e-3, 50.0)
 
 
 def test_what_is_not_finite_becomes_null():
-    said = summarised(agreement={"cost": math.inf, "of": (np.float64(1.0), np.array([1, 2]), np.nan)})
-    assert said["agreement"] == {"cost": None, "of": [1.0, [1, 2], None]}
-    json.dumps(said, allow_nan=False)
+    found = of_the_study(agreement={"cost": math.inf, "of": (np.float64(1.0), np.array([1, 2]), np.nan)})
+    assert found.agreement == {"cost": None, "of": [1.0, [1, 2], None]}
+    json.dumps(found.as_dict(), allow_nan=False)
 
 
 def test_the_agreement_of_the_starts_is_told():
-    said = summarised(agreement={"starts": 5, "agree_in_point": 3, "agree_in_cost": 4})
-    assert (said["agreement"]["starts"], said["agreement"]["agree"]) == (5, 3)
+    assert of_the_study(agreement={"starts": 5, "agree_in_point": 3, "agree_in_cost": 4}).starts == (3, 5)
 
 
 def test_a_result_is_read_back_as_it_was_written(tmp_path):
-    said = summarised(confidence=SURE)
-    assert result.write(said, tmp_path) == tmp_path / "result.json"
-    assert result.read(tmp_path) == said
+    found = of_the_study(confidence=SURE)
+    assert result.write(found, tmp_path) == tmp_path / "result.json"
+    assert result.read(tmp_path) == found
     assert [path.name for path in tmp_path.iterdir()] == ["result.json"]
+
+
+@pytest.mark.parametrize("name", ["sample", "minimal"])
+def test_a_result_of_version_0_1_is_written_as_it_is_read(tmp_path, name):
+    folder = SAMPLES / name / "results"
+    found = result.read(folder)
+    assert all(isinstance(window, Window) for window in found.windows.values())
+    assert result.write(found, tmp_path).read_text() == (folder / "result.json").read_text()
+
+
+def test_what_an_older_result_does_not_say_takes_its_default():
+    found = CalibrationResult.from_dict({"values": {"gap": 7e-4}, "confidence": None, "unheard_of": 1})
+    assert found == CalibrationResult(values={"gap": 7e-4})
 
 
 def test_no_result_is_none_and_an_unreadable_one_is_refused(tmp_path):
@@ -107,5 +113,4 @@ def test_no_result_is_none_and_an_unreadable_one_is_refused(tmp_path):
 
 def test_a_hold_out_record_that_fails_says_why():
     score = SimpleNamespace(status="diverged", reason="too fast", cost=math.inf, terms={}, kind=None)
-    held = result.held_out(score, math.nan)
-    assert (held["misfit"], held["score"], held["status"], held["reason"]) == (None, None, "diverged", "too fast")
+    assert held_out(score, math.nan) == HeldOutSummary(None, None, {}, None, "diverged", "too fast")

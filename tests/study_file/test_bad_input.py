@@ -131,8 +131,8 @@ def test_a_simulator_that_misbehaves_fails_its_trials_and_the_study_goes_on(tmp_
         assert (trial.status == status) == failed
         assert (reason in trial.reason) == failed
     found = read_result(tmp_path / "out")
-    assert found["failed"] == sum(trial.status != "ok" for trial in trials)
-    assert found["values"]["gain"] == pytest.approx(1.2, rel=0.01)
+    assert found.failed == sum(trial.status != "ok" for trial in trials)
+    assert found.values["gain"] == pytest.approx(1.2, rel=0.01)
 
 
 @pytest.mark.parametrize(
@@ -167,7 +167,7 @@ def test_a_study_of_which_every_trial_fails_ends_with_exit_code_4(tmp_path):
     assert "none of 12 trials ended ok" in ended.stdout
     assert "failed: 12 (raised), such as: RuntimeError: the echo broke" in ended.stdout
     found = read_result(tmp_path / "out")
-    assert (found["status"], found["score"]["total"], found["failed"]) == ("failed", None, 12)
+    assert (found.status, found.score.total, found.failed) == ("failed", None, 12)
     assert "the echo broke" in (tmp_path / "out" / "report.html").read_text()
 
 

@@ -13,8 +13,8 @@ from calib.workflows.calibrate import calibrate, rebuild
 def test_the_main_job_from_python_leaves_the_files_and_returns_what_they_say(tmp_path, capfd):
     path = write_study(tmp_path)
     found = calibrate(str(path), quiet=True)
-    assert found == json.loads((tmp_path / "out" / "result.json").read_text())
-    assert found["confirmation"] is None
+    assert found.as_dict() == json.loads((tmp_path / "out" / "result.json").read_text())
+    assert found.confirmation is None
     assert "Leaders, confirmed" not in (tmp_path / "out" / "report.html").read_text()
     assert {"report.html", "best.nc", "trials.jsonl"} <= {file.name for file in (tmp_path / "out").iterdir()}
     assert capfd.readouterr() == ("", "")
@@ -38,9 +38,9 @@ def test_a_record_that_would_fit_from_another_instant_on_is_named(tmp_path, late
     path = write_study(tmp_path, ('nuisance = ["trigger"]\n', ""))
     record = bench().roll(time=late, roll_coords=False)
     records.write(record, tmp_path / "bench.nc")
-    remarks = calibrate(path, quiet=True)["remarks"]
+    remarks = calibrate(path, quiet=True).remarks
     if mute:
-        assert remarks == []
+        assert remarks == ()
     else:
         assert remarks[0].startswith("were bench to start at another instant")
         report = (tmp_path / "out" / "report.html").read_text()

@@ -29,10 +29,10 @@ def test_a_skeleton_passes_the_suite_of_its_kind(kind, tmp_path):
 def test_a_new_study_finds_what_its_record_was_made_from(tmp_path):
     new("study", "bench", tmp_path)
     found = calibrate(tmp_path / "bench", quiet=True)
-    assert found["values"]["stiffness"] == pytest.approx(STIFFNESS, rel=0.01)
-    assert found["values"]["damping"] == pytest.approx(DAMPING, rel=0.05)
+    assert found.values["stiffness"] == pytest.approx(STIFFNESS, rel=0.01)
+    assert found.values["damping"] == pytest.approx(DAMPING, rel=0.05)
     for name, truth in (("stiffness", STIFFNESS), ("damping", DAMPING)):
-        low, high = found["intervals"][name]
+        low, high = found.intervals[name]
         assert low < truth < high
 
 
@@ -41,7 +41,7 @@ def test_a_new_simulator_runs_in_a_study_beside_it(tmp_path):
     new("simulator", "swing", tmp_path / "bench")
     path = tmp_path / "bench" / "study.toml"
     path.write_text(path.read_text().replace('"oscillator"', '"swing:Swing"'))
-    assert calibrate(path, quiet=True, jobs=1)["values"]["stiffness"] == pytest.approx(STIFFNESS, rel=0.01)
+    assert calibrate(path, quiet=True, jobs=1).values["stiffness"] == pytest.approx(STIFFNESS, rel=0.01)
 
 
 def test_nothing_is_overwritten(tmp_path):

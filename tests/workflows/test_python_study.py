@@ -62,7 +62,7 @@ def calibrated():
 
 def test_it_finds_what_the_study_file_finds(calibrated, tmp_path):
     said = calibrate(echo_study.write_study(tmp_path), quiet=True)
-    assert calibrated.values == pytest.approx(said["values"], rel=1e-9)
+    assert calibrated.values == pytest.approx(said.values, rel=1e-9)
     assert calibrated.values == pytest.approx(TRUTH, rel=0.02)
     assert calibrated.kind == "period-1"
     for name, truth in TRUTH.items():
@@ -100,11 +100,11 @@ def test_a_study_that_cannot_be_run_leaves_nothing_behind(monkeypatch, tmp_path)
 def test_with_a_folder_it_is_the_study_of_the_command_line_and_is_gone_on_with(tmp_path):
     found = study(budget=12).run(tmp_path / "here", quiet=True)
     assert found.folder == tmp_path / "here" / "out"
-    assert result.read(found.folder)["trials"] == 12
+    assert result.read(found.folder).trials == 12
     before = (found.folder / "trials.jsonl").read_text()
-    assert study(budget=16).run(tmp_path / "here", quiet=True).summary["trials"] == 16
+    assert study(budget=16).run(tmp_path / "here", quiet=True).summary.trials == 16
     assert (found.folder / "trials.jsonl").read_text().startswith(before)
-    assert calibrate(tmp_path / "here", quiet=True)["trials"] == 16
+    assert calibrate(tmp_path / "here", quiet=True).trials == 16
 
 
 def test_a_study_is_read_as_it_was_saved(tmp_path):
@@ -122,7 +122,7 @@ def test_a_search_that_is_stopped_keeps_what_there_is(monkeypatch):
 
     monkeypatch.setattr(Progress, "trial", stop)
     found = study().run(quiet=True)
-    assert found.summary["stopped"] == "not finished"
+    assert found.summary.stopped == "not finished"
     assert 0.5 <= found.values["gain"] <= 2.0
     assert found.intervals == {}
 
@@ -261,7 +261,7 @@ def test_a_folder_of_another_study_is_left_as_it_is(tmp_path):
         study(records=[record(name="bench", time=2e3 * BENCH.time.values)]).save(tmp_path / "second.toml")
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
     other = study(windows={**WINDOWS, "gain": (0.6, 2.0, "log")}, budget=10).run(tmp_path, fresh=True, quiet=True)
-    assert other.summary["windows"]["gain"]["low"] == 0.6
+    assert other.summary.windows["gain"].low == 0.6
 
 
 def test_a_study_with_a_module_beside_it_takes_it_along(tmp_path):

@@ -76,11 +76,11 @@ def test_the_ledger_is_read_with_its_values_features_and_residuals(sample):
     kinds = [t.kind for t in trials]
     assert (kinds[2], kinds[6], kinds[7], kinds[8:]) == ("irregular", "period-4", "period-2", 4 * ["period-1"])
     assert {t.status for t in trials} == {"ok"}
-    best = min(trials, key=lambda t: t.total)
-    assert (best.number, best.total, best.values) == (11, TOTAL, FOUND)
+    best = min(trials, key=lambda t: t.cost)
+    assert (best.number, best.cost, best.values) == (11, TOTAL, FOUND)
     assert header["definition"]["windows"]["restitution"] == {"low": 0.0, "high": 0.6, "scale": "linear", "unit": "1"}
     assert all(t.residuals.shape == (128,) for t in trials)  # 64 samples a period, displacement and velocity
-    assert best.total == pytest.approx(float(np.linalg.norm(best.residuals)), rel=1e-12)
+    assert best.cost == pytest.approx(float(np.linalg.norm(best.residuals)), rel=1e-12)
     [amplitude] = [f for f in best.features if f["label"] == "displacement amplitude"]
     assert (amplitude["record"], amplitude["body"], amplitude["unit"]) == ("clapping", "q3", "m")
 
@@ -109,10 +109,10 @@ def test_status_says_of_the_result_what_0_1_said(sample):
 
 def test_the_result_of_a_longer_study_is_read():
     found = result.read(SAMPLES / "minimal" / "results")
-    assert (found["trials"], found["failed"], found["failures"][0]["status"]) == (120, 1, "timeout")
-    assert found["values"]["damping"] == 0.005192209048347901
-    assert found["holdout"].keys() == {"louder", "slower"}
-    assert found["undetermined"][0]["members"] == ["restitution", "damping"]
+    assert (found.trials, found.failed, found.failures[0].status) == (120, 1, "timeout")
+    assert found.values["damping"] == 0.005192209048347901
+    assert found.holdout.keys() == {"louder", "slower"}
+    assert found.undetermined[0].members == ("restitution", "damping")
 
 
 def test_the_report_is_written_from_what_0_1_left(sample):
