@@ -133,7 +133,7 @@ def _assemble(
     freedom: np.ndarray,
     edges: Mapping[str, str],
     reason: str,
-    groups: tuple[Group, ...],
+    groups: tuple[UndeterminedGroup, ...],
     evaluations: int,
 ) -> Confidence:
     """Errors and intervals in the units of the parameters, from a covariance (dim, dim) in the unit cube."""

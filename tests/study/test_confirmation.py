@@ -193,7 +193,7 @@ def test_the_result_is_what_the_confirming_simulator_says(confirmed):
 
     study = load(path).study
     record = Echo().run(found.values, study.objective.references["bench"].excitation, (), Request())
-    assert study.objective({"bench": record}).total == found.score.total
+    assert study.objective({"bench": record}).cost == found.score.total
 
 
 def test_the_best_record_is_the_confirmed_one(confirmed):
