@@ -10,7 +10,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from calib.cli.given import bodies_drawn, grid, setting, state, windows
-from calib.dynamics.single_run import FAILED
+from calib.dynamics.orbit_kind import FAILED
 from calib.errors import CalibError
 from calib.execution.progress import Count
 from calib.report.diagrams import bifurcation_diagram, impact_diagram

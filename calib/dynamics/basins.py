@@ -11,19 +11,23 @@ import xarray as xr
 
 from calib.dynamics.contract import PeriodMap
 from calib.dynamics.exponents import largest_exponent
+from calib.dynamics.irregular import EXPONENT_SIGMAS
+from calib.dynamics.orbit_kind import FAILED, OrbitKind
 from calib.dynamics.pseudo_orbit import pseudo_tangent
 from calib.dynamics.setting import Setting
-from calib.dynamics.single_run import FAILED, PATIENCE, SIGMAS, UNDECIDED, OrbitKind, kind_of_run, settled_orbit
+from calib.dynamics.settling import settled_orbit
+from calib.dynamics.single_run import RETRY_FACTOR, kind_of_run
 from calib.errors import CalibError, nearest
 from calib.execution.pool import REFUSED, Failure, Pool, workers
+from calib.records.cycles.motion import UNDECIDED
 from calib.store.chunks import Chunks, join, joined
 from calib.store.environment import environment
 from calib.store.plain import plain
 
-CHUNK = 32  # states run, and lost by a kill, at a time
-CYCLES = 100  # periods by which a motion is told
+STATES_PER_CHUNK = 32  # run, and lost by a kill, at a time
+KEPT_CYCLES = 100  # by which the kind of a motion is decided
 TIMEOUT = 600.0  # s, wall clock of a chunk
-PERIODS = 200  # over which differences from a motion that has not returned are seen to grow
+EXPONENT_PERIODS = 200  # over which the exponent of a motion that has not returned is taken
 SAME = 1e-4  # how near a motion comes to another one that it is, as a share of the map's scale
 IRREGULAR, LOST = 0, -1  # instead of a period: no return; no motion
 
@@ -124,7 +128,9 @@ def basins(
     if stored is not None:
         on_done(total, total)
         return stored
-    tasks = {str(first): range(first, min(first + CHUNK, total)) for first in range(0, total, CHUNK)}
+    tasks = {
+        str(first): range(first, min(first + STATES_PER_CHUNK, total)) for first in range(0, total, STATES_PER_CHUNK)
+    }
 
     def make(chunks: Chunks) -> xr.Dataset:
         with workers(partial(_motions, plane), jobs, timeout) as pool:
@@ -189,13 +195,13 @@ def _motions(plane: Plane, points: Sequence[int]) -> dict[str, np.ndarray]:
 
 def _motion(map: PeriodMap, state: np.ndarray, settle: int) -> OrbitKind:
     """Motion that a state leads to; one that does not return has a growing difference or got all the time to settle."""
-    motion = settled_orbit(map, state, settle, CYCLES)
+    motion = settled_orbit(map, state, settle, KEPT_CYCLES)
     if motion.kind != UNDECIDED:
         return motion
-    exponent = largest_exponent(map, motion.state, PERIODS, pseudo_tangent)
-    if exponent.value > SIGMAS * exponent.error:
+    exponent = largest_exponent(map, motion.state, EXPONENT_PERIODS, pseudo_tangent)
+    if exponent.value > EXPONENT_SIGMAS * exponent.error:
         return motion
-    return settled_orbit(map, motion.state, PATIENCE * settle, CYCLES, motion.dropped + CYCLES)
+    return settled_orbit(map, motion.state, RETRY_FACTOR * settle, KEPT_CYCLES, motion.dropped + KEPT_CYCLES)
 
 
 def _dataset(plane: Plane, motions: Mapping[str, np.ndarray]) -> xr.Dataset:

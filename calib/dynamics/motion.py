@@ -8,22 +8,13 @@ import numpy as np
 
 from calib.dynamics.contract import PeriodMap
 from calib.dynamics.escape import EscapeTime
+from calib.dynamics.irregular import MAX_REGULAR_K, MIN_CHAOTIC_EXPONENT
+from calib.dynamics.orbit_kind import CHAOTIC, FAILED, QUASI_PERIODIC, OrbitKind
 from calib.dynamics.orbits import Cycle, attracting_cycle
 from calib.dynamics.pseudo_orbit import pseudo_orbit
-from calib.dynamics.single_run import (
-    BLOCKS,
-    CHAOTIC,
-    DRIFT,
-    FAILED,
-    GROWING,
-    NEARBY,
-    QUASI_PERIODIC,
-    REGULAR,
-    OrbitKind,
-    kind_of_cycle,
-    kind_of_run,
-    settled_orbit,
-)
+from calib.dynamics.recurrence import BLOCKS, MIN_DRIFT, NEAR_CYCLE
+from calib.dynamics.settling import kind_of_cycle, settled_orbit
+from calib.dynamics.single_run import kind_of_run
 from calib.dynamics.tangent import longest_affordable, tangent
 from calib.dynamics.zero_one import SHORTEST, zero_one
 from calib.records import OK
@@ -201,7 +192,7 @@ def _arrival(map: PeriodMap, start: np.ndarray, settled: OrbitKind) -> int:
     states = pseudo_orbit(map, start, settled.dropped).states
     places = settled.orbit.states[-settled.period :]
     apart = np.min([np.abs((states - place) / map.scale).max(axis=1) for place in places], axis=0)
-    far = np.flatnonzero(apart > NEARBY * float(np.abs(places / map.scale).max()))
+    far = np.flatnonzero(apart > NEAR_CYCLE * float(np.abs(places / map.scale).max()))
     return int(far[-1]) + 1 if far.size else 0
 
 
@@ -303,7 +294,7 @@ class Met:
         if len(apart) < BLOCKS:
             return False
         back = np.array([block.max() for block in np.array_split(apart, BLOCKS)])
-        return bool((np.diff(back) > 0.0).all() and np.ptp(back) > DRIFT * back.max())
+        return bool((np.diff(back) > 0.0).all() and np.ptp(back) > MIN_DRIFT * back.max())
 
     def verdict(self, runs: int, escape: EscapeTime | None) -> OrbitKind:
         """Give the kind to the most regular motion of those met often enough, else to the irregular one.
@@ -349,7 +340,7 @@ def gives_kind(period: int, sightings: int) -> bool:
 
 def _is_interrupted(motion: OrbitKind) -> bool:
     """Whether a motion is undecided because long regular stretches interrupt what else looks like chaos."""
-    return motion.kind == UNDECIDED and motion.zero_one > REGULAR and motion.exponent > GROWING
+    return motion.kind == UNDECIDED and motion.zero_one > MAX_REGULAR_K and motion.exponent > MIN_CHAOTIC_EXPONENT
 
 
 def rank(motion: OrbitKind) -> tuple[bool, float, int]:

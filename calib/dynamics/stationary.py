@@ -9,7 +9,7 @@ import xarray as xr
 from calib.dynamics.contract import PeriodMap
 from calib.dynamics.motion import rank, stable_cycles
 from calib.dynamics.pseudo_orbit import pseudo_orbit
-from calib.dynamics.single_run import kind_of_cycle
+from calib.dynamics.settling import kind_of_cycle
 from calib.dynamics.tangent import knows_derivative
 from calib.errors import CalibError
 from calib.modelling.model import Model, Request

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.dynamics.contract import PeriodMap
 from calib.dynamics.motion import kind_of_orbit
-from calib.dynamics.single_run import FAILED, OrbitKind
+from calib.dynamics.orbit_kind import FAILED, OrbitKind
 from calib.sweep.plan import Sweep
 
 IMPOSSIBLE = "impossible value"

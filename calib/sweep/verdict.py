@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.dynamics.motion import SAME, gives_kind
-from calib.dynamics.single_run import FAILED, NEUTRAL, QUASI_PERIODIC
+from calib.dynamics.orbit_kind import FAILED, NEUTRAL_EXPONENT, QUASI_PERIODIC
 from calib.sweep.compute import OTHER, no_motion, stacked
 from calib.sweep.continuation import Known, Regular, supported
 from calib.sweep.plan import NONE, Sweep
@@ -161,7 +161,7 @@ def _as_regular(motion: Motion, names: np.ndarray) -> Regular:
 
 
 def _regular(motion: Motion) -> bool:
-    periodic = motion["period"] > 0 and not motion["exponent"] > NEUTRAL
+    periodic = motion["period"] > 0 and not motion["exponent"] > NEUTRAL_EXPONENT
     return bool(periodic or motion["kind"] == QUASI_PERIODIC)
 
 

@@ -18,8 +18,8 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from calib.dynamics.motion import kind_of_orbit
+from calib.dynamics.orbit_kind import OrbitKind
 from calib.dynamics.setting import Setting
-from calib.dynamics.single_run import OrbitKind
 from calib.modelling.model import Model, Request
 from calib.records import OK, read, write
 from calib.records.cycles import kind_of_motion

@@ -9,7 +9,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from calib.dynamics.motion import kind_of_orbit
-from calib.dynamics.single_run import OrbitKind
+from calib.dynamics.orbit_kind import OrbitKind
 from calib.modelling.model import Request
 from calib.study_file import load
 

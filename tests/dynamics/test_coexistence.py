@@ -8,8 +8,9 @@ from dynamics.plain_maps import PlainMap, henon, logistic
 
 from calib.dynamics.escape import EscapeTime
 from calib.dynamics.motion import Met, kind_of_orbit, perturbed, rounding_decides, stable_cycles
+from calib.dynamics.orbit_kind import CHAOTIC
 from calib.dynamics.orbits import attracting_cycle, shoot
-from calib.dynamics.single_run import CHAOTIC, kind_of_run
+from calib.dynamics.single_run import kind_of_run
 
 # just within its window of period 3, whose stable cycle is born beside chaos at 1 + sqrt(8); within that of period 5
 WINDOWS = [(3.8289, 3), (3.7382, 5)]

@@ -20,10 +20,11 @@ from scipy.optimize import root
 from calib.dynamics.branch import follow
 from calib.dynamics.exponents import spectrum, standard_error
 from calib.dynamics.motion import kind_of_orbit
+from calib.dynamics.orbit_kind import CHAOTIC, QUASI_PERIODIC
 from calib.dynamics.orbits import shoot
 from calib.dynamics.setting import Setting
-from calib.dynamics.single_run import CHAOTIC, NO_CONTACT, QUASI_PERIODIC
 from calib.modelling.model import Model
+from calib.records.cycles import NO_CONTACT
 from calib.records.excitation import Excitation
 from calib.simulators.four_dof import FourDof
 from calib.simulators.oscillator import Oscillator

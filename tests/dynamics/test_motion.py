@@ -7,18 +7,13 @@ import pytest
 from dynamics.plain_maps import PlainMap, delayed_logistic, henon, logistic
 from dynamics.quasi_periodic_maps import GOLDEN, Struck, circle, spiral, torus
 
+from calib.dynamics.irregular import kind_of_irregular
 from calib.dynamics.motion import kind_of_orbit
+from calib.dynamics.orbit_kind import CHAOTIC, FAILED, QUASI_PERIODIC
 from calib.dynamics.pseudo_orbit import pseudo_orbit
-from calib.dynamics.single_run import (
-    CHAOTIC,
-    FAILED,
-    QUASI_PERIODIC,
-    _beyond_laminar_phase,
-    _irregular,
-    _returned,
-    kind_of_run,
-    settled_orbit,
-)
+from calib.dynamics.recurrence import returned_after
+from calib.dynamics.settling import settled_orbit
+from calib.dynamics.single_run import _beyond_laminar_phase, kind_of_run
 from calib.errors import CalibError
 
 # the returns of the circle by 0.35... all but stand still, yet fall in each block of its section
@@ -127,8 +122,8 @@ def test_what_the_exponent_and_the_0_1_test_disagree_on_is_undecided():
 def test_a_chance_return_of_one_state_is_no_return():
     section = logistic(3.9).orbit(np.array([0.3]), 1000).states
     section[699] = section[999]
-    assert _returned(section) == 0
-    assert _returned(np.tile(section[:100], (10, 1))) == 100
+    assert returned_after(section) == 0
+    assert returned_after(np.tile(section[:100], (10, 1))) == 100
 
 
 def test_the_transient_is_dropped_to_a_thousandth_of_what_a_return_may_differ():
@@ -243,7 +238,7 @@ def test_a_push_to_where_there_is_no_motion_is_taken_back():
 
     map = PlainMap(function, derivative, [1.0 + 1e-4, 1e-4])
     found = settled_orbit(map, map.initial)
-    lingering = _irregular(map, found)
+    lingering = kind_of_irregular(map, found)
     pushed = _beyond_laminar_phase(map, lingering)
     assert lingering.lingers
     assert map.orbit(pushed, 2).status == "diverged"

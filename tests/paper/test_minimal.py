@@ -9,8 +9,9 @@ from benchmarks.repeat_under_rounding import LARGEST, SMALLEST
 from benchmarks.repeat_under_rounding import perturbed as changed_by_rounding
 
 from calib.dynamics.motion import kind_of_orbit, perturbed
+from calib.dynamics.orbit_kind import CHAOTIC
 from calib.dynamics.orbits import shoot
-from calib.dynamics.single_run import CHAOTIC, kind_of_run
+from calib.dynamics.single_run import kind_of_run
 from calib.records.cycles import impacts_per_period
 from calib.report.diagrams import bifurcation_diagram
 from calib.simulators.impact import run as impact_run

@@ -8,8 +8,8 @@ from dynamics.plain_maps import FOLDS
 from tiny_simulators import DRIVE, Mapped
 
 from calib.dynamics.escape import EscapeTime
+from calib.dynamics.orbit_kind import CHAOTIC, QUASI_PERIODIC, OrbitKind
 from calib.dynamics.setting import Setting
-from calib.dynamics.single_run import CHAOTIC, QUASI_PERIODIC, OrbitKind
 from calib.errors import CalibError
 from calib.execution.pool import InProcess
 from calib.modelling.model import Model
