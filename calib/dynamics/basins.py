@@ -14,6 +14,7 @@ from calib.dynamics.exponents import largest_exponent
 from calib.dynamics.irregular import EXPONENT_SIGMAS
 from calib.dynamics.orbit_kind import FAILED, OrbitKind
 from calib.dynamics.pseudo_orbit import pseudo_tangent
+from calib.dynamics.recurrence import SAME_MOTION
 from calib.dynamics.setting import Setting
 from calib.dynamics.settling import settled_orbit
 from calib.dynamics.single_run import RETRY_FACTOR, kind_of_run
@@ -28,7 +29,6 @@ STATES_PER_CHUNK = 32  # run, and lost by a kill, at a time
 KEPT_CYCLES = 100  # by which the kind of a motion is decided
 TIMEOUT = 600.0  # s, wall clock of a chunk
 EXPONENT_PERIODS = 200  # over which the exponent of a motion that has not returned is taken
-SAME = 1e-4  # how near a motion comes to another one that it is, as a share of the map's scale
 IRREGULAR, LOST = 0, -1  # instead of a period: no return; no motion
 
 
@@ -253,4 +253,4 @@ def _padded(rows: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _near(map: PeriodMap, states: np.ndarray, state: np.ndarray, period: int) -> bool:
-    return period == IRREGULAR or bool((np.abs((states - state) / map.scale).max(axis=1) < SAME).any())
+    return period == IRREGULAR or bool((np.abs((states - state) / map.scale).max(axis=1) < SAME_MOTION).any())

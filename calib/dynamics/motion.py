@@ -12,7 +12,7 @@ from calib.dynamics.irregular import MAX_REGULAR_K, MIN_CHAOTIC_EXPONENT
 from calib.dynamics.orbit_kind import CHAOTIC, FAILED, QUASI_PERIODIC, OrbitKind
 from calib.dynamics.orbits import Cycle, attracting_cycle
 from calib.dynamics.pseudo_orbit import pseudo_orbit
-from calib.dynamics.recurrence import BLOCKS, MIN_DRIFT, NEAR_CYCLE
+from calib.dynamics.recurrence import BLOCKS, MIN_DRIFT, NEAR_CYCLE, SAME_MOTION
 from calib.dynamics.settling import kind_of_cycle, settled_orbit
 from calib.dynamics.single_run import kind_of_run
 from calib.dynamics.tangent import longest_affordable, tangent
@@ -20,7 +20,7 @@ from calib.dynamics.zero_one import SHORTEST, zero_one
 from calib.records import OK
 from calib.records.cycles.motion import UNDECIDED
 
-RUNS = 6  # from starts that differ imperceptibly, the given one among them
+RUNS = 6  # from starts that differ by `PERTURBATION`, the given one among them
 PERTURBATION = 1e-6  # by which those starts differ, as a share of the map's scale
 SHORT_LAGS = 6  # periods; the 6 / n closest returns after n of them are guesses of a stable cycle
 PASSAGE = 30  # periods, in which close returns belong to one passage by a cycle
@@ -28,8 +28,7 @@ LONG_LAGS, LONG_GUESSES = 64, 3  # longer lags, in periods, of whose closest ret
 FIRST_RETURN = 0.5  # of the distance after a part of the lag, that a return after the lag has to be below
 MAX_SHIFT = 0.15  # of a return by Newton's method, as a share of the motion's extent: what lies beyond is not near
 RETURNED = 1e-6  # of the size of a motion, which its section may leave open where it has all but returned
-SAME = 1e-4  # how near a state is to a motion that it belongs to, as a share of the map's scale
-TORUS = 0.05  # K of the 0-1 test over the kept cycles below which a run may have come to a quasi-periodic motion
+MAX_TORUS_K = 0.05  # of the 0-1 test over the kept cycles: below it a run may have come to a quasi-periodic motion
 START_UP = 64  # periods in which a run from rest comes to the irregular motion
 TRANSIENT_STARTS = 12  # further starts from which one is looked for whose chaos lasts, beside what cannot give the kind
 SHORTEST_TRANSIENT = 32  # periods; in fewer chaos does not tear starts apart that differ imperceptibly
@@ -46,11 +45,10 @@ def kind_of_orbit(
     runs: int = RUNS,
     explore: bool = True,
 ) -> OrbitKind:
-    """Say what kind of motion the map settles to from a state, and which others rounding could have led to.
+    """Return the kind of the motion that the map settles to from a state, and of those that rounding could lead to.
 
     A periodic motion of one run (`calib.dynamics.single_run.kind_of_run`), or one that fails, is that, unless the
-    transient that led to it is chaotic. Beside any other a stable motion is looked for, at a cost that falls only
-    there:
+    transient that led to it is chaotic. Beside any other a stable motion is sought:
 
     1. Newton's method starts from the 6 / n closest returns of the motion after n = 1..6 periods, and from the three
        closest ones after 7..64. A motion that is not chaotic and comes ever closer to a cycle found so has its kind.
@@ -59,11 +57,10 @@ def kind_of_orbit(
     2. Where the motion is irregular, or was until it came to a regular one, `runs` - 1 more runs of half of `settle`
        periods, from starts that differ by 1e-6 of the scale, may leave chaos too.
 
-    What was met once by chance another rounding would miss. The kind is that of a regular motion which was met three
-    times independently and returns after 32 periods at most - of several the one of the shortest period, before a
-    quasi-periodic one -, else that of the irregular motion, which lasts "for at least" the periods that all runs
-    together have seen. All others are in `coexisting`; `escape` holds the mean time in which runs leave the irregular
-    motion.
+    The kind is that of a regular motion which was met three times independently, so that another rounding would not
+    miss it, and returns after 32 periods at most - of several the one of the shortest period, before a quasi-periodic
+    one -, else that of the irregular motion. All others are in `coexisting`; `escape` holds the mean time in which
+    runs leave the irregular motion.
 
     Parameters
     ----------
@@ -83,42 +80,57 @@ def kind_of_orbit(
     if first.kind == FAILED or (first.period and not by_chance):
         return first
     observed = _arrival(map, state, first) if by_chance else first.dropped + len(first.visited)
-    met = Met(map, [Sighted(first, first.orbit.states, 1, SIGHTINGS if first.regular and not by_chance else 1)])
+    coexisting = CoexistingMotions(
+        map, [ObservedMotion(first, first.orbit.states, 1, SIGHTINGS if first.regular and not by_chance else 1)]
+    )
     if not first.period:
         for cycle in stable_cycles(map, first.visited):
-            met.add_cycle(cycle, cycles)
-        if first.kind != CHAOTIC and (stable := met.settled_to()) is not None:
+            coexisting.add_cycle(cycle, cycles)
+        if first.kind != CHAOTIC and (stable := coexisting.settled_to()) is not None:
             return stable
         if first.regular and not by_chance:
-            return met.verdict(1, None)
+            return coexisting.verdict(1, None)
     if explore and not first.regular:
-        _look_longer(met, first.state, 2 * settle, cycles)
-    runs = runs if explore or by_chance or _is_interrupted(first) or len(met.motions) > 1 else 1
-    escapes = int(by_chance)
-    for start in perturbed(map, state, runs - 1):
-        found, lasted = _member(map, start, settle // 2, cycles)
+        _search_longer(coexisting, first.state, 2 * settle, cycles)
+    runs = runs if explore or by_chance or _is_interrupted(first) or len(coexisting.motions) > 1 else 1
+    more, escapes = _further_runs(coexisting, state, runs - 1, settle // 2, cycles)
+    if by_chance and not coexisting.established():
+        _search_beside_transient(coexisting, state, 2 * settle if explore else 0, cycles)
+    return coexisting.verdict(runs, EscapeTime(observed + more, escapes + int(by_chance)))
+
+
+def _further_runs(
+    coexisting: "CoexistingMotions", state: np.ndarray, runs: int, settle: int, cycles: int
+) -> tuple[int, int]:
+    """Add the motions of runs from perturbed starts; periods of irregular motion in them, and number that left it."""
+    observed, escapes = 0, 0
+    for start in perturbed(coexisting.map, state, runs):
+        motion, lasted = _member(coexisting.map, start, settle, cycles)
         observed += lasted
-        if found.kind != FAILED:
-            escapes += found.regular
-            met.add(found)
-    if by_chance and not met.established():
-        if met.irregular() is None:
-            starts = TRANSIENT_STARTS if all(one.motion.period > LONGEST_BESIDE_CHAOS for one in met.motions) else 0
-            met.add_transient([state, *perturbed(map, state, starts)], cycles)
-        if explore and (chaos := met.irregular()) is not None:
-            _look_longer(met, chaos.motion.state, 2 * settle, cycles)
-    return met.verdict(runs, EscapeTime(observed, escapes))
+        if motion.kind != FAILED:
+            escapes += motion.regular
+            coexisting.add(motion)
+    return observed, escapes
 
 
-def _look_longer(met: "Met", state: np.ndarray, periods: int, cycles: int) -> None:
+def _search_beside_transient(coexisting: "CoexistingMotions", state: np.ndarray, periods: int, cycles: int) -> None:
+    """Add the chaotic motion of a transient from `state`, and the stable ones beside it, sought over `periods`."""
+    if coexisting.irregular() is None:
+        starts = TRANSIENT_STARTS if all(one.motion.period > LONGEST_BESIDE_CHAOS for one in coexisting.motions) else 0
+        coexisting.add_transient([state, *perturbed(coexisting.map, state, starts)], cycles)
+    if periods and (chaos := coexisting.irregular()) is not None:
+        _search_longer(coexisting, chaos.motion.state, periods, cycles)
+
+
+def _search_longer(coexisting: "CoexistingMotions", state: np.ndarray, periods: int, cycles: int) -> None:
     """Start Newton's method again from longer stretches of the irregular motion: until nothing, or enough, was met."""
     for _ in range(STRETCHES):
-        if met.established():
+        if coexisting.established():
             return
-        longer = pseudo_orbit(met.map, state, periods)
-        for cycle in stable_cycles(met.map, longer.states):
-            met.add_cycle(cycle, cycles)
-        if longer.status != OK or len(met.motions) == 1:
+        longer = pseudo_orbit(coexisting.map, state, periods)
+        for cycle in stable_cycles(coexisting.map, longer.states):
+            coexisting.add_cycle(cycle, cycles)
+        if longer.status != OK or len(coexisting.motions) == 1:
             return
         state = longer.states[-1]
 
@@ -170,19 +182,19 @@ def _closest_returns(section: np.ndarray, longest: int = LONG_LAGS) -> list[tupl
 def _member(map: PeriodMap, start: np.ndarray, settle: int, cycles: int) -> tuple[OrbitKind, int]:
     """Motion that a further run comes to, undecided where it stays irregular; and how long it was irregular."""
     cycles = max(cycles, SHORTEST)
-    found = settled_orbit(map, start, settle, cycles)
-    if found.kind == FAILED or found.regular:
-        return found, _arrival(map, start, found)
-    lasted = found.dropped + cycles
-    later = settled_orbit(map, found.state, 0, cycles)  # it may have left within the cycles that were kept
+    motion = settled_orbit(map, start, settle, cycles)
+    if motion.kind == FAILED or motion.regular:
+        return motion, _arrival(map, start, motion)
+    lasted = motion.dropped + cycles
+    later = settled_orbit(map, motion.state, 0, cycles)  # it may have left within the cycles that were kept
     if later.kind == FAILED or later.regular:
         return later, lasted
-    section = found.orbit.states / map.scale
-    if zero_one(section[:, np.argmax(np.ptp(section, axis=0))]) < TORUS:
-        torus = kind_of_run(map, found.state, 0, cycles)
+    section = motion.orbit.states / map.scale
+    if zero_one(section[:, np.argmax(np.ptp(section, axis=0))]) < MAX_TORUS_K:
+        torus = kind_of_run(map, motion.state, 0, cycles)
         if torus.regular:
             return torus, lasted
-    return found, lasted
+    return motion, lasted
 
 
 def _arrival(map: PeriodMap, start: np.ndarray, settled: OrbitKind) -> int:
@@ -190,14 +202,14 @@ def _arrival(map: PeriodMap, start: np.ndarray, settled: OrbitKind) -> int:
     if not (settled.period and settled.dropped):
         return settled.dropped
     states = pseudo_orbit(map, start, settled.dropped).states
-    places = settled.orbit.states[-settled.period :]
-    apart = np.min([np.abs((states - place) / map.scale).max(axis=1) for place in places], axis=0)
-    far = np.flatnonzero(apart > NEAR_CYCLE * float(np.abs(places / map.scale).max()))
+    returns = settled.orbit.states[-settled.period :]
+    apart = np.min([np.abs((states - own) / map.scale).max(axis=1) for own in returns], axis=0)
+    far = np.flatnonzero(apart > NEAR_CYCLE * float(np.abs(returns / map.scale).max()))
     return int(far[-1]) + 1 if far.size else 0
 
 
 @dataclass(eq=False)
-class Sighted:
+class ObservedMotion:
     """A motion that was met.
 
     Attributes
@@ -214,11 +226,11 @@ class Sighted:
 
 
 @dataclass(eq=False)
-class Met:
+class CoexistingMotions:
     """The motions of one map that were met, the one that the first run led to in front."""
 
     map: PeriodMap
-    motions: list[Sighted]
+    motions: list[ObservedMotion]
 
     def add(self, motion: OrbitKind) -> None:
         """Count the motion that a run led to; one that has not settled counts only where it is chaotic."""
@@ -231,7 +243,7 @@ class Met:
         if one is None and motion.kind != CHAOTIC and not motion.regular:
             return
         if one is None:
-            self.motions.append(Sighted(motion, motion.orbit.states, 1, 1))
+            self.motions.append(ObservedMotion(motion, motion.orbit.states, 1, 1))
         else:
             one.runs += 1
             one.sightings += 1
@@ -244,9 +256,9 @@ class Met:
             return
         motion = kind_of_cycle(self.map, cycle, cycles)
         if motion.regular:
-            self.motions.append(Sighted(motion, motion.orbit.states, 0, 1))
+            self.motions.append(ObservedMotion(motion, motion.orbit.states, 0, 1))
 
-    def _known(self, kind: str, period: int, state: np.ndarray) -> Sighted | None:
+    def _known(self, kind: str, period: int, state: np.ndarray) -> ObservedMotion | None:
         return next((one for one in self.motions if self._same(one, kind, period, state)), None)
 
     def add_transient(self, starts: Iterable[np.ndarray], cycles: int) -> None:
@@ -257,24 +269,24 @@ class Met:
         for start in starts:
             begun = kind_of_run(self.map, start, START_UP, cycles)
             if begun.kind == CHAOTIC:
-                self.motions.append(Sighted(begun, begun.orbit.states, 0, 0))
+                self.motions.append(ObservedMotion(begun, begun.orbit.states, 0, 0))
                 return
 
-    def established(self) -> list[Sighted]:
+    def established(self) -> list[ObservedMotion]:
         """Regular motions that were met so often that no rounding would miss them, and that a section shows."""
         return [one for one in self.motions if one.motion.regular and gives_kind(one.motion.period, one.sightings)]
 
-    def irregular(self) -> Sighted | None:
+    def irregular(self) -> ObservedMotion | None:
         """The irregular motion; None where there is none."""
         return next((one for one in self.motions if not one.motion.regular), None)
 
-    def _same(self, one: Sighted, kind: str, period: int, state: np.ndarray) -> bool:
+    def _same(self, one: ObservedMotion, kind: str, period: int, state: np.ndarray) -> bool:
         if kind == QUASI_PERIODIC:  # a section does not tell two tori apart
             return one.motion.kind == kind
         if one.motion.period != period:
             return False
         apart = np.abs((one.states[-period:] - state) / self.map.scale)
-        return bool(apart.max(axis=1).min() < SAME)
+        return bool(apart.max(axis=1).min() < SAME_MOTION)
 
     def settled_to(self) -> OrbitKind | None:
         """Stable cycle that the first run, which has not returned, comes ever closer to; None where it does not."""
@@ -288,9 +300,9 @@ class Met:
 
     def _settles_to(self, visited: np.ndarray, cycle: OrbitKind) -> bool:
         """Whether states at the section (n, dimension) come closer to a cycle from each of 8 blocks to the next."""
-        places = cycle.orbit.states[-cycle.period :]
-        place = places[np.argmin(np.abs((places - visited[-1]) / self.map.scale).max(axis=1))]
-        apart = np.abs((visited[:: -cycle.period] - place) / self.map.scale).max(axis=1)
+        returns = cycle.orbit.states[-cycle.period :]
+        nearest = returns[np.argmin(np.abs((returns - visited[-1]) / self.map.scale).max(axis=1))]
+        apart = np.abs((visited[:: -cycle.period] - nearest) / self.map.scale).max(axis=1)
         if len(apart) < BLOCKS:
             return False
         back = np.array([block.max() for block in np.array_split(apart, BLOCKS)])

@@ -5,6 +5,7 @@ import numpy as np
 MAX_LAG = 64  # periods: the longest return that is called periodic by its section alone
 RETURN_TOLERANCE = 1e-6  # of the motion's size, within which a periodic motion returns
 NEAR_CYCLE = 1e-2  # of the motion's size: distance to a stable cycle within which a motion may be led to it
+SAME_MOTION = 1e-4  # of the map's scale: distance of a state to a motion that it belongs to
 MIN_SIZE = 1e-6  # of the map's scale: a smaller motion is at rest, and is measured as if it had this size
 BLOCKS = 8  # of a section; that the maxima of so many fall one after the other is hardly chance: 1 in 8!
 MIN_DRIFT = 0.02  # relative fall or rise of these maxima; those of a torus that is all but filled differ by less

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.dynamics.contract import PeriodMap
-from calib.dynamics.motion import SAME
 from calib.dynamics.orbit_kind import OrbitKind
 from calib.dynamics.orbits import attracting_cycle
+from calib.dynamics.recurrence import SAME_MOTION
 from calib.dynamics.settling import kind_of_cycle
 from calib.dynamics.single_run import kind_of_run
 from calib.dynamics.tangent import longest_affordable
@@ -191,4 +191,4 @@ def _same_branch(one: Regular, other: Regular) -> bool:
 
 def _same(one: Regular, other: Regular) -> bool:
     """Whether two motions of one value are the same; a section does not tell two tori apart."""
-    return one.period == other.period and (not one.period or one.apart(other) < SAME)
+    return one.period == other.period and (not one.period or one.apart(other) < SAME_MOTION)

@@ -7,7 +7,7 @@ import pytest
 from dynamics.plain_maps import PlainMap, henon, logistic
 
 from calib.dynamics.escape import EscapeTime
-from calib.dynamics.motion import Met, kind_of_orbit, perturbed, rounding_decides, stable_cycles
+from calib.dynamics.motion import CoexistingMotions, kind_of_orbit, perturbed, rounding_decides, stable_cycles
 from calib.dynamics.orbit_kind import CHAOTIC
 from calib.dynamics.orbits import attracting_cycle, shoot
 from calib.dynamics.single_run import kind_of_run
@@ -94,9 +94,9 @@ def test_a_regular_motion_that_a_run_comes_to_after_chaos_is_met_again_before_it
         state = np.array([start, 0.0])
         one, found = kind_of_run(map, state), kind_of_orbit(map, state)
         assert (found.runs == 1) == (bool(one.period) and not rounding_decides(map, state, one.dropped))
-        met = [one.sightings for one in (found, *found.coexisting) if one.period]
-        assert found.certain == (not met or met[0] >= 3)
-        assert (found.period == 1) == bool(met and (met[0] >= 3 or not found.coexisting))
+        sightings = [one.sightings for one in (found, *found.coexisting) if one.period]
+        assert found.certain == (not sightings or sightings[0] >= 3)
+        assert (found.period == 1) == bool(sightings and (sightings[0] >= 3 or not found.coexisting))
 
 
 def test_the_start_of_a_run_is_no_part_of_the_chaos_that_it_was_on():
@@ -109,9 +109,9 @@ def test_the_start_of_a_run_is_no_part_of_the_chaos_that_it_was_on():
         return np.array([[4.0 - 8.0 * x[0], 0.0], [0.0, decay]])
 
     map = PlainMap(function, derivative, [0.3, 30.0])
-    met = Met(map, [])
-    met.add_transient([map.initial], 100)
-    [chaotic] = met.motions
+    coexisting = CoexistingMotions(map, [])
+    coexisting.add_transient([map.initial], 100)
+    [chaotic] = coexisting.motions
     assert chaotic.motion.kind == CHAOTIC
     assert np.abs(chaotic.states[:, 1]).max() < 1e-6
 
