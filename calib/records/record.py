@@ -84,18 +84,25 @@ def stated_period(record: xr.Dataset) -> float | None:
     return 1.0 / float(frequency) if frequency else None
 
 
-def mean_interval(record: xr.Dataset) -> float | None:
-    """Mean interval between the samples [s], None of a single one."""
+def mean_interval(record: xr.Dataset) -> float:
+    """Mean interval between the samples [s].
+
+    Raises
+    ------
+    CalibError : fewer than two samples
+    """
     time = record.time.values
-    return float(time[-1] - time[0]) / (time.size - 1) if time.size > 1 else None
+    if time.size < 2:
+        raise CalibError(f"an interval lies between at least two samples, the record has {time.size}; record more")
+    return float(time[-1] - time[0]) / (time.size - 1)
 
 
 def fills_periods(record: xr.Dataset) -> bool:
     """Whether the samples fill whole periods of the excitation, so that the first one follows upon the last."""
-    period, interval = stated_period(record), mean_interval(record)
-    if period is None or interval is None:
+    period = stated_period(record)
+    if period is None or record.time.size < 2:
         return False
-    cycles = record.time.size * interval / period
+    cycles = record.time.size * mean_interval(record) / period
     return round(cycles) >= 1 and abs(cycles - round(cycles)) < 1e-6
 
 
