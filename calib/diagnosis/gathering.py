@@ -22,6 +22,7 @@ from calib.diagnosis.noise import (
 from calib.diagnosis.part import Part
 from calib.objective import Reference, row_weights
 from calib.objective.outliers import smoothed
+from calib.records import mean_interval
 from calib.records.cycles import mean_cycle
 
 
@@ -79,7 +80,7 @@ def gathered(
         for name, reference in references.items()
     }
     repeating = {name: _repeating(reference, compared[name], cycle[name]) for name, reference in references.items()}
-    known = [Repeating(_sampling_interval(references[name]), noise) for name, noise in repeating.items()]
+    known = [Repeating(mean_interval(references[name].record), noise) for name, noise in repeating.items()]
     parts = []
     for name, reference in references.items():
         own, noise = compared[name], repeating[name]
@@ -137,7 +138,7 @@ def _noise_of_row(
     """
     row, weight = compared.rows[index], compared.weight[index]
     samples = weight, compared.measured[index], _stated(reference.record, row)
-    ar = shared(known, row, _sampling_interval(reference))
+    ar = shared(known, row, mean_interval(reference.record))
     if ar is not None:
         noise = with_autoregression(ar, remainder.scaled(index, weight, ar), *samples)
     elif fitted:
@@ -189,12 +190,6 @@ def _slow_changes(time: np.ndarray, rows: np.ndarray) -> list[np.ndarray]:
     """Changes (row, n) of a motion in proportion to time: of its phase, its frequency, its amplitude and its zero."""
     passed, clock = time - time[0], clock_sensitivity(time, rows)
     return [clock, passed * clock, passed * rows, np.broadcast_to(passed, rows.shape)]
-
-
-def _sampling_interval(reference: Reference) -> float:
-    """Mean interval between the samples of a record  [s]."""
-    time = reference.record.time.values
-    return float((time[-1] - time[0]) / (time.size - 1))
 
 
 def _stated(record: xr.Dataset, row: tuple[str, str]) -> float | None:

@@ -4,6 +4,7 @@ import numpy as np
 import xarray as xr
 
 from calib.records.cycles.loop import period_of
+from calib.records.record import mean_interval
 
 CONTACT_SHARE = 0.2  # a body is in contact while its acceleration stands out by this share of the greatest
 MEDIAN_TO_STD = 0.6745  # median of the absolute value over the standard deviation, of normal noise
@@ -16,8 +17,7 @@ def impacts_per_period(record: xr.Dataset) -> float:
     if "impact_time" not in record.variables or "frequency" not in record.attrs:
         return float("nan")
     time = record.variables["time"].values
-    step = (time[-1] - time[0]) / (time.size - 1)
-    periods = (time[-1] - time[0] + step) / period_of(record)
+    periods = (time[-1] - time[0] + mean_interval(record)) / period_of(record)
     return record.variables["impact_time"].size / periods
 
 
