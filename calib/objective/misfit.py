@@ -14,7 +14,7 @@ MISFIT = (
     "channels and records, all samples that count weighted alike"
 )
 
-Rows = list[tuple[str, str]]
+Rows = Sequence[tuple[str, str]]  # (body, channel)
 
 
 @dataclass(frozen=True, eq=False)

@@ -91,7 +91,7 @@ def mean_interval(record: xr.Dataset) -> float:
     ------
     CalibError : fewer than two samples
     """
-    time = record.time.values
+    time = record.variables["time"].values
     if time.size < 2:
         raise CalibError(f"an interval lies between at least two samples, the record has {time.size}; record more")
     return float(time[-1] - time[0]) / (time.size - 1)
