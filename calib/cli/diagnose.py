@@ -16,7 +16,7 @@ from rich.table import Table
 
 from calib.cli.status import folder_of
 from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, explained
-from calib.execution.progress import INTERVAL
+from calib.execution.progress import LINE_INTERVAL
 from calib.report.causes import SENSELESS
 from calib.report.conclusion import (
     REFITTED,
@@ -93,7 +93,7 @@ class DiagnosisProgress:
         said = f"{done} of about {foreseen} simulations" if done < foreseen else f"{done} simulations"
         if self._bar is not None:
             self._bar.update(self._task, completed=done, total=max(done, foreseen), said=said)
-        elif self._clock() - self._told > INTERVAL:
+        elif self._clock() - self._told > LINE_INTERVAL:
             self._line(said)
 
     def _line(self, said: str) -> None:

@@ -17,14 +17,14 @@ from calib.errors import CalibError
 from calib.records.excitation import unit_of
 from calib.units import shown, to_si
 
-OFF_PERIOD = 0.1  # share by which the time once round may differ from whole periods of the excitation
-SURE = 3.0  # standard uncertainties: a larger difference is said
-WHOLE = 0.97  # of a period: what a diagram over time has to show
-LENGTH = 0.002  # of the period: a difference that is never said to be one
-BACK = 0.01  # of the period: running against time that is said
-UNSCALED = 0.01  # standard uncertainty of a scale from which on it is freed
-REST = 0.01  # of the greatest speed: a velocity at turning points that is none
-SHIFTS = 400  # instants tried for the start of a loop within a diagram over time
+MAX_PERIOD_ERROR = 0.1  # relative difference of the time once round from whole periods of the excitation
+WARNING_SIGMAS = 3.0  # standard uncertainties: a larger difference gives a warning
+MIN_PERIOD_DIFFERENCE = 0.002  # relative difference of periods below which there is no warning
+MAX_BACKWARDS = 0.01  # of the period, for which a curve may run against time without a warning
+MAX_ZERO_OFFSET = 0.01  # of the greatest speed: velocity at turning points without a warning
+MAX_SCALE_SIGMA = 0.01  # standard uncertainty of a scale above which a study solves for it
+MIN_SHARE_OF_PERIOD = 0.97  # that a diagram over time has to show
+TRIED_STARTS = 400  # instants tried for the start of a loop within a diagram over time
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +132,7 @@ def _timed(reading: Reading, period: float | None, samples: int, findings: Findi
     if period is not None:
         cycles = max(1, round(once / period))
         off = once / (cycles * period) - 1.0
-        if abs(off) > OFF_PERIOD:
+        if abs(off) > MAX_PERIOD_ERROR:
             raise CalibError(
                 f"{where}: going round it takes {shown(once, 's')}, which is {once / period:.2f} periods of the "
                 f"excitation of {shown(period, 's')}; expected whole ones: check units, axis points and frequency"
@@ -174,7 +174,7 @@ def _closure(
         off = found.period / once - 1.0
         findings.attrs[f"closure_period_{body}"] = off
         said += f", {100.0 * off:+.2g} % off {round(once / period)} period(s) of the excitation, then stretched to them"
-        if abs(off) > max(SURE * lasting, LENGTH):
+        if abs(off) > max(WARNING_SIGMAS * lasting, MIN_PERIOD_DIFFERENCE):
             findings.warnings.append(
                 f"{where}: its own time once round is {100.0 * off:+.2g} % off the period of the excitation, with an "
                 f"uncertainty of {100.0 * lasting:.2g} %; are units, axis points and frequency right?"
@@ -182,12 +182,12 @@ def _closure(
     findings.notes.append(said)
     if np.isfinite(found.zero):
         findings.attrs[f"closure_zero_{body}"] = found.zero
-    if abs(found.zero) > REST:
+    if abs(found.zero) > MAX_ZERO_OFFSET:
         findings.warnings.append(
             f"{where}: displacement turns where velocity is {100.0 * found.zero:+.2g} % of its greatest, not zero; "
             "is the zero of the velocity axis where it should be, and does the page stand straight?"
         )
-    if found.backwards > BACK:
+    if found.backwards > MAX_BACKWARDS:
         findings.warnings.append(
             f"{where}: over {100.0 * found.backwards:.2g} % of the period the curve runs against time; is the zero of "
             "the velocity axis where it should be, and is the page calibrated?"
@@ -256,7 +256,7 @@ def _nuisances(timed: Mapping[str, Timed], findings: Findings) -> None:
                 found[name] = found.get(name, 0.0) + value**2 / (1 if name.startswith("offset") else len(timed))
     sure = {name: float(f"{np.sqrt(value):.4g}") for name, value in found.items()}
     freed = ["trigger", "offset", *(["shear"] if "shear" in sure else [])]
-    if max(sure.get("scale.displacement", 0.0), sure.get("scale.velocity", 0.0)) > UNSCALED:
+    if max(sure.get("scale.displacement", 0.0), sure.get("scale.velocity", 0.0)) > MAX_SCALE_SIGMA:
         freed.append("scale")
     findings.attrs["nuisance"] = ", ".join(freed)
     if sure:
@@ -297,7 +297,7 @@ def _of_diagrams(given: Mapping[str, Mapping[str, Reading]], period: float | Non
     if span <= 0.0:
         raise CalibError("the diagrams share no time; are their units right?")
     if period is not None:
-        cycles = int(span / period + 1.0 - WHOLE)
+        cycles = int(span / period + 1.0 - MIN_SHARE_OF_PERIOD)
         if cycles < 1:
             raise CalibError(
                 f"the diagrams share {shown(span, 's')}, less than the period of {shown(period, 's')} that the "
@@ -320,7 +320,7 @@ def _of_diagrams(given: Mapping[str, Mapping[str, Reading]], period: float | Non
 def _folded(reading: Reading, grid: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:
     """Mean cycle of a diagram at instants within `length` [s], with its uncertainty."""
     time, values = _in_time(reading)
-    if time[-1] - time[0] < WHOLE * length:
+    if time[-1] - time[0] < MIN_SHARE_OF_PERIOD * length:
         raise CalibError(
             f"{reading.kind} of {reading.body}: it shows {shown(time[-1] - time[0], 's')}, less than the "
             f"{shown(length, 's')} after which the motion returns; are the units of time right?"
@@ -328,7 +328,7 @@ def _folded(reading: Reading, grid: np.ndarray, length: float) -> tuple[np.ndarr
     errors = _errors(reading, time, values)
     turns = np.arange(np.floor(time[0] / length) - 1, np.ceil(time[-1] / length) + 1)
     instants = grid[None] + length * turns[:, None]
-    tolerance = (1.0 - WHOLE) * length
+    tolerance = (1.0 - MIN_SHARE_OF_PERIOD) * length
     inside = (instants >= time[0] - tolerance) & (instants <= time[-1] + tolerance)
     counts = np.maximum(inside.sum(axis=0), 1)
     mean = (np.interp(instants, time, values) * inside).sum(axis=0) / counts
@@ -355,9 +355,9 @@ def _start(timed: Timed, diagrams: Sequence[Reading], findings: Findings) -> flo
     def mean_square(start: float) -> float:
         return float(np.mean((drawn - timed.at(even - start)[row]) ** 2))
 
-    tried = np.arange(SHIFTS) * length / SHIFTS
+    tried = np.arange(TRIED_STARTS) * length / TRIED_STARTS
     best = float(tried[np.argmin([mean_square(start) for start in tried])])
-    step = length / SHIFTS
+    step = length / TRIED_STARTS
     start = float(minimize_scalar(mean_square, bounds=(best - step, best + step), method="bounded").x)
     of_loop = timed.at(even - start)
     scale, offset = np.linalg.lstsq(np.column_stack([of_loop[row], np.ones(even.size)]), drawn, rcond=None)[0]
@@ -373,6 +373,8 @@ def _start(timed: Timed, diagrams: Sequence[Reading], findings: Findings) -> flo
         f"{100.0 * expected / size:.2g} % expected), scale {scale:.4f}, offset {100.0 * offset / size:+.2g} %"
     )
     findings.notes.append(said)
-    if rest > SURE * expected:
-        findings.warnings.append(f"{said}: more than {SURE:g} times their uncertainty; is it the same motion?")
+    if rest > WARNING_SIGMAS * expected:
+        findings.warnings.append(
+            f"{said}: more than {WARNING_SIGMAS:g} times their uncertainty; is it the same motion?"
+        )
     return start

@@ -9,22 +9,22 @@ from scipy.optimize import isotonic_regression, nnls
 
 from calib.errors import CalibError
 
-NODES = 2000  # points that a loop is drawn through
-FEWEST = 8  # points of a loop
-REACH = 0.6  # of the greatest speed: how far from rest a turning point is looked at
-KNOTS = 72  # of the slowness dt / dv over that stretch
-DENSE = 0.25  # of the greatest speed: within this of rest the knots are dense, beyond ever wider apart
-STIFFNESS = 10.0 ** np.arange(2.0, -10.0, -1.0)  # weights tried on the bends of the slowness
-ROUNDS = 3  # of weighing the bends anew
-CORRELATED = 3.0  # nodes that count as one, for their errors are alike
-SLACK = 0.2  # of the curve's own noise: a residual below which the slowness needs not bend more
-BEND = 0.05  # of the mean slowness: a bend that is one, and may be sharp
-EXACT = 2e-6  # of the amplitude: the same
-BROKEN = 6e-4  # of the extent of a loop: what a smooth turning point leaves of a polynomial at most
-AROUND = 0.4  # of the greatest speed: within this of rest displacement is looked at for where it turns
-TINY = 1e-9  # of the size of a loop: points nearer to each other are one
-LONG = 4.0  # a stretch so many times as long as its neighbours is straight: a jump, of which no point was read
-STANDS = 1e-9  # of the amplitude: a speed that is none
+LOOP_NODES = 2000  # points that a loop is drawn through
+MIN_POINTS = 8  # of a loop
+TURN_SPEED = 0.6  # of the greatest speed: up to it from rest the slowness of a turning point is fitted
+MAX_KNOTS = 72  # of the slowness dt / dv over that stretch
+DENSE_KNOT_SPEED = 0.25  # of the greatest speed: up to it from rest the knots are dense, beyond ever wider apart
+STIFFNESSES = 10.0 ** np.arange(2.0, -10.0, -1.0)  # weights tried on the bends of the slowness
+REWEIGHTINGS = 3  # of the bends, by their magnitude
+CORRELATED_NODES = 3.0  # that count as one independent node, since their errors are correlated
+NOISE_SHARE = 0.2  # of the curve's noise: for a residual below it the slowness needs no further bend
+MIN_RESIDUAL = 2e-6  # of the amplitude: the same for a curve without noise
+SHARP_BEND = 0.05  # of the mean slowness: from it on a bend counts as a parameter, and may be sharp
+MAX_TURN_RESIDUAL = 6e-4  # of the extent of a loop: residual of a polynomial at a smooth turning point
+ZERO_FIT_SPEED = 0.4  # of the greatest speed: up to it from rest displacement is fitted to find where it turns
+MIN_DISTANCE = 1e-9  # of the size of a loop: points nearer to each other are one
+JUMP_RATIO = 4.0  # of a stretch to its neighbours: from it on the stretch is a straight line of which no point was read
+MIN_SPEED = 1e-9  # of the amplitude: below it the body is at rest
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +97,7 @@ class LoopClock:
         return float(self.time[-1])
 
 
-def loop(points: np.ndarray, nodes: int = NODES) -> NodeLoop:
+def loop(points: np.ndarray, nodes: int = LOOP_NODES) -> NodeLoop:
     """Draw a smooth closed curve through points, and turn it into the direction of time.
 
     Where velocity is positive displacement grows, so a phase curve is passed clockwise.
@@ -112,15 +112,16 @@ def loop(points: np.ndarray, nodes: int = NODES) -> NodeLoop:
     """
     points = np.asarray(points, dtype=float)
     size = np.ptp(points, axis=0)
-    if len(points) < FEWEST or not (size > 0.0).all():
+    if len(points) < MIN_POINTS or not (size > 0.0).all():
         raise CalibError(
-            f"a phase curve needs at least {FEWEST} points that move in displacement and velocity, got {len(points)}"
+            f"a phase curve needs at least {MIN_POINTS} points that differ in displacement and velocity, "
+            f"got {len(points)}"
         )
     given, place = len(points), np.arange(len(points))
     away = np.linalg.norm(np.diff(points, axis=0, append=points[:1]) / size, axis=1)
-    points, place, away = points[away > TINY], place[away > TINY], away[away > TINY]
-    if len(points) < FEWEST:
-        raise CalibError(f"a phase curve needs at least {FEWEST} points in different places, got {len(points)}")
+    points, place, away = points[away > MIN_DISTANCE], place[away > MIN_DISTANCE], away[away > MIN_DISTANCE]
+    if len(points) < MIN_POINTS:
+        raise CalibError(f"a phase curve needs at least {MIN_POINTS} points in different places, got {len(points)}")
     points, place = _filled(points, place, away, given)
     away = np.linalg.norm(np.diff(points, axis=0, append=points[:1]) / size, axis=1)
     around = np.sum(0.5 * (points[:, 1] + np.roll(points[:, 1], -1)) * (np.roll(points[:, 0], -1) - points[:, 0]))
@@ -144,7 +145,7 @@ def _filled(points: np.ndarray, place: np.ndarray, away: np.ndarray, given: int)
     size = len(points)
     around = np.arange(-5, 6)
     near = np.median(away[(np.arange(size)[:, None] + around) % size], axis=1)
-    parts = np.where(away > LONG * near, np.ceil(away / near), 1).astype(int)
+    parts = np.where(away > JUMP_RATIO * near, np.ceil(away / near), 1).astype(int)
     parts = np.minimum(parts, 200)
     start = np.repeat(np.arange(size), parts)
     share = (np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)) / np.repeat(parts, parts)
@@ -184,7 +185,7 @@ def clock(loop: NodeLoop, noise: float = 0.0, turns: Sequence[Turn] | None = Non
     if turns is None:
         turns = _distinct([_turn(q, v / top, int(at), noise) for at in crossings], size)
     speed = v + np.roll(v, -1)
-    least = STANDS * top
+    least = MIN_SPEED * top
     steps = 2.0 * (np.roll(q, -1) - q) / np.where(np.abs(speed) > least, speed, np.inf)
     for turn in turns:
         index = np.arange(turn.first, turn.last + 1) % size
@@ -208,11 +209,11 @@ def _zero(q: np.ndarray, v: np.ndarray, turns: Sequence[Turn]) -> float:
     found = []
     for turn in turns:
         index = np.arange(turn.first, turn.last + 1) % q.size
-        near = index[np.abs(v[index]) < AROUND]
-        if near.size < 20 or min(-v[near].min(), v[near].max()) < 0.9 * AROUND:
+        near = index[np.abs(v[index]) < ZERO_FIT_SPEED]
+        if near.size < 20 or min(-v[near].min(), v[near].max()) < 0.9 * ZERO_FIT_SPEED:
             continue
         fitted = np.polynomial.Polynomial.fit(v[near], q[near], 4)
-        if np.abs(fitted(v[near]) - q[near]).max() > BROKEN * np.ptp(q):  # a jump
+        if np.abs(fitted(v[near]) - q[near]).max() > MAX_TURN_RESIDUAL * np.ptp(q):  # a jump
             continue
         places = fitted.deriv().roots()
         places = places[np.isreal(places)].real
@@ -239,15 +240,15 @@ def _turn(q: np.ndarray, v: np.ndarray, at: int, noise: float) -> Turn:
     index = np.arange(first, last + 1) % size
     span = np.ptp(q)
     q, v = q[index] / (0.5 * span), v[index]
-    count = int(np.clip(KNOTS * np.ptp(v) / (2.0 * REACH), 4, KNOTS))
-    ends = np.arcsinh(np.array([v.min(), v.max() + 1e-12]) / DENSE)
-    knots = DENSE * np.sinh(np.linspace(ends[0], ends[1], count))
+    count = int(np.clip(MAX_KNOTS * np.ptp(v) / (2.0 * TURN_SPEED), 4, MAX_KNOTS))
+    ends = np.arcsinh(np.array([v.min(), v.max() + 1e-12]) / DENSE_KNOT_SPEED)
+    knots = DENSE_KNOT_SPEED * np.sinh(np.linspace(ends[0], ends[1], count))
     knots[[0, -1]] = v.min(), v.max() + 1e-12
     design, right = _centred(q, v, knots)
     root, right = _reduced(design, right)
     fits: list[tuple[float, Turn]] = []
-    independent, enough = len(v) / CORRELATED, (2.0 * SLACK * noise / span) ** 2 + EXACT**2
-    for stiffness in STIFFNESS:
+    independent, enough = len(v) / CORRELATED_NODES, (2.0 * NOISE_SHARE * noise / span) ** 2 + MIN_RESIDUAL**2
+    for stiffness in STIFFNESSES:
         slowness, penalty, residual, bends = _bent(design, q, root, right, stiffness)
         criterion = independent * np.log(residual**2 + enough) + bends * np.log(independent)  # Schwarz (1978)
         fits.append((criterion, Turn(first, last, knots, penalty, slowness > 0.0)))
@@ -261,20 +262,20 @@ def _bent(
     bends = np.diff(np.eye(design.shape[1]), 2, axis=0)
     below = np.concatenate([right, np.zeros(len(bends))])
     weight = np.ones(len(bends))
-    for _ in range(ROUNDS):
+    for _ in range(REWEIGHTINGS):
         penalty = np.sqrt(stiffness * weight)[:, None] * bends
         slowness = nnls(np.vstack([root, penalty]), below)[0]
-        weight = 1.0 / (np.abs(bends @ slowness) / (BEND * slowness.mean() + 1e-300) + 1.0)
-    sharp = np.abs(bends @ slowness) > BEND * slowness.mean()
+        weight = 1.0 / (np.abs(bends @ slowness) / (SHARP_BEND * slowness.mean() + 1e-300) + 1.0)
+    sharp = np.abs(bends @ slowness) > SHARP_BEND * slowness.mean()
     return slowness, penalty, float(np.sqrt(np.mean((design @ slowness - (q - q.mean())) ** 2))), 2 + int(sharp.sum())
 
 
 def _side(v: np.ndarray, start: int, step: int) -> int:
-    """Last node from `start` on up to which the speed grows, but for noise, keeps its sign and is below `REACH`."""
+    """Last node from `start` on up to which the speed keeps its sign, grows but for noise, and is below TURN_SPEED."""
     size = v.size
     index = start + step * np.arange(size // 2)
     signed = v[index % size] * (np.sign(v[start % size]) or np.sign(v[(start + step) % size]))
-    inside = (signed <= REACH) & (signed >= np.maximum.accumulate(signed) - 0.01)
+    inside = (signed <= TURN_SPEED) & (signed >= np.maximum.accumulate(signed) - 0.01)
     count = size // 2 if inside.all() else int(np.argmin(inside))
     return int(index[max(count, 1) - 1])
 

@@ -14,14 +14,14 @@ from calib.digitise.image.picture import SUFFIXES as PICTURES
 from calib.digitise.importers import Imported
 from calib.digitise.importers import read as read_export
 from calib.digitise.order import ordered
-from calib.digitise.spec import PERIOD, CurveTable, FigureToml, PanelTable
-from calib.digitise.uncertainty import ASSUMED, hats, leaning
+from calib.digitise.spec import PERIOD_UNIT, CurveTable, FigureToml, PanelTable
+from calib.digitise.uncertainty import ASSUMED_SIGMA, hats, leaning
 from calib.errors import CalibError, nearest
 from calib.study_file.mistakes import Mistakes
 from calib.units import to_si
 
-LARGEST = 1e100  # in SI: the squares of such numbers still are numbers
-AXES = {"phase curve": ("m", "m/s"), "displacement over time": ("s", "m"), "velocity over time": ("s", "m/s")}
+MAX_NUMBER = 1e100  # in SI: the squares of such numbers still are numbers
+SI_UNITS = {"phase curve": ("m", "m/s"), "displacement over time": ("s", "m"), "velocity over time": ("s", "m/s")}
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,20 +150,20 @@ def _example(entry: CurveTable) -> str:
 
 def _in_si(curve: Curve, entry: CurveTable, units: Sequence[str], period: float | None) -> Reading:
     """Return a curve in SI, its points in order."""
-    factors = np.array([_factor(u, si, period) for u, si in zip(units, AXES[entry.kind], strict=True)])
+    factors = np.array([_factor(u, si, period) for u, si in zip(units, SI_UNITS[entry.kind], strict=True)])
     points, notes = curve.points * factors, list(curve.notes)
     closed = entry.kind == "phase curve"
     sigma = None if curve.sigma is None else curve.sigma * factors
     if entry.sigma is not None:
-        each = zip(entry.sigma, units, factors, AXES[entry.kind], strict=True)
+        each = zip(entry.sigma, units, factors, SI_UNITS[entry.kind], strict=True)
         stated = [_sigma(sigma, unit, factor, si) for sigma, unit, factor, si in each]
         sigma = np.tile(stated, (len(points), 1))
     if sigma is None:
-        sigma = np.tile(ASSUMED * np.ptp(points, axis=0), (len(points), 1))
-        notes.append(f"its uncertainty is assumed as {ASSUMED:g} of its extent; state sigma where you know it")
+        sigma = np.tile(ASSUMED_SIGMA * np.ptp(points, axis=0), (len(points), 1))
+        notes.append(f"its uncertainty is assumed as {ASSUMED_SIGMA:g} of its extent; state sigma where you know it")
     sigma = np.maximum(sigma, 1e-9 * np.ptp(points, axis=0))
-    if not (np.abs(points).max() < LARGEST and sigma.max() < LARGEST):
-        raise CalibError(f"its numbers exceed {LARGEST:g} in SI; check its units and axes")
+    if not (np.abs(points).max() < MAX_NUMBER and sigma.max() < MAX_NUMBER):
+        raise CalibError(f"its numbers exceed {MAX_NUMBER:g} in SI; check its units and axes")
     known = [m * factors for m in (curve.modes, curve.lean) if len(m)]
     modes = np.concatenate([np.empty((0, len(points), 2)), *known])
     if not len(curve.lean):  # a trace is in order; points that were clicked or exported need not be
@@ -175,7 +175,7 @@ def _in_si(curve: Curve, entry: CurveTable, units: Sequence[str], period: float 
 
 
 def _factor(unit: str, si: str, period: float | None) -> float:
-    if si == "s" and unit == PERIOD:
+    if si == "s" and unit == PERIOD_UNIT:
         if period is None:
             raise CalibError("time in periods needs the frequency of the excitation; state it in [excitation]")
         return period
@@ -183,7 +183,7 @@ def _factor(unit: str, si: str, period: float | None) -> float:
 
 
 def _sigma(stated: float | str, unit: str, factor: float, si: str) -> float:
-    value = factor * stated if unit == PERIOD and not isinstance(stated, str) else to_si(stated, si)
+    value = factor * stated if unit == PERIOD_UNIT and not isinstance(stated, str) else to_si(stated, si)
     if not 0.0 < value < np.inf:
         raise CalibError(f"sigma is a standard uncertainty above 0, got {stated!r}")
     return value

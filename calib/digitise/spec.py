@@ -11,8 +11,8 @@ from calib.study_file.mistakes import Mistakes, read_toml
 from calib.study_file.schema import Quantity, TomlTable
 
 Kind = Literal["phase curve", "displacement over time", "velocity over time"]
-PERIOD = "period"  # a unit of time axes: the period of the excitation
-LEAST_SAMPLES = 16
+PERIOD_UNIT = "period"  # a unit of time axes: the period of the excitation
+MIN_SAMPLES = 16
 
 
 def _number(value: object) -> float:
@@ -95,7 +95,7 @@ class FigureToml(TomlTable):
     """A whole description."""
 
     source: Annotated[str, Field(min_length=1)]  # who drew the figure, and where it is printed
-    samples: Annotated[int, Field(ge=LEAST_SAMPLES, le=100_000)] = 400  # a period of the record
+    samples: Annotated[int, Field(ge=MIN_SAMPLES, le=100_000)] = 400  # a period of the record
     excitation: PrintedExcitation | None = None
     panel: list[PanelTable] = []
     curve: Annotated[list[CurveTable], Field(min_length=1)]

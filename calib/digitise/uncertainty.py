@@ -4,11 +4,11 @@ import numpy as np
 
 from calib.digitise.clock import LoopClock, NodeLoop, clock
 
-HATS = 24  # stretches along a curve within each of which an error of the trace is taken as one
-ASSUMED = 1e-3  # of a curve's extent: standard uncertainty of points of which nothing is known
+STRETCHES = 24  # stretches along a curve within each of which an error of the trace is taken as one
+ASSUMED_SIGMA = 1e-3  # of a curve's extent: standard uncertainty of points of which nothing is known
 
 
-def hats(size: int, closed: bool, number: int = HATS) -> np.ndarray:
+def hats(size: int, closed: bool, number: int = STRETCHES) -> np.ndarray:
     """Weights (number, size) of points in overlapping stretches; squares sum to 1 at each point."""
     number = max(1, min(number, size // 2))
     place = np.arange(size) / size * number

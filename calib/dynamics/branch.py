@@ -15,25 +15,25 @@ import xarray as xr
 from scipy.interpolate import CubicHermiteSpline
 
 from calib.dynamics.contract import PeriodMap
-from calib.dynamics.orbits import SAME, Cycle, checked_guess, cycle_at, newton, reduced, shoot
+from calib.dynamics.orbits import SAME_STATE, Cycle, checked_guess, cycle_at, newton, reduced, shoot
 from calib.dynamics.tangent import jacobian
 from calib.errors import CalibError
 from calib.records import OK
 
-STEP = 0.01  # first step along the curve
-LONGEST = 0.05  # step
-LEAST = 1e-6  # step; a curve that cannot be followed any further ends
-DIFFERENCE = 1e-7  # of the window, for the derivative by the parameter; less than LEAST, not to reach beyond a grazing
-EASY = 3  # Newton steps, after no more of which the step along the curve is lengthened
-MOST_NEWTON = 8  # steps of the corrector
-STRAIGHT = 0.95  # least cosine between neighbouring tangents
-PRECISE = 1e-11  # of the place of a special point along the curve
-AT_ZERO = 1e-2  # of its value at the step's end: what a test function may leave at its root; it has jumped otherwise
-GRAZES = 1e-2  # margin and distance along the curve from which a curve that ends is extrapolated to grazing
-SECTION = 1e-3  # distance of an impact from the section, in periods, that explains an end
+FIRST_STEP = 0.01  # along the curve
+MAX_STEP = 0.05  # along the curve
+MIN_STEP = 1e-6  # along the curve; one that cannot be followed with it ends
+PARAMETER_DIFFERENCE = 1e-7  # of the window, for the derivative by the parameter; below MIN_STEP, to stay off a grazing
+EASY_NEWTON_STEPS = 3  # of the corrector; after no more the step along the curve is lengthened
+MAX_NEWTON_STEPS = 8  # of the corrector
+MIN_TANGENT_COSINE = 0.95  # between neighbouring tangents
+ARCLENGTH_TOLERANCE = 1e-11  # of the position of a special point along the curve
+MAX_TEST_AT_ROOT = 1e-2  # value of a test function at its root over that at the step's end; above it it has jumped
+MAX_GRAZING_MARGIN = 1e-2  # margin and distance along the curve up to which a curve is extrapolated to grazing
+SECTION_MARGIN = 1e-3  # periods: distance of an impact from the section that explains an end
 
 CLOSED = "the branch closes on itself"
-SHORTER = "it comes out of a flip of the cycle of half its period"
+FROM_FLIP = "it comes out of a flip of the cycle of half its period"
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +211,7 @@ class _Curve:
         _, own = jacobian(map, z[:-1] * self.scale, self.periods)
         ratio = map.scale / self.scale  # a map's scale may change with the parameter
         by_state = own * ratio[:, None] / ratio - np.eye(ratio.size)
-        behind, ahead = max(z[-1] - DIFFERENCE, 0.0), min(z[-1] + DIFFERENCE, 1.0)
+        behind, ahead = max(z[-1] - PARAMETER_DIFFERENCE, 0.0), min(z[-1] + PARAMETER_DIFFERENCE, 1.0)
         change = self.residual(np.append(z[:-1], ahead)) - self.residual(np.append(z[:-1], behind))
         return np.column_stack([by_state, change / (ahead - behind)])
 
@@ -233,7 +233,7 @@ class _Curve:
     def shorter(self, point: _CurvePoint) -> bool:
         """Whether the motion returns after a part of the periods already, as what a long step may land on does."""
         parts = [point.cycle.orbit.states[n - 1] for n in range(1, self.periods) if self.periods % n == 0]
-        return any(np.abs(state / self.scale - point.z[:-1]).max() < SAME for state in parts)
+        return any(np.abs(state / self.scale - point.z[:-1]).max() < SAME_STATE for state in parts)
 
     def ahead(self, base: _CurvePoint, step: float) -> tuple[_CurvePoint | None, str]:
         """Next point, a step ahead of `base` or on the edge of the window before that; None and why without one."""
@@ -247,7 +247,7 @@ class _Curve:
             return None, f"impacts per return change from {base.cycle.impacts} to {point.cycle.impacts}"
         if point and self.shorter(point):
             return None, "the nearest cycle has a shorter period"
-        if point and point.tangent @ base.tangent < STRAIGHT:
+        if point and point.tangent @ base.tangent < MIN_TANGENT_COSINE:
             return None, "the branch has a corner"
         return point, reason
 
@@ -259,7 +259,7 @@ class _Curve:
             lambda z: np.append(self.residual(z), normal @ (z - guess)),
             lambda z: np.vstack([self.derivative(z), normal]),
             guess,
-            MOST_NEWTON,
+            MAX_NEWTON_STEPS,
         )
         if reason:
             return None, reason
@@ -271,7 +271,7 @@ class _Curve:
 
 def _run(curve: _Curve, start: _CurvePoint, most: int) -> tuple[list[_CurvePoint], list[Special], str]:
     """Points from `start` on along its tangent, special points among them, and why they end."""
-    points, specials, step = [start], list[Special](), STEP
+    points, specials, step = [start], list[Special](), FIRST_STEP
     while len(points) <= most:
         base = points[-1]
         if base.z[-1] == float(base.tangent[-1] > 0.0):
@@ -280,16 +280,16 @@ def _run(curve: _Curve, start: _CurvePoint, most: int) -> tuple[list[_CurvePoint
         between = _specials_between(curve, base, ahead) if ahead else []
         if ahead is None or between is None:
             step /= 2.0
-            if step < LEAST:
+            if step < MIN_STEP:
                 return _ended(curve, points, specials, reason or "the cycles beside a special point are not found")
             continue
         for kind, point, evidence in between:
             points.append(point)
             specials.append(Special(kind, point.parameter, point.cycle.state, len(points) - 1, evidence))
-            if evidence == SHORTER:
-                return points, specials, SHORTER
+            if evidence == FROM_FLIP:
+                return points, specials, FROM_FLIP
         points.append(ahead)
-        step = min(1.5 * step, LONGEST) if len(ahead.cycle.steps) <= EASY + 1 else step
+        step = min(1.5 * step, MAX_STEP) if len(ahead.cycle.steps) <= EASY_NEWTON_STEPS + 1 else step
         to_start = start.z - ahead.z
         if np.linalg.norm(to_start) <= step and min(to_start @ ahead.tangent, start.tangent @ ahead.tangent) > 0.0:
             return [*points, start], specials, CLOSED
@@ -345,7 +345,7 @@ def _specials_between(
     """Special points between two neighbours: kind, point and evidence; None where the curve is lost between them."""
     if curve.periods % 2 == 0 and curve.opening(ahead, base) < 0.0:
         root = _root(curve, base, ahead, curve.opening)
-        return None if root is None else [("flip", root, SHORTER)]
+        return None if root is None else [("flip", root, FROM_FLIP)]
     specials = []
     for kind, test in TESTS.items():
         ends = test(base, base), test(ahead, base)
@@ -354,7 +354,7 @@ def _specials_between(
             if root is None:
                 return None
             evidence = _evidence(kind, root)
-            if evidence and abs(test(root, base)) < AT_ZERO * max(map(abs, ends)):
+            if evidence and abs(test(root, base)) < MAX_TEST_AT_ROOT * max(map(abs, ends)):
                 specials.append((kind, root, evidence))
     return sorted(specials, key=lambda entry: (entry[1].z - base.z) @ base.tangent)
 
@@ -373,7 +373,7 @@ def _root(curve: _Curve, base: _CurvePoint, ahead: _CurvePoint, test: Test) -> _
         if point is None:
             return None
         value = test(point, base)
-        if value == 0.0 or abs(place - before) < PRECISE:
+        if value == 0.0 or abs(place - before) < ARCLENGTH_TOLERANCE:
             break
         before = place
         if value * at_high < 0.0:
@@ -396,7 +396,7 @@ def _ended(
         evidence += f"at {cycle.slowest:.3g} m/s; {reason}"
         grazing = Special("grazing", curve.parameter(z), z[:-1] * curve.scale, len(points) - 1, evidence)
         return points, [*specials, grazing], f"grazing at {grazing.parameter:.9g}"
-    if np.any(np.minimum(cycle.orbit.impacts[:, 1], 1.0 - cycle.orbit.impacts[:, 1]) < SECTION):
+    if np.any(np.minimum(cycle.orbit.impacts[:, 1], 1.0 - cycle.orbit.impacts[:, 1]) < SECTION_MARGIN):
         reason += "; an impact comes to the section, take it at another phase of the excitation"
     return points, specials, f"lost at {at}: {reason}"
 
@@ -412,11 +412,11 @@ def _grazing(points: list[_CurvePoint]) -> np.ndarray | None:
         if len(chosen) < 3 and point.cycle.margin >= 2.0 * chosen[-1].cycle.margin:
             chosen.append(point)
     margins = np.array([point.cycle.margin for point in chosen])
-    if len(chosen) < 3 or not 0.0 < margins[0] < GRAZES or not np.isfinite(margins).all():
+    if len(chosen) < 3 or not 0.0 < margins[0] < MAX_GRAZING_MARGIN or not np.isfinite(margins).all():
         return None
     weights = [np.prod([m / (m - own) for m in np.delete(margins, i)]) for i, own in enumerate(margins)]
     z = sum(weight * point.z for weight, point in zip(weights, chosen, strict=True))
-    return z if np.linalg.norm(z - points[-1].z) < GRAZES else None
+    return z if np.linalg.norm(z - points[-1].z) < MAX_GRAZING_MARGIN else None
 
 
 def _branch(

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from scipy.special import chdtri
 
-CONFIDENCE = 0.95
+CONFIDENCE_LEVEL = 0.95
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,10 +35,10 @@ class EscapeTime:
     @property
     def interval(self) -> tuple[float, float]:
         """Lower and upper bound of 95 % confidence, the upper one infinite where no run has escaped  [periods]."""
-        low = 2.0 * self.observed / float(chdtri(2 * self.escapes + 2, 0.5 * (1.0 - CONFIDENCE)))
+        low = 2.0 * self.observed / float(chdtri(2 * self.escapes + 2, 0.5 * (1.0 - CONFIDENCE_LEVEL)))
         if not self.escapes:
             return low, math.inf
-        return low, 2.0 * self.observed / float(chdtri(2 * self.escapes, 0.5 * (1.0 + CONFIDENCE)))
+        return low, 2.0 * self.observed / float(chdtri(2 * self.escapes, 0.5 * (1.0 + CONFIDENCE_LEVEL)))
 
     def __str__(self) -> str:
         low, high = self.interval

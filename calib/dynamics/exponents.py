@@ -10,10 +10,10 @@ from calib.dynamics.contract import PeriodMap
 from calib.dynamics.tangent import tangent
 from calib.modelling.orbit import Tangent
 
-ALIGNMENT = 50  # periods in which vectors turn towards what grows most, before growth counts
-BLOCKS = (10, 20)  # growth of neighbouring periods is correlated; that of blocks hardly is
+ALIGNMENT_PERIODS = 50  # in which vectors turn towards the direction that grows most, before growth counts
+BLOCK_COUNTS = (10, 20)  # growth of neighbouring periods is correlated; that of blocks hardly is
+MIN_PERIODS = 40  # from which a standard error is estimated
 Carry = Callable[[PeriodMap, np.ndarray, np.ndarray, int], Tangent]
-FEWEST = 40  # periods whose growth says anything about its scatter
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +52,8 @@ def largest_exponent(map: PeriodMap, state: np.ndarray, periods: int, carry: Car
     Source: Benettin et al. (1980), Meccanica 15, 9-20.
     """
     size = len(state)
-    aligned = carry(map, state, _start(size, 1), ALIGNMENT)
-    if len(aligned.states) < ALIGNMENT:
+    aligned = carry(map, state, _start(size, 1), ALIGNMENT_PERIODS)
+    if len(aligned.states) < ALIGNMENT_PERIODS:
         return _exponent(np.zeros(0), aligned.states, aligned.vectors, complete=False)
     return extended(map, _exponent(np.zeros(0), aligned.states, aligned.vectors, complete=True), periods, carry)
 
@@ -88,8 +88,8 @@ def spectrum(map: PeriodMap, state: np.ndarray, periods: int) -> np.ndarray:
     Source: Shimada and Nagashima (1979), Progress of Theoretical Physics 61, 1605-1616; Benettin et al. (1980).
     """
     size = len(state)
-    aligned = tangent(map, state, _start(size, size), ALIGNMENT)
-    if len(aligned.states) < ALIGNMENT:
+    aligned = tangent(map, state, _start(size, size), ALIGNMENT_PERIODS)
+    if len(aligned.states) < ALIGNMENT_PERIODS:
         return np.full(size, np.nan)
     carried = tangent(map, aligned.states[-1], aligned.vectors, periods)
     if len(carried.states) < periods:
@@ -99,13 +99,13 @@ def spectrum(map: PeriodMap, state: np.ndarray, periods: int) -> np.ndarray:
 
 def standard_error(values: np.ndarray) -> float:
     """Return the standard error of the mean of a correlated series (n,): the larger one of 10 and of 20 block means."""
-    if len(values) < FEWEST:
+    if len(values) < MIN_PERIODS:
         return math.nan
     if not np.isfinite(values).all():
         return 0.0
     return max(
         float(values[len(values) % count :].reshape(count, -1).mean(axis=1).std(ddof=1)) / math.sqrt(count)
-        for count in BLOCKS
+        for count in BLOCK_COUNTS
     )
 
 

@@ -16,25 +16,25 @@ from calib.dynamics.recurrence import BLOCKS, MIN_DRIFT, NEAR_CYCLE, SAME_MOTION
 from calib.dynamics.settling import kind_of_cycle, settled_orbit
 from calib.dynamics.single_run import kind_of_run
 from calib.dynamics.tangent import longest_affordable, tangent
-from calib.dynamics.zero_one import SHORTEST, zero_one
+from calib.dynamics.zero_one import MIN_POINTS, zero_one
 from calib.records import OK
 from calib.records.cycles.motion import UNDECIDED
 
 RUNS = 6  # from starts that differ by `PERTURBATION`, the given one among them
 PERTURBATION = 1e-6  # by which those starts differ, as a share of the map's scale
 SHORT_LAGS = 6  # periods; the 6 / n closest returns after n of them are guesses of a stable cycle
-PASSAGE = 30  # periods, in which close returns belong to one passage by a cycle
+PASSAGE_PERIODS = 30  # periods, in which close returns belong to one passage by a cycle
 LONG_LAGS, LONG_GUESSES = 64, 3  # longer lags, in periods, of whose closest returns the best three are guesses too
-FIRST_RETURN = 0.5  # of the distance after a part of the lag, that a return after the lag has to be below
-MAX_SHIFT = 0.15  # of a return by Newton's method, as a share of the motion's extent: what lies beyond is not near
-RETURNED = 1e-6  # of the size of a motion, which its section may leave open where it has all but returned
+MAX_RETURN_RATIO = 0.5  # of the distance after a lag to that after a part of the lag, for a return after the lag
+MAX_SHIFT = 0.15  # of a close return by Newton's method, over the extent of the motion
+MIN_SHIFT = 1e-6  # over the size of the motion: allowed where it has all but returned, and has no extent
 MAX_TORUS_K = 0.05  # of the 0-1 test over the kept cycles: below it a run may have come to a quasi-periodic motion
-START_UP = 64  # periods in which a run from rest comes to the irregular motion
-TRANSIENT_STARTS = 12  # further starts from which one is looked for whose chaos lasts, beside what cannot give the kind
-SHORTEST_TRANSIENT = 32  # periods; in fewer chaos does not tear starts apart that differ imperceptibly
-STRETCHES = 5  # longer ones that are looked through for more sightings of a stable motion that was met beside chaos
-LONGEST_BESIDE_CHAOS = 32  # periods; a section of 64 shows a longer return but once, and chaos returns nearly too
-SIGHTINGS = 3  # independent ones of a motion, so that the chance to have missed it, exp(-3), is 5 %
+START_UP_PERIODS = 64  # periods in which a run from rest comes to the irregular motion
+TRANSIENT_STARTS = 12  # further starts from which a lasting chaotic transient is sought
+MIN_TRANSIENT_PERIODS = 32  # in fewer, chaos does not separate starts that differ by `PERTURBATION`
+MAX_STRETCHES = 5  # of an irregular motion in which further close returns to a stable motion are sought
+MAX_PERIOD_BESIDE_CHAOS = 32  # a section of 64 periods shows a longer return only once, and chaos nearly returns too
+MIN_SIGHTINGS = 3  # independent ones of a motion, so that the probability to have missed it, exp(-3), is 5 %
 
 
 def kind_of_orbit(
@@ -81,7 +81,7 @@ def kind_of_orbit(
         return first
     observed = _arrival(map, state, first) if by_chance else first.dropped + len(first.visited)
     coexisting = CoexistingMotions(
-        map, [ObservedMotion(first, first.orbit.states, 1, SIGHTINGS if first.regular and not by_chance else 1)]
+        map, [ObservedMotion(first, first.orbit.states, 1, MIN_SIGHTINGS if first.regular and not by_chance else 1)]
     )
     if not first.period:
         for cycle in stable_cycles(map, first.visited):
@@ -116,7 +116,9 @@ def _further_runs(
 def _search_beside_transient(coexisting: "CoexistingMotions", state: np.ndarray, periods: int, cycles: int) -> None:
     """Add the chaotic motion of a transient from `state`, and the stable ones beside it, sought over `periods`."""
     if coexisting.irregular() is None:
-        starts = TRANSIENT_STARTS if all(one.motion.period > LONGEST_BESIDE_CHAOS for one in coexisting.motions) else 0
+        starts = (
+            TRANSIENT_STARTS if all(one.motion.period > MAX_PERIOD_BESIDE_CHAOS for one in coexisting.motions) else 0
+        )
         coexisting.add_transient([state, *perturbed(coexisting.map, state, starts)], cycles)
     if periods and (chaos := coexisting.irregular()) is not None:
         _search_longer(coexisting, chaos.motion.state, periods, cycles)
@@ -124,7 +126,7 @@ def _search_beside_transient(coexisting: "CoexistingMotions", state: np.ndarray,
 
 def _search_longer(coexisting: "CoexistingMotions", state: np.ndarray, periods: int, cycles: int) -> None:
     """Start Newton's method again from longer stretches of the irregular motion: until nothing, or enough, was met."""
-    for _ in range(STRETCHES):
+    for _ in range(MAX_STRETCHES):
         if coexisting.established():
             return
         longer = pseudo_orbit(coexisting.map, state, periods)
@@ -153,7 +155,7 @@ def stable_cycles(map: PeriodMap, visited: np.ndarray) -> Iterator[Cycle]:
     if len(visited) <= LONG_LAGS:
         return
     section = visited / map.scale
-    reach = max(MAX_SHIFT * float(np.ptp(section, axis=0).max()), RETURNED * float(np.abs(section).max()))
+    reach = max(MAX_SHIFT * float(np.ptp(section, axis=0).max()), MIN_SHIFT * float(np.abs(section).max()))
     for lag, at in _closest_returns(section, min(LONG_LAGS, longest_affordable(map, visited[-1]))):
         cycle = attracting_cycle(map, visited[at], lag, reach)
         if cycle is not None:
@@ -169,19 +171,19 @@ def _closest_returns(section: np.ndarray, longest: int = LONG_LAGS) -> list[tupl
     short, long = list[tuple[float, int, int]](), list[tuple[float, int, int]]()
     for lag, distance in enumerate(apart, 1):
         parts = [apart[part - 1][: distance.size] for part in range(1, lag) if lag % part == 0]
-        later = np.any([distance >= FIRST_RETURN * part for part in parts], axis=0) if parts else False
+        later = np.any([distance >= MAX_RETURN_RATIO * part for part in parts], axis=0) if parts else False
         distance = np.where(later, np.inf, distance)
         for _ in range(max(1, SHORT_LAGS // lag)):  # so that each lag costs alike
             at = int(np.argmin(distance))
             if distance[at] < np.inf:
                 (short if lag <= SHORT_LAGS else long).append((float(distance[at]), lag, at))
-                distance[max(0, at - PASSAGE) : at + PASSAGE] = np.inf
+                distance[max(0, at - PASSAGE_PERIODS) : at + PASSAGE_PERIODS] = np.inf
     return [(lag, at) for _, lag, at in (*short, *sorted(long)[:LONG_GUESSES])]
 
 
 def _member(map: PeriodMap, start: np.ndarray, settle: int, cycles: int) -> tuple[OrbitKind, int]:
     """Motion that a further run comes to, undecided where it stays irregular; and how long it was irregular."""
-    cycles = max(cycles, SHORTEST)
+    cycles = max(cycles, MIN_POINTS)
     motion = settled_orbit(map, start, settle, cycles)
     if motion.kind == FAILED or motion.regular:
         return motion, _arrival(map, start, motion)
@@ -267,7 +269,7 @@ class CoexistingMotions:
         No run has stayed on it.
         """
         for start in starts:
-            begun = kind_of_run(self.map, start, START_UP, cycles)
+            begun = kind_of_run(self.map, start, START_UP_PERIODS, cycles)
             if begun.kind == CHAOTIC:
                 self.motions.append(ObservedMotion(begun, begun.orbit.states, 0, 0))
                 return
@@ -347,7 +349,7 @@ def gives_kind(period: int, sightings: int) -> bool:
 
     period : 0 of a quasi-periodic one
     """
-    return sightings >= SIGHTINGS and period <= LONGEST_BESIDE_CHAOS
+    return sightings >= MIN_SIGHTINGS and period <= MAX_PERIOD_BESIDE_CHAOS
 
 
 def _is_interrupted(motion: OrbitKind) -> bool:
@@ -368,7 +370,7 @@ def rounding_decides(map: PeriodMap, state: np.ndarray, dropped: int) -> bool:
     state : (dimension,) to start from
     dropped : length of the transient  [periods]
     """
-    if dropped < SHORTEST_TRANSIENT:
+    if dropped < MIN_TRANSIENT_PERIODS:
         return False
     growth = tangent(map, state, np.ones((state.size, 1)), dropped).growth[:, 0, 0]
     with np.errstate(divide="ignore"):

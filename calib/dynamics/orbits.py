@@ -12,14 +12,14 @@ from calib.errors import CalibError
 from calib.modelling.orbit import Orbit
 from calib.records import OK
 
-TOLERANCE = 1e-11  # of the residual, in units of the scale
-ROUNDING = 1e-8  # residual that is accepted where rounding does not let it fall further
-HALVINGS = 8  # of a Newton step that does not lower the residual
-GRAZING = 1e-3  # margin below which the derivative says little: it has a square root singularity at margin 0
-QUICK_STEPS = 6  # of Newton's method from a close return
-CLOSE = 1e-6  # residual, in units of the scale, from which Newton's method converges
-NEUTRAL_MULTIPLIER = 1e-5  # by how much the multipliers of a cycle that attracts are below 1 at least
-SAME = 1e-7  # distance of states that are one, in units of the scale
+RESIDUAL_TOLERANCE = 1e-11  # of the residual, in units of the scale
+ROUNDING_RESIDUAL = 1e-8  # in units of the scale: accepted where rounding does not let the residual fall further
+MAX_HALVINGS = 8  # of a Newton step that does not lower the residual
+GRAZING_MARGIN = 1e-3  # below it the derivative is not to be trusted: it has a square root singularity at margin 0
+MAX_QUICK_STEPS = 6  # of Newton's method from a close return
+CONVERGING_RESIDUAL = 1e-6  # residual, in units of the scale, from which Newton's method converges
+NEUTRAL_MULTIPLIER = 1e-5  # the multipliers of a cycle that attracts are below 1 by more than this
+SAME_STATE = 1e-7  # in units of the scale: distance of states that count as one
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class Cycle:
 
         Source: Nordmark, Journal of Sound and Vibration 145 (1991) 279-297.
         """
-        return self.margin < GRAZING
+        return self.margin < GRAZING_MARGIN
 
 
 def shoot(map: PeriodMap, guess: np.ndarray, periods: int = 1, most: int = 20) -> Cycle:
@@ -129,14 +129,14 @@ def attracting_cycle(map: PeriodMap, guess: np.ndarray, periods: int, reach: flo
     reach : how far from the guess the cycle may be, in units of the scale
     """
     state, identity = np.asarray(guess, dtype=float), np.eye(len(guess))
-    for _ in range(QUICK_STEPS):
+    for _ in range(MAX_QUICK_STEPS):
         end, derivative = jacobian(map, state, periods)
         departure = (end - state) / map.scale
         step = _newton_step(derivative - identity, departure)
         if step is None or np.abs((state - guess) / map.scale + step).max() > reach:
             return None
         state = state + step * map.scale
-        if np.linalg.norm(departure) <= CLOSE:
+        if np.linalg.norm(departure) <= CONVERGING_RESIDUAL:
             break
     else:
         return None
@@ -153,9 +153,9 @@ def _attracts(multipliers: np.ndarray) -> bool:
 def reduced(map: PeriodMap, cycle: Cycle) -> Cycle:
     """Return the cycle with its least period, a divisor of the one it was sought with."""
     for periods in range(1, cycle.periods if cycle.converged else 1):
-        if cycle.periods % periods == 0 and _distance(map, cycle.orbit.states[periods - 1], cycle.state) < SAME:
+        if cycle.periods % periods == 0 and _distance(map, cycle.orbit.states[periods - 1], cycle.state) < SAME_STATE:
             shorter = shoot(map, cycle.state, periods)
-            if shorter.converged and _distance(map, shorter.state, cycle.state) < SAME:
+            if shorter.converged and _distance(map, shorter.state, cycle.state) < SAME_STATE:
                 return shorter
     return cycle
 
@@ -187,7 +187,7 @@ def newton(
     root, value = start, residual(start)
     sizes = [float(np.linalg.norm(value))]
     reason = "" if np.isfinite(sizes[0]) else "the motion fails from the guess"
-    while not reason and sizes[-1] > TOLERANCE:
+    while not reason and sizes[-1] > RESIDUAL_TOLERANCE:
         if len(sizes) > most:
             reason = f"{most} Newton steps leave a residual of {sizes[-1]:.1e}"
             break
@@ -195,13 +195,13 @@ def newton(
         if step is None:
             reason = "the derivative is singular, or the motion fails beside the state"
             break
-        for halving in range(HALVINGS):
+        for halving in range(MAX_HALVINGS):
             ahead = root + 0.5**halving * step
             ahead_value = residual(ahead)
             if np.linalg.norm(ahead_value) < sizes[-1]:  # false for NaN
                 break
         else:
-            reason = f"the residual stays at {sizes[-1]:.1e}" if sizes[-1] > ROUNDING else ""
+            reason = f"the residual stays at {sizes[-1]:.1e}" if sizes[-1] > ROUNDING_RESIDUAL else ""
             break
         root, value = ahead, ahead_value
         sizes.append(float(np.linalg.norm(value)))

@@ -17,13 +17,13 @@ from calib.dynamics.tangent import tangent
 from calib.modelling.orbit import Orbit, Tangent
 from calib.records import OK
 
-PIECE = 32  # periods from one state of the lattice to the next
-QUANTUM = 1e-7 / math.sqrt(3.0)  # of the lattice, as a share of the map's scale; no decimal but 0 lies on it
+PERIODS_PER_PIECE = 32  # periods from one state of the lattice to the next
+LATTICE_SPACING = 1e-7 / math.sqrt(3.0)  # of the lattice, as a share of the map's scale; no decimal but 0 lies on it
 
 
 def on_lattice(map: PeriodMap, state: np.ndarray) -> np.ndarray:
     """State (dimension,) of the lattice that is nearest to another."""
-    quantum = QUANTUM * map.scale
+    quantum = LATTICE_SPACING * map.scale
     return np.round(np.asarray(state, dtype=float) / quantum) * quantum
 
 
@@ -32,7 +32,7 @@ def pseudo_orbit(map: PeriodMap, state: np.ndarray, periods: int) -> Orbit:
     pieces: list[Orbit] = []
     gone = 0
     while gone < periods and (not pieces or pieces[-1].status == OK):
-        piece = map.orbit(on_lattice(map, state), min(PIECE, periods - gone))
+        piece = map.orbit(on_lattice(map, state), min(PERIODS_PER_PIECE, periods - gone))
         pieces.append(piece._replace(impacts=piece.impacts + np.array([gone, 0.0, 0.0])))
         gone += len(piece.states)
         state = piece.states[-1] if len(piece.states) else state
@@ -53,7 +53,7 @@ def pseudo_tangent(map: PeriodMap, state: np.ndarray, vectors: np.ndarray, perio
     pieces: list[Tangent] = []
     gone = 0
     while gone < periods:
-        asked = min(PIECE, periods - gone)
+        asked = min(PERIODS_PER_PIECE, periods - gone)
         piece = tangent(map, on_lattice(map, state), vectors, asked)
         pieces.append(piece)
         gone += len(piece.states)

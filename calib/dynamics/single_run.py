@@ -3,7 +3,7 @@
 import numpy as np
 
 from calib.dynamics.contract import PeriodMap
-from calib.dynamics.exponents import ALIGNMENT
+from calib.dynamics.exponents import ALIGNMENT_PERIODS
 from calib.dynamics.irregular import MAX_INTERMITTENT_PERIODS, kind_of_irregular
 from calib.dynamics.orbit_kind import FAILED, OrbitKind
 from calib.dynamics.recurrence import MAX_LAG, NEAR_CYCLE, recurrence_of, size_of
@@ -73,8 +73,8 @@ def _beyond_laminar_phase(map: PeriodMap, motion: OrbitKind) -> np.ndarray:
         return motion.state
     section = motion.visited[-TAIL_PERIODS:] / map.scale
     lag = int(np.argmin(recurrence_of(section))) + 1
-    grown = tangent(map, motion.state, np.ones((motion.state.size, 1)), ALIGNMENT + 2 * lag)
-    if len(grown.states) < ALIGNMENT + 2 * lag:
+    grown = tangent(map, motion.state, np.ones((motion.state.size, 1)), ALIGNMENT_PERIODS + 2 * lag)
+    if len(grown.states) < ALIGNMENT_PERIODS + 2 * lag:
         return motion.state
     direction, going = grown.vectors[:, 0], (grown.states[-1] - grown.states[-1 - 2 * lag]) / map.scale
     side = -1.0 if going @ direction < 0.0 else 1.0  # after twice the lag, a cycle that flips is on the same side

@@ -14,10 +14,11 @@ from calib.dynamics.tangent import knows_derivative
 from calib.errors import CalibError
 from calib.modelling.model import Model, Request
 from calib.records import OK, STATE
-from calib.records.cycles.motion import BESIDE, IRREGULAR, UNDECIDED, kind_of_motion
+from calib.records.cycles.motion import BESIDE_ATTRIBUTE, IRREGULAR, UNDECIDED, kind_of_motion
 from calib.records.excitation import Excitation
 
-SETTLE, LOOKED = 500, 1000  # periods dropped of an irregular motion, and periods in which close returns are sought
+SETTLE_PERIODS = 500  # dropped of an irregular motion
+SEARCH_PERIODS = 1000  # in which close returns are sought
 
 
 def stationary_record(
@@ -53,13 +54,13 @@ def stationary_record(
         return record
     state = stable_state(map)
     if state is None:
-        text = f"no stable periodic motion was found beside it within {SETTLE + LOOKED} periods"
-        return record.assign_attrs({BESIDE: text})
+        text = f"no stable periodic motion was found beside it within {SETTLE_PERIODS + SEARCH_PERIODS} periods"
+        return record.assign_attrs({BESIDE_ATTRIBUTE: text})
     stable = model.run(values, excitation, replace(request, initial_state=state))
     if stable.attrs["status"] != OK or kind_of_motion(stable).period is None:
         return record
     text = f"found by Newton's method beside a motion that is {motion.kind}: {motion.evidence}"
-    return stable.assign_attrs({BESIDE: text})
+    return stable.assign_attrs({BESIDE_ATTRIBUTE: text})
 
 
 def stable_state(map: PeriodMap) -> np.ndarray | None:
@@ -67,10 +68,10 @@ def stable_state(map: PeriodMap) -> np.ndarray | None:
 
     Of several it is that of the shortest period.
     """
-    orbit = pseudo_orbit(map, map.initial, SETTLE + LOOKED)
+    orbit = pseudo_orbit(map, map.initial, SETTLE_PERIODS + SEARCH_PERIODS)
     if orbit.status != OK:
         return None
-    found = [kind_of_cycle(map, cycle) for cycle in stable_cycles(map, orbit.states[SETTLE:])]
+    found = [kind_of_cycle(map, cycle) for cycle in stable_cycles(map, orbit.states[SETTLE_PERIODS:])]
     stable = sorted((motion for motion in found if motion.regular), key=rank)
     return _as_initial_state(map, stable[0].state) if stable else None
 

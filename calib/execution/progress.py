@@ -6,7 +6,7 @@ from rich.console import Console
 from rich.progress import BarColumn, SpinnerColumn, TextColumn
 from rich.progress import Progress as Bars
 
-INTERVAL = 5.0  # s between two lines where there is no terminal
+LINE_INTERVAL = 5.0  # s between two lines where there is no terminal
 
 
 class Count:
@@ -45,7 +45,7 @@ class Count:
         text = f"{done}/{total} {self._unit}{left if done < total else ''}"
         if self._bars is not None:
             self._bars.update(self._task, completed=done, total=total, text=text)
-        elif not self._quiet and now - self._last_line >= INTERVAL:
+        elif not self._quiet and now - self._last_line >= LINE_INTERVAL:
             self._last_line = now
             self._console.print(text, soft_wrap=True)
 

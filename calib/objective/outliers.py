@@ -8,15 +8,15 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 STD_PER_MAD = 1.4826  # of a normal distribution: standard deviation over median absolute deviation
-WINDOW = 7  # samples
+WINDOW_SAMPLES = 7  # samples
 MIN_DEVIATION = 8.0  # of an outlier from the median, in standard deviations
-MIN_SHARE = 0.1  # of it, over the standard deviation of the channel
-MIN_RATIO = 2.0  # of it to those of the two samples beside it
+MIN_DEVIATION_SHARE = 0.1  # of it, over the standard deviation of the channel
+MIN_NEIGHBOUR_RATIO = 2.0  # of it to those of the two samples beside it
 
 
 def smoothed(rows: np.ndarray) -> np.ndarray:
     """Rows (row, n) with each sample replaced by the median of those about it."""
-    return median_filter(rows, (1, WINDOW))
+    return median_filter(rows, (1, WINDOW_SAMPLES))
 
 
 def deviations(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -31,6 +31,6 @@ def isolated_outliers(rows: np.ndarray) -> np.ndarray:
     At a turning point or a jump of the motion itself the samples beside it are far too.
     """
     distance, sigma = deviations(rows)
-    far = distance > np.maximum(MIN_DEVIATION * sigma, MIN_SHARE * rows.std(axis=1, keepdims=True))
+    far = distance > np.maximum(MIN_DEVIATION * sigma, MIN_DEVIATION_SHARE * rows.std(axis=1, keepdims=True))
     beside = np.pad(distance, ((0, 0), (1, 1)))
-    return far & (distance > MIN_RATIO * np.maximum(beside[:, :-2], beside[:, 2:]))
+    return far & (distance > MIN_NEIGHBOUR_RATIO * np.maximum(beside[:, :-2], beside[:, 2:]))

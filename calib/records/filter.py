@@ -5,12 +5,12 @@ from scipy.signal import butter, sosfiltfilt
 
 from calib.errors import CalibError
 
-ORDER = 4  # of the Butterworth low-pass, run forwards and backwards
-UNIFORM = 1e-3  # largest departure of a sample from the uniform grid, in steps, that a filter accepts  [1]
+FILTER_ORDER = 4  # of the Butterworth low-pass, run forwards and backwards
+UNIFORMITY_TOLERANCE = 1e-3  # of a step: largest deviation of a sample from the uniform grid  [1]
 
 
 def low_pass(values: np.ndarray, time: np.ndarray, cutoff: float) -> np.ndarray:
-    """Zero-phase low-pass of uniformly sampled values: a Butterworth filter of order `ORDER`, forwards and backwards.
+    """Zero-phase low-pass of uniformly sampled values: a Butterworth filter, run forwards and backwards.
 
     Parameters
     ----------
@@ -22,7 +22,7 @@ def low_pass(values: np.ndarray, time: np.ndarray, cutoff: float) -> np.ndarray:
     if steps.size == 0 or (steps <= 0.0).any():
         raise CalibError("a low-pass needs at least two samples, and a time that increases from one to the next")
     rate = steps.size / (time[-1] - time[0])
-    if np.abs((time - time[0]) * rate - np.arange(time.size)).max() > UNIFORM:
+    if np.abs((time - time[0]) * rate - np.arange(time.size)).max() > UNIFORMITY_TOLERANCE:
         raise CalibError(
             f"a low-pass needs uniform samples, but the steps vary from {steps.min():.6g} s to {steps.max():.6g} s; "
             "resample them or drop the cutoff"
@@ -31,6 +31,6 @@ def low_pass(values: np.ndarray, time: np.ndarray, cutoff: float) -> np.ndarray:
         raise CalibError(
             f"a cutoff must lie between 0 and half the sampling rate ({0.5 * rate:.6g} Hz), got {cutoff:.6g} Hz"
         )
-    filter_ = butter(ORDER, cutoff, fs=rate, output="sos")
+    filter_ = butter(FILTER_ORDER, cutoff, fs=rate, output="sos")
     padding = min(values.shape[-1] - 1, int(3.0 * rate / cutoff))  # three periods of the cutoff
     return sosfiltfilt(filter_, values, axis=-1, padlen=padding)

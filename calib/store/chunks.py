@@ -18,7 +18,7 @@ from calib.execution.pool import REFUSED, Failure, Pool
 from calib.store.lock import Lock
 
 DEFINITION = "definition"  # attribute of the joined file
-DIGITS = 12  # of the definition's digest, which is the folder's name
+DIGEST_DIGITS = 12  # of the definition's digest, which is the folder's name
 
 
 def read_joined(path: str | Path) -> xr.Dataset:
@@ -108,7 +108,7 @@ class Chunks:
     def __init__(self, beside: Path, definition: Mapping[str, Any]):
         text = json.dumps(definition, sort_keys=True)
         self._hidden = beside.parent / f".{beside.name}-pieces"
-        self.folder = self._hidden / hashlib.sha256(text.encode()).hexdigest()[:DIGITS]
+        self.folder = self._hidden / hashlib.sha256(text.encode()).hexdigest()[:DIGEST_DIGITS]
         self._lock = Lock(self._hidden, beside)
 
     def __enter__(self) -> "Chunks":

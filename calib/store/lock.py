@@ -10,7 +10,7 @@ from pathlib import Path
 
 from calib.errors import CalibError
 
-NAME = "trials.lock"
+LOCK_NAME = "trials.lock"
 MAX_WAIT = 0.5  # s, for the lock: `held` takes it for an instant to look at it
 
 
@@ -24,7 +24,7 @@ class Lock:
     """
 
     def __init__(self, folder: Path, guarded: Path | None = None):
-        self._path = folder / NAME
+        self._path = folder / LOCK_NAME
         self._guarded = guarded or folder
         self._handle: int | None = None
 
@@ -74,7 +74,7 @@ def _lock(handle: int) -> None:
 def held(folder: Path) -> bool:
     """Whether a process is writing in the folder."""
     try:
-        with open(folder / NAME, "rb") as lock:
+        with open(folder / LOCK_NAME, "rb") as lock:
             fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)  # given back when the file closes
     except FileNotFoundError:
         return False

@@ -8,7 +8,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, SpinnerColumn, TextColumn
 from rich.progress import Progress as Bars
 
-from calib.execution.progress import INTERVAL, clock_time
+from calib.execution.progress import LINE_INTERVAL, clock_time
 from calib.records import OK
 from calib.store import Trial
 from calib.store.trial import best
@@ -128,6 +128,6 @@ class Progress:
             return
         if self._bars is not None:
             self._bars.update(self._task, completed=self._done, stage=self._stage, said=self.said())
-        elif now or self._clock() - self._told >= INTERVAL:
+        elif now or self._clock() - self._told >= LINE_INTERVAL:
             self._told = self._clock()
             self._console.print(f"{self._stage}: {self.said()}", soft_wrap=True)

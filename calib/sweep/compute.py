@@ -12,7 +12,7 @@ from calib.dynamics.motion import kind_of_orbit
 from calib.dynamics.orbit_kind import FAILED, OrbitKind
 from calib.sweep.plan import Sweep
 
-IMPOSSIBLE = "impossible value"
+IMPOSSIBLE_VALUE = "impossible value"
 
 
 class SweepTask(NamedTuple):
@@ -50,7 +50,7 @@ def motions(sweep: Sweep, task: SweepTask) -> dict[str, np.ndarray]:
         try:
             map = sweep.map_at(point)
         except ValueError as error:
-            rows.append(failed_row(sweep, IMPOSSIBLE, str(error)))
+            rows.append(failed_row(sweep, IMPOSSIBLE_VALUE, str(error)))
             continue
         motion = kind_of_orbit(map, begun(map, state), sweep.settle, sweep.cycles, sweep.runs, explore=False)
         if task.carried:

@@ -17,8 +17,10 @@ from calib.dynamics.tangent import longest_affordable
 from calib.sweep.compute import begun, motion_arrays, no_motion, stacked
 from calib.sweep.plan import Sweep
 
-REACH = 0.2  # how far the state of one motion may lie from one value to the next, as a share of its largest component
-SAME_BRANCH = 0.05  # how near its section lies where it is taken for a known motion of the same period and impacts
+MAX_STATE_CHANGE = 0.2  # of a motion from one value to the next, over its largest component
+SAME_BRANCH = (
+    0.05  # relative distance of sections of one motion at neighbouring values, its period and impacts the same
+)
 
 
 class Regular(NamedTuple):
@@ -176,7 +178,7 @@ def _next(sweep: Sweep, map: PeriodMap, one: Regular, settled: bool) -> OrbitKin
     state = begun(map, one.state)
     if 0 < one.period <= longest_affordable(map, state):
         size = float(np.abs(state / map.scale).max()) or 1.0
-        cycle = attracting_cycle(map, state, one.period, REACH * size)
+        cycle = attracting_cycle(map, state, one.period, MAX_STATE_CHANGE * size)
         motion = kind_of_cycle(map, cycle, sweep.cycles) if cycle is not None else None
     else:
         motion = None if settled else kind_of_run(map, state, sweep.settle // 2, sweep.cycles)

@@ -15,7 +15,7 @@ from calib.sweep.continuation import ContinuationChain, Known, continued, nothin
 from calib.sweep.plan import Sweep, Track
 from calib.sweep.verdict import Rows, arrivals, judged, known, regular_at_end
 
-CHUNK = 8  # points run, and lost by a kill, at a time
+POINTS_PER_CHUNK = 8  # points run, and lost by a kill, at a time
 TIMEOUT = 600.0  # s, wall clock of that many points
 UNITS = {"displacement": "m", "velocity": "m/s", "impact_speed": "m/s"} | dict.fromkeys(
     (
@@ -33,7 +33,7 @@ UNITS = {"displacement": "m", "velocity": "m/s", "impact_speed": "m/s"} | dict.f
     ),
     "1",
 )
-NAMES = {
+LONG_NAMES = {
     "displacement": "section displacement",
     "velocity": "section velocity",
     "kind": "kind of motion",
@@ -56,11 +56,11 @@ NAMES = {
     "escape_low": "lower bound of the mean escape time, 95 % confidence",
     "escape_high": "upper bound of the mean escape time, 95 % confidence",
 }
-INSIDE = {"displacement": ("body", "cycle"), "velocity": ("body", "cycle"), "impact_phase": ("impact",),
+INNER_DIMENSIONS = {"displacement": ("body", "cycle"), "velocity": ("body", "cycle"), "impact_phase": ("impact",),
           "impact_speed": ("impact",), "state": ("component",)}  # fmt: skip
 IMPACT_ARRAYS = [f"{prefix}{name}" for prefix in ("", OTHER) for name in ("impact_phase", "impact_speed")]
-INNER = {"branch", "point", "body", "cycle", "impact", "component", "component_unit", "other"}
-TAKEN = {*NAMES, "status", "evidence", *INNER}
+DIMENSIONS = {"branch", "point", "body", "cycle", "impact", "component", "component_unit", "other"}
+RESERVED_NAMES = {*LONG_NAMES, "status", "evidence", *DIMENSIONS}
 
 
 def run(
@@ -115,7 +115,7 @@ def run(
             rows = _rows(sweep, pieces)
             chains = list(sweep.chains())
             brought = _chained(sweep, pool, chunks, chains, known(sweep, rows))
-        return _dataset(sweep, judged(sweep, rows, arrivals(chains, brought, CHUNK)))
+        return _dataset(sweep, judged(sweep, rows, arrivals(chains, brought, POINTS_PER_CHUNK)))
 
     return join(path, definition, fresh, make)
 
@@ -177,7 +177,7 @@ def _chained(
 
 
 def _parts(points: tuple[int, ...]) -> list[tuple[int, ...]]:
-    return [points[first : first + CHUNK] for first in range(0, len(points), CHUNK)]
+    return [points[first : first + POINTS_PER_CHUNK] for first in range(0, len(points), POINTS_PER_CHUNK)]
 
 
 def _name(track: int, part: int) -> str:
@@ -264,9 +264,9 @@ def _dataset(sweep: Sweep, rows: Rows) -> xr.Dataset:
         array = np.moveaxis(array, axes, [-k for k in axes])
         own = name.removeprefix(OTHER)
         beside = ", of a motion beside" if own != name else ""
-        attrs = {"long_name": f"{NAMES[own]}{beside}"} if own in NAMES else {}
+        attrs = {"long_name": f"{LONG_NAMES[own]}{beside}"} if own in LONG_NAMES else {}
         attrs |= {"units": UNITS[own]} if own in UNITS else {}
-        inside = (*(("other",) if own != name else ()), *INSIDE.get(own, ()))
+        inside = (*(("other",) if own != name else ()), *INNER_DIMENSIONS.get(own, ()))
         variables[name] = xr.Variable((*outer, *inside, *dims), array if outer else array[0], attrs)
     coords: dict[str, xr.Variable] = {
         "body": xr.Variable("body", list(sweep.setting.model.bodies)),
@@ -283,7 +283,7 @@ def _dataset(sweep: Sweep, rows: Rows) -> xr.Dataset:
 
 def _dimension(name: str) -> str:
     """Name of a parameter's dimension: without a dot, and not one that something else here has."""
-    return name.replace(".", "_") + "_" * (name in TAKEN)
+    return name.replace(".", "_") + "_" * (name in RESERVED_NAMES)
 
 
 def _by_component(names: np.ndarray, units: np.ndarray, states: np.ndarray) -> tuple[np.ndarray, list[str], list[str]]:

@@ -4,7 +4,7 @@ import numpy as np
 from dynamics.plain_maps import PlainMap, henon, logistic
 
 from calib.dynamics.motion import kind_of_orbit
-from calib.dynamics.pseudo_orbit import PIECE, QUANTUM, on_lattice, pseudo_orbit, pseudo_tangent
+from calib.dynamics.pseudo_orbit import LATTICE_SPACING, PERIODS_PER_PIECE, on_lattice, pseudo_orbit, pseudo_tangent
 from calib.dynamics.tangent import tangent
 
 
@@ -19,15 +19,15 @@ def test_two_processors_follow_one_pseudo_orbit_where_their_orbits_part():
     apart = np.abs(one.orbit(one.initial, 320).states - other.orbit(other.initial, 320).states).max()
     assert apart > 0.1
     pair = [pseudo_orbit(map, map.initial, 320).states for map in (one, other)]
-    assert np.abs(pair[0] - pair[1]).max() < QUANTUM
+    assert np.abs(pair[0] - pair[1]).max() < LATTICE_SPACING
 
 
 def test_each_step_is_the_map_s_to_within_the_lattice():
     map = henon(1.4)
     states = np.vstack([map.initial, pseudo_orbit(map, map.initial, 200).states])
     images = np.array([map.function(state) for state in states[:-1]])
-    assert np.abs(images - states[1:]).max() < 4.0 * QUANTUM
-    inside = [k for k in range(200) if k % PIECE]
+    assert np.abs(images - states[1:]).max() < 4.0 * LATTICE_SPACING
+    inside = [k for k in range(200) if k % PERIODS_PER_PIECE]
     np.testing.assert_array_equal(images[inside], states[1:][inside])
 
 
@@ -35,7 +35,7 @@ def test_rest_is_on_the_lattice_and_a_state_is_moved_by_half_of_it_at_most():
     map = henon(1.4)
     assert on_lattice(map, np.zeros(2)).tolist() == [0.0, 0.0]
     states = np.random.default_rng(2).normal(size=(100, 2))
-    assert max(np.abs(on_lattice(map, state) - state).max() for state in states) <= 0.5 * QUANTUM * 1.0000001
+    assert max(np.abs(on_lattice(map, state) - state).max() for state in states) <= 0.5 * LATTICE_SPACING * 1.0000001
     assert on_lattice(map, on_lattice(map, states[0])).tolist() == on_lattice(map, states[0]).tolist()
 
 
@@ -43,8 +43,8 @@ def test_vectors_are_carried_along_it():
     map = henon(1.4)
     carried = pseudo_tangent(map, map.initial, np.eye(2), 100)
     np.testing.assert_array_equal(carried.states, pseudo_orbit(map, map.initial, 100).states)
-    first = tangent(map, on_lattice(map, map.initial), np.eye(2), PIECE)
-    np.testing.assert_array_equal(carried.growth[:PIECE], first.growth)
+    first = tangent(map, on_lattice(map, map.initial), np.eye(2), PERIODS_PER_PIECE)
+    np.testing.assert_array_equal(carried.growth[:PERIODS_PER_PIECE], first.growth)
     assert carried.growth.shape == (100, 2, 2)
 
 

@@ -11,7 +11,7 @@ from calib.dynamics.motion import perturbed
 from calib.dynamics.stationary import stable_state, stationary_record
 from calib.modelling.model import Model, Request
 from calib.records.cycles import kind_of_motion
-from calib.records.cycles.motion import BESIDE
+from calib.records.cycles.motion import BESIDE_ATTRIBUTE
 from calib.records.excitation import Excitation
 from calib.simulators.four_dof import FourDof
 from calib.study_file import load
@@ -62,8 +62,8 @@ def test_lasting_chaos_stays_chaos_and_says_what_was_tried():
     record = stationary_record(held.model, held.values, held.excitation, REQUEST)
     same = held.model.run(held.values, held.excitation, REQUEST)
     xr.testing.assert_equal(record, same)
-    assert record.attrs[BESIDE] == "no stable periodic motion was found beside it within 1500 periods"
-    assert kind_of_motion(record).evidence.endswith(record.attrs[BESIDE])
+    assert record.attrs[BESIDE_ATTRIBUTE] == "no stable periodic motion was found beside it within 1500 periods"
+    assert kind_of_motion(record).evidence.endswith(record.attrs[BESIDE_ATTRIBUTE])
 
 
 @pytest.mark.parametrize("restitution", [0.05, 0.2])

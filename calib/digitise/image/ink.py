@@ -2,10 +2,10 @@
 
 import numpy as np
 
-APART = 0.3  # of the difference between a pixel and paper: how far its colour may be off the mixtures of ink and paper
-GRAIN = 0.04  # of the difference between ink and paper, the same: what compression leaves
-THICKEST = 1.25  # coverage above which a pixel is of a darker ink
-FAINT = 0.08  # difference of colours [0, sqrt 3] below which ink is indistinguishable from paper
+MAX_COLOUR_DEVIATION = 0.3  # from mixtures of ink and paper, over the difference between the pixel and paper
+COMPRESSION_GRAIN = 0.04  # the same deviation as image compression makes it, over the difference between ink and paper
+MAX_COVERAGE = 1.25  # coverage above which a pixel is of a darker ink
+MIN_CONTRAST = 0.08  # difference of colours [0, sqrt 3] below which ink is indistinguishable from paper
 
 
 def paper(light: np.ndarray, inside: np.ndarray) -> np.ndarray:
@@ -28,4 +28,6 @@ def coverage(light: np.ndarray, ink: np.ndarray, paper: np.ndarray) -> np.ndarra
     away = light - paper
     share = away @ along / length**2
     off = np.linalg.norm(away - share[:, :, None] * along, axis=2) / length
-    return np.where((off < APART * share + GRAIN) & (share < THICKEST), np.clip(share, 0.0, 1.0), 0.0)
+    return np.where(
+        (off < MAX_COLOUR_DEVIATION * share + COMPRESSION_GRAIN) & (share < MAX_COVERAGE), np.clip(share, 0.0, 1.0), 0.0
+    )

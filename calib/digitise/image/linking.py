@@ -9,12 +9,12 @@ from scipy.spatial import cKDTree
 
 from calib.digitise.image.strokes import Stroke
 
-GAP = 12.0  # line widths: the widest gap that is bridged
-TURN = 5.0  # what turning back costs, against going straight on
-UNLIKE = 0.3  # what going from a long stroke to a short one costs: a solid line does not go on in dashes
-TANGENT = 3.0  # line widths at an end from which its direction is taken
-DOT = 1.3  # line widths: a shorter stroke is a dot
-COMPANIONS = 8  # other ends that an end is tried with
+MAX_GAP_WIDTHS = 12.0  # line widths: the widest gap that is bridged
+TURN_COST = 5.0  # what turning back costs, against going straight on
+LENGTH_COST = 0.3  # what going from a long stroke to a short one costs: a solid line does not go on in dashes
+TANGENT_WIDTHS = 3.0  # line widths at an end from which its direction is taken
+MIN_STROKE_WIDTHS = 1.3  # line widths: a shorter stroke is a dot
+MAX_PARTNERS = 8  # other ends that an end is tried with
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +49,8 @@ def linked(strokes: Sequence[Stroke], width: float) -> list[StrokeChain]:
     """Link strokes so that gaps are short and curves go straight on, as far as the whole drawing allows.
 
     Each end of a stroke goes to at most one other end. The links are the matching of least cost, (gap + width) times
-    1 + `TURN` (bends), with bends 1 - cos of the angles between the two directions and the line that joins the ends;
-    strokes of unlike lengths cost more.
+    1 + `TURN_COST` (bends), with bends 1 - cos of the angles between the two directions and the line that joins the
+    ends; strokes of different lengths cost more.
 
     Parameters
     ----------
@@ -78,12 +78,12 @@ def _ends(strokes: Sequence[Stroke], width: float) -> tuple[np.ndarray, np.ndarr
     tree = cKDTree(middles)
     places, directions = [], []
     for number, stroke in enumerate(strokes):
-        if len(stroke.pixels) < DOT * width:
+        if len(stroke.pixels) < MIN_STROKE_WIDTHS * width:
             along = _between_neighbours(number, middles, tree, width)
             places += [middles[number]] * 2
             directions += [-along, along]
             continue
-        count = min(len(stroke.pixels), max(3, round(TANGENT * width)))
+        count = min(len(stroke.pixels), max(3, round(TANGENT_WIDTHS * width)))
         for pixels in (stroke.pixels[:count], stroke.pixels[::-1][:count]):
             places.append(pixels[0])
             directions.append(_direction(pixels))
@@ -92,14 +92,16 @@ def _ends(strokes: Sequence[Stroke], width: float) -> tuple[np.ndarray, np.ndarr
 
 def _between_neighbours(number: int, middles: np.ndarray, tree: cKDTree, width: float) -> np.ndarray:
     """Direction (2,) of a dot, which shows none: that of two strokes near to it and opposite to each other."""
-    near, which = tree.query(middles[number], k=min(COMPANIONS, len(middles)), distance_upper_bound=GAP * width)
+    near, which = tree.query(
+        middles[number], k=min(MAX_PARTNERS, len(middles)), distance_upper_bound=MAX_GAP_WIDTHS * width
+    )
     others = [int(j) for d, j in zip(np.atleast_1d(near), np.atleast_1d(which), strict=True) if 0.0 < d < np.inf]
     away = middles[others] - middles[number]
     if len(others) < 2:
         return away[0] / np.linalg.norm(away[0]) if others else np.zeros(2)
     length = np.linalg.norm(away, axis=1)
     opposite = (away @ away.T) / np.outer(length, length)
-    cost = (length[:, None] + length[None, :]) * (1.0 + TURN * (1.0 + opposite))
+    cost = (length[:, None] + length[None, :]) * (1.0 + TURN_COST * (1.0 + opposite))
     cost[np.tril_indices(len(others))] = np.inf
     first, second = np.unravel_index(np.argmin(cost), cost.shape)
     across = away[second] - away[first]
@@ -108,16 +110,16 @@ def _between_neighbours(number: int, middles: np.ndarray, tree: cKDTree, width: 
 
 def _matched(places: np.ndarray, directions: np.ndarray, lengths: Sequence[int], width: float) -> dict[int, int]:
     """Partner of each end that has one."""
-    farthest = GAP * width
-    near, which = cKDTree(places).query(places, k=min(COMPANIONS + 2, len(places)), distance_upper_bound=farthest)
-    highest = (farthest + width) * (1.0 + 0.5 * TURN)
+    farthest = MAX_GAP_WIDTHS * width
+    near, which = cKDTree(places).query(places, k=min(MAX_PARTNERS + 2, len(places)), distance_upper_bound=farthest)
+    highest = (farthest + width) * (1.0 + 0.5 * TURN_COST)
     graph = nx.Graph()
     for i in range(len(places)):
         for gap, j in zip(near[i], which[i], strict=True):
             if not np.isfinite(gap) or j == i or (j == i ^ 1 and lengths[i // 2] < 4.0 * max(gap, width)):
                 continue
             cost = _cost(places[j] - places[i], directions[i], directions[j], gap, width)
-            cost *= 1.0 + UNLIKE * abs(np.log(lengths[i // 2] / lengths[j // 2]))
+            cost *= 1.0 + LENGTH_COST * abs(np.log(lengths[i // 2] / lengths[j // 2]))
             if cost < highest:
                 graph.add_edge(int(i), int(j), weight=highest - cost)
     pairs = nx.max_weight_matching(graph)
@@ -128,7 +130,7 @@ def _cost(across: np.ndarray, one: np.ndarray, other: np.ndarray, gap: float, wi
     joined = across / gap if gap > 0.0 else np.zeros(2)
     sure = gap / (gap + 2.0 * width)  # of the line that joins two ends near to each other
     bends = (1.0 + one @ other) + sure * ((1.0 - one @ joined) + (1.0 + other @ joined))
-    return (gap + width) * (1.0 + TURN * bends)
+    return (gap + width) * (1.0 + TURN_COST * bends)
 
 
 def _run(first: int, partner: dict[int, int]) -> tuple[list[tuple[int, int]], bool]:
@@ -172,7 +174,7 @@ def _bridge(path: np.ndarray, following: np.ndarray, width: float) -> np.ndarray
     count = int(gap) - 1
     if count < 1:
         return np.empty((0, 2))
-    reach = max(3, round(TANGENT * width))
+    reach = max(3, round(TANGENT_WIDTHS * width))
     out, into = _direction(path[::-1][:reach]), -_direction(following[:reach])
     joined = (end - start) / gap
     # a direction that does not lead there is that of a short dash, or ends at a corner

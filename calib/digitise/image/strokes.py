@@ -7,11 +7,11 @@ from scipy.ndimage import convolve
 from skimage.measure import label, regionprops
 from skimage.morphology import isotropic_dilation, remove_small_objects, skeletonize
 
-SPECK = 0.6  # of the squared line width: a smaller spot is dirt
-SPUR = 0.9  # line widths: a shorter branch that ends is made by thinning
-BRIDGE = 4.0  # line widths: a shorter branch between two crossings belongs to both lines
-NEAR = 0.6  # line widths about a crossing that belong to no stroke
-MOST = 4000  # strokes: more are no drawing of curves
+MIN_SPOT_AREA = 0.6  # of the squared line width: a smaller spot is dirt
+MAX_SPUR_WIDTHS = 0.9  # line widths: a shorter branch that ends is made by thinning
+MAX_BRIDGE_WIDTHS = 4.0  # line widths: a shorter branch between two crossings belongs to both lines
+CROSSING_WIDTHS = 0.6  # line widths about a crossing that belong to no stroke
+MAX_STROKES = 4000  # strokes: more are no drawing of curves
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,14 +28,14 @@ def strokes(ink: np.ndarray) -> tuple[list[Stroke], float]:
         return [], 0.0
     thin = skeletonize(ink)
     width = _width(ink, thin)
-    kept = remove_small_objects(ink, max_size=max(0, int(SPECK * width**2) - 1), connectivity=2)
+    kept = remove_small_objects(ink, max_size=max(0, int(MIN_SPOT_AREA * width**2) - 1), connectivity=2)
     thin = _pruned(thin & kept, width)
     crossings = thin & (_neighbours(thin) > 2)
-    around = isotropic_dilation(crossings, max(1.0, NEAR * width)) if crossings.any() else crossings
+    around = isotropic_dilation(crossings, max(1.0, CROSSING_WIDTHS * width)) if crossings.any() else crossings
     found = []
     for region in regionprops(label(thin & ~around, connectivity=2)):
         found.append(_path(region.coords[:, ::-1]))
-        if len(found) > MOST:
+        if len(found) > MAX_STROKES:
             break
     beside = isotropic_dilation(around, 1.5) if crossings.any() else around
     return [stroke for stroke in found if not _made_by_thinning(stroke, beside, width)], width
@@ -67,7 +67,7 @@ def _pruned(thin: np.ndarray, width: float) -> np.ndarray:
     touching, free = np.zeros(lengths.size, dtype=bool), np.zeros(lengths.size, dtype=bool)
     touching[np.unique(branches[isotropic_dilation(around, 1.5)])] = True
     free[np.unique(branches[ends])] = True
-    spurs = touching & free & (lengths < SPUR * width)
+    spurs = touching & free & (lengths < MAX_SPUR_WIDTHS * width)
     spurs[0] = False
     return skeletonize(thin & ~spurs[branches])
 
@@ -97,5 +97,5 @@ def _made_by_thinning(stroke: Stroke, beside: np.ndarray, width: float) -> bool:
     touching = int(beside[ends[:, 1], ends[:, 0]].sum())
     length = len(stroke.pixels)
     return not stroke.closed and (
-        (touching == 1 and length < SPUR * width) or (touching == 2 and length < BRIDGE * width)
+        (touching == 1 and length < MAX_SPUR_WIDTHS * width) or (touching == 2 and length < MAX_BRIDGE_WIDTHS * width)
     )

@@ -7,25 +7,26 @@ import numpy as np
 from scipy.interpolate import Akima1DInterpolator
 from scipy.ndimage import gaussian_filter1d, map_coordinates
 
-from calib.digitise.image.ink import FAINT, coverage, paper
+from calib.digitise.image.ink import MIN_CONTRAST, coverage, paper
 from calib.digitise.image.linking import StrokeChain, linked
 from calib.digitise.image.strokes import strokes
 from calib.errors import CalibError
 
-COVERED = 0.5  # of the fullest coverage of the line: what counts as ink
-LEAST = 30.0  # pixels: a shorter curve is none
-RIVAL = 0.6  # of the longest candidate: another one that could be meant as well
-BREACH = 0.05  # of its length: the widest gap at which a curve that should close is closed
-STEP = 0.5  # pixels between the points of a trace
-SMOOTH = 1.0  # line widths over which a trace is smoothed
-CORNER = 0.6  # radians over three line widths: more is a corner, which is not smoothed
-MIDDLE = 0.04  # line widths: standard uncertainty of the middle of a line, over stretches of it
-PIXEL = 0.05  # pixels: the same, of the pixels themselves
-END = 0.6  # line widths at the end of a dash whose middle is not that of its line
-ODD = 0.3  # share by which a line is thinner or thicker than elsewhere: another line hides it, or runs into it
-PLAIN, BESIDE = 0.1, 0.35  # the share from which on this moves its middle, and by how many line widths a whole one
-UNSEEN = 0.08  # of the gap: what a bridge over it may be off
-NEAR = 2.5  # line widths: how near to the curve a point that it passes through has to be
+INK_COVERAGE = 0.5  # over the fullest coverage of the line: from it on a pixel counts as ink
+MIN_LENGTH_PIXELS = 30.0  # of a curve
+MIN_RIVAL_SHARE = 0.6  # of the longest candidate: a candidate from this length on could be meant as well
+MAX_BREACH_SHARE = 0.05  # of its length: the widest gap at which a curve that should close is closed
+STEP_PIXELS = 0.5  # between the points of a trace
+SMOOTHING_WIDTHS = 1.0  # line widths over which a trace is smoothed
+CORNER_RADIANS = 0.6  # over three line widths: more is a corner, which is not smoothed
+MIDDLE_SIGMA_WIDTHS = 0.04  # line widths: standard uncertainty of the middle of a line, correlated along it
+MIDDLE_SIGMA_PIXELS = 0.05  # pixels: standard uncertainty of the middle of a line by the pixels themselves
+DASH_END_WIDTHS = 0.6  # line widths at the end of a dash whose middle is not that of its line
+MAX_WIDTH_DEVIATION = 0.3  # relative; a line thinner or thicker than that is hidden by another, or runs into it
+MIN_WIDTH_DEVIATION = 0.1  # relative; from it on the middle of the line is uncertain
+MIDDLE_SHIFT_WIDTHS = 0.35  # line widths by which a relative deviation of 1 of the width moves the middle
+BRIDGE_SIGMA = 0.08  # of a gap: standard uncertainty of the bridge over it
+THROUGH_WIDTHS = 2.5  # line widths: largest distance of the curve from a point that it passes through
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +55,7 @@ class Traced:
 
     Attributes
     ----------
-    path : (n, 2) column and row, `STEP` apart  [pixels]
+    path : (n, 2) column and row, `STEP_PIXELS` apart  [pixels]
     seen : (n,) whether there is ink, False in a bridged gap
     noise : standard uncertainty of a point, independent from point to point  [pixels]
     lean : (n,) standard uncertainty over stretches of the curve  [pixels]
@@ -82,10 +83,10 @@ def traced(light: np.ndarray, inside: np.ndarray, wanted: Wanted) -> Traced:
         leaves the panel
     """
     ground = paper(light, inside)
-    if np.linalg.norm(wanted.colour - ground) < FAINT:
+    if np.linalg.norm(wanted.colour - ground) < MIN_CONTRAST:
         raise CalibError(f"curve {wanted.name!r}: its colour is that of the paper; mend colour")
     share = np.where(inside, coverage(light, wanted.colour, ground), 0.0)
-    ink = share > COVERED * _fullest(share)
+    ink = share > INK_COVERAGE * _fullest(share)
     if ink.sum() > 0.25 * inside.sum():
         raise CalibError(
             f"curve {wanted.name!r}: {100.0 * ink.sum() / inside.sum():.0f} % of the panel have its colour, too much "
@@ -101,7 +102,7 @@ def _fullest(share: np.ndarray) -> float:
     """Coverage in the middle of a line; thin lines cover no pixel whole, and grey ones are no thin black ones."""
     for least in (0.5, 0.3):
         some = share[share > least]
-        if some.size > LEAST:
+        if some.size > MIN_LENGTH_PIXELS:
             return float(np.quantile(some, 0.9))
     return 1.0
 
@@ -109,7 +110,7 @@ def _fullest(share: np.ndarray) -> float:
 def _chosen(chains: Sequence[StrokeChain], wanted: Wanted, width: float) -> StrokeChain:
     """Return the chain that is meant."""
     where = f"curve {wanted.name!r}"
-    fit = [c for c in chains if c.length > LEAST]
+    fit = [c for c in chains if c.length > MIN_LENGTH_PIXELS]
     if not fit:
         raise CalibError(f"{where}: no line of its colour in the panel; check colour and limits of the panel")
     if wanted.dashed is not None:
@@ -118,14 +119,14 @@ def _chosen(chains: Sequence[StrokeChain], wanted: Wanted, width: float) -> Stro
         if not fit:
             raise CalibError(f"{where}: none of the lines of its colour is {kind}; check colour and dashed")
     if len(wanted.through):
-        fit = [c for c in fit if _passes(c, wanted.through, NEAR * width + 2.0)]
+        fit = [c for c in fit if _passes(c, wanted.through, THROUGH_WIDTHS * width + 2.0)]
         if not fit:
             raise CalibError(f"{where}: no line of its colour passes through all of its points; check through")
     fit.sort(key=lambda c: c.length, reverse=True)
     best = fit[0]
     if wanted.closed:
         rings = [c for c in fit if _closes(c)]
-        if not rings or rings[0].length < RIVAL * best.length:
+        if not rings or rings[0].length < MIN_RIVAL_SHARE * best.length:
             gap = np.linalg.norm(best.path[0] - best.path[-1])
             raise CalibError(
                 f"{where}: the longest line of its colour does not close: its ends are {gap:.0f} pixels apart, at "
@@ -133,7 +134,7 @@ def _chosen(chains: Sequence[StrokeChain], wanted: Wanted, width: float) -> Stro
                 "look there for something that cuts it, or enlarge the limits of the panel"
             )
         fit, best = rings, rings[0]
-    rivals = [c for c in fit[1:] if c.length > RIVAL * best.length]
+    rivals = [c for c in fit[1:] if c.length > MIN_RIVAL_SHARE * best.length]
     if rivals:
         raise CalibError(
             f"{where}: {1 + len(rivals)} lines of its colour could be meant; say which, by dashed = true or false, or "
@@ -144,7 +145,7 @@ def _chosen(chains: Sequence[StrokeChain], wanted: Wanted, width: float) -> Stro
 
 def _closes(chain: StrokeChain) -> bool:
     apart = np.linalg.norm(chain.path[0] - chain.path[-1])
-    return bool(chain.closed or apart < BREACH * len(chain.path))
+    return bool(chain.closed or apart < MAX_BREACH_SHARE * len(chain.path))
 
 
 def _spot(pixel: np.ndarray) -> str:
@@ -178,24 +179,29 @@ def _refined(share: np.ndarray, chain: StrokeChain, wanted: Wanted, width: float
     """Move a thinned line to the middle of its ink, to parts of a pixel."""
     mode = "wrap" if wanted.closed else "nearest"
     path, seen = _spaced(chain.path, chain.seen, wanted.closed)
-    path = _smoothed(path, 0.5 * width / STEP, mode)
+    path = _smoothed(path, 0.5 * width / STEP_PIXELS, mode)
     for _ in range(2):
         sharp = _corners(path, width, mode)
         normal = _normals(path, width, mode)
         offset, thick = _offsets(share, path, normal, width)
         odd = np.abs(thick / np.median(thick[seen]) - 1.0)
-        told = seen & ~sharp & np.isfinite(offset) & (odd < ODD)
+        told = seen & ~sharp & np.isfinite(offset) & (odd < MAX_WIDTH_DEVIATION)
         if told.sum() < 0.3 * len(path):
             told = seen & np.isfinite(offset)
         raw = _between(offset, told, wanted.closed)
-        smooth = np.where(sharp, raw, gaussian_filter1d(raw, SMOOTH * width / STEP, mode=mode))
+        smooth = np.where(sharp, raw, gaussian_filter1d(raw, SMOOTHING_WIDTHS * width / STEP_PIXELS, mode=mode))
         noise = float(np.sqrt(np.mean((raw - smooth)[told] ** 2))) if told.any() else 0.0
         path = path + smooth[:, None] * normal
     if not seen.all():
         path = _bridged(path, seen, width, wanted.closed)
-    lean = np.hypot(PIXEL, MIDDLE * width) + UNSEEN * _distance_to_seen(seen, wanted.closed) * STEP
+    lean = (
+        np.hypot(MIDDLE_SIGMA_PIXELS, MIDDLE_SIGMA_WIDTHS * width)
+        + BRIDGE_SIGMA * _distance_to_seen(seen, wanted.closed) * STEP_PIXELS
+    )
     lean = np.where(sharp, lean + 0.15 * width, lean)
-    lean = np.hypot(lean, np.where(seen, BESIDE * width * np.clip(odd - PLAIN, 0.0, 1.0), 0.0))
+    lean = np.hypot(
+        lean, np.where(seen, MIDDLE_SHIFT_WIDTHS * width * np.clip(odd - MIN_WIDTH_DEVIATION, 0.0, 1.0), 0.0)
+    )
     notes = []
     hidden = 1.0 - seen.mean()
     if hidden > 0.02:
@@ -207,11 +213,11 @@ def _refined(share: np.ndarray, chain: StrokeChain, wanted: Wanted, width: float
 
 
 def _spaced(path: np.ndarray, seen: np.ndarray, closed: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Points `STEP` apart on a path."""
+    """Points `STEP_PIXELS` apart on a path."""
     if closed:
         path, seen = np.vstack([path, path[:1]]), np.append(seen, seen[:1])
     away = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
-    count = max(8, round(away[-1] / STEP))
+    count = max(8, round(away[-1] / STEP_PIXELS))
     at = np.linspace(0.0, away[-1], count, endpoint=not closed)
     spaced = np.column_stack([np.interp(at, away, path[:, k]) for k in (0, 1)])
     return spaced, seen[np.clip(np.searchsorted(away, at), 0, len(seen) - 1)]
@@ -222,7 +228,7 @@ def _smoothed(path: np.ndarray, points: float, mode: str) -> np.ndarray:
 
 
 def _tangents(path: np.ndarray, width: float, mode: str) -> np.ndarray:
-    reach = max(1, round(0.75 * width / STEP))
+    reach = max(1, round(0.75 * width / STEP_PIXELS))
     ahead, behind = _moved(path, reach, mode), _moved(path, -reach, mode)
     along = ahead - behind
     return along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
@@ -239,12 +245,12 @@ def _normals(path: np.ndarray, width: float, mode: str) -> np.ndarray:
 
 
 def _corners(path: np.ndarray, width: float, mode: str) -> np.ndarray:
-    """Where (n,) the direction turns by more than `CORNER` over three line widths."""
+    """Where (n,) the direction turns by more than `CORNER_RADIANS` over three line widths."""
     tangent = _tangents(path, width, mode)
-    reach = max(1, round(1.5 * width / STEP))
+    reach = max(1, round(1.5 * width / STEP_PIXELS))
     ahead, behind = _moved(tangent, reach, mode), _moved(tangent, -reach, mode)
     turned = np.arccos(np.clip((ahead * behind).sum(axis=1), -1.0, 1.0))
-    return turned > CORNER
+    return turned > CORNER_RADIANS
 
 
 def _offsets(share: np.ndarray, path: np.ndarray, normal: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
@@ -261,8 +267,8 @@ def _offsets(share: np.ndarray, path: np.ndarray, normal: np.ndarray, width: flo
 
 def _bridged(path: np.ndarray, told: np.ndarray, width: float, closed: bool) -> np.ndarray:
     """Path with its gaps, and the ends of dashes beside them, bridged by a smooth curve through the rest."""
-    away = _distance_to_seen(~told, closed) * STEP
-    inner = told & (away > END * width)
+    away = _distance_to_seen(~told, closed) * STEP_PIXELS
+    inner = told & (away > DASH_END_WIDTHS * width)
     for dash in np.split(np.arange(len(told)), np.flatnonzero(np.diff(told.astype(int))) + 1):
         if told[dash[0]] and not inner[dash].any():  # a dot: its middle
             inner[dash[len(dash) // 2]] = True

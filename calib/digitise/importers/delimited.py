@@ -12,7 +12,7 @@ from calib.digitise.importers.content import content, text
 from calib.digitise.importers.imported import Imported
 from calib.errors import CalibError
 
-MOST = 5_000_000  # cells of a table
+MAX_CELLS = 5_000_000  # cells of a table
 DATE = re.compile(r"\d{1,4}[/-]\d{1,2}[/-]\d{1,4}|\d{1,2}:\d{2}")
 PREFIX = re.compile(r"^[A-DF-Za-df-z]+(?=[-+.\d])")  # what Engauge writes before points that go on a relation
 
@@ -69,8 +69,8 @@ def _blocks(path: Path, lines: Sequence[tuple[int, str]]) -> list[list[Row]]:
             message = f"{path}, line {number}: not a row of cells ({error}); mend the quotation marks"
             raise CalibError(message) from error
         count += len(cells)
-        if count > MOST:
-            raise CalibError(f"{path}: more than {MOST} cells; is this the right file?")
+        if count > MAX_CELLS:
+            raise CalibError(f"{path}: more than {MAX_CELLS} cells; is this the right file?")
         if fresh:
             blocks.append([])
             fresh = False

@@ -11,7 +11,7 @@ from defusedxml.common import DefusedXmlException
 from calib.digitise.axes import AxisCalibration, calibrated, two_points
 from calib.digitise.curve import Curve
 from calib.digitise.importers.content import content
-from calib.digitise.importers.imported import CLICK, Imported, clicked
+from calib.digitise.importers.imported import CLICK_SIGMA, Imported, clicked
 from calib.errors import CalibError
 
 FORM = "Engauge Digitizer document"
@@ -85,7 +85,7 @@ def _calibration(system: Element, required: str) -> AxisCalibration:
         only = [p.get("IsXOnly") == "True" for p in points]
         x = [value if alone else None for value, alone in zip(x, only, strict=True)]
         y = [None if alone else value for value, alone in zip(y, only, strict=True)]
-    return calibrated(pixels, x, y, logarithmic, CLICK)
+    return calibrated(pixels, x, y, logarithmic, CLICK_SIGMA)
 
 
 def _place(point: Element, tag: str) -> Sequence[float]:

@@ -10,7 +10,7 @@ from calib.digitise.axes import AxisCalibration
 from calib.digitise.curve import Curve
 from calib.errors import CalibError, nearest
 
-CLICK = 0.5  # pixels: standard uncertainty of a point that was clicked, or found by a tool as the middle of a blob
+CLICK_SIGMA = 0.5  # pixels: standard uncertainty of a point that was clicked, or is the centre of a blob
 
 
 @dataclass(frozen=True)
@@ -85,4 +85,4 @@ def clicked(
     if not np.isfinite(points).all():
         raise CalibError("its numbers are beyond all bounds; check the calibration of its axes")
     rates = np.linalg.norm(calibration.rates(pixels), axis=2)
-    return Curve(name, points, CLICK * rates, calibration.modes(pixels), notes=tuple(notes))
+    return Curve(name, points, CLICK_SIGMA * rates, calibration.modes(pixels), notes=tuple(notes))

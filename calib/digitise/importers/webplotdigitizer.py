@@ -11,11 +11,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from calib.digitise.axes import AxisCalibration, calibrated
 from calib.digitise.curve import Curve
-from calib.digitise.importers.content import LARGEST, content, parsed
-from calib.digitise.importers.imported import CLICK, Imported, clicked
+from calib.digitise.importers.content import MAX_BYTES, content, parsed
+from calib.digitise.importers.imported import CLICK_SIGMA, Imported, clicked
 from calib.errors import CalibError
 
-MEMBERS = 1000  # of an archive, at most
+MAX_MEMBERS = 1000  # of an archive, at most
 KINDS = {
     "BarAxes": "a bar chart, whose points carry one number each",
     "PolarAxes": "on polar axes",
@@ -24,7 +24,7 @@ KINDS = {
     "ImageAxes": "on an image without axes, in pixels",
     "CircularChartRecorderAxes": "on a circular chart",
 }
-OFF = 1e-3  # share of the curve's extent by which stored numbers may differ from those of the stored calibration
+MAX_MISMATCH = 1e-3  # of stored numbers with the stored calibration, over the extent of the curve
 
 
 class _Part(BaseModel):
@@ -123,21 +123,21 @@ def _members(path: Path, archive: tarfile.TarFile) -> dict[str, tarfile.TarInfo]
     """Plain files of an archive by name."""
     members = {}
     for number, member in enumerate(archive):
-        if number >= MEMBERS:
-            raise CalibError(f"{path}: more than {MEMBERS} members; expected the few of a WebPlotDigitizer project")
+        if number >= MAX_MEMBERS:
+            raise CalibError(f"{path}: more than {MAX_MEMBERS} members; expected the few of a WebPlotDigitizer project")
         if member.isreg():
             members[member.name.removeprefix("./")] = member
     return members
 
 
 def _member(path: Path, archive: tarfile.TarFile, member: tarfile.TarInfo) -> bytes:
-    if member.size > LARGEST:
-        raise CalibError(f"{path}: its member {member.name!r} is larger than the {LARGEST} bytes that are read")
+    if member.size > MAX_BYTES:
+        raise CalibError(f"{path}: its member {member.name!r} is larger than the {MAX_BYTES} bytes that are read")
     file = archive.extractfile(member)
     if file is None:
         raise CalibError(f"{path}: its member {member.name!r} is no file; save the project again")
     with file:
-        return file.read(LARGEST + 1)
+        return file.read(MAX_BYTES + 1)
 
 
 Shape = TypeVar("Shape", bound=_Part)
@@ -204,7 +204,7 @@ def _curve(name: str, axes: _Axes, data: Sequence[_Datum]) -> Curve:
     plain = np.log10 if any(calibration.logarithmic) else np.asarray
     with np.errstate(invalid="ignore", divide="ignore"):
         off = np.abs(points - own).max(axis=0) / np.maximum(np.ptp(plain(np.abs(own)), axis=0), 1e-300)
-    if not any(calibration.logarithmic) and (off > OFF).any():
+    if not any(calibration.logarithmic) and (off > MAX_MISMATCH).any():
         notes.append("its numbers are not those that the axes stored with them give: calibrated again since then?")
     return clicked(name, points, pixels, calibration, notes)
 
@@ -227,7 +227,7 @@ def _calibration(axes: _Axes) -> AxisCalibration:
     y = [None, None] + [_number(p.dy, axes.name, "y") for p in axes.points[2:]]
     pixels = [(p.px, p.py) for p in axes.points]
     try:
-        return calibrated(pixels, x, y, (axes.logarithmic_x, axes.logarithmic_y), CLICK)
+        return calibrated(pixels, x, y, (axes.logarithmic_x, axes.logarithmic_y), CLICK_SIGMA)
     except CalibError as error:
         raise CalibError(f"axes {axes.name!r}: {error}") from error
 

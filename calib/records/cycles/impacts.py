@@ -6,9 +6,9 @@ import xarray as xr
 from calib.records.cycles.loop import period_of
 from calib.records.record import mean_interval
 
-CONTACT_SHARE = 0.2  # a body is in contact while its acceleration stands out by this share of the greatest
-MEDIAN_TO_STD = 0.6745  # median of the absolute value over the standard deviation, of normal noise
-PULSE = 0.02  # half width of the neighbourhood from which an impact stands out, in periods
+CONTACT_THRESHOLD = 0.2  # a body is in contact while its acceleration stands out by this share of the greatest
+MAD_PER_STD = 0.6745  # median of the absolute value over the standard deviation, of normal noise
+PULSE_HALF_WIDTH = 0.02  # half width of the neighbourhood from which an impact stands out, in periods
 PULSE_FOOT = 0.1  # share of its peak below which a pulse of acceleration ends
 
 
@@ -43,7 +43,7 @@ def impact(phase: np.ndarray, velocity: np.ndarray) -> tuple[float, float, float
     none = (float("nan"),) * 3
     size = velocity.size
     spacing = (phase[-1] - phase[0]) / (size - 1)
-    half = max(3, round(PULSE / spacing))
+    half = max(3, round(PULSE_HALF_WIDTH / spacing))
     if size < 4 * half:
         return none
     gain = np.roll(velocity, -1) - velocity  # between samples j and j + 1
@@ -54,11 +54,11 @@ def impact(phase: np.ndarray, velocity: np.ndarray) -> tuple[float, float, float
     pulse = np.sign(excess[peak]) * excess[(peak + around) % size]
     weight = _hump(pulse - PULSE_FOOT * pulse[half], half)
     change = float(np.sign(excess[peak]) * pulse[weight > 0.0].sum())
-    noise = float(np.median(np.abs(np.diff(velocity, 2)))) / (MEDIAN_TO_STD * np.sqrt(6.0))
+    noise = float(np.median(np.abs(np.diff(velocity, 2)))) / (MAD_PER_STD * np.sqrt(6.0))
     if abs(change) <= max(0.025 * np.ptp(velocity), 10.0 * noise):
         return none
     place = peak + 0.5 + (around @ weight) / weight.sum()
-    contact = _width(pulse - CONTACT_SHARE * pulse[half], half)
+    contact = _width(pulse - CONTACT_THRESHOLD * pulse[half], half)
     return float((phase[0] + place * spacing) % (size * spacing)), change, float(spacing * contact)
 
 

@@ -20,12 +20,12 @@ from calib.records.cycles.loop import cycles_in, period_of, sampled, samples_in_
 from calib.records.record import channels as channels_of
 
 IN_STEP_TOLERANCE = 1e-3  # of a sample interval, by which samples of one phase may lie apart
-DEGREE = 3
+SPLINE_DEGREE = 3
 REFINEMENTS = (1, 2, 4)  # knots per sample of a cycle
 SAMPLES_PER_KNOT = 4  # at least, where knots are nearer than samples of a cycle
-SPLINES_KEPT = 16  # most recent ones, of a clock and a number of knots each
-MAX_SAMPLES_KEPT = 100_000  # of such a clock: of longer records, 50 bytes a sample would add up
-ROUGHNESS = 1e-6  # weight of squared second differences of the coefficients: bridges phases without samples
+MAX_CACHED_SPLINES = 16  # most recent ones, of a clock and a number of knots each
+MAX_CACHED_SAMPLES = 100_000  # of such a clock: of longer records, 50 bytes a sample would add up
+ROUGHNESS_WEIGHT = 1e-6  # weight of squared second differences of the coefficients: bridges phases without samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,14 +146,14 @@ def _fitted(
     turn: np.ndarray, values: np.ndarray, weight: np.ndarray, knots: int
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """Schwarz's criterion, coefficients (row, knots) and fitted samples (row, n) of the spline of so many knots."""
-    made = _spline if turn.size <= MAX_SAMPLES_KEPT else _spline.__wrapped__
+    made = _spline if turn.size <= MAX_CACHED_SAMPLES else _spline.__wrapped__
     spline = made((turn - turn[0]).tobytes(), knots)
     coefficients = np.array([spline.fitted(row, w) for row, w in zip(values, weight, strict=True)])
     fitted = coefficients @ spline.basis.T
     return _schwarz(values, fitted, weight, knots), coefficients, fitted
 
 
-@lru_cache(maxsize=SPLINES_KEPT)
+@lru_cache(maxsize=MAX_CACHED_SPLINES)
 def _spline(turn: bytes, knots: int) -> "_Spline":
     """Periodic spline at positions (n,) of float64, in cycles from a knot: records share their clocks."""
     return _Spline(_basis(np.frombuffer(turn), knots))
@@ -184,15 +184,17 @@ class _Spline:
         index, ones = np.arange(knots), np.ones(knots)
         shifted = [sparse.csr_array((ones, (index, (index + by) % knots)), shape=(knots, knots)) for by in (-1, 1)]
         bend = 2.0 * sparse.eye_array(knots) - sum(shifted)
-        stiffness = ROUGHNESS * weight.sum() / knots * (bend.T @ bend)
+        stiffness = ROUGHNESS_WEIGHT * weight.sum() / knots * (bend.T @ bend)
         return splu(sparse.csc_matrix((self.basis * weight[:, None]).T @ self.basis + stiffness))
 
 
 def _basis(turn: np.ndarray, knots: int) -> sparse.csr_array:
     """Periodic cubic B-splines (n, knots) at positions `turn` (n,), counted in cycles from a knot."""
     place = np.minimum((turn % 1.0) * knots, np.nextafter(knots, 0.0))
-    spread = BSpline.design_matrix(place, np.arange(-DEGREE, knots + DEGREE + 1, dtype=float), DEGREE)
-    index = np.arange(knots + DEGREE)
+    spread = BSpline.design_matrix(
+        place, np.arange(-SPLINE_DEGREE, knots + SPLINE_DEGREE + 1, dtype=float), SPLINE_DEGREE
+    )
+    index = np.arange(knots + SPLINE_DEGREE)
     wrapped = sparse.csr_array((np.ones(index.size), (index, index % knots)), shape=(index.size, knots))
     return sparse.csr_array(spread) @ wrapped
 

@@ -7,19 +7,19 @@ import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError
-from calib.records.cycles.impacts import MEDIAN_TO_STD, impacts_per_period
+from calib.records.cycles.impacts import MAD_PER_STD, impacts_per_period
 from calib.records.cycles.loop import cut, cycles_in, period_of, sampled, samples_in_step
 from calib.records.cycles.mean_cycle import IN_STEP_TOLERANCE, mean_cycle
 from calib.records.cycles.stroboscopic import section
 from calib.records.record import SECTION, STATE
 
-LAGS = 16  # the longest period that is distinguishable from irregular motion, in periods of the excitation
-TOLERANCE = 1e-3  # how well a periodic motion returns, as a share of its amplitude
-NOISE = 1.5  # a measured cycle returns where it differs by less than this many standard deviations of its noise
-CYCLES_OF_A_MEAN = 4  # that are compared at least, where more than one period is tried on freely sampled cycles
-COARSE = 0.01  # of the amplitude: what few samples a cycle may leave about it
-ALONE = "; a record alone does not tell chaotic from quasi-periodic motion or a period beyond that"
-BESIDE = "beside"  # attribute of a simulated record: what is known of other motions at the same parameters
+MAX_PERIOD = 16  # periods of the excitation: the longest return that is distinguishable from irregular motion
+RETURN_TOLERANCE = 1e-3  # of the amplitude, within which a periodic motion returns
+MAX_NOISE_RATIO = 1.5  # of the difference of a measured cycle that returns to its noise, in standard deviations
+MIN_CYCLES_OF_MEAN = 4  # for each period tried on freely sampled cycles
+MAX_RESIDUAL = 0.01  # of the amplitude: residual about a mean cycle of few samples
+LIMITS_OF_RECORD = "; a record alone does not tell chaotic from quasi-periodic motion or a period beyond that"
+BESIDE_ATTRIBUTE = "beside"  # attribute of a simulated record: what is known of other motions at the same parameters
 IRREGULAR, UNDECIDED, NO_CONTACT, NOT_PERIODIC = "irregular", "undecided", "no contact", "not periodic"
 
 
@@ -47,18 +47,19 @@ class MotionKind:
 
 
 def kind_of_motion(record: xr.Dataset) -> MotionKind:
-    """Say after how many periods of the excitation a motion returns.
+    """Return the kind of a motion: after how many periods of the excitation it returns.
 
     From the section (64 periods or more, every body and channel): the largest difference of states n = 1..16 periods
-    apart, over the later half of the section, as a share of the channel's amplitude, against `TOLERANCE`. A difference
-    that shrinks steadily, or falls to half from the first to the last third, belongs to a motion that still settles:
-    undecided. Without a section the cycles of the record are compared with its noise (its sigma, otherwise estimated
-    from the second differences of its samples): that tells a returning motion from one that does not, but a short
-    record is never called irregular. A record that was read from a closed curve says itself after how many periods it
-    returns (attribute `returns_after`), and a simulated one what lies beside its motion (attribute `beside`).
+    apart, over the later half of the section, as a share of the channel's amplitude, against `RETURN_TOLERANCE`. A
+    difference that shrinks steadily, or falls to half from the first to the last third, belongs to a motion that still
+    settles: undecided. Without a section the cycles of the record are compared with its noise (its sigma, otherwise
+    estimated from the second differences of its samples): that distinguishes a returning motion from one that does not
+    return, but a short record is never called irregular. A record that was read from a closed curve states after how
+    many periods it returns (attribute `returns_after`), and a simulated one which motions coexist with its own
+    (attribute `beside`).
 
-    A record alone cannot say more: what irregular motion is (chaotic, quasi-periodic, of a long period) takes the
-    simulator's own map; see `calib.dynamics.motion`.
+    To distinguish chaotic motion from quasi-periodic motion or one of a long period takes the simulator's own map; see
+    `calib.dynamics.motion`.
 
     Parameters
     ----------
@@ -79,8 +80,8 @@ def kind_of_motion(record: xr.Dataset) -> MotionKind:
         kind, evidence = NO_CONTACT, f"no impact in the record; {evidence}"
     elif np.isfinite(impacts):
         evidence = f"{evidence}; {impacts:.3g} impact(s) a period"
-    if BESIDE in record.attrs:
-        evidence = f"{evidence}; {record.attrs[BESIDE]}"
+    if BESIDE_ATTRIBUTE in record.attrs:
+        evidence = f"{evidence}; {record.attrs[BESIDE_ATTRIBUTE]}"
     return MotionKind(kind, motion.period, evidence, motion.recurrence, motion.likely, impacts)
 
 
@@ -93,16 +94,16 @@ def _from_section(record: xr.Dataset, sections: Mapping[str, np.ndarray]) -> Mot
     states = np.concatenate([values / _amplitude(record.variables[c].values) for c, values in sections.items()])
     size = states.shape[1]
     differences, recurrence = list[np.ndarray](), list[float]()
-    for lag in range(1, LAGS + 1):
+    for lag in range(1, MAX_PERIOD + 1):
         difference = np.abs(states[:, lag:] - states[:, :-lag]).max(axis=0)
         differences.append(difference)
         recurrence.append(float(difference[difference.size // 2 :].max()))
-        if recurrence[-1] <= TOLERANCE:
+        if recurrence[-1] <= RETURN_TOLERANCE:
             break
-    settled = recurrence[-1] <= TOLERANCE
-    shrinking = [n for n, d in enumerate(differences, 1) if recurrence[n - 1] > TOLERANCE and _shrinks(d)]
+    settled = recurrence[-1] <= RETURN_TOLERANCE
+    shrinking = [n for n, d in enumerate(differences, 1) if recurrence[n - 1] > RETURN_TOLERANCE and _shrinks(d)]
     shrinking = [n for n in shrinking if not settled or (n < lag and lag % n == 0)]
-    sentence = f"over {size} periods the state {{}} of the amplitude (tolerance {TOLERANCE:.0e})"
+    sentence = f"over {size} periods the state {{}} of the amplitude (tolerance {RETURN_TOLERANCE:.0e})"
     if shrinking:
         n = shrinking[0]
         text = f"still settles towards period-{n}: {n} period(s) apart it differs by {recurrence[n - 1]:.1e}, falling,"
@@ -110,8 +111,8 @@ def _from_section(record: xr.Dataset, sections: Mapping[str, np.ndarray]) -> Mot
     if settled:
         text = sentence.format(f"returns after {lag} period(s) within {recurrence[-1]:.1e}")
         return MotionKind(f"period-{lag}", lag, text, tuple(recurrence))
-    text = f"does not return within {LAGS} periods, best after {_best(recurrence)}: {min(recurrence):.1e}"
-    return MotionKind(IRREGULAR, None, sentence.format(text) + ALONE, tuple(recurrence))
+    text = f"does not return within {MAX_PERIOD} periods, best after {_best(recurrence)}: {min(recurrence):.1e}"
+    return MotionKind(IRREGULAR, None, sentence.format(text) + LIMITS_OF_RECORD, tuple(recurrence))
 
 
 def _best(recurrence: Sequence[float]) -> int:
@@ -144,16 +145,16 @@ def _from_cycles(record: xr.Dataset) -> MotionKind:
     if count < 2:
         return MotionKind(UNDECIDED, None, "one cycle of the record cannot show whether it returns")
     recurrence = []
-    for lag in range(1, min(LAGS, count // 2) + 1):
+    for lag in range(1, min(MAX_PERIOD, count // 2) + 1):
         difference = cycles[:, lag:] - cycles[:, :-lag]
         spread = np.sqrt((difference**2).mean(axis=(1, 2)))
         recurrence.append(float(spread.max()))
-        if (spread <= np.sqrt(2.0) * NOISE * noise).all():
-            text = f"{count} cycles of the record return after {lag} period(s) within {NOISE} of their noise"
+        if (spread <= np.sqrt(2.0) * MAX_NOISE_RATIO * noise).all():
+            text = f"{count} cycles of the record return after {lag} period(s) within {MAX_NOISE_RATIO} of their noise"
             return MotionKind(f"period-{lag}", lag, text, tuple(recurrence))
     text = f"{count} cycles of the record do not return within {len(recurrence)} period(s)"
     if count >= SECTION:
-        return MotionKind(IRREGULAR, None, text + ALONE, tuple(recurrence))
+        return MotionKind(IRREGULAR, None, text + LIMITS_OF_RECORD, tuple(recurrence))
     return MotionKind(UNDECIDED, None, f"{text}, and are too few to call it irregular", tuple(recurrence))
 
 
@@ -173,16 +174,16 @@ def _from_mean_cycles(record: xr.Dataset, period: float, count: int) -> MotionKi
     amplitude = np.concatenate([np.full(len(v), _amplitude(v)) for v in values])
     noise = np.concatenate([_noise(record, c, v) for c, v in zip(present, values, strict=True)]) / amplitude
     stacked, sizes = np.concatenate(values) / amplitude[:, None], list[np.ndarray]()
-    for lag in range(1, max(1, min(LAGS, count // CYCLES_OF_A_MEAN)) + 1):
+    for lag in range(1, max(1, min(MAX_PERIOD, count // MIN_CYCLES_OF_MEAN)) + 1):
         mean = mean_cycle(time, stacked, period, lag, refined=False)
         free = max(0.1, 1.0 - mean.parameters / time.size)
-        sizes.append(np.median(np.abs(mean.residual), axis=1) / (MEDIAN_TO_STD * np.sqrt(free)))
-        if (sizes[-1] <= NOISE * np.maximum(noise, TOLERANCE)).all():
+        sizes.append(np.median(np.abs(mean.residual), axis=1) / (MAD_PER_STD * np.sqrt(free)))
+        if (sizes[-1] <= MAX_NOISE_RATIO * np.maximum(noise, RETURN_TOLERANCE)).all():
             break
     deviations = np.array(sizes)
-    steps = np.concatenate([_steps(v) for v in values]) / (4.0 * MEDIAN_TO_STD * amplitude)  # median: a fourth
-    least = np.maximum(np.maximum(deviations.min(axis=0), TOLERANCE), steps)
-    limit = NOISE * np.minimum(least, np.maximum(noise, COARSE))
+    steps = np.concatenate([_steps(v) for v in values]) / (4.0 * MAD_PER_STD * amplitude)  # median: a fourth
+    least = np.maximum(np.maximum(deviations.min(axis=0), RETURN_TOLERANCE), steps)
+    limit = MAX_NOISE_RATIO * np.minimum(least, np.maximum(noise, MAX_RESIDUAL))
     returning = np.flatnonzero((deviations <= limit).all(axis=1))
     recurrence = tuple(float(np.sqrt(2.0) * d.max()) for d in deviations)
     if not returning.size:
@@ -213,7 +214,9 @@ def _normalised_cycles(record: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
             noise.append(_noise(record, channel, values) / amplitude)
     if not cycles:
         raise CalibError("the kind of a motion is told by displacement or velocity; the record has neither")
-    return np.concatenate(cycles), np.maximum(np.concatenate(noise), TOLERANCE / (np.sqrt(2.0) * NOISE))
+    return np.concatenate(cycles), np.maximum(
+        np.concatenate(noise), RETURN_TOLERANCE / (np.sqrt(2.0) * MAX_NOISE_RATIO)
+    )
 
 
 def _noise(record: xr.Dataset, channel: str, values: np.ndarray) -> np.ndarray:
@@ -224,7 +227,7 @@ def _noise(record: xr.Dataset, channel: str, values: np.ndarray) -> np.ndarray:
         sigma = sigma if sigma.ndim == 1 else np.sqrt((sigma**2).mean(axis=1))
     else:
         bend = np.abs(np.diff(values, 2, axis=1))
-        sigma = np.median(bend, axis=1) / (MEDIAN_TO_STD * np.sqrt(6.0))  # white: var of a second difference, 6 sigma^2
+        sigma = np.median(bend, axis=1) / (MAD_PER_STD * np.sqrt(6.0))  # white: var of a second difference, 6 sigma^2
     return np.maximum(sigma, _steps(values) / np.sqrt(12.0))
 
 
