@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calib.modelling.effect import SIZES, Effect
+from calib.modelling.effect import SIZES, Effect, places_of
 from calib.modelling.model import Model
 from calib.modelling.parameter import Parameter
 from calib.objective import Reference
@@ -179,7 +179,7 @@ def candidates(
 
 def _placed(effect: Effect, simulator) -> Effect:
     """Return the effect on the bodies that the simulator has at its place, where it names none."""
-    places = getattr(simulator, "places", {})
+    places = places_of(simulator)
     if effect.site != "force" or effect.bodies is not None or effect.place not in places:
         return effect
     return replace(effect, bodies=tuple(places[effect.place]))

@@ -71,16 +71,16 @@ def stable_state(map: PeriodMap) -> np.ndarray | None:
     orbit = pseudo_orbit(map, map.initial, SETTLE_PERIODS + SEARCH_PERIODS)
     if orbit.status != OK:
         return None
-    found = [kind_of_cycle(map, cycle) for cycle in stable_cycles(map, orbit.states[SETTLE_PERIODS:])]
-    stable = sorted((motion for motion in found if motion.regular), key=rank)
+    motions = [kind_of_cycle(map, cycle) for cycle in stable_cycles(map, orbit.states[SETTLE_PERIODS:])]
+    stable = sorted((motion for motion in motions if motion.regular), key=rank)
     return _as_initial_state(map, stable[0].state) if stable else None
 
 
 def _as_initial_state(map: PeriodMap, state: np.ndarray) -> np.ndarray:
     """State of the map with the bodies that the excitation prescribes, and which it does not hold, at rest."""
     named = dict(zip(map.names, state.tolist(), strict=True))
-    places = [f"{body}.{channel}" for channel in STATE for body in map.bodies]
-    if not named.keys() & set(places):
+    components = [f"{body}.{channel}" for channel in STATE for body in map.bodies]
+    if not named.keys() & set(components):
         return state
-    inner = [value for name, value in named.items() if name not in places]
-    return np.array([named.get(place, 0.0) for place in places] + inner)
+    inner = [value for name, value in named.items() if name not in components]
+    return np.array([named.get(component, 0.0) for component in components] + inner)

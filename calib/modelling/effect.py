@@ -14,6 +14,11 @@ PLACES = ("body", "support", "interface")
 SIZES = (0.01, 0.03, 0.1)  # typical sizes of an effect, in natural scales of its parameters
 
 
+def places_of(simulator: object) -> Mapping[str, tuple[str, ...]]:
+    """Bodies at each place of a simulator where laws act, as its attribute `places` states them; empty without it."""
+    return getattr(simulator, "places", {})
+
+
 @dataclass(frozen=True)
 class Effect:
     """A law at a site with the parameters it takes, in their order.
@@ -110,7 +115,7 @@ class Effect:
         return self._unplaced(simulator)
 
     def _unplaced(self, simulator) -> str:
-        places = getattr(simulator, "places", {})
+        places = places_of(simulator)
         known = {*simulator.bodies, *(body for bodies in places.values() for body in bodies)}
         for body in self.bodies or ():
             if body not in known:

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError, nearest
-from calib.modelling.effect import Effect
+from calib.modelling.effect import Effect, places_of
 from calib.modelling.laws import PLAIN, SLOTS, BoundLaw
 from calib.modelling.parameter import Parameter
 from calib.records import INTERVAL, OK
@@ -252,6 +252,6 @@ class Model:
 
     def _laws(self, values: Mapping[str, float], own: Mapping[str, float], begins: bool = True) -> tuple[BoundLaw, ...]:
         """Laws that act at these values; those explicit in time only where the motion `begins`."""
-        numbers, places = {**values, **own}, getattr(self.simulator, "places", {})
+        numbers, places = {**values, **own}, places_of(self.simulator)
         acting = [effect for effect in self._acting(values) if effect.site not in PLAIN]
         return tuple(effect.bound(numbers, places) for effect in acting if begins or not effect.transient)
