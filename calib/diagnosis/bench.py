@@ -1,4 +1,4 @@
-"""Simulations as a diagnosis needs them: one record at a time, seen as the instrument would have seen it."""
+"""Simulations as a diagnosis compares them: one record at a time, aligned with the measured one."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,8 +16,8 @@ from calib.records.cycles import IRREGULAR, kind_of_motion
 from calib.records.excitation import Excitation
 from calib.study import Pool
 
-STEPS = 50_000  # of a run that starts near its motion: one that takes more has left it
-MARK = "nuisance_"  # before the name of a nuisance among the attributes of an aligned record
+MAX_STEPS_NEAR_MOTION = 50_000  # of a run that starts near its stationary motion: one that takes more has left it
+NUISANCE_PREFIX = "nuisance_"  # of a nuisance's name among the attributes of an aligned record
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,24 +34,24 @@ class Start:
     slopes: np.ndarray
 
     def moved(self, moves: Mapping[str, float]) -> "Start":
-        """Return it with some components changed by so much."""
+        """Return it with components changed by these amounts."""
         return replace(self, state={name: value + moves.get(name, 0.0) for name, value in self.state.items()})
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One simulation that is asked for.
+    """A request for one simulation.
 
     Attributes
     ----------
     record : whose excitation and request it has
     values : of the model with its effects, in SI
     effects : that the model is extended by
-    state : near which the stationary motion lies; None where that is not known
-    excitation : in the place of the record's; what is simulated is then not aligned, for nothing was measured
+    state : near which the stationary motion lies; None where it is unknown
+    excitation : instead of the record's; the simulation is then not aligned, for nothing was measured
     start : initial state, where that is a nuisance; None: it is solved for
-    rows : (body, channel) pairs in the place of those of `Bench.rows`; empty for these
-    times : (n,) when to sample, in the place of the request's [s]; None for these
+    rows : (body, channel) pairs instead of those of `Bench.rows`; empty for these
+    times : (n,) instants of the samples instead of the request's [s]; None for these
     """
 
     record: str
@@ -75,14 +75,14 @@ class SimulatedRows:
     state : of the simulator at the end, from which the next run starts; None without one
     nuisances : by name, in SI
     given : (body, channel) pairs that the simulation prescribes
-    impacts : how many there are in the record; None where the simulator does not tell
+    impacts : number in the record; None where the simulator does not report impacts
     features : scalar features, measured and simulated; only of a run without `state`
     wrong : how its kind of motion differs from the measured one, or where nothing was measured, that it is irregular;
-        "" where that is not so, or was not asked for
+        "" where neither holds, or neither was checked
     time : (n,) instants of the simulation where nothing was measured  [s]
     start : initial state, where that is a nuisance; None where it is none
     simulations : that it took
-    status, reason : "ok", or why there is nothing
+    status, reason : "ok", or why there are no rows
     """
 
     rows: np.ndarray
@@ -106,7 +106,7 @@ class SimulatedRows:
 
     @property
     def usable(self) -> bool:
-        """Whether there is a motion."""
+        """Whether the simulation succeeded."""
         return self.status == OK
 
 
@@ -118,7 +118,7 @@ class Bench:
     ----------
     model : calibrated
     objective : over all records, by which simulations are aligned
-    rows : record -> (body, channel) pairs that are looked at
+    rows : record -> (body, channel) pairs that are compared
     """
 
     model: Model
@@ -127,56 +127,74 @@ class Bench:
 
     def __call__(self, run: Run) -> SimulatedRows:
         """Simulate and align."""
+        record, slopes = self._simulated(run)
+        status = record.attrs["status"]
+        if status != OK:
+            return replace(_failed(status, str(record.attrs.get("reason", ""))), simulations=simulations(record))
+        measured = run.excitation is None
+        compared = (
+            self.objective.aligned(run.record, record) if measured else record.assign(trust=("time", trusted(record)))
+        )
+        pairs = run.rows or self.rows[run.record]
+        missing = [channel for _, channel in pairs if channel not in compared.variables]
+        if missing:
+            return _failed("no channel", f"the simulation has no {missing[0]}")
+        bodies = [str(body) for body in compared.body.values]
+        rows = np.array([compared[channel].values[bodies.index(body)] for body, channel in pairs])
+        if not np.isfinite(rows).all():
+            return _failed("not finite", "the simulation holds NaN or infinity")
+        start = run.start
+        if slopes:
+            changes = [[own[channel][bodies.index(body)] for body, channel in pairs] for own in slopes.values()]
+            start = Start(initial_state(record), np.array(changes))
+        first = measured and run.state is None and run.start is None
+        wrong = self.objective.wrong_kind(run.record, record) if first else ""
+        return SimulatedRows(
+            rows=rows,
+            trust=compared["trust"].values,
+            state=record["state"].values if "state" in record.variables else None,
+            nuisances=_nuisances(compared),
+            given=prescribed(record),
+            impacts=record.sizes.get("impact"),
+            features=tuple(self.objective.features(run.record, record)) if first else (),
+            wrong=wrong if measured else _irregular(record),
+            time=np.zeros(0) if measured else record["time"].values,
+            start=start,
+            simulations=simulations(record),
+        )
+
+    def _simulated(self, run: Run) -> tuple[xr.Dataset, Mapping[str, Mapping[str, np.ndarray]]]:
+        """The simulated record, and its derivatives by an initial state that was solved for, else none."""
+        reference = self.objective.references[run.record]
+        excitation = run.excitation or reference.excitation
+        request, model = self._request(run, excitation), self.model.extended(*run.effects)
+        values, start = values_for(run.values, run.record), run.start
+        if start is not None:
+            return with_initial_state(model.run({**values, **start.state}, excitation, request), start.state), {}
+        if run.excitation is None and reference.frees_initial_state:
+            released = self.objective.released(run.record, model, values, request)
+            return released.record, released.slopes
+        return model.run(values, excitation, request), {}
+
+    def _request(self, run: Run, excitation: Excitation) -> Request:
+        """What the simulator is asked to compute."""
         reference = self.objective.references[run.record]
         request: Request = reference.request
         if run.times is not None:
             request = replace(request, times=run.times)
         if run.state is not None:
-            budget = min(request.step_budget, STEPS)
+            budget = min(request.step_budget, MAX_STEPS_NEAR_MOTION)
             request = replace(request, initial_state=run.state, near=True, step_budget=budget)
-        model = self.model.extended(*run.effects)
-        excitation = run.excitation or reference.excitation
         if excitation.quantity == "free decay" and request.times is None:
             time = reference.record.time.values
             request = replace(request, times=time - time[0])
-        asked = run.excitation is None
-        values, start, slopes = values_for(run.values, run.record), run.start, {}
-        if start is not None:
-            record = with_initial_state(model.run({**values, **start.state}, excitation, request), start.state)
-        elif asked and reference.frees_initial_state:
-            released = self.objective.released(run.record, model, values, request)
-            record, slopes = released.record, released.slopes
-        else:
-            record = model.run(values, excitation, request)
-        status = record.attrs["status"]
-        if status != OK:
-            return replace(_nothing(status, str(record.attrs.get("reason", ""))), simulations=simulations(record))
-        seen = self.objective.aligned(run.record, record) if asked else record.assign(trust=("time", trusted(record)))
-        pairs = run.rows or self.rows[run.record]
-        missing = [channel for _, channel in pairs if channel not in seen.variables]
-        if missing:
-            return _nothing("no channel", f"the simulation has no {missing[0]}")
-        bodies = [str(body) for body in seen.body.values]
-        rows = np.array([seen[channel].values[bodies.index(body)] for body, channel in pairs])
-        if not np.isfinite(rows).all():
-            return _nothing("not finite", "the simulation holds NaN or infinity")
-        if slopes:
-            changes = [[own[channel][bodies.index(body)] for body, channel in pairs] for own in slopes.values()]
-            start = Start(initial_state(record), np.array(changes))
-        first = asked and run.state is None and run.start is None
-        return SimulatedRows(
-            rows=rows,
-            trust=seen["trust"].values,
-            state=record["state"].values if "state" in record.variables else None,
-            nuisances={k.removeprefix(MARK): v for k, v in seen.attrs.items() if k.startswith(MARK)},
-            given=prescribed(record),
-            impacts=record.sizes.get("impact"),
-            features=tuple(self.objective.features(run.record, record)) if first else (),
-            wrong=_irregular(record) if not asked else self.objective.wrong_kind(run.record, record) if first else "",
-            time=np.zeros(0) if asked else record["time"].values,
-            start=start,
-            simulations=simulations(record),
-        )
+        return request
+
+
+def _nuisances(aligned: xr.Dataset) -> dict[str, float]:
+    """Nuisances that were solved for in aligning a record, by name, in SI."""
+    marked = ((str(name), value) for name, value in aligned.attrs.items())
+    return {name.removeprefix(NUISANCE_PREFIX): value for name, value in marked if name.startswith(NUISANCE_PREFIX)}
 
 
 def _irregular(record: xr.Dataset) -> str:
@@ -185,11 +203,12 @@ def _irregular(record: xr.Dataset) -> str:
     return motion.evidence if motion.kind == IRREGULAR else ""
 
 
-def _nothing(status: str, reason: str) -> SimulatedRows:
+def _failed(status: str, reason: str) -> SimulatedRows:
+    """The result of a run without rows, and why."""
     return SimulatedRows(np.zeros((0, 0)), np.zeros(0), status=status, reason=reason)
 
 
 def simulated(pool: Pool, runs: Sequence[Run]) -> list[SimulatedRows]:
-    """Simulate side by side; what fails has a status."""
+    """Simulate side by side; a run that fails has a status."""
     answers = in_order(pool, runs)
-    return [_nothing(a.status, a.reason) if isinstance(a, Failure) else a for a in answers]
+    return [_failed(a.status, a.reason) if isinstance(a, Failure) else a for a in answers]

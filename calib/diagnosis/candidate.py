@@ -1,4 +1,4 @@
-"""The effects that a diagnosis may suspect, and the sizes at which they are tried."""
+"""The candidate effects of a diagnosis, and the sizes at which they are tried."""
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
@@ -7,15 +7,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from calib.modelling.effect import SIZES, Effect, places_of
-from calib.modelling.model import Model
+from calib.modelling.model import Model, Simulator
 from calib.modelling.parameter import Parameter
 from calib.objective import Reference
 from calib.records import channels
 from calib.units import powers
 
-UNSEEN = "its frequencies are above half the sampling rate of every record"
-UNTRACEABLE = "no record shows a trace of it, by which its size would be guessed"
-FORM_BOUND_RATIO = 3.0  # of the bounds of an effect's form over the extreme values at which it is tried
+ABOVE_NYQUIST = "its frequencies are above half the sampling rate of every record"
+NO_FIRST_GUESS = "no record shows it, so that there is no first guess of its size"
+FORM_BOUND_RATIO = 3.0  # of the bounds of an effect's form over the extreme values at which it is tried  [1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,17 +53,17 @@ class Candidate:
 
     @property
     def low(self) -> np.ndarray:
-        """Least values (free,) that make sense."""
+        """Least admissible values (free,)."""
         return np.array([parameter.low for parameter in self.parameters])
 
     @property
     def high(self) -> np.ndarray:
-        """Largest values (free,) that make sense."""
+        """Largest admissible values (free,)."""
         return np.array([parameter.high for parameter in self.parameters])
 
     @property
     def sign(self) -> int:
-        """Sign that the departure of a single free parameter from null must have; 0 where both make sense."""
+        """Sign that the departure of a single free parameter from null must have; 0 where both are admissible."""
         if len(self.free) != 1:
             return 0
         if self.low[0] == self.null[0]:
@@ -71,7 +71,7 @@ class Candidate:
         return -1 if self.high[0] == self.null[0] else 0
 
     @property
-    def parameters(self):
+    def parameters(self) -> list[Parameter]:
         """The free parameters."""
         known = {parameter.name: parameter for parameter in self.effect.parameters}
         return [known[name] for name in self.free]
@@ -87,9 +87,10 @@ class Candidate:
     def within_scale(self, sizes: np.ndarray) -> np.ndarray:
         """Bring sizes (free,) to the natural scale where they are beyond it.
 
-        A large misfit makes linear estimates so large: there the effect would be as large as the motion itself.
+        A large misfit makes linear estimates that large: at its scale the effect would be as large as the motion
+        itself.
         """
-        if not np.isfinite(self.null).all():  # absent without limit
+        if not np.isfinite(self.null).all():  # absent at infinity
             return sizes
         scale = np.array([self.scale[name] for name in self.free])
         largest = float(np.max(np.abs(sizes - self.null) / scale, initial=0.0))
@@ -109,7 +110,7 @@ class Scales:
 
     @classmethod
     def of(cls, references: Iterable[Reference]) -> "Scales":
-        """Read them off the measured records: the largest amplitude, and the rate at which displacement changes.
+        """Estimate them from the measured records: the largest amplitude, and the rate at which displacement changes.
 
         Where the motion is prescribed and the force measured, the prescribed motion is the displacement.
         """
@@ -141,7 +142,7 @@ def _motion(reference: Reference) -> np.ndarray | None:
     record, excitation = reference.record, reference.excitation
     if "displacement" in channels(record):
         return record["displacement"].values
-    if excitation.quantity == "displacement" and excitation.recorded:
+    if excitation.quantity == "displacement" and excitation.time is not None and excitation.value is not None:
         return np.interp(record.time.values, excitation.time, excitation.value)[None]
     return None
 
@@ -172,12 +173,12 @@ def candidates(
             continue
         variants = _variants(_placed(effect, model.simulator), scales, references)
         if not variants:
-            refused[effect.name] = UNTRACEABLE if effect.guess is not None else UNSEEN
+            refused[effect.name] = NO_FIRST_GUESS if effect.guess is not None else ABOVE_NYQUIST
         accepted += variants
     return accepted, refused
 
 
-def _placed(effect: Effect, simulator) -> Effect:
+def _placed(effect: Effect, simulator: Simulator) -> Effect:
     """Return the effect on the bodies that the simulator has at its place, where it names none."""
     places = places_of(simulator)
     if effect.site != "force" or effect.bodies is not None or effect.place not in places:
@@ -186,6 +187,7 @@ def _placed(effect: Effect, simulator) -> Effect:
 
 
 def _refusal(model: Model, effect: Effect, references: Mapping[str, Reference], searched: Sequence[str]) -> str:
+    """Why an effect is no candidate; "" where it is one."""
     present = {known.name for known in model.effects}
     if effect.name in present:
         return "the model has it already"
@@ -217,7 +219,11 @@ def _variants(effect: Effect, scales: Scales, references: Mapping[str, Reference
     free = tuple(p.name for p in effect.parameters if p.null is not None)
     scale = {p.name: scales.scale(p.unit, p.nominal) for p in effect.parameters}
     grids = [
-        [(p.name, value) for value in _held(p, effect, scale[p.name]) if p.unit != "Hz" or value < _seen(references)]
+        [
+            (p.name, value)
+            for value in _held(p, effect, scale[p.name])
+            if p.unit != "Hz" or value < _highest_frequency(references)
+        ]
         for p in effect.parameters
         if p.null is None
     ]
@@ -228,7 +234,7 @@ def _variants(effect: Effect, scales: Scales, references: Mapping[str, Reference
             absent = {name: effect.null[name] for name in free if name not in own}
             sizes = _sizes(effect, own, scale, references)
             if effect.guess is not None and not sizes.size:
-                continue  # no record has the channel, or none shows a trace of it
+                continue  # no record has the channel, or none shows the effect
             own_scale = {name: scale[name] for name in own} | {name: abs(x) for name, x in held if name in bounds}
             variants.append(Candidate(effect, own, {**dict(held), **absent}, own_scale, sizes, bounds))
     return variants
@@ -251,8 +257,8 @@ def _held(parameter: Parameter, effect: Effect, scale: float) -> list[float]:
     return [parameter.nominal] if multiples is None else [multiple * scale for multiple in multiples]
 
 
-def _seen(references: Mapping[str, Reference]) -> float:
-    """Half the sampling rate [Hz] of the record that is sampled fastest: what is faster shows as something else."""
+def _highest_frequency(references: Mapping[str, Reference]) -> float:
+    """Half the sampling rate of the record that is sampled fastest [Hz]: higher frequencies are aliased."""
     times = [reference.record.time.values for reference in references.values()]
     return max(0.5 * (time.size - 1) / (time[-1] - time[0]) for time in times)
 

@@ -1,4 +1,4 @@
-"""The clock of a recorder, whose rate no maker states exactly: what a wrong one does to a simulated record."""
+"""The rate of a recorder's clock, known to its tolerance only: what an error of it changes in a record."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -10,9 +10,11 @@ from calib.modelling.effect import Effect
 from calib.records.excitation import Excitation
 from calib.study import Pool
 
-MAX_CLOCK_RATE = 50e-6  # of a recorder's clock, relative: of quartz oscillators, uniformly distributed within it
-CLOCK_RATE_STD = MAX_CLOCK_RATE / 3.0**0.5
-RATE_STEP = 1e-4  # by which a recorded excitation is stretched: small beside 1 / (angular frequency * length)
+MAX_CLOCK_RATE = 50e-6  # relative error of a recorder's clock: quartz oscillators, uniform distribution  [1]
+CLOCK_RATE_STD = MAX_CLOCK_RATE / 3.0**0.5  # [1]
+RATE_STEP = (
+    1e-4  # relative, by which a recorded excitation is stretched: small beside 1 / (angular frequency * duration)
+)
 
 
 def clock_sensitivity(time: np.ndarray, rows: np.ndarray) -> np.ndarray:
@@ -31,39 +33,41 @@ def uncertain_clock(excitation: Excitation, time: np.ndarray, rows: np.ndarray) 
 def clock_slopes(
     pool: Pool,
     bench: Bench,
-    seen: Mapping[str, SimulatedRows],
+    views: Mapping[str, SimulatedRows],
     values: Mapping[str, float],
     effects: tuple[Effect, ...] = (),
 ) -> dict[str, np.ndarray]:
     """Change of the rows (row, n) of records with the rate of a clock that is uncertain and no nuisance.
 
-    A recorded excitation is sampled by the clock of the motion: what a wrong rate stretches is both, and it shows
-    only as far as the structure has a time of its own. That is simulated, with the excitation as it came and stretched.
+    A recorded excitation is sampled by the clock of the motion: an error of its rate stretches
+    both, and changes the response only as far as the structure has time scales of its own. That is simulated, with the
+    recorded and with the stretched excitation.
 
     Parameters
     ----------
-    seen : simulations by record
-    values, effects : of the model that they are of
+    views : simulations by record
+    values, effects : of the simulated model
 
     Returns
     -------
     by record, per unit rate; without those of steady tones, and of records that a simulator samples otherwise
     """
-    found, runs = {}, []
-    for name, view in seen.items():
+    changes: dict[str, np.ndarray] = {}
+    runs: list[Run] = []
+    for name, view in views.items():
         reference = bench.objective.references[name]
         excitation, time = reference.excitation, reference.record.time.values
         own = uncertain_clock(excitation, time, view.rows)
         if own is not None:
-            found[name] = own
-        elif excitation.recorded and not excitation.periodic:
+            changes[name] = own
+        elif excitation.time is not None and excitation.recorded and not excitation.periodic:
             times = time if reference.request.times is None else reference.request.times
             for rate in (1.0, 1.0 + RATE_STEP):
                 stretched = replace(excitation, time=rate * excitation.time)
                 runs.append(Run(name, values, effects, excitation=stretched, start=view.start, times=rate * times))
-    views = simulated(pool, runs)
-    for run, before, after in zip(runs[::2], views[::2], views[1::2], strict=True):
-        rows = seen[run.record].rows
+    answers = simulated(pool, runs)
+    for run, before, after in zip(runs[::2], answers[::2], answers[1::2], strict=True):
+        rows = views[run.record].rows
         if before.usable and after.usable and before.rows.shape == after.rows.shape == rows.shape:
-            found[run.record] = (after.rows - before.rows) / RATE_STEP
-    return found
+            changes[run.record] = (after.rows - before.rows) / RATE_STEP
+    return changes

@@ -1,13 +1,13 @@
-"""Whether sizes that are fitted to all records are the same in each channel of each record.
+"""Constancy of the sizes of effects among the channels of the records: one size each, or several.
 
-Several effects together may imitate one that nobody thought of, but hardly with the same sizes everywhere. The sizes of
+Several effects together may imitate one that is no candidate, but hardly with the same sizes everywhere. The sizes of
 one effect are freed in each channel of each record, all else being common, and compared by Cochran's Q, whose variances
-are those of the standard errors: they count what the model leaves beside the noise (Cochran, Biometrics 10 (1954) 101).
-Q says whether sizes differ for sure; by how much, relative to the size, is the moment estimator of DerSimonian & Laird,
+are those of the standard errors: they include the model error beside the noise (Cochran, Biometrics 10 (1954) 101).
+Q tests whether sizes differ; by how much, relative to the size, is the moment estimator of DerSimonian & Laird,
 Controlled Clinical Trials 7 (1986) 177, weighted by the information on them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,9 +18,9 @@ from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.score import Projection, deviate
 
-RANK_TOLERANCE = 1e-9  # singular value, over the largest, below which the unrestricted model does not know a direction
+RANK_TOLERANCE = 1e-9  # singular value over the largest, below which a direction is undetermined  [1]
 CHANNELS, RECORDS = "the channels of the records", "the records"
-MIN_DEGREES_OF_FREEDOM = 4.0  # of a variance: below 2 the mean of F does not exist
+MIN_DEGREES_OF_FREEDOM = 4.0  # of a variance  [1]: below 2 the mean of F does not exist
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Constancy:
     effect : its name
     z : normal deviate of Cochran's Q  [1]
     variation : standard deviation of the sizes over their mean  [1]; among channels both weighted by the information on
-        them, among records the sizes one as good as another
+        them, among records the sizes unweighted
     chi2 : by which the sum of squares would rise without the effect, to first order; infinite where it is absent only
         at an infinite size  [1]
     among : CHANNELS or RECORDS
@@ -46,29 +46,29 @@ class Constancy:
 
 
 def differing(
-    found: Sequence[Constancy], threshold: float, explained_by_several: bool, remains: bool = True
+    tested: Sequence[Constancy], threshold: float, explained_by_several: bool, remains: bool = True
 ) -> tuple[Constancy, ...]:
-    """Return those whose sizes differ: each acts like an effect, and is none.
+    """Return those whose sizes differ: each stands in for another cause.
 
-    For sure, and by more than what is not modelled may have made. Where nothing but noise is left nothing has made
-    records differ; nor channels, where several effects leave that: they may imitate any other, and have one size each
-    if they do not.
+    Significantly, and by more than a model error may account for. Where only noise is left no model error accounts for
+    a difference of records; nor of channels, where several effects leave only noise: they may imitate any other, and
+    have one size each if they do not.
 
     Parameters
     ----------
     threshold : of the normal deviate
     explained_by_several : whether these effects are several, and leave nothing but noise
-    remains : whether these effects leave more than noise, by its sum of squares or by sizes that differ within the fit
+    remains : whether these effects leave more than noise, by the sum of squares or by sizes that differ within the fit
     """
     least = {
         CHANNELS: 0.0 if explained_by_several else CRITERIA.max_variation,
         RECORDS: CRITERIA.max_variation if remains else 0.0,
     }
-    return tuple(c for c in found if c.z > threshold and c.variation > least[c.among])
+    return tuple(c for c in tested if c.z > threshold and c.variation > least[c.among])
 
 
 def constancies(evidence: Evidence, fit: Fit) -> tuple[Constancy, ...]:
-    """Constancy of each effect in a fit, which has its derivatives; z is 0 where one channel alone shows it."""
+    """Constancy of each effect in a fit, which has its derivatives; z is 0 where it changes one channel alone."""
     return tuple(_constancy(evidence, fit, index) for index in range(len(fit.candidates)))
 
 
@@ -79,27 +79,27 @@ def _constancy(evidence: Evidence, fit: Fit, index: int) -> Constancy:
     own = [fit.names.index(name) for name in names]
     common, everywhere = np.delete(fit.free(fit.columns), own, axis=1), fit.columns[:, own]
     by_row = [evidence.of_row(everywhere, int(row)) for row in np.unique(rows)]
-    places = [(k, row) for k in range(len(own)) for row in range(len(by_row))]
-    shown = [(k, row) for k, row in places if _shows(by_row[row][:, k], everywhere[:, k])]
-    single = np.column_stack([by_row[row][:, k] for k, row in shown]) if shown else everywhere
+    pairs = [(k, row) for k in range(len(own)) for row in range(len(by_row))]
+    changed = [(k, row) for k, row in pairs if _changes(by_row[row][:, k], everywhere[:, k])]
+    single = np.column_stack([by_row[row][:, k] for k, row in changed]) if changed else everywhere
     chi2 = _chi2(fit, candidate.effect.null, names, Projection(common)(fit.free(everywhere)))
-    if len(shown) <= len(own):
+    if len(changed) <= len(own):
         return Constancy(candidate.name, 0.0, 0.0, chi2)
     sizes, covariance, freedom = _unrestricted(fit.residual, rows, common, fit.free(single))
-    sizes = sizes + np.array([fit.value(names[k]) for k, _ in shown])
-    q, degrees, mean_chi2 = cochran(sizes, covariance, np.array([k for k, _ in shown]))
-    freedom = max(MIN_DEGREES_OF_FREEDOM, float(freedom.min()))
-    z = float(deviate(q * (freedom - 2.0) / freedom, degrees))
+    sizes = sizes + np.array([fit.value(names[k]) for k, _ in changed])
+    q, degrees, mean_chi2 = cochran(sizes, covariance, np.array([k for k, _ in changed]))
+    least = max(MIN_DEGREES_OF_FREEDOM, float(freedom.min()))
+    z = float(deviate(q * (least - 2.0) / least, degrees))
     return Constancy(candidate.name, z, variation(q, degrees, mean_chi2), chi2)
 
 
-def _shows(alone: np.ndarray, column: np.ndarray) -> bool:
-    """Whether an effect with this derivative (N,) shows in a row that has this part of it."""
+def _changes(alone: np.ndarray, column: np.ndarray) -> bool:
+    """Whether an effect with this derivative (N,) changes a row that has this part of it."""
     return float(np.linalg.norm(alone)) > RANK_TOLERANCE * float(np.linalg.norm(column))
 
 
-def _chi2(fit: Fit, null: dict, names: Sequence[str], columns: np.ndarray) -> float:
-    """Rise of the sum of squares where the sizes of these names go to null; columns (N, p) without what others take.
+def _chi2(fit: Fit, null: Mapping[str, float], names: Sequence[str], columns: np.ndarray) -> float:
+    """Rise of the sum of squares where the sizes of these names go to null; columns (N, p) without what others absorb.
 
     Infinite where a null is.
     """
@@ -140,8 +140,8 @@ def cochran(sizes: np.ndarray, covariance: np.ndarray, parameter: np.ndarray) ->
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     scales = np.outer(scale, scale)
     weight = np.linalg.pinv(covariance / scales, rcond=RANK_TOLERANCE, hermitian=True) / scales
-    same = (parameter[:, None] == np.arange(parameter.max() + 1)).astype(float)
-    information = same.T @ weight @ same
-    mean = np.linalg.lstsq(information, same.T @ weight @ sizes, rcond=None)[0]
-    apart = sizes - same @ mean
-    return float(apart @ weight @ apart), len(sizes) - same.shape[1], float(mean @ information @ mean)
+    groups = (parameter[:, None] == np.arange(parameter.max() + 1)).astype(float)
+    information = groups.T @ weight @ groups
+    mean = np.linalg.lstsq(information, groups.T @ weight @ sizes, rcond=None)[0]
+    deviation = sizes - groups @ mean
+    return float(deviation @ weight @ deviation), len(sizes) - groups.shape[1], float(mean @ information @ mean)

@@ -23,19 +23,19 @@ class Criteria:
         causes leave where that is a misfit  [1]; convention: at 2 the angle between what the cause changes and what the
         others leave has a cosine of 0.82 or more
     max_variation : standard deviation of the size of a cause among channels or records, relative to its mean, up to
-        which what is not modelled may have made them differ  [1]; convention: where a cause explains twice what it
-        leaves, 0.25 is typical
-    model_error_cosine : of the angle between what a cause changes in a record and what the model lacks there, root mean
-        square  [1]; of laws that no effect expresses those most like effects, 0.07 to 0.40 by law and laboratory
-        (tests/benchmarks/bench_model_error.py)
-    max_model_error_cosine : of the angle between what the model lacks beside a cause and what an effect like it would
+        which the difference may be due to model error  [1]; convention: where a cause explains twice what it leaves,
+        0.25 is typical
+    model_error_cosine : of the angle between what a cause changes in a record and the model error there, root mean
+        square  [1]; of the laws that no effect expresses those most similar to effects, 0.07 to 0.40 by law and
+        laboratory (tests/benchmarks/bench_model_error.py)
+    max_model_error_cosine : of the angle between the model error beside a cause and what a similar effect would
         change further, up to which that may be chance  [1]; of the same laws 95 % are below 0.47 (four_dof) and 0.68
-        (oscillator; same source), in the mean
+        (oscillator; same source): their mean
     min_change_chi2 : sum of squares of what a cause changes in a record, in units of the noise, from which on that
-        record says something of it  [1]; the variance of one residual
-    min_explained_share : excess chi-square that the steps of converters explain at least to stand in the place of
-        causes, relative to that of the calibrated model, and another suspect, to be the cause, relative to what the
-        best explains  [1]; convention
+        record has information on it  [1]; the variance of one residual
+    min_explained_share : least excess chi-square that the steps of converters explain where they replace causes,
+        relative to that of the calibrated model; and that another suspect explains which may be the cause, relative to
+        what the best explains  [1]; convention
     min_share_of_remainder : excess chi-square that a further cause explains at least, relative to what the causes
         before it leave  [1]; convention
     confidence_level : of intervals, and of the joint region that holds an absent effect  [1]; textbook value
@@ -46,12 +46,12 @@ class Criteria:
     max_causes : that are named  [count]; convention
     max_refits : suspects that are refitted in one search  [count]; convention
     max_pairs : pairs of suspects that are fitted to find the best  [count]; convention
-    max_runners_up : suspects that are tried where what was held out refutes the only cause  [count]; convention
+    max_runners_up : suspects that are tried where held-out records refute the only cause  [count]; convention
     min_leader_share : predicted reduction of chi-square of a suspect that is refitted, relative to the largest  [1];
         convention
-    min_alikeness : cosine of the angle between what two suspects change in the records, from which on one is refitted
+    min_signature_cosine : of the angle between what two suspects change in the records, from which on one is refitted
         where the other explains most  [1]; convention
-    min_rescored_share : predicted reduction, relative to the largest, of a suspect whose derivatives are taken anew
+    min_rescored_share : predicted reduction, relative to the largest, of a suspect whose derivatives are recomputed
         where they are of another model  [1]; half of `min_leader_share`
     max_absorbed_share : length of a signature that calibration absorbs, relative to the whole, from which on an effect
         without derivative is not refitted  [1]; convention
@@ -60,23 +60,23 @@ class Criteria:
     min_trial_reduction : reduction of chi-square by a size at which a refit begins, relative to the squared threshold
         of |z|  [1]; convention
     max_starts : sizes at which the refit of a suspect begins that is not linear  [count]; convention
-    min_outliers : samples that are taken out as outliers: fewer may be chance  [count]; convention
+    min_outliers : samples that are removed as outliers: fewer may be chance  [count]; convention
     min_outlier_share : chi-square of the outliers, relative to the whole, from which they are named  [1]; convention
     min_quantisation_share : variance by a converter's steps, relative to that of the noise of a channel, from which
         they are named  [1]; convention
-    min_noise_samples : of a record or a row that tell a level of the noise  [count]; convention
+    min_noise_samples : of a record or a row that determine a level of the noise  [count]; convention
     max_variance_ratio : mean square of a residual, relative to the variance that the record states of its noise, up to
         which it is that noise, chance aside  [1]; a stated standard deviation may be 10 % off
     max_noise_change : of a standard deviation of the noise, relative, of one of its autocorrelations, or of the share
-        of a variance that a clock makes, that is not worth a refit  [1]; convention
-    min_variance_ratio : mean square of a residual, relative to the variance of its noise, below which that is no
-        residual of such noise  [1]; convention
+        of a variance that is due to a clock, up to which nothing is refitted  [1]; convention
+    min_variance_ratio : mean square of a residual, relative to the variance of its noise, below which it cannot
+        be a residual of such noise  [1]; convention
     min_variance_deficit_std : by which it has to be below, in standard deviations of the mean square of white noise
         [1]; convention
-    max_solver_share : |z| by a finer solver, relative to the z that the answer rests on, that does not change the
-        answer  [1]; convention
-    max_solver_change : change of a channel by a finer solver, relative to its root mean square, that makes no other
-        kind of motion  [1]; convention
+    max_solver_share : |z| by a finer solver, relative to the z on which the verdict rests, that does not change the
+        verdict  [1]; convention
+    max_solver_change : change of a channel by a finer solver, relative to its root mean square, that cannot change
+        the kind of motion  [1]; convention
     """
 
     significance_std: float = 3.0
@@ -97,7 +97,7 @@ class Criteria:
     max_pairs: int = 5
     max_runners_up: int = 3
     min_leader_share: float = 0.3
-    min_alikeness: float = 0.95
+    min_signature_cosine: float = 0.95
     min_rescored_share: float = 0.15
     max_absorbed_share: float = 0.9999
     max_nonlinearity: float = 0.25

@@ -13,7 +13,7 @@ from calib.units import to_si
 
 @dataclass(frozen=True)
 class Budget:
-    """What a diagnosis may take before it begins no further fit.
+    """Limits of a diagnosis, after which no further fit begins.
 
     Attributes
     ----------
@@ -36,13 +36,13 @@ class Budget:
             return cls()
         number = text.strip().lstrip("+-").isdigit()
         try:
-            found = cls(simulations=int(text)) if number else cls(seconds=to_si(text, "s"))
+            budget = cls(simulations=int(text)) if number else cls(seconds=to_si(text, "s"))
         except CalibError as error:
             wanted = "a number of simulations or a time such as '10 min'"
             raise CalibError(f"budget: expected {wanted}, got {text!r}") from error
-        if not (found.simulations or found.seconds or 0) > 0:
-            raise CalibError(f"budget: expected more than nothing, got {text!r}")
-        return found
+        if not (budget.simulations or budget.seconds or 0) > 0:
+            raise CalibError(f"budget: expected a number or a time above zero, got {text!r}")
+        return budget
 
 
 class Effort:
@@ -52,7 +52,7 @@ class Effort:
     ----------
     pool : maps `calib.diagnosis.bench.Run` to `SimulatedRows`
     budget : see there
-    on_progress : called with the simulations that are done, and those that are foreseen in all
+    on_progress : called with the number of simulations done, and of those expected in all
     """
 
     def __init__(
@@ -75,13 +75,13 @@ class Effort:
             yield index, result
 
     def foresee(self, further: float) -> None:
-        """Take in how many further simulations are foreseen now."""
+        """Update the number of further simulations that are expected."""
         self.foreseen = self.done + round(further)
         self._on_progress(self.done, self.foreseen)
 
     @property
     def spent(self) -> bool:
-        """Whether the budget is used up."""
+        """Whether the budget is spent."""
         simulations, seconds = self._budget.simulations, self._budget.seconds
         over = simulations is not None and self.done >= simulations
         return over or (seconds is not None and self._clock() - self._begin >= seconds)

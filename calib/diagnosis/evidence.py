@@ -11,11 +11,11 @@ from calib.diagnosis.noise import STATED, Remainder, from_residual
 from calib.diagnosis.part import Part
 from calib.objective import Objective, compared_rows, row_weights
 
-INITIAL_RANK_TOLERANCE = 1e-9  # singular value, over the largest, below which a direction of the initial state stays
+INITIAL_RANK_TOLERANCE = 1e-9  # singular value over the largest, below which an initial state is not moved  [1]
 
 
-def looked_at(objective: Objective) -> dict[str, list[tuple[str, str]]]:
-    """(body, channel) pairs of each reference that a diagnosis looks at."""
+def pairs_compared(objective: Objective) -> dict[str, Sequence[tuple[str, str]]]:
+    """(body, channel) pairs of each reference that a diagnosis compares."""
     return {name: compared_rows(reference, objective.terms) for name, reference in objective.references.items()}
 
 
@@ -39,12 +39,12 @@ class Evidence:
         return np.concatenate([part.white(other[part.name].rows - one[part.name].rows) for part in self.parts])
 
     def carried(self, columns: np.ndarray, other: "Evidence") -> np.ndarray:
-        """Columns (N, k) in units of the noise of `other`, which weighs the same samples, in units of this noise."""
+        """Convert columns (N, k) from units of the noise of `other`, of the same samples, to units of this noise."""
         blocks = []
         for part, old in zip(self.parts, other.parts, strict=True):
             plain = old.restored(columns[other.of(old.name)])
-            whitened = np.column_stack([part._whitened(plain[:, :, k]) for k in range(columns.shape[1])])
-            blocks.append(part._shrunk(whitened, 1.0))
+            whitened = np.column_stack([part.whitened(plain[:, :, k]) for k in range(columns.shape[1])])
+            blocks.append(part.shrunk(whitened, 1.0))
         return np.concatenate(blocks)
 
     def tangents(self, simulated: Mapping[str, SimulatedRows]) -> np.ndarray:
@@ -59,10 +59,10 @@ class Evidence:
 
     def clock_changes(self) -> np.ndarray:
         """Change of the rows with the rate of each clock that is uncertain, in units of the noise (N, k)."""
-        clocked = [part for part in self.parts if part.clock is not None]
-        columns = np.zeros((sum(part.measured.size for part in self.parts), len(clocked)))
-        for column, part in zip(columns.T, clocked, strict=True):
-            column[self.of(part.name)] = part.white(part.clock)
+        changes = [(part, part.clock) for part in self.parts if part.clock is not None]
+        columns = np.zeros((sum(part.measured.size for part in self.parts), len(changes)))
+        for column, (part, change) in zip(columns.T, changes, strict=True):
+            column[self.of(part.name)] = part.white(change)
         return columns
 
     def initial_moves(
@@ -106,11 +106,11 @@ class Evidence:
         return alone
 
     def counted(self) -> float:
-        """Number of residuals that count."""
+        """Number of residuals, each counted by its squared weight."""
         return float(sum((part.weight**2).sum() for part in self.parts))
 
     def of(self, name: str) -> slice:
-        """Where the residuals of a record stand among all."""
+        """Positions of the residuals of a record among all."""
         begin = 0
         for part in self.parts:
             if part.name == name:
@@ -123,7 +123,7 @@ class Evidence:
         return Evidence(tuple(part for part in self.parts if part.name in names))
 
     def with_weights(self, simulations: Sequence[Mapping[str, SimulatedRows]]) -> "Evidence":
-        """Return the same evidence compared only where all these simulations are to be trusted."""
+        """Return the same evidence, compared only where all these simulations are reliable."""
         parts = []
         for part in self.parts:
             trust = np.prod([views[part.name].trust for views in simulations], axis=0)
@@ -131,19 +131,19 @@ class Evidence:
         return Evidence(tuple(parts))
 
     def with_remainder(self, residual: np.ndarray) -> "Evidence":
-        """Return the evidence with uncertain clocks beside what a model leaves (N,), which may hide them."""
+        """Return the evidence with uncertain clocks beside the residual (N,) of a model, which may mask them."""
         return Evidence(tuple(part.with_remainder(residual[self.of(part.name)]) for part in self.parts))
 
     def with_reestimated_noise(self, left: Mapping[str, Remainder]) -> "Evidence":
-        """Return the evidence with the noise re-estimated of what does not repeat, by what is `left`."""
+        """Return the evidence with the noise of rows without cycles re-estimated from what is `left`."""
         parts = []
         for part in self.parts:
-            rest, noises = left[part.name], list(part.noise)
+            remainder, noises = left[part.name], list(part.noise)
             for index, known in enumerate(part.noise):
                 if not known.repeated:
-                    given = part.weight[index], part.measured[index], known.sigma if known.source == STATED else None
-                    anew = from_residual(rest.rows[index], *given, rest.absorbed[index])
-                    noises[index] = anew.within(rest.whole[index], part.weight[index])
+                    samples = part.weight[index], part.measured[index], known.sigma if known.source == STATED else None
+                    estimate = from_residual(remainder.rows[index], *samples, remainder.absorbed[index])
+                    noises[index] = estimate.within(remainder.whole[index], part.weight[index])
             parts.append(replace(part, noise=tuple(noises)))
         return Evidence(tuple(parts))
 
@@ -155,4 +155,5 @@ def clocks_differ(one: Evidence, other: Evidence) -> bool:
 
 
 def _weighted(part: Part, trust: np.ndarray) -> Part:
+    """Return the record with the weights of simulations of this reliability (n,)."""
     return replace(part, weight=row_weights(part.rows, part.used, trust))

@@ -1,4 +1,4 @@
-"""A model fitted to the evidence: what it leaves, its derivatives, and how sure its parameters are."""
+"""A model fitted to the evidence: its residual, its derivatives, and the errors of its parameters."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,13 +24,13 @@ class Fit:
     point : values, effects and simulations
     candidates : whose effects are in it
     residual : (N,) in units of the noise, without what nuisances absorb
-    columns : (N, k) its derivatives by the calibrated parameters and those of the candidates, in that order; as they
-        were updated on the way unless they were taken anew (`Fitter.with_derivatives`)
+    columns : (N, k) its derivatives by the calibrated parameters and those of the candidates, in that order; as
+        updated during the fit unless they were recomputed (`Fitter.with_derivatives`)
     names : of these parameters
-    steps : that the derivatives were taken with  [units of the parameters]; empty where they were given
+    steps : of the differences  [units of the parameters]; empty where the derivatives were given
     nuisances : (N, m) tangents of the nuisances
     rows : (N,) number of the row, among those of all records, that each residual belongs to
-    reason : why it is not to be trusted; "" where it converged
+    reason : why it did not converge; "" where it did
     """
 
     point: Point
@@ -50,7 +50,7 @@ class Fit:
 
     @cached_property
     def projection(self) -> Projection:
-        """Projection that takes out what calibrated parameters, effects in the model and nuisances absorb."""
+        """Projection that removes what calibrated parameters, effects in the model and nuisances absorb."""
         return Projection(np.column_stack([self.columns, self.nuisances]))
 
     @cached_property
@@ -67,8 +67,8 @@ class Fit:
 
         In their units; the degrees of freedom are those of the covariance's variances.
 
-        What the model leaves beside the noise has a level and an autocorrelation of its own in each channel of each
-        record, as in the intervals of a calibration; no variance is less than what the noise alone makes.
+        The model error beside the noise has a level and an autocorrelation of its own in each channel of each record,
+        as in the intervals of a calibration; no variance is less than that by the noise alone.
         """
         free = self.free(self.columns)
         counted = (self.residual != 0.0) | free.any(axis=1)
@@ -80,7 +80,7 @@ class Fit:
         return covariance * np.outer(wider, wider), freedom, noise
 
     def information(self, name: str) -> float:
-        """Fisher information of a parameter beside all others: 1 over the variance that the noise alone makes.
+        """Fisher information of a parameter beside all others: 1 over its variance by the noise alone.
 
         In units of 1 over the square of the parameter's.
         """
@@ -88,9 +88,9 @@ class Fit:
         return 1.0 / max(float(noise[self.names.index(name)]), 1e-300)
 
     def is_changed_by(self, candidate: Candidate, columns: np.ndarray) -> bool:
-        """Whether data change where a candidate is taken out, by more than the noise of one residual.
+        """Whether data change where a candidate is removed, by more than the noise of one residual.
 
-        From its size to where it is absent; where that is at infinity, by as much as its own size.
+        From its size to where it is absent; where that is at infinity, by its own size.
 
         Parameters
         ----------
@@ -102,7 +102,7 @@ class Fit:
         return float(change @ change) > CRITERIA.min_change_chi2
 
     def error(self, names: Sequence[str]) -> np.ndarray:
-        """Standard errors of these parameters, jointly with all others; infinite where no derivative tells."""
+        """Standard errors of these parameters, jointly with all others; infinite where the derivative is zero."""
         if not self.names:
             return np.full(len(names), np.inf)
         covariance, _, _ = self._sandwich
@@ -110,9 +110,9 @@ class Fit:
         return known[[self.names.index(name) for name in names]]
 
     def inflation(self, names: Sequence[str]) -> float:
-        """Variance of what these parameters change, over what the noise alone makes, the largest; 1 where that is all.
+        """Largest variance of what these parameters change over that by the noise alone; at least 1.
 
-        Of what they change beside all other parameters, in whatever combination: some of them may not be told apart.
+        Of their changes beside all other parameters, in any combination: some of them may be indistinguishable.
         """
         own = np.isin(self.names, names)
         others = Projection(np.column_stack([self.columns[:, ~own], self.nuisances]))

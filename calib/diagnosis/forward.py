@@ -10,7 +10,7 @@ from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.evidence import Evidence, clocks_differ
 from calib.diagnosis.excess import chi2_std, dominant, excess_chi2
 from calib.diagnosis.fit import Fit
-from calib.diagnosis.noise import ORDER
+from calib.diagnosis.noise import MAX_ORDER
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.rejection import extension, rejection
 from calib.diagnosis.remainder import remainder
@@ -111,5 +111,5 @@ def _differs(one: Evidence, other: Evidence) -> bool:
     """Whether the same records have another noise: its level, its autocorrelation, or what clocks add to it."""
     pairs = [pair for p, q in zip(one.parts, other.parts, strict=True) for pair in zip(p.noise, q.noise, strict=True)]
     levels = [abs(p.sigma / q.sigma - 1.0) for p, q in pairs]
-    correlations = [np.abs(p.autocorrelation(ORDER) - q.autocorrelation(ORDER)).max() for p, q in pairs]
+    correlations = [np.abs(p.autocorrelation(MAX_ORDER) - q.autocorrelation(MAX_ORDER)).max() for p, q in pairs]
     return clocks_differ(one, other) or bool(max((*levels, *correlations), default=0.0) > CRITERIA.max_noise_change)

@@ -10,7 +10,7 @@ from calib.diagnosis.bench import SimulatedRows
 from calib.diagnosis.clock import clock_sensitivity
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.noise import (
-    LEAST_CYCLES,
+    MIN_CYCLES,
     Noise,
     Remainder,
     Repeating,
@@ -70,8 +70,8 @@ def gathered(
     references, rows : by record
     cycle : of each record's motion, in periods
     simulated : by record
-    left : what no fit explains, by record: the noise of what does not repeat is judged by it; None: by what the
-        simulations leave
+    left : what no fit explains, by record, from which the noise of rows without cycles is estimated; None: from what
+        the simulations leave
     outliers : record -> (row, n) whether a sample is an outlier; None: none is
     clocks : as `clock_slopes` gives them; None: all clocks are right
     """
@@ -154,7 +154,7 @@ def _used(simulated: SimulatedRows, rows: Sequence[tuple[str, str]], good: np.nd
 
 
 def _mended(measured: np.ndarray, simulated: np.ndarray, good: np.ndarray) -> np.ndarray:
-    """Measured rows (row, n) with outliers replaced by what the samples about them say of the residual."""
+    """Measured rows (row, n) with outliers replaced by the simulation and the median residual about them."""
     residual = measured - simulated
     return np.where(good, measured, simulated + smoothed(residual))
 
@@ -169,11 +169,11 @@ def _measured(reference: Reference, rows: Sequence[tuple[str, str]]) -> np.ndarr
 def _repeating(reference: Reference, compared: _ComparedRows, cycle: int) -> dict[tuple[str, str], Noise]:
     """Noise of the rows whose cycles show it: what the mean cycle of the residual leaves.
 
-    What the model lacks repeats, and is in the mean cycle; or it changes slowly, and is no noise either.
+    A model error is periodic, and in the mean cycle; or it changes slowly, and is no noise either.
     """
     residual, rows, weight = compared.mended - compared.simulated, compared.rows, compared.weight
     period, time = reference.excitation.period, reference.record.time.values
-    if period is None or not rows or time[-1] - time[0] < LEAST_CYCLES * cycle * period:
+    if period is None or not rows or time[-1] - time[0] < MIN_CYCLES * cycle * period:
         return {}
     mean = mean_cycle(time, residual, period, cycle, weight=weight)
     changes = _slow_changes(time, compared.simulated)

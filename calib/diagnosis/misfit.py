@@ -1,4 +1,4 @@
-"""What the calibrated model gets wrong, in numbers."""
+"""The misfit of the calibrated model: deviations of features, and residuals by channel."""
 
 import math
 from collections.abc import Sequence
@@ -14,8 +14,8 @@ from calib.objective import FeatureValue
 from calib.records.cycles import harmonics, mean_cycle
 from calib.study import Pool
 
-NOISE_DRAWS = 40  # for the standard errors of the features
-MAX_ORDER = 12  # of the residual's harmonics
+NOISE_DRAWS = 40  # for the standard errors of the features  [count]
+MAX_HARMONIC = 12  # order of the residual's harmonics  [1]
 
 
 @dataclass(frozen=True)
@@ -24,10 +24,10 @@ class Deviation:
 
     Attributes
     ----------
-    label, record, body, unit : what, of which record and body, in which unit
+    label, record, body, unit : name of the feature, of which record and body, in which unit
     measured, simulated, error : values, and the standard error of the measured one by the noise; simulated None where
-        the simulation shows no such thing
-    z : what the simulation predicts of it, noise and sampling included, less measured, in standard errors; None where
+        the simulation has no such feature
+    z : predicted value, noise and sampling included, less the measured one, in standard errors; None where
         one of the three is missing
     """
 
@@ -49,8 +49,8 @@ class ChannelMisfit:
     ----------
     record, body, channel : whose
     rms, noise : root mean square of measured less simulated, and of the noise  [unit of the channel]
-    orders : (MAX_ORDER + 1,) amplitude of the residual's harmonics, 0 the mean; empty without a period
-    floor : amplitude that noise has on average
+    orders : (MAX_HARMONIC + 1,) amplitude of the residual's harmonics, 0 the mean; empty without a period
+    floor : amplitude of noise on average
     """
 
     record: str
@@ -64,7 +64,7 @@ class ChannelMisfit:
 
 @dataclass(frozen=True, eq=False)
 class Misfit:
-    """What the calibrated model gets wrong.
+    """The misfit of the calibrated model.
 
     Attributes
     ----------
@@ -81,18 +81,18 @@ def misfit(pool: Pool, bench: Bench, evidence: Evidence, null: Fit, seed: int) -
     runs = [Run(name, null.point.values) for name in evidence.names]
     views = dict(zip(evidence.names, simulated(pool, runs), strict=True))
     rng = np.random.default_rng(seed)
-    features = [d for part in evidence.parts for d in features_beside(bench, part, views[part.name], rng)]
+    features = [d for part in evidence.parts for d in feature_deviations(bench, part, views[part.name], rng)]
     features.sort(key=lambda deviation: -abs(deviation.z or 0.0))
     channels = [c for part in evidence.parts for c in _channels(part, null.point.simulated[part.name])]
     return Misfit(tuple(features), tuple(channels))
 
 
-def features_beside(bench: Bench, part: Part, view: SimulatedRows, rng: np.random.Generator) -> list[Deviation]:
-    """Features of a record beside those that the model predicts of it, noise and sampling included.
+def feature_deviations(bench: Bench, part: Part, view: SimulatedRows, rng: np.random.Generator) -> list[Deviation]:
+    """Deviations of the features of a record from those that the model predicts, noise and sampling included.
 
-    Noise is laid over the simulation at the record's own instants, and features are taken of that as they are of the
-    record. Their mean is what the model predicts of the measured value - a magnitude gains by noise, a peak between two
-    samples is missed by both - and their standard deviation its standard error.
+    Noise is added to the simulation at the record's own instants, and features are evaluated as of the record. Their
+    mean is the prediction of the measured value - noise increases a magnitude, sampling misses a peak between two
+    samples in both - and their standard deviation its standard error.
 
     Parameters
     ----------
@@ -111,16 +111,17 @@ def features_beside(bench: Bench, part: Part, view: SimulatedRows, rng: np.rando
     return [_deviation(feature, drawn.get((feature.label, feature.body), [])) for feature in view.features]
 
 
-def _deviation(feature: FeatureValue, apart: Sequence[float]) -> Deviation:
-    """Compare a feature by what draws of its prediction lie `apart` from the measured value."""
-    error = math.hypot(np.std(apart), feature.resolution) if len(apart) > NOISE_DRAWS // 2 else np.nan
-    z = float(np.mean(apart)) / error if feature.simulated is not None and error > 0.0 else None
+def _deviation(feature: FeatureValue, differences: Sequence[float]) -> Deviation:
+    """Compare a feature by the differences of draws of its prediction from the measured value."""
+    error = math.hypot(np.std(differences), feature.resolution) if len(differences) > NOISE_DRAWS // 2 else np.nan
+    z = float(np.mean(differences)) / error if feature.simulated is not None and error > 0.0 else None
     return Deviation(
         feature.label, feature.record, feature.body, feature.unit, feature.measured, feature.simulated, error, z
     )
 
 
 def _channels(part: Part, view: SimulatedRows) -> list[ChannelMisfit]:
+    """Residuals of the channels of a record that are compared."""
     channels = []
     for index, ((body, channel), noise) in enumerate(zip(part.rows, part.noise, strict=True)):
         if not part.used[index].any():
@@ -130,7 +131,7 @@ def _channels(part: Part, view: SimulatedRows) -> list[ChannelMisfit]:
         orders, floor = np.zeros(0), 0.0
         if part.period is not None:
             loop = mean_cycle(part.time, (residual * weight)[None], part.period).loop[0]
-            orders = np.concatenate([[abs(loop.mean())], np.abs(harmonics(loop, MAX_ORDER))])
+            orders = np.concatenate([[abs(loop.mean())], np.abs(harmonics(loop, MAX_HARMONIC))])
             floor = float(noise.sigma * np.sqrt(2.0 / part.time.size))
         rms = float(np.sqrt(((residual * weight) ** 2).sum() / max(1.0, (weight**2).sum())))
         channels.append(ChannelMisfit(part.name, body, channel, rms, noise.sigma, orders, floor))

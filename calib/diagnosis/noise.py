@@ -1,14 +1,14 @@
 """The noise of the measured channels: its level and its autocorrelation.
 
-Where a record holds several cycles of a motion that returns, what is left about the mean cycle is noise, whatever the
-model gets wrong (`calib.records.cycles.mean_cycle`: of the samples as they were measured). Where it does not, the
-autocorrelation of the noise is taken from records that do and that are sampled as fast, and its level from the fastest
-part of the residual; where there is no such record, both are read off the residual that is left when everything that is
-known to the diagnosis has been fitted to it. A level that the record states comes before all of these. Where the
-variance of what is left exceeds the stated one by more than a sample of such noise may, and by more than a stated level
-may be wrong, it holds errors of the model: to take their autocorrelation for that of the noise would whiten away what
-is looked for. Such noise is taken as white, and the scores over segments (see `score`) widen what autocorrelation of
-either would make too sure.
+Where a record holds several cycles of a periodic motion, the residual about the mean cycle is noise, whatever the model
+error (`calib.records.cycles.mean_cycle`: of the samples as they were measured). Where it does not, the autocorrelation
+of the noise is taken from records that do and that have the same sampling interval, and its level from the differences
+of neighbouring residuals; where there is no such record, both are estimated from the residual that remains when all
+candidates have been fitted to it. A level that the record states has precedence over all of these. Where the variance
+of that residual exceeds the stated one by more than sampling allows, and by more than a stated level may be wrong, it
+contains model error: whitening by its autocorrelation would remove the effects in question. Such noise is taken as
+white, and the scores over segments (see `score`) widen the errors that the autocorrelation of either would make too
+small.
 """
 
 import math
@@ -25,14 +25,15 @@ from scipy.sparse import dia_array
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.score import Projection
 
-ORDER = 12  # highest of the autoregression
-SAMPLES_PER_COEFFICIENT = 8  # of it, at least
-FIXED_POINT_STEPS = 6  # of the correction for what a fit absorbs
+MAX_ORDER = 12  # of the autoregression  [samples]
+SAMPLES_PER_COEFFICIENT = 8  # of it, at least  [count]
+FIXED_POINT_STEPS = 6  # of the correction for what a fit absorbs  [count]
 NOTHING_ABSORBED = np.zeros((1, 1))  # by a fit, at lag 0
-LEAST_CYCLES = 2.25  # of a record that shows its noise from cycle to cycle
-LEAST = 1e-6  # of a channel's root mean square: noise below that is none, and the model's accuracy counts
-QUICK = 0.6052697  # median |2 x_i - x_(i-2) - x_(i+2)| to standard deviation (Stoehr et al. 2008, DER_SNR)
-SAME_STEP = 0.01  # relative difference of two sampling intervals that count as one
+MIN_CYCLES = 2.25  # of a record whose noise is estimated from cycle to cycle  [count]
+MIN_LEVEL = 1e-6  # of the noise over a channel's root mean square  [1]: below it the accuracy of the simulation counts
+DER_SNR_FACTOR = 0.6052697  # standard deviation over median |2 x_i - x_(i-2) - x_(i+2)| (Stoehr et al. 2008, DER_SNR)
+MAX_INTERVAL_DIFFERENCE = 0.01  # relative, of two sampling intervals that count as equal  [1]
+MAX_ROOT = 0.9999  # magnitude of the roots of a stable autoregression  [1]
 STATED, CYCLIC, RESIDUAL = "stated in the record", "cycle to cycle", "the residual"
 
 
@@ -44,8 +45,8 @@ class Noise:
     ----------
     sigma : standard deviation  [unit of the channel]
     ar : (order,) coefficients of its autoregression  [1]
-    source : where the level comes from
-    repeated : whether the autoregression is of cycles that repeat, not of what a fit leaves
+    source : from which the level is estimated
+    repeated : whether the autoregression is estimated from cycle to cycle, not from what a fit leaves
     """
 
     sigma: float
@@ -55,12 +56,12 @@ class Noise:
 
     @property
     def is_independent(self) -> bool:
-        """Whether it is known otherwise than as what a fit leaves: then a fit can be seen to leave more than noise."""
+        """Whether it is known otherwise than from what a fit leaves: then a fit can be tested for leaving more."""
         return self.source != RESIDUAL or self.repeated
 
     @property
     def innovation(self) -> float:
-        """Standard deviation of what is new in each sample, over that of the noise  [1]."""
+        """Standard deviation of the innovation of each sample, over that of the noise  [1]."""
         return math.sqrt(max(1e-12, 1.0 - float(self.ar @ _correlations(self.ar))))
 
     def autocorrelation(self, lags: int) -> np.ndarray:
@@ -84,40 +85,40 @@ class Noise:
 
     @cached_property
     def _predictors(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of a sample from the 0, 1, ..., order samples before it: coefficients (order + 1, order), what is new in it.
+        """Of a sample from the 0, 1, ..., order samples before it: coefficients (order + 1, order), and innovations.
 
         By the equations of Yule and Walker; the last of them is the autoregression itself.
         """
         order, rho = self.ar.size, self.autocorrelation(self.ar.size + 1)
-        coefficients, new = np.zeros((order + 1, order)), np.ones(order + 1)
+        coefficients, innovation = np.zeros((order + 1, order)), np.ones(order + 1)
         for known in range(1, order + 1):
             own = self.ar if known == order else solve_toeplitz(rho[:known], rho[1 : known + 1])
             coefficients[known, :known] = own
-            new[known] = math.sqrt(max(1e-12, 1.0 - float(own @ rho[1 : known + 1])))
-        return coefficients, self.sigma * new
+            innovation[known] = math.sqrt(max(1e-12, 1.0 - float(own @ rho[1 : known + 1])))
+        return coefficients, self.sigma * innovation
 
     def _bands(self, weight: np.ndarray) -> np.ndarray:
         """Diagonals (order + 1, n), from the main one down, of the matrix that whitens rows.
 
-        Each sample is predicted from those just before it, as far as all of them count as much as it does: what is
-        known of it may not rest on what is less to be trusted. After a gap the prediction begins anew.
+        Each sample is predicted from those just before it, as far as all of them have at least its weight: its
+        prediction may not rest on less reliable samples. After a gap the prediction begins again.
         """
         order, n = self.ar.size, weight.size
-        known, goes_on = np.zeros(n, dtype=int), weight > 0.0
+        known, usable = np.zeros(n, dtype=int), weight > 0.0
         for lag in range(1, min(order, n - 1) + 1):
-            goes_on = goes_on & np.concatenate([np.zeros(lag, dtype=bool), weight[:-lag] >= weight[lag:]])
-            known += goes_on
-        coefficients, new = self._predictors
+            usable = usable & np.concatenate([np.zeros(lag, dtype=bool), weight[:-lag] >= weight[lag:]])
+            known += usable
+        coefficients, innovation = self._predictors
         bands = np.zeros((order + 1, n))
-        bands[0] = 1.0 / new[known]
+        bands[0] = 1.0 / innovation[known]
         for lag in range(1, min(order, n - 1) + 1):
-            bands[lag, :-lag] = -(coefficients[known, lag - 1] / new[known])[lag:]
+            bands[lag, :-lag] = -(coefficients[known, lag - 1] / innovation[known])[lag:]
         return bands
 
     def whitened(self, rows: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """Rows (..., n) in units of the noise, whitened and weighted (n,).
 
-        Of such noise they are white, and of variance weight^2.
+        Rows of such noise become white, of variance weight^2.
         """
         if not self.ar.size:
             return rows * weight / self.sigma
@@ -127,30 +128,30 @@ class Noise:
     def coloured(self, white: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """Undo `whitened` for rows (..., n) where the weight (n,) is not 0; 0 elsewhere."""
         counts = weight > 0.0
-        even = np.divide(white, weight, out=np.zeros(white.shape), where=counts)
+        unweighted = np.divide(white, weight, out=np.zeros(white.shape), where=counts)
         if not self.ar.size:
-            return even * self.sigma
-        bands, flat = self._bands(weight), even.reshape(-1, weight.size).T
+            return unweighted * self.sigma
+        bands, flat = self._bands(weight), unweighted.reshape(-1, weight.size).T
         return solve_banded((self.ar.size, 0), bands, flat).T.reshape(white.shape) * counts
 
     def within(self, residual: np.ndarray, weight: np.ndarray) -> "Noise":
-        """Return it no larger than a residual (n,) of this weight (n,), unless its level is known otherwise."""
+        """Return the noise, no larger than a residual (n,) of this weight (n,) unless its level is known otherwise."""
         if self.source != RESIDUAL:
             return self
-        new = self.whitened(residual, weight)
-        share = float(new @ new) / max(1.0, float(weight @ weight))
+        white = self.whitened(residual, weight)
+        share = float(white @ white) / max(1.0, float(weight @ weight))
         return replace(self, sigma=self.sigma * math.sqrt(min(1.0, share)))
 
     def drawn(self, rng: np.random.Generator, size: int) -> np.ndarray:
         """Draw noise (size,)."""
         lead = 20 * (self.ar.size + 1)
-        new = self.sigma * self.innovation * rng.standard_normal(size + lead)
-        return lfilter([1.0], np.concatenate([[1.0], -self.ar]), new)[lead:]
+        innovations = self.sigma * self.innovation * rng.standard_normal(size + lead)
+        return lfilter([1.0], np.concatenate([[1.0], -self.ar]), innovations)[lead:]
 
 
 @dataclass(frozen=True, eq=False)
 class Repeating:
-    """Noise of a record whose cycles show it, by row, and the interval between its samples [s]."""
+    """Noise of a record that is estimated from its cycles, by row, and the interval between its samples [s]."""
 
     step: float
     noise: Mapping[tuple[str, str], Noise]
@@ -163,9 +164,9 @@ class Remainder:
     Attributes
     ----------
     rows : (row, n)  [unit of the row]
-    whole : (row, n) what is left before the candidates are fitted: that the noise does not exceed
+    whole : (row, n) what is left before the candidates are fitted, which bounds the noise
     absorbed : (row, lag, lag) by how much the fit lowers the expected sum of the products of residuals l samples apart,
-        for each unit of the noise's autocovariance at lag j  [1]; at l = j = 0 the degrees of freedom that it takes
+        per unit of the noise's autocovariance at lag j  [1]; at l = j = 0 its degrees of freedom
     """
 
     rows: np.ndarray
@@ -173,21 +174,21 @@ class Remainder:
     absorbed: np.ndarray
 
     def scaled(self, row: int, weight: np.ndarray, ar: np.ndarray) -> np.ndarray:
-        """Return a row (n,) as large as noise of known autoregression is on average, of samples of this weight (n,)."""
+        """Return a row (n,) scaled to the mean square of noise of this autoregression, of this weight (n,)."""
         counted = float((weight**2).sum())
         taken = _taken(self.absorbed[row], ar, 1)[0]
         return self.rows[row] * math.sqrt(counted / max(1.0, counted - taken))
 
 
 def absorbed_by(basis: np.ndarray) -> np.ndarray:
-    """What a projection P on an orthonormal basis, of which a row has this part (n, k), absorbs: see `Remainder`.
+    """What a projection P on an orthonormal basis absorbs of a row, which has this part (n, k) of it: see `Remainder`.
 
     With D_j the matrix of ones between samples j apart, the products of residuals l apart are e' D_l e / 2 and their
-    expectation for each unit of the autocovariance at lag j is tr(D_l (1 - P) D_j (1 - P)) / 2; less that without P.
-    What a shift moves beyond the ends of the row is left out of tr(P D_l D_j). Source: Worsley et al., NeuroImage 15
+    expectation per unit of the autocovariance at lag j is tr(D_l (1 - P) D_j (1 - P)) / 2; less that without P. What a
+    shift moves beyond the ends of the row is omitted from tr(P D_l D_j). Source: Worsley et al., NeuroImage 15
     (2002) 1, section 2.3.
     """
-    n, lags = len(basis), np.arange(min(ORDER, (len(basis) - 1) // 2) + 1)
+    n, lags = len(basis), np.arange(min(MAX_ORDER, (len(basis) - 1) // 2) + 1)
     shifted = [basis[lag:].T @ basis[: n - lag] for lag in range(2 * lags.size)]
     sums = 2.0 * np.array([np.trace(product) for product in shifted])
     once = sums[np.abs(lags[:, None] - lags)] + sums[lags[:, None] + lags]  # tr(P D_l D_j), where D_0 counted twice
@@ -204,14 +205,14 @@ def from_cycles(
     stated: float | None,
     slow: Sequence[np.ndarray] = (),
 ) -> Noise:
-    """Noise of one channel from what its cycles leave about their mean.
+    """Noise of one channel from the residual about its mean cycle.
 
     Parameters
     ----------
     residual, weight, measured : (n,)
-    parameters : of the mean cycle, which take as many degrees of freedom
-    slow : columns (n, k) of changes of the motion from cycle to cycle that would be no noise; those of one of them are
-        taken out where Schwarz's criterion asks for it
+    parameters : number of the mean cycle's, which take as many degrees of freedom
+    slow : sets of columns (n, k) of changes of the motion from cycle to cycle that are no noise; one set is projected
+        out where that lowers Schwarz's criterion
     """
     taken = (np.zeros((residual.size, 0)), *slow)
     known = (_about_mean(residual, weight, measured, parameters, Projection(c * weight[:, None])) for c in taken)
@@ -228,10 +229,11 @@ def _about_mean(
 ) -> tuple[Noise, float, float]:
     """Noise about the mean cycle and slow changes of it, its degrees of freedom, and Schwarz's criterion.
 
-    The criterion is of as many samples whatever slow changes are taken out: what is better does not depend on the unit.
+    The criterion is of the same number of samples whatever slow changes are projected out: which is better does not
+    depend on the unit.
     """
     counted = float((weight**2).sum())
-    about = max(counted - parameters, 1.0)  # samples that are free about the mean cycle
+    about = max(counted - parameters, 1.0)  # degrees of freedom about the mean cycle
     free = max(about - slow.rank, 1.0)
     left = np.where(weight > 0.0, slow(residual * weight) / np.maximum(weight, 1e-300), 0.0)
     table = absorbed_by(slow.basis) if slow.rank else NOTHING_ABSORBED
@@ -244,32 +246,33 @@ def _about_mean(
 
 
 def _of_unit_innovations(noise: Noise, residual: np.ndarray, weight: np.ndarray, free: float, least: float) -> Noise:
-    """Return it with the level at which the residual (n,), once whitened, has unit variance in this record.
+    """Return the noise with the level at which the whitened residual (n,) has unit variance in this record.
 
-    The misfit of the same samples is judged by it.
+    The misfit of the same samples is measured in that unit.
 
     Parameters
     ----------
     free : degrees of freedom of the residual  [1]
-    least : level that noise has at least  [unit of the channel]
+    least : least level of noise  [unit of the channel]
     """
-    new = noise.whitened(residual, weight)
-    return replace(noise, sigma=max(noise.sigma * math.sqrt(float(new @ new) / free), least))
+    white = noise.whitened(residual, weight)
+    return replace(noise, sigma=max(noise.sigma * math.sqrt(float(white @ white) / free), least))
 
 
 def _beside_stated(noise: Noise, stated: float, free: float, tolerated: float = 0.0) -> Noise:
     """Return noise that was estimated with so many degrees of freedom, of which the record states the level.
 
-    A stated level is that of the noise as a whole. Where the noise is autocorrelated, its innovation is judged by, and
-    that the residual tells better: the level of a sample of such noise is off by chance, its innovation hardly.
-    Many cycles tell the level better, too, than it is stated, and what comes on top of it, as by a clock that jitters.
+    A stated level is that of the noise as a whole. Where the noise is autocorrelated, the misfit is measured by its
+    innovation, which the residual determines better: the level of a sample of such noise varies by chance, its
+    innovation hardly. Many cycles, too, determine the level better than it is stated, with additional noise such as
+    that of a jittering clock.
 
-    tolerated : departure of the variance from the stated one, relative, by which a statement may be off  [1]
+    tolerated : relative error of a stated variance that is allowed for  [1]
     """
     chance = CRITERIA.significance_std * noise.mean_square_std(free)
-    off = abs((noise.sigma / stated) ** 2 - 1.0)
-    own = max(chance, off) < tolerated or (noise.ar.size > 0 and off < chance)
-    return replace(noise, sigma=noise.sigma if own else stated, source=STATED)
+    departure = abs((noise.sigma / stated) ** 2 - 1.0)
+    is_estimate_better = max(chance, departure) < tolerated or (noise.ar.size > 0 and departure < chance)
+    return replace(noise, sigma=noise.sigma if is_estimate_better else stated, source=STATED)
 
 
 def from_residual(
@@ -298,42 +301,46 @@ def from_residual(
 def with_autoregression(
     ar: np.ndarray, residual: np.ndarray, weight: np.ndarray, measured: np.ndarray, stated: float | None
 ) -> Noise:
-    """Noise of known autoregression; its level from the fastest part of the residual."""
+    """Noise of known autoregression; its level from the differences of neighbouring residuals."""
     if stated is not None:
         return Noise(stated, ar, STATED, repeated=True)
-    new = Noise(1.0, ar, RESIDUAL).whitened(residual, weight)
-    quick = np.abs(2.0 * new[2:-2] - new[:-4] - new[4:])
-    level = QUICK * float(np.median(quick))
+    white = Noise(1.0, ar, RESIDUAL).whitened(residual, weight)
+    differences = np.abs(2.0 * white[2:-2] - white[:-4] - white[4:])
+    level = DER_SNR_FACTOR * float(np.median(differences))
     return Noise(max(level, _least(measured)), ar, RESIDUAL, repeated=True)
 
 
-def _noise(series, weight, measured, source, absorbed=NOTHING_ABSORBED) -> Noise:
+def _noise(
+    series: np.ndarray, weight: np.ndarray, measured: np.ndarray, source: str, absorbed: np.ndarray = NOTHING_ABSORBED
+) -> Noise:
+    """Noise of one channel by the level and the autoregression of a series (n,)."""
     ar, variance = _autoregression(series, weight, absorbed)
     return Noise(max(math.sqrt(variance), _least(measured)), ar, source)
 
 
 def _least(measured: np.ndarray) -> float:
-    return LEAST * float(np.sqrt(np.mean(measured**2))) or 1e-300
+    """Least level of the noise of a channel  [its unit]."""
+    return MIN_LEVEL * float(np.sqrt(np.mean(measured**2))) or 1e-300
 
 
 def _autoregression(series: np.ndarray, weight: np.ndarray, absorbed: np.ndarray) -> tuple[np.ndarray, float]:
     """Coefficients by least squares, of the order that Schwarz's criterion (1978) chooses; the variance.
 
     A fit leaves residuals that are correlated though the noise is white. What its projection absorbs of the products of
-    residuals is added to them: of white noise at first, then of the noise that has come out (the correction of Worsley
-    et al., NeuroImage 15 (2002) 1, section 2.3, by fixed-point iteration: solved for at once it would fill the
-    frequencies that a fit takes out whole). Only the degrees of freedom that it leaves count.
+    residuals is added to them: that of white noise at first, then that of the estimated noise (the correction of
+    Worsley et al., NeuroImage 15 (2002) 1, section 2.3, by fixed-point iteration: a direct solution would fill the
+    frequencies that a fit removes completely). Only the remaining degrees of freedom count.
     """
     n, total = series.size, float((weight**2).sum())
     freedom = max(1.0, total - absorbed[0, 0])
-    moments, windows = _moments(series, weight, min(ORDER, int(freedom) // SAMPLES_PER_COEFFICIENT))
+    moments, windows = _moments(series, weight, min(MAX_ORDER, int(freedom) // SAMPLES_PER_COEFFICIENT))
     lags, mean_square = range(len(moments)), float(((series * weight) ** 2).sum()) / max(1.0, total)
     both = np.array([max(1.0, float((weight[lag:] * weight[: n - lag]).sum())) for lag in lags])
     ar, taken = np.zeros(0), _taken(absorbed, np.zeros(0), len(lags))
     for _ in range(FIXED_POINT_STEPS):
         variance = mean_square * total / max(1.0, total - taken[0])
-        before, mended = ar, moments + variance * toeplitz(taken / both)
-        ar = _of_moments(mended, windows * freedom / max(1.0, total))
+        before, corrected = ar, moments + variance * toeplitz(taken / both)
+        ar = _of_moments(corrected, windows * freedom / max(1.0, total))
         taken = _taken(absorbed, ar, len(lags))
         if np.array_equal(before, ar):
             break
@@ -341,10 +348,10 @@ def _autoregression(series: np.ndarray, weight: np.ndarray, absorbed: np.ndarray
 
 
 def _moments(series: np.ndarray, weight: np.ndarray, order: int) -> tuple[np.ndarray, float]:
-    """Mean products (order + 1, order + 1) of the samples that lie 0, 1, ..., order before each; how many each is of.
+    """Mean products (order + 1, order + 1) of the samples that lie 0, 1, ..., order before each; number of windows.
 
-    All are of the same windows of samples, those without a gap, so that they are the moments of something: estimated
-    each from all pairs that there are, those of noise of long correlation are not, though a single sample is missing
+    All are of the same windows of samples, those without a gap, so that their matrix is positive semi-definite:
+    estimated each from all available pairs, that of noise of long correlation is not, though a single sample is missing
     (Broersen, de Waele & Bos, Automatica 40 (2004) 1495). The order is the highest, up to the given one, for which such
     windows are half of the samples, and SAMPLES_PER_COEFFICIENT for each coefficient.
     """
@@ -379,7 +386,8 @@ def _of_moments(moments: np.ndarray, freedom: float) -> np.ndarray:
 
 
 def _stable(ar: np.ndarray) -> bool:
-    return bool(np.abs(np.roots(np.concatenate([[1.0], -ar]))).max(initial=0.0) < 0.9999)
+    """Whether an autoregression is stationary."""
+    return bool(np.abs(np.roots(np.concatenate([[1.0], -ar]))).max(initial=0.0) < MAX_ROOT)
 
 
 def _correlations(ar: np.ndarray) -> np.ndarray:
@@ -395,16 +403,16 @@ def _correlations(ar: np.ndarray) -> np.ndarray:
 
 
 def shared(noises: Iterable[Repeating], row: tuple[str, str], step: float) -> np.ndarray | None:
-    """Memory of the same channel of the same body in another record, else of the same channel of another body.
+    """Autoregression of the same channel of the same body in another record, else of the channel of another body.
 
-    An autoregression belongs to the interval between its samples: only records that are sampled as fast share it.
+    It belongs to the interval between its samples: only records of the same interval share it. None without one.
 
     Parameters
     ----------
-    noises : of the rows of each record that repeats
+    noises : of the rows of each record with cycles
     step : interval between the samples of the record that needs one  [s]
     """
-    alike = [known.noise for known in noises if abs(known.step - step) <= SAME_STEP * step]
-    own = [noise[row].ar for noise in alike if row in noise]
-    others = [n.ar for noise in alike for (_, channel), n in noise.items() if channel == row[1]]
+    comparable = [known.noise for known in noises if abs(known.step - step) <= MAX_INTERVAL_DIFFERENCE * step]
+    own = [noise[row].ar for noise in comparable if row in noise]
+    others = [n.ar for noise in comparable for (_, channel), n in noise.items() if channel == row[1]]
     return next(iter((*own, *others)), None)

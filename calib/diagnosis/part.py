@@ -1,6 +1,5 @@
 """One measured record as a diagnosis compares it: its rows, their noise, and what belongs to it alone."""
 
-import itertools
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -12,12 +11,12 @@ from calib.diagnosis.clock import CLOCK_RATE_STD, clock_sensitivity
 from calib.diagnosis.noise import Noise
 from calib.diagnosis.score import variance_along
 
-MIN_SEGMENTS = 20  # of a record, whose scores are taken as independent
+MIN_SEGMENTS = 20  # of a record, whose scores count as independent  [count]
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """One record as a diagnosis looks at it.
+    """One record as a diagnosis compares it.
 
     Attributes
     ----------
@@ -26,8 +25,8 @@ class Part:
     time : (n,)  [s]
     measured : (row, n), each in its unit
     period : of the excitation [s], None without one
-    cycle : of the motion, in periods
-    nuisance : names of what belongs to this measurement alone
+    cycle : of the motion, in periods of the excitation
+    nuisance : names of the nuisances of this measurement
     noise : of each row
     used : (row, n) whether a sample is compared: not what the excitation prescribes, and no outlier
     weight : (row, n) in [0, 1], 0 where a sample is not compared
@@ -51,33 +50,34 @@ class Part:
 
     @property
     def compared_noise(self) -> tuple[Noise, ...]:
-        """Noise of the rows that are compared: of one that the excitation prescribes nothing is known."""
-        return tuple(itertools.compress(self.noise, self.used.any(axis=1)))
+        """Noise of the rows that are compared: a row that the excitation prescribes has none."""
+        return tuple(noise for noise, used in zip(self.noise, self.used, strict=True) if used.any())
 
     def white(self, rows: np.ndarray) -> np.ndarray:
         """Rows (row, n) in units of the noise, one after the other (row * n,)."""
-        return self._shrunk(self._whitened(rows), 1.0)
+        return self.shrunk(self.whitened(rows), 1.0)
 
-    def _whitened(self, rows: np.ndarray) -> np.ndarray:
+    def whitened(self, rows: np.ndarray) -> np.ndarray:
+        """Rows (row, n) in units of the noise without the uncertainty of the clock (row * n,)."""
         parts = [noise.whitened(row, w) for noise, row, w in zip(self.noise, rows, self.weight, strict=True)]
         return np.concatenate(parts)
 
     def of_row(self, columns: np.ndarray, row: int) -> np.ndarray:
         """Whitened columns (row * n, k) of what changes one of the rows alone."""
         alone = np.repeat(np.arange(len(self.rows)) == row, self.time.size)
-        return self._shrunk(alone[:, None] * self._shrunk(columns, -1.0), 1.0)
+        return self.shrunk(alone[:, None] * self.shrunk(columns, -1.0), 1.0)
 
     def restored(self, columns: np.ndarray) -> np.ndarray:
         """Undo `white`: columns (row * n, k) to (row, n, k) in the units of the rows; 0 where nothing counts."""
-        blocks = zip(self.noise, np.split(self._shrunk(columns, -1.0), len(self.rows)), self.weight, strict=True)
+        blocks = zip(self.noise, np.split(self.shrunk(columns, -1.0), len(self.rows)), self.weight, strict=True)
         return np.array([noise.coloured(block.T, weight).T for noise, block, weight in blocks])
 
-    def _shrunk(self, columns: np.ndarray, power: float) -> np.ndarray:
-        """Columns (row * n,) or (row * n, k) in units of the noise and of what the clock's rate adds to it.
+    def shrunk(self, columns: np.ndarray, power: float) -> np.ndarray:
+        """Columns (row * n,) or (row * n, k) in units of the noise and of the uncertainty of the clock's rate.
 
-        Along t, the change of the rows with one standard deviation of the rate, the variance is s^2 + |t|^2, where what
-        a model leaves alone would make it s^2; times the inverse root of their ratio to a power. An error of the model
-        that is larger than the clock's hides the clock, not the other way round.
+        Along t, the change of the rows with one standard deviation of the rate, the variance is s^2 + |t|^2, where the
+        remainder of a model alone would make it s^2; the columns are scaled along t by the inverse root of their ratio,
+        to a power. A model error that is larger than the clock's masks the clock, not the other way round.
         """
         if self.clock is None:
             return columns
@@ -87,22 +87,23 @@ class Part:
 
     @cached_property
     def _clock_direction(self) -> tuple[np.ndarray, float]:
-        """Unit vector (row * n,) of what the clock's rate changes, and how much by a standard deviation of that.
+        """Unit vector (row * n,) of the change with the clock's rate, and the change by one standard deviation of that.
 
-        In units of the standard deviation that what a model leaves has along it.
+        In units of the standard deviation of the remainder of a model along it.
         """
-        column = CLOCK_RATE_STD / math.sqrt(self.variance_along_clock) * self._whitened(self.clock)
+        change = np.zeros_like(self.measured) if self.clock is None else self.clock
+        column = CLOCK_RATE_STD / math.sqrt(self.variance_along_clock) * self.whitened(change)
         length = float(np.linalg.norm(column))
         return column / max(length, 1e-300), length
 
     @property
     def clock_share(self) -> float:
-        """Share of the variance along what the clock's rate changes that the rate makes  [1]."""
+        """Share of the variance along the change with the clock's rate that is due to the rate  [1]."""
         length = 0.0 if self.clock is None else self._clock_direction[1]
         return length**2 / (1.0 + length**2)
 
     def with_remainder(self, residual: np.ndarray) -> "Part":
-        """Return the record with the variance along its clock of what a model leaves: residual (row * n,)."""
+        """Return the record with the variance of a model's residual (row * n,) along the change with its clock."""
         if self.clock is None or not residual.any():
             return self
         direction, _ = self._clock_direction
@@ -112,8 +113,8 @@ class Part:
     def tangents(self, simulated: SimulatedRows) -> np.ndarray:
         """Change of the simulated rows with each nuisance, in units of the noise (row * n, k).
 
-        The rate of the recorder's clock against that of the drive is one in every record of a steady tone: nothing
-        that repeats looks like it. In other records it is as uncertain as clocks are (`clock`).
+        The rate of the recorder's clock against that of the drive is one in every record of a steady tone: no periodic
+        change resembles it. In other records it has the uncertainty of clocks (`clock`).
         """
         rows, channel = simulated.rows, [c for _, c in self.rows]
         columns = [*simulated.initial, *([clock_sensitivity(self.time, rows)] if self.period is not None else [])]
@@ -142,6 +143,7 @@ class Part:
 
 
 def _only(rows: np.ndarray, index: int, value: float) -> np.ndarray:
+    """Rows (row, n) of zeros but for one, which has this value."""
     column = np.zeros_like(rows)
     column[index] = value
     return column

@@ -9,7 +9,7 @@ from calib.diagnosis.bench import Bench, Run, SimulatedRows, simulated
 from calib.diagnosis.candidate import Candidate, candidates
 from calib.diagnosis.clock import clock_slopes
 from calib.diagnosis.criteria import CRITERIA
-from calib.diagnosis.evidence import Evidence, clocks_differ, looked_at
+from calib.diagnosis.evidence import Evidence, clocks_differ, pairs_compared
 from calib.diagnosis.excess import chi2_std, dominant, excess_chi2
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.gates import Gate, above_noise, fine_enough, noise_known, same_kind, simulates
@@ -54,7 +54,7 @@ class Prepared:
 def bench_of(study: CalibrationStudy, others: Mapping[str, Reference]) -> Bench:
     """Return what the simulations of a diagnosis need of a study and of its other references."""
     objective = Objective({**study.objective.references, **others}, study.objective.terms)
-    return Bench(study.model, objective, looked_at(objective))
+    return Bench(study.model, objective, pairs_compared(objective))
 
 
 def prepared(

@@ -7,49 +7,49 @@ from calib.diagnosis.bench import SimulatedRows
 from calib.diagnosis.part import Part
 from calib.objective.outliers import MIN_DEVIATION, deviations, smoothed
 
-MAX_LEVEL_SHARE = 0.5  # levels over samples: fewer are steps of a converter
-MAX_LEVEL_ERROR = 1e-3  # distance of a level from whole steps that is rounding, over a step
+MAX_LEVEL_SHARE = 0.5  # levels over samples: fewer are steps of a converter  [1]
+MAX_LEVEL_ERROR = 1e-3  # distance of a level from whole steps over a step, up to which it is rounding  [1]
 
 
-def outliers(part: Part, seen: SimulatedRows) -> np.ndarray:
-    """Whether a sample (row, n) departs from those about it as no noise does.
+def outliers(part: Part, simulated: SimulatedRows) -> np.ndarray:
+    """Whether a sample (row, n) is an outlier.
 
-    Its residual stands MIN_DEVIATION standard deviations beyond the median about it, theirs do not, and so it is with
-    the measured channel itself: what the model lacks may leave spikes in the residual alone. What comes again in the
-    cycles before and after is no outlier either, but belongs to the motion, such as an impact at another time.
+    Its residual is MIN_DEVIATION standard deviations beyond the median about it, theirs are not, and the same holds for
+    the measured channel itself: a model error may leave spikes in the residual alone. What recurs in the cycles before
+    and after is no outlier either, but belongs to the motion, such as an impact at another time.
     """
     far = part.weight == 1.0
-    for rows in (part.measured, part.measured - seen.rows):
+    for rows in (part.measured, part.measured - simulated.rows):
         distance, sigma = deviations(rows)
         far &= distance > MIN_DEVIATION * np.maximum(sigma, 1e-300)
-    crowd = uniform_filter1d(far.astype(float), 3, axis=1) > 0.5  # a jump is no outlier
-    return far & ~crowd & ~_recurring(part, rows - smoothed(rows))
+    jump = uniform_filter1d(far.astype(float), 3, axis=1) > 0.5  # most samples about it depart too
+    return far & ~jump & ~_recurring(part, rows - smoothed(rows))
 
 
 def _recurring(part: Part, departure: np.ndarray) -> np.ndarray:
-    """Whether departures (row, n) come again, of the same sign and half as large, in most cycles before and after.
+    """Whether departures (row, n) recur, of the same sign and half as large, in most cycles before and after.
 
-    At the same phase, or a sample beside it. Two cycles on each side are looked at, as far as the record has them: in
+    At the same phase, or a sample beside it. Two cycles on each side are compared, as far as the record has them: in
     one cycle alone another outlier may be there by chance.
     """
     if part.period is None:
         return np.zeros(departure.shape, dtype=bool)
     highest, lowest = maximum_filter1d(departure, 3, axis=1), minimum_filter1d(departure, 3, axis=1)
-    cycles, again = np.zeros(part.time.size), np.zeros(departure.shape)
+    cycles, recurrences = np.zeros(part.time.size), np.zeros(departure.shape)
     for number in (-2, -1, 1, 2):
         time = part.time + number * part.cycle * part.period
-        there = np.searchsorted(0.5 * (part.time[1:] + part.time[:-1]), time)
+        nearest = np.searchsorted(0.5 * (part.time[1:] + part.time[:-1]), time)
         inside = (time >= part.time[0]) & (time <= part.time[-1])
-        alike = np.where(departure > 0.0, highest[:, there], -lowest[:, there]) > 0.5 * np.abs(departure)
+        similar = np.where(departure > 0.0, highest[:, nearest], -lowest[:, nearest]) > 0.5 * np.abs(departure)
         cycles += inside
-        again += inside & alike
-    return (again >= 0.5 * cycles) & (cycles > 0)
+        recurrences += inside & similar
+    return (recurrences >= 0.5 * cycles) & (cycles > 0)
 
 
 def rounding(part: Part) -> np.ndarray:
-    """Variance (row,) that a converter's steps make, over that of the row's noise; 0 where it shows none  [1].
+    """Variance (row,) of a converter's steps over that of the row's noise; 0 where there are none  [1].
 
-    They show where the samples lie on few levels that are whole steps apart; theirs is a twelfth of the
+    There are steps where the samples lie on few levels that are whole steps apart; their variance is a twelfth of the
     step squared (Widrow & Kollar, Quantization Noise, 2008, chapter 4).
     """
     shares = np.zeros(len(part.rows))

@@ -1,4 +1,4 @@
-"""A model fitted to the evidence with all its parameters, by the method of Gauss and Newton."""
+"""Fits of models to the evidence with all their parameters, by the method of Gauss and Newton."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -7,7 +7,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from calib.confidence.local import EDGE
-from calib.diagnosis.bench import SimulatedRows, Start, simulated
+from calib.diagnosis.bench import Run, SimulatedRows, Start, simulated
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.effort import Effort
 from calib.diagnosis.evidence import Evidence
@@ -19,18 +19,19 @@ from calib.modelling.parameter import Parameter, Space
 from calib.objective import INITIAL_STATE
 from calib.study import Pool
 
-MAX_STEPS = 30  # of a fit
-MIN_STEPS_BEFORE_ABANDONING = 5  # a fit that is predicted to attain no lower chi-square than another
-MAX_GAIN_RATIO = 2.0  # reduction that a step may bring at most, over the predicted one
+MAX_STEPS = 30  # of a fit  [count]
+MIN_STEPS_BEFORE_ABANDONING = 5  # a fit that is predicted to attain no lower chi-square than another  [count]
+MAX_GAIN_RATIO = 2.0  # reduction that a step may bring at most, over the predicted one  [1]
 MIN_REDUCTION = 0.1  # of chi-square, in units of the mean square: a step of a smaller predicted reduction ends a fit
-MIN_GAIN_RATIO = 0.25  # actual over predicted reduction: below it derivatives are taken anew, not only updated
-MAX_GAIN_ERROR = 0.1  # departure of the gain ratio from 1 beyond which updated derivatives do not end a fit
-SIMULATIONS_PER_SCORE = 4  # simulations of each record for the derivative by a candidate's parameter, as measured
-SWEEPS_PER_FIT, STEPS_PER_FIT = 1, 5  # of derivatives by all parameters, and of steps, as measured
-INITIAL_SIMULATIONS = 20  # of each record in a fit, where its initial state is a nuisance, as measured
-INITIAL_RELATIVE_STEP = 1e-3  # change of the rows by a step of the initial state, relative to their norm
-MAX_HALVINGS = 5  # of a step that does not reduce chi-square
-RIDGE = 1e-10  # on the normal equations, of unit diagonal: directions that the data do not know stay where they are
+MIN_GAIN_RATIO = 0.25  # actual over predicted reduction  [1]: below it derivatives are recomputed, not only updated
+MAX_GAIN_ERROR = 0.1  # departure of the gain ratio from 1 beyond which updated derivatives do not end a fit  [1]
+SIMULATIONS_PER_SCORE = 4  # of each record for the derivative by a candidate's parameter, as measured  [count]
+JACOBIANS_PER_FIT, STEPS_PER_FIT = 1, 5  # as measured  [count]
+INITIAL_STATE_SIMULATIONS = 20  # of each record in a fit, where its initial state is a nuisance, as measured  [count]
+INITIAL_RELATIVE_STEP = 1e-3  # change of the rows by a step of the initial state over their norm  [1]
+MAX_HALVINGS = 5  # of a step that does not reduce chi-square  [count]
+RIDGE = 1e-10  # added to the unit diagonal of the normal equations: undetermined directions are not moved  [1]
+MIN_ROOM = 1e-12  # of a scaled step on its bound, where the solver needs an open interval  [1]
 
 
 def direction(point: Point, candidate: Candidate, parameter: Parameter) -> Direction:
@@ -39,7 +40,7 @@ def direction(point: Point, candidate: Candidate, parameter: Parameter) -> Direc
     return Direction(name, point.values[name], candidate.scale[name], parameter.low, parameter.high)
 
 
-def _own(point: Point, candidate: Candidate) -> list[Direction]:
+def _directions_of(point: Point, candidate: Candidate) -> list[Direction]:
     """Directions of a candidate in the model: of its parameters, then of its form."""
     form = [Direction(n, point.values[n], candidate.scale[n], *candidate.bounds[n]) for n in candidate.form]
     return [direction(point, candidate, p) for p in candidate.parameters] + form
@@ -50,7 +51,7 @@ class Fitter:
 
     Parameters
     ----------
-    pool : maps `calib.diagnosis.bench.Run` to `SimulatedRows`; counted in `effort`
+    pool : maps `calib.diagnosis.bench.Run` to `SimulatedRows`; `effort` counts its simulations
     space : of the calibrated parameters
     model : calibrated
     """
@@ -58,7 +59,7 @@ class Fitter:
     def __init__(self, pool: Pool, evidence: Evidence, space: Space, model: Model):
         self.effort = pool if isinstance(pool, Effort) else Effort(pool)
         self.evidence, self.space, self.model = evidence, space, model
-        self.steps: dict[str, Step] = {}  # of the differences, as they were right last
+        self.steps: dict[str, Step] = {}  # of the differences, from the latest derivatives
 
     def fit(
         self,
@@ -68,18 +69,18 @@ class Fitter:
         columns: np.ndarray | None = None,
         rival: float = np.inf,
     ) -> Fit:
-        """Fit calibrated parameters and those of the candidates, from `start` and their `sizes` on.
+        """Fit calibrated parameters and those of the candidates, beginning at `start` and their `sizes`.
 
         Steps of Gauss and Newton within the windows of the calibrated parameters and the ranges of the others. The
-        derivatives are updated by the residual after a step (Broyden, Math. Comp. 19 (1965) 577), and taken anew where
+        derivatives are updated by the residual after a step (Broyden, Math. Comp. 19 (1965) 577), and recomputed where
         the gain ratio, of the actual over the predicted reduction of chi-square, is low. Convergence by updated ones
         counts only where the gain ratio of all steps since was near 1.
 
         Parameters
         ----------
-        columns : (N, k) derivatives near the start by the parameters in the order of `directions`; None: taken there
-        rival : chi-square that another model attains: a fit that is predicted to attain no less is ended after a few
-            steps
+        columns : (N, k) derivatives near the start by the parameters in the order of `directions`; None: computed there
+        rival : chi-square that another model attains: a fit that is predicted to attain no less is abandoned after a
+            few steps
         """
         point = _extended(start, candidates, sizes or {})
         directions = self.directions(point, candidates)
@@ -89,7 +90,7 @@ class Fitter:
         if now is None:
             return self._failed(start, candidates)
         fresh, nonlinear = columns is None, False
-        now = self.with_derivatives(now) if fresh else replace(now, columns=columns)
+        now = self.with_derivatives(now) if columns is None else replace(now, columns=columns)
         for number in range(MAX_STEPS):
             step, predicted = _step(now, x, low, high)
             inferior = number >= MIN_STEPS_BEFORE_ABANDONING and now.chi2 - MAX_GAIN_RATIO * predicted > rival
@@ -118,7 +119,9 @@ class Fitter:
     def in_the_middle(self, fit: Fit) -> Fit | None:
         """The model of a fit with the calibrated values in the middle of their windows, and the derivatives there.
 
-        None where some record cannot be simulated there.
+        None where some record cannot be simulated there. It is simulated on each call: the simulations start from the
+        states of the fit, in the present noise, and the steps of the differences are those of the latest derivatives,
+        so that an earlier result for the same fit would not be the same.
         """
         directions = self.directions(fit.point, fit.candidates)
         windows = self.space.windows
@@ -127,10 +130,10 @@ class Fitter:
         return None if now is None else self.with_derivatives(now)
 
     def expected_simulations(self, scored: int, fits: int) -> int:
-        """Simulations that scores of so many parameters and so many fits of one candidate beside all should take."""
+        """Expected number of simulations for scores of so many parameters and so many fits of one candidate each."""
         parts, parameters = self.evidence.parts, len(self.space.windows) + 1
         free = sum(INITIAL_STATE in part.nuisance for part in parts)
-        each = len(parts) * (SWEEPS_PER_FIT * parameters + STEPS_PER_FIT) + free * INITIAL_SIMULATIONS
+        each = len(parts) * (JACOBIANS_PER_FIT * parameters + STEPS_PER_FIT) + free * INITIAL_STATE_SIMULATIONS
         return len(parts) * SIMULATIONS_PER_SCORE * scored + fits * each
 
     def with_derivatives(self, fit: Fit) -> Fit:
@@ -158,9 +161,9 @@ class Fitter:
         step: np.ndarray,
         candidates: Sequence[Candidate],
     ) -> tuple[np.ndarray, Fit] | None:
-        """Go the step, or the largest half of a half of it that reduces chi-square.
+        """Take the step, or the first of its successive halves that reduces chi-square.
 
-        Where the whole step does not, with initial states as they are predicted, these are solved for once.
+        Where the whole step does not, with predicted initial states, these are solved for once.
         """
         free = any(view.start is not None for view in now.point.simulated.values())
         tried = [(1.0, False), (1.0, True), *((0.5**k, False) for k in range(1, MAX_HALVINGS))]
@@ -172,31 +175,35 @@ class Fitter:
         return None
 
     def _with_initial_slopes(self, fit: Fit) -> Fit:
-        """Return the fit with the derivatives by initial states that are nuisances taken anew: forward differences."""
-        views, runs, places = dict(fit.point.simulated), [], []
-        for name, view in views.items():
-            components = () if view.start is None else view.start.state
-            for k, (component, slope) in enumerate(zip(components, view.initial, strict=True)):
+        """Return the fit with the derivatives by initial states that are nuisances recomputed: forward differences."""
+        views = dict(fit.point.simulated)
+        starts = {name: view.start for name, view in views.items() if view.start is not None}
+        runs: list[Run] = []
+        places = []
+        for name, start in starts.items():
+            for k, (component, slope) in enumerate(zip(start.state, start.slopes, strict=True)):
                 size = float(np.linalg.norm(slope))
                 if size > 0.0:
-                    step = INITIAL_RELATIVE_STEP * float(np.linalg.norm(view.rows)) / size
-                    runs += fit.point.runs([name], starts={name: view.start.moved({component: step})})
+                    step = INITIAL_RELATIVE_STEP * float(np.linalg.norm(views[name].rows)) / size
+                    runs += fit.point.runs([name], starts={name: start.moved({component: step})})
                     places.append((name, k, step))
         if not runs:
             return fit
         for (name, k, step), ahead in zip(places, simulated(self.effort, runs), strict=True):
             if ahead.usable:
-                slopes = views[name].start.slopes.copy()
+                slopes = starts[name].slopes.copy()
                 slopes[k] = (ahead.rows - views[name].rows) / step
-                views[name] = replace(views[name], start=replace(views[name].start, slopes=slopes))
+                starts[name] = replace(starts[name], slopes=slopes)
+                views[name] = replace(views[name], start=starts[name])
         nuisances = self.evidence.tangents(views)
         residual = Projection(nuisances)(self.evidence.residual(views))
         return replace(fit, point=replace(fit.point, simulated=views), residual=residual, nuisances=nuisances)
 
-    def _starts(self, views: Mapping[str, SimulatedRows], change: float | np.ndarray) -> dict[str, Start]:
-        """Initial states that are nuisances, by record, where the simulations change by so much (N,)."""
+    def _starts(self, views: Mapping[str, SimulatedRows], change: float | np.ndarray) -> dict[str, Start | None]:
+        """Initial states that are nuisances, by record, where the simulations change by this (N,)."""
         moves = self.evidence.initial_moves(views, self.evidence.residual(views) - change)
-        return {name: views[name].start.moved(own) for name, own in moves.items()}
+        starts = {name: view.start for name, view in views.items() if view.start is not None}
+        return {name: starts[name].moved(own) for name, own in moves.items()}
 
     def _evaluated(
         self,
@@ -212,6 +219,7 @@ class Fitter:
         change : (N,) predicted change of the simulations; initial states that are nuisances are those that fit it best
         solved : whether these are solved for instead
         """
+        starts: Mapping[str, Start | None]
         starts = dict.fromkeys(self.evidence.names) if solved else self._starts(origin.simulated, change)
         values = {**origin.values, **{d.name: float(value) for d, value in zip(directions, x, strict=True)}}
         names = self.evidence.names
@@ -226,17 +234,20 @@ class Fitter:
         return Fit(point, tuple(candidates), residual, none, parameters, (), nuisances, rows)
 
     def _failed(self, start: Point, candidates: Sequence[Candidate]) -> Fit:
+        """A fit without parameters, for one that cannot begin."""
         nuisances = self.evidence.tangents(start.simulated)
         residual = self.evidence.residual(start.simulated)
         none = np.zeros((residual.size, 0))
         rows = self.evidence.rows()
-        return Fit(start, tuple(candidates), residual, none, (), (), nuisances, rows, "the motion fails there")
+        return Fit(
+            start, tuple(candidates), residual, none, (), (), nuisances, rows, "its simulation fails at the start"
+        )
 
     def trial(self, base: Fit, candidate: Candidate, sizes: np.ndarray) -> tuple[float, np.ndarray] | None:
-        """Predicted reduction of chi-square by a candidate of about these sizes (p,), and the sizes for it.
+        """Predicted reduction of chi-square by a candidate of about these sizes (p,), and the sizes of best fit.
 
-        Its change of the records is scaled to fit best, and the sizes with it; not where it has no finite null. None
-        where the motion fails, or the sign is impossible.
+        Its change of the records is scaled to fit best, and the sizes with it; not where its null is infinite. None
+        where the simulation fails, or the sizes are not admissible.
         """
         names, null = self.evidence.names, candidate.null
         runs = base.point.runs(names, candidate.values(sizes), (candidate.effect,))
@@ -264,7 +275,7 @@ class Fitter:
             Direction(name, values[name], window.slope(values[name]), window.low, window.high)
             for name, window in self.space.windows.items()
         ]
-        return searched + [d for candidate in candidates for d in _own(point, candidate)]
+        return searched + [d for candidate in candidates for d in _directions_of(point, candidate)]
 
     def candidate_slopes(self, base: Fit, candidates: Sequence[Candidate]) -> list[list[Slope]]:
         """Slopes of each candidate's parameters at null beside a model, all side by side."""
@@ -309,7 +320,7 @@ def _step(fit: Fit, x: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[n
         return step, 0.0
     unit = slopes[:, moving] / scale[moving]
     room = (low - x)[moving] * scale[moving], (high - x)[moving] * scale[moving]
-    room = np.minimum(room[0], -1e-12), np.maximum(room[1], 1e-12)
+    room = np.minimum(room[0], -MIN_ROOM), np.maximum(room[1], MIN_ROOM)
     gram = unit.T @ unit
     # the same minimum from small matrices: |L' y - L^-1 b|, gram = L L'
     lower = np.linalg.cholesky(gram + RIDGE * np.eye(len(gram)))

@@ -1,13 +1,13 @@
-"""Which effect the residuals point to: score tests that need no refit.
+"""Score tests: which effect the residuals indicate, without a refit.
 
 The residual e of the calibrated model, in units of the noise, is e = S theta + noise where an effect of size theta is
 missing and S is its signature. What calibrated parameters and nuisances absorb is projected out of both. Then
 
     theta = A^-1 S' e,   A = S' S,   X2 = theta' A theta,   z = the normal deviate of the same probability
 
-Noise whose autocorrelation is not quite what was taken would make z too large: the scores are summed over segments of
-the records, with theta's own part taken out, and where their spread exceeds A, z is made smaller by it (Newey and West
-1987 for the reasoning). The largest |z| that a sound model may show is found by drawing noise.
+Noise whose autocorrelation departs from the assumed one would make z too large: the scores are summed over segments of
+the records, with theta's own part removed, and where their spread exceeds A, z is reduced by it (Newey and West
+1987 for the reasoning). The largest |z| that a complete model may show is estimated by drawing noise.
 """
 
 from collections.abc import Sequence
@@ -19,14 +19,14 @@ from scipy import stats
 from calib.confidence.covariance import sandwich
 from calib.diagnosis.criteria import CRITERIA
 
-NOISE_DRAWS = 5000  # of which the threshold is a quantile
-MIN_ERROR_RATIO = 3.0  # of what calibration leaves of a signature over its error: less is taken for nothing
-ROUNDING_SHARE = 1e-5  # of a signature that is left by rounding where calibration absorbs it
+NOISE_DRAWS = 5000  # of which the threshold is a quantile  [count]
+MIN_ERROR_RATIO = 3.0  # of what calibration leaves of a signature over its error: less counts as zero  [1]
+ROUNDING_SHARE = 1e-5  # of a signature that is left by rounding where calibration absorbs it  [1]
 RANK_TOLERANCE = 1e-7  # singular value, over the largest of the same column set, below which a direction is absorbed
 
 
 class Projection:
-    """What is left of a vector when some columns have been fitted to it."""
+    """Projection of vectors onto the complement of the span of some columns."""
 
     def __init__(self, columns: np.ndarray):
         """Columns (N, k)."""
@@ -43,15 +43,15 @@ class Projection:
 
     @property
     def rank(self) -> int:
-        """Number of directions taken out."""
+        """Number of directions that are projected out."""
         return self.basis.shape[1]
 
 
 def variance_along(direction: np.ndarray, residual: np.ndarray, rows: np.ndarray) -> float:
     """Variance along a unit vector (N,) of what a model leaves, over the noise's; at least 1  [1].
 
-    It is estimated as for the standard errors: what is left has an autocorrelation of its own. What lies along the
-    vector itself does not count, for that may be what is asked about.
+    It is estimated as for the standard errors: the residual has an autocorrelation of its own. Its component along the
+    vector itself does not count, for that may be the effect in question.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class Signature:
     Attributes
     ----------
     columns : (N, p) per unit of each free parameter, in units of the noise
-    absorbed : share of the signature's length that calibration takes over, the least among the parameters  [1]
+    absorbed : share of the signature's length that calibration absorbs, the least among the parameters  [1]
     """
 
     columns: np.ndarray
@@ -94,7 +94,7 @@ class ScoreTest:
 
     Attributes
     ----------
-    z : normal deviate; of one parameter with the sign of its size over the direction that makes sense
+    z : normal deviate; of one parameter with the sign of its size
     size, error : (p,) estimates and their standard errors  [units of the parameters]
     chi2_reduction : predicted  [1]
     """
@@ -160,26 +160,26 @@ def _products(one: np.ndarray, other: np.ndarray, segments: np.ndarray) -> np.nd
     return np.array([one[own].T @ other[own] for own in inner])
 
 
-def deviate(square: np.ndarray, freedom: int) -> np.ndarray:
-    """Normal deviate of the same two-sided probability as a chi-square of `freedom` degrees, one by one."""
-    square = np.maximum(0.0, square)
+def deviate(chi2: np.ndarray | float, freedom: int) -> np.ndarray:
+    """Normal deviate of the same two-sided probability as a chi-square of `freedom` degrees, elementwise."""
+    square = np.asarray(np.maximum(0.0, chi2))
     if freedom == 1:
         return np.sqrt(square)
     log = stats.chi2.logsf(square, freedom)
-    far = ~(log > -600.0)
-    beyond = np.sqrt(np.maximum(0.0, square - (freedom - 1) * np.log(np.maximum(square, 2.0))))
-    return np.where(far, beyond, stats.norm.isf(0.5 * np.exp(np.where(far, 0.0, log))))
+    underflows = ~(log > -600.0)
+    asymptotic = np.sqrt(np.maximum(0.0, square - (freedom - 1) * np.log(np.maximum(square, 2.0))))
+    return np.where(underflows, asymptotic, stats.norm.isf(0.5 * np.exp(np.where(underflows, 0.0, log))))
 
 
 def threshold(signatures: Sequence[Signature], segments: np.ndarray, seed: int, signs: Sequence[int]) -> float:
-    """99 % quantile of the largest |z| of all candidates where nothing is missing.
+    """99 % quantile of the largest |z| of all candidates under noise alone.
 
-    Noise is drawn, white in each segment, and tested as the residual is. Of a candidate whose size makes sense with one
-    sign only, that sign alone counts.
+    Noise is drawn, white in each segment, and tested as the residual is. Of a candidate whose size has one admissible
+    sign, that sign alone counts.
 
     Parameters
     ----------
-    signs : per candidate, 0 where both signs make sense, else the sign
+    signs : per candidate, 0 where both signs are admissible, else the sign
     """
     rng = np.random.default_rng(seed)
     units = [(signature.columns, sign) for signature, sign in zip(signatures, signs, strict=True)]

@@ -155,7 +155,7 @@ def _like_the_best(significant: Sequence[Scored], refitted: Sequence[Refitted]) 
 def _is_like_the_best(suspect: Suspect, refitted: Sequence[Refitted]) -> bool:
     """Whether a suspect changes the records much as that refitted one does that explains most."""
     best = min(refitted, key=lambda s: s.fit.chi2, default=None)
-    return best is not None and (cosine(suspect, best) or 0.0) >= CRITERIA.min_alikeness
+    return best is not None and (cosine(suspect, best) or 0.0) >= CRITERIA.min_signature_cosine
 
 
 # --- refits -----------------------------------------------------------------------------------------------------------

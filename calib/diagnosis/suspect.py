@@ -1,4 +1,4 @@
-"""A candidate beside the evidence: without a score test, with one, or refitted."""
+"""A suspect: a candidate without a score test, with one, or refitted."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ from calib.diagnosis.score import ScoreTest, Signature, deviate
 
 @dataclass(frozen=True, eq=False)
 class _OfCandidate:
-    """What every suspect has.
+    """The properties that every suspect has by its candidate.
 
     Attributes
     ----------
@@ -31,22 +31,13 @@ class _OfCandidate:
 
     @property
     def parameter_count(self) -> int:
-        """How many parameters are fitted for it."""
+        """Number of its parameters that are fitted."""
         return len(self.candidate.free) + len(self.candidate.form)
 
     @property
     def aic_penalty(self) -> float:
         """Penalty of its parameters in AIC: two each (Akaike 1974)."""
         return 2.0 * self.parameter_count
-
-    @property
-    def half_width(self) -> np.ndarray:
-        """Half widths (p,) of the 95 % intervals of the sizes, by their standard errors."""
-        return float(stats.norm.isf(CRITERIA.tail_probability)) * self.error
-
-    def refitted(self, fit: Fit, chi2_reduction: float) -> "Refitted":
-        """Return it with the model that was refitted with it, and by how much that reduces chi-square."""
-        return Refitted(self.candidate, self, fit, chi2_reduction)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,18 +60,27 @@ class Untestable(_OfCandidate):
 
     @property
     def error(self) -> np.ndarray:
-        """Standard errors (p,): nothing is known of the sizes."""
+        """Standard errors (p,): infinite, for the sizes are unknown."""
         return np.full(len(self.candidate.free), np.inf)
 
     @property
     def detectable(self) -> np.ndarray:
-        """Smallest sizes (p,) that would reach the threshold: not known."""
+        """Smallest sizes (p,) that would reach the threshold: unknown."""
         return np.full(len(self.candidate.free), np.inf)
 
     @property
     def signature_columns(self) -> np.ndarray:
         """Signature (0, 0): there is none."""
         return np.zeros((0, 0))
+
+    @property
+    def half_width(self) -> np.ndarray:
+        """Half widths (p,) of the 95 % intervals of the sizes: infinite."""
+        return _half_width(self.error)
+
+    def refitted(self, fit: Fit, chi2_reduction: float) -> "Refitted":
+        """Return the suspect with the model that was refitted with it, and the reduction of chi-square."""
+        return Refitted(self.candidate, self, fit, chi2_reduction)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,9 +91,9 @@ class Scored(_OfCandidate):
     ----------
     test : the score test
     derivatives : (N, p) by its parameters, in units of the noise
-    signature : what calibration leaves of them
+    signature : their part that calibration does not absorb
     detectable : (p,) smallest sizes that would reach the threshold  [units of the parameters]
-    reason : why its derivatives are not relied on; "" where they are
+    reason : why its derivatives are not reliable; "" where they are
     """
 
     test: ScoreTest
@@ -104,7 +104,7 @@ class Scored(_OfCandidate):
 
     @property
     def is_testable(self) -> bool:
-        """Whether its score test is relied on."""
+        """Whether its score test is reliable."""
         return not self.reason
 
     @property
@@ -124,7 +124,7 @@ class Scored(_OfCandidate):
 
     @property
     def absorbed(self) -> float:
-        """Share of the derivatives that calibration takes over  [1]."""
+        """Share of the derivatives that calibration absorbs  [1]."""
         return self.signature.absorbed
 
     @property
@@ -143,6 +143,15 @@ class Scored(_OfCandidate):
         """Signature (N, p)."""
         return self.signature.columns
 
+    @property
+    def half_width(self) -> np.ndarray:
+        """Half widths (p,) of the 95 % intervals of the sizes."""
+        return _half_width(self.error)
+
+    def refitted(self, fit: Fit, chi2_reduction: float) -> "Refitted":
+        """Return the suspect with the model that was refitted with it, and the reduction of chi-square."""
+        return Refitted(self.candidate, self, fit, chi2_reduction)
+
 
 @dataclass(frozen=True, eq=False)
 class Refitted(_OfCandidate):
@@ -150,7 +159,7 @@ class Refitted(_OfCandidate):
 
     Attributes
     ----------
-    screened : as it was before
+    screened : the suspect before the refit
     fit : the model with it
     chi2_reduction : by the refit
     """
@@ -161,23 +170,23 @@ class Refitted(_OfCandidate):
 
     @property
     def reason(self) -> str:
-        """Why there is no score test that is relied on; "" where there is one."""
+        """Why there is no reliable score test; "" where there is one."""
         return self.screened.reason
 
     @property
     def is_testable(self) -> bool:
-        """Whether it has a score test that is relied on."""
+        """Whether it has a reliable score test."""
         return self.screened.is_testable
 
     @property
     def z(self) -> float:
-        """Normal deviate: of the score test, or of the refit where there is none that is relied on.
+        """Normal deviate: of the score test, or of the refit where there is no reliable one.
 
-        The latter by the quasi-likelihood: what the refit leaves beside the noise widens it as it does that of scores.
+        The latter by the quasi-likelihood: the model error that the refit leaves lowers it as it does that of scores.
         """
         if self.screened.is_testable:
             return self.screened.z
-        dispersion = max(1.0, self.fit.chi2 / max(1, np.count_nonzero(self.fit.residual)))
+        dispersion = max(1.0, self.fit.chi2 / max(1, int(np.count_nonzero(self.fit.residual))))
         return float(deviate(self.chi2_reduction / dispersion, len(self.candidate.free)))
 
     @property
@@ -192,7 +201,7 @@ class Refitted(_OfCandidate):
 
     @property
     def absorbed(self) -> float:
-        """Share of the derivatives that calibration takes over  [1]."""
+        """Share of the derivatives that calibration absorbs  [1]."""
         return self.screened.absorbed
 
     @property
@@ -218,15 +227,20 @@ class Refitted(_OfCandidate):
     @property
     def half_width(self) -> np.ndarray:
         """Half widths (p,) of the 95 % intervals of the sizes."""
-        return self.fit.half_width(self.candidate.free) if self.fit.names else super().half_width
+        return self.fit.half_width(self.candidate.free) if self.fit.names else self.screened.half_width
 
     def refitted(self, fit: Fit, chi2_reduction: float) -> "Refitted":
-        """Return it with another fit."""
+        """Return the suspect with another fit."""
         return replace(self, fit=fit, chi2_reduction=chi2_reduction)
 
     def within(self, fit: Fit) -> "Refitted":
-        """Return it as a cause of another model, with the form that it has there."""
+        """Return the suspect as a cause of another model, with the form that it has there."""
         return replace(self, candidate=self.candidate.at(fit.point.values), fit=fit)
+
+
+def _half_width(error: np.ndarray) -> np.ndarray:
+    """Half widths (p,) of the 95 % intervals of sizes of these standard errors (p,)."""
+    return float(stats.norm.isf(CRITERIA.tail_probability)) * error
 
 
 Suspect = Untestable | Scored | Refitted
@@ -251,4 +265,4 @@ def cosine(one: Suspect, other: Suspect) -> float | None:
         if not length.any():
             return None
         bases.append(np.linalg.qr(columns[:, length > 0.0] / length[length > 0.0])[0])
-    return float(min(1.0, np.linalg.norm(bases[0].T @ bases[1], 2)))
+    return min(1.0, float(np.linalg.norm(bases[0].T @ bases[1], 2)))

@@ -7,7 +7,7 @@ import pytest
 
 from calib.diagnosis.bench import SimulatedRows
 from calib.diagnosis.gathering import gathered
-from calib.diagnosis.misfit import features_beside
+from calib.diagnosis.misfit import feature_deviations
 from calib.features.phase_curve import PhaseCurve
 from calib.objective import Objective, Reference, Term
 from calib.records import make
@@ -49,7 +49,7 @@ def test_features_of_a_model_that_is_right_differ_by_their_errors(per_period):
         rows = np.array([aligned[channel].values[0] for _, channel in ROWS])
         seen = SimulatedRows(rows, aligned["trust"].values, features=tuple(objective.features("tone", simulated)))
         evidence = gathered({"tone": reference}, {"tone": ROWS}, {"tone": 1}, {"tone": seen})
-        found = features_beside(SimpleNamespace(objective=objective), evidence.parts[0], seen, rng)
+        found = feature_deviations(SimpleNamespace(objective=objective), evidence.parts[0], seen, rng)
         z += [deviation.z for deviation in found if deviation.z is not None]
     assert len(z) > 20
     assert np.abs(z).max() < 4.5

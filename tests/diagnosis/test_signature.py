@@ -64,7 +64,7 @@ def test_a_slope_without_room_for_a_second_step_is_not_relied_on():
     direction = Direction("x", 0.0, 1000.0, -1.0, 1.0)
     [slope] = slopes(Line(0.01), Numbers(), Here(), [direction])
     assert not slope.reliable
-    assert slope.reason == "there is no room for a second step"
+    assert slope.reason == "its range leaves no second step"
 
 
 class Rough(Line):
