@@ -1,4 +1,4 @@
-"""The excess chi-square of a fit: what its sum of squared residuals has beyond its degrees of freedom."""
+"""The excess chi-square of a fit: its sum of squared residuals less its degrees of freedom."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from calib.diagnosis.fit import Fit
 
 
 def degrees_of_freedom(evidence: Evidence, fit: Fit) -> float:
-    """Residuals that count less parameters and nuisances: the chi-square that noise alone leaves on average."""
+    """Number of weighted residuals less parameters and nuisances: the mean chi-square of noise alone."""
     return evidence.counted() - fit.columns.shape[1] - fit.nuisances.shape[1]
 
 
@@ -23,19 +23,19 @@ def chi2_std(evidence: Evidence) -> float:
 
 
 def significant(excess: float, std: float) -> bool:
-    """Whether an excess chi-square is a misfit, and no noise of this standard deviation of chi-square."""
+    """Whether an excess chi-square is significant beside noise of this standard deviation of chi-square."""
     return excess > CRITERIA.significance_std * std
 
 
 def dominant(excess: float, std: float) -> bool:
-    """Whether more of a misfit is error of the model than noise of this standard deviation of chi-square."""
+    """Whether more of a misfit is model error than noise of this standard deviation of chi-square."""
     return excess > CRITERIA.dominant_excess * std**2
 
 
 def bias_std(excess: float, information: float) -> float:
-    """Standard deviation of what an excess chi-square biases a size of this information by  [unit of the size].
+    """Standard deviation of the bias of a size of this information by an excess chi-square  [unit of the size].
 
-    The bound of Cauchy and Schwarz, sqrt(excess / information), is met by what is just like the effect; of it this is
-    the share that is typical for what a model lacks.
+    The bound of Cauchy and Schwarz, sqrt(excess / information), is attained by a model error proportional to the
+    effect; this is the share of it that is typical for a model error.
     """
     return CRITERIA.model_error_cosine * float(np.sqrt(max(0.0, excess) / information))

@@ -15,7 +15,7 @@ from calib.diagnosis.refit import Fitter
 from calib.diagnosis.rejection import extension, rejection
 from calib.diagnosis.remainder import remainder
 from calib.diagnosis.screening import Derivatives
-from calib.diagnosis.search import Round, chi2_of_a_rival, rival_suspects, search, simplest, with_those_behind
+from calib.diagnosis.search import Round, chi2_of_a_rival, rival_suspects, search, simplest, with_possible_causes
 from calib.diagnosis.stepwise import StepwiseState
 from calib.diagnosis.suspect import Refitted, leading_variants
 
@@ -83,7 +83,7 @@ def _reestimated(fitter: Fitter, state: StepwiseState) -> StepwiseState:
         state.known[key] = Derivatives(evidence.carried(known.columns, old), known.relative_error)
     chosen = simplest(rivals)
     final = fitter.with_derivatives(chosen.fit)
-    cause = replace(chosen, fit=final), with_those_behind(fitter.evidence, rivals, refitted)
+    cause = replace(chosen, fit=final), with_possible_causes(fitter.evidence, rivals, refitted)
     return replace(state, null=null, final=final, causes=(*state.causes[:-1], cause))
 
 

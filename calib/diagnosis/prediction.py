@@ -1,19 +1,19 @@
-"""Whether a cause predicts data that had no part in fitting it: cross-validation over records, or blocks of time.
+"""Cross-validation of a cause over records, or over blocks of time.
 
-One fold after the other is left out: each record in turn, or a fourth of a single record that does not repeat. The
+One fold after the other is left out: each record in turn, or a fourth of a single record that is not periodic. The
 model without the cause and the model with it are refitted to the other folds, linearised about their fits to all data,
-and only the left-out record's own nuisances are solved for in it. Data in which the cause changes nothing are not left
-out: what the model lacks there is no matter of the cause. The cycles of one steady tone repeat whatever a model
-lacks, so that leaving some of them out would prove nothing: there prediction cannot be tested.
+and only the left-out record's own nuisances are solved for in it. Data that the cause does not change are not left out:
+the model error there is independent of the cause. The cycles of one steady tone repeat any model error, so that leaving
+some of them out tests nothing: there prediction cannot be tested.
 
 The fall of the sum of squares on the left-out data is a sum over segments of the records; its standard error is that of
 a sum of as many independent terms (the test of equal predictive accuracy of Diebold & Mariano, Journal of Business and
 Economic Statistics 13 (1995) 253-263, its autocorrelation within a segment counted by summing over it).
 
-Few folds tell parameters poorly, and the more so the more of them there are. What their errors alone are expected to
-add on the left-out data, tr(J C J') of the derivatives J there and the covariance C from the other folds (the variance
-in the decomposition of an expected prediction error: Hastie, Tibshirani & Friedman, The Elements of Statistical
-Learning, 2009, section 7.3), is not held against a cause.
+Few folds determine parameters poorly, and the more so the more of them there are. What their errors alone are expected
+to add on the left-out data, tr(J C J') of the derivatives J there and the covariance C from the other folds (the
+variance in the decomposition of an expected prediction error: Hastie, Tibshirani & Friedman, The Elements of
+Statistical Learning, 2009, section 7.3), does not count against a cause.
 """
 
 from collections.abc import Sequence
@@ -27,24 +27,24 @@ from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.score import Projection
 
-TIME_FOLDS = 4  # blocks of time of a single record
-LEAST_INFORMATION = 0.05  # share of what is known of a size that the other folds have to hold, to predict by it
-MAX_GROWTH = 4.0  # of a sum of squares when its data are left out: more is beyond what a linearisation holds for
-RANK = 1e-7  # singular value, over the largest, below which a direction stays where it is
+TIME_FOLDS = 4  # blocks of time of a single record  [count]
+MIN_INFORMATION_SHARE = 0.05  # of the information on a size that the other folds have to hold, to predict by it  [1]
+MAX_GROWTH = 4.0  # of a sum of squares when its data are left out  [1]: more exceeds the range of the linearisation
+RANK_TOLERANCE = 1e-7  # singular value over the largest, below which a direction is not moved  [1]
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """What a cause brings on data that had no part in fitting it.
+    """The reduction of the misfit by a cause on data to which it was not fitted.
 
     Attributes
     ----------
     reduction : fall of the sum of squares on the left-out data, in units of the noise's variance
     error : its standard error
     without : sum of squares on the left-out data without the cause, in units of the noise's variance
-    folds : what was left out in turn
-    uncertainty : by how much the sum of squares is expected to be larger with the cause than without it for the errors
-        of the refitted parameters alone, in units of the noise's variance
+    folds : that were left out in turn
+    uncertainty : expected increase of the sum of squares by the cause for the errors of the refitted parameters alone,
+        in units of the noise's variance
     """
 
     reduction: float
@@ -55,9 +55,9 @@ class Prediction:
 
     @property
     def fails(self) -> bool:
-        """Whether the misfit does not fall, though it be allowed what the errors of parameters add.
+        """Whether the misfit does not fall, the increase by the errors of parameters allowed for.
 
-        A single fold tells less: there it has to rise by its standard error.
+        A single fold is weaker evidence: there it has to rise by its standard error.
         """
         return self.reduction + max(0.0, self.uncertainty) <= (0.0 if len(self.folds) > 1 else -self.error)
 
@@ -73,15 +73,15 @@ def predicted(evidence: Evidence, base: Fit, extended: Fit, candidate: Candidate
 
     Returns
     -------
-    None where no fold can be left out: of one steady tone, where but one fold shows the cause at all, or where the
-    refits leave the range of their linearisation
+    None where no fold can be left out: of one steady tone, where the cause changes one fold only, or where the refits
+    leave the range of their linearisation
     """
     own = (*candidate.free, *candidate.form)
     segments, rows = evidence.segments(), evidence.rows()
     falls, tested, without, uncertainty = [], [], 0.0, 0.0
     for name, left_out in _folds(evidence):
-        shown = extended.is_changed_by(candidate, extended.columns[left_out])
-        if not shown or _information(extended, own, ~left_out) < LEAST_INFORMATION:
+        changed = extended.is_changed_by(candidate, extended.columns[left_out])
+        if not changed or _information(extended, own, ~left_out) < MIN_INFORMATION_SHARE:
             continue
         before, after = (_left_out(fit, left_out, rows) for fit in (base, extended))
         if max(before.chi2, after.chi2) > MAX_GROWTH * np.sum(base.residual[left_out] ** 2):
@@ -100,13 +100,14 @@ def predicted(evidence: Evidence, base: Fit, extended: Fit, candidate: Candidate
 
 @dataclass(frozen=True, eq=False)
 class _LeftOut:
-    """Residual of left-out data (n,), and what errors of the refitted parameters are expected to add to its squares."""
+    """Residual of left-out data (n,), and the expected increase of its squares by the errors of the parameters."""
 
     residual: np.ndarray
     uncertainty: float
 
     @property
     def chi2(self) -> float:
+        """Sum of squares of the residual."""
         return float(self.residual @ self.residual)
 
 
@@ -136,8 +137,8 @@ def _left_out(fit: Fit, left_out: np.ndarray, rows: np.ndarray) -> _LeftOut:
     scale = np.linalg.norm(columns, axis=0)
     columns = columns[:, scale > 0.0] / scale[scale > 0.0]
     _, singular, turn = np.linalg.svd(columns[~left_out], full_matrices=False)
-    told = singular > RANK * singular.max(initial=0.0)
-    columns = columns @ turn[told].T  # what the others do not tell stays where it is
+    determined = singular > RANK_TOLERANCE * singular.max(initial=0.0)
+    columns = columns @ turn[determined].T  # what the others do not determine is not moved
     kept, residual = columns[~left_out], fit.residual[~left_out]
     step = np.linalg.lstsq(kept, residual, rcond=None)[0]
     residual = residual - kept @ step

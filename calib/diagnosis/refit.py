@@ -119,9 +119,9 @@ class Fitter:
     def in_the_middle(self, fit: Fit) -> Fit | None:
         """The model of a fit with the calibrated values in the middle of their windows, and the derivatives there.
 
-        None where some record cannot be simulated there. It is simulated on each call: the simulations start from the
-        states of the fit, in the present noise, and the steps of the differences are those of the latest derivatives,
-        so that an earlier result for the same fit would not be the same.
+        None where some record cannot be simulated there. Of an earlier call for the same fit only the
+        simulations at the middle itself would repeat: the derivatives have the noise of the present evidence, and their
+        steps are those of the latest ones.
         """
         directions = self.directions(fit.point, fit.candidates)
         windows = self.space.windows
@@ -284,7 +284,13 @@ class Fitter:
             for p in candidate.parameters:
                 directions.append(
                     Direction(
-                        p.name, p.null, candidate.scale[p.name], p.low, p.high, (candidate.effect,), candidate.absent()
+                        p.name,
+                        candidate.effect.null[p.name],
+                        candidate.scale[p.name],
+                        p.low,
+                        p.high,
+                        (candidate.effect,),
+                        candidate.absent(),
                     )
                 )
                 owner.append(index)

@@ -1,4 +1,4 @@
-"""Reasons why a suspect that explains most is no cause: the stopping rules of the forward selection."""
+"""The stopping rules of the forward selection: reasons why the suspect that explains most is no cause."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ from calib.diagnosis.suspect import Refitted
 
 
 def cross_validation(evidence: Evidence, base: Fit, extended: Fit, cause: Refitted) -> Prediction | None:
-    """Cross-validate a cause; None where that cannot be done, or no derivative tells how."""
+    """Cross-validate a cause; None where that cannot be done, or a derivative is zero."""
     own = (*cause.candidate.free, *cause.candidate.form)
     index = [extended.names.index(name) for name in own if name in extended.names]
     if len(index) < len(own) or not extended.columns[:, index].any(axis=0).all():
@@ -31,7 +31,7 @@ class Extension:
     ----------
     base, extended : the model without the cause and with it, with its derivatives
     cause : in the extended model
-    prediction : of what had no part in its fit; None where that cannot be tested
+    prediction : of data to which it was not fitted; None where that cannot be tested
     threshold : of |z|
     """
 
@@ -59,29 +59,29 @@ def rejection(evidence: Evidence, null: Fit, made: Extension, further: bool) -> 
     if further and is_negligible(evidence, null, made.base, cause.chi2_reduction):
         return "it explains a negligible share of what the calibrated model leaves"
     if _may_be_absent(made.extended, cause):
-        return "its interval beside all other parameters holds the size at which it is absent"
+        return "its confidence interval beside all other parameters contains the size at which it is absent"
     if test is not None and test.fails:
         change = f"{'falls' if test.reduction > 0.0 else 'rises'} by {_chi2(abs(test.reduction))}"
         return (
-            f"it does not predict what had no part in its fit ({', '.join(test.folds)} left out in turn): the sum of "
-            f"squares there, in units of the noise variance, {change} ± {_chi2(test.error)}"
+            f"it does not predict data to which it was not fitted ({', '.join(test.folds)} left out in turn): the sum of
+            " f"squares there, in units of the noise variance, {change} ± {_chi2(test.error)}"
         )
     if further and _is_heterogeneous(evidence, made.extended, cause, made.threshold):
-        return "its size differs among the channels of the records, and a large misfit is left"
+        return "its size differs among the channels of the records, and a large misfit remains"
     return ""
 
 
 def _chi2(size: float) -> str:
-    """Write a change of chi-square, which nobody needs to the tenth."""
+    """Write a change of chi-square to two digits, or to the unit."""
     return f"{size:.0f}" if size >= 100.0 else f"{size:.2g}"
 
 
 def is_negligible(evidence: Evidence, null: Fit, base: Fit, chi2_reduction: float) -> bool:
     """Whether so small a reduction of chi-square beside the causes of `base` is no evidence of another one.
 
-    A negligible share of the excess of the calibrated model corrects the form of the causes before it, of which nobody
-    knows more than that they explain the rest; a small share of a remainder that is more than noise explains part of
-    something else.
+    A negligible share of the excess of the calibrated model corrects the form of the causes before it, which is known
+    only as far as they explain the rest; a small share of a remainder that is more than noise explains part of another
+    cause.
     """
     std = chi2_std(evidence)
     whole, remainder = excess_chi2(evidence, null), excess_chi2(evidence, base)
@@ -93,9 +93,9 @@ def is_negligible(evidence: Evidence, null: Fit, base: Fit, chi2_reduction: floa
 def _may_be_absent(fit: Fit, cause: Refitted) -> bool:
     """Whether the size of a cause, beside all other parameters of the model with it, may be its null.
 
-    Its joint 95 % interval holds the null - of several parameters, that of each - and so does the one that the
-    likelihood ratio gives, inflated by what is left: where a size is far from linear, the first is too wide (Hauck and
-    Donner, J. Am. Stat. Assoc. 72 (1977) 851). Where no derivative tells the interval there is none to judge by.
+    Its joint 95 % interval contains the null - of several parameters, that of each - and so does the one by the
+    likelihood ratio, inflated by the remainder: where a size is far from linear, the first is too wide (Hauck and
+    Donner, J. Am. Stat. Assoc. 72 (1977) 851). Without a derivative there is no interval.
     """
     names, null = cause.candidate.free, cause.candidate.null
     half = fit.half_width(names)

@@ -1,4 +1,4 @@
-"""What no candidate explains of the records: by it their noise is judged where nothing else tells it."""
+"""The part of the records that no candidate explains, from which their noise is estimated where need be."""
 
 from collections.abc import Sequence
 
@@ -11,10 +11,10 @@ from calib.diagnosis.score import Projection
 
 
 def remainder(evidence: Evidence, fit: Fit, derivatives: Sequence[np.ndarray]) -> dict[str, Remainder]:
-    """What is left of the measured rows when all candidates are fitted to them at once, to first order, by record.
+    """Residuals of the measured rows with all candidates fitted to them at once, to first order, by record.
 
-    So is the rate of each clock that is uncertain: beside so many candidates nothing tells how much of what is left
-    along its change a clock makes.
+    So is the rate of each uncertain clock: beside so many candidates the part of the residual that is due to a clock
+    is undetermined.
 
     Parameters
     ----------

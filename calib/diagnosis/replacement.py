@@ -16,9 +16,9 @@ from calib.diagnosis.refit import Fitter
 from calib.diagnosis.score import Projection
 from calib.diagnosis.screening import KnownDerivatives
 from calib.diagnosis.search import Round, search
-from calib.diagnosis.suspect import Cause, Refitted, Suspect
+from calib.diagnosis.suspect import Cause, Refitted, Scored, Screened, is_testable
 
-SAME_REDUCTION = 1e-6  # relative difference of the reductions of chi-square by pairs that act alike
+MAX_REDUCTION_DIFFERENCE = 1e-6  # relative, of reductions of chi-square by pairs that count as equivalent  [1]
 
 
 def replaced(
@@ -31,30 +31,31 @@ def replaced(
     known: KnownDerivatives,
     last_too: bool = False,
 ) -> tuple[list[Cause], Fit]:
-    """Take out each cause but the last in turn and search again: what stood for two causes gives way to one of them.
+    """Remove each cause but the last in turn and search again: one that stood for two is replaced by one of them.
 
     The first cause was chosen while the later ones were missing, and may have explained part of theirs (sequential
     replacement: Miller, Subset Selection in Regression, 2002, section 3). It is dropped where the others explain as
-    much without it, and replaced where another explains more beside them; the last is then looked for again as well,
-    or anyway.
+    much without it, and replaced where another explains more beside them; the last is then searched for again as well,
+    or in any case.
     """
     kept, again, latest = list(causes), last_too, causes[-1][0]
     for cause, rivals in causes:
         if cause is latest and not again:
             break
         index = [c is cause for c, _ in kept].index(True)
-        unchanged = cause, rivals if cause is latest else (cause,)
+        unchanged: Cause = cause, rivals if cause is latest else (cause,)
         others = tuple(c.candidate for c, _ in kept if c is not cause)
         without = without_cause(fitter, null, final, cause, others)
-        if not without.names:  # no motion without it
+        if not without.names:  # it cannot be simulated without it
             kept[index] = unchanged
             continue
         outcome = _search_beside(fitter, without, others, candidates, seed, known, final.chi2)
         chi2_increase = without.chi2 - final.chi2
-        if _gives_way(cause, outcome, chi2_increase):
-            again = again or outcome.chosen.name != cause.name
-            final = fitter.with_derivatives(outcome.chosen.fit)
-            kept[index] = outcome.chosen, outcome.rivals
+        chosen = outcome.chosen
+        if chosen is not None and _replaces(chosen, cause, outcome, chi2_increase):
+            again = again or chosen.name != cause.name
+            final = fitter.with_derivatives(chosen.fit)
+            kept[index] = chosen, outcome.rivals
         elif chi2_increase < outcome.threshold**2:
             kept, final = [pair for pair in kept if pair[0] is not cause], without
         else:
@@ -89,12 +90,14 @@ def _search_beside(
     return search(fitter, without, rest, seed, excess_std, known, attained)
 
 
-def _gives_way(cause: Refitted, outcome: Round, chi2_increase: float) -> bool:
-    """Whether a cause, without which chi-square rises so much, is found again or another one has a lower AIC."""
+def _replaces(chosen: Refitted, cause: Refitted, outcome: Round, chi2_increase: float) -> bool:
+    """Whether a cause, without which chi-square rises by this, is among the rivals, or the chosen one has a lower AIC.
+
+    Then the chosen one is put in its place.
+    """
     if cause.name in {rival.name for rival in outcome.rivals}:
         return True
-    best = outcome.chosen
-    return best is not None and best.chi2_reduction - best.aic_penalty > chi2_increase - cause.aic_penalty
+    return chosen.chi2_reduction - chosen.aic_penalty > chi2_increase - cause.aic_penalty
 
 
 def aic(causes: Sequence[Cause], final: Fit) -> float:
@@ -103,28 +106,33 @@ def aic(causes: Sequence[Cause], final: Fit) -> float:
 
 
 def best_pair(
-    fitter: Fitter, null: Fit, causes: Sequence[Cause], final: Fit, suspects: Sequence[Suspect]
+    fitter: Fitter, null: Fit, causes: Sequence[Cause], final: Fit, suspects: Sequence[Screened]
 ) -> tuple[list[Cause], Fit] | None:
     """The two other causes of the least AIC beside the calibrated model, fitted; None where there are no two.
 
-    Those pairs are fitted of which the least is predicted, linearly about the model so far: its motion is nearer to the
-    measured one than that of the calibrated model, and so is that of any pair that explains as much. Of pairs that act
-    alike beside a common member one is fitted.
+    The pairs of the least predicted criterion are fitted, predicted linearly about the model so far: its motion is
+    nearer to the measured one than that of the calibrated model, and so is that of any pair that explains as much. Of
+    equivalent pairs of a common member one is fitted.
 
     Parameters
     ----------
     causes, final : so far; none, and the calibrated model, where nothing is a cause yet
-    suspects : others, scored on what `final` leaves
+    suspects : others, scored on the residual of `final`
     """
     about = _Linear.without_causes(null, causes, final)
-    testable = [s for s in suspects if s.is_testable and s.signature_columns.any()]
+    testable = [s for s in suspects if is_testable(s) and s.signature_columns.any()]
     by_candidate = {id(s.candidate): s for s in testable}
     predicted = about.pairs([s.candidate for s in testable], [s.derivatives for s in testable])
-    best, attained, tried = None, np.inf, []
+    best: tuple[list[Cause], Fit] | None = None
+    attained = np.inf
+    tried: list[tuple[float, set[Candidate]]] = []
     for reduction, candidates in predicted[: CRITERIA.max_pairs]:
         if best is not None and fitter.effort.spent:
             break
-        if any(abs(reduction - other) < SAME_REDUCTION * other and set(candidates) & both for other, both in tried):
+        if any(
+            abs(reduction - other) < MAX_REDUCTION_DIFFERENCE * other and set(candidates) & both
+            for other, both in tried
+        ):
             continue
         tried.append((reduction, set(candidates)))
         pair = [by_candidate[id(candidate)] for candidate in candidates]
@@ -134,10 +142,10 @@ def best_pair(
             absent = {name: size for candidate in candidates for name, size in candidate.absent().items()}
             fit = fitter.fit(null.point, candidates, absent, rival=attained)
         refitted = [suspect.refitted(fit, null.chi2 - fit.chi2) for suspect in pair] if fit.names else []
-        pairs = [(cause, (cause,)) for cause in refitted]
+        pairs: list[Cause] = [(cause, (cause,)) for cause in refitted]
         if pairs and (best is None or aic(pairs, fit) < aic(*best)):
             best, attained = (pairs, fit), fit.chi2
-    return best and (best[0], fitter.with_derivatives(best[1]))
+    return None if best is None else (best[0], fitter.with_derivatives(best[1]))
 
 
 def pair_shows(
@@ -145,8 +153,8 @@ def pair_shows(
 ) -> bool:
     """Whether two other candidates are predicted to explain more than the causes do, by derivatives that are known.
 
-    By more than the best of so many pairs would by chance, at the confidence level (Bonferroni). What a cause that
-    stands for two leaves may be seen by a test of those two, though no sum of squares shows it.
+    By more than the best of that number of pairs would by chance, at the confidence level (Bonferroni). A test of two
+    candidates may be significant on the residual of a cause that stands for both, though its sum of squares is not.
     """
     about = _Linear.without_causes(null, causes, final)
     taken = {cause.name for cause, _ in causes}
@@ -169,7 +177,7 @@ class _Linear:
     final : the model with causes
     names : of the calibrated parameters
     columns : (N, k) derivatives by them
-    projection : takes out what they and the nuisances absorb
+    projection : removes what they and the nuisances absorb
     residual : (N,) that the model would leave without its causes
     rest : values of all but the causes' parameters
     """
@@ -183,7 +191,7 @@ class _Linear:
 
     @classmethod
     def without_causes(cls, null: Fit, causes: Sequence[Cause], final: Fit) -> "_Linear":
-        """Take the causes out of a model, to first order; one that is absent at infinity stays in its prediction."""
+        """Remove the causes from a model, to first order; one that is absent at infinity stays in its prediction."""
         absent = {name: value for cause, _ in causes for name, value in cause.candidate.absent().items()}
         sizes = np.array([final.value(name) for name in final.names])
         moves = sizes - np.array([absent.get(name, size) for name, size in zip(final.names, sizes, strict=True)])
@@ -199,56 +207,57 @@ class _Linear:
         )
 
     @cached_property
-    def _left(self) -> np.ndarray:
+    def _remaining(self) -> np.ndarray:
         """Residual (N,) without what calibration absorbs."""
         return self.projection(self.residual)
 
     @cached_property
     def chi2(self) -> float:
         """Chi-square that the model would leave without its causes."""
-        return float(self._left @ self._left)
+        return float(self._remaining @ self._remaining)
 
     def pairs(
         self, candidates: Sequence[Candidate], derivatives: Sequence[np.ndarray]
     ) -> list[tuple[float, tuple[Candidate, Candidate]]]:
         """Reductions of chi-square by pairs of candidates (N, p) of other effects, the least criterion of Akaike first.
 
-        Without those of an impossible sign, and those that it does not favour.
+        Without those of an inadmissible sign, and those that do not lower it.
         """
         signatures = [self.projection(columns) for columns in derivatives]
-        found = []
+        pairs = []
         for (one, first), (other, second) in combinations(zip(candidates, signatures, strict=True), 2):
             if one.name == other.name:
                 continue
             reduction = self._reduction((one, other), (first, second))
             criterion = 2.0 * (first.shape[1] + second.shape[1]) - reduction
             if criterion < 0.0:
-                found.append((criterion, reduction, (one, other)))
-        found.sort(key=lambda pair: pair[0])
-        return [(reduction, pair) for _, reduction, pair in found]
+                pairs.append((criterion, reduction, (one, other)))
+        pairs.sort(key=lambda pair: pair[0])
+        return [(reduction, pair) for _, reduction, pair in pairs]
 
     def _reduction(self, pair: Sequence[Candidate], signatures: Sequence[np.ndarray]) -> float:
-        """Reduction of chi-square by candidates of these signatures (N, p); minus infinity for an impossible sign.
+        """Reduction of chi-square by candidates of these signatures (N, p); minus infinity for an inadmissible sign.
 
         signatures : derivatives without what calibration absorbs
         """
         columns = np.column_stack(signatures)
         columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-        score = columns.T @ self._left
+        score = columns.T @ self._remaining
         theta = np.linalg.lstsq(columns.T @ columns, score, rcond=1e-6)[0]
         parts = np.split(theta, np.cumsum([own.shape[1] for own in signatures])[:-1])
-        possible = all((c.sign * part >= 0.0).all() for c, part in zip(pair, parts, strict=True))
-        return float(score @ theta) if possible else -np.inf
+        admissible = all((c.sign * part >= 0.0).all() for c, part in zip(pair, parts, strict=True))
+        return float(score @ theta) if admissible else -np.inf
 
-    def start(self, pair: Sequence[Suspect]) -> tuple[dict[str, float], dict[str, float]]:
-        """Values of the calibrated model, and sizes of suspects beside it, that are predicted, by name.
+    def start(self, pair: Sequence[Scored]) -> tuple[dict[str, float], dict[str, float]]:
+        """Predicted values of the calibrated model, and sizes of suspects beside it, by name.
 
         No size is beyond the natural scale of its effect.
         """
         columns = self.final.free(np.column_stack([self.columns, *(s.derivatives for s in pair)]))
         length = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
         moves = np.linalg.lstsq(columns / length, self.residual, rcond=1e-6)[0] / length
-        values, moved, sizes = dict(self.rest), iter(moves), {}
+        values, moved = dict(self.rest), iter(moves)
+        sizes: dict[str, float] = {}
         for name in self.names:
             values[name] += next(moved)
         for candidate in (suspect.candidate for suspect in pair):

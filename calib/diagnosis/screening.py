@@ -10,9 +10,9 @@ from calib.diagnosis.fit import Fit
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.score import Signature, score_test, threshold
 from calib.diagnosis.signature import Slope
-from calib.diagnosis.suspect import Scored, Suspect, Untestable
+from calib.diagnosis.suspect import Scored, Screened, Untestable
 
-NO_DERIVATIVE = "no score test, for want of a derivative where it is absent; judged by the samples themselves"
+NO_DERIVATIVE = "it has no derivative where it is absent, so no score test; it is judged by the samples themselves"
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +34,12 @@ KnownDerivatives = dict[int, Derivatives]  # by the id of the candidate
 
 def screened(
     fitter: Fitter, base: Fit, candidates: Sequence[Candidate], seed: int, known: KnownDerivatives | None = None
-) -> tuple[list[Suspect], float]:
-    """Test all candidates on what the model `base` leaves: suspects, the strongest first, and the threshold of |z|.
+) -> tuple[list[Screened], float]:
+    """Test all candidates on the residual of the model `base`: suspects, the strongest first, and the threshold of |z|.
 
     Parameters
     ----------
-    known : derivatives that are not taken again; those that are taken here are added
+    known : derivatives that are not recomputed; those that are computed here are added
     """
     derivatives, reasons = _derivatives(fitter, base, candidates, {} if known is None else known)
     projection, segments = base.projection, fitter.evidence.segments()
@@ -47,7 +47,7 @@ def screened(
     signatures = {key: Signature.of(d.columns, projection, d.relative_error) for key, d in derivatives.items()}
     testable = [c for c in candidates if id(c) in signatures and id(c) not in reasons]
     limit = threshold([signatures[id(c)] for c in testable], segments, seed, [c.sign for c in testable])
-    suspects = []
+    suspects: list[Screened] = []
     for candidate in candidates:
         key, reason = id(candidate), reasons.get(id(candidate), "")
         if key not in signatures:
@@ -63,15 +63,16 @@ def screened(
 def _derivatives(
     fitter: Fitter, base: Fit, candidates: Sequence[Candidate], known: KnownDerivatives
 ) -> tuple[dict[int, Derivatives], dict[int, str]]:
-    """Derivatives of the candidates, and why there are none or none to rely on, each by the id of the candidate."""
+    """Derivatives of the candidates, and why they are missing or unreliable, each by the id of the candidate."""
     new = [c for c in candidates if c.effect.differentiable and id(c) not in known]
     reasons = {id(c): NO_DERIVATIVE for c in candidates if not c.effect.differentiable}
     derivatives = {id(c): known[id(c)] for c in candidates if id(c) in known}
     for candidate, slopes in zip(new, fitter.candidate_slopes(base, new), strict=True):
         key, reason = id(candidate), _unreliable(slopes)
-        if all(slope.column is not None for slope in slopes):
-            columns = np.column_stack([slope.column for slope in slopes])
-            derivatives[key] = Derivatives(columns, np.array([slope.relative_error for slope in slopes]))
+        columns = [slope.column for slope in slopes if slope.column is not None]
+        if len(columns) == len(slopes):
+            errors = np.array([slope.relative_error for slope in slopes])
+            derivatives[key] = Derivatives(np.column_stack(columns), errors)
             if not reason:
                 known[key] = derivatives[key]
                 continue
@@ -80,6 +81,6 @@ def _derivatives(
 
 
 def _unreliable(slopes: Sequence[Slope]) -> str:
-    """Why slopes are missing, or else not to be relied on; "" where they are."""
+    """Why slopes are missing or unreliable; "" where they are reliable."""
     missing = next((slope.reason for slope in slopes if slope.column is None), None)
     return next((slope.reason for slope in slopes if not slope.reliable), "") if missing is None else missing

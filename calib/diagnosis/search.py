@@ -1,4 +1,4 @@
-"""One step of forward selection: all candidates scored, the leading ones refitted, rivals of the best found."""
+"""One step of forward selection: candidates scored, the leading ones refitted, the best compared with its rivals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,7 +14,7 @@ from calib.diagnosis.prediction import Prediction
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.score import deviate
 from calib.diagnosis.screening import KnownDerivatives, screened
-from calib.diagnosis.suspect import Refitted, Scored, Suspect, cosine, leading_variants
+from calib.diagnosis.suspect import Refitted, Scored, Screened, Suspect, cosine, is_testable, leading_variants
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,14 +26,14 @@ class Round:
     base : the model so far
     suspects : all candidates, the strongest first
     threshold : of |z|
-    chosen : the refitted suspect that explains most, None where none passes
+    chosen : the refitted suspect that explains most, None where none is significant
     rivals : suspects indistinguishable from the chosen one, which is the simplest of them
-    excess_chi2 : of the base, over what the refitted suspects are compared on
-    prediction : of the chosen suspect, or of the one that was rejected; None where it was not or cannot be tested
+    excess_chi2 : of the base, over the samples on which the refitted suspects are compared
+    prediction : of the chosen suspect, or of the one that was rejected; None where that was not or cannot be tested
     rejected : the suspect that explains most where it is no cause, None where it is one or there is none
     rejection : why it is none
     untried : suspects that were to be refitted when the budget was spent
-    excess_chi2_of_null : of the calibrated model, in the noise of this search; NaN where it was not worked out
+    excess_chi2_of_null : of the calibrated model, in the noise of this search; NaN where it was not computed
     """
 
     base: Fit
@@ -69,26 +69,27 @@ def search(
     known: KnownDerivatives,
     attained: float = np.inf,
 ) -> Round:
-    """Find the candidate that explains most of what the model `base` leaves.
+    """Find the candidate that explains most of the residual of the model `base`.
 
     Parameters
     ----------
     excess_std : excess chi-square of the base, in standard deviations of that of noise; candidates without derivative
         are tried where it is significant, or where others are above the threshold
-    known : derivatives of candidates from an earlier search; those that are taken here are added
+    known : derivatives of candidates from an earlier search; those that are computed here are added
     attained : chi-square that one of the candidates is known to attain
     """
-    suspects, threshold = _screened_anew(fitter, base, candidates, seed, known)
+    suspects, threshold = _rescored(fitter, base, candidates, seed, known)
     significant = _significant(suspects, threshold)
     leaders = _leaders(suspects, significant, excess_std)
     refitted, untried = _refits(fitter, base, leaders, len(significant), threshold, attained)
-    alike = [s for s in _like_the_best(significant, refitted) if s.name not in untried]
-    refitted, left = _refits(fitter, base, alike, len(significant), threshold, attained, refitted)
-    untried = (*untried, *left)
-    if not base.candidates and fitter.is_at_an_edge(base) and _is_left(fitter.evidence, base, refitted):
-        refitted, left = _refits_from_the_middle(fitter, base, suspects, seed, threshold, attained, refitted)
-        untried = (*untried, *left)
-    excess, rivals, possible = excess_chi2(fitter.evidence, base), (), []
+    similar = [s for s in _similar_to_the_best(significant, refitted) if s.name not in untried]
+    refitted, more = _refits(fitter, base, similar, len(significant), threshold, attained, refitted)
+    untried = (*untried, *more)
+    if not base.candidates and fitter.is_at_an_edge(base) and _leaves_dominant_misfit(fitter.evidence, base, refitted):
+        refitted, more = _refits_from_the_middle(fitter, base, suspects, seed, threshold, attained, refitted)
+        untried = (*untried, *more)
+    excess, possible = excess_chi2(fitter.evidence, base), list[Refitted]()
+    rivals: tuple[Refitted, ...] = ()
     if refitted:
         common = fitter.evidence.with_weights([base.point.simulated, *(s.fit.point.simulated for s in refitted)])
         before = base.chi2_over(common)
@@ -97,20 +98,20 @@ def search(
         possible = [s for s in refitted if _is_possible(s, threshold)]
         rivals = rival_suspects(fitter.evidence, possible, threshold)
     latest = {id(s.candidate): s for s in refitted}
-    if rivals:  # indistinguishable suspects are compared again, each with the form that suits it best
+    if rivals:  # indistinguishable suspects are compared again, each with its best-fitting form
         formed = {id(s.candidate): _with_fitted_form(fitter, s, before, common) for s in rivals}
         latest |= formed
         rivals = rival_suspects(fitter.evidence, list(formed.values()), threshold)
     compared = sorted((latest.get(id(s.candidate), s) for s in suspects), key=lambda s: -s.known_reduction)
     chosen = simplest(rivals) if rivals else None
-    rivals = with_those_behind(fitter.evidence, rivals, [latest[id(s.candidate)] for s in possible])
+    rivals = with_possible_causes(fitter.evidence, rivals, [latest[id(s.candidate)] for s in possible])
     return Round(base, tuple(compared), threshold, chosen, rivals, excess, untried=untried)
 
 
-def _screened_anew(
+def _rescored(
     fitter: Fitter, base: Fit, candidates: Sequence[Candidate], seed: int, known: KnownDerivatives
-) -> tuple[list[Suspect], float]:
-    """Screen the candidates; those that may lead by derivatives of another model again, by derivatives of this one."""
+) -> tuple[list[Screened], float]:
+    """Score the candidates; those that may lead by derivatives of another model again, by derivatives of this one."""
     of_another_model = set(known)
     suspects, threshold = screened(fitter, base, candidates, seed, known)
     significant = _significant(suspects, threshold)
@@ -121,9 +122,9 @@ def _screened_anew(
     return screened(fitter, base, candidates, seed, known) if old else (suspects, threshold)
 
 
-def _significant(suspects: Sequence[Suspect], threshold: float) -> list[Scored]:
-    """Suspects above the threshold of |z| whose sizes have a possible sign; the suspects' order is kept."""
-    above = [s for s in suspects if s.is_testable and abs(s.z) > threshold]
+def _significant(suspects: Sequence[Screened], threshold: float) -> list[Scored]:
+    """Suspects above the threshold of |z| whose sizes have an admissible sign, in their order."""
+    above = [s for s in suspects if is_testable(s) and abs(s.z) > threshold]
     return [s for s in above if not s.candidate.sign * s.test.size[0] < 0.0]
 
 
@@ -132,28 +133,30 @@ def _largest_reduction(suspects: Sequence[Scored]) -> float:
     return max((s.predicted_reduction for s in suspects), default=0.0)
 
 
-def _leaders(suspects: Sequence[Suspect], significant: Sequence[Scored], excess_std: float) -> list[Suspect]:
+def _leaders(suspects: Sequence[Screened], significant: Sequence[Scored], excess_std: float) -> list[Screened]:
     """Suspects to be refitted: those with the largest predicted reductions, then those without a score test."""
     least = CRITERIA.min_leader_share * _largest_reduction(significant)
-    leaders = [s for s in leading_variants(significant) if s.predicted_reduction >= least][: CRITERIA.max_refits]
+    leading = leading_variants(significant)
+    leaders: list[Screened] = []
+    leaders += [s for s in leading if s.predicted_reduction >= least][: CRITERIA.max_refits]
     if significant or excess_std > CRITERIA.significance_std:
         untestable = [s for s in suspects if not s.is_testable and not s.candidate.effect.noise]
         leaders += [s for s in untestable if s.absorbed < CRITERIA.max_absorbed_share]
     return leaders
 
 
-def _like_the_best(significant: Sequence[Scored], refitted: Sequence[Refitted]) -> list[Scored]:
-    """Suspects that were not refitted, and change the records much as the one does that explains most.
+def _similar_to_the_best(significant: Sequence[Scored], refitted: Sequence[Refitted]) -> list[Scored]:
+    """Suspects that were not refitted, and change the records similarly to the one that explains most.
 
-    Which of them explains more, their score tests do not tell: where the misfit is large, these err by more.
+    Their score tests do not decide which of them explains more: where the misfit is large, their errors are larger.
     """
     done = {s.name for s in refitted}
     others = [s for s in leading_variants(significant) if s.name not in done]
-    return [s for s in others if _is_like_the_best(s, refitted)][: CRITERIA.max_refits]
+    return [s for s in others if _is_similar_to_the_best(s, refitted)][: CRITERIA.max_refits]
 
 
-def _is_like_the_best(suspect: Suspect, refitted: Sequence[Refitted]) -> bool:
-    """Whether a suspect changes the records much as that refitted one does that explains most."""
+def _is_similar_to_the_best(suspect: Suspect, refitted: Sequence[Refitted]) -> bool:
+    """Whether a suspect changes the records similarly to the refitted one that explains most."""
     best = min(refitted, key=lambda s: s.fit.chi2, default=None)
     return best is not None and (cosine(suspect, best) or 0.0) >= CRITERIA.min_signature_cosine
 
@@ -164,16 +167,16 @@ def _is_like_the_best(suspect: Suspect, refitted: Sequence[Refitted]) -> bool:
 def _refits(
     fitter: Fitter,
     base: Fit,
-    leaders: Sequence[Suspect],
+    leaders: Sequence[Screened],
     significant: int,
     threshold: float,
     attained: float,
     before: Sequence[Refitted] = (),
 ) -> tuple[list[Refitted], tuple[str, ...]]:
-    """Refit the leaders, beside those that were before; names of those for which the budget did not suffice.
+    """Refit the leaders, and add them to those refitted before; names of those for which the budget did not suffice.
 
-    A fit that is predicted to stay behind is given up, but not that of what changes the records much as the best so far
-    does: on its way there the prediction errs by more than the two differ in the end.
+    A fit that is predicted to attain less than the best is abandoned, but not that of a suspect that changes the
+    records similarly to the best: the error of the prediction then exceeds the final difference of the two.
 
     significant : number of suspects above the threshold
     attained : chi-square that one of the candidates is known to attain
@@ -186,15 +189,15 @@ def _refits(
             untried.append(suspect.name)
             continue
         bound = chi2_of_a_rival(refitted, base, threshold, attained)
-        rival = np.inf if _is_like_the_best(suspect, refitted) else bound
+        rival = np.inf if _is_similar_to_the_best(suspect, refitted) else bound
         fitted = _refitted(fitter, base, suspect, threshold, rival)
         if fitted is not None:
             refitted.append(fitted)
     return refitted, tuple(dict.fromkeys(untried))
 
 
-def _is_left(evidence: Evidence, base: Fit, refitted: Sequence[Refitted]) -> bool:
-    """Whether the best of the suspects, or the model without any, leaves a misfit that dominates the noise."""
+def _leaves_dominant_misfit(evidence: Evidence, base: Fit, refitted: Sequence[Refitted]) -> bool:
+    """Whether the best suspect, or the model without one, leaves a misfit that dominates the noise."""
     best = min((s.fit for s in refitted), key=lambda fit: fit.chi2, default=base)
     return dominant(excess_chi2(evidence, best), chi2_std(evidence))
 
@@ -202,35 +205,36 @@ def _is_left(evidence: Evidence, base: Fit, refitted: Sequence[Refitted]) -> boo
 def _refits_from_the_middle(
     fitter: Fitter,
     base: Fit,
-    suspects: Sequence[Suspect],
+    suspects: Sequence[Screened],
     seed: int,
     threshold: float,
     attained: float,
     refitted: Sequence[Refitted],
 ) -> tuple[list[Refitted], tuple[str, ...]]:
-    """Fit suspects from the middle of the windows too, and keep for each what explains more; names of those untried.
+    """Fit suspects from the middle of the windows too, and take the better fit of each; names of those untried.
 
-    A calibrated value at the edge of its window makes up for what the model lacks, by another motion: score tests there
-    err by more than the reduction that they predict, and fits from there end in another minimum. All are fitted that
+    A calibrated value at the edge of its window compensates for a model error, by another motion: the error of score
+    tests there exceeds the reduction that they predict, and fits from there end in another minimum. All are fitted that
     have a derivative in both places, one variant of each.
 
-    suspects : scored on what `base` leaves
+    suspects : scored on the residual of `base`
     attained : chi-square that one of the candidates is known to attain
     """
     middle = None if fitter.effort.spent else fitter.in_the_middle(base)
     if middle is None:
         return list(refitted), ()
     scored, latest = {id(s.candidate): s for s in suspects}, {id(s.candidate): s for s in refitted}
-    there, _ = screened(fitter, middle, [s.candidate for s in suspects], seed)
-    leaders = leading_variants(s for s in there if s.is_testable and scored[id(s.candidate)].is_testable)
+    at_middle, _ = screened(fitter, middle, [s.candidate for s in suspects], seed)
+    leaders = leading_variants(s for s in at_middle if is_testable(s) and scored[id(s.candidate)].is_testable)
     fitter.effort.foresee(fitter.expected_simulations(0, len(leaders)))
     untried = []
     for suspect in leaders:
         if fitter.effort.spent:
             untried.append(suspect.name)
             continue
-        found, key, candidate = list(latest.values()), id(suspect.candidate), suspect.candidate
-        bound = np.inf if _is_like_the_best(scored[key], found) else chi2_of_a_rival(found, base, threshold, attained)
+        known, key, candidate = list(latest.values()), id(suspect.candidate), suspect.candidate
+        similar = _is_similar_to_the_best(scored[key], known)
+        bound = np.inf if similar else chi2_of_a_rival(known, base, threshold, attained)
         columns = np.column_stack([middle.columns, suspect.derivatives])
         fit = fitter.fit(middle.point, (candidate,), candidate.absent(), columns, bound)
         if fit.names and fit.chi2 < (latest[key].fit if key in latest else base).chi2:
@@ -239,7 +243,7 @@ def _refits_from_the_middle(
 
 
 def chi2_of_a_rival(refitted: Sequence[Refitted], base: Fit, threshold: float, attained: float = np.inf) -> float:
-    """Chi-square at which a suspect would still be an alternative to those refitted; what stays above it is given up.
+    """Chi-square up to which a suspect may still be an alternative to those refitted; fits above it are abandoned.
 
     attained : chi-square that one of the candidates is known to attain
     """
@@ -247,20 +251,20 @@ def chi2_of_a_rival(refitted: Sequence[Refitted], base: Fit, threshold: float, a
     return best + (2.0 * CRITERIA.aic_tie + threshold**2) * max(1.0, best / base.residual.size)
 
 
-def _refitted(fitter: Fitter, base: Fit, suspect: Suspect, threshold: float, rival: float) -> Refitted | None:
-    """Fit all parameters with the suspect in the model, from its estimated size or from several; None from none.
+def _refitted(fitter: Fitter, base: Fit, suspect: Screened, threshold: float, rival: float) -> Refitted | None:
+    """Fit all parameters with the suspect in the model, from its estimated size or from several; None without any.
 
     One without derivative is first tried at several sizes: a size at which its fit begins has to predict a reduction of
-    chi-square about as large as the threshold asks for. So is one whose refit reduces chi-square otherwise than its
-    score test predicts: it is far from linear, and its fit may have ended in a local minimum; a further fit begins only
-    at a size that predicts more than that fit attained.
+    chi-square near the threshold. So is one whose refit reduces chi-square by another amount than its score test
+    predicts: it is far from linear, and its fit may have ended in a local minimum; a further fit begins only at a size
+    that predicts more than that fit attained.
 
-    rival : chi-square at which the suspect would still be an alternative
+    rival : chi-square up to which the suspect may still be an alternative
     """
-    fits = [_from_estimate(fitter, base, suspect, rival)] if suspect.is_testable else []
+    fits = [_from_estimate(fitter, base, suspect, rival)] if is_testable(suspect) else []
     reduction = base.chi2 - fits[0].chi2 if fits else 0.0
     predicted = suspect.predicted_reduction
-    if not suspect.is_testable or abs(reduction - predicted) > CRITERIA.max_nonlinearity * predicted:
+    if not fits or abs(reduction - predicted) > CRITERIA.max_nonlinearity * predicted:
         least = max(CRITERIA.min_trial_reduction * threshold**2, reduction)
         fits += [_fitted(fitter, base, suspect, sizes, rival) for sizes in _trial_sizes(fitter, base, suspect, least)]
     best = min(fits, key=lambda fit: fit.chi2, default=None)
@@ -270,7 +274,7 @@ def _refitted(fitter: Fitter, base: Fit, suspect: Suspect, threshold: float, riv
 def _from_estimate(fitter: Fitter, base: Fit, suspect: Scored, rival: float) -> Fit:
     """Fit from the size that the score test estimates.
 
-    Where the motion fails there, which a large misfit makes large, from nothing as far as the fit can go.
+    Where the simulation fails there, for a large misfit makes the estimate large, from where the effect is absent.
     """
     columns = np.column_stack([base.columns, suspect.derivatives])
     fit = _fitted(fitter, base, suspect, _estimate(suspect), rival, columns)
@@ -294,7 +298,7 @@ def _estimate(suspect: Scored) -> np.ndarray:
     return suspect.candidate.within_scale(suspect.candidate.null + suspect.test.size)
 
 
-def _trial_sizes(fitter: Fitter, base: Fit, suspect: Suspect, least: float) -> list[np.ndarray]:
+def _trial_sizes(fitter: Fitter, base: Fit, suspect: Screened, least: float) -> list[np.ndarray]:
     """Sizes (p,) from which to fit: the best of those that predict a larger reduction of chi-square than the least.
 
     Without those from which it was fitted already.
@@ -304,14 +308,14 @@ def _trial_sizes(fitter: Fitter, base: Fit, suspect: Suspect, least: float) -> l
     trials = [trial for x in sizes if (trial := fitter.trial(base, candidate, x)) is not None]
     trials.sort(key=lambda trial: -trial[0])
     starts = [candidate.within_scale(size) for reduction, size in trials[: CRITERIA.max_starts] if reduction > least]
-    known = [_estimate(suspect)] if suspect.is_testable else []
+    known = [_estimate(suspect)] if is_testable(suspect) else []
     return [x for k, x in enumerate(starts) if not any(np.allclose(x, other) for other in (*known, *starts[:k]))]
 
 
 def _with_fitted_form(fitter: Fitter, suspect: Refitted, before: float, common: Evidence) -> Refitted:
     """Return the suspect with its form fitted too, where that lowers its AIC.
 
-    The form that an effect is tried with is a guess: what a poor one leaves would be taken for a further cause.
+    The form with which an effect is tried is a guess: the residual of a poor one would be taken for a further cause.
 
     before : chi-square of the model without the suspect, over the evidence `common`
     """
@@ -328,13 +332,13 @@ def _with_fitted_form(fitter: Fitter, suspect: Refitted, before: float, common: 
 
 
 def _is_possible(suspect: Refitted, threshold: float) -> bool:
-    """Whether a refitted suspect has a size that makes sense and explains enough to be a cause."""
+    """Whether a refitted suspect has an admissible size and explains enough to be a cause."""
     if not suspect.fit.names:
         return False
     candidate = suspect.candidate
     if candidate.sign and not (suspect.size[0] - candidate.null[0]) * candidate.sign > 0.0:
         return False
-    return deviate(suspect.chi2_reduction, len(candidate.free)) > threshold
+    return bool(deviate(suspect.chi2_reduction, len(candidate.free)) > threshold)
 
 
 # --- rivals -----------------------------------------------------------------------------------------------------------
@@ -343,7 +347,7 @@ def _is_possible(suspect: Refitted, threshold: float) -> bool:
 def rival_suspects(evidence: Evidence, refitted: Sequence[Refitted], threshold: float) -> tuple[Refitted, ...]:
     """Suspects indistinguishable from the one of the least AIC, one of each effect, the best first.
 
-    A simpler one is a rival too where what the further parameters of the best bring is below the threshold of |z|:
+    A simpler one is a rival too where the gain by the further parameters of the best is below the threshold of |z|:
     beside it they would be no cause either. Where the best leaves more than noise, differences are judged by the
     quasi-likelihood, divided by its reduced chi-square (Burnham & Anderson 2002, section 2.5).
     """
@@ -355,28 +359,27 @@ def rival_suspects(evidence: Evidence, refitted: Sequence[Refitted], threshold: 
     return tuple(leading_variants(s for s in ordered if _is_rival(s, best, dispersion, threshold)))
 
 
-def with_those_behind(
+def with_possible_causes(
     evidence: Evidence, rivals: Sequence[Refitted], refitted: Sequence[Refitted]
 ) -> tuple[Refitted, ...]:
-    """Rivals, the best first, and those of the refitted suspects that what nobody has modelled may have put behind it.
+    """Rivals, the best first, and those refitted suspects that explain less than the best by a model error only.
 
-    Those that explain about as much, that is.
-
-    Where the best leaves more than noise another may be the cause. Then what is left beside that other, R, is like the
-    difference d of both models with the cosine (X2 of the other - X2 of the best + |d|^2) / (2 |d| sqrt(R)); what a
-    model lacks is so like a given difference only by chance.
+    Where the best leaves more than noise another suspect, which explains about as much, may be the cause. Then the
+    residual beside that other, of excess R, makes an angle with the difference d of both models whose cosine is
+    (X2 of the other - X2 of the best + |d|^2) / (2 |d| sqrt(R)); a model error has such a cosine with a given
+    difference only by chance.
     """
     if not rivals or not significant(excess_chi2(evidence, rivals[0].fit), chi2_std(evidence)):
         return tuple(rivals)
     known = {rival.name for rival in rivals}
     others = sorted((s for s in refitted if s.name not in known), key=lambda s: s.fit.chi2)
-    return tuple(leading_variants([*rivals, *(s for s in others if _may_be_behind(evidence, s, rivals[0]))]))
+    return tuple(leading_variants([*rivals, *(s for s in others if _may_be_the_cause(evidence, s, rivals[0]))]))
 
 
-def _may_be_behind(evidence: Evidence, other: Refitted, best: Refitted) -> bool:
-    """Whether what a suspect leaves may hide that it is the cause, and not the best."""
-    apart = other.fit.residual - best.fit.residual
-    square = float(apart @ apart)
+def _may_be_the_cause(evidence: Evidence, other: Refitted, best: Refitted) -> bool:
+    """Whether a suspect may be the cause in the place of the best, a model error beside it given."""
+    difference = other.fit.residual - best.fit.residual
+    square = float(difference @ difference)
     if other.chi2_reduction < CRITERIA.min_explained_share * best.chi2_reduction:
         return False
     product = np.sqrt(square * excess_chi2(evidence, other.fit))
@@ -393,4 +396,4 @@ def _is_rival(other: Refitted, best: Refitted, dispersion: float, threshold: flo
     gap = best.chi2_reduction - other.chi2_reduction
     further = best.parameter_count - other.parameter_count
     tie = gap + other.aic_penalty - best.aic_penalty <= CRITERIA.aic_tie * dispersion
-    return tie or (further > 0 and deviate(gap / dispersion, further) <= threshold)
+    return tie or (further > 0 and bool(deviate(gap / dispersion, further) <= threshold))

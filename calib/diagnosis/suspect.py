@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import TypeGuard, TypeVar
 
 import numpy as np
 from scipy import stats
@@ -243,13 +243,19 @@ def _half_width(error: np.ndarray) -> np.ndarray:
     return float(stats.norm.isf(CRITERIA.tail_probability)) * error
 
 
+Screened = Untestable | Scored
 Suspect = Untestable | Scored | Refitted
-S = TypeVar("S", Untestable, Scored, Refitted, Suspect)
+S = TypeVar("S", Untestable, Scored, Refitted, Screened, Suspect)
 Cause = tuple[Refitted, tuple[Refitted, ...]]  # a suspect that is a cause, and its rivals, itself included
 
 
+def is_testable(suspect: Screened) -> TypeGuard[Scored]:
+    """Whether a suspect has a reliable score test."""
+    return suspect.is_testable
+
+
 def leading_variants(suspects: Iterable[S]) -> list[S]:
-    """Keep the first variant of each effect: suspects come in the order of what they explain."""
+    """The first variant of each effect, the best where suspects come in the order of what they explain."""
     leading: dict[str, S] = {}
     for suspect in suspects:
         leading.setdefault(suspect.name, suspect)

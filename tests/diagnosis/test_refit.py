@@ -75,7 +75,7 @@ def test_where_the_motion_fails_there_is_a_reason_and_no_parameter():
     fitter = Fitter(InProcess(simulate), Evidence(decaying(TRUE)), Space(WINDOWS), MODEL)
     seen = {"record": SimulatedRows(decaying(START)[None], np.ones(TIME.size))}
     fit = fitter.fit(Point(START, (), seen))
-    assert (fit.names, fit.reason) == ((), "the motion fails there")
+    assert (fit.names, fit.reason) == ((), "its simulation fails at the start")
 
 
 @pytest.mark.parametrize(

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.search import (
-    _like_the_best,
+    _similar_to_the_best,
     _refits,
     _refits_from_the_middle,
     rival_suspects,
-    with_those_behind,
+    with_possible_causes,
 )
 
 SIZE, LIMIT = 1000.0, 3.4
@@ -64,14 +64,14 @@ def test_where_more_than_noise_is_left_a_suspect_may_be_behind_for_that(remainde
     """The best takes 20 of what the other leaves, which is the cause."""
     best = fitted("best", 5000.0, remainder[0], remainder[1] - 20.0, 16.0)
     other = fitted("other", 5000.0 * reduction, *remainder, 16.0)
-    found = with_those_behind(EVIDENCE, (best,), [other, best])
+    found = with_possible_causes(EVIDENCE, (best,), [other, best])
     assert [s.name for s in found] == ["best", "other"][: 1 + alike]
 
 
 def test_where_noise_is_left_no_suspect_is_behind_for_anything_else():
     best, other = fitted("best", 500.0, 5.0), fitted("other", 490.0, 5.0, 4.0)
-    assert with_those_behind(EVIDENCE, (best,), [other]) == (best,)
-    assert with_those_behind(EVIDENCE, (), [other]) == ()
+    assert with_possible_causes(EVIDENCE, (best,), [other]) == (best,)
+    assert with_possible_causes(EVIDENCE, (), [other]) == ()
 
 
 def scored(name, reduction, angle):
@@ -80,16 +80,16 @@ def scored(name, reduction, angle):
     return SimpleNamespace(name=name, predicted_reduction=reduction, signature_columns=signature)
 
 
-def test_what_is_much_like_the_best_is_refitted_though_its_score_test_predicts_less():
+def test_what_is_much_similar_to_the_best_is_refitted_though_its_score_test_predicts_less():
     """Quadratic drag beside linear drag: 92 % by the score test, 99.7 % once it is fitted."""
     best = SimpleNamespace(**vars(scored("linear_drag", 97.0, 0.0)), fit=SimpleNamespace(chi2=3.0))
     worse = SimpleNamespace(**vars(scored("preload", 98.0, 17.0)), fit=SimpleNamespace(chi2=9.0))
     significant = [worse, best, scored("softening", 93.0, 25.0), scored("quadratic_drag", 92.0, 7.6)]
-    assert [s.name for s in _like_the_best(significant, [worse, best])] == ["quadratic_drag"]
-    assert _like_the_best(significant, []) == []
+    assert [s.name for s in _similar_to_the_best(significant, [worse, best])] == ["quadratic_drag"]
+    assert _similar_to_the_best(significant, []) == []
 
 
-def test_the_fit_of_what_is_much_like_the_best_is_not_given_up(monkeypatch):
+def test_the_fit_of_what_is_much_similar_to_the_best_is_not_given_up(monkeypatch):
     """A zero of the height beside a gap under a falling cube: both explain the same, by ways of different length."""
     rivals = {}
 

@@ -94,7 +94,7 @@ def _untested():
         "interval": {"clip": [None, None]},
         "detectable": {"clip": None},
         "alike": None,
-        "reason": "no score test, for want of a derivative where it is absent; judged by the samples themselves",
+        "reason": "it has no derivative where it is absent, so no score test; it is judged by the samples themselves",
     }
 
 

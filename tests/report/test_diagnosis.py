@@ -451,7 +451,7 @@ def test_where_a_gate_fails_after_several_causes_were_found_nothing_is_said_of_t
 def test_a_suspect_that_could_not_be_tested_has_no_size(told):
     [clipping] = [s for s in told("named")["suspects"]["rest"] if s["effect"] == "clipping"]
     assert (clipping["z"], clipping["sizes"], clipping["detectable"]) == ("-", ["-"], [])
-    assert clipping["reason"].startswith("no score test, for want of a derivative where it is absent")
+    assert clipping["reason"].startswith("it has no derivative where it is absent, so no score test")
 
 
 def test_features_stand_worst_first_in_the_units_of_a_reader(told):
