@@ -63,8 +63,8 @@ def rejection(evidence: Evidence, null: Fit, made: Extension, further: bool) -> 
     if test is not None and test.fails:
         change = f"{'falls' if test.reduction > 0.0 else 'rises'} by {_chi2(abs(test.reduction))}"
         return (
-            f"it does not predict data to which it was not fitted ({', '.join(test.folds)} left out in turn): the sum of
-            " f"squares there, in units of the noise variance, {change} ± {_chi2(test.error)}"
+            f"it does not predict data to which it was not fitted ({', '.join(test.folds)} left out in turn): the sum "
+            f"of squares there, in units of the noise variance, {change} ± {_chi2(test.error)}"
         )
     if further and _is_heterogeneous(evidence, made.extended, cause, made.threshold):
         return "its size differs among the channels of the records, and a large misfit remains"
