@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -11,14 +12,18 @@ from urllib.error import HTTPError
 from urllib.request import Request, urlopen
 
 import pytest
+import xarray as xr
 from child_environment import environment
 from click.testing import CliRunner
 from echo_study import write_study
+from printed import cells
 
 from calib import records
 from calib.cli import main
 from calib.cli.tables import _measured
+from calib.plugins import load_all
 from calib.store import read
+from calib.workflows.calibrate import UNFINISHED
 
 # a process in the background of a script begins deaf to Ctrl-C, and so do its children
 HEEDING = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
@@ -57,9 +62,11 @@ def test_help_imports_nothing_heavy():
 
 @pytest.mark.parametrize("command", sorted(main.commands))
 def test_every_command_explains_itself(command):
-    said = calib(command, "--help").stdout
-    assert "Usage:" in said
-    assert len(said.splitlines()) > 6
+    said = calib(command, "--help").stdout.splitlines()
+    assert said[0].startswith(f"Usage: main {command} ")
+    assert said[2].startswith("  ")  # a sentence on what it does
+    assert said[2].strip()[0].isupper()
+    assert {line.split()[0] for line in said if line.startswith("  -")} >= {"-h,"}
 
 
 def test_wrong_usage_is_exit_code_2():
@@ -72,9 +79,22 @@ def test_wrong_usage_is_exit_code_2():
 
 def test_a_run_says_what_it_found(finished):
     path, ended = finished
-    for said in ("gain", "± 2 s.e.", "mm", "0.5 .. 2", "period-1", "held out", "starts", "report.html"):
-        assert said in ended.stdout
-    assert "trials" in ended.stderr
+    found = json.loads((path.parent / "out" / "result.json").read_text())
+    gain, harmonic, term, total, again = cells(ended.stdout)
+    errors = {name: 2.0 * error for name, error in found["confidence"]["standard_error"].items()}
+    assert gain[:4] == ["gain", *_measured(found["values"]["gain"], errors["gain"], "1"), "0.5 .. 2"]
+    millimetres = _measured(found["values"]["harmonic"], errors["harmonic"], "m")
+    assert harmonic[:4] == ["harmonic", *millimetres, "-1 mm .. 1 mm"]
+    assert millimetres[0].endswith(" mm")
+    assert (term[0], total[::2], again[::3]) == ("phase_curve", ["total", "period-1"], ["again", "period-1"])
+    assert float(term[1]) == float(total[1]) == pytest.approx(found["score"]["total"], rel=1e-3)
+    assert float(again[1]) == pytest.approx(found["holdout"]["again"]["misfit"], rel=1e-3)
+    agreement, counted, files = ended.stdout.splitlines()[-3:]
+    starts = found["agreement"]
+    assert agreement.startswith(f"{starts['agree']} of {starts['starts']} starts")
+    assert counted.startswith("trials: 24, of which 0 failed; ")
+    assert files == f"files:  {path.parent / 'out'}/ (report.html, result.json, best.nc, trials.jsonl)"
+    assert ended.stderr.splitlines()[-1].startswith(f"report: 24/24 trials  best {total[1]} (period-1)")
 
 
 def test_a_run_leaves_its_files(finished):
@@ -122,7 +142,9 @@ def test_a_changed_study_is_refused_and_says_what_changed(tmp_path):
     calib("run", write_study(tmp_path), "--budget", 10)
     path = write_study(tmp_path, ("high = 2.0", "high = 3.0"))
     ended = calib("run", path, code=1)
-    assert "windows.gain.high: 2.0 -> 3.0" in ended.stderr
+    [_, changed, remedy] = ended.stderr.partition("calib: ")[2].splitlines()
+    assert changed == "  windows.gain.high: 2.0 -> 3.0"
+    assert "--fresh" in remedy
     calib("run", path, "--fresh", "--budget", 10)
 
 
@@ -212,11 +234,16 @@ def test_status_of_a_finished_study(finished):
     said = json.loads(calib("status", finished[0], "--json").stdout)
     result = json.loads((finished[0].parent / "out" / "result.json").read_text())
     assert (said["state"], said["trials"], said["best"]["kind"]) == ("finished", result["trials"], "period-1")
-    assert "finished" in calib("status", finished[0]).stdout
+    standing, best, *values = calib("status", finished[0]).stdout.splitlines()
+    assert standing == "echo: finished, 24 of 24 trials"
+    assert best.endswith(f"(period-1) at trial {result['best_trial']}")
+    assert [value.split()[0] for value in values[:2]] == ["gain", "harmonic"]
 
 
 def test_status_where_nothing_was_run(tmp_path):
-    assert "no study was run here" in calib("status", write_study(tmp_path), code=1).stderr
+    said = calib("status", write_study(tmp_path), code=1)
+    assert said.stdout == ""
+    assert said.stderr == f"calib: {tmp_path / 'out'}: no study was run here (no trials.jsonl with a header)\n"
 
 
 def test_no_report_is_written_of_another_study_than_was_run(tmp_path, finished):
@@ -252,27 +279,32 @@ def test_simulate_writes_a_record_and_a_picture(tmp_path):
 @pytest.mark.parametrize(
     ("setting", "said"),
     [
-        ("gian=1", "unknown parameter 'gian' (did you mean 'gain'?)"),
-        ("gain", "expected NAME=VALUE"),
-        ("harmonic=1 s", "--set harmonic"),
-        ("gain=much", "--set gain"),
+        ("gian=1", "--set: unknown parameter 'gian' (did you mean 'gain'?); the model has gain, harmonic"),
+        ("gain", "--set: expected NAME=VALUE, got 'gain'"),
+        ("harmonic=1 s", "--set harmonic: expected a quantity that can be given in m, got '1 s'"),
+        ("gain=much", "--set gain: cannot read 'much' as a number with a unit"),
         ("gain=-1", "--set gain: expected a value in [0, inf] 1, got -1"),
     ],
 )
 def test_a_bad_setting_is_named(tmp_path, setting, said):
     ended = calib("simulate", write_study(tmp_path), "--set", setting, "-o", tmp_path / "loop.nc", code=1)
-    assert said in ended.stderr
+    assert ended.stderr.startswith(f"calib: {said}")
+    assert not (tmp_path / "loop.nc").exists()
 
 
 def test_a_simulation_that_fails_says_why(tmp_path):
     path = write_study(tmp_path, ("[windows]", 'options = { fault = "raises", above = 1.0 }\n[windows]'))
     ended = calib("simulate", path, "--set", "gain=1.5", "-o", tmp_path / "loop.nc", code=4)
-    assert "the echo broke" in ended.output
+    outcome, reason = ended.stdout.splitlines()
+    assert outcome == f"{tmp_path / 'loop.nc'}: raised"
+    assert reason.startswith("reason: RuntimeError: the echo broke (")
+    assert "tiny_simulators.py, line " in reason
+    assert xr.load_dataset(tmp_path / "loop.nc").attrs["status"] == "raised"
 
 
 def test_a_record_that_the_study_lacks_is_named(tmp_path):
     ended = calib("simulate", write_study(tmp_path), "--record", "bensch", "-o", tmp_path / "loop.nc", code=1)
-    assert "did you mean 'bench'?" in ended.stderr
+    assert ended.stderr == "calib: no record 'bensch' (did you mean 'bench'?); the study has bench\n"
 
 
 # --- report, dashboard, list
@@ -294,7 +326,11 @@ def test_an_unfinished_study_can_be_reported(finished, tmp_path):
     (out / "trials.jsonl").write_text("".join(lines[:10]) + lines[10][:20])
     (out / "residuals.f64").write_bytes((finished[0].parent / "out" / "residuals.f64").read_bytes())
     calib("report", path)
-    assert (out / "report.html").exists()
+    assert len(read(out)[1]) == 9  # the torn line is none
+    page = " ".join(re.sub(r"<[^>]+>", " ", (out / "report.html").read_text()).split())
+    best = min(read(out)[1], key=lambda trial: trial.total)
+    assert f"Best simulation at a distance of {best.total:.3g} from the measurement" in page
+    assert UNFINISHED in page
 
 
 def test_the_dashboard_can_be_read_and_not_written(finished):
@@ -312,17 +348,36 @@ def test_the_dashboard_can_be_read_and_not_written(finished):
 
 
 def test_list_shows_what_a_study_may_name():
-    said = calib("list").stdout
-    for name in ("simulators", "four_dof", "effects", "gap_offset", "features", "phase_curve", "multistart"):
-        assert name in said
+    said, group = {}, ""
+    for line in calib("list").stdout.splitlines():
+        group = group if line.startswith(" ") else line.strip()
+        if re.match(r"   \w", line):
+            said.setdefault(group, []).append(line.split()[0])
+    assert list(said) == ["simulators", "effects", "features", "optimisers"]
+    for group, names in said.items():
+        assert names == sorted(load_all(f"calib.{group}"))
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
-    [("four_dof", "restitution"), ("gap_offset", "dg"), ("phase_curve", "channels"), ("multistart", "options")],
+    ("name", "row"),
+    [
+        ("four_dof", ["restitution", "1", "0.05", "0 .. 1", "Newton's coefficient of restitution, beam and layer"]),
+        ("gap_offset", ["dg", "m", "0", "any", "change of the gap, positive where it is wider"]),
+    ],
 )
-def test_list_says_more_about_one(name, said):
-    assert said in calib("list", name).stdout
+def test_list_says_more_about_one(name, row):
+    assert cells(calib("list", name).stdout)[0] == row
+
+
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [
+        ("phase_curve", "options: channels = ('displacement', 'velocity'), periods = 1"),
+        ("multistart", "options: screen = None"),
+    ],
+)
+def test_list_shows_the_options_of_what_has_no_parameters(name, line):
+    assert line in calib("list", name).stdout.splitlines()
 
 
 def test_list_as_json_names_the_parameters_with_their_units():
@@ -332,11 +387,14 @@ def test_list_as_json_names_the_parameters_with_their_units():
 
 
 def test_list_of_an_unknown_name():
-    assert "did you mean 'four_dof'?" in calib("list", "fourdof", code=1).stderr
+    said = calib("list", "fourdof", code=1).stderr
+    assert said.startswith("calib: nothing is called 'fourdof' (did you mean 'four_dof'?)")
 
 
 def test_the_schema_is_json():
-    assert "properties" in json.loads(calib("list", "--schema").stdout)
+    schema = json.loads(calib("list", "--schema").stdout)
+    assert set(schema["properties"]) >= {"study", "record", "model", "windows", "term", "optimiser", "diagnosis"}
+    assert set(schema["required"]) <= set(schema["properties"])
 
 
 # --- tables

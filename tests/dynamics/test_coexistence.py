@@ -138,8 +138,8 @@ def test_a_long_stable_cycle_is_periodic():
 def test_perturbed_starts_differ_imperceptibly_and_from_each_other():
     map = henon(1.4)
     starts = list(perturbed(map, map.initial, 5))
-    assert all(0.0 < np.abs((start - map.initial) / map.scale).max() <= 1e-6 for start in starts)
     assert len({tuple(start) for start in starts}) == 5
+    assert all(0.0 < np.abs((start - map.initial) / map.scale).max() <= 1e-6 for start in starts)
 
 
 def test_rounding_decides_where_the_transient_is_chaotic_and_not_where_it_shrinks():

@@ -61,6 +61,7 @@ def test_no_effect_is_hidden_beyond_what_the_library_says_there_can_be(cache):
     for name, cause in CAUSES.items():
         own = {p.name: p for p in named("calib.effects", HERE.get(name, name)).parameters}
         assert all(own[grown].high >= cause.most for grown in cause.grows if name != "outliers")
+    assert sum(bool(cause.grows) for cause in CAUSES.values()) > 20
     with pytest.raises(Refused, match="more than there can be"):
         bench("oscillator", cache, noise=1e-4).size_for("velocity_differencing", 1e5)
 
@@ -209,6 +210,7 @@ def test_the_study_can_be_read_and_tells_nothing_of_what_is_hidden(simulator, op
     assert {r.use for r in file.others.values()} == {"name", "holdout"}
     text = (study.folder / "study.toml").read_text()
     told = [read(path).attrs for path in study.folder.glob("*.nc")]
+    assert len(told) == len(file.study.objective.references) + len(file.others) > 2
     for name in (*effect, *study.values):
         assert name not in text
         assert not any(name in str(attrs) for attrs in told)

@@ -105,6 +105,7 @@ def test_records_are_as_long_and_as_densely_sampled_as_drawn():
 
 
 def test_a_clock_in_step_has_exact_stamps_and_a_free_one_drifts():
+    assert {lab.facts["clock"]["free"] for lab in DRAWN} == {True, False}
     for lab in DRAWN:
         free, clock = lab.facts["clock"], lab.clocks["loud"]
         if not free["free"]:
@@ -162,7 +163,9 @@ def test_a_clock_that_drifts_is_seen_in_proportion_to_its_drift(cache):
 def test_the_study_of_a_laboratory_can_be_read_and_covers_its_records(seed, cache, tmp_path):
     hide("oscillator", None, None, 1, folder=tmp_path, cache=cache, laboratory=seed)
     file = load(tmp_path)
-    for name, reference in {**file.study.objective.references, **file.others}.items():
+    references = {**file.study.objective.references, **file.others}
+    assert set(references) == {plan.name for plan in SYSTEM.plans}
+    for name, reference in references.items():
         if reference.excitation.periodic:
             assert reference.request.periods > reference.record.time.values[-1] * reference.excitation.frequency
         stamps = Laboratory.drawn(seed, SYSTEM).clocks[name].stamps

@@ -50,6 +50,7 @@ def test_drag_and_softening_are_named_and_cubic_and_drift_are_not(file, best):
     assert found.verdict == "named"
     assert set(found.causes) == {"quadratic_drag", "softening"}
     predictions = [r.prediction for r in found.selection.rounds if r.chosen is not None]
+    assert predictions
     assert all(prediction.reduction > prediction.error for prediction in predictions)
     assert found.selection.explained_share > 0.9
     assert found.selection.final.value("c2") == pytest.approx(0.140, abs=0.02)  # 0.134 to 0.146 by another programme

@@ -122,6 +122,7 @@ def test_the_same_values_give_the_same_bits_whatever_ran_before():
     found = evaluate(again, {**TRUE, "stiffness": 14.0})
     assert (found.score.residuals == wanted.score.residuals).all()
     assert found.score.nuisances == wanted.score.nuisances
+    assert found.records.keys() == wanted.records.keys() == {"first", "second"}
     assert all(found.records[name].identical(record) for name, record in wanted.records.items())
 
 

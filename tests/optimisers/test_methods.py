@@ -83,8 +83,10 @@ def test_least_squares_asks_for_a_jacobian_as_one_batch_from_the_best_point_told
 
 def test_a_method_that_has_converged_says_so():
     optimiser = Scipy(2, 1, 1000, method="least_squares")
-    search(optimiser, lambda u: bowl(u, BOWL[:2]), 1000)
+    points, outcomes = search(optimiser, lambda u: bowl(u, BOWL[:2]), 1000)
     assert "termination condition is satisfied" in optimiser.stop()
+    assert len(points) < 100
+    np.testing.assert_allclose(points[np.argmin([outcome.cost for outcome in outcomes])], BOWL[:2], atol=1e-6)
     optimiser.close()
 
 

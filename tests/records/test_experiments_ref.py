@@ -27,7 +27,10 @@ def test_the_script_of_a_folder_makes_its_records(folder, tmp_path):
 @pytest.mark.parametrize("folder", ["clapping_minimal", "clapping_beam"])
 @pytest.mark.parametrize("name", NAMES)
 def test_a_reference_record_says_that_it_is_not_measured(folder, name):
-    assert "not measured" in read(ROOT / folder / f"{name}.nc").attrs["warning"]
+    attrs = read(ROOT / folder / f"{name}.nc").attrs
+    assert attrs["warning"].startswith("not measured: ")
+    assert attrs["warning"].endswith(f"(README of {folder})")
+    assert attrs["source"] == f"experiments_ref/{folder}/{name}.csv"
 
 
 def test_the_beam_s_motion_is_the_drive_and_no_evidence():

@@ -61,10 +61,13 @@ def test_what_is_made_is_kept_for_the_next_process(tmp_path):
 
 
 def test_pieces_are_yielded_when_they_are_kept(tmp_path):
+    kept = {}
     with Chunks(tmp_path / "x.nc", ONE) as chunks, InProcess(squares) as pool:
-        for key, _ in chunks.made(pool, {"a": 1, "b": 2, "c": -1}, alone):
-            assert chunks.read(key) is not None
+        for key, arrays in chunks.made(pool, {"a": 1, "b": 2, "c": -1}, alone):
+            kept[key] = chunks.read(key)  # before the next one is made
+            assert kept[key]["square"] == arrays["square"]
         chunks.clear()
+    assert {key: int(arrays["square"][0]) for key, arrays in kept.items()} == {"a": 1, "b": 4, "c": -1}
 
 
 def test_what_a_failing_call_was_to_make_is_made_alone_when_the_others_have_ended(tmp_path):

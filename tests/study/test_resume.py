@@ -296,6 +296,7 @@ def test_numbers_are_not_used_twice_after_holes(tmp_path, other_machine):
 def test_floats_survive_the_log_bit_for_bit(tmp_path):
     trials = run(study(20), tmp_path).trials
     again = read(tmp_path)[1]
+    assert len(trials) == 20
     for one, other in zip(trials, again, strict=True):
         assert np.array(one.u).tobytes() == np.array(other.u).tobytes()
         assert one.residuals.tobytes() == other.residuals.tobytes()

@@ -37,6 +37,7 @@ def test_a_list_of_points_is_taken_as_it_is():
 
 def test_the_map_of_a_point_has_its_values():
     sweep = plan({"a": A, "b": B})
+    assert len(sweep.points) == len(A) * len(B)
     for point, (a, b) in enumerate(sweep.points):
         assert sweep.map_at(point).orbit([1.0, 0.0], 1).states[0] == pytest.approx([1.0 - a, b])
 

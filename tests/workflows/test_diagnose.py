@@ -117,6 +117,7 @@ def test_its_windows_hold_the_joint_size_and_that_of_each_record(folder, answer)
     low, high = cause["interval"]["k3"]
     size, error = cause["size"]["k3"], (high - low) / (2.0 * 1.96)
     assert window.low <= size - 3.9 * error < size + 3.9 * error <= window.high  # of the first round, not the last
+    assert {t["record"] for t in said["gain"]["transfers"]} == {"swept", "later"}
     assert all(window.low < t["size"] < window.high for t in said["gain"]["transfers"])
     assert window.high - window.low < 0.5 * size
 
@@ -125,6 +126,7 @@ def test_the_size_of_a_record_alone_is_as_uncertain_as_the_joint_one(folder, ans
     """Of one record the joint fit is the refit of that record."""
     gain = json.loads((folder / "out" / "diagnosis.json").read_text())["gain"]
     sizes = {t["record"]: t for t in gain["transfers"]}
+    assert set(sizes) == {"swept", "later"}
     assert sizes["swept"]["error"] > 0.5 * 13e3
     assert all(abs(t["size"] - 5e5) < 3.0 * t["error"] for t in sizes.values())
     [agreement] = gain["agreements"]

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from printed import cells
 from rich.console import Console
 
 from calib import records
@@ -134,8 +135,7 @@ def test_the_diagnosis_is_read_and_printed():
     show(found, SAMPLES, None, Console(file=printed, width=120, color_system=None))
     first, *lines = printed.getvalue().splitlines()
     assert first == f"named: {found['said']}"
-    rows = [[cell.strip() for cell in line.strip("│").split("│")] for line in lines if line.startswith("│")]
-    assert [row[:4] for row in rows] == [
+    assert [row[:4] for row in cells("\n".join(lines))] == [
         ["quadratic_drag", "11.3", "97 %", "c2 = 2.91 ± 0.47 1/m"],
         ["linear_drag", "9.4", "73 %", "c1 = 1.92 ± 0.34 1/s"],
         ["gap_offset", "-0.3", "-", "dg = −0.3 ± 2.4 µm"],

@@ -13,7 +13,8 @@ REQUEST = Request(periods=4, samples=400)
 
 
 def test_without_a_tolerance_there_is_no_estimate():
-    assert "error_estimate" not in run(beam()).attrs
+    without, with_one = run(beam()).attrs, run(beam(tolerance=0.9)).attrs
+    assert with_one.keys() - without.keys() == {"error_estimate"}
 
 
 def test_a_tolerance_that_is_met_leaves_the_lowest_level():
