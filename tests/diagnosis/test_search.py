@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.search import (
-    _similar_to_the_best,
     _refits,
     _refits_from_the_middle,
+    _similar_to_the_best,
     rival_suspects,
     with_possible_causes,
 )
