@@ -25,7 +25,7 @@ def names(group: str) -> list[str]:
     return list(_registered(group))
 
 
-def load(group: str, name: str, folder: Path | None = None):
+def load(group: str, name: str, folder: Path | None = None) -> Any:
     """Return the thing that `name` stands for: an entry point of the group, or ``"package.module:Thing"``.
 
     folder : in which such a module is looked for too; child processes find it there as well
@@ -60,11 +60,11 @@ def load_all(group: str) -> dict[str, Any]:
     return things
 
 
-def _imported(path: str, folder: Path | None):
+def _imported(path: str, folder: Path | None) -> Any:
     module, _, attribute = path.partition(":")
     folder = None if folder is None else folder.resolve()
     own = None if folder is None else module_file(folder, module)
-    if own is not None and str(folder) not in sys.path:
+    if folder is not None and own is not None and str(folder) not in sys.path:
         sys.path.append(str(folder))
         _FOLDERS.add(folder)
     try:

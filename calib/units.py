@@ -4,8 +4,12 @@ import functools
 import math
 import re
 import tokenize
+from typing import TYPE_CHECKING, Any
 
 from calib.errors import CalibError, nearest
+
+if TYPE_CHECKING:
+    import pint
 
 MILLI = {"m": (1e3, "mm"), "s": (1e3, "ms")}  # SI unit -> factor and unit in which people read small values
 MICRO = {"m": (1e6, "um"), "s": (1e6, "us")}  # the same for those below TINY
@@ -16,7 +20,7 @@ QUANTITY = re.compile(r"\s*\(?\s*[+-]?\s*(\d|\.\d|inf|nan)[\w\s.+\-*/^()%°µ]*"
 
 
 @functools.cache
-def _registry():
+def _registry() -> "pint.UnitRegistry":
     import pint  # 0.5 s, and only needed where a unit string stands: the one import that does not stand at the top
 
     return pint.UnitRegistry()
@@ -77,7 +81,7 @@ def is_si(unit: str) -> bool:
     return _parse(f"1 {unit}", unit).to_base_units().magnitude == 1.0
 
 
-def _parse(text: str, unit: str):
+def _parse(text: str, unit: str) -> "pint.Quantity":
     import pint.errors  # see _registry
 
     mistake = f"cannot read {text!r} as a number with a unit; expected something like '1 {unit}'"
@@ -96,9 +100,10 @@ def _parse(text: str, unit: str):
         raise CalibError(mistake) from error
 
 
-def _hertz(quantity) -> float:
+def _hertz(quantity: "pint.Quantity") -> float:
     """Power of hertz (and its multiples) in a quantity's unit [1]."""
-    return sum(power for name, power in quantity.unit_items() if name.endswith("hertz"))
+    powers: list[tuple[str, Any]] = list(quantity.unit_items())  # `Any`: pint leaves open which numbers they are
+    return sum(power for name, power in powers if name.endswith("hertz"))
 
 
 def _number(value: float, quantity: str | float, unit: str) -> float:
@@ -112,6 +117,6 @@ def powers(unit: str) -> tuple[float, float] | None:
     """Powers of length and time in an SI unit, radians and cycles counting as 1; None where there are others in it."""
     if unit in ("", "1"):
         return 0.0, 0.0
-    dimension = dict(_parse(f"1 {unit}", unit).dimensionality)
+    dimension: dict[str, Any] = dict(_parse(f"1 {unit}", unit).dimensionality)
     known = float(dimension.pop("[length]", 0.0)), float(dimension.pop("[time]", 0.0))
     return None if any(dimension.values()) else known

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.dynamics.contract import PeriodMap
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError, nearest
+from calib.modelling.orbit import PeriodMap
 from calib.modelling.parameter import Parameter, Window
 from calib.records import STATE, prescribed
 from calib.study import result

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from calib.dynamics.contract import PeriodMap
 from calib.dynamics.exponents import largest_exponent
 from calib.dynamics.irregular import EXPONENT_SIGMAS
 from calib.dynamics.orbit_kind import FAILED, OrbitKind
@@ -20,6 +19,7 @@ from calib.dynamics.settling import settled_orbit
 from calib.dynamics.single_run import RETRY_FACTOR, kind_of_run
 from calib.errors import CalibError, nearest
 from calib.execution.pool import REFUSED, Failure, Pool, workers
+from calib.modelling.orbit import PeriodMap
 from calib.records.cycles.motion import UNDECIDED
 from calib.store.chunks import Chunks, join, joined
 from calib.store.environment import environment

@@ -14,10 +14,10 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicHermiteSpline
 
-from calib.dynamics.contract import PeriodMap
 from calib.dynamics.orbits import SAME_STATE, Cycle, checked_guess, cycle_at, newton, reduced, shoot
 from calib.dynamics.tangent import jacobian
 from calib.errors import CalibError
+from calib.modelling.orbit import PeriodMap
 from calib.records import OK
 
 FIRST_STEP = 0.01  # along the curve

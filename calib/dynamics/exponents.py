@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.dynamics.contract import PeriodMap
 from calib.dynamics.tangent import tangent
-from calib.modelling.orbit import Tangent
+from calib.modelling.orbit import PeriodMap, Tangent
 
 ALIGNMENT_PERIODS = 50  # in which vectors turn towards the direction that grows most, before growth counts
 BLOCK_COUNTS = (10, 20)  # growth of neighbouring periods is correlated; that of blocks hardly is

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.dynamics.contract import PeriodMap
 from calib.dynamics.exponents import Exponent, extended, largest_exponent
 from calib.dynamics.orbit_kind import CHAOTIC, NEUTRAL_EXPONENT, QUASI_PERIODIC, OrbitKind
 from calib.dynamics.orbits import attracting_cycle
@@ -24,6 +23,7 @@ from calib.dynamics.recurrence import (
 from calib.dynamics.settling import CONTRACTING_RETURN, failed, run, run_irregular
 from calib.dynamics.tangent import longest_affordable
 from calib.dynamics.zero_one import zero_one
+from calib.modelling.orbit import PeriodMap
 from calib.records import OK
 from calib.records.cycles.motion import UNDECIDED
 

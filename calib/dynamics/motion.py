@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.dynamics.contract import PeriodMap
 from calib.dynamics.escape import EscapeTime
 from calib.dynamics.irregular import MAX_REGULAR_K, MIN_CHAOTIC_EXPONENT
 from calib.dynamics.orbit_kind import CHAOTIC, FAILED, QUASI_PERIODIC, OrbitKind
@@ -17,6 +16,7 @@ from calib.dynamics.settling import kind_of_cycle, settled_orbit
 from calib.dynamics.single_run import kind_of_run
 from calib.dynamics.tangent import longest_affordable, tangent
 from calib.dynamics.zero_one import MIN_POINTS, zero_one
+from calib.modelling.orbit import PeriodMap
 from calib.records import OK
 from calib.records.cycles.motion import UNDECIDED
 

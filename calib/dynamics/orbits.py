@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.dynamics.contract import PeriodMap
 from calib.dynamics.tangent import jacobian
 from calib.errors import CalibError
-from calib.modelling.orbit import Orbit
+from calib.modelling.orbit import Orbit, PeriodMap
 from calib.records import OK
 
 RESIDUAL_TOLERANCE = 1e-11  # of the residual, in units of the scale

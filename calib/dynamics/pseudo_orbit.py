@@ -12,9 +12,8 @@ import math
 
 import numpy as np
 
-from calib.dynamics.contract import PeriodMap
 from calib.dynamics.tangent import tangent
-from calib.modelling.orbit import Orbit, Tangent
+from calib.modelling.orbit import Orbit, PeriodMap, Tangent
 from calib.records import OK
 
 PERIODS_PER_PIECE = 32  # periods from one state of the lattice to the next

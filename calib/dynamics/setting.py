@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from calib.dynamics.contract import PeriodMap
 from calib.errors import CalibError, nearest
 from calib.modelling.model import Model
+from calib.modelling.orbit import PeriodMap
 from calib.records.excitation import Excitation
 from calib.store.plain import plain
 

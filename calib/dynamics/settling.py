@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.dynamics.contract import PeriodMap
 from calib.dynamics.orbit_kind import FAILED, NEUTRAL_EXPONENT, OrbitKind, mean_impacts
 from calib.dynamics.orbits import Cycle, attracting_cycle
 from calib.dynamics.pseudo_orbit import pseudo_orbit
@@ -20,7 +19,7 @@ from calib.dynamics.recurrence import (
     size_of,
 )
 from calib.dynamics.tangent import jacobian, longest_affordable
-from calib.modelling.orbit import Orbit
+from calib.modelling.orbit import Orbit, PeriodMap
 from calib.records import OK
 from calib.records.cycles.motion import NO_CONTACT, UNDECIDED
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from calib.dynamics.contract import PeriodMap
 from calib.dynamics.exponents import ALIGNMENT_PERIODS
 from calib.dynamics.irregular import MAX_INTERMITTENT_PERIODS, kind_of_irregular
 from calib.dynamics.orbit_kind import FAILED, OrbitKind
@@ -10,6 +9,7 @@ from calib.dynamics.recurrence import MAX_LAG, NEAR_CYCLE, recurrence_of, size_o
 from calib.dynamics.settling import TAIL_PERIODS, settled_orbit
 from calib.dynamics.tangent import tangent
 from calib.errors import CalibError
+from calib.modelling.orbit import PeriodMap
 from calib.records.cycles.motion import UNDECIDED
 
 MIN_CYCLES = 96  # kept: a third of them then see a return after 64 periods

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from calib.dynamics.contract import PeriodMap
-from calib.modelling.orbit import Tangent
+from calib.modelling.orbit import PeriodMap, Tangent
 from calib.records import OK
 
 DIFFERENCE_STEP = 1e-6  # of the central differences, in units of the scale

@@ -1,12 +1,14 @@
 """Mass that the model does not know of."""
 
+from collections.abc import Mapping
+
 from calib.modelling.effect import Effect
 from calib.modelling.laws import structure
 from calib.modelling.parameter import Parameter
 
 
 @structure
-def heavier(present, p):
+def heavier(present: tuple[float, ...], p: Mapping[str, float]) -> tuple[float, ...]:
     """Return the mass with what is added to it."""
     (mass,) = present
     return (mass * (1.0 + p["added_mass"]),)

@@ -2,13 +2,15 @@
 
 import math
 
+import numpy as np
+
 from calib.modelling.effect import Effect
 from calib.modelling.laws import restitution
 from calib.modelling.parameter import Parameter
 
 
 @restitution
-def held_back(e, speed, p):
+def held_back(e: float, speed: float, p: np.ndarray) -> float:
     """Return the change [1] of the coefficient e at a closing speed [m/s]: the work of parting is lost."""
     if speed <= 0.0:
         return -e

@@ -1,6 +1,9 @@
 """A plot that is turned."""
 
+from collections.abc import Mapping
+
 import numpy as np
+import xarray as xr
 
 from calib.modelling.effect import Effect
 from calib.modelling.laws import sensor
@@ -10,7 +13,7 @@ TINY = 1e-300  # a body that stands still is not turned
 
 
 @sensor
-def turned(record, p):
+def turned(record: xr.Dataset, p: Mapping[str, float]) -> xr.Dataset:
     """Return the record with the phase curve of each body turned by the tilt [rad] about zero.
 
     Lengths on the plot are shares of the largest magnitude of each channel.

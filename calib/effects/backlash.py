@@ -1,5 +1,7 @@
 """A mount with play: a dead zone, a spring beyond it, a slider behind both."""
 
+import numpy as np
+
 from calib.modelling.effect import Effect
 from calib.modelling.laws import force
 from calib.modelling.parameter import Parameter
@@ -8,7 +10,7 @@ SLIDING = 0.01  # share of the slider's force over which it comes to slide; a ju
 
 
 @force(states=1)
-def play(t, x, v, p, z, dz):
+def play(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
     """Return the force per unit mass [m/s^2]: -k d, d the part of u = x - z beyond the dead zone |u| <= b.
 
     The slider z moves along with the body, z' = v, where k |d| exceeds its force and |d| would grow.

@@ -1,12 +1,16 @@
 """A channel whose zero moves in time."""
 
+from collections.abc import Mapping
+
+import xarray as xr
+
 from calib.modelling.effect import Effect
 from calib.modelling.laws import sensor
 from calib.modelling.parameter import Parameter
 
 
 @sensor
-def drifting(record, p):
+def drifting(record: xr.Dataset, p: Mapping[str, float]) -> xr.Dataset:
     """Return the record with each channel rising since its first sample."""
     since = record.time.values - record.time.values[0]
     for channel in ("displacement", "velocity"):

@@ -1,12 +1,16 @@
 """A channel that reads too much or too little."""
 
+from collections.abc import Mapping
+
+import xarray as xr
+
 from calib.modelling.effect import Effect
 from calib.modelling.laws import sensor
 from calib.modelling.parameter import Parameter
 
 
 @sensor
-def scaled(record, p):
+def scaled(record: xr.Dataset, p: Mapping[str, float]) -> xr.Dataset:
     """Return the record with each channel times 1 + its gain."""
     for channel in ("displacement", "velocity"):
         size = p[f"gain_{channel}"]

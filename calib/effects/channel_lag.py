@@ -1,6 +1,9 @@
 """A velocity channel that comes later than the displacement channel."""
 
+from collections.abc import Mapping
+
 import numpy as np
+import xarray as xr
 
 from calib.modelling.effect import Effect
 from calib.modelling.laws import sensor
@@ -9,7 +12,7 @@ from calib.records import fills_periods
 
 
 @sensor
-def delayed(record, p):
+def delayed(record: xr.Dataset, p: Mapping[str, float]) -> xr.Dataset:
     """Return the record with its velocity delayed by the lag [s]: v(t - lag).
 
     A stationary motion that fills whole periods goes on before its first sample as it ended; any other record goes on
@@ -20,13 +23,15 @@ def delayed(record, p):
     time, velocity = record.time.values, record["velocity"].values
     span = time.size * (time[-1] - time[0]) / (time.size - 1)
     if fills_periods(record):
-        seen = [np.interp(time - p["lag"], time, row, period=span) for row in velocity]
+        delayed_rows = [np.interp(time - p["lag"], time, row, period=span) for row in velocity]
     else:
         ends = np.array([time[0] - span, *time, time[-1] + span])
         rise = span * np.diff(velocity[:, [0, 1, -2, -1]], axis=1)[:, ::2] / np.diff(time[[0, 1, -2, -1]])[::2]
         beyond = velocity[:, [0, -1]] + rise * [-1.0, 1.0]
-        seen = [np.interp(time - p["lag"], ends, [b[0], *row, b[1]]) for row, b in zip(velocity, beyond, strict=True)]
-    return record.assign(velocity=record["velocity"].copy(data=np.array(seen)))
+        delayed_rows = [
+            np.interp(time - p["lag"], ends, [b[0], *row, b[1]]) for row, b in zip(velocity, beyond, strict=True)
+        ]
+    return record.assign(velocity=record["velocity"].copy(data=np.array(delayed_rows)))
 
 
 EFFECT = Effect(

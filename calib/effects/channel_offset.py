@@ -1,12 +1,16 @@
 """A channel whose zero is not zero."""
 
+from collections.abc import Mapping
+
+import xarray as xr
+
 from calib.modelling.effect import Effect
 from calib.modelling.laws import sensor
 from calib.modelling.parameter import Parameter
 
 
 @sensor
-def offset(record, p):
+def offset(record: xr.Dataset, p: Mapping[str, float]) -> xr.Dataset:
     """Return the record with a constant added to each channel."""
     for channel in ("displacement", "velocity"):
         size = p[f"offset_{channel}"]

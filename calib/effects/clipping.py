@@ -1,8 +1,10 @@
 """A channel that does not go beyond a level."""
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
+import xarray as xr
 
 from calib.modelling.effect import Effect
 from calib.modelling.laws import sensor
@@ -12,7 +14,7 @@ QUANTILES = (1.0, 0.995, 0.98, 0.95)  # of the magnitudes: noise reaches beyond 
 
 
 @sensor
-def clipped(record, p):
+def clipped(record: xr.Dataset, p: Mapping[str, float]) -> xr.Dataset:
     """Return the record with each channel cut off at plus and minus its level."""
     for channel in ("displacement", "velocity"):
         size = p[f"clip_{channel}"]
@@ -22,7 +24,7 @@ def clipped(record, p):
     return record
 
 
-def guess(record):
+def guess(record: xr.Dataset) -> dict[str, tuple[float, ...]]:
     """Return high quantiles of each channel's magnitude: the highest is the level, where the record is cut off."""
     present = [channel for channel in ("displacement", "velocity") if channel in record]
     return {f"clip_{c}": tuple(np.nanquantile(np.abs(record[c].values), QUANTILES)) for c in present}

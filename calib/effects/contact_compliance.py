@@ -1,12 +1,14 @@
 """Loss within a compliant contact (Hunt and Crossley)."""
 
+import numpy as np
+
 from calib.modelling.effect import Effect
 from calib.modelling.laws import contact
 from calib.modelling.parameter import Parameter
 
 
 @contact
-def lossy(place, clearance, rate, pressure, p):
+def lossy(place: float, clearance: float, rate: float, pressure: float, p: np.ndarray) -> float:
     """Return the change of the pressure [Pa] where the clearance opens at `rate` [m/s]: pressure mu (-rate)."""
     return -p[0] * rate * pressure
 

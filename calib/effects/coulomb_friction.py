@@ -2,13 +2,15 @@
 
 import math
 
+import numpy as np
+
 from calib.modelling.effect import Effect
 from calib.modelling.laws import force
 from calib.modelling.parameter import Parameter
 
 
 @force
-def friction(t, x, v, p, z, dz):
+def friction(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
     """Return the friction per unit mass [m/s^2] at the velocity v [m/s]: -F tanh(v / v_s)."""
     return -p[0] * math.tanh(v / p[1])
 

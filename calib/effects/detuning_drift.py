@@ -1,12 +1,14 @@
 """A natural frequency that drifts in time."""
 
+import numpy as np
+
 from calib.modelling.effect import Effect
 from calib.modelling.laws import force
 from calib.modelling.parameter import Parameter
 
 
 @force
-def drift(t, x, v, p, z, dz):
+def drift(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
     """Return the force per unit mass [m/s^2] at the time t [s] and the displacement x [m]: -b t x."""
     return -p[0] * t * x
 

@@ -2,13 +2,15 @@
 
 import math
 
+import numpy as np
+
 from calib.modelling.effect import Effect
 from calib.modelling.laws import excitation
 from calib.modelling.parameter import Parameter
 
 
 @excitation
-def harmonic(t, phase, amplitude, x, p):
+def harmonic(t: float, phase: float, amplitude: float, x: float, p: np.ndarray) -> float:
     """Return the third harmonic [unit of the drive] at the phase of the drive [rad]."""
     return amplitude * (p[0] * math.cos(3.0 * phase) + p[1] * math.sin(3.0 * phase))
 

@@ -1,12 +1,14 @@
 """A drive whose amplitude grows or falls in time."""
 
+import numpy as np
+
 from calib.modelling.effect import Effect
 from calib.modelling.laws import excitation
 from calib.modelling.parameter import Parameter
 
 
 @excitation
-def modulation(t, phase, amplitude, x, p):
+def modulation(t: float, phase: float, amplitude: float, x: float, p: np.ndarray) -> float:
     """Return the change of the drive [its unit] at the time t [s], x the drive undisturbed: m t x."""
     return p[0] * t * x
 

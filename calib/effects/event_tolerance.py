@@ -1,12 +1,15 @@
 """A tolerance of the events that is finer than the simulator's own."""
 
+from collections.abc import Mapping
+
 from calib.modelling.effect import Effect
 from calib.modelling.laws import numerical
 from calib.modelling.parameter import Parameter
+from calib.modelling.simulator import RefinableSimulator, Simulator
 
 
 @numerical
-def finer(simulator, p):
+def finer(simulator: RefinableSimulator, p: Mapping[str, float]) -> Simulator:
     """Return the simulator with its tolerance of the events divided by the refinement."""
     return simulator.finer("event_tolerance", p["tolerance_refinement"])
 

@@ -2,13 +2,15 @@
 
 import math
 
+import numpy as np
+
 from calib.modelling.effect import Effect
 from calib.modelling.laws import force
 from calib.modelling.parameter import Parameter
 
 
 @force(states=2)
-def resonator(t, x, v, p, z, dz):
+def resonator(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
     """Return the force per unit mass [m/s^2] of an attached resonator whose displacement and velocity are z.
 
     u'' = -w^2 (u - x) - 2 d w (u' - v) with w = 2 pi mode_frequency; mode_mass times the reaction acts on the body.

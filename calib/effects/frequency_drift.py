@@ -2,13 +2,15 @@
 
 import math
 
+import numpy as np
+
 from calib.modelling.effect import Effect
 from calib.modelling.laws import excitation
 from calib.modelling.parameter import Parameter
 
 
 @excitation
-def chirp(t, phase, amplitude, x, p):
+def chirp(t: float, phase: float, amplitude: float, x: float, p: np.ndarray) -> float:
     """Return the change of a harmonic drive [its unit] whose frequency moves by p[0] [Hz/s] from the start on."""
     return amplitude * (math.cos(phase + math.pi * p[0] * t * t) - math.cos(phase))
 

@@ -1,12 +1,14 @@
 """A gap that is wider or narrower than stated."""
 
+import numpy as np
+
 from calib.modelling.effect import Effect
 from calib.modelling.laws import gap
 from calib.modelling.parameter import Parameter
 
 
 @gap
-def offset(place, p):
+def offset(place: float, p: np.ndarray) -> float:
     """Return the change of the gap [m], the same at every place of the contact line."""
     return p[0]
 

@@ -1,12 +1,14 @@
 """What is left of the bond between layer and beam."""
 
+from collections.abc import Mapping
+
 from calib.modelling.effect import Effect
 from calib.modelling.laws import structure
 from calib.modelling.parameter import Parameter
 
 
 @structure
-def bonded(present, p):
+def bonded(present: tuple[float, ...], p: Mapping[str, float]) -> tuple[float, ...]:
     """Return the stiffness of the layer with what the bond adds to it."""
     (stiffness,) = present
     return (stiffness * (1.0 + p["bond"]),)

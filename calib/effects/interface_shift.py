@@ -1,12 +1,14 @@
 """A gap of another shape: part of its height is a shift."""
 
+from collections.abc import Mapping
+
 from calib.modelling.effect import Effect
 from calib.modelling.laws import structure
 from calib.modelling.parameter import Parameter
 
 
 @structure
-def shifted(present, p):
+def shifted(present: tuple[float, ...], p: Mapping[str, float]) -> tuple[float, ...]:
     """Return the height of the gap's cubics and its shift [m], their sum kept."""
     height, shift = present
     return height - p["interface_shift"], shift + p["interface_shift"]

@@ -1,12 +1,16 @@
 """Samples that have nothing to do with the motion."""
 
+from collections.abc import Mapping
+
+import xarray as xr
+
 from calib.modelling.effect import Effect
 from calib.modelling.laws import sensor
 from calib.modelling.parameter import Parameter
 
 
 @sensor
-def unchanged(record, p):
+def unchanged(record: xr.Dataset, p: Mapping[str, float]) -> xr.Dataset:
     """Return the record as it is: outliers are part of its noise, not of its mean."""
     return record
 

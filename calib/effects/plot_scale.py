@@ -1,12 +1,16 @@
 """A plot that is read too large or too small."""
 
+from collections.abc import Mapping
+
+import xarray as xr
+
 from calib.modelling.effect import Effect
 from calib.modelling.laws import sensor
 from calib.modelling.parameter import Parameter
 
 
 @sensor
-def scaled(record, p):
+def scaled(record: xr.Dataset, p: Mapping[str, float]) -> xr.Dataset:
     """Return the record with both channels times 1 + a."""
     present = {name: record[name] for name in ("displacement", "velocity") if name in record}
     return record.assign({name: row.copy(data=row.values * (1.0 + p["plot_scale"])) for name, row in present.items()})

@@ -1,12 +1,16 @@
 """A plot whose axes are not at right angles."""
 
+from collections.abc import Mapping
+
+import xarray as xr
+
 from calib.modelling.effect import Effect
 from calib.modelling.laws import sensor
 from calib.modelling.parameter import Parameter
 
 
 @sensor
-def sheared(record, p):
+def sheared(record: xr.Dataset, p: Mapping[str, float]) -> xr.Dataset:
     """Return the record with its displacement moved in proportion to its velocity: x + k v."""
     if "velocity" not in record or "displacement" not in record:
         return record

@@ -1,12 +1,14 @@
 """A constant force on a body."""
 
+import numpy as np
+
 from calib.modelling.effect import Effect
 from calib.modelling.laws import force
 from calib.modelling.parameter import Parameter
 
 
 @force
-def push(t, x, v, p, z, dz):
+def push(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
     """Return the force per unit mass [m/s^2]: F0."""
     return p[0]
 

@@ -1,12 +1,14 @@
 """Friction that is a spring before it slips (Dahl)."""
 
+import numpy as np
+
 from calib.modelling.effect import Effect
 from calib.modelling.laws import force
 from calib.modelling.parameter import Parameter
 
 
 @force(states=1)
-def friction(t, x, v, p, z, dz):
+def friction(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
     """Return Dahl's friction per unit mass [m/s^2]: -F z, z' = (v / x_s) (1 - z sgn v)."""
     dz[0] = (v - z[0] * abs(v)) / p[1]
     return -p[0] * z[0]

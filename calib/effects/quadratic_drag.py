@@ -1,12 +1,14 @@
 """Quadratic air drag on a moving body."""
 
+import numpy as np
+
 from calib.modelling.effect import Effect
 from calib.modelling.laws import force
 from calib.modelling.parameter import Parameter
 
 
 @force
-def drag(t, x, v, p, z, dz):
+def drag(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
     """Return the drag per unit mass [m/s^2] at the velocity v [m/s]: -c2 v |v|."""
     return -p[0] * v * abs(v)
 

@@ -1,12 +1,14 @@
 """A spring that differs for the two directions."""
 
+import numpy as np
+
 from calib.modelling.effect import Effect
 from calib.modelling.laws import force
 from calib.modelling.parameter import Parameter
 
 
 @force
-def spring(t, x, v, p, z, dz):
+def spring(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
     """Return the force per unit mass [m/s^2] at the displacement x [m]: -k2 x^2."""
     return -p[0] * x * x
 

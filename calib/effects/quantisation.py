@@ -1,6 +1,9 @@
 """A channel that is read off in steps."""
 
+from collections.abc import Mapping
+
 import numpy as np
+import xarray as xr
 
 from calib.modelling.effect import Effect
 from calib.modelling.laws import sensor
@@ -8,7 +11,7 @@ from calib.modelling.parameter import Parameter
 
 
 @sensor
-def stepped(record, p):
+def stepped(record: xr.Dataset, p: Mapping[str, float]) -> xr.Dataset:
     """Return the record with each channel rounded to multiples of its quantum."""
     for channel in ("displacement", "velocity"):
         size = p[f"quantum_{channel}"]
@@ -18,16 +21,16 @@ def stepped(record, p):
     return record
 
 
-def guess(record):
+def guess(record: xr.Dataset) -> dict[str, tuple[float, ...]]:
     """Return the usual distance of neighbouring values where many samples share theirs."""
-    found = {}
+    quanta: dict[str, tuple[float, ...]] = {}
     for channel in ("displacement", "velocity"):
         if channel in record:
             values = record[channel].values
             levels = np.unique(values[np.isfinite(values)])
             if 1 < levels.size < values.size / 2:
-                found[f"quantum_{channel}"] = (float(np.median(np.diff(levels))),)
-    return found
+                quanta[f"quantum_{channel}"] = (float(np.median(np.diff(levels))),)
+    return quanta
 
 
 EFFECT = Effect(

@@ -1,5 +1,7 @@
 """Restitution that falls with the speed of the impact."""
 
+import numpy as np
+
 from calib.modelling.effect import Effect
 from calib.modelling.laws import restitution
 from calib.modelling.parameter import Parameter
@@ -8,7 +10,7 @@ SLOWEST = 1e-3  # of rate_speed; slower impacts count as that fast, or the last 
 
 
 @restitution
-def falling(e, speed, p):
+def falling(e: float, speed: float, p: np.ndarray) -> float:
     """Return the change [1] of the coefficient e at a closing speed [m/s]: e ((v / v0)^-n - 1)."""
     return e * (max(speed / p[1], SLOWEST) ** -p[0] - 1.0)
 

@@ -1,12 +1,14 @@
 """A spring that changes in proportion to the amplitude."""
 
+import numpy as np
+
 from calib.modelling.effect import Effect
 from calib.modelling.laws import force
 from calib.modelling.parameter import Parameter
 
 
 @force
-def spring(t, x, v, p, z, dz):
+def spring(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
     """Return the force per unit mass [m/s^2] at the displacement x [m]: -kx x |x|."""
     return -p[0] * x * abs(x)
 

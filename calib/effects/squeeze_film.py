@@ -1,5 +1,7 @@
 """Air that is squeezed out of a closing gap."""
 
+import numpy as np
+
 from calib.modelling.effect import Effect
 from calib.modelling.laws import force
 from calib.modelling.parameter import Parameter
@@ -8,7 +10,7 @@ FLOOR = 0.02  # of the gap at rest; without a floor the gap never closes
 
 
 @force
-def film(t, x, v, p, z, dz):
+def film(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
     """Return the force per unit mass [m/s^2] at the clearance x [m] that opens at v [m/s]; p[1] the gap at rest [m]."""
     ratio = p[1] / max(x, FLOOR * p[1])
     return -p[0] * v * ratio * ratio * ratio

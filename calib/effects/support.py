@@ -1,12 +1,14 @@
 """Springs and dampers at the supports."""
 
+import numpy as np
+
 from calib.modelling.effect import Effect
 from calib.modelling.laws import force
 from calib.modelling.parameter import Parameter
 
 
 @force
-def spring_and_damper(t, x, v, p, z, dz):
+def spring_and_damper(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
     """Return the force per unit mass [m/s^2] of a support at x [m], v [m/s]: -ks x - cs v."""
     return -p[0] * x - p[1] * v
 

@@ -1,12 +1,15 @@
 """A time step that is finer than the simulator's own."""
 
+from collections.abc import Mapping
+
 from calib.modelling.effect import Effect
 from calib.modelling.laws import numerical
 from calib.modelling.parameter import Parameter
+from calib.modelling.simulator import RefinableSimulator, Simulator
 
 
 @numerical
-def finer(simulator, p):
+def finer(simulator: RefinableSimulator, p: Mapping[str, float]) -> Simulator:
     """Return the simulator with its time step divided by the refinement."""
     return simulator.finer("time_step", p["refinement"])
 

@@ -1,6 +1,9 @@
 """A velocity that was made from displacements by differences."""
 
+from collections.abc import Mapping
+
 import numpy as np
+import xarray as xr
 from scipy.interpolate import CubicHermiteSpline
 
 from calib.modelling.effect import Effect
@@ -10,7 +13,7 @@ from calib.records import INTERVAL, fills_periods, mean_interval
 
 
 @sensor
-def differenced(record, p):
+def differenced(record: xr.Dataset, p: Mapping[str, float]) -> xr.Dataset:
     """Return the record with a share of its velocity replaced by backward differences of the displacement.
 
     Where a stationary motion fills whole periods, the interval is that of the instruments, and the displacement between

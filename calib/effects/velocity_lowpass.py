@@ -1,8 +1,10 @@
 """A velocity channel behind a low-pass of first order."""
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
+import xarray as xr
 from numba import njit
 
 from calib.modelling.effect import Effect
@@ -12,7 +14,7 @@ from calib.records import fills_periods
 
 
 @sensor
-def smoothed(record, p):
+def smoothed(record: xr.Dataset, p: Mapping[str, float]) -> xr.Dataset:
     """Return the record with its velocity behind 1 / (1 + s tau), tau = lowpass [s].
 
     A stationary motion that fills whole periods has been on for ever; any other record starts from its first sample.
@@ -22,31 +24,31 @@ def smoothed(record, p):
     time = np.array(record.time.values)  # of its own, since xarray's cannot be written
     velocity = np.ascontiguousarray(record["velocity"].values, dtype=float)
     if fills_periods(record):
-        seen = np.array([_follow_for_ever(time, row, p["lowpass"]) for row in velocity])
+        filtered = np.array([_follow_for_ever(time, row, p["lowpass"]) for row in velocity])
     else:
-        seen = np.array([_follow(time, row, p["lowpass"]) for row in velocity])
-    return record.assign(velocity=record["velocity"].copy(data=seen))
+        filtered = np.array([_follow(time, row, p["lowpass"]) for row in velocity])
+    return record.assign(velocity=record["velocity"].copy(data=filtered))
 
 
 @njit("f8[::1](f8[::1], f8[::1], f8)", cache=True)
-def _follow(time, values, lag):
+def _follow(time: np.ndarray, values: np.ndarray, lag: float) -> np.ndarray:
     """Return what follows `values` (n,) at `time` (n,) [s], linear between samples, by the time constant `lag` [s]."""
-    seen = values.copy()
+    filtered = values.copy()
     for k in range(1, time.size):
         step = time[k] - time[k - 1]
         left = math.exp(-step / lag)
         slope = (values[k] - values[k - 1]) / step
-        seen[k] = values[k] - lag * slope + (seen[k - 1] - values[k - 1] + lag * slope) * left
-    return seen
+        filtered[k] = values[k] - lag * slope + (filtered[k - 1] - values[k - 1] + lag * slope) * left
+    return filtered
 
 
 def _follow_for_ever(time: np.ndarray, values: np.ndarray, lag: float) -> np.ndarray:
     """Return what follows `values` (n,), which go round after the last sample, as `_follow` has it."""
     span = time.size * (time[-1] - time[0]) / (time.size - 1)
-    seen = _follow(np.append(time, time[0] + span), np.append(values, values[0]), lag)
+    filtered = _follow(np.append(time, time[0] + span), np.append(values, values[0]), lag)
     left = math.exp(-span / lag)
-    begin = (seen[-1] - values[0] * left) / (1.0 - left)  # returns to itself after the span
-    return seen[:-1] + (begin - values[0]) * np.exp((time[0] - time) / lag)
+    begin = (filtered[-1] - values[0] * left) / (1.0 - left)  # returns to itself after the span
+    return filtered[:-1] + (begin - values[0]) * np.exp((time[0] - time) / lag)
 
 
 EFFECT = Effect(

@@ -1,13 +1,15 @@
 """Effect: a named physical or instrumental cause, absent at its null value."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+import xarray as xr
 
 from calib.errors import CalibError, nearest
 from calib.modelling.laws import PARAMETERS, PLAIN, SITES, STATES, BoundLaw, Law
 from calib.modelling.parameter import Parameter
+from calib.modelling.simulator import Simulator
 
 ALL = None  # bodies: whatever the simulator has
 PLACES = ("body", "support", "interface")
@@ -62,10 +64,10 @@ class Effect:
     differentiable: bool = True
     noise: bool = False
     natural: Mapping[str, tuple[float, ...]] = field(default_factory=dict, hash=False)
-    guess: Callable | None = None
+    guess: Callable[[xr.Dataset], dict[str, tuple[float, ...]]] | None = None
     cite: str = ""
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         name = self.name
         if self.site not in SITES:
             raise CalibError(f"effect {name!r} acts at {self.site!r}; sites are {', '.join(SITES)}")
@@ -93,8 +95,8 @@ class Effect:
         """Whether the effect is absent at these values."""
         return all(values[name] == null for name, null in self.null.items())
 
-    def offered(self, simulator) -> str:
-        """Say why `simulator` (see `calib.modelling.model.Simulator`) cannot take the effect; "" where it can."""
+    def offered(self, simulator: Simulator) -> str:
+        """Say why `simulator` cannot take the effect; "" where it can."""
         name = simulator.name
         own = {p.name for p in simulator.parameters}
         if self.site == "structure" and self._changed(own) is None:
@@ -114,7 +116,7 @@ class Effect:
             return f"it needs {', '.join(borrowed)}, which simulator {name!r} has not got"
         return self._unplaced(simulator)
 
-    def _unplaced(self, simulator) -> str:
+    def _unplaced(self, simulator: Simulator) -> str:
         places = places_of(simulator)
         known = {*simulator.bodies, *(body for bodies in places.values() for body in bodies)}
         for body in self.bodies or ():
@@ -127,7 +129,7 @@ class Effect:
             return f"it acts at the {self.place}, which simulator {simulator.name!r} has not got"
         return ""
 
-    def _changed(self, known) -> tuple[str, ...] | None:
+    def _changed(self, known: Collection[str]) -> tuple[str, ...] | None:
         """Return the first alternative of `changes` that is known entirely."""
         return next((names for names in self.changes if all(name in known for name in names)), None)
 
@@ -143,15 +145,15 @@ class Effect:
 
     def restructure(self, own: Mapping[str, float], values: Mapping[str, float]) -> dict[str, float]:
         """Return the simulator's values `own` as the effect changes them (site `structure`)."""
-        names = self._changed(own)
+        names = self._changed(own) or ()
         new = self.law.function(tuple(own[name] for name in names), self._numbers(values))
         return {**own, **dict(zip(names, map(float, new), strict=True))}
 
-    def refine(self, simulator, values: Mapping[str, float]):
+    def refine(self, simulator: Simulator, values: Mapping[str, float]) -> Simulator:
         """Return the simulator that is run in the place of `simulator` (site `numerical`)."""
         return self.law.function(simulator, self._numbers(values))
 
-    def sense(self, record, values: Mapping[str, float]):
+    def sense(self, record: xr.Dataset, values: Mapping[str, float]) -> xr.Dataset:
         """Return what the instruments make of `record` (site `sensor`)."""
         return self.law.function(record, self._numbers(values))
 

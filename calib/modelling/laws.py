@@ -35,6 +35,7 @@ import importlib
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import overload
 
 import numpy as np
 from numba import njit
@@ -71,7 +72,7 @@ class Law:
     name: str
     states: int = 0
 
-    def __reduce__(self):
+    def __reduce__(self) -> tuple[Callable[[str, str], "Law"], tuple[str, str]]:
         """Pickle by reference: a worker imports the law, and finds its machine code in the cache."""
         return _find, (self.module, self.name)
 
@@ -80,7 +81,7 @@ def _find(module: str, name: str) -> Law:
     return getattr(importlib.import_module(module), name)
 
 
-def _site(site: str, states: int = 0):
+def _site(site: str, states: int = 0) -> Callable[[Callable], Law]:
     def decorate(function: Callable) -> Law:
         compiled = function if site in PLAIN else njit(SIGNATURES[site], cache=True, nogil=True)(function)
         return Law(site, compiled, function.__module__, function.__name__, states)
@@ -88,7 +89,11 @@ def _site(site: str, states: int = 0):
     return decorate
 
 
-def force(function: Callable | None = None, *, states: int = 0):
+@overload
+def force(function: Callable) -> Law: ...
+@overload
+def force(*, states: int) -> Callable[[Callable], Law]: ...
+def force(function: Callable | None = None, *, states: int = 0) -> Law | Callable[[Callable], Law]:
     """Make a law of a scalar function (t, x, v, p, z, dz) -> force per unit mass [m/s^2]."""
     return _site("force", states)(function) if function else _site("force", states)
 
@@ -146,31 +151,31 @@ class BoundLaw:
 
 
 @force
-def no_force(t, x, v, p, z, dz):
+def no_force(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
     """Fill an empty slot of the site `force`."""
     return 0.0
 
 
 @gap
-def no_gap(place, p):
+def no_gap(place: float, p: np.ndarray) -> float:
     """Fill an empty slot of the site `gap`."""
     return 0.0
 
 
 @contact
-def no_contact(place, clearance, rate, pressure, p):
+def no_contact(place: float, clearance: float, rate: float, pressure: float, p: np.ndarray) -> float:
     """Fill an empty slot of the site `contact`."""
     return 0.0
 
 
 @restitution
-def no_restitution(e, speed, p):
+def no_restitution(e: float, speed: float, p: np.ndarray) -> float:
     """Fill an empty slot of the site `restitution`."""
     return 0.0
 
 
 @excitation
-def no_excitation(t, phase, amplitude, x, p):
+def no_excitation(t: float, phase: float, amplitude: float, x: float, p: np.ndarray) -> float:
     """Fill an empty slot of the site `excitation`."""
     return 0.0
 

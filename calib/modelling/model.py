@@ -1,103 +1,24 @@
-"""Model = Simulator + Effects, and what a simulator has to be."""
+"""Model = Simulator + Effects."""
 
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Protocol
 
-import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError, nearest
 from calib.modelling.effect import Effect, places_of
 from calib.modelling.laws import PLAIN, SLOTS, BoundLaw
-from calib.modelling.parameter import Parameter
+from calib.modelling.orbit import PeriodMap
+from calib.modelling.simulator import MappedSimulator, Request, Simulator
 from calib.records import INTERVAL, OK
 from calib.records.excitation import Excitation
-
-
-@dataclass(frozen=True, eq=False)
-class Request:
-    """What to compute, and when to give up.
-
-    Attributes
-    ----------
-    periods : periods of the stationary motion to record (excitation with a period)
-    samples : samples per period
-    times : (n,) output times [s] instead, for an excitation without a period
-    settle : periods to drop first; None leaves it to the simulator, which goes by convergence of its section
-    initial_state : where to start, in the simulator's own state, as the variable `state` of a record has it; None is
-        rest
-    near : whether the initial state lies near the stationary motion that is sought: a simulator may then go there by a
-        shorter way than by waiting, and keep no longer section than the periods recorded
-    interval : between the samples of the instruments [s], which some sensors show; None is that of the record
-    step_budget : steps after which the run ends with status "step budget"; steps, not seconds, so that the same values
-        always give the same record
-    """
-
-    periods: int = 6
-    samples: int = 400
-    times: np.ndarray | None = None
-    settle: int | None = None
-    initial_state: np.ndarray | None = None
-    near: bool = False
-    interval: float | None = None
-    step_budget: int = 50_000_000
-
-
-class Simulator(Protocol):
-    """What calibration needs of a simulator.
-
-    To write one:
-
-    1. `name`, the `bodies` whose motion it gives, its `parameters` (each with unit, nominal value and meaning) and the
-       `sites` at which it takes laws (see `calib.modelling.laws`; "structure", "numerical" and "sensor" are served by
-       the model and need not be listed).
-    2. `run` returns a record (see `calib.records.record`): displacement and velocity over (body, time), time 0 at phase
-       zero of the excitation, whole periods of the stationary motion; with an excitation that has a period also the
-       stroboscopic section of the last 64 periods or more.
-    3. A motion that diverges, an unstable step, a spent budget: a record with that status and a reason
-       (`calib.records.record.failed`), not an exception. An excitation or option that it cannot take: CalibError.
-    4. The same values give the same bits. Nothing random, no clock.
-    5. Channels that the excitation prescribes stand in the attribute `prescribed` ("body.channel", comma between).
-    6. It pickles, and runs in a child process.
-    7. Optionally `excitations`, the pairs (quantity, place) it takes: a study file is then refused before any run.
-    8. Optionally `period_map(values, excitation, laws, phase)`, from which sections, bifurcation diagrams, exponents,
-       branches and basins are made; see `calib.dynamics.contract.PeriodMap`.
-    9. Optionally `confirming`: a simulator of the same parameters, bodies and sites, of higher fidelity and cost. A
-       search runs with this one; its leaders are simulated again with the confirming one before one of them is called
-       the best (see `calib.study.Confirmation`). Absent or None: nothing is confirmed.
-    10. Optionally `places`, a mapping of "body", "support", "interface" to names of bodies: "body", those on which an
-        effect is likely; "support", those that are held from outside; "interface", the name of a *port* between two
-        bodies, no body itself, at which force laws see the clearance (see `calib.modelling.laws`). Absent: effects
-        that act at a support or an interface are not offered.
-    11. Optionally `law_states`, how many internal states a force law may have (0: such laws are refused before any
-        run). Absent: as many as a law can.
-    12. Optionally `initial`, a mapping of the parameters that set the initial state to the (body, channel) that each
-        sets, such as {"initial_velocity": ("mass", "velocity")}: a record's nuisance "initial_state" solves for them.
-    13. Optionally `finer(what, factor)`, the same simulator with a time step (what = "time_step") or a tolerance of its
-        events ("event_tolerance") divided by `factor`, and `numerics`, the set of those it can refine.
-
-    `calib.testing.SimulatorSuite` checks all this.
-    """
-
-    name: str
-    bodies: tuple[str, ...]
-    parameters: tuple[Parameter, ...]
-    sites: frozenset[str]
-
-    def run(
-        self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw], request: Request
-    ) -> xr.Dataset:
-        """Simulate; `values` holds every parameter of the simulator in SI."""
-        ...
 
 
 class Model:
     """A simulator with the effects it is extended by; immutable."""
 
-    def __init__(self, simulator: Simulator, effects: Sequence[Effect] = ()):
+    def __init__(self, simulator: Simulator, effects: Sequence[Effect] = ()) -> None:
         self.simulator = simulator
         self.effects = tuple(effects)
         self.parameters = {p.name: p for p in simulator.parameters}
@@ -191,8 +112,8 @@ class Model:
         stated = {name: value if math.isfinite(value) else None for name, value in values.items()}
         return record.assign_attrs(model=self.name, values=json.dumps(stated))
 
-    def period_map(self, values: Mapping[str, float], excitation: Excitation, phase: float = 0.0):
-        """Map of one period of a harmonic excitation at `values`; see `calib.dynamics.contract.PeriodMap`.
+    def period_map(self, values: Mapping[str, float], excitation: Excitation, phase: float = 0.0) -> PeriodMap:
+        """Map of one period of a harmonic excitation at `values`; see `calib.modelling.orbit.PeriodMap`.
 
         Effects on sensors have no part in it: it is of the motion itself.
 
@@ -207,11 +128,7 @@ class Model:
             explicit in time
         ValueError : these values give nothing that could move
         """
-        if not hasattr(self.simulator, "period_map"):
-            raise CalibError(
-                f"simulator {self.simulator.name!r} offers no period map, which sections, exponents, branches and "
-                "basins are made from; see calib.dynamics.contract.PeriodMap"
-            )
+        _mapped(self.simulator)
         if not 0.0 <= phase < 1.0:
             raise CalibError(f"a section's phase is in [0, 1) periods, got {phase}")
         values = self._complete(values)
@@ -219,7 +136,8 @@ class Model:
             if effect.transient:
                 raise CalibError(f"effect {effect.name!r} is explicit in time, and no period is like the one before")
         own = self._own(values)
-        return self._refined(values).period_map(own, excitation, self._laws(values, own, begins=False), phase)
+        laws = self._laws(values, own, begins=False)
+        return _mapped(self._refined(values)).period_map(own, excitation, laws, phase)
 
     def _complete(self, values: Mapping[str, float]) -> dict[str, float]:
         """Fill `values` up with nominal ones."""
@@ -255,3 +173,13 @@ class Model:
         numbers, places = {**values, **own}, places_of(self.simulator)
         acting = [effect for effect in self._acting(values) if effect.site not in PLAIN]
         return tuple(effect.bound(numbers, places) for effect in acting if begins or not effect.transient)
+
+
+def _mapped(simulator: Simulator) -> MappedSimulator:
+    """Return the simulator where it offers a period map."""
+    if not isinstance(simulator, MappedSimulator):
+        raise CalibError(
+            f"simulator {simulator.name!r} offers no period map, which sections, exponents, branches and basins are "
+            "made from; see calib.modelling.orbit.PeriodMap"
+        )
+    return simulator

@@ -1,6 +1,6 @@
-"""A motion seen once per period of its excitation, and how its neighbours depart from it."""
+"""The map of a period: the orbits that it runs through, and how their neighbours depart from them."""
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -47,3 +47,72 @@ class Tangent(NamedTuple):
     states: np.ndarray
     vectors: np.ndarray
     growth: np.ndarray
+
+
+class PeriodMap(Protocol):
+    """The state at one phase of the excitation to the state one period on.
+
+    To write one, let the simulator have ``period_map(values, excitation, laws, phase)``, with `phase` in [0, 1) the
+    place in the period at which the section is taken [1, in periods]. It returns a thing with
+
+    1. `period` of the excitation [s]; `bodies`; `impacting`, whether there is a stop that impacts could be at.
+    2. `names` of the state's components, such as "q3.displacement" and "q3.velocity", their `units`, the `scale` of
+       each (dimension,), by which differences are made comparable, and the state `initial` (dimension,) to start from
+       where nothing else is said.
+    3. `orbit` goes on by whole periods. The same state gives the same bits; two calls in a row give what one gives, but
+       for rounding. What diverges or spends its step budget ends with a status, never in an endless loop: chatter
+       included.
+    4. `tangent` carries small differences along (saltation at impacts included), or is None for a map that does not
+       know its derivative; central differences of `orbit` are taken then.
+    5. `misses` gives the local minima of the clearance [m] between the impacts of one period from `state` on: where one
+       comes to zero, an impact is about to appear. Without a stop: empty.
+
+    `calib.testing.SimulatorSuite` checks this where the simulator offers a map.
+    """
+
+    @property
+    def period(self) -> float:
+        """Period of the excitation  [s]."""
+        ...
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Bodies of the simulator."""
+        ...
+
+    @property
+    def impacting(self) -> bool:
+        """Whether there is a stop."""
+        ...
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the state's components."""
+        ...
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the state's components."""
+        ...
+
+    @property
+    def scale(self) -> np.ndarray:
+        """Scale (dimension,) of the state's components, each in its unit."""
+        ...
+
+    @property
+    def initial(self) -> np.ndarray:
+        """State (dimension,) to start from, each component in its unit."""
+        ...
+
+    def orbit(self, state: np.ndarray, periods: int) -> Orbit:
+        """Go on from `state` (dimension,) by whole periods."""
+        ...
+
+    def tangent(self, state: np.ndarray, vectors: np.ndarray, periods: int) -> Tangent | None:
+        """Carry `vectors` (dimension, m), in units of the scale, along the orbit from `state`."""
+        ...
+
+    def misses(self, state: np.ndarray) -> np.ndarray:
+        """Local minima (k,) of the clearance over one period  [m]."""
+        ...

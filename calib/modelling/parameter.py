@@ -38,7 +38,7 @@ class Window:
     high: float
     scale: Scale = "linear"
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if not (math.isfinite(self.low) and math.isfinite(self.high)):
             raise CalibError(f"a window needs two finite ends, got low = {self.low:g}, high = {self.high:g}")
         if self.low == self.high:
@@ -87,7 +87,7 @@ class Space:
     fixed: Mapping[str, float] = field(default_factory=dict)
     start: Mapping[str, float] = field(default_factory=dict)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name, value in self.start.items():
             if name not in self.windows:
                 raise CalibError(f"{name!r} has a starting value and no window; searched are {list(self.windows)}")

@@ -1,7 +1,7 @@
 """How a body is driven: harmonically, by a recorded input, or not at all."""
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -23,6 +23,26 @@ def unit_of(quantity: str) -> str:
         known = ", ".join(UNITS)
         raise CalibError(f"an excitation's quantity is one of {known}, got {quantity!r}{nearest(quantity, UNITS)}")
     return UNITS[quantity]
+
+
+class Harmonic(NamedTuple):
+    """A harmonic input: frequency [Hz], amplitude [unit of the excitation], phase [rad]."""
+
+    frequency: float
+    amplitude: float
+    phase: float
+
+    @property
+    def period(self) -> float:
+        """Period [s]."""
+        return 1.0 / self.frequency
+
+
+class Samples(NamedTuple):
+    """A recorded input: time [s] and value [unit of the excitation], (n,) each."""
+
+    time: np.ndarray
+    value: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +107,31 @@ class Excitation:
     def period(self) -> float | None:
         """Period [s], or None without one."""
         return None if self.frequency is None else 1.0 / self.frequency
+
+    @property
+    def as_harmonic(self) -> Harmonic:
+        """The harmonic input.
+
+        Raises
+        ------
+        CalibError : the excitation is no harmonic
+        """
+        if self.frequency is None or self.amplitude is None or not self.harmonic:
+            given = f"{self.quantity}{' by samples' if self.recorded else ''}"
+            raise CalibError(f"a harmonic excitation is needed, got {given}; state its frequency and amplitude")
+        return Harmonic(self.frequency, self.amplitude, self.phase)
+
+    @property
+    def as_samples(self) -> Samples:
+        """The recorded input.
+
+        Raises
+        ------
+        CalibError : the excitation is not given by samples
+        """
+        if self.time is None or self.value is None:
+            raise CalibError(f"a recorded excitation is needed, got {self.quantity} without samples")
+        return Samples(self.time, self.value)
 
     def scaled(self, factor: float) -> "Excitation":
         """Return the same excitation with `factor` times its amplitude."""

@@ -1,6 +1,13 @@
 """How the kernels of the simulators are compiled."""
 
-COMPILED = {"cache": True, "nogil": True, "error_model": "numpy"}  # called from Python, or making arrays
+from typing import Any
+
+# `Any`: the options of numba's decorators differ in type, and their annotations do not know `_nrt`
+COMPILED: dict[str, Any] = {
+    "cache": True,
+    "nogil": True,
+    "error_model": "numpy",
+}  # called from Python, or making arrays
 # Called from compiled code, making no arrays and calling nothing that does: without counting references. Counted, each
 # array of a tuple that is handed over costs an atomic increment and a decrement, in all more than a step's arithmetic.
 WITHIN = {**COMPILED, "_nrt": False}

@@ -5,20 +5,25 @@ and the kernel is still compiled once for any combination of laws. Where numba's
 themselves are called.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 
 import numpy as np
 from llvmlite import ir
-from numba import config, types
+from numba import types
+from numba.core import config
+from numba.core.base import BaseContext
+from numba.core.typing.templates import Signature
 from numba.experimental.function_type import _get_wrapper_address
 from numba.extending import intrinsic
 
 from calib.modelling.laws import SIGNATURES, SLOTS, BoundLaw, at_site, slots
 
+UNCOMPILED: bool = config.DISABLE_JIT  # type: ignore[attr-defined]  # numba reads its settings from the environment
+
 
 @cache
-def _address(function, site: str) -> int:
+def _address(function: Callable, site: str) -> int:
     # private: the public way to an address is a wrapper in the caller, which costs what is avoided here
     return _get_wrapper_address(function, SIGNATURES[site])
 
@@ -26,7 +31,7 @@ def _address(function, site: str) -> int:
 def fill(laws: Sequence[BoundLaw], site: str) -> tuple[np.ndarray, np.ndarray, int]:
     """Return the laws of `site` for a kernel: addresses (SLOTS,), parameters (SLOTS, PARAMETERS) and their count."""
     functions, parameters, count = slots(laws, site)
-    if config.DISABLE_JIT:
+    if UNCOMPILED:
         return np.array(functions, dtype=object), parameters, count
     return np.array([_address(function, site) for function in functions]), parameters, count
 
@@ -40,13 +45,13 @@ def acting(laws: Sequence[BoundLaw], bodies: Sequence[str], ports: Sequence[str]
     return acts
 
 
-def _caller(site: str):
+def _caller(site: str) -> Callable[..., float]:
     """Make the kernel function (address, *arguments of the law) -> value of the law at that address."""
     law = SIGNATURES[site]
-    if config.DISABLE_JIT:
+    if UNCOMPILED:
         return lambda function, *arguments: function(*arguments)
 
-    def call(context, builder, signature, values):
+    def call(context: BaseContext, builder: ir.IRBuilder, signature: Signature, values: Sequence[ir.Value]) -> ir.Value:
         kinds = [context.get_value_type(kind) for kind in (law.return_type, *law.args)]
         pointer = builder.inttoptr(values[0], ir.FunctionType(kinds[0], kinds[1:]).as_pointer())
         return builder.call(pointer, values[1:])

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.dynamics.contract import PeriodMap
 from calib.dynamics.motion import kind_of_orbit
 from calib.dynamics.orbit_kind import FAILED, OrbitKind
+from calib.modelling.orbit import PeriodMap
 from calib.sweep.plan import Sweep
 
 IMPOSSIBLE_VALUE = "impossible value"

@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.dynamics.contract import PeriodMap
 from calib.dynamics.orbit_kind import OrbitKind
 from calib.dynamics.orbits import attracting_cycle
 from calib.dynamics.recurrence import SAME_MOTION
 from calib.dynamics.settling import kind_of_cycle
 from calib.dynamics.single_run import kind_of_run
 from calib.dynamics.tangent import longest_affordable
+from calib.modelling.orbit import PeriodMap
 from calib.sweep.compute import begun, motion_arrays, no_motion, stacked
 from calib.sweep.plan import Sweep
 

@@ -7,10 +7,10 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 from scipy.stats import qmc
 
-from calib.dynamics.contract import PeriodMap
 from calib.dynamics.setting import Setting
 from calib.dynamics.single_run import MIN_CYCLES
 from calib.errors import CalibError, nearest
+from calib.modelling.orbit import PeriodMap
 from calib.modelling.parameter import Window
 from calib.store.environment import environment
 from calib.store.plain import plain

@@ -15,9 +15,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from calib.modelling.effect import Effect
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
+from calib.modelling.simulator import Request, Simulator
 from calib.plugins import load
 from calib.records import channels
 from calib.records.excitation import Excitation
@@ -38,31 +40,31 @@ class EffectSuite:
     request = Request(periods=1, samples=200)
     least = 1e-6  # change of a channel over its range that the present effect makes at least  [1]
 
-    def make(self):
+    def make(self) -> Simulator:
         """Return the simulator on which the effect is tried."""
         return load("calib.simulators", "four_dof")()
 
-    def run(self, *effects, **values):
+    def run(self, *effects: Effect, **values: float) -> xr.Dataset:
         """Return the record with some effects."""
         request = replace(self.request, settle=0) if self.effect.transient else self.request
         return Model(self.make(), effects).run({**self.values, **values}, self.excitation, request)
 
-    def largest_change(self, **values):
+    def largest_change(self, **values: float) -> float:
         """Return the largest change of any channel against the model without the effect, in units of its range [1]."""
         plain, with_it = self.run(), self.run(self.effect, **values)
         return max(float(np.abs(with_it[c] - plain[c]).max() / np.ptp(plain[c].values)) for c in channels(plain))
 
-    def test_it_is_absent_at_its_null_value(self):
+    def test_it_is_absent_at_its_null_value(self) -> None:
         plain, null = self.run(), self.run(self.effect, **self.effect.null)
         assert list(null.data_vars) == list(plain.data_vars)
         for name in plain.data_vars:
             np.testing.assert_array_equal(null[name].values, plain[name].values)
 
-    def test_it_shows_where_it_is_present(self):
+    def test_it_shows_where_it_is_present(self) -> None:
         change = self.largest_change(**self.present)
         assert change == 0.0 if self.effect.noise else change > self.least
 
-    def test_it_fades_towards_its_null_value(self):
+    def test_it_fades_towards_its_null_value(self) -> None:
         if not self.effect.differentiable:
             pytest.skip("it is not differentiable at its null")
         near = dict(self.present)
@@ -70,7 +72,7 @@ class EffectSuite:
             near[name] = null + 1e-3 * (near[name] - null)
         assert self.largest_change(**near) < 0.1 * self.largest_change(**self.present)
 
-    def test_it_says_what_it_is(self):
+    def test_it_says_what_it_is(self) -> None:
         assert self.effect.meaning
         for parameter in self.effect.parameters:
             assert parameter.unit
@@ -78,5 +80,5 @@ class EffectSuite:
             assert math.isfinite(parameter.nominal) or parameter.nominal == parameter.null
         assert self.effect.equation
 
-    def test_it_survives_a_pickle(self):
+    def test_it_survives_a_pickle(self) -> None:
         assert pickle.loads(pickle.dumps(self.effect)) == self.effect

@@ -14,8 +14,8 @@ from simulators.four_dof_peer import dop853, spring_drive
 from calib.records.excitation import Excitation
 from calib.simulators.four_dof import FourDof
 from calib.simulators.impact import kernel
+from calib.simulators.impact.initial_state import start
 from calib.simulators.impact.problem import IMPACTS
-from calib.simulators.impact.run import start
 from calib.simulators.impact.scratch import scratch
 
 FREQUENCY = 26.24  # Hz
@@ -38,7 +38,7 @@ def ours(values, periods):
     state = start(problem, np.zeros(4), np.zeros(4))
     rows, none, impacts = np.zeros((periods, 10)), np.zeros((0, 10)), np.zeros((20_000, 10))
     kernel.advance(problem, state, scratch(4), periods, 0.0, 10**9, rows, np.zeros(0), none, impacts)
-    return impacts[: min(len(impacts), int(state.count[IMPACTS])), 0]
+    return impacts[: min(len(impacts), int(state.counters[IMPACTS])), 0]
 
 
 def heyoka(values):

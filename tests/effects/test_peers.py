@@ -14,8 +14,8 @@ from calib.records.excitation import Excitation
 from calib.simulators.four_dof import FourDof
 from calib.simulators.four_dof.lumped import lumped
 from calib.simulators.impact import kernel
+from calib.simulators.impact.initial_state import start
 from calib.simulators.impact.problem import IMPACTS
-from calib.simulators.impact.run import start
 from calib.simulators.impact.scratch import scratch
 from calib.simulators.oscillator import Oscillator
 
@@ -95,7 +95,7 @@ def test_impacts_of_the_minimal_model(names, gap):
     state, impacts, none = start(problem, np.zeros(4), np.zeros(4)), np.zeros((5000, 10)), np.zeros((0, 10))
     rows = np.zeros((int(peer.times[-1] * frequency) + 2, 10))
     kernel.advance(problem, state, scratch(4), len(rows), 0.0, 10**8, rows, np.zeros(0), none, impacts)
-    found = impacts[: int(state.count[IMPACTS])]
+    found = impacts[: int(state.counters[IMPACTS])]
     found, expected = found[found[:, 1] > 1e-3][:count], peer.speeds > 1e-3
     np.testing.assert_allclose(found[:, 0] * frequency, peer.times[expected] * frequency, rtol=0, atol=1e-6)
     speeds = peer.speeds[expected]

@@ -13,8 +13,9 @@ from calib.effects import channel_lag, gap_offset, quadratic_drag
 from calib.errors import CalibError
 from calib.modelling.effect import Effect
 from calib.modelling.laws import SLOTS, force, gap, numerical, slots, structure
-from calib.modelling.model import Model, Request, Simulator
+from calib.modelling.model import Model
 from calib.modelling.parameter import Parameter
+from calib.modelling.simulator import MappedSimulator, RefinableSimulator, Request, Simulator
 from calib.records import record
 from calib.records.excitation import Excitation
 
@@ -215,9 +216,8 @@ def test_the_guide_of_a_simulator_numbers_its_items_and_names_what_is_read():
     guide = Simulator.__doc__
     assert [int(number) for number in re.findall(r"^    (\d+)\. ", guide, re.M)] == list(range(1, 14))
     optional = set(re.findall(r"Optionally `(\w+)", guide)) | {"numerics"}
-    read = set()
+    read = {n for protocol in (MappedSimulator, RefinableSimulator) for n in vars(protocol) if not n.startswith("_")}
     for path in Path(calib.__file__).parent.rglob("*.py"):
         text = path.read_text()
         read |= set(re.findall(r"(?:get|has)attr\((?:\w+\.)*simulator, \"(\w+)\"", text))
-        read |= {name for name in ("finer",) if f"simulator.{name}(" in text}
     assert optional == read

@@ -14,7 +14,7 @@ from calib.dynamics.orbits import shoot
 from calib.dynamics.single_run import kind_of_run
 from calib.records.cycles import impacts_per_period
 from calib.report.diagrams import bifurcation_diagram
-from calib.simulators.impact import run as impact_run
+from calib.simulators.impact import assembly
 from calib.study_file import load
 from calib.sweep import Sweep, run
 
@@ -187,7 +187,7 @@ def test_rounding_of_the_matrices_does_not_change_the_kinds(monkeypatch):
     """All matrices and vectors that come out of the linear algebra are changed by a unit in the last place."""
     values = [0.05, 0.2, 0.3, 0.45, 0.5, 0.6, 0.72, 0.735]
     untouched = [motion(e).label for e in values]
-    regimes = impact_run.regimes
+    regimes = assembly.regimes
     for k in range(10):
         rng = np.random.default_rng(k)
 
@@ -198,7 +198,7 @@ def test_rounding_of_the_matrices_does_not_change_the_kinds(monkeypatch):
                 for name, array in made._asdict().items() if isinstance(array, np.ndarray)
             })  # fmt: skip
 
-        monkeypatch.setattr(impact_run, "regimes", rounded)
+        monkeypatch.setattr(assembly, "regimes", rounded)
         assert [motion(e).label for e in values] == untouched
 
 

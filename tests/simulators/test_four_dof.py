@@ -22,9 +22,9 @@ from calib.simulators.four_dof import FourDof
 from calib.simulators.four_dof.drives import DRIVES, structure
 from calib.simulators.four_dof.lumped import lumped
 from calib.simulators.impact import kernel
+from calib.simulators.impact.initial_state import start
 from calib.simulators.impact.modes import modal
 from calib.simulators.impact.problem import IMPACTS, STEPS
-from calib.simulators.impact.run import start
 from calib.simulators.impact.scratch import scratch
 from calib.testing.simulator_suite import SimulatorSuite
 
@@ -40,12 +40,12 @@ def shaker(amplitude=1.5e-3, frequency=26.24, phase=0.0):
 def advance(problem, state, periods=1, capacity=10_000, budget=10**9):
     """Sections (periods, 10) and impacts (n, 10) of some periods more."""
     rows, impacts = np.zeros((periods, 10)), np.zeros((capacity, 10))
-    before = int(state.count[IMPACTS])
+    before = int(state.counters[IMPACTS])
     code = kernel.advance(
         problem, state, scratch(4), periods, 0.0, budget, rows, np.zeros(0), np.zeros((0, 10)), impacts
     )
     assert code == kernel.DONE
-    return rows, impacts[before : int(state.count[IMPACTS])]
+    return rows, impacts[before : int(state.counters[IMPACTS])]
 
 
 def frequencies(stiffness, mass):
@@ -405,4 +405,4 @@ def test_an_undriven_body_costs_no_more_than_a_look_at_the_stop():
     problem = FourDof().problem({**NOMINAL, "amplitude": 0.0}, shaker())
     state = start(problem, np.zeros(4), np.zeros(4))
     advance(problem, state, 10)
-    assert state.count[STEPS] <= 30
+    assert state.counters[STEPS] <= 30

@@ -9,8 +9,8 @@ from calib.modelling.laws import BoundLaw, force
 from calib.records.excitation import Excitation
 from calib.simulators.four_dof import FourDof
 from calib.simulators.impact import kernel
+from calib.simulators.impact.initial_state import start
 from calib.simulators.impact.problem import IMPACTS
-from calib.simulators.impact.run import start
 from calib.simulators.impact.scratch import scratch
 
 NOMINAL = {p.name: p.nominal for p in FourDof.parameters}
@@ -52,7 +52,7 @@ def impacts_of(values, frequency, periods, laws=(), **options):
     rows = np.zeros((periods, 10))
     code = kernel.advance(problem, state, scratch(4), periods, 0.0, 10**8, rows, np.zeros(0), none, impacts)
     assert code == kernel.DONE
-    return impacts[: int(state.count[IMPACTS])]
+    return impacts[: int(state.counters[IMPACTS])]
 
 
 def drawn(seed, gaps, restitutions):
@@ -178,7 +178,7 @@ def test_no_impact_is_missed_in_chaotic_motion():
             for problem in (coarse, fine):
                 state, found, end = start(problem, row[:4], row[4:8]), np.zeros((400, 10)), np.zeros((1, 10))
                 kernel.advance(problem, state, scratch(4), 1, 0.0, 10**9, end, np.zeros(0), empty, found)
-                found = found[: int(state.count[IMPACTS])]
+                found = found[: int(state.counters[IMPACTS])]
                 counts.append(found[found[:, 1] > 1e-9, 0])
             same = len(counts[0]) == len(counts[1]) and np.allclose(*counts, atol=1e-9, rtol=0.0)
             differing += not same

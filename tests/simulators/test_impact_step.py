@@ -12,7 +12,7 @@ def test_a_step_is_found_where_its_loads_do_not_hold_up_to_the_event(monkeypatch
     problem = SimpleNamespace(
         exact=True, collocated=True, stop=True, counts=[1], step=1.6, resolution=1e-9, lift=0.0, regimes=None, omega=1.0
     )
-    state = SimpleNamespace(count=np.zeros(16, dtype=int), clock=[0.0], y=None, v=None)
+    state = SimpleNamespace(counters=np.zeros(16, dtype=int), clock=[0.0], y=None, v=None)
     w = SimpleNamespace(trust=[1.6], load=None, added=None)
     monkeypatch.setattr(steps, "_step_length", lambda problem, state: 1.6)
     monkeypatch.setattr(steps, "collocate", lambda problem, r, state, time, step, w: step <= 1.0)
@@ -22,4 +22,4 @@ def test_a_step_is_found_where_its_loads_do_not_hold_up_to_the_event(monkeypatch
     outcome, tau, step = steps.next_step.py_func(problem, state, w, None, None)
     assert outcome == steps.FOUND
     assert tau < step <= 1.0
-    assert state.count[steps.STEPS] < 20
+    assert state.counters[steps.STEPS] < 20

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
+from calib.simulators.impact.assembly import ImpactDrive, assemble
+from calib.simulators.impact.initial_state import start
 from calib.simulators.impact.modes import LinearStructure, Stop, modal, viscous
-from calib.simulators.impact.run import ImpactDrive, assemble, simulate, start
+from calib.simulators.impact.run import simulate
 
 GRAVITY = 9.81  # m/s^2
 

@@ -76,9 +76,9 @@ def test_the_step_budget_holds_for_all_periods_that_shooting_takes(monkeypatch):
     before = model.run(values | {"dahl_distance": 1e-4}, drive, Request(periods=2, samples=100))
 
     def counted(problem, state, *rest):
-        begun = int(state.count[STEPS])
+        begun = int(state.counters[STEPS])
         code = advance(problem, state, *rest)
-        steps.append(int(state.count[STEPS]) - begun)
+        steps.append(int(state.counters[STEPS]) - begun)
         return code
 
     advance = kernel.advance

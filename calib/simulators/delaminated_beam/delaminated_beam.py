@@ -143,7 +143,7 @@ class DelaminatedBeam:
     def period_map(
         self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw], phase: float = 0.0
     ) -> BeamMap:
-        """Map of a period from `phase` on; see `calib.dynamics.contract.PeriodMap`.
+        """Map of a period from `phase` on; see `calib.modelling.orbit.PeriodMap`.
 
         Raises
         ------

@@ -17,7 +17,7 @@ BUDGET = 2_000_000  # steps a period
 
 @dataclass(frozen=True, eq=False)
 class BeamMap:
-    """Period map of the beam; see `calib.dynamics.contract.PeriodMap`.
+    """Period map of the beam; see `calib.modelling.orbit.PeriodMap`.
 
     The state is that of the fidelity: modal coordinates and rates, or displacements and velocities of the free nodes,
     in full fidelity 1700 numbers: diagrams and sections work with it, branches and exponents take their time.

@@ -2,7 +2,7 @@
 
 import copy
 from collections.abc import Mapping, Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
@@ -12,14 +12,18 @@ from scipy.linalg import LinAlgError
 from calib.errors import CalibError, nearest
 from calib.modelling.laws import BoundLaw, at_site
 from calib.modelling.parameter import Parameter
+from calib.modelling.simulator import Request
 from calib.records import OK, SECTION, STATE, failed, make, prescription
 from calib.records.excitation import Excitation
 from calib.simulators.four_dof.drives import BODIES, DRIVES, LAYER, structure
 from calib.simulators.four_dof.lumped import lumped
+from calib.simulators.impact.assembly import STEPS_PER_PERIOD, ImpactDrive, assemble
+from calib.simulators.impact.initial_state import start, with_law_states
 from calib.simulators.impact.modes import modal, regimes
 from calib.simulators.impact.period_map import ImpactMap, impact_map, shifted
 from calib.simulators.impact.problem import PORT, ImpactState, Problem
-from calib.simulators.impact.run import GRID, ImpactDrive, SimulatedMotion, assemble, simulate, start, with_inner
+from calib.simulators.impact.refinement import UNREFINED
+from calib.simulators.impact.run import SimulatedMotion, simulate
 
 PARAMETERS = (
     Parameter("restitution", "1", 0.05, "Newton's coefficient of restitution, beam and layer", low=0.0, high=1.0),
@@ -77,20 +81,20 @@ class FourDof:
         mode: Literal["exact", "fixed_step"] = "exact",
         steps_per_period: float | None = None,
         onto_surface: bool = False,
-    ):
+    ) -> None:
         if drive not in DRIVES:
             raise CalibError(f"unknown drive {drive!r}; four_dof has {', '.join(DRIVES)}{nearest(drive, DRIVES)}")
         if mode not in ("exact", "fixed_step"):
             raise CalibError(f"unknown mode {mode!r}; four_dof has exact, fixed_step")
         if steps_per_period is None:
-            steps_per_period = GRID if mode == "exact" else 250.37
+            steps_per_period = STEPS_PER_PERIOD if mode == "exact" else 250.37
         if not steps_per_period >= 2.0:
             raise CalibError(f"steps_per_period must be at least 2, got {steps_per_period}")
         self.drive = drive
         self.mode = mode
         self.steps_per_period = float(steps_per_period)
         self.onto_surface = bool(onto_surface)
-        self.shorter = self.sharper = 1.0
+        self.refinement = UNREFINED
 
     @property
     def numerics(self) -> frozenset[str]:
@@ -100,10 +104,7 @@ class FourDof:
     def finer(self, what: str, factor: float) -> "FourDof":
         """Return the same with steps, or the tolerance of events and the height of sticking, divided by `factor`."""
         other = copy.copy(self)
-        if what == "time_step":
-            other.shorter = self.shorter * factor
-        else:
-            other.sharper = self.sharper * factor
+        other.refinement = self.refinement.times(what, factor)
         return other
 
     @property
@@ -118,8 +119,10 @@ class FourDof:
         kind = DRIVES[self.drive]
         return frozenset({(kind.quantity, kind.place), ("free decay", kind.place)})
 
-    def run(self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw], request) -> xr.Dataset:
-        """Simulate; see `calib.modelling.model.Simulator` and `calib.modelling.model.Request`.
+    def run(
+        self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw], request: Request
+    ) -> xr.Dataset:
+        """Simulate; see `calib.modelling.simulator`.
 
         Raises
         ------
@@ -150,7 +153,7 @@ class FourDof:
     def period_map(
         self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw], phase: float = 0.0
     ) -> ImpactMap:
-        """Map of a period from `phase` on; see `calib.dynamics.contract.PeriodMap`.
+        """Map of a period from `phase` on; see `calib.modelling.orbit.PeriodMap`.
 
         Raises
         ------
@@ -206,13 +209,15 @@ class FourDof:
                 raise ValueError("the shaker does not move q1")
             scale /= answer
         if duration is None:
+            tone = excitation.as_harmonic
             drive = ImpactDrive(
-                period=excitation.period,
-                omega=2.0 * np.pi * excitation.frequency,
-                amplitude=scale * excitation.amplitude * np.exp(1j * excitation.phase),
+                period=tone.period,
+                omega=2.0 * np.pi * tone.frequency,
+                amplitude=scale * tone.amplitude * np.exp(1j * tone.phase),
             )
         elif excitation.recorded:
-            spline = CubicSpline(excitation.time - excitation.time[0], scale * excitation.value)
+            time, value = excitation.as_samples
+            spline = CubicSpline(time - time[0], scale * value)
             drive = ImpactDrive(period=duration, knots=spline.x, table=spline.c[::-1].T)
         else:
             drive = ImpactDrive(period=duration)
@@ -225,8 +230,7 @@ class FourDof:
             step=drive.period / self.steps_per_period if duration is None else None,
             fixed_step=self.mode == "fixed_step",
             onto_surface=self.onto_surface,
-            shorter=self.shorter,
-            sharper=self.sharper,
+            refinement=self.refinement,
         )
 
     def _check_drive(self, excitation: Excitation) -> None:
@@ -238,7 +242,7 @@ class FourDof:
                 + "; ".join(f"{name!r} ({kind.quantity} at {kind.place!r})" for name, kind in DRIVES.items())
             )
 
-    def _check(self, excitation: Excitation, request) -> None:
+    def _check(self, excitation: Excitation, request: Request) -> None:
         self._check_drive(excitation)
         if excitation.quantity == "free decay" and request.times is None:
             raise CalibError("a free decay has no period; say at which times [s] the record is wanted")
@@ -251,19 +255,19 @@ class FourDof:
                 f"the initial state of four_dof is (q1..q4, q1'..q4'), 8 numbers; got {np.size(request.initial_state)}"
             )
 
-    def _start(self, problem: Problem, request) -> ImpactState:
+    def _start(self, problem: Problem, request: Request) -> ImpactState:
         free, n = list(DRIVES[self.drive].coordinates), len(BODIES)
         asked = np.zeros(2 * n) if request.initial_state is None else np.asarray(request.initial_state, dtype=float)
-        return with_inner(start(problem, asked[:n][free], asked[n : 2 * n][free]), asked[2 * n :])
+        return with_law_states(start(problem, asked[:n][free], asked[n : 2 * n][free]), asked[2 * n :])
 
     def _state(self, motion: SimulatedMotion) -> np.ndarray:
         """State at phase zero after the recorded periods, as `Request.initial_state` takes it."""
         free = list(DRIVES[self.drive].coordinates)
         state = np.zeros((2, len(BODIES)))
         state[:, free] = motion.sections[-1, : 2 * len(free)].reshape(2, len(free))
-        return np.concatenate([state.ravel(), motion.inner])
+        return np.concatenate([state.ravel(), motion.law_states])
 
-    def _attrs(self, excitation: Excitation, values: Mapping[str, float]) -> dict:
+    def _attrs(self, excitation: Excitation, values: Mapping[str, float]) -> dict[str, Any]:
         attrs = {
             "source": f"four_dof, drive {self.drive}, {self.mode}",
             "place": excitation.place,
@@ -277,8 +281,10 @@ class FourDof:
             attrs["amplitude"] = excitation.amplitude * values["amplitude"]
         return attrs
 
-    def _record(self, times, problem: Problem, motion: SimulatedMotion, attrs: dict, harmonic: bool) -> xr.Dataset:
-        stationary = {}
+    def _record(
+        self, times: np.ndarray, problem: Problem, motion: SimulatedMotion, attrs: dict[str, Any], harmonic: bool
+    ) -> xr.Dataset:
+        stationary: dict[str, Any] = {}
         if harmonic:
             at_phase_zero = np.zeros(len(motion.sections))
             section = dict(zip(STATE, self._bodies(motion.sections, at_phase_zero, problem), strict=True))
@@ -312,11 +318,11 @@ def _length(gap: float) -> float:
     return max(abs(gap), 1e-9)
 
 
-def _times(excitation: Excitation, request) -> tuple[np.ndarray, float | None]:
+def _times(excitation: Excitation, request: Request) -> tuple[np.ndarray, float | None]:
     """Output times since the start [s], and the duration of a run without a period."""
     if not excitation.harmonic:
-        times = excitation.time if request.times is None else np.asarray(request.times, dtype=float)
-        start = excitation.time[0] if excitation.recorded else 0.0
-        return times - start, float(times[-1] - start)
+        times = excitation.as_samples.time if request.times is None else np.asarray(request.times, dtype=float)
+        begins = excitation.as_samples.time[0] if excitation.recorded else 0.0
+        return times - begins, float(times[-1] - begins)
     count = request.periods * request.samples
-    return np.arange(count) * (excitation.period / request.samples), None
+    return np.arange(count) * (excitation.as_harmonic.period / request.samples), None

@@ -9,6 +9,7 @@ air), the step is halved down to a limit.
 
 import math
 
+import numpy as np
 from numba import njit
 
 from calib.modelling.laws import STATES
@@ -16,7 +17,8 @@ from calib.simulators.compilation import WITHIN
 from calib.simulators.impact.coordinates import to_coordinates
 from calib.simulators.impact.flow import impulse_response, load_responses
 from calib.simulators.impact.polynomial import BETWEEN, FIT, INTEGRAL, NODES, POINTS, PROBE, polynomial, slope
-from calib.simulators.impact.problem import AT_PERIOD, CONTACT, PIECE
+from calib.simulators.impact.problem import AT_PERIOD, CONTACT, PIECE, ImpactState, Problem, Regimes
+from calib.simulators.impact.scratch import Scratch
 from calib.simulators.slots import excitation, force
 
 SWEEPS = 15  # of the fixed point
@@ -29,13 +31,13 @@ FAINT = 1e-15  # change of velocity over the step, as a share of the velocities,
 
 
 @njit(**WITHIN)
-def _set_input(problem, state, time, step, w):
+def _set_input(problem: Problem, state: ImpactState, time: float, step: float, w: Scratch) -> None:
     """Write the input U over the step (5,): the table's piece, and what the laws of the excitation add at the nodes."""
     out = w.input
     for k in range(5):
         out[k] = 0.0
     if problem.knots.size > 1:
-        piece = state.count[PIECE]
+        piece = state.counters[PIECE]
         s = time - problem.knots[piece]
         row = problem.table[piece]
         c0, c1, c2, c3 = row[0], row[1], row[2], row[3]
@@ -44,7 +46,7 @@ def _set_input(problem, state, time, step, w):
         out[2] = (c2 + 3.0 * s * c3) * step * step
         out[3] = c3 * step * step * step
     if problem.counts[1] > 0:
-        start = state.count[AT_PERIOD] * problem.period + time
+        start = state.counters[AT_PERIOD] * problem.period + time
         for j in range(5):
             local = time + NODES[j] * step
             x = problem.amplitude * math.cos(problem.omega * local + problem.phase) + polynomial(out, NODES[j])
@@ -62,7 +64,7 @@ def _set_input(problem, state, time, step, w):
 
 
 @njit(**WITHIN)
-def _set_base(regimes, r, step, w):
+def _set_base(regimes: Regimes, r: int, step: float, w: Scratch) -> None:
     """Write the modal load of the input and of the constants."""
     u, base = w.input, w.base
     for i in range(w.y.size):
@@ -79,7 +81,9 @@ def _set_base(regimes, r, step, w):
 
 
 @njit(**WITHIN)
-def _set_answers(problem, r, state, time, step, first, end, w):
+def _set_answers(
+    problem: Problem, r: int, state: ImpactState, time: float, step: float, first: int, end: int, w: Scratch
+) -> None:
     """Write, at some of the points, the motion without loads, and the modal motion per unit of each of their terms."""
     regimes, n, y, v = problem.regimes, w.q.size, state.y, state.v
     for j in range(first, end):
@@ -111,7 +115,7 @@ def _set_answers(problem, r, state, time, step, first, end, w):
 
 
 @njit(**WITHIN)
-def _sum_at(problem, b, t, x, v, j, w):
+def _sum_at(problem: Problem, b: int, t: float, x: float, v: float, j: int, w: Scratch) -> float:
     """Sum of the force laws at the coordinate `b` (or the port), which moves by x, v; their rates are written."""
     total = 0.0
     z, dz = w.own[0], w.own[1]
@@ -127,7 +131,9 @@ def _sum_at(problem, b, t, x, v, j, w):
 
 
 @njit(**WITHIN)
-def _clearance(problem, r, y, v, time, u, du):
+def _clearance(
+    problem: Problem, r: int, y: np.ndarray, v: np.ndarray, time: float, u: float, du: float
+) -> tuple[float, float]:
     """Clearance [m] and its rate [m/s] at `time` since the whole period; both zero in contact."""
     if r == CONTACT:
         return 0.0, 0.0
@@ -143,7 +149,7 @@ def _clearance(problem, r, y, v, time, u, du):
 
 
 @njit(**WITHIN)
-def _laws_at(problem, r, start, step, j, w):
+def _laws_at(problem: Problem, r: int, start: float, step: float, j: int, w: Scratch) -> None:
     """Write the accelerations by the laws and the rates of their internal states at point `j`."""
     regimes, n = problem.regimes, w.q.size
     for i in range(n):
@@ -171,7 +177,7 @@ def _laws_at(problem, r, start, step, j, w):
 
 
 @njit(**WITHIN)
-def _integrate_states(problem, z, step, first, end, w):
+def _integrate_states(problem: Problem, z: np.ndarray, step: float, first: int, end: int, w: Scratch) -> None:
     """Write the internal states at some of the points from their rates at the nodes."""
     for i in range(problem.counts[0]):
         for b in range(z.shape[1]):
@@ -184,7 +190,7 @@ def _integrate_states(problem, z, step, first, end, w):
 
 
 @njit(**WITHIN)
-def _refit(regimes, r, w):
+def _refit(regimes: Regimes, r: int, w: Scratch) -> tuple[float, float]:
     """Write the load's coefficients from the laws at the nodes; return its largest change and its size."""
     change, size = 0.0, 0.0
     for i in range(w.y.size):
@@ -204,7 +210,7 @@ def _refit(regimes, r, w):
 
 
 @njit(**WITHIN)
-def _set_added(problem, r, step, w):
+def _set_added(problem: Problem, r: int, step: float, w: Scratch) -> None:
     """Write what the input and the laws add to the witness over the step (5,)."""
     u, added, regimes = w.input, w.added, problem.regimes
     a, b, c = regimes.witness_input[r, 0], regimes.witness_input[r, 1], regimes.witness_input[r, 2]
@@ -221,7 +227,7 @@ def _set_added(problem, r, step, w):
 
 
 @njit(**WITHIN)
-def _modal_speed(regimes, r, y, v):
+def _modal_speed(regimes: Regimes, r: int, y: np.ndarray, v: np.ndarray) -> float:
     """Largest modal velocity that the motion may have, from its energy  [kg^1/2 m/s]."""
     speed = 0.0
     for i in range(y.size):
@@ -230,7 +236,7 @@ def _modal_speed(regimes, r, y, v):
 
 
 @njit(**WITHIN)
-def _hold_states(z, w):
+def _hold_states(z: np.ndarray, w: Scratch) -> None:
     """Let the internal states keep their value at all nodes."""
     for i in range(z.shape[0]):
         for b in range(z.shape[1]):
@@ -241,7 +247,7 @@ def _hold_states(z, w):
 
 
 @njit(**WITHIN)
-def _repeat_first(w):
+def _repeat_first(w: Scratch) -> None:
     """Let the laws and the rates of their states keep their value at the first node: the first guess."""
     for b in range(w.law.shape[0]):
         for j in range(5):
@@ -255,7 +261,9 @@ def _repeat_first(w):
 
 
 @njit(**WITHIN)
-def _is_resolved(problem, r, state, time, start, step, speed, w):
+def _is_resolved(
+    problem: Problem, r: int, state: ImpactState, time: float, start: float, step: float, speed: float, w: Scratch
+) -> bool:
     """Whether the polynomials through the nodes hold between them: of the laws, and of the rates of their states."""
     _set_answers(problem, r, state, time, step, PROBE, PROBE + 1, w)
     if problem.counts[3] > 0:
@@ -285,13 +293,13 @@ def _is_resolved(problem, r, state, time, start, step, speed, w):
 
 
 @njit(**WITHIN)
-def collocate(problem, r, state, time, step, w):
+def collocate(problem: Problem, r: int, state: ImpactState, time: float, step: float, w: Scratch) -> bool:
     """Work out all loads over a step from `time` [s] since the whole period; return whether they hold."""
     _set_input(problem, state, time, step, w)
     _set_base(problem.regimes, r, step, w)
     converged = True
     if problem.counts[0] > 0:
-        start = state.count[AT_PERIOD] * problem.period + time
+        start = state.counters[AT_PERIOD] * problem.period + time
         _set_answers(problem, r, state, time, step, 0, PROBE, w)
         if problem.counts[3] > 0:
             _hold_states(state.z, w)

@@ -2,13 +2,26 @@
 
 import math
 
+import numpy as np
 from numba import njit
 
 from calib.simulators.compilation import WITHIN
+from calib.simulators.impact.problem import Regimes
 
 
 @njit(**WITHIN)
-def to_coordinates(regimes, r, y, v, omega, time, u, du, q, dq):
+def to_coordinates(
+    regimes: Regimes,
+    r: int,
+    y: np.ndarray,
+    v: np.ndarray,
+    omega: float,
+    time: float,
+    u: float,
+    du: float,
+    q: np.ndarray,
+    dq: np.ndarray,
+) -> None:
     """Write q, dq (n,) [m], [m/s] of the modal motion y, v in regime `r` at `time`, under the input u, du."""
     c, s = math.cos(omega * time), math.sin(omega * time)
     for j in range(q.size):
@@ -21,7 +34,18 @@ def to_coordinates(regimes, r, y, v, omega, time, u, du, q, dq):
 
 
 @njit(**WITHIN)
-def to_modes(regimes, r, q, dq, omega, time, u, du, y, v):
+def to_modes(
+    regimes: Regimes,
+    r: int,
+    q: np.ndarray,
+    dq: np.ndarray,
+    omega: float,
+    time: float,
+    u: float,
+    du: float,
+    y: np.ndarray,
+    v: np.ndarray,
+) -> None:
     """Write the modal motion y, v (n,) of the coordinates q, dq (n,): the inverse of `to_coordinates`."""
     c, s = math.cos(omega * time), math.sin(omega * time)
     for i in range(y.size):

@@ -1,17 +1,30 @@
 """What happens at the end of a regime: impact, sticking, release."""
 
+import numpy as np
 from numba import njit
 
 from calib.simulators.compilation import WITHIN
 from calib.simulators.impact.coordinates import to_coordinates, to_modes
 from calib.simulators.impact.polynomial import polynomial, slope
-from calib.simulators.impact.problem import AT_PERIOD, CONTACT, FREE, HIT, IMPACTS, REGIME, RELEASED, TOUCH
+from calib.simulators.impact.problem import (
+    AT_PERIOD,
+    CONTACT,
+    FREE,
+    HIT,
+    IMPACTS,
+    REGIME,
+    RELEASED,
+    TOUCH,
+    ImpactState,
+    Problem,
+)
+from calib.simulators.impact.scratch import Scratch
 from calib.simulators.impact.witness import witness
 from calib.simulators.slots import restitution
 
 
 @njit(**WITHIN)
-def coefficient(problem, speed):
+def coefficient(problem: Problem, speed: float) -> float:
     """Coefficient of restitution at a closing speed [m/s], laws included, within [0, 1]."""
     e = problem.restitution
     for i in range(problem.counts[2]):
@@ -20,7 +33,7 @@ def coefficient(problem, speed):
 
 
 @njit(**WITHIN)
-def sticks(problem, rate, acceleration, e):
+def sticks(problem: Problem, rate: float, acceleration: float, e: float) -> bool:
     """Whether a rebound with this rate [m/s] ends in contact: it rises less than `height`, and so all that follow.
 
     What is left of the flights is the geometric sum 2 rate / (|acceleration| (1 - e)); where e is so near 1 that this
@@ -35,14 +48,23 @@ def sticks(problem, rate, acceleration, e):
 
 
 @njit(**WITHIN)
-def meet_stop(problem, state, time, tau, step, located, impacts, w):
+def meet_stop(
+    problem: Problem,
+    state: ImpactState,
+    time: float,
+    tau: float,
+    step: float,
+    located: bool,
+    impacts: np.ndarray,
+    w: Scratch,
+) -> None:
     """Take the impact, stick or release at `tau` into the step that began at `time`; the state is the one there.
 
     An impact turns the rate of the clearance by -e: the body that is hit jumps, the others keep their velocities
     (paper, eq. (2): the beam is infinitely heavy at an impact). `located` says that an event is due here, and that
     the clearance is zero but for rounding. Impacts are noted in `impacts` as `kernel.advance` says.
     """
-    r, now, omega = state.count[REGIME], time + tau, problem.omega
+    r, now, omega = state.counters[REGIME], time + tau, problem.omega
     loaded = problem.collocated
     value, rate, _, _ = witness(
         problem.regimes, r, state.y, state.v, omega, now, loaded, w.load, w.added, step, tau, 0.0
@@ -52,24 +74,24 @@ def meet_stop(problem, state, time, tau, step, located, impacts, w):
         return
     u, du = polynomial(w.input, tau / step), slope(w.input, tau / step) / step
     to_coordinates(problem.regimes, r, state.y, state.v, omega, now, u, du, w.q, w.dq)
-    state.count[TOUCH] = HIT if free else RELEASED
+    state.counters[TOUCH] = HIT if free else RELEASED
     e = 0.0
     if free:
-        row, n = state.count[IMPACTS], w.q.size
+        row, n = state.counters[IMPACTS], w.q.size
         if row < impacts.shape[0]:
-            impacts[row, 0] = state.count[AT_PERIOD] * problem.period + now
+            impacts[row, 0] = state.counters[AT_PERIOD] * problem.period + now
             impacts[row, 1] = -rate
             for j in range(n):
                 impacts[row, 2 + j] = w.q[j]
                 impacts[row, 2 + n + j] = w.dq[j]
-        state.count[IMPACTS] += 1
+        state.counters[IMPACTS] += 1
         e = coefficient(problem, -rate)
         place = value if located or problem.onto_surface else 0.0
         for j in range(n):
             w.dq[j] -= (1.0 + e) * rate * problem.hit[j]
             w.q[j] -= place * problem.hit[j]
         rate = -e * rate
-    r = state.count[REGIME] = FREE
+    r = state.counters[REGIME] = FREE
     to_modes(problem.regimes, r, w.q, w.dq, omega, now, u, du, state.y, state.v)
     if not free:
         return
@@ -80,6 +102,6 @@ def meet_stop(problem, state, time, tau, step, located, impacts, w):
         for j in range(w.q.size):
             w.dq[j] -= rate * problem.hit[j]
             w.q[j] -= value * problem.hit[j]
-        r = state.count[REGIME] = CONTACT
+        r = state.counters[REGIME] = CONTACT
         to_modes(problem.regimes, r, w.q, w.dq, omega, now, u, du, state.y, state.v)
-        state.count[TOUCH] = 0
+        state.counters[TOUCH] = 0

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from calib.simulators.compilation import WITHIN
+from calib.simulators.impact.problem import Regimes
 
 TERMS = 26  # of the series for polynomial loads; reaches rounding for max(sqrt(stiffness), 2 rate) tau <= 2
 REACH = 2.0  # that limit
@@ -13,7 +14,7 @@ _INVERSE_FACTORIAL = np.array([1.0 / math.factorial(i) for i in range(TERMS + 6)
 
 
 @njit(**WITHIN)
-def impulse_response(stiffness, rate, tau):
+def impulse_response(stiffness: float, rate: float, tau: float) -> tuple[float, float]:
     """Response S(tau) [s] and its rate S'(tau) [1] to a unit impulse of y'' + 2 rate y' + stiffness y.
 
     stiffness [1/s^2] of any sign, rate [1/s], tau [s]; under-, over- and critically damped alike.
@@ -40,7 +41,7 @@ def impulse_response(stiffness, rate, tau):
 
 
 @njit(**WITHIN)
-def load_responses(stiffness, rate, tau):
+def load_responses(stiffness: float, rate: float, tau: float) -> tuple[float, float, float, float, float, float]:
     """Return Q_4, Q_3, ..., Q_-1, where tau^(k+2) Q_k is the response at tau to the load t^k / k! from rest.
 
     Q_k = sum_j s_j / (j+k+2)!,  s_j = a s_(j-1) + b s_(j-2),  a = -2 rate tau,  b = -stiffness tau^2
@@ -63,7 +64,7 @@ def load_responses(stiffness, rate, tau):
 
 
 @njit(**WITHIN)
-def load_motion(stiffness, rate, tau, load, step):
+def load_motion(stiffness: float, rate: float, tau: float, load: np.ndarray, step: float) -> tuple[float, float]:
     """Displacement and velocity at tau that the load sum_k load[k] (t / step)^k, k = 0..4, makes from rest."""
     q4, q3, q2, q1, q0, impulse = load_responses(stiffness, rate, tau)
     x = tau / step
@@ -74,7 +75,18 @@ def load_motion(stiffness, rate, tau, load, step):
 
 
 @njit(**WITHIN)
-def flow(regimes, r, y, v, loaded, load, step, tau, y_end, v_end):
+def flow(
+    regimes: Regimes,
+    r: int,
+    y: np.ndarray,
+    v: np.ndarray,
+    loaded: bool,
+    load: np.ndarray,
+    step: float,
+    tau: float,
+    y_end: np.ndarray,
+    v_end: np.ndarray,
+) -> None:
     """Write the modal motion in regime `r` at `tau` after (y, v) into y_end, v_end (n,).
 
     load (n, 5) over `step` [s] as in `load_motion`, where `loaded`.

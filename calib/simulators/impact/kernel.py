@@ -2,13 +2,15 @@
 
 import math
 
+import numpy as np
 from numba import njit
 
 from calib.simulators.compilation import COMPILED, WITHIN
 from calib.simulators.impact.coordinates import to_coordinates
 from calib.simulators.impact.flow import flow
 from calib.simulators.impact.polynomial import polynomial, slope
-from calib.simulators.impact.problem import AT_PERIOD, REGIME, SECTIONS, STEPS
+from calib.simulators.impact.problem import AT_PERIOD, REGIME, SECTIONS, STEPS, ImpactState, Problem
+from calib.simulators.impact.scratch import Scratch
 from calib.simulators.impact.step import complete_step, next_step
 from calib.simulators.impact.witness import BROKEN, FOUND
 
@@ -17,7 +19,17 @@ LONGEST = 16  # periods of a motion that counts as settled
 
 
 @njit(**WITHIN)
-def write_row(problem, r, y, v, time, tau, step, w, row):
+def write_row(
+    problem: Problem,
+    r: int,
+    y: np.ndarray,
+    v: np.ndarray,
+    time: float,
+    tau: float,
+    step: float,
+    w: Scratch,
+    row: np.ndarray,
+) -> None:
     """Write (q, q', U, U') at `tau` into the step that began at `time` [s] since the whole period."""
     n = w.q.size
     u = polynomial(w.input, tau / step)
@@ -31,7 +43,7 @@ def write_row(problem, r, y, v, time, tau, step, w, row):
 
 
 @njit(**WITHIN)
-def within(row, n, limit):
+def within(row: np.ndarray, n: int, limit: float) -> bool:
     """Whether all displacements and velocities of a row are below the limit (and are numbers)."""
     size = 0.0
     for j in range(2 * n):
@@ -40,7 +52,7 @@ def within(row, n, limit):
 
 
 @njit(**WITHIN)
-def _has_settled(sections, last, n, tolerance):
+def _has_settled(sections: np.ndarray, last: int, n: int, tolerance: float) -> bool:
     """Whether the last section equals one of the 16 before, in q and in q', to a share of the largest of either."""
     for back in range(1, min(LONGEST, last) + 1):
         same = True
@@ -56,7 +68,18 @@ def _has_settled(sections, last, n, tolerance):
 
 
 @njit(**COMPILED)
-def advance(problem, state, w, periods, tolerance, budget, sections, times, samples, impacts):
+def advance(
+    problem: Problem,
+    state: ImpactState,
+    w: Scratch,
+    periods: int,
+    tolerance: float,
+    budget: int,
+    sections: np.ndarray,
+    times: np.ndarray,
+    samples: np.ndarray,
+    impacts: np.ndarray,
+) -> int:
     """Go on by `periods` periods, or until the stroboscopic section has settled.
 
     Parameters
@@ -79,16 +102,16 @@ def advance(problem, state, w, periods, tolerance, budget, sections, times, samp
     n = state.y.size
     ye, ve = state.y.copy(), state.v.copy()
     sample, done = 0, 0
-    begin = state.count[SECTIONS]
+    begin = state.counters[SECTIONS]
     regimes, loaded = problem.regimes, problem.collocated
     while done < periods:
-        r, time = state.count[REGIME], state.clock[0]
+        r, time = state.counters[REGIME], state.clock[0]
         outcome, tau, step = next_step(problem, state, w, ye, ve)
         if outcome == BROKEN:
             return DIVERGED
-        if state.count[STEPS] > budget:
+        if state.counters[STEPS] > budget:
             return SPENT
-        since = (state.count[AT_PERIOD] - begin) * problem.period + time
+        since = (state.counters[AT_PERIOD] - begin) * problem.period + time
         last = problem.exact and done == periods - 1 and outcome != FOUND and time + tau >= problem.period
         while sample < times.size and (times[sample] < since + tau or last):
             at = min(max(times[sample] - since, 0.0), tau)
@@ -98,10 +121,10 @@ def advance(problem, state, w, periods, tolerance, budget, sections, times, samp
 
         to_end = problem.period - time
         ends, settled = tau >= to_end, False
-        if ends and state.count[SECTIONS] == state.count[AT_PERIOD]:
+        if ends and state.counters[SECTIONS] == state.counters[AT_PERIOD]:
             flow(regimes, r, state.y, state.v, loaded, w.load, step, to_end, ye, ve)
             write_row(problem, r, ye, ve, time, to_end, step, w, sections[done])
-            state.count[SECTIONS] += 1
+            state.counters[SECTIONS] += 1
             done += 1
             if not within(sections[done - 1], n, problem.limit):
                 return DIVERGED

@@ -61,7 +61,7 @@ def viscous(rate: float) -> Callable[[np.ndarray], np.ndarray]:
     return lambda eigenvalues: np.full_like(eigenvalues, rate)
 
 
-def _answers(omega: float) -> np.ndarray:
+def _derivative_factors(omega: float) -> np.ndarray:
     """Return the complex factors of U, U', U'' (3,) for a harmonic U."""
     return np.array([1.0, 1j * omega, -(omega**2)])
 
@@ -88,7 +88,7 @@ def _modes(
     stiffness[np.abs(stiffness) < 1e-13 * np.abs(stiffness).max(initial=0.0)] = 0.0
     rate = structure.rate(stiffness)
     with np.errstate(all="ignore"):  # an undamped resonance: the run says that it diverges
-        harmonic = shape.T @ load @ _answers(omega) * drive / (stiffness - omega**2 + 2j * rate * omega)
+        harmonic = shape.T @ load @ _derivative_factors(omega) * drive / (stiffness - omega**2 + 2j * rate * omega)
     static = shape.T @ constant
     flexible = stiffness != 0.0
     deflection = np.where(flexible, static / np.where(flexible, stiffness, 1.0), 0.0)
@@ -120,14 +120,14 @@ def _free(structure: LinearStructure, drive: complex, omega: float) -> dict[str,
 
 
 def _contact(
-    structure: LinearStructure, free: dict[str, np.ndarray], drive: complex, omega: float
+    structure: LinearStructure, stop: Stop, free: dict[str, np.ndarray], drive: complex, omega: float
 ) -> dict[str, np.ndarray]:
     """Work out the regime of permanent contact: q = T p - hit (gap + input U), T spanning what keeps r = 0.
 
     Its witness is -r'' of the free regime at the same q, q' [m/s^2]: where that acceleration turns positive, the
     contact force has come down to zero.
     """
-    stop, mass, stiffness = structure.stop, structure.mass, structure.stiffness
+    mass, stiffness = structure.mass, structure.stiffness
     basis = null_space(stop.normal[None, :])
     held = np.outer(stiffness @ stop.hit, [stop.input, 0.0, 0.0]) + np.outer(mass @ stop.hit, [0.0, 0.0, stop.input])
     arrays, harmonic, static = _modes(
@@ -142,7 +142,7 @@ def _contact(
     by_q = -flexibility @ stiffness
     by_v = -(stop.normal @ free["shape"] * 2.0 * free["rate"]) @ free["project"]
     by_load = flexibility @ structure.load + np.array([0.0, 0.0, stop.input])
-    opening = by_q @ harmonic + by_v @ harmonic * 1j * omega + by_load @ _answers(omega) * drive
+    opening = by_q @ harmonic + by_v @ harmonic * 1j * omega + by_load @ _derivative_factors(omega) * drive
     return arrays | {
         "motion": _real(harmonic, static),
         "motion_input": motion_input,
@@ -162,7 +162,7 @@ def regimes(structure: LinearStructure, drive: complex, omega: float) -> Regimes
     numpy.linalg.LinAlgError, ValueError : the mass matrix is not positive definite, or a number is not finite
     """
     free = _free(structure, drive, omega)
-    contact = _contact(structure, free, drive, omega) if structure.stop else free
+    contact = _contact(structure, structure.stop, free, drive, omega) if structure.stop else free
 
     def both(name: str) -> np.ndarray:
         pair = np.zeros((2, *free[name].shape))

@@ -2,11 +2,13 @@
 
 import math
 
+import numpy as np
 from numba import njit
 
 from calib.simulators.compilation import COMPILED
 from calib.simulators.impact.flow import flow
-from calib.simulators.impact.problem import AT_PERIOD, FREE, REGIME, RELEASED, STEPS, TOUCH
+from calib.simulators.impact.problem import AT_PERIOD, FREE, REGIME, RELEASED, STEPS, TOUCH, ImpactState, Problem
+from calib.simulators.impact.scratch import Scratch
 from calib.simulators.impact.step import complete_step, next_step
 from calib.simulators.impact.witness import BROKEN, witness
 
@@ -15,7 +17,9 @@ HALVINGS = 50  # of the interval that holds a minimum
 
 
 @njit(**COMPILED)
-def nearest_passes(problem, state, w, budget, impacts, minima):
+def nearest_passes(
+    problem: Problem, state: ImpactState, w: Scratch, budget: int, impacts: np.ndarray, minima: np.ndarray
+) -> int:
     """Go on by one period and note the minima of the clearance.
 
     Parameters
@@ -32,15 +36,15 @@ def nearest_passes(problem, state, w, budget, impacts, minima):
     count = 0
     ye, ve = state.y.copy(), state.v.copy()
     regimes, loaded = problem.regimes, problem.collocated
-    while state.count[AT_PERIOD] == 0:
-        r, time = state.count[REGIME], state.clock[0]
+    while state.counters[AT_PERIOD] == 0:
+        r, time = state.counters[REGIME], state.clock[0]
         outcome, tau, step = next_step(problem, state, w, ye, ve)
-        if outcome == BROKEN or state.count[STEPS] > budget:
+        if outcome == BROKEN or state.counters[STEPS] > budget:
             return -1
         if r == FREE:
             pieces = max(1, math.ceil(SAMPLES * tau / problem.period))
             early, rate_early = 0.0, math.inf  # at the start of a flight the clearance opens
-            for k in range(1 if state.count[TOUCH] == RELEASED else 0, pieces + 1):
+            for k in range(1 if state.counters[TOUCH] == RELEASED else 0, pieces + 1):
                 at = tau * k / pieces
                 flow(regimes, r, state.y, state.v, loaded, w.load, step, at, ye, ve)
                 _, rate, _, _ = witness(

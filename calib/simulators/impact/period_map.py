@@ -12,9 +12,10 @@ from calib.modelling.orbit import Orbit, Tangent
 from calib.records import OK
 from calib.records.excitation import Excitation
 from calib.simulators.impact import kernel
+from calib.simulators.impact.initial_state import start
 from calib.simulators.impact.near_misses import nearest_passes
 from calib.simulators.impact.problem import AT_PERIOD, IMPACTS, PORT, ImpactState, Problem
-from calib.simulators.impact.run import STATUS, start
+from calib.simulators.impact.run import STATUS
 from calib.simulators.impact.scratch import scratch
 from calib.simulators.impact.tangent import carry
 
@@ -26,7 +27,7 @@ MISSES = 64  # minima of the clearance in a period
 
 @dataclass(frozen=True, eq=False)
 class ImpactMap:
-    """Period map of a structure with a stop; see `calib.dynamics.contract.PeriodMap`.
+    """Period map of a structure with a stop; see `calib.modelling.orbit.PeriodMap`.
 
     The state holds the free coordinates [m], their velocities [m/s], and the internal states of the force laws. A state
     beyond the stop is put back onto it. Of the impacts in 64 periods, the first 16384 are told: 256 a period, and where
@@ -76,11 +77,11 @@ class ImpactMap:
                 self.problem, now, w, len(part), 0.0, BUDGET * periods, part, np.zeros(0), none, noted
             )
             inner[first] = [now.z[place] for place in self.inner]
-            impacts.append(noted[: int(now.count[IMPACTS])].copy())
-            now.count[IMPACTS] = 0
+            impacts.append(noted[: int(now.counters[IMPACTS])].copy())
+            now.counters[IMPACTS] = 0
             if code != kernel.DONE:
                 break
-        done = int(now.count[AT_PERIOD])
+        done = int(now.counters[AT_PERIOD])
         displacement, velocity = self.channels(rows[:done])
         return Orbit(
             np.hstack([rows[:done, : 2 * n], inner[:done]]),

@@ -1,5 +1,6 @@
 """Polynomials of degree 4 over a step, in x = tau / step, and the nodes they are fitted at."""
 
+from collections.abc import Sequence
 from decimal import Decimal, localcontext
 
 import numpy as np
@@ -25,7 +26,11 @@ def _worked_out() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         integrals = [[Decimal(0), *(c / (j + 1) for j, c in enumerate(basis))] for basis in bases]
         integral = [[_value(basis, point) for basis in integrals] for point in points]
         between = [_value(basis, points[PROBE]) for basis in bases]
-        return tuple(np.array(table, dtype=float) for table in (points, fit, integral, between))
+        return _rounded(points), _rounded(fit), _rounded(integral), _rounded(between)
+
+
+def _rounded(table: Sequence[Decimal] | Sequence[Sequence[Decimal]]) -> np.ndarray:
+    return np.array(table, dtype=float)
 
 
 def _lagrange(nodes: list[Decimal], k: int) -> list[Decimal]:
@@ -51,14 +56,14 @@ NODES = POINTS[:PROBE].copy()
 
 
 @njit(**WITHIN)
-def polynomial(coefficients, x):
+def polynomial(coefficients: np.ndarray, x: float) -> float:
     """Value of c0 + c1 x + ... + c4 x^4."""
     c = coefficients
     return c[0] + x * (c[1] + x * (c[2] + x * (c[3] + x * c[4])))
 
 
 @njit(**WITHIN)
-def slope(coefficients, x):
+def slope(coefficients: np.ndarray, x: float) -> float:
     """Derivative by x of `polynomial`."""
     c = coefficients
     return c[1] + x * (2.0 * c[2] + x * (3.0 * c[3] + x * 4.0 * c[4]))

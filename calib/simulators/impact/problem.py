@@ -115,7 +115,7 @@ class ImpactState(NamedTuple):
     y, v : (n,) modal part of the motion in the present regime
     z : (SLOTS, n + 1, STATES) internal states of the force laws
     clock : (2,) time since the last whole period [s]; time spent in contact [s]
-    count : (7,) whole periods done; regime (0 free, 1 contact); steps taken; piece of the table;
+    counters : (7,) whole periods done; regime (0 free, 1 contact); steps taken; piece of the table;
         whether the stop is being touched (1 just hit, 2 just released); impacts seen; sections taken
     """
 
@@ -123,10 +123,10 @@ class ImpactState(NamedTuple):
     v: np.ndarray
     z: np.ndarray
     clock: np.ndarray
-    count: np.ndarray
+    counters: np.ndarray
 
 
 FREE, CONTACT = 0, 1
 PORT = "interface"  # the body's name by which a force law acts between the two that meet
-AT_PERIOD, REGIME, STEPS, PIECE, TOUCH, IMPACTS, SECTIONS = range(7)  # entries of State.count
+AT_PERIOD, REGIME, STEPS, PIECE, TOUCH, IMPACTS, SECTIONS = range(7)  # entries of `ImpactState.counters`
 HIT, RELEASED = 1, 2

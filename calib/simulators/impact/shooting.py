@@ -4,83 +4,109 @@ import numpy as np
 from scipy.optimize import NoConvergence, broyden1
 
 from calib.simulators.impact import kernel
+from calib.simulators.impact.initial_state import coordinates_at_phase_zero, start
 from calib.simulators.impact.problem import STEPS, ImpactState, Problem
 from calib.simulators.impact.scratch import Scratch
 from calib.simulators.impact.tangent import carry
 
-CLOSE = 1e-11  # of the state's largest displacement or velocity: distance to its return that is none
-MOST = 40  # periods that are spent
-LAST = 1e-9  # distance that is accepted where rounding does not let it fall further
+# distances of a state to its return after a period, as shares of its largest displacement or velocity
+CONVERGED_DISTANCE = 1e-11
+ACCEPTED_DISTANCE = 1e-9  # where rounding does not let it fall further
+MAX_PERIODS = 40  # that Broyden's steps may take
+MAX_CONDITION = 1e12  # of the matrix that the derivative of the return gives
 
 
-def shoot(
-    problem: Problem, begin, q: np.ndarray, dq: np.ndarray, z: np.ndarray, w: Scratch, budget: int
-) -> ImpactState | None:
-    """State at phase zero that returns after one period, near (q, dq, z); None where there is none, or it is not found.
+class _Return:
+    """The departure P(x) - x of a scaled state x = (q, q', internal states of laws) after a period.
+
+    Attributes
+    ----------
+    scale : (2 n,) or with the internal states (2 n + SLOTS (n + 1) STATES,), in units of which x is given
+    inverse : (2 n, 2 n) preconditioner
+    spent : steps so far
+    """
+
+    def __init__(self, problem: Problem, w: Scratch, budget: int, scale: np.ndarray, inverse: np.ndarray) -> None:
+        self.problem, self.w, self.budget, self.scale, self.inverse = problem, w, budget, scale, inverse
+        self.spent = 0
+        self._latest = np.zeros(0), np.zeros(0)
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        """Preconditioned departure, NaN where the motion fails; that of the state asked for last is remembered."""
+        if not np.array_equal(x, self._latest[0]):
+            self._latest = x.copy(), self._departure(x)
+        return self._latest[1]
+
+    def _departure(self, x: np.ndarray) -> np.ndarray:
+        size = 2 * len(self.problem.hit)
+        state, row, none = _state(self.problem, x * self.scale), np.zeros((1, size + 2)), np.zeros((0, size + 2))
+        outcome = kernel.advance(
+            self.problem, state, self.w, 1, 0.0, self.budget - self.spent, row, np.zeros(0), none, none
+        )
+        self.spent += int(state.counters[STEPS])
+        if outcome != kernel.DONE:
+            return np.full(x.size, np.nan)
+        reached = row[0, :size] if x.size == size else np.concatenate([row[0, :size], state.z.ravel()])
+        departure = reached / self.scale - x
+        return np.concatenate([self.inverse @ departure[:size], departure[size:]])
+
+
+def shoot(problem: Problem, state: ImpactState, w: Scratch, budget: int) -> ImpactState | None:
+    """State at phase zero near `state` that returns after one period; None where there is none, or it is not found.
 
     Broyden's steps (1965) on P(x) - x, preconditioned by the derivative of the map without its force laws, which
     saltation gives exactly. A motion that this derivative calls unstable is not what waiting would lead to: None.
 
     Parameters
     ----------
-    begin : (problem, q, dq) -> State, `calib.simulators.impact.run.start`
-    q, dq : (n,) near the motion  [m], [m/s]
+    state : at phase zero
     budget : steps that the periods of the shooting may take together
-    z : (SLOTS, n, STATES) internal states of the force laws
     """
-    n = q.size
+    q, dq = coordinates_at_phase_zero(problem, state)
+    scale, size = _scale(problem, q, dq, state.z), 2 * q.size
+    begin = np.concatenate([q, dq, state.z.ravel()])[: scale.size] / scale
+    slopes = _derivative(problem, _state(problem, begin * scale), w, budget, scale[:size])
+    if slopes is None:
+        return None
+    departure = _Return(problem, w, budget, scale, np.linalg.inv(np.eye(size) - slopes))
+    x = _root(departure, begin)
+    if x is None or not np.abs(departure(x)).max() < ACCEPTED_DISTANCE:
+        return None
+    slopes = _derivative(problem, _state(problem, x * scale), w, budget, scale[:size])
+    stable = slopes is not None and np.abs(np.linalg.eigvals(slopes)).max() < 1.0
+    return _state(problem, x * scale) if stable else None
+
+
+def _root(departure: _Return, begin: np.ndarray) -> np.ndarray | None:
+    """State at which Broyden's steps end, the last one where they do not converge; None where the motion fails."""
+    try:
+        with np.errstate(all="ignore"):
+            return broyden1(
+                departure, begin, alpha=1.0, line_search=None, f_tol=CONVERGED_DISTANCE, maxiter=MAX_PERIODS
+            )
+    except NoConvergence as given_up:
+        return given_up.args[0]
+    except ValueError:
+        return None
+
+
+def _state(problem: Problem, x: np.ndarray) -> ImpactState:
+    """State at phase zero of q [m], q' [m/s] and, where there are more numbers, internal states of the laws."""
+    n = len(problem.hit)
+    state = start(problem, x[:n], x[n : 2 * n])
+    if x.size > 2 * n:
+        state.z[:] = x[2 * n :].reshape(state.z.shape)
+    return state
+
+
+def _scale(problem: Problem, q: np.ndarray, dq: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Units of a state: one for all displacements [m], velocities [m/s], internal states, where laws have these."""
     length, speed = np.abs(q).max(initial=0.0), np.abs(dq).max(initial=0.0)
     length, speed = max(length, speed / problem.omega) or 1e-9, max(speed, length * problem.omega) or 1e-9
     inner = np.abs(z).max(initial=0.0) or 1.0
-    scale = np.concatenate([np.full(n, length), np.full(n, speed), np.full(z.size if problem.counts[3] else 0, inner)])
-    none = np.zeros((0, 2 * n + 2))
-
-    def state(xi: np.ndarray) -> ImpactState:
-        x = xi * scale
-        now = begin(problem, x[:n], x[n : 2 * n])
-        if x.size > 2 * n:
-            now.z[:] = x[2 * n :].reshape(z.shape)
-        return now
-
-    latest, spent = (np.zeros(0), np.zeros(0)), 0
-
-    def departure(xi: np.ndarray) -> np.ndarray:
-        nonlocal latest
-        if not np.array_equal(xi, latest[0]):
-            latest = xi.copy(), gap_after_a_period(xi)
-        return latest[1]
-
-    def gap_after_a_period(xi: np.ndarray) -> np.ndarray:
-        nonlocal spent
-        now, row = state(xi), np.zeros((1, 2 * n + 2))
-        code = kernel.advance(problem, now, w, 1, 0.0, budget - spent, row, np.zeros(0), none, none)
-        spent += int(now.count[STEPS])
-        if code != kernel.DONE:
-            return np.full(xi.size, np.nan)
-        reached = row[0, : 2 * n] if xi.size == 2 * n else np.concatenate([row[0, : 2 * n], now.z.ravel()])
-        return solve(reached / scale - xi)
-
-    start = np.concatenate([q, dq, z.ravel()])[: scale.size] / scale
-    slopes = _derivative(problem, state(start), w, budget, scale[: 2 * n])
-    if slopes is None:
-        return None
-    inverse = np.linalg.inv(np.eye(2 * n) - slopes)
-
-    def solve(gap: np.ndarray) -> np.ndarray:
-        return np.concatenate([inverse @ gap[: 2 * n], gap[2 * n :]])
-
-    try:
-        with np.errstate(all="ignore"):
-            found = broyden1(departure, start, alpha=1.0, line_search=None, f_tol=CLOSE, maxiter=MOST)
-    except NoConvergence as given_up:
-        found = given_up.args[0]
-    except ValueError:  # the motion fails on the way
-        return None
-    if not np.abs(departure(found)).max() < LAST:
-        return None
-    slopes = _derivative(problem, state(found), w, budget, scale[: 2 * n])
-    stable = slopes is not None and np.abs(np.linalg.eigvals(slopes)).max() < 1.0
-    return state(found) if stable else None
+    return np.concatenate(
+        [np.full(q.size, length), np.full(q.size, speed), np.full(z.size if problem.counts[3] else 0, inner)]
+    )
 
 
 def _derivative(problem: Problem, state: ImpactState, w: Scratch, budget: int, scale: np.ndarray) -> np.ndarray | None:
@@ -90,7 +116,8 @@ def _derivative(problem: Problem, state: ImpactState, w: Scratch, budget: int, s
     size = scale.size
     vectors, growth = np.eye(size), np.zeros((1, size, size))
     rows = np.zeros((1, size + 2))
-    code, _ = carry(problem._replace(counts=counts), state, w, 1, budget, scale, rows, vectors, growth)
+    outcome, _ = carry(problem._replace(counts=counts), state, w, 1, budget, scale, rows, vectors, growth)
     slopes = vectors @ growth[0]
-    usable = code == kernel.DONE and np.isfinite(slopes).all() and np.linalg.cond(np.eye(size) - slopes) < 1e12
-    return slopes if usable else None
+    if outcome != kernel.DONE or not np.isfinite(slopes).all():
+        return None
+    return slopes if np.linalg.cond(np.eye(size) - slopes) < MAX_CONDITION else None

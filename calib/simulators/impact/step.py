@@ -6,13 +6,15 @@ end of the step. What a run samples within the step, it works out between the tw
 
 import math
 
+import numpy as np
 from numba import njit
 
 from calib.simulators.compilation import INLINED, WITHIN
 from calib.simulators.impact.collocation import collocate
 from calib.simulators.impact.events import meet_stop
 from calib.simulators.impact.flow import flow
-from calib.simulators.impact.problem import AT_PERIOD, CONTACT, PIECE, REGIME, STEPS, TOUCH
+from calib.simulators.impact.problem import AT_PERIOD, CONTACT, PIECE, REGIME, STEPS, TOUCH, ImpactState, Problem
+from calib.simulators.impact.scratch import Scratch
 from calib.simulators.impact.witness import FOUND, first_zero, witness
 
 SHORTEST_STEP = 1.0 / 2048.0  # of the longest step: shorter ones are not halved, whether their loads hold or not
@@ -20,7 +22,7 @@ MAX_RETAKES = 6  # times a step is taken anew up to the event in it
 
 
 @njit(**WITHIN)
-def _step_length(problem, state):
+def _step_length(problem: Problem, state: ImpactState) -> float:
     """Length of the next step [s]; where events are located it ends with the period, the grid, the table's piece."""
     if not problem.exact:
         return problem.step
@@ -31,15 +33,17 @@ def _step_length(problem, state):
         reach = min(reach, (math.floor(time / grid + 1e-9) + 1.0) * grid - time)
     pieces = problem.table.shape[0]
     if pieces > 0:
-        while state.count[PIECE] < pieces - 1 and time >= problem.knots[state.count[PIECE] + 1]:
-            state.count[PIECE] += 1
-        if state.count[PIECE] < pieces - 1:
-            reach = min(reach, problem.knots[state.count[PIECE] + 1] - time)
+        while state.counters[PIECE] < pieces - 1 and time >= problem.knots[state.counters[PIECE] + 1]:
+            state.counters[PIECE] += 1
+        if state.counters[PIECE] < pieces - 1:
+            reach = min(reach, problem.knots[state.counters[PIECE] + 1] - time)
     return reach
 
 
 @njit(**WITHIN)
-def next_step(problem, state, w, ye, ve):
+def next_step(
+    problem: Problem, state: ImpactState, w: Scratch, ye: np.ndarray, ve: np.ndarray
+) -> tuple[int, float, float]:
     """Work out the loads over the next step, and find where it ends.
 
     A step over which the loads do not hold is halved; the next ones are at most twice as long as the one before.
@@ -52,7 +56,7 @@ def next_step(problem, state, w, ye, ve):
     tau : when the step ends  [s]
     step : length over which the loads' polynomials hold  [s]
     """
-    r, time = state.count[REGIME], state.clock[0]
+    r, time = state.counters[REGIME], state.clock[0]
     step = _step_length(problem, state)
     wary = problem.exact and problem.counts[0] > 0
     if wary and 2.0 * w.trust[0] < 0.99 * step:  # no sliver is left of it, which rounding might make nothing of
@@ -60,7 +64,7 @@ def next_step(problem, state, w, ye, ve):
     search = problem.exact and problem.stop
     halved, again, rough = False, 0, False
     while True:
-        state.count[STEPS] += 1
+        state.counters[STEPS] += 1
         if problem.collocated:
             converged = collocate(problem, r, state, time, step, w)
             if not converged and problem.exact and step > SHORTEST_STEP * problem.step:
@@ -85,10 +89,10 @@ def next_step(problem, state, w, ye, ve):
         if not search:
             return 0, step, step
         outcome, tau, jumps = first_zero(
-            problem.regimes, r, state.count[TOUCH], state.y, state.v, problem.omega, time, problem.collocated, w.load,
-            w.added, step, step, problem.resolution, problem.lift, ye, ve,
+            problem.regimes, r, state.counters[TOUCH], state.y, state.v, problem.omega, time, problem.collocated,
+            w.load, w.added, step, step, problem.resolution, problem.lift, ye, ve,
         )  # fmt: skip
-        state.count[STEPS] += jumps
+        state.counters[STEPS] += jumps
         if outcome != FOUND or problem.counts[0] == 0 or rough or tau <= 0.0:
             return outcome, tau, step
         again = 1
@@ -96,7 +100,17 @@ def next_step(problem, state, w, ye, ve):
 
 
 @njit(**INLINED)
-def complete_step(problem, state, outcome, tau, step, impacts, w, ye, ve):
+def complete_step(
+    problem: Problem,
+    state: ImpactState,
+    outcome: int,
+    tau: float,
+    step: float,
+    impacts: np.ndarray,
+    w: Scratch,
+    ye: np.ndarray,
+    ve: np.ndarray,
+) -> bool:
     """Take the state to the end of a step, and through the event there.
 
     Parameters
@@ -109,7 +123,7 @@ def complete_step(problem, state, outcome, tau, step, impacts, w, ye, ve):
     -------
     finite : whether the motion is; the state is unchanged where it is not
     """
-    r, time = state.count[REGIME], state.clock[0]
+    r, time = state.counters[REGIME], state.clock[0]
     flow(problem.regimes, r, state.y, state.v, problem.collocated, w.load, step, tau, ye, ve)
     if not math.isfinite(ye[0] + ve[0]):
         return False
@@ -122,11 +136,11 @@ def complete_step(problem, state, outcome, tau, step, impacts, w, ye, ve):
                     state.z[i, b, k] = w.z[i, b, k, 4]
     if r == CONTACT:
         state.clock[1] += tau
-    state.count[TOUCH] = 0
+    state.counters[TOUCH] = 0
     if problem.stop and (outcome == FOUND or not problem.exact):
         meet_stop(problem, state, time, tau, step, outcome == FOUND, impacts, w)
     state.clock[0] = time + tau
     if tau >= problem.period - time:
-        state.count[AT_PERIOD] += 1
+        state.counters[AT_PERIOD] += 1
         state.clock[0] = 0.0 if problem.exact else time + tau - problem.period
     return True

@@ -18,7 +18,8 @@ from calib.simulators.impact.events import coefficient
 from calib.simulators.impact.flow import impulse_response
 from calib.simulators.impact.kernel import DIVERGED, DONE, SPENT, within, write_row
 from calib.simulators.impact.polynomial import polynomial, slope
-from calib.simulators.impact.problem import CONTACT, FREE, REGIME, STEPS
+from calib.simulators.impact.problem import CONTACT, FREE, REGIME, STEPS, ImpactState, Problem, Regimes
+from calib.simulators.impact.scratch import Scratch
 from calib.simulators.impact.step import complete_step, next_step
 from calib.simulators.impact.witness import BROKEN, FOUND, witness
 
@@ -27,7 +28,7 @@ NEAR = 1e-5  # relative step for the slope of a law of restitution
 
 
 @njit(**WITHIN)
-def _flow_differences(regimes, r, tau, dy, dv):
+def _flow_differences(regimes: Regimes, r: int, tau: float, dy: np.ndarray, dv: np.ndarray) -> None:
     """Carry dy, dv (n, m) on by `tau` [s] within regime `r`: no load depends on the motion."""
     for i in range(dy.shape[0]):
         stiffness, rate = regimes.stiffness[r, i], regimes.rate[r, i]
@@ -39,7 +40,7 @@ def _flow_differences(regimes, r, tau, dy, dv):
 
 
 @njit(**COMPILED)
-def _change_regime(regimes, r, to, dy, dv):
+def _change_regime(regimes: Regimes, r: int, to: int, dy: np.ndarray, dv: np.ndarray) -> None:
     """Express dy, dv (n, m) of regime `r` in the modes of regime `to`."""
     n = dy.shape[0]
     turn = np.zeros((n, n))
@@ -58,7 +59,17 @@ def _change_regime(regimes, r, to, dy, dv):
 
 
 @njit(**WITHIN)
-def _accelerations(problem, r, y, v, time, u, du, ddu, out):
+def _accelerations(
+    problem: Problem,
+    r: int,
+    y: np.ndarray,
+    v: np.ndarray,
+    time: float,
+    u: float,
+    du: float,
+    ddu: float,
+    out: np.ndarray,
+) -> None:
     """Write q'' (n,) [m/s^2] of the modal motion y, v in regime `r` under the input u, du, ddu."""
     both, w = problem.regimes, problem.omega
     c, s = math.cos(w * time), math.sin(w * time)
@@ -73,7 +84,7 @@ def _accelerations(problem, r, y, v, time, u, du, ddu, out):
 
 
 @njit(**WITHIN)
-def _delays(problem, r, first, dy, dv, delay):
+def _delays(problem: Problem, r: int, first: float, dy: np.ndarray, dv: np.ndarray, delay: np.ndarray) -> None:
     """Write by how much later [s] each difference meets the end of regime `r`, whose witness falls at `first`."""
     both = problem.regimes
     for k in range(delay.size):
@@ -84,7 +95,16 @@ def _delays(problem, r, first, dy, dv, delay):
 
 
 @njit(**WITHIN)
-def _rebound(problem, v_before, v_after, rate, second, dy, dv, delay):
+def _rebound(
+    problem: Problem,
+    v_before: np.ndarray,
+    v_after: np.ndarray,
+    rate: float,
+    second: float,
+    dy: np.ndarray,
+    dv: np.ndarray,
+    delay: np.ndarray,
+) -> None:
     """Saltation at an impact that leaves the stop again; `rate`, `second` of the clearance before it."""
     both, n = problem.regimes, dy.shape[0]
     speed = -rate
@@ -106,7 +126,15 @@ def _rebound(problem, v_before, v_after, rate, second, dy, dv, delay):
 
 
 @njit(**COMPILED)
-def _stick(problem, before, after, second, dy, dv, delay):
+def _stick(
+    problem: Problem,
+    before: np.ndarray,
+    after: np.ndarray,
+    second: float,
+    dy: np.ndarray,
+    dv: np.ndarray,
+    delay: np.ndarray,
+) -> None:
     """Saltation where the contact begins: what opens the clearance is lost; accelerations `before`, `after` (n,)."""
     both, n = problem.regimes, dy.shape[0]
     for k in range(delay.size):
@@ -123,7 +151,9 @@ def _stick(problem, before, after, second, dy, dv, delay):
 
 
 @njit(**COMPILED)
-def _release(problem, before, after, dy, dv, delay):
+def _release(
+    problem: Problem, before: np.ndarray, after: np.ndarray, dy: np.ndarray, dv: np.ndarray, delay: np.ndarray
+) -> None:
     """Saltation where the contact ends: the state goes on, its acceleration changes from `before` to `after` (n,)."""
     both, n = problem.regimes, dy.shape[0]
     _change_regime(both, CONTACT, FREE, dy, dv)
@@ -134,7 +164,19 @@ def _release(problem, before, after, dy, dv, delay):
 
 
 @njit(**COMPILED)
-def _cross(problem, r, y, v, state, time, tau, step, w, dy, dv):
+def _cross(
+    problem: Problem,
+    r: int,
+    y: np.ndarray,
+    v: np.ndarray,
+    state: ImpactState,
+    time: float,
+    tau: float,
+    step: float,
+    w: Scratch,
+    dy: np.ndarray,
+    dv: np.ndarray,
+) -> None:
     """Carry dy, dv (n, m) over the event at `tau` into the step that began at `time`.
 
     Before the event the modal motion is y, v (n,) in regime `r`; after it, that of the state.
@@ -147,7 +189,7 @@ def _cross(problem, r, y, v, state, time, tau, step, w, dy, dv):
     # a contact that ends as it begins does so at the same instant for all neighbours: it was the impact's instant
     if tau > 0.0 or r == FREE:
         _delays(problem, r, first, dy, dv, delay)
-    to = state.count[REGIME]
+    to = state.counters[REGIME]
     if r == FREE and to == FREE:
         _rebound(problem, v, state.v, first, second, dy, dv, delay)
         return
@@ -166,7 +208,7 @@ def _cross(problem, r, y, v, state, time, tau, step, w, dy, dv):
 
 
 @njit(**COMPILED)
-def _make_orthonormal(vectors, upper):
+def _make_orthonormal(vectors: np.ndarray, upper: np.ndarray) -> None:
     """Replace the columns of `vectors` (d, m) by orthonormal ones Q and write R (m, m), vectors = Q R.
 
     What rounding leaves of a wiped-out direction becomes a column of zeros.
@@ -193,7 +235,9 @@ def _make_orthonormal(vectors, upper):
 
 
 @njit(**WITHIN)
-def _to_section(regimes, r, dy, dv, scale, vectors):
+def _to_section(
+    regimes: Regimes, r: int, dy: np.ndarray, dv: np.ndarray, scale: np.ndarray, vectors: np.ndarray
+) -> None:
     """Write `vectors` (2 n, m), in units of `scale`, of the modal differences dy, dv (n, m) in regime `r`."""
     n = dy.shape[0]
     for j in range(n):
@@ -207,7 +251,9 @@ def _to_section(regimes, r, dy, dv, scale, vectors):
 
 
 @njit(**WITHIN)
-def _from_section(regimes, r, vectors, scale, dy, dv):
+def _from_section(
+    regimes: Regimes, r: int, vectors: np.ndarray, scale: np.ndarray, dy: np.ndarray, dv: np.ndarray
+) -> None:
     """Write dy, dv (n, m) of `vectors`: the inverse of `_to_section`."""
     n = dy.shape[0]
     for i in range(n):
@@ -220,7 +266,17 @@ def _from_section(regimes, r, vectors, scale, dy, dv):
 
 
 @njit(**COMPILED)
-def carry(problem, state, w, periods, budget, scale, sections, vectors, growth):
+def carry(
+    problem: Problem,
+    state: ImpactState,
+    w: Scratch,
+    periods: int,
+    budget: int,
+    scale: np.ndarray,
+    sections: np.ndarray,
+    vectors: np.ndarray,
+    growth: np.ndarray,
+) -> tuple[int, int]:
     """Go on by `periods` periods with small differences beside the motion.
 
     Parameters
@@ -245,14 +301,14 @@ def carry(problem, state, w, periods, budget, scale, sections, vectors, growth):
     ye, ve = state.y.copy(), state.v.copy()
     dy, dv = np.zeros((n, m)), np.zeros((n, m))
     _make_orthonormal(vectors, np.zeros((m, m)))
-    _from_section(regimes, state.count[REGIME], vectors, scale, dy, dv)
+    _from_section(regimes, state.counters[REGIME], vectors, scale, dy, dv)
     done = 0
     while done < periods:
-        r, time = state.count[REGIME], state.clock[0]
+        r, time = state.counters[REGIME], state.clock[0]
         outcome, tau, step = next_step(problem, state, w, ye, ve)
         if outcome == BROKEN:
             return DIVERGED, done
-        if state.count[STEPS] > budget:
+        if state.counters[STEPS] > budget:
             return SPENT, done
         if not complete_step(problem, state, outcome, tau, step, no_impacts, w, ye, ve):
             return DIVERGED, done

@@ -7,18 +7,19 @@ from the safe side, and a grazing touch is passed or met, never overlooked.
 
 import math
 
+import numpy as np
 from numba import njit
 
 from calib.simulators.compilation import WITHIN
 from calib.simulators.impact.flow import flow
-from calib.simulators.impact.problem import CONTACT, RELEASED
+from calib.simulators.impact.problem import CONTACT, RELEASED, Regimes
 
 PASSED, FOUND, BROKEN = 0, 1, 2
 EFFORT = 100_000  # jumps per flight before it is given up
 
 
 @njit(**WITHIN)
-def _largest(value, slope, stiffness, rate, horizon):
+def _largest(value: float, slope: float, stiffness: float, rate: float, horizon: float) -> float:
     """Bound |x| over the horizon, where x'' + 2 rate x' + stiffness x = 0 starts from value, slope."""
     if rate >= 0.0 and stiffness > rate * rate:
         return math.sqrt(value * value + slope * slope / stiffness)
@@ -29,7 +30,20 @@ def _largest(value, slope, stiffness, rate, horizon):
 
 
 @njit(**WITHIN)
-def witness(regimes, r, y, v, omega, time, loaded, load, added, step, tau, horizon):
+def witness(
+    regimes: Regimes,
+    r: int,
+    y: np.ndarray,
+    v: np.ndarray,
+    omega: float,
+    time: float,
+    loaded: bool,
+    load: np.ndarray,
+    added: np.ndarray,
+    step: float,
+    tau: float,
+    horizon: float,
+) -> tuple[float, float, float, float]:
     """Value, first and second rate of the witness, and a bound on the second over the horizon.
 
     Parameters
@@ -76,7 +90,24 @@ def witness(regimes, r, y, v, omega, time, loaded, load, added, step, tau, horiz
 
 
 @njit(**WITHIN)
-def first_zero(regimes, r, touch, y, v, omega, time, loaded, load, added, step, reach, resolution, lift, ye, ve):
+def first_zero(
+    regimes: Regimes,
+    r: int,
+    touch: int,
+    y: np.ndarray,
+    v: np.ndarray,
+    omega: float,
+    time: float,
+    loaded: bool,
+    load: np.ndarray,
+    added: np.ndarray,
+    step: float,
+    reach: float,
+    resolution: float,
+    lift: float,
+    ye: np.ndarray,
+    ve: np.ndarray,
+) -> tuple[int, float, int]:
     """Find the first end of the regime within `reach` [s] of now.
 
     Parameters

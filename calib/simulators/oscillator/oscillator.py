@@ -4,6 +4,7 @@ import cmath
 import copy
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -13,11 +14,15 @@ from calib import records
 from calib.errors import CalibError, nearest
 from calib.modelling.laws import BoundLaw, at_site
 from calib.modelling.parameter import Parameter
-from calib.records.excitation import Excitation
+from calib.modelling.simulator import Request
+from calib.records.excitation import Excitation, Samples
+from calib.simulators.impact.assembly import ImpactDrive, assemble
+from calib.simulators.impact.initial_state import start, with_law_states
 from calib.simulators.impact.modes import LinearStructure, Stop, viscous
 from calib.simulators.impact.period_map import ImpactMap, impact_map, shifted
 from calib.simulators.impact.problem import PORT
-from calib.simulators.impact.run import ImpactDrive, SimulatedMotion, assemble, simulate, start, with_inner
+from calib.simulators.impact.refinement import UNREFINED
+from calib.simulators.impact.run import SimulatedMotion, simulate
 from calib.simulators.oscillator.prescribed import law_accelerations, prescribed_motion
 
 BODY = "mass"
@@ -79,13 +84,13 @@ class Oscillator:
     excitations = frozenset(PLACES.items())
     initial = {"initial_displacement": (BODY, "displacement"), "initial_velocity": (BODY, "velocity")}
 
-    def __init__(self, hold: str = "cubic", stop: bool = False):
+    def __init__(self, hold: str = "cubic", stop: bool = False) -> None:
         if hold not in HOLDS:
             raise CalibError(f"hold is one of {list(HOLDS)}, got {hold!r}{nearest(hold, HOLDS)}")
         self.hold = hold
         self.stop = stop
         self.numerics = frozenset({"time_step", "event_tolerance"} if stop else {"time_step"})
-        self.shorter = self.sharper = 1.0
+        self.refinement = UNREFINED
         self.parameters = PARAMETERS + (STOP_PARAMETERS if stop else ())
         self.places = {"body": (BODY,), **({"interface": (PORT,)} if stop else {})}
         self.sites = frozenset({"force", "excitation"} | ({"gap", "restitution"} if stop else set()))
@@ -93,13 +98,12 @@ class Oscillator:
     def finer(self, what: str, factor: float) -> "Oscillator":
         """Return the same with the steps of its loads, or the tolerance of its events, divided by `factor`."""
         other = copy.copy(self)
-        if what == "time_step":
-            other.shorter = self.shorter * factor
-        else:
-            other.sharper = self.sharper * factor
+        other.refinement = self.refinement.times(what, factor)
         return other
 
-    def run(self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw], request) -> xr.Dataset:
+    def run(
+        self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw], request: Request
+    ) -> xr.Dataset:
         """Simulate at `values` (SI); see the class for what a record holds.
 
         Raises
@@ -121,7 +125,7 @@ class Oscillator:
     def period_map(
         self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw], phase: float = 0.0
     ) -> ImpactMap:
-        """Map of a period from `phase` on; see `calib.dynamics.contract.PeriodMap`.
+        """Map of a period from `phase` on; see `calib.modelling.orbit.PeriodMap`.
 
         Raises
         ------
@@ -141,7 +145,7 @@ class Oscillator:
         drive = _drive(excitation, values["amplitude"], self.hold, np.zeros(0))
         length = _length(values, structure, excitation, drive.period)
         return impact_map(
-            assemble(structure, drive, laws, self.bodies, length=length, shorter=self.shorter, sharper=self.sharper),
+            assemble(structure, drive, laws, self.bodies, length=length, refinement=self.refinement),
             self.bodies,
             (0,),
             laws,
@@ -155,14 +159,14 @@ class Oscillator:
         values: Mapping[str, float],
         excitation: Excitation,
         laws: Sequence[BoundLaw],
-        request,
+        request: Request,
         times: np.ndarray,
-        attrs: dict,
+        attrs: dict[str, Any],
     ) -> xr.Dataset:
         harmonic = excitation.harmonic
         structure = _structure(values, excitation.quantity, laws)
         drive = _drive(excitation, values["amplitude"], self.hold, times)
-        begins = excitation.time[0] if excitation.recorded else 0.0
+        begins = excitation.as_samples.time[0] if excitation.recorded else 0.0
         duration = drive.period - begins
         problem = assemble(
             structure,
@@ -171,13 +175,12 @@ class Oscillator:
             self.bodies,
             length=_length(values, structure, excitation, duration),
             step=None if harmonic else duration / STEPS,
-            shorter=self.shorter,
-            sharper=self.sharper,
+            refinement=self.refinement,
         )
         begin = np.array([values["initial_displacement"], values["initial_velocity"]])
         if harmonic and request.initial_state is not None:
             begin = np.asarray(request.initial_state, dtype=float)
-        state = with_inner(start(problem, begin[:1], begin[1:2]), begin[2:])
+        state = with_law_states(start(problem, begin[:1], begin[1:2]), begin[2:])
         state.clock[0] = begins
         if harmonic:
             motion = simulate(
@@ -201,16 +204,19 @@ def _check(excitation: Excitation, hold: str) -> None:
         )
 
 
-def _times(excitation: Excitation, request) -> np.ndarray:
+def _times(excitation: Excitation, request: Request) -> np.ndarray:
     """Output times (n,) [s]."""
     if excitation.harmonic:
-        return np.arange(request.periods * request.samples) / (excitation.frequency * request.samples)
+        return np.arange(request.periods * request.samples) / (excitation.as_harmonic.frequency * request.samples)
     if request.times is None and not excitation.recorded:
         raise CalibError("a free decay has no period: say at which times it is asked for (Request.times)")
-    times = excitation.time[excitation.time >= 0.0] if request.times is None else np.asarray(request.times, dtype=float)
+    begins, ends = 0.0, math.inf
+    if excitation.recorded:
+        recorded = excitation.as_samples.time
+        begins, ends = recorded[0], recorded[-1]
+    times = recorded[recorded >= 0.0] if request.times is None else np.asarray(request.times, dtype=float)
     if times.size < 2 or not (np.diff(times) > 0.0).all():
         raise CalibError("output times [s] must be at least two, and increase")
-    begins, ends = (excitation.time[0], excitation.time[-1]) if excitation.recorded else (0.0, math.inf)
     reach = 1e-6 * (times[-1] - times[0]) / times.size
     if times[0] < begins - reach or times[-1] > ends + reach:
         raise CalibError(
@@ -220,13 +226,14 @@ def _times(excitation: Excitation, request) -> np.ndarray:
     return np.clip(times, begins, ends)
 
 
-def _attrs(values: Mapping[str, float], excitation: Excitation) -> dict:
-    attrs = {"source": "oscillator", "place": excitation.place, "quantity": excitation.quantity}
+def _attrs(values: Mapping[str, float], excitation: Excitation) -> dict[str, Any]:
+    attrs: dict[str, Any] = {"source": "oscillator", "place": excitation.place, "quantity": excitation.quantity}
     if excitation.harmonic:
+        tone = excitation.as_harmonic
         attrs |= {
-            "frequency": excitation.frequency,
-            "amplitude": values["amplitude"] * excitation.amplitude,
-            "phase": excitation.phase,
+            "frequency": tone.frequency,
+            "amplitude": values["amplitude"] * tone.amplitude,
+            "phase": tone.phase,
         }
     if excitation.quantity == "displacement":
         attrs["prescribed"] = records.prescription([BODY])
@@ -265,14 +272,16 @@ def _drive(excitation: Excitation, scale: float, hold: str, times: np.ndarray) -
     if excitation.quantity == "free decay":
         return ImpactDrive(period=times[-1])
     if excitation.recorded:
-        return ImpactDrive(period=times[-1], knots=excitation.time, table=scale * _pieces(excitation, hold))
-    amplitude = scale * excitation.amplitude * cmath.exp(1j * excitation.phase)
-    return ImpactDrive(period=excitation.period, omega=2.0 * math.pi * excitation.frequency, amplitude=amplitude)
+        samples = excitation.as_samples
+        return ImpactDrive(period=times[-1], knots=samples.time, table=scale * _pieces(samples, hold))
+    tone = excitation.as_harmonic
+    amplitude = scale * tone.amplitude * cmath.exp(1j * tone.phase)
+    return ImpactDrive(period=tone.period, omega=2.0 * math.pi * tone.frequency, amplitude=amplitude)
 
 
-def _pieces(excitation: Excitation, hold: str) -> np.ndarray:
+def _pieces(samples: Samples, hold: str) -> np.ndarray:
     """Coefficients (n - 1, 4), of rising power, of the recorded input between its samples."""
-    time, value = excitation.time, excitation.value
+    time, value = samples
     if hold == "cubic":
         return CubicSpline(time, value).c[::-1].T
     table = np.zeros((time.size - 1, 4))
@@ -287,16 +296,15 @@ def _length(values: Mapping[str, float], structure: LinearStructure, excitation:
     mass = values["mass"]
     slowest = max(math.sqrt(abs(structure.stiffness[0, 0]) / mass), 1.0 / duration)
     omega = 2.0 * math.pi * (excitation.frequency or 0.0)
-    drive = abs(values["amplitude"]) * (
-        np.abs(excitation.value).max() if excitation.recorded else abs(excitation.amplitude or 0.0)
-    )
+    largest = np.abs(excitation.as_samples.value).max() if excitation.recorded else abs(excitation.amplitude or 0.0)
+    drive = abs(values["amplitude"]) * largest
     fastest = max(omega, slowest)  # what is driven faster than it swings moves the less
     force = drive * (abs(structure.load[0, 0]) + abs(structure.load[0, 1]) * fastest)
     loads = abs(values["load"]) / mass / slowest**2 + force / mass / fastest**2
     return max(abs(values["initial_displacement"]), abs(values["initial_velocity"]) / slowest, loads) or 1.0
 
 
-def _record(times: np.ndarray, motion: SimulatedMotion, harmonic: bool, attrs: dict) -> xr.Dataset:
+def _record(times: np.ndarray, motion: SimulatedMotion, harmonic: bool, attrs: dict[str, Any]) -> xr.Dataset:
     if motion.status != records.OK:
         return records.failed((BODY,), motion.status, motion.reason, **attrs)
     if not np.isfinite(motion.samples).all():
@@ -304,10 +312,11 @@ def _record(times: np.ndarray, motion: SimulatedMotion, harmonic: bool, attrs: d
     channels = {"displacement": motion.samples[None, :, 0], "velocity": motion.samples[None, :, 1]}
     if harmonic:
         attrs = {**attrs, "settled_periods": motion.settled}
-    inside, stationary = motion.impacts[(motion.impacts[:, 0] >= times[0])], {}
+    inside = motion.impacts[motion.impacts[:, 0] >= times[0]]
+    stationary: dict[str, Any] = {}
     if harmonic:
         section = {"displacement": motion.sections[None, :, 0], "velocity": motion.sections[None, :, 1]}
-        stationary = {"section": section, "state": np.concatenate([motion.sections[-1, :2], motion.inner])}
+        stationary = {"section": section, "state": np.concatenate([motion.sections[-1, :2], motion.law_states])}
     return records.make(times, (BODY,), channels, impacts=(inside[:, 0], inside[:, 1]), **stationary, **attrs)
 
 
@@ -315,16 +324,16 @@ def _needed_force(
     values: Mapping[str, float],
     excitation: Excitation,
     laws: Sequence[BoundLaw],
-    request,
+    request: Request,
     times: np.ndarray,
-    attrs: dict,
+    attrs: dict[str, Any],
 ) -> xr.Dataset:
     """Record of the force that the model needs for the prescribed motion, beside that motion."""
     laws = [law for law in laws if law.site != "force" or law.bodies is None or BODY in law.bodies]  # none at the stop
     asked = times
     if not excitation.recorded:  # internal states of laws settle, and the section fills, before time 0
         before = max(records.SECTION, request.settle or 0) * request.samples
-        asked = np.arange(-before, times.size + 1) / (excitation.frequency * request.samples)
+        asked = np.arange(-before, times.size + 1) / (excitation.as_harmonic.frequency * request.samples)
     motion = prescribed_motion(excitation, values["amplitude"], laws, asked)
     accelerations = law_accelerations(motion, laws, request.step_budget)
     if accelerations is None:
@@ -344,7 +353,7 @@ def _needed_force(
         return records.make(times, (BODY,), channels, **attrs)
     whole = np.searchsorted(
         motion.time,
-        np.arange(request.periods - records.SECTION + 1, request.periods + 1) / excitation.frequency
+        np.arange(request.periods - records.SECTION + 1, request.periods + 1) / excitation.as_harmonic.frequency
         - 0.5 * (motion.time[1] - motion.time[0]),
     )
     section = {"displacement": motion.x[None, whole], "velocity": motion.v[None, whole]}

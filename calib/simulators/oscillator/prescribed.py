@@ -51,9 +51,10 @@ def prescribed_motion(
             "a recorded displacement is differentiated twice, and never silently: state the low-pass that goes before, "
             'as in cutoff = "100 Hz" in [record.excitation]'
         )
-    start, end = excitation.time[0], excitation.time[-1]
-    value = low_pass(excitation.value, excitation.time, excitation.cutoff) * scale
-    grid = np.linspace(start, end, excitation.time.size)  # a clock's rounding would be differentiated too
+    time, value = excitation.as_samples
+    start, end = time[0], time[-1]
+    value = low_pass(value, time, excitation.cutoff) * scale
+    grid = np.linspace(start, end, time.size)  # a clock's rounding would be differentiated too
     value += law_changes(grid, value, excitation, scale, laws)
     return _differentiated(grid, value, np.union1d(grid, np.clip(times, start, end)))
 
@@ -62,14 +63,15 @@ def _harmonic_motion(
     excitation: Excitation, scale: float, laws: Sequence[BoundLaw], times: np.ndarray
 ) -> PrescribedMotion:
     """Motion of a harmonic excitation at `times` (n,), evenly spaced, and in between where they are sparse."""
-    omega = 2.0 * math.pi * excitation.frequency
-    amplitude = scale * excitation.amplitude
-    finer = max(1, math.ceil(FINEST * excitation.frequency * (times[1] - times[0])))
+    tone = excitation.as_harmonic
+    omega = 2.0 * math.pi * tone.frequency
+    amplitude = scale * tone.amplitude
+    finer = max(1, math.ceil(FINEST * tone.frequency * (times[1] - times[0])))
     before = 2 * DEGREE  # samples beyond both ends keep the spline's ends away
     count = finer * (times.size - 1) + 1
     step = (times[-1] - times[0]) / (count - 1)
     grid = times[0] + step * np.arange(-before, count + before)
-    phase = omega * grid + excitation.phase
+    phase = omega * grid + tone.phase
     x = amplitude * np.cos(phase)
     changes = law_changes(grid, x, excitation, scale, laws)
     if not changes.any():
@@ -95,7 +97,16 @@ def law_changes(
 
 
 @njit(**COMPILED)
-def _changes(time, x, omega, phase, amplitude, functions, p, count):
+def _changes(
+    time: np.ndarray,
+    x: np.ndarray,
+    omega: float,
+    phase: float,
+    amplitude: float,
+    functions: np.ndarray,
+    p: np.ndarray,
+    count: int,
+) -> np.ndarray:
     change = np.zeros(time.size)
     for j in range(time.size):
         for i in range(count):
@@ -116,7 +127,7 @@ def law_accelerations(motion: PrescribedMotion, laws: Sequence[BoundLaw], budget
 
 
 @njit(**WITHIN)
-def _hermite(x0, v0, x1, v1, h, s):
+def _hermite(x0: float, v0: float, x1: float, v1: float, h: float, s: float) -> tuple[float, float]:
     """Displacement and velocity a part `s` of the interval `h` [s] on, from those at its ends."""
     d = x1 - x0
     x = x0 + s * (h * v0 + s * (3.0 * d - h * (2.0 * v0 + v1) + s * (h * (v0 + v1) - 2.0 * d)))
@@ -125,7 +136,15 @@ def _hermite(x0, v0, x1, v1, h, s):
 
 
 @njit(**WITHIN)
-def _rates(function, p, start, end, s, z, dz):
+def _rates(
+    function: int,
+    p: np.ndarray,
+    start: tuple[float, float, float],
+    end: tuple[float, float, float],
+    s: float,
+    z: np.ndarray,
+    dz: np.ndarray,
+) -> None:
     """Write the rates of a law's internal states a part `s` of the way between (t, x, v) at `start` and at `end`."""
     h = end[0] - start[0]
     x, v = _hermite(start[1], start[2], end[1], end[2], h, s)
@@ -134,7 +153,16 @@ def _rates(function, p, start, end, s, z, dz):
 
 
 @njit(**COMPILED)
-def _advance_states(function, p, start, end, z, size, part, allowed):
+def _advance_states(
+    function: int,
+    p: np.ndarray,
+    start: tuple[float, float, float],
+    end: tuple[float, float, float],
+    z: np.ndarray,
+    size: np.ndarray,
+    part: float,
+    allowed: int,
+) -> tuple[int, float]:
     """Carry the internal states z (STATES,) of a law from `start` to `end`, (t, x, v) each.
 
     The pair of orders 3 and 2 of Bogacki and Shampine (1989) chooses its steps, parts of the interval; `size` (STATES,)
@@ -163,7 +191,17 @@ def _advance_states(function, p, start, end, z, size, part, allowed):
 
 
 @njit(**COMPILED)
-def _along(time, x, v, functions, p, count, states, budget, total):
+def _along(
+    time: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
+    functions: np.ndarray,
+    p: np.ndarray,
+    count: int,
+    states: np.ndarray,
+    budget: int,
+    total: np.ndarray,
+) -> int:
     """Add the laws' accelerations to `total` (n,); return the steps that their states took."""
     spent = 0
     rates = np.zeros(STATES)

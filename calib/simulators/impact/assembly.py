@@ -1,0 +1,141 @@
+"""From a structure, its drive and laws to a problem for the kernel."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from calib.modelling.laws import BoundLaw, at_site
+from calib.simulators.impact.flow import REACH
+from calib.simulators.impact.modes import LinearStructure, regimes
+from calib.simulators.impact.problem import PORT, Problem, Regimes
+from calib.simulators.impact.refinement import UNREFINED, Refinement
+from calib.simulators.slots import acting, fill
+
+STEPS_PER_PERIOD = 48  # where loads are collocated, of order 8; fewer do not resolve the laws between nodes
+EVENT_TOLERANCE = 1e-11  # of the time of an event, over the highest angular frequency  [1]
+LIFT_TIME = 2.5e-4  # flight after a release without event search, over the highest angular frequency  [1]
+STICKING_HEIGHT = 1e-12  # share of the motion's scale below which a rebound sticks
+DIVERGENCE_FACTOR = 1e6  # times its scale, a motion counts as diverged
+
+
+@dataclass(frozen=True, eq=False)
+class ImpactDrive:
+    """What moves the structure: U(t) = Re(amplitude exp(i omega t)) + the table + the laws of the excitation.
+
+    Attributes
+    ----------
+    period : of the drive, or the duration of a run without a period  [s]
+    omega : [rad/s]; 0 without a harmonic
+    amplitude : complex, U = |amplitude| cos(omega t + phase)
+    knots, table : (k + 1,) [s] and (k, 4): U = c0 + c1 s + c2 s^2 + c3 s^3, s [s] since the piece's first knot
+    """
+
+    period: float
+    omega: float = 0.0
+    amplitude: complex = 0.0
+    knots: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    table: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
+
+
+class _LawSlots(NamedTuple):
+    """The laws as `Problem` holds them."""
+
+    force: np.ndarray
+    excitation: np.ndarray
+    restitution_laws: np.ndarray
+    force_p: np.ndarray
+    excitation_p: np.ndarray
+    restitution_p: np.ndarray
+    counts: np.ndarray
+    acts: np.ndarray
+
+
+def assemble(
+    structure: LinearStructure,
+    drive: ImpactDrive,
+    laws: Sequence[BoundLaw] = (),
+    coordinates: Sequence[str] = (),
+    length: float = 1e-3,
+    step: float | None = None,
+    fixed_step: bool = False,
+    onto_surface: bool = False,
+    refinement: Refinement = UNREFINED,
+) -> Problem:
+    """Put together what the kernel is told.
+
+    Parameters
+    ----------
+    coordinates : names of the coordinates, for the bodies of the force laws; those of the body `PORT` act at the stop
+    length : scale of the motion  [m]
+    step : length of the steps [s]; None for a 48th of the period, or less where the structure asks for it. It matters
+        where loads are collocated or events are not located
+    fixed_step : whether impacts are taken at the ends of steps
+    """
+    stop, both = structure.stop, regimes(structure, drive.amplitude, drive.omega)
+    slots = _law_slots(structure, laws, coordinates)
+    collocated = bool(slots.counts[:2].any() or drive.knots.size or both.load_constant.any())
+    fastest = _highest_frequency(both, drive)
+    return Problem(
+        regimes=both,
+        stop=stop is not None,
+        hit=np.array(stop.hit, dtype=float) if stop else np.zeros(len(structure.mass)),
+        restitution=float(stop.restitution) if stop else 0.0,
+        height=STICKING_HEIGHT * length / refinement.event_tolerance,
+        period=float(drive.period),
+        omega=float(drive.omega),
+        amplitude=float(abs(drive.amplitude)),
+        phase=float(np.angle(drive.amplitude)),
+        exact=not fixed_step,
+        onto_surface=onto_surface,
+        step=float(_longest_step(drive, step, collocated, fixed_step, fastest) / refinement.time_step),
+        collocated=collocated,
+        resolution=_event_resolution(fastest, drive.period, refinement),
+        lift=float(LIFT_TIME / fastest),
+        limit=float(DIVERGENCE_FACTOR * length * max(1.0, fastest)),
+        knots=np.ascontiguousarray(drive.knots, dtype=float),
+        table=np.ascontiguousarray(drive.table, dtype=float),
+        push=_push(structure),
+        **slots._asdict(),
+    )
+
+
+def _law_slots(structure: LinearStructure, laws: Sequence[BoundLaw], coordinates: Sequence[str]) -> _LawSlots:
+    """Fill the kernel's slots; a law at the port acts only where there is a stop."""
+    force, force_p, forces = fill(laws, "force")
+    excitation, excitation_p, excitations = fill(laws, "excitation")
+    restitution, restitution_p, restitutions = fill(laws, "restitution")
+    states = sum(law.states for law in at_site(laws, "force"))
+    acts = acting(laws, coordinates or [""] * len(structure.mass), [PORT])
+    acts[:, -1] &= structure.stop is not None
+    counts = np.array([forces, excitations, restitutions, states, acts[:, -1].sum()])
+    return _LawSlots(force, excitation, restitution, force_p, excitation_p, restitution_p, counts, acts)
+
+
+def _highest_frequency(both: Regimes, drive: ImpactDrive) -> float:
+    """Highest angular frequency or rate of decay in the motion  [rad/s]."""
+    return max(drive.omega, np.sqrt(np.abs(both.stiffness).max()), 2.0 * np.abs(both.rate).max(), 1.0 / drive.period)
+
+
+def _longest_step(drive: ImpactDrive, step: float | None, collocated: bool, fixed_step: bool, fastest: float) -> float:
+    """Length of the steps [s], infinite where closed forms reach as far as they like."""
+    if step is None:
+        step = drive.period / STEPS_PER_PERIOD if drive.omega else np.inf
+    if collocated:
+        return min(step, REACH / fastest)
+    return step if fixed_step else np.inf
+
+
+def _event_resolution(fastest: float, period: float, refinement: Refinement) -> float:
+    """Tolerance of the times of events [s]: refined, but not below what a time within the period can show."""
+    resolution = EVENT_TOLERANCE / fastest
+    return float(max(resolution / refinement.event_tolerance, min(resolution, np.spacing(period))))
+
+
+def _push(structure: LinearStructure) -> np.ndarray:
+    """Accelerations (n,) by a force between the two that meet, per unit mass of the body that an impact turns round."""
+    stop, mass = structure.stop, structure.mass
+    if stop is None:
+        return np.zeros(len(mass))
+    return (stop.hit @ mass @ stop.hit) * np.linalg.solve(mass, stop.normal)
