@@ -13,7 +13,7 @@ _DOOR = {
     "Model": "calib.modelling.model",
     "Parameter": "calib.modelling.parameter",
     "Record": "calib.workflows.record",
-    "Request": "calib.modelling.model",
+    "Request": "calib.modelling.simulator",
     "Study": "calib.workflows.study",
 }  # name -> module; imported when it is first used
 __all__ = sorted(_DOOR)

@@ -6,7 +6,7 @@ import numpy as np
 from tiny_simulators import Echo
 
 from calib import records
-from calib.modelling.model import Request
+from calib.modelling.simulator import Request
 from calib.records.excitation import Excitation
 
 TRUTH = {"gain": 1.2, "harmonic": 0.0002}

@@ -9,8 +9,9 @@ import numpy as np
 from calib.confidence import around_best
 from calib.execution.pool import InProcess
 from calib.features import PhaseCurve, TimeHistory
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
 from calib.modelling.parameter import Space, Window
+from calib.modelling.simulator import Request
 from calib.objective import Objective, Reference, Term
 from calib.optimisers.multistart import Multistart
 from calib.records import channels

@@ -1,6 +1,7 @@
 """A short, thick beam with few elements: its full kernel takes milliseconds a period."""
 
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
+from calib.modelling.simulator import Request
 from calib.records import OK
 from calib.records.excitation import Excitation
 from calib.simulators.delaminated_beam import DelaminatedBeam

@@ -9,8 +9,9 @@ import numpy as np
 
 from calib.errors import CalibError
 from calib.execution.pool import InProcess
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
 from calib.modelling.parameter import Parameter, Space, Window
+from calib.modelling.simulator import Request
 from calib.records import record
 from calib.records.excitation import Excitation
 from calib.store import Store

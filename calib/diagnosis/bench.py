@@ -8,8 +8,9 @@ import xarray as xr
 
 from calib.execution.pool import Failure, in_order
 from calib.modelling.effect import Effect
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
 from calib.modelling.parameter import values_for
+from calib.modelling.simulator import Request
 from calib.objective import FeatureValue, Objective, initial_state, simulations, trusted, with_initial_state
 from calib.records import OK, prescribed
 from calib.records.cycles import IRREGULAR, kind_of_motion

@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from calib.modelling.effect import SIZES, Effect, places_of
-from calib.modelling.model import Model, Simulator
+from calib.modelling.model import Model
 from calib.modelling.parameter import Parameter
+from calib.modelling.simulator import Simulator
 from calib.objective import Reference
 from calib.records import channels
 from calib.units import powers

@@ -11,8 +11,9 @@ from calib.dynamics.pseudo_orbit import pseudo_orbit
 from calib.dynamics.settling import kind_of_cycle
 from calib.dynamics.tangent import knows_derivative
 from calib.errors import CalibError
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
 from calib.modelling.orbit import PeriodMap
+from calib.modelling.simulator import Request
 from calib.records import OK, STATE
 from calib.records.cycles.motion import BESIDE_ATTRIBUTE, IRREGULAR, UNDECIDED, kind_of_motion
 from calib.records.excitation import Excitation

@@ -8,7 +8,8 @@ import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
+from calib.modelling.simulator import Request
 from calib.objective.alignment import Alignment
 from calib.objective.initial_state import (
     Comparison,

@@ -105,8 +105,8 @@ def no_initial_state(model: Model) -> str:
     """Why the initial state of a record cannot be solved for with a model whose simulator declares none."""
     return (
         f"simulator {model.simulator.name!r} does not say which of its parameters are the initial state (its attribute "
-        "`initial`; see calib.modelling.model.Simulator), so the nuisance 'initial_state' cannot be solved for; drop "
-        "it, and search such parameters in [windows]"
+        "`initial`; see calib.modelling.simulator.Simulator), so the nuisance 'initial_state' cannot be solved for; "
+        "drop it, and search such parameters in [windows]"
     )
 
 

@@ -7,7 +7,8 @@ import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError, nearest
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
+from calib.modelling.simulator import Request
 from calib.objective.blocks import Blocks
 from calib.objective.compared import Compared, SensedRecord, on_drive_clock
 from calib.objective.initial_state import Released

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError, nearest
-from calib.modelling.model import Request
+from calib.modelling.simulator import Request
 from calib.records import OK, STATE, check, mean_interval
 from calib.records.excitation import Excitation
 

@@ -8,7 +8,8 @@ import xarray as xr
 
 from calib.errors import CalibError, nearest
 from calib.execution.files import checksum, verified
-from calib.modelling.model import Model, Request, Simulator
+from calib.modelling.model import Model
+from calib.modelling.simulator import Request, Simulator
 from calib.objective import Reference
 from calib.records import read, rename_bodies, table
 from calib.records.excitation import Excitation, unit_of

@@ -20,7 +20,8 @@ from matplotlib.figure import Figure
 from calib.dynamics.motion import kind_of_orbit
 from calib.dynamics.orbit_kind import OrbitKind
 from calib.dynamics.setting import Setting
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
+from calib.modelling.simulator import Request
 from calib.records import OK, read, write
 from calib.records.cycles import kind_of_motion
 from calib.records.cycles.motion import NO_CONTACT

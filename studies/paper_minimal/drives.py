@@ -12,7 +12,8 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from calib.dynamics.setting import Setting
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
+from calib.modelling.simulator import Request
 from calib.records.excitation import Excitation
 from calib.report.sweeps import in_order, kind_colour, patch, plain_kind
 from calib.simulators.four_dof import FourDof

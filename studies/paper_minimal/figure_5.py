@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from calib.dynamics.motion import kind_of_orbit
 from calib.dynamics.orbit_kind import OrbitKind
-from calib.modelling.model import Request
+from calib.modelling.simulator import Request
 from calib.study_file import load
 
 HERE = Path(__file__).parent

@@ -12,7 +12,8 @@ import xarray as xr
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
+from calib.modelling.simulator import Request
 from calib.simulators.four_dof import FourDof
 from calib.study_file import load
 

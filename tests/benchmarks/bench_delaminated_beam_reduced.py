@@ -26,7 +26,8 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import qmc
 
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
+from calib.modelling.simulator import Request
 from calib.records import OK
 from calib.records.excitation import Excitation
 from calib.simulators.delaminated_beam import DelaminatedBeam

@@ -72,7 +72,8 @@ from hidden.seeker import seek  # noqa: E402 - run as a script
 
 from calib.diagnosis.verdict import NAMED, NONE, ONE_OF  # noqa: E402
 from calib.effects import coulomb_friction, cubic_stiffness, quadratic_drag, softening  # noqa: E402
-from calib.modelling.model import Model, Request  # noqa: E402
+from calib.modelling.model import Model  # noqa: E402
+from calib.modelling.simulator import Request  # noqa: E402
 from calib.records import record  # noqa: E402
 from calib.records.excitation import Excitation  # noqa: E402
 from calib.simulators.oscillator import Oscillator  # noqa: E402

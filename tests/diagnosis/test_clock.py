@@ -9,7 +9,8 @@ from calib.diagnosis.fit import Fit
 from calib.diagnosis.noise import STATED, Noise
 from calib.diagnosis.part import Part
 from calib.execution.pool import InProcess
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
+from calib.modelling.simulator import Request
 from calib.objective import Objective, Reference, Term
 from calib.plugins import load
 from calib.records import make

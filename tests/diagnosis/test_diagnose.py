@@ -20,8 +20,9 @@ from calib.diagnosis.suspect import Scored
 from calib.diagnosis.transfer import Agreement
 from calib.diagnosis.verdict import _alternatives, joined, verdict_of
 from calib.execution.pool import InProcess
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
 from calib.modelling.parameter import Space, Window
+from calib.modelling.simulator import Request
 from calib.objective import Objective, Reference, Term
 from calib.plugins import load
 from calib.records import make

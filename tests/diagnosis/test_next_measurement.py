@@ -7,8 +7,9 @@ from calib.diagnosis.bench import Bench, Run
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.laboratory import Laboratory
 from calib.execution.pool import InProcess
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
 from calib.modelling.parameter import Space, Window
+from calib.modelling.simulator import Request
 from calib.objective import Objective, Reference, Term, trusted
 from calib.plugins import load
 from calib.records.excitation import Excitation

@@ -17,8 +17,9 @@ from calib.diagnosis.part import Part
 from calib.diagnosis.separation import LinearisedPrediction, least_squares, prior_of
 from calib.diagnosis.signature import Point
 from calib.execution.pool import InProcess
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
 from calib.modelling.parameter import Parameter
+from calib.modelling.simulator import Request
 from calib.objective import Objective, Reference, Term
 from calib.plugins import load
 from calib.records.excitation import Excitation

@@ -9,7 +9,8 @@ import xarray as xr
 
 from calib.dynamics.motion import perturbed
 from calib.dynamics.stationary import stable_state, stationary_record
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
+from calib.modelling.simulator import Request
 from calib.records.cycles import kind_of_motion
 from calib.records.cycles.motion import BESIDE_ATTRIBUTE
 from calib.records.excitation import Excitation

@@ -5,7 +5,8 @@ import pytest
 import short_beam
 
 from calib import plugins
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
+from calib.modelling.simulator import Request
 from calib.records import record
 from calib.records.excitation import Excitation
 from calib.simulators.delaminated_beam import DelaminatedBeam

@@ -9,7 +9,8 @@ from simulators.four_dof_peer import dop853
 
 from calib import plugins
 from calib.modelling.laws import STATES
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
+from calib.modelling.simulator import Request
 from calib.records.excitation import Excitation
 from calib.simulators.four_dof import FourDof
 from calib.simulators.four_dof.lumped import lumped

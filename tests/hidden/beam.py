@@ -17,7 +17,8 @@ from short_beam import VALUES
 
 from calib import plugins
 from calib.modelling.effect import Effect
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
+from calib.modelling.simulator import Request
 from calib.records import OK
 from calib.records.excitation import Excitation
 from calib.simulators.delaminated_beam import DelaminatedBeam

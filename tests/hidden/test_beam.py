@@ -7,7 +7,8 @@ from hidden.drawn import SHARES
 from hidden.hider import bench
 from hidden.remainder import change, expressed_by, scaled
 
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
+from calib.modelling.simulator import Request
 from calib.records.excitation import Excitation
 from calib.simulators.delaminated_beam import DelaminatedBeam
 

@@ -13,7 +13,8 @@ from hidden.hider import hide
 from scipy.linalg import eigh
 
 from calib.cli import main
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
+from calib.modelling.simulator import Request
 from calib.records.excitation import Excitation
 from calib.simulators.delaminated_beam import DelaminatedBeam
 

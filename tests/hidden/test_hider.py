@@ -11,7 +11,8 @@ from hidden.motion import Refused
 from hidden.noise import coloured
 
 import calib.effects
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
+from calib.modelling.simulator import Request
 from calib.plugins import load as named
 from calib.records import read
 from calib.records.excitation import Excitation

@@ -15,8 +15,9 @@ from calib.diagnosis.preparation import bench_of
 from calib.diagnosis.verdict import NONE
 from calib.errors import CalibError
 from calib.execution.pool import InProcess
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
 from calib.modelling.parameter import Space, Window
+from calib.modelling.simulator import Request
 from calib.objective import Objective, Reference, Term
 from calib.objective.initial_state import Comparison, Unknown, View, first_value, quarter_period, released
 from calib.objective.outliers import isolated_outliers

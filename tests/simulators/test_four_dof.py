@@ -16,7 +16,8 @@ from calib.errors import CalibError
 from calib.modelling.laws import BoundLaw
 from calib.modelling.laws import excitation as excitation_law
 from calib.modelling.laws import restitution as restitution_law
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
+from calib.modelling.simulator import Request
 from calib.records.excitation import Excitation
 from calib.simulators.four_dof import FourDof
 from calib.simulators.four_dof.drives import DRIVES, structure
@@ -382,7 +383,8 @@ def test_what_it_cannot_take_is_refused():
 @pytest.mark.slow
 def test_it_runs_without_the_compiler():
     code = (
-        "from calib.simulators.four_dof import FourDof; from calib.modelling.model import Model, Request;"
+        "from calib.simulators.four_dof import FourDof; from calib.modelling.model import Model;"
+        "from calib.modelling.simulator import Request;"
         "from calib.records.excitation import Excitation; from calib.effects.quadratic_drag import EFFECT;"
         "x = Excitation('end', 'displacement', frequency=26.24, amplitude=1.5e-3);"
         "values = {'c2': VALUE, 'restitution': 0.3};"

@@ -6,8 +6,9 @@ import pytest
 from calib.dynamics.tangent import jacobian
 from calib.modelling.effect import Effect
 from calib.modelling.laws import force
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
 from calib.modelling.parameter import Parameter
+from calib.modelling.simulator import Request
 from calib.records.excitation import Excitation
 from calib.simulators.four_dof import FourDof
 from calib.simulators.four_dof.lumped import lumped

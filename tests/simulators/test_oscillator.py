@@ -8,7 +8,8 @@ from scipy.integrate import solve_ivp
 
 from calib.effects.quadratic_drag import EFFECT as AIR_DRAG
 from calib.errors import CalibError
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
+from calib.modelling.simulator import Request
 from calib.records.excitation import Excitation
 from calib.simulators.oscillator import Oscillator
 from calib.testing import SimulatorSuite

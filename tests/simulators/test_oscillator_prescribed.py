@@ -11,8 +11,9 @@ from calib.errors import CalibError
 from calib.modelling.effect import Effect
 from calib.modelling.laws import excitation as excitation_law
 from calib.modelling.laws import force as force_law
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
 from calib.modelling.parameter import Parameter
+from calib.modelling.simulator import Request
 from calib.records.excitation import Excitation
 from calib.simulators.oscillator import Oscillator
 

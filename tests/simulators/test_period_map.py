@@ -8,8 +8,9 @@ from calib.dynamics.tangent import jacobian
 from calib.errors import CalibError
 from calib.modelling.effect import Effect
 from calib.modelling.laws import excitation, force, restitution
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
 from calib.modelling.parameter import Parameter
+from calib.modelling.simulator import Request
 from calib.records.excitation import Excitation
 from calib.simulators.four_dof import FourDof
 from calib.simulators.oscillator import Oscillator

@@ -16,8 +16,9 @@ from calib.cli.status import folder_of, study_status
 from calib.effects import channel_lag
 from calib.errors import CalibError
 from calib.execution.pool import TIMEOUT, Failure, InProcess
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
 from calib.modelling.parameter import Parameter
+from calib.modelling.simulator import Request
 from calib.records.excitation import Excitation
 from calib.report.verdict import verdict
 from calib.report.words import number

@@ -18,8 +18,9 @@ from third_party.friction_damper import FrictionDamper
 
 from calib.errors import CalibError
 from calib.modelling.effect import Effect
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
 from calib.modelling.parameter import Parameter
+from calib.modelling.simulator import Request
 from calib.plugins import load
 from calib.records import OK, check
 from calib.records.excitation import Excitation

@@ -14,8 +14,9 @@ from click.testing import CliRunner
 from calib.cli import main
 from calib.diagnosis.transfer import Transfer
 from calib.effects.cubic_stiffness import EFFECT as CUBIC
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
 from calib.modelling.parameter import Parameter, Space, Window
+from calib.modelling.simulator import Request
 from calib.objective import MISFIT
 from calib.records import make, write
 from calib.records.excitation import Excitation

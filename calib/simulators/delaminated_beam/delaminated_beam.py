@@ -13,7 +13,7 @@ import xarray as xr
 
 from calib.errors import CalibError
 from calib.modelling.laws import BoundLaw
-from calib.modelling.model import Request
+from calib.modelling.simulator import Request
 from calib.records import STATE, failed, make, prescription
 from calib.records.excitation import Excitation
 from calib.simulators.delaminated_beam.case import BeamCase, critical_step_of, modes_of, structure_of
@@ -117,7 +117,7 @@ class DelaminatedBeam:
     def run(
         self, values: Mapping[str, float], excitation: Excitation, laws: Sequence[BoundLaw], request: Request
     ) -> xr.Dataset:
-        """Simulate; see `calib.modelling.model.Simulator` and `calib.modelling.model.Request`.
+        """Simulate; see `calib.modelling.simulator.Simulator` and `calib.modelling.simulator.Request`.
 
         Raises
         ------

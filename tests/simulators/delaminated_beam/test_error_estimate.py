@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from short_beam import beam, run
 
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
+from calib.modelling.simulator import Request
 from calib.records.excitation import Excitation
 from calib.simulators.delaminated_beam import DelaminatedBeam
 

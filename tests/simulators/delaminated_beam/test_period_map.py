@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from short_beam import EXCITATION, REQUEST, VALUES, attempt, beam, run
 
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
+from calib.modelling.simulator import Request
 
 BOTH = pytest.mark.parametrize("fidelity", ["reduced", "full"])
 

@@ -21,8 +21,9 @@ from calib.effects.quadratic_drag import EFFECT as AIR_DRAG
 from calib.errors import CalibError
 from calib.modelling.effect import Effect
 from calib.modelling.laws import contact, excitation, force
-from calib.modelling.model import Model, Request
+from calib.modelling.model import Model
 from calib.modelling.parameter import Parameter
+from calib.modelling.simulator import Request
 from calib.records import STATE
 from calib.records.excitation import Excitation
 from calib.simulators.delaminated_beam import DelaminatedBeam
