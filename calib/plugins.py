@@ -1,4 +1,4 @@
-"""Names to things: the entry points of simulators, effects, features and optimisers."""
+"""The entry points of simulators, effects, features and optimisers, by name."""
 
 import importlib
 import sys
@@ -68,9 +68,9 @@ def _imported(path: str, folder: Path | None) -> Any:
         sys.path.append(str(folder))
         _FOLDERS.add(folder)
     try:
-        found = importlib.import_module(module)
-        _check_place(path, module, found, folder, own)
-        return getattr(found, attribute)
+        imported = importlib.import_module(module)
+        _check_place(path, module, imported, folder, own)
+        return getattr(imported, attribute)
     except CalibError:
         raise
     except Exception as error:
@@ -80,9 +80,9 @@ def _imported(path: str, folder: Path | None) -> Any:
         raise CalibError(f"{path!r} does not load: {error!r}; expected an importable 'package.module:Thing'") from error
 
 
-def _check_place(path: str, module: str, found: ModuleType, folder: Path | None, own: Path | None) -> None:
+def _check_place(path: str, module: str, imported: ModuleType, folder: Path | None, own: Path | None) -> None:
     """Refuse a module that was imported from the folder of another study."""
-    file = getattr(found, "__file__", None)
+    file = getattr(imported, "__file__", None)
     place = None if file is None else Path(file).resolve()
     if own is not None and place != own and (place is None or place.read_bytes() != own.read_bytes()):
         raise CalibError(

@@ -12,9 +12,9 @@ if TYPE_CHECKING:
     import pint
 
 MILLI = {"m": (1e3, "mm"), "s": (1e3, "ms")}  # SI unit -> factor and unit in which people read small values
-MICRO = {"m": (1e6, "um"), "s": (1e6, "us")}  # the same for those below TINY
-TINY = 1e-5  # m, s
-LARGE = 10.0  # m, s: such and larger values are read in m and s
+MICRO = {"m": (1e6, "um"), "s": (1e6, "us")}  # the same for those below MICRO_BELOW
+MICRO_BELOW = 1e-5  # m, s
+SI_FROM = 10.0  # m, s: such and larger values are read in m and s
 # a number, then its unit; a comma is refused because pint drops it: '1,5 mm' would become 15 mm
 QUANTITY = re.compile(r"\s*\(?\s*[+-]?\s*(\d|\.\d|inf|nan)[\w\s.+\-*/^()%°µ]*")
 
@@ -71,9 +71,9 @@ def reading(unit: str, size: float) -> tuple[float, str]:
     """Factor and unit in which people read SI values of this size: ``(1e6, "us")`` for a time step, nothing for "1"."""
     if unit == "1":
         return 1.0, ""
-    if abs(size) >= LARGE:
+    if abs(size) >= SI_FROM:
         return 1.0, unit
-    return (MICRO if 0.0 < abs(size) < TINY else MILLI).get(unit, (1.0, unit))
+    return (MICRO if 0.0 < abs(size) < MICRO_BELOW else MILLI).get(unit, (1.0, unit))
 
 
 def is_si(unit: str) -> bool:

@@ -6,7 +6,8 @@ from calib.modelling.effect import Effect
 from calib.modelling.laws import force
 from calib.modelling.parameter import Parameter
 
-SLIDING = 0.01  # share of the slider's force over which it comes to slide; a jump would cost the integrator its order
+# share of the slider's force over which it comes to slide  [1]; a jump would cost the integrator its order
+SLIDING_RANGE = 0.01
 
 
 @force(states=1)
@@ -23,7 +24,7 @@ def play(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndar
     if d * v > 0.0:
         over = p[0] * abs(d) - p[2]
         if over > 0.0:
-            limit = SLIDING * p[2]
+            limit = SLIDING_RANGE * p[2]
             dz[0] = v if over >= limit else v * over / limit
     return -p[0] * d
 

@@ -21,7 +21,7 @@ EFFECT = Effect(
     law=harmonic,
     parameters=(
         Parameter("h2_cos", "1", 0.0, "its part in phase with the drive, over the drive's amplitude", null=0.0),
-        Parameter("h2_sin", "1", 0.0, "its part a quarter of its period later, alike", null=0.0),
+        Parameter("h2_sin", "1", 0.0, "its part a quarter of its period later, as a share of the same", null=0.0),
     ),
     meaning="the shaker distorts: a second harmonic at all levels, also without contact",
     equation="+amplitude (h2_cos cos 2 phase + h2_sin sin 2 phase)",

@@ -21,7 +21,7 @@ EFFECT = Effect(
     law=harmonic,
     parameters=(
         Parameter("h3_cos", "1", 0.0, "its part in phase with the drive, over the drive's amplitude", null=0.0),
-        Parameter("h3_sin", "1", 0.0, "its part a quarter of its period later, alike", null=0.0),
+        Parameter("h3_sin", "1", 0.0, "its part a quarter of its period later, as a share of the same", null=0.0),
     ),
     meaning="the shaker distorts: a third harmonic at all levels, also without contact",
     equation="+amplitude (h3_cos cos 3 phase + h3_sin sin 3 phase)",

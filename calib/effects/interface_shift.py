@@ -9,7 +9,7 @@ from calib.modelling.parameter import Parameter
 
 @structure
 def shifted(present: tuple[float, ...], p: Mapping[str, float]) -> tuple[float, ...]:
-    """Return the height of the gap's cubics and its shift [m], their sum kept."""
+    """Return the height of the gap's cubics and its shift [m], whose sum does not change."""
     height, shift = present
     return height - p["interface_shift"], shift + p["interface_shift"]
 

@@ -6,13 +6,13 @@ from calib.modelling.effect import Effect
 from calib.modelling.laws import restitution
 from calib.modelling.parameter import Parameter
 
-SLOWEST = 1e-3  # of rate_speed; slower impacts count as that fast, or the last of them would never come to rest
+MIN_SPEED_RATIO = 1e-3  # of rate_speed; slower impacts count as that fast, or the last of them would never come to rest
 
 
 @restitution
 def falling(e: float, speed: float, p: np.ndarray) -> float:
     """Return the change [1] of the coefficient e at a closing speed [m/s]: e ((v / v0)^-n - 1)."""
-    return e * (max(speed / p[1], SLOWEST) ** -p[0] - 1.0)
+    return e * (max(speed / p[1], MIN_SPEED_RATIO) ** -p[0] - 1.0)
 
 
 EFFECT = Effect(

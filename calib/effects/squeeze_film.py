@@ -6,13 +6,13 @@ from calib.modelling.effect import Effect
 from calib.modelling.laws import force
 from calib.modelling.parameter import Parameter
 
-FLOOR = 0.02  # of the gap at rest; without a floor the gap never closes
+MIN_CLEARANCE_RATIO = 0.02  # of the gap at rest; without a floor the gap never closes
 
 
 @force
 def film(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
     """Return the force per unit mass [m/s^2] at the clearance x [m] that opens at v [m/s]; p[1] the gap at rest [m]."""
-    ratio = p[1] / max(x, FLOOR * p[1])
+    ratio = p[1] / max(x, MIN_CLEARANCE_RATIO * p[1])
     return -p[0] * v * ratio * ratio * ratio
 
 

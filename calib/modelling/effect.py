@@ -44,8 +44,8 @@ class Effect:
     noise : whether the effect belongs to the noise of a record, so that the simulated record does not change
     natural : parameter -> multiples of its natural scale: by dimensional analysis from the displacement amplitude and
         the angular frequency (of a frequency in Hz, that of the drive). Of one without null, the values at which it
-        is held in turn (nothing said: at its nominal value); of one with null, typical departures from it, from zero
-        where it is infinite (nothing said: `SIZES`)
+        is held in turn (not stated: at its nominal value); of one with null, typical departures from it, from zero
+        where it is infinite (not stated: `SIZES`)
     guess : (record) -> parameter -> starting values, read off the measured record
     """
 
@@ -100,11 +100,11 @@ class Effect:
         name = simulator.name
         own = {p.name for p in simulator.parameters}
         if self.site == "structure" and self._changed(own) is None:
-            lacking = " or ".join(", ".join(alternative) for alternative in self.changes)
-            return f"it changes {lacking}, which simulator {name!r} has not got"
+            needed = " or ".join(", ".join(alternative) for alternative in self.changes)
+            return f"it changes {needed}, which simulator {name!r} does not have"
         if self.site == "numerical" and self._changed(getattr(simulator, "numerics", ())) is None:
-            lacking = " or ".join(", ".join(alternative) for alternative in self.changes)
-            return f"it refines {lacking}, which simulator {name!r} cannot"
+            needed = " or ".join(", ".join(alternative) for alternative in self.changes)
+            return f"it refines {needed}, which simulator {name!r} cannot refine"
         if self.site in PLAIN:
             return ""
         if self.site not in simulator.sites:
@@ -113,7 +113,7 @@ class Effect:
             return f"simulator {name!r} takes no force laws with internal states"
         borrowed = [parameter for parameter in self.borrowed if parameter not in own]
         if borrowed:
-            return f"it needs {', '.join(borrowed)}, which simulator {name!r} has not got"
+            return f"it needs {', '.join(borrowed)}, which simulator {name!r} does not have"
         return self._unplaced(simulator)
 
     def _unplaced(self, simulator: Simulator) -> str:
@@ -126,7 +126,7 @@ class Effect:
                     f"{', '.join(simulator.bodies)}"
                 )
         if self.bodies is None and self.place != "body" and self.place not in places:
-            return f"it acts at the {self.place}, which simulator {simulator.name!r} has not got"
+            return f"it acts at the {self.place}, which simulator {simulator.name!r} does not have"
         return ""
 
     def _changed(self, known: Collection[str]) -> tuple[str, ...] | None:

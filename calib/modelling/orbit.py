@@ -58,7 +58,7 @@ class PeriodMap(Protocol):
     1. `period` of the excitation [s]; `bodies`; `impacting`, whether there is a stop that impacts could be at.
     2. `names` of the state's components, such as "q3.displacement" and "q3.velocity", their `units`, the `scale` of
        each (dimension,), by which differences are made comparable, and the state `initial` (dimension,) to start from
-       where nothing else is said.
+       where no other is given.
     3. `orbit` goes on by whole periods. The same state gives the same bits; two calls in a row give what one gives, but
        for rounding. What diverges or spends its step budget ends with a status, never in an endless loop: chatter
        included.

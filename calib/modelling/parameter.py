@@ -133,7 +133,7 @@ class Space:
         return np.array([min(1.0, max(0.0, w.position(values[name]))) for name, w in self.windows.items()])
 
     def around(self, values: Mapping[str, float], shrink: float) -> "Space":
-        """Windows `shrink` times as wide (on their own scale) about `values`, kept inside the present ones."""
+        """Windows `shrink` times as wide (on their own scale) about `values`, inside the present ones."""
         u = self.point(values)
         half = 0.5 * min(1.0, shrink)
         centre = np.clip(u, half, 1.0 - half)

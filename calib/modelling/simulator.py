@@ -1,4 +1,4 @@
-"""What a simulator has to be, and what it is asked for."""
+"""The contract of a simulator, and the request that it answers."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -41,10 +41,10 @@ def search(
     outcomes: list[Outcome] = []
     while len(points) < budget and optimiser.stop() is None:
         asked = optimiser.ask()
-        told = [outcome(u) for u in asked]
+        returned = [outcome(u) for u in asked]
         points += list(asked)
-        outcomes += told
-        optimiser.tell(asked, told)
+        outcomes += returned
+        optimiser.tell(asked, returned)
     return np.array(points), outcomes
 
 
@@ -54,7 +54,7 @@ class OptimiserSuite:
     Attributes
     ----------
     budget : evaluations within which the bowl has to be found
-    close_enough : distance from its least point that counts as found, in units of the window [1]
+    close_enough : distance from its least point that counts as zero, in units of the window [1]
     """
 
     budget = 300

@@ -179,15 +179,15 @@ class SimulatorSuite:
         ends = [(map.orbit(state + step * map.scale * u, 1), map.orbit(state - step * map.scale * u, 1))
                 for u in np.eye(size)]  # fmt: skip
         expected = np.array([(a.states[0] - b.states[0]) / (2.0 * step * map.scale) for a, b in ends]).T
-        found = carried.vectors @ carried.growth[0]
-        np.testing.assert_allclose(found, expected, atol=1e-4 * np.abs(expected).max())
+        derivative = carried.vectors @ carried.growth[0]
+        np.testing.assert_allclose(derivative, expected, atol=1e-4 * np.abs(expected).max())
 
     def test_a_section_at_another_phase_is_of_the_same_motion(self) -> None:
         map = self.period_map(0.25)
         record = self.run(request=replace(self.request, settle=400))
         orbit = map.orbit(map.initial, 400)
         if (np.abs(orbit.states[-1] - orbit.states[-2]) > 1e-7 * map.scale).any():
-            pytest.skip("the motion of the suite is not of period 1, so the same instant is not found twice")
+            pytest.skip("the motion of the suite is not of period 1, so an instant of it does not recur in each period")
         at = record.isel(time=self.request.samples // 4)
         size = np.abs(record.displacement.values).max()
         np.testing.assert_allclose(orbit.displacement[:, -1], at.displacement.values, atol=1e-4 * size)

@@ -54,18 +54,22 @@ def test_there_are_enough_to_tell_apart():
 @pytest.mark.parametrize(
     ("name", "case", "said"),
     [
-        ("support", "four_dof, both ends driven", "it acts at the support, which simulator 'four_dof' has not got"),
-        ("squeeze_film", "oscillator", "it needs gap, which simulator 'oscillator' has not got"),
+        ("support", "four_dof, both ends driven", "it acts at the support, which simulator 'four_dof' does not have"),
+        ("squeeze_film", "oscillator", "it needs gap, which simulator 'oscillator' does not have"),
         ("presliding", "delaminated_beam", "simulator 'delaminated_beam' takes no force laws with internal states"),
         ("contact_compliance", "four_dof", "it acts at 'contact', but simulator 'four_dof' takes laws at"),
-        ("interface_shift", "four_dof", "it changes g_max, s, which simulator 'four_dof' has not got"),
-        ("glue_bond", "oscillator", "it changes layer_stiffness, which simulator 'oscillator' has not got"),
+        ("interface_shift", "four_dof", "it changes g_max, s, which simulator 'four_dof' does not have"),
+        ("glue_bond", "oscillator", "it changes layer_stiffness, which simulator 'oscillator' does not have"),
         (
             "added_mass",
             "delaminated_beam",
-            "it changes layer_mass or mass, which simulator 'delaminated_beam' has not got",
+            "it changes layer_mass or mass, which simulator 'delaminated_beam' does not have",
         ),
-        ("event_tolerance", "four_dof, fixed step", "it refines event_tolerance, which simulator 'four_dof' cannot"),
+        (
+            "event_tolerance",
+            "four_dof, fixed step",
+            "it refines event_tolerance, which simulator 'four_dof' cannot refine",
+        ),
     ],
 )
 def test_the_reason_is_said(name, case, said):

@@ -184,9 +184,9 @@ def test_a_law_at_a_place_is_bound_to_the_bodies_there_and_borrows_what_the_stru
 @pytest.mark.parametrize(
     ("effect", "said"),
     [
-        (MOVED, "it changes g_max, s or gap, s, which simulator 'still' has not got"),
-        (FINER, "it refines time_step, which simulator 'still' cannot"),
-        (BORROWING, "it acts at the interface, which simulator 'still' has not got"),
+        (MOVED, "it changes g_max, s or gap, s, which simulator 'still' does not have"),
+        (FINER, "it refines time_step, which simulator 'still' cannot refine"),
+        (BORROWING, "it acts at the interface, which simulator 'still' does not have"),
         (replace(BORROWING, borrowed=("width",)), "it needs width"),
         (channel_lag.EFFECT, ""),
     ],

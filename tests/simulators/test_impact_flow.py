@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from calib.simulators.impact.flow import REACH, impulse_response, load_motion
+from calib.simulators.impact.flow import SERIES_REACH, impulse_response, load_motion
 from calib.simulators.impact.polynomial import BETWEEN, FIT, INTEGRAL, NODES, POINTS, PROBE
 
 EPSILON = np.finfo(float).eps
@@ -23,7 +23,7 @@ def test_a_mode_flows_as_the_matrix_exponential(stiffness, rate, tau):
 @pytest.mark.parametrize(("stiffness", "rate"), MODES)
 @pytest.mark.parametrize("share", [1e-6, 0.1, 1.0])
 def test_a_polynomial_load_moves_a_mode_as_the_matrix_exponential_of_its_jet(stiffness, rate, share):
-    tau = share * REACH / max(np.sqrt(abs(stiffness)), 2.0 * rate, 1.0)
+    tau = share * SERIES_REACH / max(np.sqrt(abs(stiffness)), 2.0 * rate, 1.0)
     load = np.array([0.7, -1.1, 0.4, 2.0, -1.5])
     step = tau / 0.8
     # y, y' and the load with its four derivatives make one linear system

@@ -1,4 +1,4 @@
-"""The ways of driving the minimal model: which displacements remain free, and what loads them."""
+"""The drives of the minimal model: which displacements are free, and what loads them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ class DriveKind:
     ----------
     place, quantity : of the excitations it takes
     prescribed : indices of the bodies whose displacement is the drive's
-    spring : whether the drive acts through the shaker's spring, so that its amplitude has to be found from that of q1
+    spring : whether the drive acts through the shaker's spring, so that its amplitude follows from that of q1
     meaning : in one line
     """
 
@@ -48,7 +48,7 @@ DRIVES = {
 def structure(
     kind: DriveKind, body: Lumped, rate: Callable[[np.ndarray], np.ndarray], gap: float, restitution: float
 ) -> LinearStructure:
-    """Build the structure that remains free under a drive; gap [m], restitution [1].
+    """Build the structure with the coordinates that a drive leaves free; gap [m], restitution [1].
 
     The mass matrix is diagonal, so a prescribed displacement loads the others through the stiffness alone.
     """

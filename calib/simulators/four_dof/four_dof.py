@@ -257,8 +257,8 @@ class FourDof:
 
     def _start(self, problem: Problem, request: Request) -> ImpactState:
         free, n = list(DRIVES[self.drive].coordinates), len(BODIES)
-        asked = np.zeros(2 * n) if request.initial_state is None else np.asarray(request.initial_state, dtype=float)
-        return with_law_states(start(problem, asked[:n][free], asked[n : 2 * n][free]), asked[2 * n :])
+        initial = np.zeros(2 * n) if request.initial_state is None else np.asarray(request.initial_state, dtype=float)
+        return with_law_states(start(problem, initial[:n][free], initial[n : 2 * n][free]), initial[2 * n :])
 
     def _state(self, motion: SimulatedMotion) -> np.ndarray:
         """State at phase zero after the recorded periods, as `Request.initial_state` takes it."""

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-INNER = 0.384  # of an inner beam's mass that moves with its middle
+MODAL_MASS_SHARE = 0.384  # of an inner beam's mass that moves with its middle
 
 
 class Lumped(NamedTuple):
@@ -33,7 +33,7 @@ def lumped(values: Mapping[str, float]) -> Lumped:
     bending = values["young_modulus"] * area * np.array([values["beam_thickness"], values["layer_thickness"]]) ** 2 / 12
     k1, k2 = values["stiffness_factor"] * bending / b**3 * [1.0, values["layer_stiffness"]]  # N/m
 
-    m2, m3 = INNER * mu1 * 2.0 * b, INNER * mu2 * 2.0 * b
+    m2, m3 = MODAL_MASS_SHARE * mu1 * 2.0 * b, MODAL_MASS_SHARE * mu2 * 2.0 * b
     mu = mu1 + mu2
     edge = 0.5 * (mu * 2.0 * b - m2 - m3)
     inertia = mu * a * (a**2 / 12.0 + (0.5 * a - node) ** 2) + edge * c**2  # about the suspension

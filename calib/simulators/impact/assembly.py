@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.modelling.laws import BoundLaw, at_site
-from calib.simulators.impact.flow import REACH
+from calib.simulators.impact.flow import SERIES_REACH
 from calib.simulators.impact.modes import LinearStructure, regimes
 from calib.simulators.impact.problem import PORT, Problem, Regimes
 from calib.simulators.impact.refinement import UNREFINED, Refinement
@@ -63,7 +63,7 @@ def assemble(
     onto_surface: bool = False,
     refinement: Refinement = UNREFINED,
 ) -> Problem:
-    """Put together what the kernel is told.
+    """Put together what the kernel takes.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def _longest_step(drive: ImpactDrive, step: float | None, collocated: bool, fixe
     if step is None:
         step = drive.period / STEPS_PER_PERIOD if drive.omega else np.inf
     if collocated:
-        return min(step, REACH / fastest)
+        return min(step, SERIES_REACH / fastest)
     return step if fixed_step else np.inf
 
 

@@ -17,17 +17,28 @@ from calib.simulators.compilation import WITHIN
 from calib.simulators.impact.coordinates import to_coordinates
 from calib.simulators.impact.flow import impulse_response, load_responses
 from calib.simulators.impact.polynomial import BETWEEN, FIT, INTEGRAL, NODES, POINTS, PROBE, polynomial, slope
-from calib.simulators.impact.problem import AT_PERIOD, CONTACT, PIECE, ImpactState, Problem, Regimes
+from calib.simulators.impact.problem import (
+    AT_PERIOD,
+    CONTACT,
+    EXCITATION_LAWS,
+    FORCE_LAWS,
+    LAW_STATES,
+    PIECE,
+    PORT_LAWS,
+    ImpactState,
+    Problem,
+    Regimes,
+)
 from calib.simulators.impact.scratch import Scratch
 from calib.simulators.slots import excitation, force
 
-SWEEPS = 15  # of the fixed point
-SLOW = 0.5  # of the change two sweeps before: loads that still change by more do not converge in so many sweeps
-CLOSE = 1e-13  # relative change of the loads at which it has converged
-# what a polynomial may miss between the nodes, as a change of velocity over the step and a share of the velocities;
-# laws on bodies are mostly smooth, and then good at the ends of steps before they are in between
-RESOLVED, RESOLVED_ON_BODIES = 1e-8, 1e-7
-FAINT = 1e-15  # change of velocity over the step, as a share of the velocities, that is none
+MAX_SWEEPS = 15  # of the fixed point
+MAX_CONTRACTION = 0.5  # change of the loads over that two sweeps before; above it so many sweeps do not suffice
+LOAD_TOLERANCE = 1e-13  # relative change of the loads at which the iteration has converged
+# error of a polynomial between the nodes, as a change of velocity over the step and a share of the velocities; laws on
+# bodies are mostly smooth, and their loads then are accurate at the ends of steps before they are in between
+MAX_ERROR_AT_PORT, MAX_ERROR_ON_BODIES = 1e-8, 1e-7
+NEGLIGIBLE_CHANGE = 1e-15  # change of velocity over the step, as a share of the velocities, that counts as zero
 
 
 @njit(**WITHIN)
@@ -45,14 +56,14 @@ def _set_input(problem: Problem, state: ImpactState, time: float, step: float, w
         out[1] = (c1 + s * (2.0 * c2 + s * 3.0 * c3)) * step
         out[2] = (c2 + 3.0 * s * c3) * step * step
         out[3] = c3 * step * step * step
-    if problem.counts[1] > 0:
+    if problem.counts[EXCITATION_LAWS] > 0:
         start = state.counters[AT_PERIOD] * problem.period + time
         for j in range(5):
             local = time + NODES[j] * step
             x = problem.amplitude * math.cos(problem.omega * local + problem.phase) + polynomial(out, NODES[j])
             t = start + NODES[j] * step
             change = 0.0
-            for i in range(problem.counts[1]):
+            for i in range(problem.counts[EXCITATION_LAWS]):
                 change += excitation(
                     problem.excitation[i], t, problem.omega * t + problem.phase, problem.amplitude, x,
                     problem.excitation_p[i],
@@ -81,7 +92,7 @@ def _set_base(regimes: Regimes, r: int, step: float, w: Scratch) -> None:
 
 
 @njit(**WITHIN)
-def _set_answers(
+def _set_responses(
     problem: Problem, r: int, state: ImpactState, time: float, step: float, first: int, end: int, w: Scratch
 ) -> None:
     """Write, at some of the points, the motion without loads, and the modal motion per unit of each of their terms."""
@@ -96,21 +107,21 @@ def _set_answers(
             w.y[i] = (c + 2.0 * rate * s) * y[i] + s * v[i]
             w.v[i] = c * v[i] - stiffness * s * y[i]
             q4, q3, q2, q1, q0, impulse = load_responses(stiffness, rate, tau)
-            w.answer_y[i, j, 0] = scale * q0
-            w.answer_y[i, j, 1] = scale * x * q1
-            w.answer_y[i, j, 2] = scale * x**2 * 2.0 * q2
-            w.answer_y[i, j, 3] = scale * x**3 * 6.0 * q3
-            w.answer_y[i, j, 4] = scale * x**4 * 24.0 * q4
-            w.answer_v[i, j, 0] = tau * impulse
-            w.answer_v[i, j, 1] = tau * x * q0
-            w.answer_v[i, j, 2] = tau * x**2 * 2.0 * q1
-            w.answer_v[i, j, 3] = tau * x**3 * 6.0 * q2
-            w.answer_v[i, j, 4] = tau * x**4 * 24.0 * q3
+            w.response_y[i, j, 0] = scale * q0
+            w.response_y[i, j, 1] = scale * x * q1
+            w.response_y[i, j, 2] = scale * x**2 * 2.0 * q2
+            w.response_y[i, j, 3] = scale * x**3 * 6.0 * q3
+            w.response_y[i, j, 4] = scale * x**4 * 24.0 * q4
+            w.response_v[i, j, 0] = tau * impulse
+            w.response_v[i, j, 1] = tau * x * q0
+            w.response_v[i, j, 2] = tau * x**2 * 2.0 * q1
+            w.response_v[i, j, 3] = tau * x**3 * 6.0 * q2
+            w.response_v[i, j, 4] = tau * x**4 * 24.0 * q3
         u, du = polynomial(w.input, x), slope(w.input, x) / step
         to_coordinates(regimes, r, w.y, w.v, problem.omega, time + tau, u, du, w.q, w.dq)
         for b in range(n):
             w.free_q[b, j], w.free_dq[b, j] = w.q[b], w.dq[b]
-        if problem.counts[4] > 0:
+        if problem.counts[PORT_LAWS] > 0:
             w.free_q[n, j], w.free_dq[n, j] = _clearance(problem, r, w.y, w.v, time + tau, u, du)
 
 
@@ -118,8 +129,8 @@ def _set_answers(
 def _sum_at(problem: Problem, b: int, t: float, x: float, v: float, j: int, w: Scratch) -> float:
     """Sum of the force laws at the coordinate `b` (or the port), which moves by x, v; their rates are written."""
     total = 0.0
-    z, dz = w.own[0], w.own[1]
-    for i in range(problem.counts[0]):
+    z, dz = w.law_state[0], w.law_state[1]
+    for i in range(problem.counts[FORCE_LAWS]):
         if problem.acts[i, b]:
             for k in range(STATES):
                 z[k] = w.z[i, b, k, j]
@@ -155,8 +166,8 @@ def _laws_at(problem: Problem, r: int, start: float, step: float, j: int, w: Scr
     for i in range(n):
         y, v = 0.0, 0.0
         for k in range(5):
-            y += w.answer_y[i, j, k] * w.load[i, k]
-            v += w.answer_v[i, j, k] * w.load[i, k]
+            y += w.response_y[i, j, k] * w.load[i, k]
+            v += w.response_v[i, j, k] * w.load[i, k]
         w.y[i], w.v[i] = y, v
     t = start + POINTS[j] * step
     for b in range(n):
@@ -165,7 +176,7 @@ def _laws_at(problem: Problem, r: int, start: float, step: float, j: int, w: Scr
             q += regimes.shape[r, b, i] * w.y[i]
             dq += regimes.shape[r, b, i] * w.v[i]
         w.law[b, j] = _sum_at(problem, b, t, q, dq, j, w)
-    if problem.counts[4] > 0:
+    if problem.counts[PORT_LAWS] > 0:
         clearance, rate = w.free_q[n, j], w.free_dq[n, j]
         if r != CONTACT:
             for i in range(n):
@@ -179,7 +190,7 @@ def _laws_at(problem: Problem, r: int, start: float, step: float, j: int, w: Scr
 @njit(**WITHIN)
 def _integrate_states(problem: Problem, z: np.ndarray, step: float, first: int, end: int, w: Scratch) -> None:
     """Write the internal states at some of the points from their rates at the nodes."""
-    for i in range(problem.counts[0]):
+    for i in range(problem.counts[FORCE_LAWS]):
         for b in range(z.shape[1]):
             for k in range(z.shape[2]):
                 for j in range(first, end):
@@ -220,7 +231,7 @@ def _set_added(problem: Problem, r: int, step: float, w: Scratch) -> None:
             added[k] += b * (k + 1) * u[k + 1] / step
         if k < 3:
             added[k] += c * (k + 2) * (k + 1) * u[k + 2] / (step * step)
-        if problem.counts[0] > 0:
+        if problem.counts[FORCE_LAWS] > 0:
             for j in range(5):
                 for body in range(w.q.size):
                     added[k] += FIT[k, j] * regimes.witness_law[r, body] * w.law[body, j]
@@ -265,29 +276,29 @@ def _is_resolved(
     problem: Problem, r: int, state: ImpactState, time: float, start: float, step: float, speed: float, w: Scratch
 ) -> bool:
     """Whether the polynomials through the nodes hold between them: of the laws, and of the rates of their states."""
-    _set_answers(problem, r, state, time, step, PROBE, PROBE + 1, w)
-    if problem.counts[3] > 0:
+    _set_responses(problem, r, state, time, step, PROBE, PROBE + 1, w)
+    if problem.counts[LAW_STATES] > 0:
         _integrate_states(problem, state.z, step, PROBE, PROBE + 1, w)
     _laws_at(problem, r, start, step, PROBE, w)
-    share = RESOLVED if problem.counts[4] > 0 else RESOLVED_ON_BODIES
+    share = MAX_ERROR_AT_PORT if problem.counts[PORT_LAWS] > 0 else MAX_ERROR_ON_BODIES
     for b in range(w.q.size):
         for j in range(5):
             w.law[b, PROBE] -= BETWEEN[j] * w.law[b, j]
     for i in range(w.y.size):
-        missed = 0.0
+        error = 0.0
         for b in range(w.q.size):
-            missed += problem.regimes.project[r, i, b] * w.law[b, PROBE]
-        if abs(missed) * step > share * speed:
+            error += problem.regimes.project[r, i, b] * w.law[b, PROBE]
+        if abs(error) * step > share * speed:
             return False
-    if problem.counts[3] > 0:
-        for i in range(problem.counts[0]):
+    if problem.counts[LAW_STATES] > 0:
+        for i in range(problem.counts[FORCE_LAWS]):
             for b in range(w.dz.shape[1]):
                 for k in range(STATES):
-                    missed, size = w.dz[i, b, k, PROBE], 0.0
+                    error, size = w.dz[i, b, k, PROBE], 0.0
                     for j in range(5):
-                        missed -= BETWEEN[j] * w.dz[i, b, k, j]
+                        error -= BETWEEN[j] * w.dz[i, b, k, j]
                         size = max(size, abs(w.z[i, b, k, j]))
-                    if abs(missed) * step > share * size:
+                    if abs(error) * step > share * size:
                         return False
     return True
 
@@ -298,27 +309,27 @@ def collocate(problem: Problem, r: int, state: ImpactState, time: float, step: f
     _set_input(problem, state, time, step, w)
     _set_base(problem.regimes, r, step, w)
     converged = True
-    if problem.counts[0] > 0:
+    if problem.counts[FORCE_LAWS] > 0:
         start = state.counters[AT_PERIOD] * problem.period + time
-        _set_answers(problem, r, state, time, step, 0, PROBE, w)
-        if problem.counts[3] > 0:
+        _set_responses(problem, r, state, time, step, 0, PROBE, w)
+        if problem.counts[LAW_STATES] > 0:
             _hold_states(state.z, w)
         speed = _modal_speed(problem.regimes, r, state.y, state.v)
         held, before, earlier = False, math.inf, math.inf
-        for sweep in range(SWEEPS):
+        for sweep in range(MAX_SWEEPS):
             for j in range(5):
                 if (j == 0) == (sweep == 0):  # the first node does not change
                     _laws_at(problem, r, start, step, j, w)
             if sweep == 0:
                 _repeat_first(w)
             change, size = _refit(problem.regimes, r, w)
-            if problem.counts[3] > 0:
+            if problem.counts[LAW_STATES] > 0:
                 _integrate_states(problem, state.z, step, 0, PROBE, w)
-            close = sweep > 0 and (change <= CLOSE * size or change * step <= FAINT * speed)
+            close = sweep > 0 and (change <= LOAD_TOLERANCE * size or change * step <= NEGLIGIBLE_CHANGE * speed)
             # the loads follow internal states one sweep late, so with those they have to hold twice
-            converged = close and (problem.counts[3] == 0 or held)
+            converged = close and (problem.counts[LAW_STATES] == 0 or held)
             held = close
-            if converged or (sweep > 2 and not close and change > SLOW * earlier):
+            if converged or (sweep > 2 and not close and change > MAX_CONTRACTION * earlier):
                 break
             before, earlier = change, before
         if converged and problem.exact:

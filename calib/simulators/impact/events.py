@@ -14,6 +14,7 @@ from calib.simulators.impact.problem import (
     IMPACTS,
     REGIME,
     RELEASED,
+    RESTITUTION_LAWS,
     TOUCH,
     ImpactState,
     Problem,
@@ -27,7 +28,7 @@ from calib.simulators.slots import restitution
 def coefficient(problem: Problem, speed: float) -> float:
     """Coefficient of restitution at a closing speed [m/s], laws included, within [0, 1]."""
     e = problem.restitution
-    for i in range(problem.counts[2]):
+    for i in range(problem.counts[RESTITUTION_LAWS]):
         e += restitution(problem.restitution_laws[i], problem.restitution, speed, problem.restitution_p[i])
     return min(1.0, max(0.0, e))
 

@@ -8,16 +8,16 @@ from numba import njit
 from calib.simulators.compilation import WITHIN
 from calib.simulators.impact.problem import Regimes
 
-TERMS = 26  # of the series for polynomial loads; reaches rounding for max(sqrt(stiffness), 2 rate) tau <= 2
-REACH = 2.0  # that limit
-_INVERSE_FACTORIAL = np.array([1.0 / math.factorial(i) for i in range(TERMS + 6)])
+SERIES_TERMS = 26  # of the series for polynomial loads; reaches rounding for max(sqrt(stiffness), 2 rate) tau <= 2
+SERIES_REACH = 2.0  # that limit
+_INVERSE_FACTORIAL = np.array([1.0 / math.factorial(i) for i in range(SERIES_TERMS + 6)])
 
 
 @njit(**WITHIN)
 def impulse_response(stiffness: float, rate: float, tau: float) -> tuple[float, float]:
     """Response S(tau) [s] and its rate S'(tau) [1] to a unit impulse of y'' + 2 rate y' + stiffness y.
 
-    stiffness [1/s^2] of any sign, rate [1/s], tau [s]; under-, over- and critically damped alike.
+    stiffness [1/s^2] of any sign, rate [1/s], tau [s]; under-, over- or critically damped.
     """
     square = stiffness - rate * rate
     x = square * tau * tau
@@ -51,7 +51,7 @@ def load_responses(stiffness: float, rate: float, tau: float) -> tuple[float, fl
     b = -stiffness * tau * tau
     before, now = 0.0, 1.0
     q4, q3 = 0.0, 0.0
-    for j in range(TERMS):
+    for j in range(SERIES_TERMS):
         q4 += now * _INVERSE_FACTORIAL[j + 6]
         q3 += now * _INVERSE_FACTORIAL[j + 5]
         before, now = now, a * now + b * before

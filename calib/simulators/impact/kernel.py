@@ -1,4 +1,4 @@
-"""The run: flight, event, flight, until the asked number of periods is done."""
+"""A run over a number of periods: step by step, with its samples, sections and impacts."""
 
 import math
 
@@ -12,10 +12,10 @@ from calib.simulators.impact.polynomial import polynomial, slope
 from calib.simulators.impact.problem import AT_PERIOD, REGIME, SECTIONS, STEPS, ImpactState, Problem
 from calib.simulators.impact.scratch import Scratch
 from calib.simulators.impact.step import complete_step, next_step
-from calib.simulators.impact.witness import BROKEN, FOUND
+from calib.simulators.impact.witness import EVENT, FAILED
 
 DONE, SETTLED, DIVERGED, SPENT = 0, 1, 2, 3  # how a run ends
-LONGEST = 16  # periods of a motion that counts as settled
+MAX_SETTLED_PERIOD = 16  # periods of a motion that counts as settled
 
 
 @njit(**WITHIN)
@@ -54,7 +54,7 @@ def within(row: np.ndarray, n: int, limit: float) -> bool:
 @njit(**WITHIN)
 def _has_settled(sections: np.ndarray, last: int, n: int, tolerance: float) -> bool:
     """Whether the last section equals one of the 16 before, in q and in q', to a share of the largest of either."""
-    for back in range(1, min(LONGEST, last) + 1):
+    for back in range(1, min(MAX_SETTLED_PERIOD, last) + 1):
         same = True
         for half in range(2):
             size, gap = 0.0, 0.0
@@ -107,12 +107,12 @@ def advance(
     while done < periods:
         r, time = state.counters[REGIME], state.clock[0]
         outcome, tau, step = next_step(problem, state, w, ye, ve)
-        if outcome == BROKEN:
+        if outcome == FAILED:
             return DIVERGED
         if state.counters[STEPS] > budget:
             return SPENT
         since = (state.counters[AT_PERIOD] - begin) * problem.period + time
-        last = problem.exact and done == periods - 1 and outcome != FOUND and time + tau >= problem.period
+        last = problem.exact and done == periods - 1 and outcome != EVENT and time + tau >= problem.period
         while sample < times.size and (times[sample] < since + tau or last):
             at = min(max(times[sample] - since, 0.0), tau)
             flow(regimes, r, state.y, state.v, loaded, w.load, step, at, ye, ve)

@@ -122,7 +122,7 @@ def _free(structure: LinearStructure, drive: complex, omega: float) -> dict[str,
 def _contact(
     structure: LinearStructure, stop: Stop, free: dict[str, np.ndarray], drive: complex, omega: float
 ) -> dict[str, np.ndarray]:
-    """Work out the regime of permanent contact: q = T p - hit (gap + input U), T spanning what keeps r = 0.
+    """Work out the regime of permanent contact: q = T p - hit (gap + input U), T spanning the displacements with r = 0.
 
     Its witness is -r'' of the free regime at the same q, q' [m/s^2]: where that acceleration turns positive, the
     contact force has come down to zero.

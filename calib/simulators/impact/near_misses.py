@@ -10,10 +10,10 @@ from calib.simulators.impact.flow import flow
 from calib.simulators.impact.problem import AT_PERIOD, FREE, REGIME, RELEASED, STEPS, TOUCH, ImpactState, Problem
 from calib.simulators.impact.scratch import Scratch
 from calib.simulators.impact.step import complete_step, next_step
-from calib.simulators.impact.witness import BROKEN, witness
+from calib.simulators.impact.witness import FAILED, witness
 
-SAMPLES = 256  # of the clearance's rate in a period
-HALVINGS = 50  # of the interval that holds a minimum
+SAMPLES_PER_PERIOD = 256  # of the clearance's rate in a period
+BISECTIONS = 50  # of the interval that holds a minimum
 
 
 @njit(**COMPILED)
@@ -39,10 +39,10 @@ def nearest_passes(
     while state.counters[AT_PERIOD] == 0:
         r, time = state.counters[REGIME], state.clock[0]
         outcome, tau, step = next_step(problem, state, w, ye, ve)
-        if outcome == BROKEN or state.counters[STEPS] > budget:
+        if outcome == FAILED or state.counters[STEPS] > budget:
             return -1
         if r == FREE:
-            pieces = max(1, math.ceil(SAMPLES * tau / problem.period))
+            pieces = max(1, math.ceil(SAMPLES_PER_PERIOD * tau / problem.period))
             early, rate_early = 0.0, math.inf  # at the start of a flight the clearance opens
             for k in range(1 if state.counters[TOUCH] == RELEASED else 0, pieces + 1):
                 at = tau * k / pieces
@@ -52,7 +52,7 @@ def nearest_passes(
                 )
                 if rate_early < 0.0 <= rate and count < minima.size:
                     low, high = early, at
-                    for _ in range(HALVINGS):
+                    for _ in range(BISECTIONS):
                         middle = 0.5 * (low + high)
                         flow(regimes, r, state.y, state.v, loaded, w.load, step, middle, ye, ve)
                         value, slope, _, _ = witness(

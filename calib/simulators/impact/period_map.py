@@ -14,15 +14,15 @@ from calib.records.excitation import Excitation
 from calib.simulators.impact import kernel
 from calib.simulators.impact.initial_state import start
 from calib.simulators.impact.near_misses import nearest_passes
-from calib.simulators.impact.problem import AT_PERIOD, IMPACTS, PORT, ImpactState, Problem
+from calib.simulators.impact.problem import AT_PERIOD, FORCE_LAWS, IMPACTS, PORT, ImpactState, Problem
 from calib.simulators.impact.run import STATUS
 from calib.simulators.impact.scratch import scratch
 from calib.simulators.impact.tangent import carry
 
-BUDGET = 20_000  # steps a period
-PIECE = 64  # periods at a time
-CAPACITY = 256  # impacts a period that are kept, on average over a piece
-MISSES = 64  # minima of the clearance in a period
+MAX_STEPS_PER_PERIOD = 20_000  # on average over the periods of a run
+BATCH_PERIODS = 64  # that the kernel runs in one call
+MAX_IMPACTS_PER_PERIOD = 256  # that are returned, on average over a batch
+MAX_MINIMA = 64  # of the clearance in a period
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +30,8 @@ class ImpactMap:
     """Period map of a structure with a stop; see `calib.modelling.orbit.PeriodMap`.
 
     The state holds the free coordinates [m], their velocities [m/s], and the internal states of the force laws. A state
-    beyond the stop is put back onto it. Of the impacts in 64 periods, the first 16384 are told: 256 a period, and where
-    laws have internal states 256 of each period.
+    beyond the stop is put back onto it. Of the impacts in 64 periods, the first 16384 are returned: 256 a period, and
+    where laws have internal states 256 of each period.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class ImpactMap:
     bodies : of the simulator
     names, units : of the state's components
     scale, initial : (dimension,)
-    inner : (slot, coordinate or port, index) of each internal state of the force laws
+    law_states : (slot, coordinate or port, index) of each internal state of the force laws
     channels : rows (k, 2 n + 2) of the kernel at phase zero -> displacement, velocity (body, k)
     """
 
@@ -49,7 +49,7 @@ class ImpactMap:
     units: tuple[str, ...]
     scale: np.ndarray
     initial: np.ndarray
-    inner: tuple[tuple[int, int, int], ...]
+    law_states: tuple[tuple[int, int, int], ...]
     channels: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
     @property
@@ -66,18 +66,17 @@ class ImpactMap:
         """Go on from `state` by whole periods."""
         n = len(self.problem.hit)
         now = self._started(state)
-        rows, inner = np.zeros((periods, 2 * n + 2)), np.zeros((periods, len(self.inner)))
-        at_once = 1 if self.inner else PIECE  # the kernel's rows do not hold internal states
-        noted = np.empty((CAPACITY * min(at_once, periods), 2 + 2 * n))
+        rows, inner = np.zeros((periods, 2 * n + 2)), np.zeros((periods, len(self.law_states)))
+        batch = 1 if self.law_states else BATCH_PERIODS  # the kernel's rows do not hold internal states
+        impact_rows = np.empty((MAX_IMPACTS_PER_PERIOD * min(batch, periods), 2 + 2 * n))
         impacts = [np.zeros((0, 2 + 2 * n))]
         w, none, code = scratch(n), np.zeros((0, 2 * n + 2)), kernel.DONE
-        for first in range(0, periods, at_once):
-            part = rows[first : first + at_once]
-            code = kernel.advance(
-                self.problem, now, w, len(part), 0.0, BUDGET * periods, part, np.zeros(0), none, noted
-            )
-            inner[first] = [now.z[place] for place in self.inner]
-            impacts.append(noted[: int(now.counters[IMPACTS])].copy())
+        budget = MAX_STEPS_PER_PERIOD * periods
+        for first in range(0, periods, batch):
+            part = rows[first : first + batch]
+            code = kernel.advance(self.problem, now, w, len(part), 0.0, budget, part, np.zeros(0), none, impact_rows)
+            inner[first] = [now.z[place] for place in self.law_states]
+            impacts.append(impact_rows[: int(now.counters[IMPACTS])].copy())
             now.counters[IMPACTS] = 0
             if code != kernel.DONE:
                 break
@@ -95,30 +94,30 @@ class ImpactMap:
 
     def tangent(self, state: np.ndarray, vectors: np.ndarray, periods: int) -> Tangent | None:
         """Carry small differences along; None where force laws act, whose derivative is not known."""
-        if self.problem.counts[0] > 0:
+        if self.problem.counts[FORCE_LAWS] > 0:
             return None
         n, m = len(self.problem.hit), vectors.shape[1]
         rows, growth = np.zeros((periods, 2 * n + 2)), np.zeros((periods, m, m))
         vectors = np.array(vectors, dtype=float, order="C")
-        _, done = carry(
-            self.problem, self._started(state), scratch(n), periods, BUDGET * periods, self.scale, rows, vectors, growth
-        )
+        begin, budget = self._started(state), MAX_STEPS_PER_PERIOD * periods
+        _, done = carry(self.problem, begin, scratch(n), periods, budget, self.scale, rows, vectors, growth)
         return Tangent(rows[:done, : 2 * n], vectors, growth[:done])
 
     def misses(self, state: np.ndarray) -> np.ndarray:
         """Local minima of the clearance over one period [m]."""
         n = len(self.problem.hit)
-        minima = np.zeros(MISSES)
+        minima = np.zeros(MAX_MINIMA)
         if not self.problem.stop:
             return minima[:0]
-        count = nearest_passes(self.problem, self._started(state), scratch(n), BUDGET, np.zeros((0, 2 + 2 * n)), minima)
+        no_impacts = np.zeros((0, 2 + 2 * n))
+        count = nearest_passes(self.problem, self._started(state), scratch(n), MAX_STEPS_PER_PERIOD, no_impacts, minima)
         return minima[: max(0, count)]
 
     def _started(self, state: np.ndarray) -> ImpactState:
         n = len(self.problem.hit)
         state = np.asarray(state, dtype=float)
         now = start(self.problem, state[:n], state[n : 2 * n])
-        for place, value in zip(self.inner, state[2 * n :], strict=True):
+        for place, value in zip(self.law_states, state[2 * n :], strict=True):
             now.z[place] = value
         return now
 
@@ -163,7 +162,7 @@ def impact_map(
     initial : (2 n,) state to start from [m], [m/s]; None is rest
     """
     n = len(free)
-    inner = tuple(
+    law_states = tuple(
         (slot, j, k)
         for slot, law in enumerate(at_site(laws, "force"))
         for j in range(n + 1)
@@ -171,15 +170,15 @@ def impact_map(
     )
     names = [f"{bodies[i]}.{channel}" for channel in ("displacement", "velocity") for i in free]
     places = [*(bodies[i] for i in free), PORT]
-    names += [f"{places[j]}.law {slot + 1} state {k + 1}" for slot, j, k in inner]
-    still = np.zeros(2 * n) if initial is None else np.asarray(initial, dtype=float)
+    names += [f"{places[j]}.law {slot + 1} state {k + 1}" for slot, j, k in law_states]
+    at_start = np.zeros(2 * n) if initial is None else np.asarray(initial, dtype=float)
     return ImpactMap(
         problem=problem,
         bodies=tuple(bodies),
         names=tuple(names),
-        units=("m",) * n + ("m/s",) * n + ("1",) * len(inner),
-        scale=np.concatenate([np.full(n, length), np.full(n, length * problem.omega), np.ones(len(inner))]),
-        initial=np.concatenate([still, np.zeros(len(inner))]),
-        inner=inner,
+        units=("m",) * n + ("m/s",) * n + ("1",) * len(law_states),
+        scale=np.concatenate([np.full(n, length), np.full(n, length * problem.omega), np.ones(len(law_states))]),
+        initial=np.concatenate([at_start, np.zeros(len(law_states))]),
+        law_states=law_states,
         channels=channels,
     )

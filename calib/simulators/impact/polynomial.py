@@ -9,15 +9,15 @@ from numba import njit
 from calib.simulators.compilation import WITHIN
 
 PROBE = 5  # index of a point between the nodes, where a polynomial through them is held against what it stands for
-DIGITS = 50  # of the decimals in which nodes and weights are worked out, so that every processor has the same ones
+DECIMAL_DIGITS = 50  # in which nodes and weights are computed, so that every processor has the same ones
 
 
-def _worked_out() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _tables() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Points, fit, integrals and values at the probe, from Lagrange's polynomials in decimals, rounded once.
 
     The nodes are those of Gauss and Lobatto on [0, 1]: 0, 1/2 - sqrt(3/28), 1/2, 1/2 + sqrt(3/28), 1.
     """
-    with localcontext(prec=DIGITS):
+    with localcontext(prec=DECIMAL_DIGITS):
         half, inner = Decimal("0.5"), (Decimal(3) / 28).sqrt()
         nodes = [Decimal(0), half - inner, half, half + inner, Decimal(1)]
         points = [*nodes, (nodes[1] + nodes[2]) / 2]
@@ -51,7 +51,7 @@ def _value(coefficients: list[Decimal], x: Decimal) -> Decimal:
 
 # FIT: values at the nodes -> coefficients; INTEGRAL: -> integrals up to each point, for a step of 1; BETWEEN: -> value
 # at the probe
-POINTS, FIT, INTEGRAL, BETWEEN = _worked_out()
+POINTS, FIT, INTEGRAL, BETWEEN = _tables()
 NODES = POINTS[:PROBE].copy()
 
 

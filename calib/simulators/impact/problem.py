@@ -1,4 +1,4 @@
-"""What the kernel is told: the structure in each of its two regimes, the drive, the stop, the laws."""
+"""What the kernel takes: the structure in each of its two regimes, the drive, the stop, the laws, the state."""
 
 from typing import NamedTuple
 
@@ -65,7 +65,7 @@ class Problem(NamedTuple):
     step : longest step  [s]; infinite where closed forms reach as far as they like
     collocated : whether loads enter by polynomials over the step
     resolution : to which event times are located  [s]
-    lift : flight after a release before the clearance is asked for again  [s]
+    lift : flight after a release over which no event is searched for  [s]
     limit : |q| beyond which the motion counts as diverged  [m]
     knots : (k + 1,) ends of the table's pieces  [s]; (0,) without a table
     table : (k, 4) coefficients of U = c0 + c1 s + c2 s^2 + c3 s^3, s the time since the piece's start  [s]
@@ -116,7 +116,7 @@ class ImpactState(NamedTuple):
     z : (SLOTS, n + 1, STATES) internal states of the force laws
     clock : (2,) time since the last whole period [s]; time spent in contact [s]
     counters : (7,) whole periods done; regime (0 free, 1 contact); steps taken; piece of the table;
-        whether the stop is being touched (1 just hit, 2 just released); impacts seen; sections taken
+        whether the stop is being touched (HIT, RELEASED, else 0); impacts; sections taken
     """
 
     y: np.ndarray
@@ -130,3 +130,4 @@ FREE, CONTACT = 0, 1
 PORT = "interface"  # the body's name by which a force law acts between the two that meet
 AT_PERIOD, REGIME, STEPS, PIECE, TOUCH, IMPACTS, SECTIONS = range(7)  # entries of `ImpactState.counters`
 HIT, RELEASED = 1, 2
+FORCE_LAWS, EXCITATION_LAWS, RESTITUTION_LAWS, LAW_STATES, PORT_LAWS = range(5)  # entries of `Problem.counts`

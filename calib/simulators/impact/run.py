@@ -7,7 +7,7 @@ import numpy as np
 
 from calib.records import OK, SECTION
 from calib.simulators.impact import kernel
-from calib.simulators.impact.problem import AT_PERIOD, IMPACTS, SECTIONS, STEPS, ImpactState, Problem
+from calib.simulators.impact.problem import AT_PERIOD, IMPACTS, LAW_STATES, SECTIONS, STEPS, ImpactState, Problem
 from calib.simulators.impact.scratch import Scratch, scratch
 from calib.simulators.impact.shooting import shoot
 
@@ -23,11 +23,11 @@ class SimulatedMotion(NamedTuple):
     ----------
     status, reason : "ok", "diverged" or "step budget"
     settled : periods dropped before the recorded ones
-    samples : (k, 2 n + 2) q [m], q' [m/s], U, U' at the asked times; U without its harmonic part
+    samples : (k, 2 n + 2) q [m], q' [m/s], U, U' at the requested times; U without its harmonic part
     sections : (SECTION or more, 2 n + 2) the same at the end of each of the last periods
     impacts : (k, 2 + 2 n) of the recorded periods: time since their start [s], closing speed [m/s], (q, q') before
     contact : share of the recorded time in permanent contact  [1]
-    steps : spent
+    steps : that the run took
     law_states : (SLOTS * n * STATES,) internal states of the force laws at the end, (0,) where the laws have none
     """
 
@@ -102,7 +102,7 @@ def simulate(
         those that are missing
     capacity : impacts that are recorded at most
     near : whether the state lies near a motion that returns after one period: where shooting finds that motion, one
-        period of it stands for all, whose `times` are alike, and there are no more sections than recorded periods
+        period of it stands for all, whose `times` are the same, and there are no more sections than recorded periods
     """
     if near and problem.exact:
         periodic = shoot(problem, state, scratch(len(state.y)), budget)
@@ -121,7 +121,7 @@ def simulate(
     return SimulatedMotion(
         STATUS.get(outcome, OK), _reason(outcome, run), len(dropped), samples,
         np.concatenate([dropped, recorded, after])[-max(sections, periods, 1) :],
-        impacts, contact, int(state.counters[STEPS]), state.z.ravel() if problem.counts[3] else np.zeros(0),
+        impacts, contact, int(state.counters[STEPS]), state.z.ravel() if problem.counts[LAW_STATES] else np.zeros(0),
     )  # fmt: skip
 
 

@@ -18,12 +18,12 @@ class Scratch(NamedTuple):
     modal: np.ndarray  # (n, 5) at the nodes
     free_q: np.ndarray  # (n + 1, 6) motion without loads of the coordinates and, last, of the clearance
     free_dq: np.ndarray
-    answer_y: np.ndarray  # (n, 6, 5) point, coefficient: modal motion per unit load
-    answer_v: np.ndarray
+    response_y: np.ndarray  # (n, 6, 5) point, coefficient: modal motion per unit load
+    response_v: np.ndarray
     z: np.ndarray  # (SLOTS, n + 1, STATES, 6) internal states
     dz: np.ndarray  # their rates
-    own: np.ndarray  # (2, STATES) internal states of one law at one place, and their rates
-    trust: np.ndarray  # (1,) length of step over which the laws held last  [s]
+    law_state: np.ndarray  # (2, STATES) internal states of one law at one place, and their rates
+    resolved_step: np.ndarray  # (1,) length of step over which the laws held last  [s]
     y: np.ndarray  # (n,) modal motion at an instant
     v: np.ndarray
     q: np.ndarray  # (n,) coordinates

@@ -5,7 +5,7 @@ from scipy.optimize import NoConvergence, broyden1
 
 from calib.simulators.impact import kernel
 from calib.simulators.impact.initial_state import coordinates_at_phase_zero, start
-from calib.simulators.impact.problem import STEPS, ImpactState, Problem
+from calib.simulators.impact.problem import FORCE_LAWS, LAW_STATES, STEPS, ImpactState, Problem
 from calib.simulators.impact.scratch import Scratch
 from calib.simulators.impact.tangent import carry
 
@@ -105,14 +105,14 @@ def _scale(problem: Problem, q: np.ndarray, dq: np.ndarray, z: np.ndarray) -> np
     length, speed = max(length, speed / problem.omega) or 1e-9, max(speed, length * problem.omega) or 1e-9
     inner = np.abs(z).max(initial=0.0) or 1.0
     return np.concatenate(
-        [np.full(q.size, length), np.full(q.size, speed), np.full(z.size if problem.counts[3] else 0, inner)]
+        [np.full(q.size, length), np.full(q.size, speed), np.full(z.size if problem.counts[LAW_STATES] else 0, inner)]
     )
 
 
 def _derivative(problem: Problem, state: ImpactState, w: Scratch, budget: int, scale: np.ndarray) -> np.ndarray | None:
     """Derivative (2 n, 2 n) of the map of a period without force laws, in units of `scale`; None where it fails."""
     counts = problem.counts.copy()
-    counts[[0, 3]] = 0
+    counts[[FORCE_LAWS, LAW_STATES]] = 0
     size = scale.size
     vectors, growth = np.eye(size), np.zeros((1, size, size))
     rows = np.zeros((1, size + 2))

@@ -13,9 +13,20 @@ from calib.simulators.compilation import INLINED, WITHIN
 from calib.simulators.impact.collocation import collocate
 from calib.simulators.impact.events import meet_stop
 from calib.simulators.impact.flow import flow
-from calib.simulators.impact.problem import AT_PERIOD, CONTACT, PIECE, REGIME, STEPS, TOUCH, ImpactState, Problem
+from calib.simulators.impact.problem import (
+    AT_PERIOD,
+    CONTACT,
+    FORCE_LAWS,
+    LAW_STATES,
+    PIECE,
+    REGIME,
+    STEPS,
+    TOUCH,
+    ImpactState,
+    Problem,
+)
 from calib.simulators.impact.scratch import Scratch
-from calib.simulators.impact.witness import FOUND, first_zero, witness
+from calib.simulators.impact.witness import EVENT, NO_EVENT, first_zero, witness
 
 SHORTEST_STEP = 1.0 / 2048.0  # of the longest step: shorter ones are not halved, whether their loads hold or not
 MAX_RETAKES = 6  # times a step is taken anew up to the event in it
@@ -58,44 +69,45 @@ def next_step(
     """
     r, time = state.counters[REGIME], state.clock[0]
     step = _step_length(problem, state)
-    wary = problem.exact and problem.counts[0] > 0
-    if wary and 2.0 * w.trust[0] < 0.99 * step:  # no sliver is left of it, which rounding might make nothing of
-        step = 2.0 * w.trust[0]
+    laws_act = problem.exact and problem.counts[FORCE_LAWS] > 0
+    # 0.99: no sliver is left of the step, which rounding might make nothing of
+    if laws_act and 2.0 * w.resolved_step[0] < 0.99 * step:
+        step = 2.0 * w.resolved_step[0]
     search = problem.exact and problem.stop
-    halved, again, rough = False, 0, False
+    halved, retakes, unresolved = False, 0, False
     while True:
         state.counters[STEPS] += 1
         if problem.collocated:
             converged = collocate(problem, r, state, time, step, w)
             if not converged and problem.exact and step > SHORTEST_STEP * problem.step:
-                halved, rough = True, rough or again > 0
-                again = 0
+                halved, unresolved = True, unresolved or retakes > 0
+                retakes = 0
                 step *= 0.5
                 continue
-        if wary and again == 0:
-            w.trust[0] = step if halved else max(w.trust[0], step)
-        if again > 0:
+        if laws_act and retakes == 0:
+            w.resolved_step[0] = step if halved else max(w.resolved_step[0], step)
+        if retakes > 0:
             flow(problem.regimes, r, state.y, state.v, problem.collocated, w.load, step, step, ye, ve)
             value, first, _, _ = witness(
                 problem.regimes, r, ye, ve, problem.omega, time + step, problem.collocated, w.load, w.added, step,
                 step, 0.0,
             )  # fmt: skip
             move = -value / first if first < 0.0 else 0.0
-            if abs(move) <= problem.resolution or again == MAX_RETAKES or step + move <= 0.0:
-                return FOUND, step, step
-            again += 1
+            if abs(move) <= problem.resolution or retakes == MAX_RETAKES or step + move <= 0.0:
+                return EVENT, step, step
+            retakes += 1
             step += move
             continue
         if not search:
-            return 0, step, step
+            return NO_EVENT, step, step
         outcome, tau, jumps = first_zero(
             problem.regimes, r, state.counters[TOUCH], state.y, state.v, problem.omega, time, problem.collocated,
             w.load, w.added, step, step, problem.resolution, problem.lift, ye, ve,
         )  # fmt: skip
         state.counters[STEPS] += jumps
-        if outcome != FOUND or problem.counts[0] == 0 or rough or tau <= 0.0:
+        if outcome != EVENT or problem.counts[FORCE_LAWS] == 0 or unresolved or tau <= 0.0:
             return outcome, tau, step
-        again = 1
+        retakes = 1
         step = tau
 
 
@@ -129,7 +141,7 @@ def complete_step(
         return False
     for i in range(state.y.size):
         state.y[i], state.v[i] = ye[i], ve[i]
-    if problem.counts[3] > 0 and tau > 0.0:
+    if problem.counts[LAW_STATES] > 0 and tau > 0.0:
         for i in range(state.z.shape[0]):
             for b in range(state.z.shape[1]):
                 for k in range(state.z.shape[2]):
@@ -137,8 +149,8 @@ def complete_step(
     if r == CONTACT:
         state.clock[1] += tau
     state.counters[TOUCH] = 0
-    if problem.stop and (outcome == FOUND or not problem.exact):
-        meet_stop(problem, state, time, tau, step, outcome == FOUND, impacts, w)
+    if problem.stop and (outcome == EVENT or not problem.exact):
+        meet_stop(problem, state, time, tau, step, outcome == EVENT, impacts, w)
     state.clock[0] = time + tau
     if tau >= problem.period - time:
         state.counters[AT_PERIOD] += 1

@@ -18,13 +18,22 @@ from calib.simulators.impact.events import coefficient
 from calib.simulators.impact.flow import impulse_response
 from calib.simulators.impact.kernel import DIVERGED, DONE, SPENT, within, write_row
 from calib.simulators.impact.polynomial import polynomial, slope
-from calib.simulators.impact.problem import CONTACT, FREE, REGIME, STEPS, ImpactState, Problem, Regimes
+from calib.simulators.impact.problem import (
+    CONTACT,
+    FREE,
+    REGIME,
+    RESTITUTION_LAWS,
+    STEPS,
+    ImpactState,
+    Problem,
+    Regimes,
+)
 from calib.simulators.impact.scratch import Scratch
 from calib.simulators.impact.step import complete_step, next_step
-from calib.simulators.impact.witness import BROKEN, FOUND, witness
+from calib.simulators.impact.witness import EVENT, FAILED, witness
 
-LOST = 1e-13  # share of a difference that is left by rounding where a contact wipes it out
-NEAR = 1e-5  # relative step for the slope of a law of restitution
+MAX_ROUNDING_SHARE = 1e-13  # share of a difference that is left by rounding where a contact wipes it out
+RELATIVE_SPEED_STEP = 1e-5  # relative step for the slope of a law of restitution
 
 
 @njit(**WITHIN)
@@ -109,8 +118,8 @@ def _rebound(
     both, n = problem.regimes, dy.shape[0]
     speed = -rate
     steeper = 0.0
-    if problem.counts[2] > 0:
-        step = NEAR * speed
+    if problem.counts[RESTITUTION_LAWS] > 0:
+        step = RELATIVE_SPEED_STEP * speed
         steeper = 0.5 * (coefficient(problem, speed + step) - coefficient(problem, speed - step)) / step
     turned = 1.0 + coefficient(problem, speed) + speed * steeper  # d[(1 + e) rate] / d rate
     for k in range(delay.size):
@@ -227,7 +236,7 @@ def _make_orthonormal(vectors: np.ndarray, upper: np.ndarray) -> None:
                 for i in range(d):
                     vectors[i, k] -= share * vectors[i, j]
         length = math.sqrt((vectors[:, k] ** 2).sum())
-        if length <= LOST * largest:
+        if length <= MAX_ROUNDING_SHARE * largest:
             length = 0.0
         upper[k, k] = length
         for i in range(d):
@@ -306,7 +315,7 @@ def carry(
     while done < periods:
         r, time = state.counters[REGIME], state.clock[0]
         outcome, tau, step = next_step(problem, state, w, ye, ve)
-        if outcome == BROKEN:
+        if outcome == FAILED:
             return DIVERGED, done
         if state.counters[STEPS] > budget:
             return SPENT, done
@@ -321,6 +330,6 @@ def carry(
             _make_orthonormal(vectors, growth[done])
             _from_section(regimes, r, vectors, scale, dy, dv)
             done += 1
-        if outcome == FOUND and problem.stop:
+        if outcome == EVENT and problem.stop:
             _cross(problem, r, ye, ve, state, time, tau, step, w, dy, dv)
     return DONE, done

@@ -14,8 +14,8 @@ from calib.simulators.compilation import WITHIN
 from calib.simulators.impact.flow import flow
 from calib.simulators.impact.problem import CONTACT, RELEASED, Regimes
 
-PASSED, FOUND, BROKEN = 0, 1, 2
-EFFORT = 100_000  # jumps per flight before it is given up
+NO_EVENT, EVENT, FAILED = 0, 1, 2  # how the search for the end of a regime ends
+MAX_JUMPS = 100_000  # jumps per flight before it is given up
 
 
 @njit(**WITHIN)
@@ -51,7 +51,7 @@ def witness(
     y, v : (n,) modal motion at the instant, in regime `r`
     time : since the whole period  [s]
     load : (n, 5) modal load over the step as a polynomial in tau / step, where `loaded`
-    added : (5,) what inputs and laws add to the witness, alike
+    added : (5,) polynomial in tau / step that inputs and laws add to the witness, where `loaded`
     tau : since the step began  [s]
     """
     c, s = math.cos(omega * time), math.sin(omega * time)
@@ -118,13 +118,13 @@ def first_zero(
 
     Returns
     -------
-    outcome : PASSED, FOUND or BROKEN (not finite, or not to be had)
+    outcome : NO_EVENT, EVENT or FAILED (not finite, or more than `MAX_JUMPS`)
     tau : when  [s]
     jumps : how many were made
     """
     tau = 0.0
     contact = r == CONTACT
-    for jump in range(EFFORT):
+    for jump in range(MAX_JUMPS):
         if jump == 0:
             for i in range(y.size):
                 ye[i], ve[i] = y[i], v[i]
@@ -134,18 +134,18 @@ def first_zero(
             regimes, r, ye, ve, omega, time + tau, loaded, load, added, step, tau, reach - tau
         )
         if not (math.isfinite(value) and math.isfinite(bound)):
-            return BROKEN, tau, jump + 1
+            return FAILED, tau, jump + 1
         on_surface = jump == 0 and touch != 0 and not contact
         if on_surface:
             value = 0.0
         if value <= 0.0 and not on_surface and (contact or first < 0.0):
-            return FOUND, tau, jump + 1
+            return EVENT, tau, jump + 1
         value = max(value, 0.0)
         root = math.sqrt(first * first + 2.0 * bound * value)
         if first < 0.0:
             ahead = 2.0 * value / (root - first)
             if ahead < resolution and not on_surface:
-                return (FOUND if tau + ahead <= reach else PASSED), tau + ahead, jump + 1
+                return (EVENT if tau + ahead <= reach else NO_EVENT), tau + ahead, jump + 1
         else:
             ahead = (first + root) / bound if bound > 0.0 else math.inf
         ahead = max(ahead, resolution)
@@ -153,5 +153,5 @@ def first_zero(
             ahead = max(ahead, lift)
         tau += ahead
         if tau >= reach:
-            return PASSED, reach, jump + 1
-    return BROKEN, tau, EFFORT
+            return NO_EVENT, reach, jump + 1
+    return FAILED, tau, MAX_JUMPS

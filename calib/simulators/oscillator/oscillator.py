@@ -34,7 +34,7 @@ PLACES = {
     "free decay": "mass",
 }
 HOLDS = ("cubic", "linear", "zero order")
-STEPS = 256  # least steps of a run without a period: where laws act, the loads are polynomials over each
+MIN_STEPS = 256  # least steps of a run without a period: where laws act, the loads are polynomials over each
 PARAMETERS = (
     Parameter("mass", "kg", 1.0, "moving mass", low=0.0),
     Parameter("damping", "N s/m", 1.0, "viscous damping", null=0.0, low=0.0),
@@ -134,7 +134,7 @@ class Oscillator:
         """
         _check(excitation, self.hold)
         if excitation.quantity == "displacement":
-            raise CalibError("a prescribed motion is what it is: there is no period map; drive by a force or the base")
+            raise CalibError("a prescribed displacement has no period map; drive the mass by a force or by its base")
         for name, value in values.items():
             if not math.isfinite(value):
                 raise ValueError(f"{name} is {value}")
@@ -174,7 +174,7 @@ class Oscillator:
             laws,
             self.bodies,
             length=_length(values, structure, excitation, duration),
-            step=None if harmonic else duration / STEPS,
+            step=None if harmonic else duration / MIN_STEPS,
             refinement=self.refinement,
         )
         begin = np.array([values["initial_displacement"], values["initial_velocity"]])
@@ -199,7 +199,7 @@ def _check(excitation: Excitation, hold: str) -> None:
         raise CalibError(f"simulator 'oscillator' is not driven by {quantity} at {place!r}; it takes {takes}")
     if excitation.recorded and quantity == "base motion" and hold == "zero order":
         raise CalibError(
-            "a base that stands still between samples and jumps at them has no velocity, which the damper needs; "
+            "a base whose displacement jumps from sample to sample has no velocity, which the damper needs; "
             'use hold = "linear" or "cubic"'
         )
 
@@ -209,7 +209,7 @@ def _times(excitation: Excitation, request: Request) -> np.ndarray:
     if excitation.harmonic:
         return np.arange(request.periods * request.samples) / (excitation.as_harmonic.frequency * request.samples)
     if request.times is None and not excitation.recorded:
-        raise CalibError("a free decay has no period: say at which times it is asked for (Request.times)")
+        raise CalibError("a free decay has no period: state its output times [s] (Request.times)")
     begins, ends = 0.0, math.inf
     if excitation.recorded:
         recorded = excitation.as_samples.time
@@ -220,8 +220,8 @@ def _times(excitation: Excitation, request: Request) -> np.ndarray:
     reach = 1e-6 * (times[-1] - times[0]) / times.size
     if times[0] < begins - reach or times[-1] > ends + reach:
         raise CalibError(
-            f"output is asked for from {times[0]:.6g} to {times[-1]:.6g} s, but the input lasts from {begins:.6g} "
-            f"to {ends:.6g} s; ask for less or record more"
+            f"output is requested from {times[0]:.6g} to {times[-1]:.6g} s, but the input lasts from {begins:.6g} "
+            f"to {ends:.6g} s; request less or record more"
         )
     return np.clip(times, begins, ends)
 
@@ -298,7 +298,7 @@ def _length(values: Mapping[str, float], structure: LinearStructure, excitation:
     omega = 2.0 * math.pi * (excitation.frequency or 0.0)
     largest = np.abs(excitation.as_samples.value).max() if excitation.recorded else abs(excitation.amplitude or 0.0)
     drive = abs(values["amplitude"]) * largest
-    fastest = max(omega, slowest)  # what is driven faster than it swings moves the less
+    fastest = max(omega, slowest)  # above resonance the response falls with the square of the frequency
     force = drive * (abs(structure.load[0, 0]) + abs(structure.load[0, 1]) * fastest)
     loads = abs(values["load"]) / mass / slowest**2 + force / mass / fastest**2
     return max(abs(values["initial_displacement"]), abs(values["initial_velocity"]) / slowest, loads) or 1.0
@@ -330,11 +330,11 @@ def _needed_force(
 ) -> xr.Dataset:
     """Record of the force that the model needs for the prescribed motion, beside that motion."""
     laws = [law for law in laws if law.site != "force" or law.bodies is None or BODY in law.bodies]  # none at the stop
-    asked = times
+    evaluated = times  # [s]
     if not excitation.recorded:  # internal states of laws settle, and the section fills, before time 0
         before = max(records.SECTION, request.settle or 0) * request.samples
-        asked = np.arange(-before, times.size + 1) / (excitation.as_harmonic.frequency * request.samples)
-    motion = prescribed_motion(excitation, values["amplitude"], laws, asked)
+        evaluated = np.arange(-before, times.size + 1) / (excitation.as_harmonic.frequency * request.samples)
+    motion = prescribed_motion(excitation, values["amplitude"], laws, evaluated)
     accelerations = law_accelerations(motion, laws, request.step_budget)
     if accelerations is None:
         reason = f"the internal states of the laws took more than {request.step_budget} steps"

@@ -1,4 +1,4 @@
-"""Inverse dynamics of one mass: its motion is given, the force that it takes is asked for."""
+"""Inverse dynamics of one mass: the force that a prescribed motion needs."""
 
 import math
 from collections.abc import Sequence
@@ -17,10 +17,10 @@ from calib.simulators.slots import excitation as excitation_law
 from calib.simulators.slots import fill
 from calib.simulators.slots import force as force_law
 
-DEGREE = 5  # of the spline through the samples: the acceleration is then a cubic
-FINEST = 200  # least samples per period of a harmonic motion that laws of the excitation change
-TOLERANCE = 1e-6  # of the internal states of laws, relative to the largest value so far  [1]
-TINY = 1e-300  # no state is asked to be more exact than this
+SPLINE_DEGREE = 5  # of the spline through the samples: the acceleration is then a cubic
+MIN_SAMPLES_PER_PERIOD = 200  # of a harmonic motion that laws of the excitation change
+STATE_TOLERANCE = 1e-6  # of the internal states of laws, relative to the largest value so far  [1]
+MIN_STATE_ERROR = 1e-300  # added to the tolerance of a state, for one that is zero
 
 
 class PrescribedMotion(NamedTuple):
@@ -66,8 +66,8 @@ def _harmonic_motion(
     tone = excitation.as_harmonic
     omega = 2.0 * math.pi * tone.frequency
     amplitude = scale * tone.amplitude
-    finer = max(1, math.ceil(FINEST * tone.frequency * (times[1] - times[0])))
-    before = 2 * DEGREE  # samples beyond both ends keep the spline's ends away
+    finer = max(1, math.ceil(MIN_SAMPLES_PER_PERIOD * tone.frequency * (times[1] - times[0])))
+    before = 2 * SPLINE_DEGREE  # samples beyond both ends keep the spline's ends away
     count = finer * (times.size - 1) + 1
     step = (times[-1] - times[0]) / (count - 1)
     grid = times[0] + step * np.arange(-before, count + before)
@@ -82,7 +82,7 @@ def _harmonic_motion(
 
 
 def _differentiated(time: np.ndarray, x: np.ndarray, at: np.ndarray) -> PrescribedMotion:
-    spline = make_interp_spline(time, x, k=DEGREE)
+    spline = make_interp_spline(time, x, k=SPLINE_DEGREE)
     return PrescribedMotion(at, spline(at), spline.derivative(1)(at), spline.derivative(2)(at))
 
 
@@ -181,7 +181,7 @@ def _advance_states(
         new = z + step * h * (2.0 * k1 + 3.0 * k2 + 4.0 * k3) / 9.0
         _rates(function, p, start, end, s + step, new, k4)
         off = step * h * np.abs(-5.0 * k1 / 72.0 + k2 / 12.0 + k3 / 9.0 - k4 / 8.0)
-        error = np.max(off / (TOLERANCE * np.maximum(size, np.abs(new)) + TINY))
+        error = np.max(off / (STATE_TOLERANCE * np.maximum(size, np.abs(new)) + MIN_STATE_ERROR))
         if error <= 1.0:
             z[:] = new
             size[:] = np.maximum(size, np.abs(new))
