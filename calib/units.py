@@ -1,4 +1,4 @@
-"""Units at the faces: between the SI number that is used inside and the number with a unit that a person knows."""
+"""Conversion between numbers in SI and quantities with a unit, as users write and read them."""
 
 import functools
 import math

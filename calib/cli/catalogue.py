@@ -69,7 +69,7 @@ def _simulates(item: Any) -> bool:
 def _taken(simulator: Any) -> list[str]:
     """Names of the effects that a simulator takes."""
     effects = plugins.load_all("calib.effects")
-    return [name for name, effect in effects.items() if isinstance(effect, Effect) and not effect.offered(simulator)]
+    return [name for name, effect in effects.items() if isinstance(effect, Effect) and not effect.refusal(simulator)]
 
 
 def schema() -> str:

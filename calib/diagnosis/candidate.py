@@ -195,7 +195,7 @@ def _refusal(model: Model, effect: Effect, references: Mapping[str, Reference], 
     clash = [p.name for p in effect.parameters if p.name in model.parameters]
     if clash:
         return f"its parameter {clash[0]} is one of the model's"
-    reason = effect.offered(model.simulator)
+    reason = effect.refusal(model.simulator)
     if reason:
         return reason
     own = {p.name for p in model.simulator.parameters}

@@ -65,7 +65,7 @@ def fine_enough(
     views : its records
     effects : those of site "numerical"
     """
-    tried = [effect for effect in effects if not effect.offered(model.simulator)]
+    tried = [effect for effect in effects if not effect.refusal(model.simulator)]
     runs = [[Run(name, {**values, **_refined(effect)}, (effect,)) for name in views] for effect in tried]
     gates = []
     for effect, refined in _answers(pool, tried, runs):
@@ -144,7 +144,7 @@ def converged(fitter: Fitter, fit: Fit, effects: Sequence[Effect], threshold: fl
     margin : reduction of chi-square that the answer rests on  [1]
     """
     tolerated = CRITERIA.max_solver_share * float(np.sqrt(margin))
-    simulator_lacks = {effect.name: effect.offered(fitter.model.simulator) for effect in effects}
+    simulator_lacks = {effect.name: effect.refusal(fitter.model.simulator) for effect in effects}
     tried = [effect for effect in effects if not simulator_lacks[effect.name]]
     runs = [fit.point.runs(fitter.evidence.names, _refined(effect), (effect,)) for effect in tried]
     gates = []

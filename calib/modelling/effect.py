@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError, nearest
-from calib.modelling.laws import PARAMETERS, PLAIN, SITES, STATES, BoundLaw, Law
+from calib.modelling.laws import LAW_PARAMETERS, PYTHON_SITES, SITES, STATES, BoundLaw, Law
 from calib.modelling.parameter import Parameter
 from calib.modelling.simulator import Simulator
 
@@ -34,7 +34,7 @@ class Effect:
     confused : names of effects that it tends to be mistaken for
     bodies : on which a force law acts; ALL leaves it to `place`
     place : where a force law acts where no bodies are named: "body" (on all bodies), "support", or "interface", the
-        port between two bodies (see `calib.modelling.laws`); which bodies are at a place is the simulator's to say
+        port between two bodies (see `calib.modelling.laws`); the simulator states which bodies are at a place
     borrowed : parameters of the simulator, whose values follow the effect's own in the law's p
     changes : of a law of the structure, alternatives of parameters of the simulator that it changes, of which the first
         that the simulator has entirely is taken; of a numerical law, alternatives of what it refines
@@ -73,9 +73,9 @@ class Effect:
             raise CalibError(f"effect {name!r} acts at {self.site!r}; sites are {', '.join(SITES)}")
         if self.law.site != self.site:
             raise CalibError(f"effect {name!r} acts at {self.site!r}, but its law is one of {self.law.site!r}")
-        if len(self.parameters) + len(self.borrowed) > PARAMETERS:
+        if len(self.parameters) + len(self.borrowed) > LAW_PARAMETERS:
             count = len(self.parameters) + len(self.borrowed)
-            raise CalibError(f"effect {name!r} has {count} parameters; a law takes {PARAMETERS}")
+            raise CalibError(f"effect {name!r} has {count} parameters; a law takes {LAW_PARAMETERS}")
         if all(p.null is None for p in self.parameters):
             raise CalibError(f"effect {name!r} has no null value; give one of its parameters a null")
         if self.place not in PLACES or (self.place != "body" and self.site != "force"):
@@ -95,8 +95,8 @@ class Effect:
         """Whether the effect is absent at these values."""
         return all(values[name] == null for name, null in self.null.items())
 
-    def offered(self, simulator: Simulator) -> str:
-        """Say why `simulator` cannot take the effect; "" where it can."""
+    def refusal(self, simulator: Simulator) -> str:
+        """Why `simulator` cannot take the effect, "" where it can."""
         name = simulator.name
         own = {p.name for p in simulator.parameters}
         if self.site == "structure" and self._changed(own) is None:
@@ -105,7 +105,7 @@ class Effect:
         if self.site == "numerical" and self._changed(getattr(simulator, "numerics", ())) is None:
             needed = " or ".join(", ".join(alternative) for alternative in self.changes)
             return f"it refines {needed}, which simulator {name!r} cannot refine"
-        if self.site in PLAIN:
+        if self.site in PYTHON_SITES:
             return ""
         if self.site not in simulator.sites:
             return f"it acts at {self.site!r}, but simulator {name!r} takes laws at {sorted(simulator.sites)}"
@@ -135,7 +135,7 @@ class Effect:
 
     def bound(self, values: Mapping[str, float], places: Mapping[str, tuple[str, ...]] | None = None) -> BoundLaw:
         """Return the law with its numbers taken from `values`, at the bodies that the simulator has at `places`."""
-        p = np.zeros(PARAMETERS)
+        p = np.zeros(LAW_PARAMETERS)
         names = [*(q.name for q in self.parameters), *self.borrowed]
         p[: len(names)] = [values[name] for name in names]
         bodies = self.bodies

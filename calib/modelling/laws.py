@@ -46,7 +46,7 @@ from numba.core.errors import NumbaExperimentalFeatureWarning
 warnings.filterwarnings("ignore", category=NumbaExperimentalFeatureWarning)
 
 SLOTS = 4  # laws per site that a kernel takes
-PARAMETERS = 8  # numbers per law
+LAW_PARAMETERS = 8  # numbers per law
 STATES = 4  # internal states per force law
 
 _f = types.float64
@@ -58,8 +58,8 @@ SIGNATURES = {
     "restitution": _f(_f, _f, _array),
     "excitation": _f(_f, _f, _f, _f, _array),
 }
-PLAIN = ("structure", "numerical", "sensor")  # in plain Python, served by the model
-SITES = (*SIGNATURES, *PLAIN)
+PYTHON_SITES = ("structure", "numerical", "sensor")  # in plain Python, served by the model
+SITES = (*SIGNATURES, *PYTHON_SITES)
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ def _find(module: str, name: str) -> Law:
 
 def _site(site: str, states: int = 0) -> Callable[[Callable], Law]:
     def decorate(function: Callable) -> Law:
-        compiled = function if site in PLAIN else njit(SIGNATURES[site], cache=True, nogil=True)(function)
+        compiled = function if site in PYTHON_SITES else njit(SIGNATURES[site], cache=True, nogil=True)(function)
         return Law(site, compiled, function.__module__, function.__name__, states)
 
     return decorate
@@ -139,7 +139,7 @@ class BoundLaw:
 
     Attributes
     ----------
-    p : (PARAMETERS,) values in the order of the effect's parameters, padded with zeros
+    p : (LAW_PARAMETERS,) values in the order of the effect's parameters, padded with zeros
     bodies : the bodies it acts on; None means all that the simulator has
     """
 
@@ -200,7 +200,7 @@ def slots(laws: Sequence[BoundLaw], site: str) -> tuple[tuple[Callable, ...], np
     Returns
     -------
     functions : tuple of SLOTS compiled laws, the empty ones giving zero
-    parameters : (SLOTS, PARAMETERS)
+    parameters : (SLOTS, LAW_PARAMETERS)
     count : how many slots are taken
 
     Raises
@@ -210,7 +210,7 @@ def slots(laws: Sequence[BoundLaw], site: str) -> tuple[tuple[Callable, ...], np
     here = at_site(laws, site)
     if len(here) > SLOTS:
         raise ValueError(f"{len(here)} laws at site {site!r}, a kernel takes {SLOTS}")
-    parameters = np.zeros((SLOTS, PARAMETERS))
+    parameters = np.zeros((SLOTS, LAW_PARAMETERS))
     for row, law in zip(parameters, here, strict=False):
         row[:] = law.p
     empty = [_EMPTY[site].function] * (SLOTS - len(here))

@@ -8,7 +8,7 @@ import xarray as xr
 
 from calib.errors import CalibError, nearest
 from calib.modelling.effect import Effect, places_of
-from calib.modelling.laws import PLAIN, SLOTS, BoundLaw
+from calib.modelling.laws import PYTHON_SITES, SLOTS, BoundLaw
 from calib.modelling.orbit import PeriodMap
 from calib.modelling.simulator import MappedSimulator, Request, Simulator
 from calib.records import INTERVAL, OK
@@ -28,13 +28,13 @@ class Model:
         self._check_initial()
         if self._confirming is not None:
             self._check_confirming(self._confirming)
-        for site in {effect.site for effect in self.effects} - set(PLAIN):
+        for site in {effect.site for effect in self.effects} - set(PYTHON_SITES):
             count = sum(effect.site == site for effect in self.effects)
             if count > SLOTS:
                 raise CalibError(f"{count} effects act at {site!r}, at most {SLOTS} can; drop some of them")
 
     def _check(self, effect: Effect) -> None:
-        reason = effect.offered(self.simulator)
+        reason = effect.refusal(self.simulator)
         if reason:
             raise CalibError(
                 f"effect {effect.name!r}: {reason}; choose another simulator or drop the effect from [model] effects"
@@ -171,7 +171,7 @@ class Model:
     def _laws(self, values: Mapping[str, float], own: Mapping[str, float], begins: bool = True) -> tuple[BoundLaw, ...]:
         """Laws that act at these values; those explicit in time only where the motion `begins`."""
         numbers, places = {**values, **own}, places_of(self.simulator)
-        acting = [effect for effect in self._acting(values) if effect.site not in PLAIN]
+        acting = [effect for effect in self._acting(values) if effect.site not in PYTHON_SITES]
         return tuple(effect.bound(numbers, places) for effect in acting if begins or not effect.transient)
 
 

@@ -40,8 +40,8 @@ class Tangent(NamedTuple):
     ----------
     states : (n, dimension) at the ends of the periods; fewer rows than asked for where the motion fails
     vectors : (dimension, m) V_n
-    growth : (n, m, m) upper triangular R_k, its diagonal not negative; a direction that a phase of contact wipes out
-        has a zero there
+    growth : (n, m, m) upper triangular R_k, its diagonal not negative; a direction that a phase of contact
+        reduces to zero has a zero there
     """
 
     states: np.ndarray

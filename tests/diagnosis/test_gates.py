@@ -58,7 +58,7 @@ class Left:
         monkeypatch.setattr(gates, "_answers", lambda pool, effects, runs: [(effects[0], {"decay": view})])
         evidence = SimpleNamespace(names=["decay"], difference=lambda one, other: self.difference)
         fitter = SimpleNamespace(evidence=evidence, effort=None, model=SimpleNamespace(simulator=None))
-        step = SimpleNamespace(name="time_step", parameters=(), offered=lambda simulator: "")
+        step = SimpleNamespace(name="time_step", parameters=(), refusal=lambda simulator: "")
         return gates.converged(fitter, self.fit, [step], threshold=3.0, margin=0.0)[0]
 
 

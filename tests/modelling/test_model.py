@@ -193,7 +193,7 @@ def test_a_law_at_a_place_is_bound_to_the_bodies_there_and_borrows_what_the_stru
     ids=["structure", "numerical", "place", "borrowed", "sensor"],
 )
 def test_an_effect_says_why_a_simulator_cannot_take_it(effect, said):
-    reason = effect.offered(Still())
+    reason = effect.refusal(Still())
     assert said in reason
     assert bool(reason) == bool(said)
 

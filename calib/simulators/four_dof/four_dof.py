@@ -132,7 +132,7 @@ class FourDof:
         attrs = self._attrs(excitation, values)
         times, duration = _times(excitation, request)
         try:
-            problem = self._possible(values, excitation, laws, duration)
+            problem = self._checked_problem(values, excitation, laws, duration)
         except ValueError as error:
             return failed(BODIES, "diverged", str(error), **attrs)
         harmonic = duration is None
@@ -163,7 +163,7 @@ class FourDof:
         self._check_drive(excitation)
         if self.mode == "fixed_step":
             raise CalibError("a fixed step that does not divide the period has no period map; take mode 'exact'")
-        problem = self._possible(values, shifted(excitation, phase), laws)
+        problem = self._checked_problem(values, shifted(excitation, phase), laws)
         kind = DRIVES[self.drive]
         return impact_map(
             problem,
@@ -174,14 +174,19 @@ class FourDof:
             channels=lambda rows: self._bodies(rows, np.zeros(len(rows)), problem),
         )
 
-    def _possible(
+    def _checked_problem(
         self,
         values: Mapping[str, float],
         excitation: Excitation,
         laws: Sequence[BoundLaw],
         duration: float | None = None,
     ) -> Problem:
-        """Put the problem together, or raise ValueError where the values make none."""
+        """Put the problem together.
+
+        Raises
+        ------
+        ValueError : a value is not finite, or the values make no structure that moves
+        """
         for name, value in values.items():
             if not np.isfinite(value):
                 raise ValueError(f"parameter {name} is {value}")

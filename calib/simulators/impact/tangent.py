@@ -32,7 +32,7 @@ from calib.simulators.impact.scratch import Scratch
 from calib.simulators.impact.step import complete_step, next_step
 from calib.simulators.impact.witness import EVENT, FAILED, witness
 
-MAX_ROUNDING_SHARE = 1e-13  # share of a difference that is left by rounding where a contact wipes it out
+MAX_ROUNDING_SHARE = 1e-13  # of the largest difference: what rounding leaves of one that a contact reduces to zero
 RELATIVE_SPEED_STEP = 1e-5  # relative step for the slope of a law of restitution
 
 
@@ -144,7 +144,7 @@ def _stick(
     dv: np.ndarray,
     delay: np.ndarray,
 ) -> None:
-    """Saltation where the contact begins: what opens the clearance is lost; accelerations `before`, `after` (n,)."""
+    """Saltation where the contact begins: the difference across the stop is reduced to zero; accelerations `before`, `after` (n,)."""
     both, n = problem.regimes, dy.shape[0]
     for k in range(delay.size):
         opening, closing = 0.0, second * delay[k]
@@ -220,7 +220,7 @@ def _cross(
 def _make_orthonormal(vectors: np.ndarray, upper: np.ndarray) -> None:
     """Replace the columns of `vectors` (d, m) by orthonormal ones Q and write R (m, m), vectors = Q R.
 
-    What rounding leaves of a wiped-out direction becomes a column of zeros.
+    What rounding leaves of a direction that a contact reduces to zero becomes a column of zeros.
     """
     d, m = vectors.shape
     largest = 0.0

@@ -119,7 +119,7 @@ class Oscillator:
         if values["mass"] <= 0.0:
             return records.failed(self.bodies, "impossible value", f"a mass of {values['mass']:g} kg", **attrs)
         if excitation.quantity == "displacement":
-            return _needed_force(values, excitation, laws, request, times, attrs)
+            return _inverse_dynamics(values, excitation, laws, request, times, attrs)
         return self._motion(values, excitation, laws, request, times, attrs)
 
     def period_map(
@@ -320,7 +320,7 @@ def _record(times: np.ndarray, motion: SimulatedMotion, harmonic: bool, attrs: d
     return records.make(times, (BODY,), channels, impacts=(inside[:, 0], inside[:, 1]), **stationary, **attrs)
 
 
-def _needed_force(
+def _inverse_dynamics(
     values: Mapping[str, float],
     excitation: Excitation,
     laws: Sequence[BoundLaw],

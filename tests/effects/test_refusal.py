@@ -38,7 +38,7 @@ TAKEN = {
 @pytest.mark.parametrize("case", TAKEN)
 def test_a_simulator_takes_these_effects_and_says_why_no_others(case):
     simulator, expected = TAKEN[case]
-    reasons = {name: effect.offered(simulator) for name, effect in EFFECTS.items()}
+    reasons = {name: effect.refusal(simulator) for name, effect in EFFECTS.items()}
     assert {name for name, reason in reasons.items() if not reason} == expected
     refused = [reason for reason in reasons.values() if reason]
     assert len(refused) == len(EFFECTS) - len(expected) > 0
@@ -52,7 +52,7 @@ def test_there_are_enough_to_tell_apart():
 
 
 @pytest.mark.parametrize(
-    ("name", "case", "said"),
+    ("name", "case", "expected"),
     [
         ("support", "four_dof, both ends driven", "it acts at the support, which simulator 'four_dof' does not have"),
         ("squeeze_film", "oscillator", "it needs gap, which simulator 'oscillator' does not have"),
@@ -72,8 +72,8 @@ def test_there_are_enough_to_tell_apart():
         ),
     ],
 )
-def test_the_reason_is_said(name, case, said):
-    assert said in EFFECTS[name].offered(TAKEN[case][0])
+def test_the_reason_names_what_the_simulator_lacks(name, case, expected):
+    assert expected in EFFECTS[name].refusal(TAKEN[case][0])
 
 
 def test_the_list_shows_what_an_effect_adds_and_what_it_is_mistaken_for():
