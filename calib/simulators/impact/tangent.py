@@ -144,7 +144,10 @@ def _stick(
     dv: np.ndarray,
     delay: np.ndarray,
 ) -> None:
-    """Saltation where the contact begins: the difference across the stop is reduced to zero; accelerations `before`, `after` (n,)."""
+    """Saltation where the contact begins: the difference in the clearance becomes zero.
+
+    Accelerations are `before` and `after` (n,)  [m/s^2].
+    """
     both, n = problem.regimes, dy.shape[0]
     for k in range(delay.size):
         opening, closing = 0.0, second * delay[k]
