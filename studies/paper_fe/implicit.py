@@ -74,7 +74,7 @@ def explicit(step: float, state: np.ndarray) -> Run:
     began = time.process_time()
     period = engine.period(COUNTS[-1])
     seconds = time.process_time() - began
-    steps = int(engine.now.count[0])
+    steps = int(engine.now.counters[0])
     return Run(period.samples[:, [1, 3]], seconds, steps, steps)
 
 

@@ -51,7 +51,7 @@ class StateInC(ctypes.Structure):
     """`State` of delaminated_beam.c."""
 
     _fields_ = tuple(
-        (n, POINTER) for n in ("w", "v", "elastic", "gap", "rate", "push", "mobility", "crowd", "active", "count")
+        (n, POINTER) for n in ("w", "v", "elastic", "gap", "rate", "push", "mobility", "crowd", "active", "counters")
     )
 
 

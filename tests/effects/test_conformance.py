@@ -10,6 +10,7 @@ from calib.modelling.simulator import Request
 from calib.records import record
 from calib.records.excitation import Excitation
 from calib.simulators.delaminated_beam import DelaminatedBeam
+from calib.simulators.delaminated_beam.drive import CentreDisplacement
 from calib.simulators.four_dof import FourDof
 from calib.simulators.oscillator import Oscillator
 from calib.testing import EffectSuite
@@ -331,5 +332,8 @@ def test_a_finer_beam_takes_the_next_level_or_half_the_step():
     assert beam.finer("time_step", 64.0).levels == beam.levels[2:]
     full = DelaminatedBeam(fidelity="auto")
     values = {p.name: p.nominal for p in full.parameters}
-    steps = [b.confirming._case(values, CENTRE, ()).count for b in (full, full.finer("time_step", 2.0))]
+    steps = [
+        b.confirming._case(values, CentreDisplacement.of(CENTRE), ()).count
+        for b in (full, full.finer("time_step", 2.0))
+    ]
     assert steps[1] == pytest.approx(2 * steps[0], abs=1)

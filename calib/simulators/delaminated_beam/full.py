@@ -47,16 +47,16 @@ class Full:
         at = np.arange(samples) * (self._steps / samples)
         step = np.floor(at + 0.5).astype(np.int64)
         rows = np.zeros((samples, 5))
-        done = int(self.now.count[0])
+        done = int(self.now.counters[0])
         if done + self._steps > self._budget:
             reason = (
                 f"{self._budget} steps were spent in period {done // self._steps + 1}, at {self._steps} a period; "
                 "raise step_budget or dt, or lower settle_limit"
             )
             return Period("step budget", reason, rows[:, :4], rows[:, 4])
-        seen = self._seen._replace(at=step, shift=at - step, samples=rows)
+        trace = self._trace._replace(at=step, shift=at - step, samples=rows)
         time = done // self._steps * self._period
-        code = explicit.advance(self.plan, self.now, time, self._drive(done // self._steps, self._steps), seen)
+        code = explicit.advance(self.plan, self.now, time, self._drive(done // self._steps, self._steps), trace)
         if code == explicit.UNSTABLE:
             reason = (
                 f"velocities grew beyond {self.plan.limit:.3g} m/s in period {done // self._steps + 1} at a step of "
@@ -80,11 +80,11 @@ class Full:
     def middle(self) -> np.ndarray:
         """Displacements and velocities (4,) of beam and layer in the middle, at the end of the last period."""
         ahead = ExplicitState(*(array.copy() for array in self.now))
-        seen = self._empty()._replace(at=np.zeros(1, dtype=np.int64), shift=np.zeros(1), samples=np.zeros((1, 5)))
-        done = int(self.now.count[0]) // self._steps
+        trace = self._empty()._replace(at=np.zeros(1, dtype=np.int64), shift=np.zeros(1), samples=np.zeros((1, 5)))
+        done = int(self.now.counters[0]) // self._steps
         first = self._drive(done, self._steps)[:1]
-        explicit.advance(self.plan, ahead, done * self._period, first, seen)
-        return seen.samples[0, :4]
+        explicit.advance(self.plan, ahead, done * self._period, first, trace)
+        return trace.samples[0, :4]
 
     def balance(self, elastic: Callable[[np.ndarray], float]) -> dict[str, float]:
         """Go on by a period and say where its energy went  [J].
@@ -99,7 +99,7 @@ class Full:
         not accounted for: the work of force laws, and the error of the sum
         """
         energies, stored = np.zeros((2, 6)), np.zeros(2)
-        done = int(self.now.count[0]) // self._steps
+        done = int(self.now.counters[0]) // self._steps
         drive = self._drive(done, self._steps), self._drive(done + 1, self._steps)[:1]
         for k in range(2):  # one more step, for the kinetic energy at the end
             now = self.now if k == 0 else ExplicitState(*(array.copy() for array in self.now))
@@ -118,15 +118,15 @@ class Full:
 
     def misses(self, minima: np.ndarray) -> int:
         """Write the local minima of the clearance over one period [m]; return how many there are."""
-        seen = self._seen._replace(nearest=minima)
-        done = int(self.now.count[0]) // self._steps
-        explicit.advance(self.plan, self.now, done * self._period, self._drive(done, self._steps), seen)
-        return int(seen.passes[2])
+        trace = self._trace._replace(nearest=minima)
+        done = int(self.now.counters[0]) // self._steps
+        explicit.advance(self.plan, self.now, done * self._period, self._drive(done, self._steps), trace)
+        return int(trace.passes[2])
 
     def begin_notes(self) -> None:
         """Forget what contact did so far."""
-        self._since = int(self.now.count[0])
-        self._seen = self._empty()
+        self._since = int(self.now.counters[0])
+        self._trace = self._empty()
 
     def _empty(self) -> ExplicitTrace:
         return ExplicitTrace(
@@ -143,4 +143,4 @@ class Full:
 
     def noted(self, periods: int) -> Contact:
         """What contact did since `begin_notes`."""
-        return Contact.of(self._seen, self._since, periods * self._steps, self.plan.step)
+        return Contact.of(self._trace, self._since, periods * self._steps, self.plan.step)

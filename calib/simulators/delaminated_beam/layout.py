@@ -10,13 +10,14 @@ from scipy.sparse.linalg import eigsh, spsolve
 from calib.modelling.laws import BoundLaw
 from calib.simulators.delaminated_beam import contact, explicit
 from calib.simulators.delaminated_beam.contact import Pairs
-from calib.simulators.delaminated_beam.explicit import FACTORS, FORCES, LANES, ROW, ExplicitPlan, ExplicitState
+from calib.simulators.delaminated_beam.explicit.plan import FACTORS, FORCES, LANES, ROW, ExplicitPlan, ExplicitState
 from calib.simulators.delaminated_beam.mesh import Mesh
 from calib.simulators.delaminated_beam.plane_stress import Material, elements, energy, masses, stiffness
 from calib.simulators.slots import acting, fill
 
 BODIES = ("beam", "layer")
 LONGEST = ROW - 2 * LANES  # nodes of a line
+NEVER = -(10**15)  # step of the last contact where there was none
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,7 +279,7 @@ def begin(plan: ExplicitPlan, layout: Layout, displacement: np.ndarray, velocity
         push=np.zeros(pairs),
         mobility=np.zeros(pairs),
         crowd=np.zeros(2 * layout.size),
-        count=np.array([0, 0, -(10**15), -(10**15)]),
+        counters=np.array([0, 0, NEVER, NEVER]),
     )
 
 

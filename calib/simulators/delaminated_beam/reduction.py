@@ -194,7 +194,7 @@ class Reduced:
             kick=np.zeros(n),
             near=np.zeros(m, dtype=np.int64),
             last=np.full(2, -np.inf),
-            count=np.zeros(5, dtype=np.int64),
+            counters=np.zeros(1, dtype=np.int64),
         )
         self._period, self._table, self._budget = period, table, budget
         self._done = 0
@@ -203,14 +203,14 @@ class Reduced:
     def period(self, samples: int) -> Period:
         """Go on by one period; see `stationary.Period`."""
         rows = np.zeros((samples, 5))
-        if self.now.count[0] >= self._budget:
+        if self.now.counters[0] >= self._budget:
             reason = (
                 f"{self._budget} steps were spent by period {self._done + 1}; raise step_budget, or lower settle_limit"
             )
             return Period("step budget", reason, rows[:, :4], rows[:, 4])
-        seen = self._seen._replace(times=np.arange(samples) * (self._period / samples), samples=rows)
+        trace = self._trace._replace(times=np.arange(samples) * (self._period / samples), samples=rows)
         self.now.push[:] = 0.0  # no part of the state: what the modes left out yields anew
-        code = reduced.advance(self.plan, self.now, self._done * self._period, self._table(self._done), seen)
+        code = reduced.advance(self.plan, self.now, self._done * self._period, self._table(self._done), trace)
         self._done += 1
         if code == reduced.DIVERGED:
             reason = f"the motion grew beyond {self.plan.limit:.3g} m in period {self._done}"
@@ -239,14 +239,14 @@ class Reduced:
 
     def misses(self, minima: np.ndarray) -> int:
         """Write the local minima of the clearance over one period [m]; return how many there are."""
-        seen = self._seen._replace(nearest=minima)
-        reduced.advance(self.plan, self.now, self._done * self._period, self._table(self._done), seen)
-        return int(seen.passes[2])
+        trace = self._trace._replace(nearest=minima)
+        reduced.advance(self.plan, self.now, self._done * self._period, self._table(self._done), trace)
+        return int(trace.passes[2])
 
     def begin_notes(self) -> None:
         """Forget what contact did so far."""
         self._since = self._done * self._period
-        self._seen = ReducedTrace(
+        self._trace = ReducedTrace(
             times=np.zeros(0),
             samples=np.zeros((0, 5)),
             impacts=np.zeros((CAPACITY, 2)),
@@ -259,4 +259,4 @@ class Reduced:
 
     def noted(self, periods: int) -> Contact:
         """What contact did since `begin_notes`."""
-        return Contact.of(self._seen, self._since, periods * self._period)
+        return Contact.of(self._trace, self._since, periods * self._period)

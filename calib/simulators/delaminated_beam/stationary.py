@@ -6,6 +6,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from calib.records import OK, SECTION
+from calib.simulators.delaminated_beam.impacts import ContactTrace
 
 LAGS = 16  # the longest return that is looked for, in periods
 CAPACITY = 4096  # impacts that are noted
@@ -49,26 +50,25 @@ class Contact:
     penetration: float
 
     @classmethod
-    def of(cls, seen, since: float, span: float, unit: float = 1.0) -> "Contact":
-        """Read what a kernel noted.
+    def of(cls, trace: ContactTrace, since: float, span: float, unit: float = 1.0) -> "Contact":
+        """Read what a kernel recorded.
 
         Parameters
         ----------
-        seen : `ExplicitTrace` or `ReducedTrace`
         since, span : when the notes began and how long they went on, in the kernel's unit of time
         unit : of its times  [s]
         """
         impacts, central = (
             np.column_stack([(rows[: int(number), 0] - since) * unit, rows[: int(number), 1]])
-            for rows, number in ((seen.impacts, seen.total[0]), (seen.central, seen.total[1]))
+            for rows, number in ((trace.impacts, trace.total[0]), (trace.central, trace.total[1]))
         )
         return cls(
             impacts=impacts,
             central=central,
-            closed=seen.closed / span,
-            fraction=float(seen.total[2] / span),
-            force=float(seen.total[3]),
-            penetration=float(seen.total[4]),
+            closed=trace.closed / span,
+            fraction=float(trace.total[2] / span),
+            force=float(trace.total[3]),
+            penetration=float(trace.total[4]),
         )
 
 

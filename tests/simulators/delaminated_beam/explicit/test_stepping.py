@@ -120,7 +120,7 @@ def test_a_run_cut_in_two_is_the_same_run():
         advance(plan, again, part)
     assert np.array_equal(state.w, again.w)
     assert np.array_equal(state.v, again.v)
-    assert np.array_equal(state.count, again.count)
+    assert np.array_equal(state.counters, again.counters)
 
 
 @pytest.mark.parametrize("body", ["beam", "layer"])
@@ -161,4 +161,4 @@ def test_velocities_beyond_the_limit_end_the_run():
     state = HALF.begin(plan, 1e-6 * np.random.default_rng(5).standard_normal(HALF.nodes.shape))
     code, _ = advance(plan, state, np.zeros(100_000))
     assert code == explicit.UNSTABLE
-    assert state.count[0] < 2000
+    assert state.counters[0] < 2000

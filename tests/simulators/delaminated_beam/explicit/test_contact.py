@@ -7,6 +7,7 @@ from simulators.delaminated_beam.beams import WIDE, advance, beam
 from calib.modelling.laws import BoundLaw, contact
 from calib.simulators.delaminated_beam import explicit
 from calib.simulators.delaminated_beam.contact import critical_damping
+from calib.simulators.delaminated_beam.explicit.contact import find_contact, gather_mobility, push_apart
 from calib.simulators.slots import fill
 
 HALF, WHOLE = beam(), beam(symmetric=False)
@@ -23,8 +24,8 @@ def pushed(b, plan, displacement, velocity):
     """Nodal forces (n,) in y of one look for contact and the push after it [N], and how many pairs were closed."""
     state = b.begin(plan, displacement, velocity)
     before = b.velocity(state)[:, 1]
-    closed, _ = explicit.find_contact(plan, state)
-    explicit.push_apart(plan, state, closed)
+    closed, _ = find_contact(plan, state)
+    push_apart(plan, state, closed)
     inverse = b.layout.gather(plan.inverse_mass)[:, 1]
     change = b.velocity(state)[:, 1] - before
     gain = plan.step / (1.0 + 0.5 * plan.alpha * plan.step)
@@ -138,8 +139,8 @@ def growth(c_con, factor, lagged, steps=20_000):
     pressure = 1e-3 * plan.stiffness[50] / plan.area[50]
     if not lagged:  # an implicit damper lessens the force, before the law is added
         state = HALF.begin(plan, np.zeros_like(HALF.nodes))
-        closed, _ = explicit.find_contact(plan, state)
-        explicit.gather_mobility(plan, state, closed)
+        closed, _ = find_contact(plan, state)
+        gather_mobility(plan, state, closed)
         depth[state.active[:closed]] *= 1.0 + 0.5 * plan.damping[:closed] * STEP * state.mobility[:closed]
     law = BoundLaw("contact", suction.function, np.array([pressure, 0, 0, 0, 0, 0, 0, 0]))
     contacts, parameters, number = fill([law], "contact")

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from simulators.delaminated_beam.beams import beam, cosine, seen
 
+import calib
 from calib.simulators.delaminated_beam import explicit
 from calib.simulators.delaminated_beam.mesh import Counts
 
@@ -26,7 +27,7 @@ def few_steps() -> list[np.ndarray]:
 
 
 def test_the_kernel_is_the_same_without_the_compiler():
-    script = "import numpy, sys; from simulators.delaminated_beam.test_explicit_uncompiled import few_steps; "
+    script = "import numpy, sys; from simulators.delaminated_beam.explicit.test_uncompiled import few_steps; "
     script += "sys.stdout.write(' '.join(float(x).hex() for x in numpy.concatenate(few_steps())))"
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(map(str, roots()))}
     done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=False)
@@ -42,4 +43,4 @@ def test_the_kernel_is_the_same_without_the_compiler():
 
 def roots() -> list[Path]:
     """Where the tests and the package lie."""
-    return [Path(__file__).parents[2], Path(explicit.__file__).parents[3]]
+    return [Path(__file__).parents[3], Path(calib.__file__).parents[1]]

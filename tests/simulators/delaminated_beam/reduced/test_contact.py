@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 from short_beam import EXCITATION, VALUES, beam
 
-from calib.simulators.delaminated_beam import reduced, reduction
+from calib.simulators.delaminated_beam import reduction
+from calib.simulators.delaminated_beam.drive import CentreDisplacement
+from calib.simulators.delaminated_beam.reduced.contact import find_near, push_apart
+from calib.simulators.delaminated_beam.reduced.linear_algebra import factorised, solved
+from calib.simulators.delaminated_beam.reduced.stepping import drifted
 from calib.simulators.delaminated_beam.reduction import Fineness
 
 FINENESS = Fineness(24, 512, 8)
@@ -16,7 +20,9 @@ def engine(fineness=FINENESS, budget=10**9, **changes):
     options = {name: changes.pop(name) for name in ("clipped", "symmetric", "masters") if name in changes}
     sim = beam(**options)
     values = {p.name: p.nominal for p in sim.parameters}
-    return sim._case({**values, **VALUES, **changes}, EXCITATION, ()).reduced(fineness, None, budget)
+    return sim._case({**values, **VALUES, **changes}, CentreDisplacement.of(EXCITATION), ()).reduced(
+        fineness, None, budget
+    )
 
 
 def shaken(seed, **changes):
@@ -41,7 +47,7 @@ def kicked(made, near, part=None):
     before = plan.opening @ now.v
     room = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m, dtype=np.int64), np.zeros((2, m, m))
     room += np.zeros((2, m + 1), dtype=np.int64), np.zeros(m), np.zeros(n)
-    closed = reduced.push_apart(plan, now, near, part or plan.step / plan.parts, *room)
+    closed = push_apart(plan, now, near, part or plan.step / plan.parts, *room)
     return gap, before, plan.opening @ now.v, closed
 
 
@@ -54,9 +60,9 @@ def test_the_solver_is_that_of_linear_algebra():
         room, solution = np.zeros((64, 64)), np.zeros(64)
         room[:count, :count], solution[:count] = np.tril(matrix), right
         first = count // 2
-        reduced.factorised(room, 0, first)
-        reduced.factorised(room, first, count)
-        reduced.solved(room, solution, count)
+        factorised(room, 0, first)
+        factorised(room, first, count)
+        solved(room, solution, count)
         np.testing.assert_allclose(solution[:count], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
@@ -91,13 +97,13 @@ def test_factors_that_are_kept_are_those_that_would_be_made_anew():
 
     kept, closed = room(), set()
     for _ in range(40):
-        reduced.drifted(plan.near, now.q, now.v, 0.0, 0.0)
+        drifted(plan.near, now.q, now.v, 0.0, 0.0)
         start = {name: getattr(now, name).copy() for name in ("q", "v", "push")}
-        closed.add(reduced.push_apart(plan, now, near, part, *kept))
+        closed.add(push_apart(plan, now, near, part, *kept))
         moved = now.q.copy()
         for name, value in start.items():
             getattr(now, name)[:] = value
-        reduced.push_apart(plan, now, near, part, *room())
+        push_apart(plan, now, near, part, *room())
         np.testing.assert_allclose(now.q, moved, rtol=1e-12, atol=1e-12 * np.abs(moved).max())
     assert len(closed) > 3
 
@@ -179,7 +185,7 @@ def test_a_force_that_may_pull_pulls():
 
 def test_a_pair_without_stiffness_is_never_near():
     made = engine(s=-1e-3)
-    count, _ = reduced.find_near(made.plan, made.now, made.plan.step)
+    count, _ = find_near(made.plan, made.now, made.plan.step)
     assert 0 < count < len(made.plan.clearance)  # the one at the tip is one node
     assert not made.plan.stiffness[np.setdiff1d(np.arange(len(made.plan.clearance)), made.now.near[:count])].any()
 

@@ -1,0 +1,123 @@
+"""Contact of the layer's nodes with the beam's segments, in the full kernel."""
+
+import numpy as np
+from numba import njit, uintp
+
+from calib.simulators import slots
+from calib.simulators.compilation import INLINED
+from calib.simulators.delaminated_beam.explicit.plan import ExplicitPlan, ExplicitState, ExplicitTrace
+from calib.simulators.delaminated_beam.impacts import record_impact
+
+
+@njit(**INLINED)
+def find_contact(plan: ExplicitPlan, state: ExplicitState) -> tuple[int, float]:
+    """List the pairs that are closed at this step, with clearance and its rate.
+
+    Returns
+    -------
+    closed : their number
+    nearest : smallest clearance of all pairs  [m]
+    """
+    w, v, beta = state.w, state.v, plan.beta
+    closed, nearest = 0, np.inf
+    everywhere = plan.counts[1] > 0
+    for i in range(len(plan.slave)):
+        if not plan.acting[i]:
+            continue
+        s, m, n = uintp(plan.slave[i]), uintp(plan.master[i]), uintp(plan.following[i])
+        weight = plan.weight[i]
+        rate = v[s] - (1.0 - weight) * v[m] - weight * v[n]
+        gap = plan.clearance[i] + w[s] - (1.0 - weight) * w[m] - weight * w[n] - beta * rate
+        nearest = min(nearest, gap)
+        if gap < 0.0 or everywhere:
+            state.active[closed], state.gap[closed], state.rate[closed] = i, gap, rate
+            closed += 1
+    return closed, nearest
+
+
+@njit(**INLINED)
+def gather_mobility(plan: ExplicitPlan, state: ExplicitState, closed: int) -> None:
+    """Add up, for each closed pair, by how much its own push and equal ones of all the others would part it  [1/kg].
+
+    Pairs that share a master push it together. A damper that reckons with this is stable for any damping, whatever the
+    others' pushes turn out to be: the row sums bound the matrix of the mobilities from above.
+    """
+    inverse, crowd = plan.inverse_mass, state.crowd
+    for k in range(closed):
+        if state.gap[k] < 0.0:
+            i = state.active[k]
+            crowd[plan.master[i]] += 1.0 - plan.weight[i]
+            crowd[plan.following[i]] += plan.weight[i]
+    for k in range(closed):
+        i = state.active[k]
+        s, m, n, weight = plan.slave[i], plan.master[i], plan.following[i], plan.weight[i]
+        state.mobility[k] = inverse[s] + (1.0 - weight) * inverse[m] * crowd[m] + weight * inverse[n] * crowd[n]
+    for k in range(closed):
+        i = state.active[k]
+        crowd[plan.master[i]] = crowd[plan.following[i]] = 0.0
+
+
+@njit(**INLINED)
+def push_apart(plan: ExplicitPlan, state: ExplicitState, closed: int) -> None:
+    """Step the nodes of closed pairs by their contact forces.
+
+    The damping sees the mean of the velocities before the step and after it, these as if the other closed pairs pushed
+    as much (see `gather_mobility`): exact for a pair alone and for a common push. `lagged`: the velocity before.
+    """
+    w, v = state.w, state.v
+    gain = plan.step / (1.0 + 0.5 * plan.alpha * plan.step)
+    ahead = plan.step + plan.beta
+    if not plan.lagged:
+        gather_mobility(plan, state, closed)
+    for k in range(closed):
+        i = state.active[k]
+        gap, before = state.gap[k], state.rate[k]
+        s, m, n, weight = plan.slave[i], plan.master[i], plan.following[i], plan.weight[i]
+        push = 0.0
+        if gap < 0.0:
+            if plan.lagged:
+                push = -plan.stiffness[i] * gap - plan.damping[i] * before
+            else:
+                free = v[s] - (1.0 - weight) * v[m] - weight * v[n]
+                push = -plan.stiffness[i] * gap - plan.damping[i] * 0.5 * (before + free)
+                push /= 1.0 + 0.5 * plan.damping[i] * gain * state.mobility[k]
+            if plan.clipped:
+                push = max(0.0, push)
+        if plan.counts[1] > 0:
+            pressure, more = push / plan.area[i], 0.0
+            for law in range(plan.counts[1]):
+                more += slots.contact(plan.contact[law], plan.place[i], gap, before, pressure, plan.contact_p[law])
+            push += more * plan.area[i]
+        state.push[k] = push
+    for k in range(closed):
+        i, push = state.active[k], state.push[k]
+        s, m, n, weight = plan.slave[i], plan.master[i], plan.following[i], plan.weight[i]
+        for node, part in ((s, 1.0), (m, weight - 1.0), (n, -weight)):
+            change = gain * plan.inverse_mass[node] * part * push
+            v[node] += change
+            w[node] += ahead * change
+
+
+@njit(**INLINED)
+def record_contact(plan: ExplicitPlan, state: ExplicitState, closed: int, trace: ExplicitTrace) -> float:
+    """Record what the contact forces of this step did; return their sum  [N]."""
+    force, anywhere, step = 0.0, False, state.counters[0]
+    for k in range(closed):
+        force += state.push[k]
+        if state.gap[k] >= 0.0:  # a law acts at a distance
+            continue
+        i = state.active[k]
+        trace.closed[i] += 1
+        trace.total[4] = max(trace.total[4], -state.gap[k])
+        if not anywhere and step - state.counters[2] > plan.merged:
+            record_impact(step, -state.rate[k], trace.impacts, trace.total, 0)
+        anywhere = True
+        if i == plan.centre:
+            if step - state.counters[3] > plan.merged:
+                record_impact(step, -state.rate[k], trace.central, trace.total, 1)
+            state.counters[3] = step
+    if anywhere:
+        state.counters[2] = step
+        trace.total[2] += 1
+    trace.total[3] = max(trace.total[3], force)
+    return force
