@@ -6,8 +6,8 @@ from functools import lru_cache
 import numpy as np
 
 from calib.errors import CalibError
-from calib.modelling.laws import BoundLaw
 from calib.simulators.delaminated_beam import layout, reduction
+from calib.simulators.delaminated_beam.coefficients import Coefficients
 from calib.simulators.delaminated_beam.drive import BeamDrive
 from calib.simulators.delaminated_beam.full import Full
 from calib.simulators.delaminated_beam.layout import Layout, MeshedStructure
@@ -16,9 +16,8 @@ from calib.simulators.delaminated_beam.modes import Modes, modes
 from calib.simulators.delaminated_beam.plane_stress import Material
 from calib.simulators.delaminated_beam.reduction import Fineness, Reduced
 
-ENOUGH = 100.0  # times the drive's velocity: beyond that the full kernel's step is unstable
-FAR = 100.0  # times the drive's amplitude: beyond that the reduced motion diverges
-APART = 0.01  # of a period without contact separates two impacts
+MAX_SPEED_RATIO = 100.0  # of a velocity over the drive's, beyond which the full kernel's step is unstable  [1]
+MAX_LENGTH_RATIO = 100.0  # of a displacement over the drive's, beyond which the reduced motion diverges  [1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,28 +27,19 @@ class BeamCase:
     Attributes
     ----------
     structure : mesh and matrices
-    alpha, beta : [1/s], [s]
+    coefficients : damping and contact
     critical, stable : longest stable step without and with beta  [s]
     step, count : [s], and steps a period
-    clearance, stiffness, damping : (m,) of the contact pairs  [m], [N/m], [N s/m]
     drive : of the middle
-    lagged, clipped, laws : see `layout.plan`
     """
 
     structure: MeshedStructure
-    alpha: float
-    beta: float
+    coefficients: Coefficients
     critical: float
     stable: float
     step: float
     count: int
-    clearance: np.ndarray
-    stiffness: np.ndarray
-    damping: np.ndarray
     drive: BeamDrive
-    lagged: bool
-    clipped: bool
-    laws: tuple[BoundLaw, ...]
 
     @property
     def factor(self) -> float:
@@ -60,7 +50,7 @@ class BeamCase:
         """Say what the limit is."""
         return (
             f"a step of {self.step:.4g} s is above the stable one of {self.stable:.4g} s "
-            f"(critical step {self.critical:.4g} s, beta {self.beta / self.critical:.3g} of critical); "
+            f"(critical step {self.critical:.4g} s, beta {self.coefficients.beta / self.critical:.3g} of critical); "
             "lower dt, f_dt or beta"
         )
 
@@ -77,23 +67,11 @@ class BeamCase:
         """Return the full kernel, at rest on the static shape unless a state is given."""
         built, drive = self.structure, self.drive
         places = Layout(built.mesh)
-        plan = layout.plan(
-            built,
-            places,
-            alpha=self.alpha,
-            beta=self.beta,
-            step=self.step,
-            clearance=self.clearance,
-            stiffness=self.stiffness,
-            damping=self.damping,
-            limit=ENOUGH * drive.speed,
-            merged=APART * drive.period,
-            lagged=self.lagged,
-            clipped=self.clipped,
-            laws=self.laws,
-        )
+        limit = MAX_SPEED_RATIO * drive.speed
+        plan = layout.plan(built, places, self.coefficients, step=self.step, limit=limit)
         free, shape = built.free, built.static_shape().ravel()
-        still = tuple(value * shape for value in drive.at_start())
+        x, v = drive.at_start()
+        still = x * shape, v * shape
         displacement, velocity = still[0].copy(), still[1].copy()
         if state is not None:
             if np.size(state) != 2 * len(free):
@@ -112,21 +90,8 @@ class BeamCase:
                 f"{fineness.modes} modes of a mesh with {len(built.free)} freedoms; take fewer modes or a finer mesh"
             )
         basis = modes_of(built, fineness.modes)
-        plan = reduction.plan(
-            built,
-            basis,
-            fineness,
-            alpha=self.alpha,
-            beta=self.beta,
-            period=drive.period,
-            clearance=self.clearance,
-            stiffness=self.stiffness,
-            damping=self.damping,
-            limit=FAR * drive.length,
-            merged=APART * drive.period,
-            clipped=self.clipped,
-            laws=self.laws,
-        )
+        limit = MAX_LENGTH_RATIO * drive.length
+        plan = reduction.plan(built, basis, fineness, self.coefficients, period=drive.period, limit=limit)
         if state is None:
             state = np.zeros(2 * fineness.modes)
         size, parts = 2 * fineness.modes, fineness.steps * fineness.parts

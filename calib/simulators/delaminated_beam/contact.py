@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from calib.modelling.laws import BoundLaw, at_site
-from calib.simulators.delaminated_beam.mesh import Mesh, smooth_step
+from calib.simulators.delaminated_beam.mesh import Mesh, on_symmetry_plane, smooth_step
 from calib.simulators.delaminated_beam.plane_stress import Material
 
 Stiffness = Literal["bulk", "mass_dt"]
@@ -60,7 +60,7 @@ def pairs(mesh: Mesh, masses: np.ndarray) -> Pairs:
     whole = masses.copy()
     share = np.where(mesh.slaves == mesh.masters[np.rint(segment + weight).astype(int)], 0.0, 1.0)
     if mesh.symmetric:
-        whole[np.abs(mesh.nodes[:, 0]) < 1e-12] *= 2.0
+        whole[on_symmetry_plane(mesh.nodes)] *= 2.0
         share[0] = 0.5
     beam = (1.0 - weight) * whole[mesh.masters[segment]] + weight * whole[mesh.masters[segment + 1]]
     spacing = np.diff(mesh.nodes[mesh.slaves, 0]).mean()

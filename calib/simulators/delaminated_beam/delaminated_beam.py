@@ -17,6 +17,7 @@ from calib.modelling.simulator import Request
 from calib.records import STATE, failed, make, prescription
 from calib.records.excitation import Excitation
 from calib.simulators.delaminated_beam.case import BeamCase, critical_step_of, modes_of, structure_of
+from calib.simulators.delaminated_beam.coefficients import Coefficients
 from calib.simulators.delaminated_beam.contact import clearance, critical_damping, penalty
 from calib.simulators.delaminated_beam.drive import PLACE, QUANTITY, BeamDrive, CentreDisplacement
 from calib.simulators.delaminated_beam.error_estimate import LEVELS, refined
@@ -28,6 +29,8 @@ from calib.simulators.delaminated_beam.period_map import BeamMap
 from calib.simulators.delaminated_beam.reduction import Fineness
 from calib.simulators.delaminated_beam.stationary import Engine, FailedMotion, StationaryMotion, stationary
 from calib.simulators.impact.period_map import shifted
+
+IMPACT_SEPARATION_PERIODS = 0.01  # without contact, between two impacts
 
 
 class DelaminatedBeam:
@@ -197,19 +200,22 @@ class DelaminatedBeam:
         share = values["beta"] + values["beta_seconds"] / critical
         return BeamCase(
             structure=built,
-            alpha=values["alpha"],
-            beta=share * critical,
+            coefficients=Coefficients(
+                alpha=values["alpha"],
+                beta=share * critical,
+                clearance=clearance(pairs, height, shift, laws, self.gap_table),
+                stiffness=stiffness,
+                damping=values["c_con"] * critical_damping(pairs, stiffness),
+                impact_separation=IMPACT_SEPARATION_PERIODS * drive.period,
+                lagged=self.damper == "lagged",
+                clipped=self.clipped,
+                laws=tuple(laws),
+            ),
             critical=critical,
             stable=stable_step(critical, share),
             step=step,
             count=count,
-            clearance=clearance(pairs, height, shift, laws, self.gap_table),
-            stiffness=stiffness,
-            damping=values["c_con"] * critical_damping(pairs, stiffness),
             drive=BeamDrive(drive, values["amplitude"], values["alpha"], laws),
-            lagged=self.damper == "lagged",
-            clipped=self.clipped,
-            laws=tuple(laws),
         )
 
     # --- from a case to a motion

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numba import njit
@@ -15,7 +16,8 @@ from calib.simulators.compilation import COMPILED
 from calib.simulators.slots import fill
 
 PLACE, QUANTITY = "centre", "displacement"  # of the excitation that the simulator takes
-MIN_LENGTH = 1e-6  # m, scale of a motion that is not driven
+STEPS_AT_START = 1024  # a period, of the differences that give the velocity of laws at time 0
+MIN_AMPLITUDE = 1e-6  # m, of a drive, where it is the scale of the motion
 
 
 @dataclass(frozen=True)
@@ -53,8 +55,16 @@ class CentreDisplacement:
 
 
 @njit(**COMPILED)
-def changes(times, period, amplitude, phase, functions, parameters, count):
-    """What the laws of the excitation add at the times (n,)  [m]."""
+def changes(
+    times: np.ndarray,
+    period: float,
+    amplitude: float,
+    phase: float,
+    functions: np.ndarray,
+    parameters: np.ndarray,
+    count: int,
+) -> np.ndarray:
+    """Sum of the laws of the excitation at the times (n,)  [m]."""
     table = np.zeros(len(times))
     for k in range(len(times)):
         cycles = times[k] / period
@@ -79,12 +89,12 @@ class BeamDrive:
         self.phase = excitation.phase
         self._alpha = alpha
         self._laws = fill(laws, "excitation")
-        self._kept = {}
+        self._tables: dict[tuple[str, int], np.ndarray] = {}
 
     @property
     def length(self) -> float:
         """Scale of the motion  [m]."""
-        return max(abs(self.amplitude), MIN_LENGTH)
+        return max(abs(self.amplitude), MIN_AMPLITUDE)
 
     @property
     def speed(self) -> float:
@@ -93,24 +103,25 @@ class BeamDrive:
 
     def at_start(self) -> tuple[float, float]:
         """Displacement [m] and velocity [m/s] at time 0."""
-        [x, v, _] = self.table(0, 1024)[0]
+        [x, v, _] = self.table(0, STEPS_AT_START)[0]
         return float(x), float(v)
 
     def displacements(self, period: int, count: int) -> np.ndarray:
         """X (count,) at the ends of equal steps of a period  [m]."""
-        return self._table(period, count, self._displacements)
+        return self._cached("displacements", period, count)
 
     def table(self, period: int, count: int) -> np.ndarray:
         """X [m], X' [m/s] and X'' + alpha X' [m/s^2] (count + 1, 3) at the ends of equal parts of a period."""
-        return self._table(period, count, self._derivatives)
+        return self._cached("derivatives", period, count)
 
-    def _table(self, period: int, count: int, make) -> np.ndarray:
-        """Keep a table that is the same in every period: where no law, which may look at the time, has its part."""
+    def _cached(self, kind: Literal["displacements", "derivatives"], period: int, count: int) -> np.ndarray:
+        """Return a table, cached where it is the same in every period: without laws, which may depend on the time."""
+        make = self._displacements if kind == "displacements" else self._derivatives
         if self._laws[2]:
             return make(period, count)
-        if (make.__name__, count) not in self._kept:
-            self._kept[make.__name__, count] = make(0, count)
-        return self._kept[make.__name__, count]
+        if (kind, count) not in self._tables:
+            self._tables[kind, count] = make(0, count)
+        return self._tables[kind, count]
 
     def _displacements(self, period: int, count: int) -> np.ndarray:
         cycles = np.arange(1, count + 1) / count

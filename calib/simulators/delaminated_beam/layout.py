@@ -1,18 +1,17 @@
 """From a mesh to the full kernel's arrays: lines of nodes one after the other, padded, all x before all y."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import eigsh, spsolve
 
-from calib.modelling.laws import BoundLaw
 from calib.simulators.delaminated_beam import contact, explicit
+from calib.simulators.delaminated_beam.coefficients import Coefficients
 from calib.simulators.delaminated_beam.contact import Pairs
 from calib.simulators.delaminated_beam.explicit.plan import FACTORS, FORCES, LANES, ROW, ExplicitPlan, ExplicitState
 from calib.simulators.delaminated_beam.mesh import Mesh
-from calib.simulators.delaminated_beam.plane_stress import Material, elements, energy, masses, stiffness
+from calib.simulators.delaminated_beam.plane_stress import Elements, Material, elements, energy, masses, stiffness
 from calib.simulators.slots import acting, fill
 
 BODIES = ("beam", "layer")
@@ -71,7 +70,7 @@ class MeshedStructure:
 
 
 def structure(mesh: Mesh, material: Material, width: float, full: bool = False) -> MeshedStructure:
-    """Work out the matrices of a mesh; see `MeshedStructure`."""
+    """Assemble the matrices of a mesh; see `MeshedStructure`."""
     mass = masses(mesh, material, width)
     k = stiffness(mesh, material, width, full)
     return MeshedStructure(mesh, material, width, mass, k, mesh.held, contact.pairs(mesh, mass), full)
@@ -102,7 +101,7 @@ class Layout:
     """
 
     def __init__(self, mesh: Mesh):
-        padded = [-(-len(line) // LANES) * LANES for line in mesh.lines]
+        padded = [_padded(len(line)) for line in mesh.lines]
         if max(padded) > LONGEST:
             raise ValueError(f"a line of {max(map(len, mesh.lines))} nodes; at most {LONGEST} can be")
         self.starts = np.concatenate([[0], np.cumsum(np.array(padded) + LANES)])
@@ -136,89 +135,60 @@ class Layout:
 
 
 def plan(
-    structure: MeshedStructure,
-    layout: Layout,
-    *,
-    alpha: float,
-    beta: float,
-    step: float,
-    clearance: np.ndarray,
-    stiffness: np.ndarray,
-    damping: np.ndarray,
-    limit: float,
-    merged: float,
-    lagged: bool = False,
-    clipped: bool = True,
-    laws: Sequence[BoundLaw] = (),
+    structure: MeshedStructure, layout: Layout, coefficients: Coefficients, *, step: float, limit: float
 ) -> ExplicitPlan:
-    """Put together what the full kernel is told.
+    """Return the constants of a run of the full kernel.
 
     Parameters
     ----------
-    alpha, beta, step : [1/s], [s], [s]
-    clearance, stiffness, damping : (m,) of the pairs  [m], [N/m], [N s/m]
+    step : [s]
     limit : velocity beyond which the run is unstable  [m/s]
-    merged : time without contact that separates two impacts  [s]
 
     Raises
     ------
     ValueError : a line of nodes that is too long for the kernel
     """
     mesh, material, pairs, size = structure.mesh, structure.material, structure.pairs, layout.size
-    strips, turned, factors, across = [], [], [], []
-    for lower in mesh.strips:
-        e = elements(mesh.nodes, mesh.quadrilaterals(lower), material, structure.width, structure.full)
-        count = -(-(len(e.along) + 1) // LANES) * LANES  # the last node's place too, to which common nodes add
-        strips.append([layout.starts[lower], layout.starts[lower + 1], count])
-        turned.append(e.turned)
-        across.append(0.5 / e.across)
-        factors.append(_factors(e))
-    below = {lower + 1: k for k, lower in enumerate(mesh.strips)}
-    above = {lower: k for k, lower in enumerate(mesh.strips)}
-    lines = [[layout.starts[k], layout.lengths[k], below.get(k, -1), above.get(k, -1)] for k in range(len(mesh.lines))]
-    mass = np.zeros((2, size))
-    with np.errstate(divide="ignore"):
-        mass[:, layout.place] = 1.0 / structure.mass
-    for freedom in (*structure.held, structure.driven):
-        mass[freedom % 2, layout.place[freedom // 2]] = 0.0
-    inverse = mass.ravel()
-    slave, master, following = (size + layout.place[nodes] for nodes in (pairs.slave, pairs.master, pairs.following))
-    force, force_p, forces = fill(laws, "force")
-    contacts, contact_p, number = fill(laws, "contact")
+    strips = [_elements(structure, lower) for lower in mesh.strips]
+    interface, below, above = mesh.interface, *mesh.neighbours
+    force, force_p, forces = fill(coefficients.laws, "force")
+    contacts, contact_p, number = fill(coefficients.laws, "contact")
     return ExplicitPlan(
         size=size,
-        strips=np.array(strips),
-        turned=np.array(turned),
-        factors=np.concatenate(factors),
-        across=np.array(across),
+        strips=np.array(
+            [[*layout.starts[k : k + 2], _padded(len(e.along) + 1)] for k, e in zip(mesh.strips, strips, strict=True)]
+        ),  # the last node's place too, to which common nodes add
+        turned=np.array([e.turned for e in strips]),
+        factors=np.concatenate([_factors(e) for e in strips]),
+        across=np.array([0.5 / e.across for e in strips]),
         shear=material.shear,
         mean=0.5 * material.young / (1.0 - material.poisson),
-        lines=np.array(lines),
+        lines=np.array([[layout.starts[k], layout.lengths[k], below[k], above[k]] for k in range(len(mesh.lines))]),
         shared=layout.shared(),
-        joint=np.array([below[mesh.interface], above[mesh.interface + 1], mesh.interface + 1]),
-        inverse_mass=inverse,
-        alpha=float(alpha),
-        beta=float(beta),
+        joint=np.array([below[interface], above[interface + 1], interface + 1]),
+        inverse_mass=_inverse_mass(structure, layout),
+        alpha=float(coefficients.alpha),
+        beta=float(coefficients.beta),
         step=float(step),
-        slave=slave,
-        master=master,
-        following=following,
+        slave=size + layout.place[pairs.slave],
+        master=size + layout.place[pairs.master],
+        following=size + layout.place[pairs.following],
         weight=pairs.weight,
-        clearance=np.ascontiguousarray(clearance, dtype=float),
-        stiffness=stiffness,
-        damping=damping,
+        clearance=np.ascontiguousarray(coefficients.clearance, dtype=float),
+        stiffness=coefficients.stiffness,
+        damping=coefficients.damping,
         acting=pairs.share > 0.0,
         area=np.where(pairs.share > 0.0, pairs.share, 1.0) * pairs.length * structure.width,
         place=pairs.place,
-        lagged=lagged,
-        clipped=clipped,
+        lagged=coefficients.lagged,
+        clipped=coefficients.clipped,
         centre=int(np.argmin(np.abs(pairs.place))),
         driven=int(size + layout.place[mesh.driven]),
         limit=float(limit),
-        merged=max(1, round(merged / step)),
+        merged=max(1, round(coefficients.impact_separation / step)),
         force=force,
         force_p=force_p,
-        acts=acting(laws, BODIES),
+        acts=acting(coefficients.laws, BODIES),
         bodies=_bodies(mesh, layout),
         contact=contacts,
         contact_p=contact_p,
@@ -226,8 +196,29 @@ def plan(
     )
 
 
-def _factors(e) -> np.ndarray:
-    """Coefficients (FACTORS * ROW,) of the elements of a strip; see `explicit.forces_of_turned_strip`."""
+def _padded(count: int) -> int:
+    """Round up to whole vectors."""
+    return -(-count // LANES) * LANES
+
+
+def _elements(structure: MeshedStructure, strip: int) -> Elements:
+    """Elements over a line."""
+    mesh = structure.mesh
+    return elements(mesh.nodes, mesh.quadrilaterals(strip), structure.material, structure.width, structure.full)
+
+
+def _inverse_mass(structure: MeshedStructure, layout: Layout) -> np.ndarray:
+    """Inverse masses (2 * size,), 0 where a node is held, driven, or padding  [1/kg]."""
+    inverse = np.zeros((2, layout.size))
+    with np.errstate(divide="ignore"):
+        inverse[:, layout.place] = 1.0 / structure.mass
+    for freedom in (*structure.held, structure.driven):
+        inverse[freedom % 2, layout.place[freedom // 2]] = 0.0
+    return inverse.ravel()
+
+
+def _factors(e: Elements) -> np.ndarray:
+    """Coefficients (FACTORS * ROW,) of the elements of a strip; see `explicit.elements.forces_of_strip`."""
     rows = np.zeros((FACTORS, ROW))
     tx, ty = e.twist
     for row, values in zip(
@@ -303,6 +294,5 @@ def elastic_energy(structure: MeshedStructure, displacement: np.ndarray) -> floa
     """Elastic energy at nodal displacements (n, 2)  [J]."""
     mesh, material = structure.mesh, structure.material
     return sum(
-        energy(elements(mesh.nodes, quads, material, structure.width, structure.full), displacement[quads], material)
-        for quads in map(mesh.quadrilaterals, mesh.strips)
+        energy(_elements(structure, strip), displacement[mesh.quadrilaterals(strip)], material) for strip in mesh.strips
     )

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+MAX_ROUNDING = 1e-12  # m, of a place that is zero
+
 
 @dataclass(frozen=True)
 class Counts:
@@ -106,9 +108,16 @@ class Mesh:
         return np.linspace(0.0 if self.symmetric else -1.0, 1.0, self.slaves.size)
 
     @property
+    def neighbours(self) -> tuple[list[int], list[int]]:
+        """Strips below and above each line; -1 where there is none."""
+        strips, lines = list(self.strips), range(len(self.lines))
+        below = [strips.index(k - 1) if k - 1 in strips else -1 for k in lines]
+        return below, [strips.index(k) if k in strips else -1 for k in lines]
+
+    @property
     def held(self) -> np.ndarray:
         """Freedoms that do not move: twice the node's number for x, and one more for y."""
-        middle = np.flatnonzero(np.abs(self.nodes[:, 0]) < 1e-12) if self.symmetric else [self.driven]
+        middle = np.flatnonzero(on_symmetry_plane(self.nodes)) if self.symmetric else [self.driven]
         return np.array([*(2 * self.supports + 1), *(2 * node for node in middle)])
 
     @property
@@ -128,6 +137,11 @@ class Mesh:
         return np.stack([a[:-1], a[1:], b[1:], b[:-1]], axis=1)
 
 
+def on_symmetry_plane(nodes: np.ndarray) -> np.ndarray:
+    """Whether each of the nodes (n, 2) [m] lies in the middle of the beam."""
+    return np.abs(nodes[:, 0]) < MAX_ROUNDING
+
+
 def smooth_step(z: np.ndarray) -> np.ndarray:
     """Cubic with horizontal tangents, 1 in the middle (z = 0) and 0 at the ends (z = 1 and -1)  [1].
 
@@ -144,8 +158,37 @@ def mesh(geometry: Geometry, counts: Counts, symmetric: bool = True) -> Mesh:
     ------
     ValueError : a shape that is none
     """
+    _check(geometry)
+    masters, slaves = counts.masters // 2, counts.masters // 2 * counts.slaves  # of a half
+    first = 0 if symmetric else counts.outer
+    last = first + (slaves if symmetric else 2 * slaves)
+    heights = _levels(0.0, geometry.beam_thickness, counts.beam_rows)
+    positions, lines = _beam_lines(_columns(geometry, masters, counts.outer, symmetric), heights)
+    interface = len(lines) - 1
+    heights = _levels(geometry.beam_thickness, geometry.layer_thickness, counts.layer_rows)
+    columns = _columns(geometry, slaves, counts.outer, symmetric)
+    upper = _layer_lines(geometry, columns, heights, lines[interface], slice(first + (not symmetric), last))
+    nodes, lines = np.concatenate([*positions, *upper[0]]), lines + upper[1]
+    middle = 0.5 * (geometry.beam_thickness + geometry.layer_thickness)
+    sides = (1.0,) if symmetric else (-1.0, 1.0)
+    return Mesh(
+        nodes=nodes,
+        lines=tuple(lines),
+        strips=tuple(k for k in range(len(lines) - 1) if k != interface),
+        interface=interface,
+        first=first,
+        last=last,
+        ratio=counts.slaves,
+        driven=int(lines[interface][0 if symmetric else counts.outer + masters]),
+        supports=np.array([_nearest(nodes, lines, side * geometry.support, middle) for side in sides]),
+        symmetric=symmetric,
+        half_delamination=0.5 * geometry.delamination,
+    )
+
+
+def _check(geometry: Geometry) -> None:
+    """Refuse a shape that is none."""
     half, a = 0.5 * geometry.length, 0.5 * geometry.delamination
-    height = geometry.beam_thickness + geometry.layer_thickness
     if not 0.0 < a < half:
         raise ValueError(
             f"a delamination of {geometry.delamination:g} m does not lie inside a beam of {geometry.length:g} m; mend "
@@ -156,64 +199,48 @@ def mesh(geometry: Geometry, counts: Counts, symmetric: bool = True) -> Mesh:
             f"supports {geometry.support:g} m from the middle do not lie between delamination ({a:g} m) and end "
             f"({half:g} m); mend support"
         )
-    beyond = np.linspace(a, half, counts.outer + 1)[1:]
 
-    def columns(within: int) -> np.ndarray:
-        x = np.concatenate([np.linspace(0.0, a, within + 1), beyond])
-        return x if symmetric else np.concatenate([-x[:0:-1], x])
 
-    def levels(low: float, thickness: float, rows: tuple[float, ...]) -> np.ndarray:
-        return low + thickness * np.concatenate([[0.0], np.cumsum(rows) / np.sum(rows)])
+def _columns(geometry: Geometry, within: int, beyond: int, symmetric: bool) -> np.ndarray:
+    """Places along the beam of the nodes of a line: so many elements within half the delamination, so many beyond."""
+    half, a = 0.5 * geometry.length, 0.5 * geometry.delamination
+    x = np.concatenate([np.linspace(0.0, a, within + 1), np.linspace(a, half, beyond + 1)[1:]])
+    return x if symmetric else np.concatenate([-x[:0:-1], x])
 
-    below = columns(counts.masters // 2)
-    above = columns(counts.masters // 2 * counts.slaves)
-    masters, slaves = counts.masters // 2, counts.masters // 2 * counts.slaves  # of a half
-    first = 0 if symmetric else counts.outer
-    last = first + (slaves if symmetric else 2 * slaves)
-    beam_levels = levels(0.0, geometry.beam_thickness, counts.beam_rows)
-    layer_levels = levels(geometry.beam_thickness, geometry.layer_thickness, counts.layer_rows)
 
-    positions, lines = [], []
-    for y in beam_levels:
-        lines.append(len(below) * len(lines) + np.arange(len(below)))
-        positions.append(np.column_stack([below, np.full(len(below), y)]))
-    number = len(below) * len(beam_levels)
-    across, slope = _arch(above / a, geometry.arch, a)
+def _levels(low: float, thickness: float, rows: tuple[float, ...]) -> np.ndarray:
+    """Heights of the lines of a body that begins at `low`  [m]."""
+    return low + thickness * np.concatenate([[0.0], np.cumsum(rows) / np.sum(rows)])
+
+
+def _beam_lines(columns: np.ndarray, heights: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Positions (k, 2) [m] and numbers (k,) of the nodes of each line of the remaining beam."""
+    positions = [np.column_stack([columns, np.full(len(columns), y)]) for y in heights]
+    return positions, [len(columns) * k + np.arange(len(columns)) for k in range(len(heights))]
+
+
+def _layer_lines(
+    geometry: Geometry, columns: np.ndarray, heights: np.ndarray, interface: np.ndarray, inner: slice
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Positions (k, 2) [m] of the own nodes of each line of the upper strips, and the numbers of all its nodes.
+
+    interface : nodes of the last line of the beam, of which the first line of the layer takes those beside `inner`
+    """
+    half = 0.5 * geometry.delamination
+    rise, slope = _arch(columns / half, geometry.arch, half)
     middle = geometry.beam_thickness + 0.5 * geometry.layer_thickness
-    for k, y in enumerate(layer_levels):
+    positions, lines, number = [], [], int(interface[-1]) + 1
+    for k, y in enumerate(heights):
         off = (y - middle) / np.sqrt(1.0 + slope**2)  # along the normal of the arch
-        line = np.column_stack([above - off * slope, middle + across + off])
-        beside = np.ones(len(above), dtype=bool)
+        line = np.column_stack([columns - off * slope, middle + rise + off])
+        own = line if k else line[inner]
+        nodes = number + np.arange(len(own))
         if k == 0:
-            beside[first + (not symmetric) : last] = False
-            shared = lines[len(beam_levels) - 1]
-            nodes = np.empty(len(above), dtype=np.int64)
-            nodes[last:] = shared[-(len(above) - last) :]
-            nodes[: first + (not symmetric)] = shared[: first + (not symmetric)]
-            nodes[~beside] = number + np.arange((~beside).sum())
-            line = line[~beside]
-        else:
-            nodes = number + np.arange(len(above))
-        number += len(line)
+            nodes = np.concatenate([interface[: inner.start], nodes, interface[inner.stop - len(columns) :]])
+        number += len(own)
         lines.append(nodes)
-        positions.append(line)
-    nodes = np.concatenate(positions)
-    interface = len(beam_levels) - 1
-    held = _nearest(nodes, lines, geometry.support, 0.5 * height)
-    supports = [held] if symmetric else [_nearest(nodes, lines, -geometry.support, 0.5 * height), held]
-    return Mesh(
-        nodes=nodes,
-        lines=tuple(lines),
-        strips=tuple(k for k in range(len(lines) - 1) if k != interface),
-        interface=interface,
-        first=first,
-        last=last,
-        ratio=counts.slaves,
-        driven=int(lines[interface][0 if symmetric else counts.outer + masters]),
-        supports=np.array(supports),
-        symmetric=symmetric,
-        half_delamination=a,
-    )
+        positions.append(own)
+    return positions, lines
 
 
 def _arch(z: np.ndarray, height: float, half: float) -> tuple[np.ndarray, np.ndarray]:

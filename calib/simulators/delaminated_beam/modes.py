@@ -11,6 +11,7 @@ the modes do not carry it.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse.linalg import eigsh, splu
@@ -46,7 +47,7 @@ class Modes:
 
 
 def modes(structure: MeshedStructure, count: int) -> Modes:
-    """Work out the lowest `count` modes of a structure."""
+    """Compute the lowest `count` modes of a structure."""
     free, size = structure.free, structure.stiffness.shape[0]
     mass = np.repeat(structure.mass, 2)[free]
     stiffness = structure.stiffness[free][:, free].tocsc()
@@ -75,27 +76,42 @@ def modes(structure: MeshedStructure, count: int) -> Modes:
         return solve.solve(load) - modal @ ((modal.T @ load) / squares[:, None])
 
     compliance = opening[:, free] @ left_out(np.ascontiguousarray(opening[:, free].T))
-    elongation, rotation, weight, length, area = _membrane(structure)
-    stiff = structure.material.young * area / length
-    residual = elongation[free] @ left_out(elongation[free][:, None])[:, 0]
-    turned = rotation @ shape
+    membrane = _membrane(structure)
+    stiff = structure.material.young * membrane.area / membrane.length
+    residual = membrane.elongation[free] @ left_out(membrane.elongation[free][:, None])[:, 0]
+    turned = membrane.rotation @ shape
     return Modes(
         omega=np.sqrt(squares),
         inertia=vectors.T @ (root * static[free]),
         shape=shape,
         across=opening @ shape,
         compliance=0.5 * (compliance + compliance.T),
-        quadratic=turned.T @ (weight[:, None] * turned),
-        tension=stiff * elongation @ shape,
+        quadratic=turned.T @ (membrane.weight[:, None] * turned),
+        tension=stiff * membrane.elongation @ shape,
         kappa=float(stiff * (1.0 - stiff * residual)),
     )
 
 
-def _membrane(structure: MeshedStructure):
-    """Elongation (2 n,) of the layer per displacement, rotations (e, 2 n) of elements, their weights in E, and more.
+class Membrane(NamedTuple):
+    """What stretches the layer.
 
-    Returns also the layer's length [m] and cross-section [m^2].
+    Attributes
+    ----------
+    elongation : (2 n,) of the layer, per displacement of every freedom  [1]
+    rotation : (e, 2 n) of the elements, per displacement of every freedom  [1/m]
+    weight : (e,) of their squares in E (see above)  [m]
+    length, area : of the layer and of its cross-section  [m], [m^2]
     """
+
+    elongation: np.ndarray
+    rotation: np.ndarray
+    weight: np.ndarray
+    length: float
+    area: float
+
+
+def _membrane(structure: MeshedStructure) -> Membrane:
+    """Elongation of the layer, and the rotations of the elements that stretch it."""
     mesh = structure.mesh
     elongation = np.zeros(structure.stiffness.shape[0])
     rotations, weights = [], []
@@ -122,7 +138,7 @@ def _membrane(structure: MeshedStructure):
             np.add.at(elongation, 2 * q, share * c * ALONG)
             np.add.at(elongation, 2 * q + 1, share * s * ALONG)
             length, area = float(e.along[within].sum()), area + e.across * structure.width
-    return elongation, np.concatenate(rotations), np.concatenate(weights), length, area
+    return Membrane(elongation, np.concatenate(rotations), np.concatenate(weights), length, area)
 
 
 def _heights(structure: MeshedStructure) -> dict[bool, float]:

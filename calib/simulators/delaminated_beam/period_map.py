@@ -1,7 +1,8 @@
 """The map of a period of the beam's motion, in either fidelity."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -10,9 +11,31 @@ from calib.records import OK
 from calib.simulators.delaminated_beam.drive import CentreDisplacement
 from calib.simulators.delaminated_beam.layout import BODIES, MeshedStructure
 from calib.simulators.delaminated_beam.modes import Modes
+from calib.simulators.delaminated_beam.stationary import Engine
 
-MISSES = 256  # minima of the clearance in a period
-BUDGET = 2_000_000  # steps a period
+MAX_NEAR_MISSES = 256  # minima of the clearance in a period
+MAX_STEPS = 2_000_000  # a period
+MIN_LENGTH = 1e-12  # m or m kg^(1/2), scale of a coordinate that the drive does not move
+MIN_OPENING_RATIO = 1e-3  # of a mode's largest opening over that of all modes, below which it sets no scale  [1]
+
+
+class MappedEngine(Engine, Protocol):
+    """A kernel with its state, as a period map needs it."""
+
+    def whole_state(self) -> np.ndarray:
+        """State (2 n,) as a map has it, at the end of the last period."""
+        ...
+
+    def middle(self) -> np.ndarray:
+        """Displacements [m] and velocities [m/s] (4,) of beam and layer in the middle, at the end of the period."""
+        ...
+
+    def misses(self, minima: np.ndarray) -> int:
+        """Write the local minima of the clearance over one period [m]; return how many there are."""
+        ...
+
+
+EngineAt = Callable[[np.ndarray, int], MappedEngine]
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +52,7 @@ class BeamMap:
     names, units, scale, initial : of the state
     """
 
-    engine: Callable
+    engine: EngineAt
     period: float
     names: tuple[str, ...]
     units: tuple[str, ...]
@@ -39,7 +62,7 @@ class BeamMap:
     impacting: bool = True
 
     @classmethod
-    def of_reduced(cls, engine, basis: Modes, drive: CentreDisplacement, length: float) -> "BeamMap":
+    def of_reduced(cls, engine: EngineAt, basis: Modes, drive: CentreDisplacement, length: float) -> "BeamMap":
         """Map of the reduced kernel; the state is modal coordinates and their rates."""
         n = len(basis.omega)
         largest = np.abs(basis.across[:, :n]).max(axis=0)
@@ -47,20 +70,29 @@ class BeamMap:
             engine,
             [f"mode {k + 1}" for k in range(n)],
             ("m kg^0.5", "m kg^0.5/s"),
-            abs(length) / np.where(largest > 1e-3 * largest.max(), largest, largest.max()),
+            abs(length) / np.where(largest > MIN_OPENING_RATIO * largest.max(), largest, largest.max()),
             drive,
         )
 
     @classmethod
-    def of_full(cls, engine, structure: MeshedStructure, drive: CentreDisplacement, length: float) -> "BeamMap":
+    def of_full(
+        cls, engine: EngineAt, structure: MeshedStructure, drive: CentreDisplacement, length: float
+    ) -> "BeamMap":
         """Map of the full kernel; the state is displacements of the free nodes and their velocities."""
         names = [f"node {k // 2} {'xy'[k % 2]}" for k in structure.free]
         return cls._of(engine, names, ("m", "m/s"), np.full(len(names), abs(length)), drive)
 
     @classmethod
-    def _of(cls, engine, names, units, length, drive: CentreDisplacement) -> "BeamMap":
+    def _of(
+        cls,
+        engine: EngineAt,
+        names: Sequence[str],
+        units: tuple[str, str],
+        length: np.ndarray,
+        drive: CentreDisplacement,
+    ) -> "BeamMap":
         n, omega = len(names), 2.0 * np.pi * drive.frequency
-        length = np.maximum(length, 1e-12)
+        length = np.maximum(length, MIN_LENGTH)
         return cls(
             engine=engine,
             period=drive.period,
@@ -72,7 +104,7 @@ class BeamMap:
 
     def orbit(self, state: np.ndarray, periods: int) -> Orbit:
         """Go on from `state` by whole periods."""
-        engine = self.engine(np.asarray(state, dtype=float), BUDGET * periods)
+        engine = self.engine(np.asarray(state, dtype=float), MAX_STEPS * periods)
         states, rows, status, reason = [], [], OK, ""
         for _ in range(periods):
             period = engine.period(1)
@@ -101,7 +133,7 @@ class BeamMap:
 
     def misses(self, state: np.ndarray) -> np.ndarray:
         """Local minima of the clearance over one period [m]."""
-        engine = self.engine(np.asarray(state, dtype=float), BUDGET)
-        minima = np.zeros(MISSES)
+        engine = self.engine(np.asarray(state, dtype=float), MAX_STEPS)
+        minima = np.zeros(MAX_NEAR_MISSES)
         count = engine.misses(minima)
         return minima[:count]

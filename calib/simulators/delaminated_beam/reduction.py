@@ -1,23 +1,26 @@
 """The reduced kernel with its state, period by period."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import expm
 
-from calib.modelling.laws import BoundLaw
 from calib.records import OK
 from calib.simulators.delaminated_beam import reduced
+from calib.simulators.delaminated_beam.coefficients import Coefficients
 from calib.simulators.delaminated_beam.layout import BODIES, MeshedStructure
 from calib.simulators.delaminated_beam.modes import Modes
 from calib.simulators.delaminated_beam.reduced import Drift, ReducedPlan, ReducedState, ReducedTrace
 from calib.simulators.delaminated_beam.stationary import CAPACITY, Contact, Period
 from calib.simulators.slots import acting, fill
 
-GUARD = 2e-6, 0.1  # clearance that counts as near: at most [m], and as a share of that at rest, small at the tips
-FOLLOWED = 1.2  # omega h / 2 of the fastest modes whose stretch a step h follows
-WATCHED = 4  # of so many pairs one is looked at in flight, but of the last ones at the tips each
+MAX_GUARD = 2e-6  # m, clearance that counts as near
+GUARD_SHARE = 0.1  # of the clearance at rest, below which it counts as near: at the tips, where it is small  [1]
+MAX_HALF_ANGLE = 1.2  # rad, omega h / 2 of the fastest modes whose stretch a step h follows
+CHECK_SPACING = 4  # pairs from one that is checked in flight to the next; of the last ones at the tips each is
+PLACES_PER_HALF = 1e4  # distinct places of nodes along half the delamination, to rounding
 
 
 @dataclass(frozen=True)
@@ -64,32 +67,24 @@ def plan(
     structure: MeshedStructure,
     basis: Modes,
     fineness: Fineness,
-    *,
-    alpha: float,
-    beta: float,
+    coefficients: Coefficients,
     period: float,
-    clearance: np.ndarray,
-    stiffness: np.ndarray,
-    damping: np.ndarray,
     limit: float,
-    merged: float,
-    clipped: bool = True,
-    laws: Sequence[BoundLaw] = (),
 ) -> ReducedPlan:
-    """Put together what the reduced kernel is told; see `layout.plan`. `limit` is a displacement [m]."""
+    """Return the constants of a run of the reduced kernel.
+
+    period : of the drive  [s]
+    limit : displacement beyond which the motion diverges  [m]
+    """
     pairs, step = structure.pairs, period / fineness.steps
     taken = np.arange(0, len(pairs.place), fineness.every)
-    decay = alpha + beta * basis.omega**2
-    force, force_p, forces = fill(laws, "force")
-    contacts, contact_p, number = fill(laws, "contact")
-    n = len(basis.omega)
+    decay = coefficients.alpha + coefficients.beta * basis.omega**2
+    force, force_p, forces = fill(coefficients.laws, "force")
+    contacts, contact_p, number = fill(coefficients.laws, "contact")
     tension, stretch, kappa = _stretch(basis, step)
-    none = np.zeros((0, n + 1)), np.zeros(0), np.zeros(0)
-    columns, weights, bodies = _columns(structure, basis) if forces else none
+    points = _force_points(structure, basis, forces > 0)
     opening = np.ascontiguousarray(basis.across[taken])
     share, place = pairs.share[taken], pairs.place[taken]
-    near_tip = np.abs(place) > 1.0 - WATCHED * np.diff(place).max()  # where the gap may be as small as one likes
-    watched = near_tip | (np.arange(len(taken)) % max(1, WATCHED // fineness.every) == 0)
     centre = int(np.argmin(np.abs(place)))
     near = drift(basis.omega, decay, basis.inertia, step / fineness.parts)
     return ReducedPlan(
@@ -103,30 +98,37 @@ def plan(
         stretch=stretch,
         kappa=kappa,
         opening=opening,
-        watched=np.flatnonzero(watched & (share > 0.0)),
-        clearance=np.ascontiguousarray(clearance[taken], dtype=float),
-        stiffness=fineness.every * stiffness[taken],
-        damping=fineness.every * damping[taken],
-        mobility=opening[:, :n] @ opening[:, :n].T,
+        watched=_watched(place, share, fineness.every),
+        clearance=np.ascontiguousarray(coefficients.clearance[taken], dtype=float),
+        stiffness=fineness.every * coefficients.stiffness[taken],
+        damping=fineness.every * coefficients.damping[taken],
+        mobility=opening[:, :-1] @ opening[:, :-1].T,
         compliance=np.ascontiguousarray(basis.compliance[np.ix_(taken, taken)]),
-        clipped=clipped,
+        clipped=coefficients.clipped,
         area=np.where(share > 0.0, share, 1.0) * fineness.every * pairs.length[taken] * structure.width,
         place=place,
         centre=centre,
         layer=basis.shape[2 * pairs.slave[taken[centre]] + 1].copy(),
-        guard=np.clip(GUARD[1] * clearance[taken], 0.0, GUARD[0]),
+        guard=np.clip(GUARD_SHARE * coefficients.clearance[taken], 0.0, MAX_GUARD),
         limit=float(limit),
-        merged=float(merged),
+        merged=float(coefficients.impact_separation),
         force=force,
         force_p=force_p,
-        acts=acting(laws, BODIES),
-        columns=columns,
-        masses=weights,
-        bodies=bodies.astype(np.int64),
+        acts=acting(coefficients.laws, BODIES),
+        columns=points.columns,
+        masses=points.masses,
+        bodies=points.bodies,
         contact=contacts,
         contact_p=contact_p,
         counts=np.array([forces, number]),
     )
+
+
+def _watched(place: np.ndarray, share: np.ndarray, every: int) -> np.ndarray:
+    """Pairs that are checked in flight, of those taken, every so many of all."""
+    near_tip = np.abs(place) > 1.0 - CHECK_SPACING * np.diff(place).max()  # where the gap may be as small as one likes
+    watched = near_tip | (np.arange(len(place)) % max(1, CHECK_SPACING // every) == 0)
+    return np.flatnonzero(watched & (share > 0.0))
 
 
 def _along(omega: np.ndarray, near: Drift, part: float) -> np.ndarray:
@@ -150,18 +152,35 @@ def _stretch(basis: Modes, step: float) -> tuple[np.ndarray, np.ndarray, float]:
     as much. Those too fast for the step, near the pole, are taken at rest, in kappa.
     """
     half = 0.5 * basis.omega * step
-    fast = half >= FOLLOWED
+    fast = half >= MAX_HALF_ANGLE
     tension = np.where(np.append(fast, False), 0.0, basis.tension)
     yielding = basis.tension[:-1][fast] / basis.omega[fast]
-    slow = np.minimum(half, FOLLOWED)
+    slow = np.minimum(half, MAX_HALF_ANGLE)
     return tension, tension[:-1] * np.tan(slow) / slow / np.sinc(slow / np.pi), basis.kappa - float(yielding @ yielding)
 
 
-def _columns(structure: MeshedStructure, basis: Modes):
-    """Points at which force laws act: the nodes above one another of a body, with their mass."""
+class ForcePoints(NamedTuple):
+    """Points at which force laws act.
+
+    Attributes
+    ----------
+    columns : (j, n + 1) their displacements, per modal coordinate and per displacement of the driven node
+    masses : (j,)  [kg]
+    bodies : (j,) 0 beam, 1 layer
+    """
+
+    columns: np.ndarray
+    masses: np.ndarray
+    bodies: np.ndarray
+
+
+def _force_points(structure: MeshedStructure, basis: Modes, present: bool) -> ForcePoints:
+    """Nodes above one another of a body, with their mass; none where there are no force laws."""
+    if not present:
+        return ForcePoints(np.zeros((0, len(basis.omega) + 1)), np.zeros(0), np.zeros(0, dtype=np.int64))
     mesh = structure.mesh
     layer = np.isin(np.arange(len(mesh.nodes)), mesh.layer)
-    key = np.round(mesh.nodes[:, 0] / mesh.half_delamination * 1e4).astype(np.int64) * 2 + layer
+    key = np.round(mesh.nodes[:, 0] / mesh.half_delamination * PLACES_PER_HALF).astype(np.int64) * 2 + layer
     columns, masses, bodies = [], [], []
     for name in np.unique(key):
         nodes = np.flatnonzero(key == name)
@@ -169,7 +188,7 @@ def _columns(structure: MeshedStructure, basis: Modes):
         columns.append(weight @ basis.shape[2 * nodes + 1] / weight.sum())
         masses.append(weight.sum())
         bodies.append(name % 2)
-    return np.ascontiguousarray(columns), np.array(masses), np.array(bodies)
+    return ForcePoints(np.ascontiguousarray(columns), np.array(masses), np.array(bodies, dtype=np.int64))
 
 
 class Reduced:

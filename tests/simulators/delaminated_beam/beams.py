@@ -6,6 +6,7 @@ import numpy as np
 
 from calib.modelling.laws import BoundLaw
 from calib.simulators.delaminated_beam import contact, explicit, layout
+from calib.simulators.delaminated_beam.coefficients import Coefficients
 from calib.simulators.delaminated_beam.explicit import ExplicitPlan, ExplicitState, ExplicitTrace
 from calib.simulators.delaminated_beam.layout import Layout, MeshedStructure
 from calib.simulators.delaminated_beam.mesh import Counts, Geometry, mesh
@@ -51,21 +52,19 @@ class Beam(NamedTuple):
         """Plan of a run; beta is a fraction of the critical damping of the highest mode."""
         pairs = self.structure.pairs
         stiffness = contact.penalty(pairs, "bulk", factor, ALUMINIUM, WIDTH, LAYER, step)
-        return layout.plan(
-            self.structure,
-            self.layout,
+        coefficients = Coefficients(
             alpha=alpha,
             beta=beta * self.critical,
-            step=step,
             clearance=clearance + np.zeros_like(pairs.weight),
             stiffness=stiffness,
             damping=c_con * contact.critical_damping(pairs, stiffness),
-            limit=100.0 * AMPLITUDE * 2.0 * np.pi * FREQUENCY,
-            merged=0.01 * PERIOD,
+            impact_separation=0.01 * PERIOD,
             lagged=lagged,
             clipped=clipped,
             laws=laws,
         )
+        limit = 100.0 * AMPLITUDE * 2.0 * np.pi * FREQUENCY
+        return layout.plan(self.structure, self.layout, coefficients, step=step, limit=limit)
 
     def figure(self, alpha, beta, factor, c_con, step, height, shift) -> tuple[ExplicitPlan, ExplicitState, int]:
         """Plan of a set of the paper, its start on the static shape, and the steps to a period."""
