@@ -67,13 +67,19 @@ def loop(number: int, c_con: float, damper: str, step: float, settle: int = SETT
         if period.status != OK:
             break
     else:
-        engine.begin_notes()
+        engine.begin_record()
         period = engine.period(SAMPLES)
     took = time.process_time() - began
     print(f"Fig. {number}, C {c_con:g}, {damper}, {step:.3g} s: {period.status}, {took:.0f} s of CPU", flush=True)
-    noted = engine.noted(1)
+    contact = engine.contact_recorded(1)
     # the right half of the beam is computed: forces of the whole layer are twice its own
-    return Loop(period.status, period.samples[:, [1, 3]], 2.0 * period.force, 2.0 * noted.force, noted.fraction)
+    return Loop(
+        period.status,
+        period.samples[:, [1, 3]],
+        2.0 * period.force,
+        2.0 * contact.force,
+        contact.fraction,
+    )
 
 
 def distance(one: Loop, reference: Loop) -> float:

@@ -9,12 +9,12 @@ from calib.errors import CalibError
 from calib.simulators.delaminated_beam import layout, reduction
 from calib.simulators.delaminated_beam.coefficients import Coefficients
 from calib.simulators.delaminated_beam.drive import BeamDrive
-from calib.simulators.delaminated_beam.full import Full
+from calib.simulators.delaminated_beam.full import FullEngine
 from calib.simulators.delaminated_beam.layout import Layout, MeshedStructure
 from calib.simulators.delaminated_beam.mesh import Counts, Geometry, mesh
 from calib.simulators.delaminated_beam.modes import Modes, modes
 from calib.simulators.delaminated_beam.plane_stress import Material
-from calib.simulators.delaminated_beam.reduction import Fineness, Reduced
+from calib.simulators.delaminated_beam.reduction import Fineness, ReducedEngine
 
 MAX_SPEED_RATIO = 100.0  # of a velocity over the drive's, beyond which the full kernel's step is unstable  [1]
 MAX_LENGTH_RATIO = 100.0  # of a displacement over the drive's, beyond which the reduced motion diverges  [1]
@@ -42,28 +42,28 @@ class BeamCase:
     drive: BeamDrive
 
     @property
-    def factor(self) -> float:
-        """By which forces of the model are those of the whole beam."""
+    def force_factor(self) -> float:
+        """Ratio of forces of the whole beam over those of the model  [1]."""
         return 2.0 if self.structure.mesh.symmetric else 1.0
 
     def why_unstable(self) -> str:
-        """Say what the limit is."""
+        """Message that states the limit of the step."""
         return (
             f"a step of {self.step:.4g} s is above the stable one of {self.stable:.4g} s "
             f"(critical step {self.critical:.4g} s, beta {self.coefficients.beta / self.critical:.3g} of critical); "
             "lower dt, f_dt or beta"
         )
 
-    def steps(self) -> dict:
+    def steps(self) -> dict[str, float]:
         """Attributes of a record that concern the step."""
         return {"step": self.step, "critical_step": self.critical, "stable_step": self.stable}
 
-    def place_of(self, closed: np.ndarray) -> np.ndarray:
-        """Places of as many contact pairs as are told of  [1]."""
+    def contact_places(self, closed: np.ndarray) -> np.ndarray:
+        """Places (k,) along the delamination of the contact pairs whose shares `closed` (k,) are given  [1]."""
         place = self.structure.pairs.place
         return place[:: max(1, round((len(place) - 1) / max(1, len(closed) - 1)))]
 
-    def full(self, state: np.ndarray | None, budget: int) -> Full:
+    def full(self, state: np.ndarray | None, budget: int) -> FullEngine:
         """Return the full kernel, at rest on the static shape unless a state is given."""
         built, drive = self.structure, self.drive
         places = Layout(built.mesh)
@@ -80,9 +80,11 @@ class BeamCase:
             displacement[free] += more[0]
             velocity[free] += more[1]
         start = layout.begin(plan, places, displacement.reshape(-1, 2), velocity.reshape(-1, 2))
-        return Full(plan, start, places.gather, free, still, drive.period, self.count, drive.displacements, budget)
+        return FullEngine(
+            plan, start, places.gather, free, still, drive.period, self.count, drive.displacements, budget
+        )
 
-    def reduced(self, fineness: Fineness, state: np.ndarray | None, budget: int) -> Reduced:
+    def reduced(self, fineness: Fineness, state: np.ndarray | None, budget: int) -> ReducedEngine:
         """Return the reduced kernel, at rest on the static shape unless a state is given."""
         built, drive = self.structure, self.drive
         if fineness.modes >= len(built.free):
@@ -97,7 +99,7 @@ class BeamCase:
         size, parts = 2 * fineness.modes, fineness.steps * fineness.parts
         if np.size(state) != size:
             raise CalibError(f"the state of {fineness.modes} modes has {size} numbers, got {np.size(state)}")
-        return Reduced(plan, drive.period, lambda period: drive.table(period, parts), state, budget)
+        return ReducedEngine(plan, drive.period, lambda period: drive.table(period, parts), state, budget)
 
 
 @lru_cache(maxsize=8)
@@ -116,11 +118,11 @@ def structure_of(shape: tuple[tuple[str, float], ...], arch: float, counts: Coun
 
 @lru_cache(maxsize=8)
 def critical_step_of(built: MeshedStructure) -> float:
-    """Longest stable step without damping [s], kept as the structure is."""
+    """Longest stable step without damping [s]; cached, as the structure is."""
     return built.critical_step()
 
 
 @lru_cache(maxsize=16)
 def modes_of(built: MeshedStructure, count: int) -> Modes:
-    """Modes of a structure; kept, since most evaluations of a search share them."""
+    """Modes of a structure; cached, since most evaluations of a search share them."""
     return modes(built, count)

@@ -30,6 +30,7 @@ from calib.simulators.delaminated_beam.reduction import Fineness
 from calib.simulators.delaminated_beam.stationary import Engine, FailedMotion, StationaryMotion, stationary
 from calib.simulators.impact.period_map import shifted
 
+STEP_ROUNDING = 1e-12  # of the number of steps a period  [1]
 IMPACT_SEPARATION_PERIODS = 0.01  # without contact, between two impacts
 
 
@@ -176,16 +177,16 @@ class DelaminatedBeam:
         for p in self.parameters:
             if not p.low <= values[p.name] <= p.high:
                 raise ValueError(f"parameter {p.name} is {values[p.name]:g}, outside [{p.low:g}, {p.high:g}]")
-        held = {name: value for name, value in values.items() if name not in NOT_OF_STRUCTURE}
-        height = held.pop("g_max")
+        of_structure = {name: value for name, value in values.items() if name not in NOT_OF_STRUCTURE}
+        height = of_structure.pop("g_max")
         arch = height if self.layer == "arched" else 0.0
-        built = structure_of(tuple(sorted(held.items())), arch, self.counts, self.symmetric)
+        built = structure_of(tuple(sorted(of_structure.items())), arch, self.counts, self.symmetric)
         critical = critical_step_of(built)
         step = values["f_dt"] * critical or values["dt"]
         step /= self.shorter
         if not step > 0.0:
             raise ValueError("the time step is 0 s; give dt, or f_dt as a share of the critical step, a positive value")
-        count = math.ceil(drive.period / step * (1.0 - 1e-12))
+        count = math.ceil(drive.period / step * (1.0 - STEP_ROUNDING))
         step = drive.period / count
         shift = values["gap"] - height if self.shift == "tied" else values["s"]
         if self.shift == "tied" and shift < 0.0 and self.gap_table is None:
@@ -230,7 +231,7 @@ class DelaminatedBeam:
         if not self.balance or isinstance(motion, FailedMotion):
             return motion, {}
         balance = engine.balance(lambda displacement: elastic_energy(case.structure, displacement))
-        return motion, {name: case.factor * energy for name, energy in balance.items()}
+        return motion, {name: case.force_factor * energy for name, energy in balance.items()}
 
     def _reduced(self, case: BeamCase, request: Request) -> tuple[StationaryMotion | FailedMotion, dict[str, float]]:
         """Run the reduced kernel at the level that the tolerance asks for; also that level, and its estimated error."""
@@ -303,13 +304,13 @@ def _record(case: BeamCase, motion: StationaryMotion, request: Request, attrs: M
         settled_periods=motion.settled,
         stationary=int(motion.returns is not None),
         contact_fraction=contact.fraction,
-        contact_force_max=case.factor * contact.force,
+        contact_force_max=case.force_factor * contact.force,
         penetration_max=contact.penetration,
         centre_impacts=len(contact.central) / request.periods,
         **attrs,
     )
-    record = record.assign_coords(contact_place=("contact_place", case.place_of(contact.closed), {"units": "1"}))
+    record = record.assign_coords(contact_place=("contact_place", case.contact_places(contact.closed), {"units": "1"}))
     return record.assign(
-        contact_force=("time", case.factor * motion.force, {"units": "N"}),
+        contact_force=("time", case.force_factor * motion.force, {"units": "N"}),
         contact_share=("contact_place", contact.closed, {"units": "1"}),
     )

@@ -7,10 +7,11 @@ import numpy as np
 from calib.records import OK
 from calib.simulators.delaminated_beam import explicit
 from calib.simulators.delaminated_beam.explicit import ExplicitPlan, ExplicitState, ExplicitTrace
-from calib.simulators.delaminated_beam.stationary import CAPACITY, Contact, Period
+from calib.simulators.delaminated_beam.explicit.plan import STEPS_DONE
+from calib.simulators.delaminated_beam.stationary import MAX_IMPACTS, Contact, Period, normalised
 
 
-class Full:
+class FullEngine:
     """The full kernel as an `Engine`.
 
     Parameters
@@ -28,26 +29,26 @@ class Full:
         self,
         plan: ExplicitPlan,
         start: ExplicitState,
-        gather: Callable,
+        gather: Callable[[np.ndarray], np.ndarray],
         free: np.ndarray,
         still: tuple[np.ndarray, np.ndarray],
         period: float,
         steps: int,
-        drive: Callable,
+        drive: Callable[[int, int], np.ndarray],
         budget: int,
     ):
         self.plan = plan
         self.now = start
         self._gather, self._free, self._still = gather, free, still
         self._period, self._steps, self._drive, self._budget = period, steps, drive, budget
-        self.begin_notes()
+        self.begin_record()
 
     def period(self, samples: int) -> Period:
         """Go on by one period; see `stationary.Period`."""
         at = np.arange(samples) * (self._steps / samples)
         step = np.floor(at + 0.5).astype(np.int64)
         rows = np.zeros((samples, 5))
-        done = int(self.now.counters[0])
+        done = int(self.now.counters[STEPS_DONE])
         if done + self._steps > self._budget:
             reason = (
                 f"{self._budget} steps were spent in period {done // self._steps + 1}, at {self._steps} a period; "
@@ -68,10 +69,9 @@ class Full:
     def state(self) -> np.ndarray:
         """State at the end of the last period, over its largest displacement and velocity."""
         u = self.now.w - self.plan.beta * self.now.v
-        largest = max(abs(u).max(), 1e-300), max(abs(self.now.v).max(), 1e-300)
-        return np.concatenate([u / largest[0], self.now.v / largest[1]])
+        return normalised(u, self.now.v)
 
-    def whole_state(self) -> np.ndarray:
+    def map_state(self) -> np.ndarray:
         """Displacements and velocities (2 * free,) of the free nodes beyond the static shape, after a period."""
         u = self._gather(self.now.w - self.plan.beta * self.now.v).ravel() - self._still[0]
         v = self._gather(self.now.v).ravel() - self._still[1]
@@ -81,13 +81,13 @@ class Full:
         """Displacements and velocities (4,) of beam and layer in the middle, at the end of the last period."""
         ahead = ExplicitState(*(array.copy() for array in self.now))
         trace = self._empty()._replace(at=np.zeros(1, dtype=np.int64), shift=np.zeros(1), samples=np.zeros((1, 5)))
-        done = int(self.now.counters[0]) // self._steps
+        done = int(self.now.counters[STEPS_DONE]) // self._steps
         first = self._drive(done, self._steps)[:1]
         explicit.advance(self.plan, ahead, done * self._period, first, trace)
         return trace.samples[0, :4]
 
     def balance(self, elastic: Callable[[np.ndarray], float]) -> dict[str, float]:
-        """Go on by a period and say where its energy went  [J].
+        """Go on by a period and return its energy balance  [J].
 
         Parameters
         ----------
@@ -99,7 +99,7 @@ class Full:
         not accounted for: the work of force laws, and the error of the sum
         """
         energies, stored = np.zeros((2, 6)), np.zeros(2)
-        done = int(self.now.counters[0]) // self._steps
+        done = int(self.now.counters[STEPS_DONE]) // self._steps
         drive = self._drive(done, self._steps), self._drive(done + 1, self._steps)[:1]
         for k in range(2):  # one more step, for the kinetic energy at the end
             now = self.now if k == 0 else ExplicitState(*(array.copy() for array in self.now))
@@ -116,16 +116,16 @@ class Full:
             "energy_unaccounted": work - alpha - beta - contact - change,
         }
 
-    def misses(self, minima: np.ndarray) -> int:
+    def near_misses(self, minima: np.ndarray) -> int:
         """Write the local minima of the clearance over one period [m]; return how many there are."""
         trace = self._trace._replace(nearest=minima)
-        done = int(self.now.counters[0]) // self._steps
+        done = int(self.now.counters[STEPS_DONE]) // self._steps
         explicit.advance(self.plan, self.now, done * self._period, self._drive(done, self._steps), trace)
         return int(trace.passes[2])
 
-    def begin_notes(self) -> None:
-        """Forget what contact did so far."""
-        self._since = int(self.now.counters[0])
+    def begin_record(self) -> None:
+        """Begin the record of contact anew."""
+        self._since = int(self.now.counters[STEPS_DONE])
         self._trace = self._empty()
 
     def _empty(self) -> ExplicitTrace:
@@ -133,14 +133,14 @@ class Full:
             at=np.zeros(0, dtype=np.int64),
             shift=np.zeros(0),
             samples=np.zeros((0, 5)),
-            impacts=np.zeros((CAPACITY, 2)),
-            central=np.zeros((CAPACITY, 2)),
+            impacts=np.zeros((MAX_IMPACTS, 2)),
+            central=np.zeros((MAX_IMPACTS, 2)),
             closed=np.zeros(len(self.plan.slave), dtype=np.int64),
             total=np.zeros(5),
             nearest=np.zeros(0),
             passes=np.array([np.inf, np.inf, 0.0]),
         )
 
-    def noted(self, periods: int) -> Contact:
-        """What contact did since `begin_notes`."""
+    def contact_recorded(self, periods: int) -> Contact:
+        """Contact since `begin_record`."""
         return Contact.of(self._trace, self._since, periods * self._steps, self.plan.step)

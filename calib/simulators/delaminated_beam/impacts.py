@@ -7,6 +7,8 @@ from numba import njit
 
 from calib.simulators.compilation import INLINED
 
+IMPACTS, CENTRAL_IMPACTS, CONTACT_TIME, MAX_FORCE, MAX_PENETRATION = range(5)  # places in `total`
+
 
 class ContactTrace(Protocol):
     """What either kernel records of contact, in its own unit of time."""

@@ -16,6 +16,7 @@ from calib.simulators.slots import acting, fill
 
 BODIES = ("beam", "layer")
 LONGEST = ROW - 2 * LANES  # nodes of a line
+FREQUENCY_TOLERANCE = 1e-9  # of the square of the highest frequency  [1]
 NEVER = -(10**15)  # step of the last contact where there was none
 
 
@@ -65,7 +66,9 @@ class MeshedStructure:
         """Longest step with which central differences are stable without beta and contact, 2 / omega_max  [s]."""
         root = 1.0 / np.sqrt(np.repeat(self.mass, 2)[self.free])
         scaled = sparse.diags_array(root) @ self.stiffness[self.free][:, self.free] @ sparse.diags_array(root)
-        [highest] = eigsh(scaled, 1, which="LM", return_eigenvectors=False, v0=np.ones(len(root)), tol=1e-9)
+        [highest] = eigsh(
+            scaled, 1, which="LM", return_eigenvectors=False, v0=np.ones(len(root)), tol=FREQUENCY_TOLERANCE
+        )
         return float(2.0 / np.sqrt(highest))
 
 

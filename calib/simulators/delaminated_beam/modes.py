@@ -1,7 +1,7 @@
 """Component modes of the beam with its contact line, and the one nonlinearity that its bending has.
 
 The modes are those with the driven node at rest; the static shape of the driven node is added. What the modes left out
-yield under contact forces is kept as a static compliance of the contact line. Bending stretches the layer between its
+yield under contact forces is a static compliance of the contact line. Bending stretches the layer between its
 ends, and less so the remaining beam: with the rotations theta of the elements,
 
     E = 1/2 int theta^2 (layer) - 1/2 int theta^2 (beam),      V = N E + 1/2 kappa E^2

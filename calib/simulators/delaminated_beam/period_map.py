@@ -22,7 +22,7 @@ MIN_OPENING_RATIO = 1e-3  # of a mode's largest opening over that of all modes, 
 class MappedEngine(Engine, Protocol):
     """A kernel with its state, as a period map needs it."""
 
-    def whole_state(self) -> np.ndarray:
+    def map_state(self) -> np.ndarray:
         """State (2 n,) as a map has it, at the end of the last period."""
         ...
 
@@ -30,7 +30,7 @@ class MappedEngine(Engine, Protocol):
         """Displacements [m] and velocities [m/s] (4,) of beam and layer in the middle, at the end of the period."""
         ...
 
-    def misses(self, minima: np.ndarray) -> int:
+    def near_misses(self, minima: np.ndarray) -> int:
         """Write the local minima of the clearance over one period [m]; return how many there are."""
         ...
 
@@ -111,11 +111,11 @@ class BeamMap:
             if period.status != OK:
                 status, reason = period.status, period.reason
                 break
-            states.append(engine.whole_state())
+            states.append(engine.map_state())
             rows.append(engine.middle())
         done = len(states)
         middle = np.array(rows).reshape(done, 4)
-        passed = engine.noted(max(1, done)).impacts
+        passed = engine.contact_recorded(max(1, done)).impacts
         cycles = passed[:, 0] / self.period
         impacts = np.stack([np.floor(cycles), cycles - np.floor(cycles), passed[:, 1]], axis=1)
         return Orbit(
@@ -135,5 +135,5 @@ class BeamMap:
         """Local minima of the clearance over one period [m]."""
         engine = self.engine(np.asarray(state, dtype=float), MAX_STEPS)
         minima = np.zeros(MAX_NEAR_MISSES)
-        count = engine.misses(minima)
+        count = engine.near_misses(minima)
         return minima[:count]

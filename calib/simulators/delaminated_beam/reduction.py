@@ -13,7 +13,7 @@ from calib.simulators.delaminated_beam.coefficients import Coefficients
 from calib.simulators.delaminated_beam.layout import BODIES, MeshedStructure
 from calib.simulators.delaminated_beam.modes import Modes
 from calib.simulators.delaminated_beam.reduced import Drift, ReducedPlan, ReducedState, ReducedTrace
-from calib.simulators.delaminated_beam.stationary import CAPACITY, Contact, Period
+from calib.simulators.delaminated_beam.stationary import MAX_IMPACTS, Contact, Period, normalised
 from calib.simulators.slots import acting, fill
 
 MAX_GUARD = 2e-6  # m, clearance that counts as near
@@ -148,7 +148,7 @@ def _stretch(basis: Modes, step: float) -> tuple[np.ndarray, np.ndarray, float]:
     """Tension per coordinate, its weight in kicks, and stiffness kappa (see `modes`) for a step  [s].
 
     Kicks of a steady force f that come h apart let a mode stand at f / omega^2 x / tan(x), x = omega h / 2, when it is
-    looked at; the modes that stretch the layer follow its bending nearly at rest, so that they are kicked by tan(x) / x
+    sampled; the modes that stretch the layer follow its bending nearly at rest, so that they are kicked by tan(x) / x
     as much. Those too fast for the step, near the pole, are taken at rest, in kappa.
     """
     half = 0.5 * basis.omega * step
@@ -191,7 +191,7 @@ def _force_points(structure: MeshedStructure, basis: Modes, present: bool) -> Fo
     return ForcePoints(np.ascontiguousarray(columns), np.array(masses), np.array(bodies, dtype=np.int64))
 
 
-class Reduced:
+class ReducedEngine:
     """The reduced kernel as an `Engine`.
 
     Parameters
@@ -203,7 +203,9 @@ class Reduced:
     budget : steps and parts at most
     """
 
-    def __init__(self, plan: ReducedPlan, period: float, table: Callable, state: np.ndarray, budget: int):
+    def __init__(
+        self, plan: ReducedPlan, period: float, table: Callable[[int], np.ndarray], state: np.ndarray, budget: int
+    ):
         n, m = len(plan.flight.qq), len(plan.clearance)
         self.plan = plan
         self.now = ReducedState(
@@ -217,7 +219,7 @@ class Reduced:
         )
         self._period, self._table, self._budget = period, table, budget
         self._done = 0
-        self.begin_notes()
+        self.begin_record()
 
     def period(self, samples: int) -> Period:
         """Go on by one period; see `stationary.Period`."""
@@ -238,17 +240,16 @@ class Reduced:
 
     def state(self) -> np.ndarray:
         """State at the end of the last period, over its largest displacement and velocity."""
-        q, v = self.now.q[:-1], self.now.v[:-1]
-        return np.concatenate([q / max(abs(q).max(), 1e-300), v / max(abs(v).max(), 1e-300)])
+        return normalised(self.now.q[:-1], self.now.v[:-1])
 
-    def whole_state(self) -> np.ndarray:
+    def map_state(self) -> np.ndarray:
         """Modal coordinates and rates (2 n,)."""
         return np.concatenate([self.now.q[:-1], self.now.v[:-1]])
 
     def carried(self, count: int) -> np.ndarray:
         """State in so many modes, at least as many as there are: the further ones at rest."""
         state = np.zeros((2, count))
-        state[:, : len(self.now.q) - 1] = self.whole_state().reshape(2, -1)
+        state[:, : len(self.now.q) - 1] = self.map_state().reshape(2, -1)
         return state.ravel()
 
     def middle(self) -> np.ndarray:
@@ -256,26 +257,26 @@ class Reduced:
         q, v, layer = self.now.q, self.now.v, self.plan.layer
         return np.array([q[-1], layer @ q, v[-1], layer @ v])
 
-    def misses(self, minima: np.ndarray) -> int:
+    def near_misses(self, minima: np.ndarray) -> int:
         """Write the local minima of the clearance over one period [m]; return how many there are."""
         trace = self._trace._replace(nearest=minima)
         reduced.advance(self.plan, self.now, self._done * self._period, self._table(self._done), trace)
         return int(trace.passes[2])
 
-    def begin_notes(self) -> None:
-        """Forget what contact did so far."""
+    def begin_record(self) -> None:
+        """Begin the record of contact anew."""
         self._since = self._done * self._period
         self._trace = ReducedTrace(
             times=np.zeros(0),
             samples=np.zeros((0, 5)),
-            impacts=np.zeros((CAPACITY, 2)),
-            central=np.zeros((CAPACITY, 2)),
+            impacts=np.zeros((MAX_IMPACTS, 2)),
+            central=np.zeros((MAX_IMPACTS, 2)),
             closed=np.zeros(len(self.plan.clearance)),
             total=np.zeros(5),
             nearest=np.zeros(0),
             passes=np.array([np.inf, np.inf, 0.0]),
         )
 
-    def noted(self, periods: int) -> Contact:
-        """What contact did since `begin_notes`."""
+    def contact_recorded(self, periods: int) -> Contact:
+        """Contact since `begin_record`."""
         return Contact.of(self._trace, self._since, periods * self._period)

@@ -6,11 +6,19 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from calib.records import OK, SECTION
-from calib.simulators.delaminated_beam.impacts import ContactTrace
+from calib.simulators.delaminated_beam.impacts import (
+    CENTRAL_IMPACTS,
+    CONTACT_TIME,
+    IMPACTS,
+    MAX_FORCE,
+    MAX_PENETRATION,
+    ContactTrace,
+)
 
-LAGS = 16  # the longest return that is looked for, in periods
-CAPACITY = 4096  # impacts that are noted
-RETURNED = 1e-6  # largest change of the state, as a share of its largest displacement or velocity
+MAX_RETURN_PERIODS = 16
+MAX_IMPACTS = 4096  # recorded
+RETURN_TOLERANCE = 1e-6  # of a change of the state over its largest displacement or velocity  [1]
+MIN_SCALE = 1e-300  # m or m/s, of a state at rest
 
 
 class Period(NamedTuple):
@@ -31,7 +39,7 @@ class Period(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Contact:
-    """What contact did over the recorded periods.
+    """Contact over the recorded periods.
 
     Attributes
     ----------
@@ -55,20 +63,20 @@ class Contact:
 
         Parameters
         ----------
-        since, span : when the notes began and how long they went on, in the kernel's unit of time
+        since, span : begin and length of the record, in the kernel's unit of time
         unit : of its times  [s]
         """
         impacts, central = (
             np.column_stack([(rows[: int(number), 0] - since) * unit, rows[: int(number), 1]])
-            for rows, number in ((trace.impacts, trace.total[0]), (trace.central, trace.total[1]))
+            for rows, number in ((trace.impacts, trace.total[IMPACTS]), (trace.central, trace.total[CENTRAL_IMPACTS]))
         )
         return cls(
             impacts=impacts,
             central=central,
             closed=trace.closed / span,
-            fraction=float(trace.total[2] / span),
-            force=float(trace.total[3]),
-            penetration=float(trace.total[4]),
+            fraction=float(trace.total[CONTACT_TIME] / span),
+            force=float(trace.total[MAX_FORCE]),
+            penetration=float(trace.total[MAX_PENETRATION]),
         )
 
 
@@ -83,12 +91,12 @@ class Engine(Protocol):
         """State at the end of the last period, in units in which its largest displacement and velocity are 1."""
         ...
 
-    def noted(self, periods: int) -> Contact:
-        """What contact did in the last periods; the notes begin anew with each `begin_notes`."""
+    def contact_recorded(self, periods: int) -> Contact:
+        """Contact in the last periods, since `begin_record`."""
         ...
 
-    def begin_notes(self) -> None:
-        """Forget what contact did so far."""
+    def begin_record(self) -> None:
+        """Begin the record of contact anew."""
         ...
 
 
@@ -129,10 +137,15 @@ class StationaryMotion:
     contact: Contact
 
 
-def returning(states: list[np.ndarray]) -> int | None:
-    """After how many periods the last of the states returned, at most LAGS; None if it did not."""
-    for lag in range(1, min(LAGS, len(states) - 1) + 1):
-        if np.abs(states[-1] - states[-1 - lag]).max() < RETURNED:
+def normalised(displacement: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    """State (2 n,) of displacements and velocities (n,), each over the largest."""
+    return np.concatenate([x / max(abs(x).max(), MIN_SCALE) for x in (displacement, velocity)])
+
+
+def return_period(states: list[np.ndarray]) -> int | None:
+    """Periods after which the last of the states returned, at most MAX_RETURN_PERIODS; None if it did not."""
+    for lag in range(1, min(MAX_RETURN_PERIODS, len(states) - 1) + 1):
+        if np.abs(states[-1] - states[-1 - lag]).max() < RETURN_TOLERANCE:
             return lag
     return None
 
@@ -159,11 +172,11 @@ def stationary(
         if period.status != OK:
             return FailedMotion(period.status, period.reason, len(dropped))
         dropped.append(period.samples[:1])
-        states = [*states[-LAGS:], engine.state()]
-        returns = returning(states)
+        states = [*states[-MAX_RETURN_PERIODS:], engine.state()]
+        returns = return_period(states)
         if settle is None and returns is not None:
             break
-    engine.begin_notes()
+    engine.begin_record()
     recorded, force = [], []
     for _ in range(periods):
         period = engine.period(samples)
@@ -171,17 +184,17 @@ def stationary(
             return FailedMotion(period.status, period.reason, len(dropped))
         recorded.append(period.samples)
         force.append(period.force)
-        states = [*states[-LAGS:], engine.state()]
-        returns = returning(states)
-    contact = engine.noted(periods)
+        states = [*states[-MAX_RETURN_PERIODS:], engine.state()]
+        returns = return_period(states)
+    contact = engine.contact_recorded(periods)
     sections = np.concatenate([*dropped, *(rows[:1] for rows in recorded)])
     while returns is None and len(sections) < SECTION:
         period = engine.period(1)
         if period.status != OK:
             return FailedMotion(period.status, period.reason, len(dropped))
         sections = np.concatenate([sections, period.samples[:1]])
-        states = [*states[-LAGS:], engine.state()]
-        returns = returning(states)
+        states = [*states[-MAX_RETURN_PERIODS:], engine.state()]
+        returns = return_period(states)
     if returns is not None and periods < SECTION:
         sections = np.resize(sections[-returns:], (SECTION, 4))  # what was before is on the way there
     return StationaryMotion(

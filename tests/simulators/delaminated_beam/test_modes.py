@@ -12,7 +12,7 @@ from calib.simulators.delaminated_beam import DelaminatedBeam, reduction
 from calib.simulators.delaminated_beam.drive import CentreDisplacement
 from calib.simulators.delaminated_beam.layout import elastic_energy
 from calib.simulators.delaminated_beam.modes import modes
-from calib.simulators.delaminated_beam.reduced.stepping import drifted, membrane
+from calib.simulators.delaminated_beam.reduced.stepping import drift_modes, membrane_force
 from calib.simulators.delaminated_beam.reduction import Fineness
 from calib.simulators.delaminated_beam.stationary import StationaryMotion, stationary
 
@@ -133,7 +133,7 @@ def test_the_kick_is_the_slope_of_the_membrane_s_energy():
     rng = np.random.default_rng(3)
     q = 1e-3 * rng.normal(size=COUNT + 1) / np.append(basis.omega / basis.omega[0], 1.0)
     engine.now.q[:] = q
-    membrane(engine.plan, engine.now)
+    membrane_force(engine.plan, engine.now)
     step = 1e-8
     slope = [
         (elastic(basis, q + step * e) - elastic(basis, q - step * e)) / (2.0 * step) for e in np.eye(COUNT + 1)[:COUNT]
@@ -164,7 +164,7 @@ def test_drift_is_the_exact_motion_under_a_drive_that_is_linear_in_time():
         return np.concatenate([y[3:], -decay * y[3:] - omega**2 * y[:3] - inertia * force])
 
     exact = solve_ivp(rate, (0.0, h), np.concatenate([q, v]), method="DOP853", rtol=1e-12, atol=1e-18).y[:, -1]
-    drifted(reduction.drift(omega, decay, inertia, h), q, v, before, after)
+    drift_modes(reduction.drift(omega, decay, inertia, h), q, v, before, after)
     np.testing.assert_allclose(np.concatenate([q, v]), exact, rtol=1e-10)
 
 

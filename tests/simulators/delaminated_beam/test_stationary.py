@@ -5,13 +5,13 @@ import pytest
 
 from calib.records import SECTION
 from calib.simulators.delaminated_beam.stationary import (
-    LAGS,
-    RETURNED,
+    MAX_RETURN_PERIODS,
+    RETURN_TOLERANCE,
     Contact,
     FailedMotion,
     Period,
     StationaryMotion,
-    returning,
+    return_period,
     stationary,
 )
 
@@ -42,10 +42,10 @@ class Clockwork:
     def state(self):
         return np.array([self.at(self.done), 1.0])
 
-    def begin_notes(self):
+    def begin_record(self):
         self.begun = self.done
 
-    def noted(self, periods):
+    def contact_recorded(self, periods):
         assert self.done - self.begun == periods
         none = np.zeros((0, 2))
         return Contact(none, none, np.zeros(1), 0.25, 1.0, 0.0)
@@ -58,7 +58,7 @@ class Wanderer(Clockwork):
         return 0.1 * period**1.5
 
 
-@pytest.mark.parametrize("length", [1, 2, 3, 7, LAGS])
+@pytest.mark.parametrize("length", [1, 2, 3, 7, MAX_RETURN_PERIODS])
 @pytest.mark.parametrize("transient", [0, 5])
 def test_a_motion_settles_when_its_state_returns(length, transient):
     engine = Clockwork(list(range(length)), transient)
@@ -72,7 +72,7 @@ def test_a_motion_settles_when_its_state_returns(length, transient):
 
 
 def test_a_motion_of_a_longer_period_does_not_return():
-    motion = stationary(Clockwork(list(range(LAGS + 1))), 2, 4, None, 40)
+    motion = stationary(Clockwork(list(range(MAX_RETURN_PERIODS + 1))), 2, 4, None, 40)
     assert motion.returns is None
     assert motion.settled == 40
 
@@ -93,16 +93,19 @@ def test_a_number_of_periods_to_drop_is_kept_to(settle):
     assert motion.samples[0, 0] == engine.at(settle)
 
 
-@pytest.mark.parametrize("length", [1, 2, 3, 5, LAGS])
+@pytest.mark.parametrize("length", [1, 2, 3, 5, MAX_RETURN_PERIODS])
 @pytest.mark.parametrize("periods", [1, 2, 70])
 def test_sections_that_are_not_simulated_are_those_that_would_be(length, periods):
     engine = Clockwork([3.0 * k for k in range(length)], transient=3)
     motion = stationary(engine, periods, 4, None, 100)
     assert len(motion.sections) == max(SECTION, periods)
     simulated = engine.done
-    assert simulated < motion.settled + periods + 2 * LAGS
-    whole = np.array([engine.at(k) for k in range(simulated + SECTION + LAGS)])
-    assert any(np.array_equal(whole[k : k + SECTION], motion.sections[-SECTION:, 0]) for k in range(simulated + LAGS))
+    assert simulated < motion.settled + periods + 2 * MAX_RETURN_PERIODS
+    whole = np.array([engine.at(k) for k in range(simulated + SECTION + MAX_RETURN_PERIODS)])
+    assert any(
+        np.array_equal(whole[k : k + SECTION], motion.sections[-SECTION:, 0])
+        for k in range(simulated + MAX_RETURN_PERIODS)
+    )
 
 
 def test_sections_of_a_motion_that_does_not_return_are_simulated():
@@ -121,8 +124,8 @@ def test_a_motion_that_fails_at_any_stage_says_why(fails, dropped):
 
 def test_the_shortest_return_counts():
     states = [np.array([float(x)]) for x in (0, 1, 0, 1, 0)]
-    assert returning(states) == 2
-    assert returning([*states, np.array([0.0])]) == 1
-    assert returning([np.array([0.0]), np.array([0.9 * RETURNED])]) == 1
-    assert returning([np.array([0.0]), np.array([1.1 * RETURNED])]) is None
-    assert returning(states[:1]) is None
+    assert return_period(states) == 2
+    assert return_period([*states, np.array([0.0])]) == 1
+    assert return_period([np.array([0.0]), np.array([0.9 * RETURN_TOLERANCE])]) == 1
+    assert return_period([np.array([0.0]), np.array([1.1 * RETURN_TOLERANCE])]) is None
+    assert return_period(states[:1]) is None

@@ -5,7 +5,7 @@ contact forces F and the lumped masses M,
 
     v+ = [(1 - alpha dt/2) v - dt M^-1 (f(w) - F)] / (1 + alpha dt/2),    u+ = u + dt v+
 
-so that alpha damps M v centrally and beta damps K v with the velocity half a step back; w is kept instead of u.
+so that alpha damps M v centrally and beta damps K v with the velocity half a step back; w is stored instead of u.
 """
 
 from calib.simulators.delaminated_beam.explicit.elements import elastic

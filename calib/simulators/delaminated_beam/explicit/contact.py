@@ -5,8 +5,22 @@ from numba import njit, uintp
 
 from calib.simulators import slots
 from calib.simulators.compilation import INLINED
-from calib.simulators.delaminated_beam.explicit.plan import ExplicitPlan, ExplicitState, ExplicitTrace
-from calib.simulators.delaminated_beam.impacts import record_impact
+from calib.simulators.delaminated_beam.explicit.plan import (
+    LAST_CENTRAL_CONTACT,
+    LAST_CONTACT,
+    STEPS_DONE,
+    ExplicitPlan,
+    ExplicitState,
+    ExplicitTrace,
+)
+from calib.simulators.delaminated_beam.impacts import (
+    CENTRAL_IMPACTS,
+    CONTACT_TIME,
+    IMPACTS,
+    MAX_FORCE,
+    MAX_PENETRATION,
+    record_impact,
+)
 
 
 @njit(**INLINED)
@@ -36,7 +50,7 @@ def find_contact(plan: ExplicitPlan, state: ExplicitState) -> tuple[int, float]:
 
 
 @njit(**INLINED)
-def gather_mobility(plan: ExplicitPlan, state: ExplicitState, closed: int) -> None:
+def add_mobilities(plan: ExplicitPlan, state: ExplicitState, closed: int) -> None:
     """Add up, for each closed pair, by how much its own push and equal ones of all the others would part it  [1/kg].
 
     Pairs that share a master push it together. A damper that reckons with this is stable for any damping, whatever the
@@ -58,17 +72,17 @@ def gather_mobility(plan: ExplicitPlan, state: ExplicitState, closed: int) -> No
 
 
 @njit(**INLINED)
-def push_apart(plan: ExplicitPlan, state: ExplicitState, closed: int) -> None:
+def apply_contact_forces(plan: ExplicitPlan, state: ExplicitState, closed: int) -> None:
     """Step the nodes of closed pairs by their contact forces.
 
     The damping sees the mean of the velocities before the step and after it, these as if the other closed pairs pushed
-    as much (see `gather_mobility`): exact for a pair alone and for a common push. `lagged`: the velocity before.
+    as much (see `add_mobilities`): exact for a pair alone and for a common push. `lagged`: the velocity before.
     """
     w, v = state.w, state.v
     gain = plan.step / (1.0 + 0.5 * plan.alpha * plan.step)
     ahead = plan.step + plan.beta
     if not plan.lagged:
-        gather_mobility(plan, state, closed)
+        add_mobilities(plan, state, closed)
     for k in range(closed):
         i = state.active[k]
         gap, before = state.gap[k], state.rate[k]
@@ -101,23 +115,23 @@ def push_apart(plan: ExplicitPlan, state: ExplicitState, closed: int) -> None:
 @njit(**INLINED)
 def record_contact(plan: ExplicitPlan, state: ExplicitState, closed: int, trace: ExplicitTrace) -> float:
     """Record what the contact forces of this step did; return their sum  [N]."""
-    force, anywhere, step = 0.0, False, state.counters[0]
+    force, anywhere, step = 0.0, False, state.counters[STEPS_DONE]
     for k in range(closed):
         force += state.push[k]
         if state.gap[k] >= 0.0:  # a law acts at a distance
             continue
         i = state.active[k]
         trace.closed[i] += 1
-        trace.total[4] = max(trace.total[4], -state.gap[k])
-        if not anywhere and step - state.counters[2] > plan.merged:
-            record_impact(step, -state.rate[k], trace.impacts, trace.total, 0)
+        trace.total[MAX_PENETRATION] = max(trace.total[MAX_PENETRATION], -state.gap[k])
+        if not anywhere and step - state.counters[LAST_CONTACT] > plan.merged:
+            record_impact(step, -state.rate[k], trace.impacts, trace.total, IMPACTS)
         anywhere = True
         if i == plan.centre:
-            if step - state.counters[3] > plan.merged:
-                record_impact(step, -state.rate[k], trace.central, trace.total, 1)
-            state.counters[3] = step
+            if step - state.counters[LAST_CENTRAL_CONTACT] > plan.merged:
+                record_impact(step, -state.rate[k], trace.central, trace.total, CENTRAL_IMPACTS)
+            state.counters[LAST_CENTRAL_CONTACT] = step
     if anywhere:
-        state.counters[2] = step
-        trace.total[2] += 1
-    trace.total[3] = max(trace.total[3], force)
+        state.counters[LAST_CONTACT] = step
+        trace.total[CONTACT_TIME] += 1
+    trace.total[MAX_FORCE] = max(trace.total[MAX_FORCE], force)
     return force

@@ -11,6 +11,7 @@ ROW = 1032  # numbers from one row of a strip's coefficients or forces to the ne
 LANES = 8  # numbers of a vector, to whole ones of which rows are padded
 FACTORS = 11  # rows of coefficients of a strip
 FORCES = 8  # rows of nodal forces of a strip
+STEPS_DONE, NEXT_SEARCH, LAST_CONTACT, LAST_CENTRAL_CONTACT = range(4)  # places in `counters`
 
 
 class ExplicitPlan(NamedTuple):

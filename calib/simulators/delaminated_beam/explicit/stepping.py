@@ -5,9 +5,17 @@ from numba import njit, uintp
 
 from calib.simulators import slots
 from calib.simulators.compilation import COMPILED, INLINED
-from calib.simulators.delaminated_beam.explicit.contact import find_contact, push_apart, record_contact
+from calib.simulators.delaminated_beam.explicit.contact import apply_contact_forces, find_contact, record_contact
 from calib.simulators.delaminated_beam.explicit.elements import VECTOR, elastic
-from calib.simulators.delaminated_beam.explicit.plan import FORCES, ROW, ExplicitPlan, ExplicitState, ExplicitTrace
+from calib.simulators.delaminated_beam.explicit.plan import (
+    FORCES,
+    NEXT_SEARCH,
+    ROW,
+    STEPS_DONE,
+    ExplicitPlan,
+    ExplicitState,
+    ExplicitTrace,
+)
 from calib.simulators.delaminated_beam.impacts import record_near_miss
 
 STEPS_BETWEEN_SEARCHES = 8  # for contact, while no pair can close in between
@@ -65,7 +73,7 @@ def advance_nodes(plan: ExplicitPlan, state: ExplicitState) -> None:
 
 
 @njit(**INLINED)
-def push_by_laws(plan: ExplicitPlan, state: ExplicitState, time: float) -> None:
+def apply_force_laws(plan: ExplicitPlan, state: ExplicitState, time: float) -> None:
     """Step the nodes by the force laws, each body by those that act on it."""
     gain = plan.step / (1.0 + 0.5 * plan.alpha * plan.step)
     ahead = plan.step + plan.beta
@@ -93,20 +101,20 @@ def step(plan: ExplicitPlan, state: ExplicitState, time: float, drive: float) ->
     closed, nearest : see `find_contact`; nearest is infinite where contact was not searched for
     """
     closed, nearest = 0, np.inf
-    if state.counters[0] >= state.counters[1]:
+    if state.counters[STEPS_DONE] >= state.counters[NEXT_SEARCH]:
         closed, nearest = find_contact(plan, state)
         if not closed and nearest > 2.0 * STEPS_BETWEEN_SEARCHES * plan.step * plan.limit:
-            state.counters[1] = state.counters[0] + STEPS_BETWEEN_SEARCHES
+            state.counters[NEXT_SEARCH] = state.counters[STEPS_DONE] + STEPS_BETWEEN_SEARCHES
     elastic(plan, state.w, state.elastic)
     driven = plan.driven
     before = state.w[driven] - plan.beta * state.v[driven]
     advance_nodes(plan, state)
     if plan.counts[0] > 0:
-        push_by_laws(plan, state, time)
+        apply_force_laws(plan, state, time)
     state.v[driven] = (drive - before) / plan.step
     state.w[driven] = drive + plan.beta * state.v[driven]
     if closed:
-        push_apart(plan, state, closed)
+        apply_contact_forces(plan, state, closed)
     layer, beam = plan.lines[plan.joint[2], 0], plan.lines[plan.joint[2] - 1, 0]
     for k in range(len(plan.shared)):
         for component in range(2):
@@ -115,7 +123,7 @@ def step(plan: ExplicitPlan, state: ExplicitState, time: float, drive: float) ->
             for j in range(plan.shared[k, 2]):
                 state.w[copy + j] = state.w[source + j]
                 state.v[copy + j] = state.v[source + j]
-    state.counters[0] += 1
+    state.counters[STEPS_DONE] += 1
     return closed, nearest
 
 
@@ -136,7 +144,7 @@ def advance(plan: ExplicitPlan, state: ExplicitState, time: float, drive: np.nda
         if closed:
             impulse += plan.step * record_contact(plan, state, closed, trace)
         if len(trace.nearest):
-            state.counters[1] = 0
+            state.counters[NEXT_SEARCH] = 0
             record_near_miss(closed, nearest, trace)
         while sample < len(trace.at) and trace.at[sample] == n:
             theta = trace.shift[sample]
@@ -147,6 +155,6 @@ def advance(plan: ExplicitPlan, state: ExplicitState, time: float, drive: np.nda
             trace.samples[sample, 4] = impulse
             impulse = 0.0
             sample += 1
-        if state.counters[0] % STEPS_BETWEEN_CHECKS == 0 and not np.max(np.abs(state.v)) < plan.limit:
+        if state.counters[STEPS_DONE] % STEPS_BETWEEN_CHECKS == 0 and not np.max(np.abs(state.v)) < plan.limit:
             return UNSTABLE
     return DONE

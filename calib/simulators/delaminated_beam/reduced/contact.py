@@ -16,13 +16,20 @@ from numba import njit
 
 from calib.simulators import slots
 from calib.simulators.compilation import INLINED
-from calib.simulators.delaminated_beam.impacts import record_impact
-from calib.simulators.delaminated_beam.reduced.linear_algebra import VECTOR, dot, factorised, solved
+from calib.simulators.delaminated_beam.impacts import (
+    CENTRAL_IMPACTS,
+    CONTACT_TIME,
+    IMPACTS,
+    MAX_FORCE,
+    MAX_PENETRATION,
+    record_impact,
+)
+from calib.simulators.delaminated_beam.reduced.linear_algebra import VECTOR, cholesky_factorise, cholesky_solve, dot
 from calib.simulators.delaminated_beam.reduced.plan import ReducedPlan, ReducedState, ReducedTrace
 
 
 @njit(**INLINED)
-def find_near(plan: ReducedPlan, state: ReducedState, ahead: float) -> tuple[int, float]:
+def find_near_pairs(plan: ReducedPlan, state: ReducedState, ahead: float) -> tuple[int, float]:
     """List the pairs that may close within a time `ahead` [s]; return their number and the smallest clearance [m]."""
     nearest, soon = np.inf, False
     for k in range(len(plan.watched)):
@@ -49,43 +56,52 @@ def find_near(plan: ReducedPlan, state: ReducedState, ahead: float) -> tuple[int
 
 
 @njit(**INLINED)
-def prepared(
-    plan: ReducedPlan, part: float, active: np.ndarray, count: int, factor: np.ndarray, of: np.ndarray
+def update_factor(
+    plan: ReducedPlan, part: float, active: np.ndarray, count: int, factor: np.ndarray, pairs: np.ndarray
 ) -> None:
-    """Bring `factor` up to date with the closed pairs; `of` says whose it is, their number last."""
-    first, last = 0, len(of) - 1
-    while first < min(count, of[last]) and of[first] == active[first]:
+    """Bring a Cholesky factor up to date with the first `count` of the active pairs.
+
+    pairs : (m + 1,) those of the factor, their number last; written
+    """
+    first, last = 0, len(pairs) - 1
+    while first < min(count, pairs[last]) and pairs[first] == active[first]:
         first += 1
-    of[last] = count
+    pairs[last] = count
     for a in range(first, count):
         i = active[a]
-        of[a] = i
+        pairs[a] = i
         for b in range(a + 1):
             j = active[b]
             factor[a, b] = plan.compliance[i, j] / part + part * plan.mobility[i, j]
         factor[a, a] += 1.0 / (plan.damping[i] + plan.stiffness[i] * part)
-    factorised(factor, first, count)
+    cholesky_factorise(factor, first, count)
 
 
 @njit(**VECTOR)
-def push_apart(
+def apply_contact_forces(
     plan: ReducedPlan,
     state: ReducedState,
     near: int,
     part: float,
     gap: np.ndarray,
     rate: np.ndarray,
-    yielded: np.ndarray,
+    static_opening: np.ndarray,
     active: np.ndarray,
     factors: np.ndarray,
-    of: np.ndarray,
+    factor_pairs: np.ndarray,
     push: np.ndarray,
     change: np.ndarray,
 ) -> int:
     """Move the modes by the contact forces over a part  [s]; return the number of closed pairs.
 
-    Of the factors (2, m, m) the first is that of all closed pairs, the second of those that do not pull; `of`
-    (2, m + 1) says whose they are. They are kept from part to part, since few pairs change. `change` (n,) is zero.
+    Parameters
+    ----------
+    near : number of pairs near contact
+    gap, rate : (m,) clearance [m] and its rate [m/s], written where a pair is near, or closed
+    static_opening, active, push : (m,) work space
+    factors, factor_pairs : (2, m, m), (2, m + 1) of all closed pairs, and of those that do not pull; see
+        `update_factor`. They last from part to part, since few pairs change
+    change : (n,) work space, zero before and after
     """
     closed = 0
     for k in range(near):
@@ -100,15 +116,15 @@ def push_apart(
             state.push[state.near[k]] = 0.0
         return 0
     for a in range(closed):
-        yielded[active[a]] = dot(plan.compliance, active[a], state.push)
-    count, turn = closed, 0
+        static_opening[active[a]] = dot(plan.compliance, active[a], state.push)
+    count, which = closed, 0
     while count:
-        prepared(plan, part, active, count, factors[turn], of[turn])
+        update_factor(plan, part, active, count, factors[which], factor_pairs[which])
         for a in range(count):
             i = active[a]
             e = plan.damping[i] + plan.stiffness[i] * part
-            push[a] = yielded[i] / part - plan.stiffness[i] * (gap[i] + yielded[i]) / e - rate[i]
-        solved(factors[turn], push, count)
+            push[a] = static_opening[i] / part - plan.stiffness[i] * (gap[i] + static_opening[i]) / e - rate[i]
+        cholesky_solve(factors[which], push, count)
         left = 0
         if plan.clipped:
             for a in range(count):
@@ -119,7 +135,7 @@ def push_apart(
             left = count
         if left == count:
             break
-        count, turn = left, 1
+        count, which = left, 1
     for k in range(near):
         state.push[state.near[k]] = 0.0
     for a in range(count):
@@ -135,7 +151,7 @@ def push_apart(
 
 
 @njit(**INLINED)
-def push_by_contact_laws(
+def apply_contact_laws(
     plan: ReducedPlan, state: ReducedState, near: int, part: float, gap: np.ndarray, rate: np.ndarray
 ) -> None:
     """Kick the modes by the laws of the contact over a part  [s]."""
@@ -171,16 +187,16 @@ def record_contact(
         if gap[i] >= 0.0:
             continue
         trace.closed[i] += part
-        trace.total[4] = max(trace.total[4], -gap[i])
+        trace.total[MAX_PENETRATION] = max(trace.total[MAX_PENETRATION], -gap[i])
         if not anywhere and time - state.last[0] > plan.merged:
-            record_impact(time, -rate[i], trace.impacts, trace.total, 0)
+            record_impact(time, -rate[i], trace.impacts, trace.total, IMPACTS)
         anywhere = True
         if i == plan.centre:
             if time - state.last[1] > plan.merged:
-                record_impact(time, -rate[i], trace.central, trace.total, 1)
+                record_impact(time, -rate[i], trace.central, trace.total, CENTRAL_IMPACTS)
             state.last[1] = time
     if anywhere:
         state.last[0] = time
-        trace.total[2] += part
-    trace.total[3] = max(trace.total[3], force)
+        trace.total[CONTACT_TIME] += part
+    trace.total[MAX_FORCE] = max(trace.total[MAX_FORCE], force)
     return force

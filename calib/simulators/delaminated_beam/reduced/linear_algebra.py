@@ -27,7 +27,7 @@ def dot_row(row: np.ndarray, y: np.ndarray) -> float:
 
 
 @njit(**VECTOR)
-def factorised(matrix: np.ndarray, first: int, count: int) -> None:
+def cholesky_factorise(matrix: np.ndarray, first: int, count: int) -> None:
     """Replace the rows of a symmetric positive definite matrix, from `first` on, by those of its Cholesky factor."""
     for i in range(first, count):
         for j in range(i):
@@ -42,7 +42,7 @@ def factorised(matrix: np.ndarray, first: int, count: int) -> None:
 
 
 @njit(**VECTOR)
-def solved(factor: np.ndarray, right: np.ndarray, count: int) -> None:
+def cholesky_solve(factor: np.ndarray, right: np.ndarray, count: int) -> None:
     """Solve a system whose Cholesky factor is given; the solution stands in `right`."""
     for i in range(count):
         total = right[i]

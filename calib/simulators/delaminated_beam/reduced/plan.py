@@ -27,7 +27,7 @@ class Drift(NamedTuple):
 
 
 class ReducedPlan(NamedTuple):
-    """Constants of a run: n modes, m contact pairs, k pairs that are looked at in flight.
+    """Constants of a run: n modes, m contact pairs, k pairs that are checked in flight.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class ReducedPlan(NamedTuple):
     quadratic : (n + 1, n + 1), tension : (n + 1,), kappa : see `modes`
     stretch : (n,) tension in the kicks, see `reduction`
     opening : (m, n + 1) of the pairs, per modal coordinate and per displacement of the driven node
-    watched : (k,) pairs that are looked at in flight
+    watched : (k,) pairs that are checked in flight
     clearance, stiffness, damping : (m,)  [m], [N/m], [N s/m]
     mobility : (m, m) W  [1/kg]
     compliance : (m, m) C  [m/N]

@@ -7,9 +7,9 @@ from calib.simulators import slots
 from calib.simulators.compilation import COMPILED, INLINED
 from calib.simulators.delaminated_beam.impacts import record_near_miss
 from calib.simulators.delaminated_beam.reduced.contact import (
-    find_near,
-    push_apart,
-    push_by_contact_laws,
+    apply_contact_forces,
+    apply_contact_laws,
+    find_near_pairs,
     record_contact,
 )
 from calib.simulators.delaminated_beam.reduced.linear_algebra import VECTOR, dot, dot_row
@@ -19,7 +19,7 @@ DONE, DIVERGED = 0, 1  # codes of `advance`
 
 
 @njit(**VECTOR)
-def membrane(plan: ReducedPlan, state: ReducedState) -> None:
+def membrane_force(plan: ReducedPlan, state: ReducedState) -> None:
     """Compute the force of the stretched layer on the modes."""
     n = len(state.kick)
     q, kick = state.q, state.kick
@@ -36,14 +36,14 @@ def membrane(plan: ReducedPlan, state: ReducedState) -> None:
 
 
 @njit(**VECTOR)
-def kicked(state: ReducedState, filter: np.ndarray, time: float) -> None:
-    """Add to the rates what the membrane force does over a time  [s]."""
+def apply_membrane_force(state: ReducedState, filter: np.ndarray, span: float) -> None:
+    """Change the rates of the modes by the membrane force over a time `span` [s]; `filter` as `Drift.kick`."""
     for k in range(len(state.kick)):
-        state.v[k] += time * filter[k] * state.kick[k]
+        state.v[k] += span * filter[k] * state.kick[k]
 
 
 @njit(**VECTOR)
-def drifted(drift: Drift, q: np.ndarray, v: np.ndarray, before: float, after: float) -> None:
+def drift_modes(drift: Drift, q: np.ndarray, v: np.ndarray, before: float, after: float) -> None:
     """Move the modes by a drift, under the drive's X'' + alpha X' before and after it."""
     for k in range(len(drift.qq)):
         x, y = q[k], v[k]
@@ -52,7 +52,7 @@ def drifted(drift: Drift, q: np.ndarray, v: np.ndarray, before: float, after: fl
 
 
 @njit(**COMPILED)
-def push_by_laws(plan: ReducedPlan, state: ReducedState, time: float, span: float) -> None:
+def apply_force_laws(plan: ReducedPlan, state: ReducedState, time: float, span: float) -> None:
     """Kick the modes by the force laws over a time `span` [s]."""
     none, kick = np.zeros(1), np.zeros(len(state.kick))
     for j in range(len(plan.masses)):
@@ -66,7 +66,7 @@ def push_by_laws(plan: ReducedPlan, state: ReducedState, time: float, span: floa
 
 
 @njit(**INLINED)
-def sampled(
+def record_samples(
     plan: ReducedPlan,
     old: np.ndarray,
     state: ReducedState,
@@ -98,8 +98,8 @@ def sampled(
 
 
 @njit(**INLINED)
-def begun(plan: ReducedPlan, old: np.ndarray, state: ReducedState) -> None:
-    """Keep displacement and velocity of beam and layer in the middle."""
+def store_middle(plan: ReducedPlan, old: np.ndarray, state: ReducedState) -> None:
+    """Write displacement [m] and velocity [m/s] of beam and layer in the middle to `old` (4,)."""
     n = len(state.kick)
     old[0], old[1] = state.q[n], state.v[n]
     old[2], old[3] = dot_row(plan.layer, state.q), dot_row(plan.layer, state.v)
@@ -121,48 +121,50 @@ def advance(plan: ReducedPlan, state: ReducedState, time: float, drive: np.ndarr
     n, parts = len(state.kick), plan.parts
     m = len(plan.clearance)
     part = plan.step / parts
-    gap, rate, yielded = np.zeros(m), np.zeros(m), np.zeros(m)
+    gap, rate, static_opening = np.zeros(m), np.zeros(m), np.zeros(m)
     push, change = np.zeros(m), np.zeros(n)
     active, factors = np.zeros(m, dtype=np.int64), np.empty((2, m, m))
-    of = np.zeros((2, m + 1), dtype=np.int64)
+    factor_pairs = np.zeros((2, m + 1), dtype=np.int64)
     old, impulse, sample = np.zeros(4), np.zeros(1), 0
     state.q[n], state.v[n] = drive[0, 0], drive[0, 1]
-    membrane(plan, state)
+    membrane_force(plan, state)
     for step in range((len(drive) - 1) // parts):
         at, begin = step * parts, step * plan.step
-        near, nearest = find_near(plan, state, plan.step)
+        near, nearest = find_near_pairs(plan, state, plan.step)
         closed = 0
-        begun(plan, old, state)
-        kicked(state, plan.flight.kick, 0.5 * plan.step)
+        store_middle(plan, old, state)
+        apply_membrane_force(state, plan.flight.kick, 0.5 * plan.step)
         if plan.counts[0] > 0:
-            push_by_laws(plan, state, time + begin, 0.5 * plan.step)
+            apply_force_laws(plan, state, time + begin, 0.5 * plan.step)
         if near == 0:
-            drifted(plan.flight, state.q, state.v, drive[at, 2], drive[at + parts, 2])
+            drift_modes(plan.flight, state.q, state.v, drive[at, 2], drive[at + parts, 2])
             state.q[n], state.v[n] = drive[at + parts, 0], drive[at + parts, 1]
             state.counters[0] += 1
         else:
             for k in range(parts):
                 if k:
-                    begun(plan, old, state)
-                drifted(plan.near, state.q, state.v, drive[at + k, 2], drive[at + k + 1, 2])
+                    store_middle(plan, old, state)
+                drift_modes(plan.near, state.q, state.v, drive[at + k, 2], drive[at + k + 1, 2])
                 state.q[n], state.v[n] = drive[at + k + 1, 0], drive[at + k + 1, 1]
-                closed = push_apart(plan, state, near, part, gap, rate, yielded, active, factors, of, push, change)
+                closed = apply_contact_forces(
+                    plan, state, near, part, gap, rate, static_opening, active, factors, factor_pairs, push, change
+                )
                 if plan.counts[1] > 0:
-                    push_by_contact_laws(plan, state, near, part, gap, rate)
+                    apply_contact_laws(plan, state, near, part, gap, rate)
                 if closed:
                     now = time + begin + (k + 1) * part
                     impulse[0] += part * record_contact(plan, state, near, now, part, gap, rate, trace)
                 if k < parts - 1:
-                    sample = sampled(plan, old, state, begin + k * part, part, impulse, sample, trace)
+                    sample = record_samples(plan, old, state, begin + k * part, part, impulse, sample, trace)
             state.counters[0] += parts
-        membrane(plan, state)
-        kicked(state, plan.flight.kick, 0.5 * plan.step)
+        membrane_force(plan, state)
+        apply_membrane_force(state, plan.flight.kick, 0.5 * plan.step)
         if plan.counts[0] > 0:
-            push_by_laws(plan, state, time + begin + plan.step, 0.5 * plan.step)
+            apply_force_laws(plan, state, time + begin + plan.step, 0.5 * plan.step)
         if near:
-            sample = sampled(plan, old, state, begin + (parts - 1) * part, part, impulse, sample, trace)
+            sample = record_samples(plan, old, state, begin + (parts - 1) * part, part, impulse, sample, trace)
         else:
-            sample = sampled(plan, old, state, begin, plan.step, impulse, sample, trace)
+            sample = record_samples(plan, old, state, begin, plan.step, impulse, sample, trace)
         if len(trace.nearest):
             record_near_miss(closed, nearest, trace)
         if not abs(dot_row(plan.layer, state.q)) < plan.limit:

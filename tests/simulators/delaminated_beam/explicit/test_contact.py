@@ -7,7 +7,7 @@ from simulators.delaminated_beam.beams import WIDE, advance, beam
 from calib.modelling.laws import BoundLaw, contact
 from calib.simulators.delaminated_beam import explicit
 from calib.simulators.delaminated_beam.contact import critical_damping
-from calib.simulators.delaminated_beam.explicit.contact import find_contact, gather_mobility, push_apart
+from calib.simulators.delaminated_beam.explicit.contact import add_mobilities, apply_contact_forces, find_contact
 from calib.simulators.slots import fill
 
 HALF, WHOLE = beam(), beam(symmetric=False)
@@ -25,7 +25,7 @@ def pushed(b, plan, displacement, velocity):
     state = b.begin(plan, displacement, velocity)
     before = b.velocity(state)[:, 1]
     closed, _ = find_contact(plan, state)
-    push_apart(plan, state, closed)
+    apply_contact_forces(plan, state, closed)
     inverse = b.layout.gather(plan.inverse_mass)[:, 1]
     change = b.velocity(state)[:, 1] - before
     gain = plan.step / (1.0 + 0.5 * plan.alpha * plan.step)
@@ -140,7 +140,7 @@ def growth(c_con, factor, lagged, steps=20_000):
     if not lagged:  # an implicit damper lessens the force, before the law is added
         state = HALF.begin(plan, np.zeros_like(HALF.nodes))
         closed, _ = find_contact(plan, state)
-        gather_mobility(plan, state, closed)
+        add_mobilities(plan, state, closed)
         depth[state.active[:closed]] *= 1.0 + 0.5 * plan.damping[:closed] * STEP * state.mobility[:closed]
     law = BoundLaw("contact", suction.function, np.array([pressure, 0, 0, 0, 0, 0, 0, 0]))
     contacts, parameters, number = fill([law], "contact")

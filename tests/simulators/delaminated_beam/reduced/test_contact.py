@@ -6,9 +6,9 @@ from short_beam import EXCITATION, VALUES, beam
 
 from calib.simulators.delaminated_beam import reduction
 from calib.simulators.delaminated_beam.drive import CentreDisplacement
-from calib.simulators.delaminated_beam.reduced.contact import find_near, push_apart
-from calib.simulators.delaminated_beam.reduced.linear_algebra import factorised, solved
-from calib.simulators.delaminated_beam.reduced.stepping import drifted
+from calib.simulators.delaminated_beam.reduced.contact import apply_contact_forces, find_near_pairs
+from calib.simulators.delaminated_beam.reduced.linear_algebra import cholesky_factorise, cholesky_solve
+from calib.simulators.delaminated_beam.reduced.stepping import drift_modes
 from calib.simulators.delaminated_beam.reduction import Fineness
 
 FINENESS = Fineness(24, 512, 8)
@@ -47,7 +47,7 @@ def kicked(made, near, part=None):
     before = plan.opening @ now.v
     room = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m, dtype=np.int64), np.zeros((2, m, m))
     room += np.zeros((2, m + 1), dtype=np.int64), np.zeros(m), np.zeros(n)
-    closed = push_apart(plan, now, near, part or plan.step / plan.parts, *room)
+    closed = apply_contact_forces(plan, now, near, part or plan.step / plan.parts, *room)
     return gap, before, plan.opening @ now.v, closed
 
 
@@ -60,9 +60,9 @@ def test_the_solver_is_that_of_linear_algebra():
         room, solution = np.zeros((64, 64)), np.zeros(64)
         room[:count, :count], solution[:count] = np.tril(matrix), right
         first = count // 2
-        factorised(room, 0, first)
-        factorised(room, first, count)
-        solved(room, solution, count)
+        cholesky_factorise(room, 0, first)
+        cholesky_factorise(room, first, count)
+        cholesky_solve(room, solution, count)
         np.testing.assert_allclose(solution[:count], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
@@ -97,13 +97,13 @@ def test_factors_that_are_kept_are_those_that_would_be_made_anew():
 
     kept, closed = room(), set()
     for _ in range(40):
-        drifted(plan.near, now.q, now.v, 0.0, 0.0)
+        drift_modes(plan.near, now.q, now.v, 0.0, 0.0)
         start = {name: getattr(now, name).copy() for name in ("q", "v", "push")}
-        closed.add(push_apart(plan, now, near, part, *kept))
+        closed.add(apply_contact_forces(plan, now, near, part, *kept))
         moved = now.q.copy()
         for name, value in start.items():
             getattr(now, name)[:] = value
-        push_apart(plan, now, near, part, *room())
+        apply_contact_forces(plan, now, near, part, *room())
         np.testing.assert_allclose(now.q, moved, rtol=1e-12, atol=1e-12 * np.abs(moved).max())
     assert len(closed) > 3
 
@@ -135,7 +135,7 @@ def test_contact_of_any_hardness_leaves_the_motion_bounded(fineness, f, c_con):
         period = made.period(64)
         assert period.status == "ok"
         assert np.abs(period.samples[:, :2]).max() < 1.05 * EXCITATION.amplitude
-    assert made.noted(50).fraction > 0.0
+    assert made.contact_recorded(50).fraction > 0.0
 
 
 @SEEDS
@@ -185,7 +185,7 @@ def test_a_force_that_may_pull_pulls():
 
 def test_a_pair_without_stiffness_is_never_near():
     made = engine(s=-1e-3)
-    count, _ = find_near(made.plan, made.now, made.plan.step)
+    count, _ = find_near_pairs(made.plan, made.now, made.plan.step)
     assert 0 < count < len(made.plan.clearance)  # the one at the tip is one node
     assert not made.plan.stiffness[np.setdiff1d(np.arange(len(made.plan.clearance)), made.now.near[:count])].any()
 
@@ -202,7 +202,7 @@ def test_more_modes_keep_the_state_of_fewer():
     made = engine(Fineness(4, 512, 8))
     made.period(4)
     state = made.carried(9).reshape(2, -1)
-    np.testing.assert_array_equal(state[:, :4].ravel(), made.whole_state())
+    np.testing.assert_array_equal(state[:, :4].ravel(), made.map_state())
     assert not state[:, 4:].any()
 
 
@@ -212,7 +212,7 @@ def test_without_drive_damping_and_contact_energy_stays():
     for steps in (512, 2048):
         made = engine(Fineness(24, steps, 1), alpha=0.0, beta=0.0, s=1.0)
         table = np.zeros((steps + 1, 3))
-        made = reduction.Reduced(made.plan, EXCITATION.period, lambda period, rows=table: rows, start, 10**9)
+        made = reduction.ReducedEngine(made.plan, EXCITATION.period, lambda period, rows=table: rows, start, 10**9)
         plan, levels = made.plan, []
         omega = np.arccos(np.clip(plan.flight.qq, -1.0, 1.0)) / plan.step  # below half the sampling frequency
         for _ in range(40):
