@@ -53,7 +53,7 @@ class Timed:
 
 @dataclass
 class Findings:
-    """What was found on the way: figures for the record's attributes, and notes and warnings for its reader."""
+    """Results of the assembly: attributes of the record, and notes and warnings for its user."""
 
     attrs: dict[str, float | int | str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
@@ -65,7 +65,7 @@ def assembled(readings: Sequence[Reading], spec: FigureToml) -> tuple[xr.Dataset
 
     Raises
     ------
-    CalibError : curves that contradict one another, or of which no common clock can be told
+    CalibError : curves that contradict one another, or that share no common clock
     """
     given = _by_body(readings)
     findings = Findings()
@@ -123,11 +123,11 @@ def _timed(reading: Reading, period: float | None, samples: int, findings: Findi
     try:
         drawn = loop(reading.points)
         noise = float(np.sqrt(np.mean(reading.sigma[:, 0] ** 2)))
-        found = clock(drawn, noise)
+        timing = clock(drawn, noise)
     except CalibError as error:
         raise CalibError(f"{where}: {error}") from error
     modes = drawn.carried(reading.modes)
-    once = found.period
+    once = timing.period
     cycles = 1
     if period is not None:
         cycles = max(1, round(once / period))
@@ -138,18 +138,18 @@ def _timed(reading: Reading, period: float | None, samples: int, findings: Findi
                 f"excitation of {shown(period, 's')}; expected whole ones: check units, axis points and frequency"
             )
         once = cycles * period
-    displaced, quickened, lasting = propagated(drawn, found, modes, once, once / (cycles * samples))
+    displaced, quickened, lasting = propagated(drawn, timing, modes, once, once / (cycles * samples))
     local = drawn.carried(reading.sigma[None] ** 2)[0]
     sigma = np.sqrt(np.array([displaced**2 + local[:, 0], quickened**2 + local[:, 1]]))
-    _closure(where, reading, found, lasting, once, period, findings)
+    _closure(where, reading, timing, lasting, once, period, findings)
     findings.attrs["returns_after"] = cycles
     if period is None:
         findings.attrs["frequency"] = 1.0 / once
     start = int(np.argmax(drawn.displacement))
-    time = np.diff(found.time)
-    time = np.concatenate([[0.0], np.cumsum(np.roll(time, -start))]) * (once / found.period)
+    time = np.diff(timing.time)
+    time = np.concatenate([[0.0], np.cumsum(np.roll(time, -start))]) * (once / timing.period)
     rolled = NodeLoop(
-        np.roll(drawn.displacement, -start), np.roll(drawn.velocity, -start), np.roll(drawn.place, -start),
+        np.roll(drawn.displacement, -start), np.roll(drawn.velocity, -start), np.roll(drawn.position, -start),
         drawn.reversed,
     )  # fmt: skip
     return Timed(reading, rolled, np.roll(sigma, -start, axis=1), time)
@@ -158,38 +158,38 @@ def _timed(reading: Reading, period: float | None, samples: int, findings: Findi
 def _closure(
     where: str,
     reading: Reading,
-    found: LoopClock,
+    timing: LoopClock,
     lasting: float,
     once: float,
     period: float | None,
     findings: Findings,
 ) -> None:
-    """Say how well the loop closes in time."""
+    """Add to the findings how well the loop closes in time."""
     body = reading.body
-    findings.attrs[f"closure_drift_{body}"] = found.drift
-    findings.attrs[f"closure_backwards_{body}"] = found.backwards
+    findings.attrs[f"closure_drift_{body}"] = timing.drift
+    findings.attrs[f"closure_backwards_{body}"] = timing.backwards
     findings.attrs[f"closure_period_sigma_{body}"] = lasting
-    said = f"{where}: once round in {shown(found.period, 's', 5)} +- {100.0 * lasting:.2g} %"
+    note = f"{where}: once round in {shown(timing.period, 's', 5)} +- {100.0 * lasting:.2g} %"
     if period is not None:
-        off = found.period / once - 1.0
+        off = timing.period / once - 1.0
         findings.attrs[f"closure_period_{body}"] = off
-        said += f", {100.0 * off:+.2g} % off {round(once / period)} period(s) of the excitation, then stretched to them"
+        note += f", {100.0 * off:+.2g} % off {round(once / period)} period(s) of the excitation, then stretched to them"
         if abs(off) > max(WARNING_SIGMAS * lasting, MIN_PERIOD_DIFFERENCE):
             findings.warnings.append(
                 f"{where}: its own time once round is {100.0 * off:+.2g} % off the period of the excitation, with an "
                 f"uncertainty of {100.0 * lasting:.2g} %; are units, axis points and frequency right?"
             )
-    findings.notes.append(said)
-    if np.isfinite(found.zero):
-        findings.attrs[f"closure_zero_{body}"] = found.zero
-    if abs(found.zero) > MAX_ZERO_OFFSET:
+    findings.notes.append(note)
+    if np.isfinite(timing.zero):
+        findings.attrs[f"closure_zero_{body}"] = timing.zero
+    if abs(timing.zero) > MAX_ZERO_OFFSET:
         findings.warnings.append(
-            f"{where}: displacement turns where velocity is {100.0 * found.zero:+.2g} % of its greatest, not zero; "
+            f"{where}: displacement turns where velocity is {100.0 * timing.zero:+.2g} % of its greatest, not zero; "
             "is the zero of the velocity axis where it should be, and does the page stand straight?"
         )
-    if found.backwards > MAX_BACKWARDS:
+    if timing.backwards > MAX_BACKWARDS:
         findings.warnings.append(
-            f"{where}: over {100.0 * found.backwards:.2g} % of the period the curve runs against time; is the zero of "
+            f"{where}: over {100.0 * timing.backwards:.2g} % of the period the curve runs against time; is the zero of "
             "the velocity axis where it should be, and is the page calibrated?"
         )
 
@@ -239,12 +239,12 @@ def _made(time: np.ndarray, rows: Mapping[str, Mapping[str, tuple[np.ndarray, np
 
 
 def _nuisances(timed: Mapping[str, Timed], findings: Findings) -> None:
-    """State what a study should solve for beside its parameters, and what the axes may be off.
+    """State which nuisances a study should solve for, and the standard uncertainty of the axes.
 
-    The zero of the displacement is seldom that of the model, and shear costs nothing. A free scale gives the amplitude
-    away, so it is freed only where the axes do not tell it.
+    The zero of the displacement is seldom that of the model, and a free shear loses no information. A free scale loses
+    the amplitude, so it is freed only where the axes do not determine it.
     """
-    found: dict[str, float] = {}
+    variances: dict[str, float] = {}
     for body, one in timed.items():
         points, modes = one.reading.points, one.reading.modes[: one.reading.axes]
         design = np.column_stack([points, np.ones(len(points))])
@@ -253,14 +253,14 @@ def _nuisances(timed: Mapping[str, Timed], findings: Findings) -> None:
             up = np.linalg.lstsq(design, mode[:, 1], rcond=None)[0]
             for name, value in (("scale.displacement", across[0]), ("shear", across[1]), (f"offset.{body}", across[2]),
                                 ("scale.velocity", up[1])):  # fmt: skip
-                found[name] = found.get(name, 0.0) + value**2 / (1 if name.startswith("offset") else len(timed))
-    sure = {name: float(f"{np.sqrt(value):.4g}") for name, value in found.items()}
-    freed = ["trigger", "offset", *(["shear"] if "shear" in sure else [])]
-    if max(sure.get("scale.displacement", 0.0), sure.get("scale.velocity", 0.0)) > MAX_SCALE_SIGMA:
+                variances[name] = variances.get(name, 0.0) + value**2 / (1 if name.startswith("offset") else len(timed))
+    sigmas = {name: float(f"{np.sqrt(value):.4g}") for name, value in variances.items()}
+    freed = ["trigger", "offset", *(["shear"] if "shear" in sigmas else [])]
+    if max(sigmas.get("scale.displacement", 0.0), sigmas.get("scale.velocity", 0.0)) > MAX_SCALE_SIGMA:
         freed.append("scale")
     findings.attrs["nuisance"] = ", ".join(freed)
-    if sure:
-        findings.attrs["nuisance_sigma"] = json.dumps(sure)
+    if sigmas:
+        findings.attrs["nuisance_sigma"] = json.dumps(sigmas)
 
 
 # --- diagrams over time
@@ -368,13 +368,13 @@ def _start(timed: Timed, diagrams: Sequence[Reading], findings: Findings) -> flo
     findings.attrs[f"reconciled_scale_{body}"] = float(scale)
     findings.attrs[f"reconciled_offset_{body}"] = float(offset)
     findings.attrs[f"reconciled_rest_{body}"] = rest / size
-    said = (
+    note = (
         f"{body}: {kind} and phase curve differ by {100.0 * rest / size:.2g} % of the amplitude (root mean square; "
         f"{100.0 * expected / size:.2g} % expected), scale {scale:.4f}, offset {100.0 * offset / size:+.2g} %"
     )
-    findings.notes.append(said)
+    findings.notes.append(note)
     if rest > WARNING_SIGMAS * expected:
         findings.warnings.append(
-            f"{said}: more than {WARNING_SIGMAS:g} times their uncertainty; is it the same motion?"
+            f"{note}: more than {WARNING_SIGMAS:g} times their uncertainty; is it the same motion?"
         )
     return start

@@ -94,16 +94,16 @@ def calibrated(
 
     Raises
     ------
-    CalibError : too few points, all on one line, two in one place, or a number that a logarithmic axis cannot carry
+    CalibError : too few points, all on one line, two at one point, or a number that a logarithmic axis cannot carry
     """
-    places = np.asarray(pixels, dtype=float).reshape(-1, 2)
+    points = np.asarray(pixels, dtype=float).reshape(-1, 2)
     values = [_on_axis(v, log, name) for v, log, name in zip((x, y), logarithmic, "xy", strict=True)]
     rows = []
     for axis in (0, 1):
         own, other = np.isfinite(values[axis]), np.isfinite(values[1 - axis])
-        design, right = _affine(places[own]), values[axis][own]
+        design, right = _affine(points[own]), values[axis][own]
         if len(right) == 2 and (other & ~own).sum() == 2:
-            along = np.diff(places[other & ~own], axis=0)
+            along = np.diff(points[other & ~own], axis=0)
             design = np.vstack([design, np.column_stack([along, [0.0]])])
             right = np.append(right, 0.0)
         _check(design, right, "xy"[axis])

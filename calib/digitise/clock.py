@@ -34,20 +34,20 @@ class NodeLoop:
     Attributes
     ----------
     displacement, velocity : (n,) in the direction of time, the last followed by the first  [m], [m/s]
-    place : (n,) where each node is among the points that were given, in points; it grows in the direction of time
+    position : (n,) of each node along the points that were given, in points; it grows in the direction of time
         where `reversed` is False
     reversed : whether the points were given against the direction of time
     """
 
     displacement: np.ndarray
     velocity: np.ndarray
-    place: np.ndarray
+    position: np.ndarray
     reversed: bool
 
     def carried(self, values: np.ndarray) -> np.ndarray:
         """Values (..., point, 2) of the given points at the nodes: (..., node, 2), between points by straight lines."""
-        before = np.floor(self.place).astype(int)
-        share = (self.place - before)[:, None]
+        before = np.floor(self.position).astype(int)
+        share = (self.position - before)[:, None]
         size = values.shape[-2]
         return (1.0 - share) * values[..., before % size, :] + share * values[..., (before + 1) % size, :]
 
@@ -117,12 +117,12 @@ def loop(points: np.ndarray, nodes: int = LOOP_NODES) -> NodeLoop:
             f"a phase curve needs at least {MIN_POINTS} points that differ in displacement and velocity, "
             f"got {len(points)}"
         )
-    given, place = len(points), np.arange(len(points))
+    given, position = len(points), np.arange(len(points))
     away = np.linalg.norm(np.diff(points, axis=0, append=points[:1]) / size, axis=1)
-    points, place, away = points[away > MIN_DISTANCE], place[away > MIN_DISTANCE], away[away > MIN_DISTANCE]
+    points, position, away = points[away > MIN_DISTANCE], position[away > MIN_DISTANCE], away[away > MIN_DISTANCE]
     if len(points) < MIN_POINTS:
-        raise CalibError(f"a phase curve needs at least {MIN_POINTS} points in different places, got {len(points)}")
-    points, place = _filled(points, place, away, given)
+        raise CalibError(f"a phase curve needs at least {MIN_POINTS} points at different positions, got {len(points)}")
+    points, position = _filled(points, position, away, given)
     away = np.linalg.norm(np.diff(points, axis=0, append=points[:1]) / size, axis=1)
     around = np.sum(0.5 * (points[:, 1] + np.roll(points[:, 1], -1)) * (np.roll(points[:, 0], -1) - points[:, 0]))
     if abs(around) < 1e-4 * np.prod(size):
@@ -132,16 +132,16 @@ def loop(points: np.ndarray, nodes: int = LOOP_NODES) -> NodeLoop:
     along = np.concatenate([[0.0], np.cumsum(away)])
     length = along[-1]
     arc = along[index % len(points)] + length * (index // len(points))
-    places = np.arange(nodes) * length / nodes
-    drawn = Akima1DInterpolator(arc, points[index % len(points)], method="makima")(places)
-    at = np.interp(places, along, np.append(place, place[0] + given))
+    positions = np.arange(nodes) * length / nodes
+    drawn = Akima1DInterpolator(arc, points[index % len(points)], method="makima")(positions)
+    at = np.interp(positions, along, np.append(position, position[0] + given))
     if around < 0.0:
         return NodeLoop(drawn[::-1, 0], drawn[::-1, 1], at[::-1], True)
     return NodeLoop(drawn[:, 0], drawn[:, 1], at, False)
 
 
-def _filled(points: np.ndarray, place: np.ndarray, away: np.ndarray, given: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points and their places with straight lines of points where a stretch is much longer than those about it."""
+def _filled(points: np.ndarray, position: np.ndarray, away: np.ndarray, given: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points and their positions with straight lines of points where a stretch is much longer than those about it."""
     size = len(points)
     around = np.arange(-5, 6)
     near = np.median(away[(np.arange(size)[:, None] + around) % size], axis=1)
@@ -149,11 +149,11 @@ def _filled(points: np.ndarray, place: np.ndarray, away: np.ndarray, given: int)
     parts = np.minimum(parts, 200)
     start = np.repeat(np.arange(size), parts)
     share = (np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)) / np.repeat(parts, parts)
-    following = np.append(place[1:], place[0] + given)
+    following = np.append(position[1:], position[0] + given)
     ends = points[(start + 1) % size]
     return (
         points[start] + share[:, None] * (ends - points[start]),
-        place[start] + share * (following[start] - place[start]),
+        position[start] + share * (following[start] - position[start]),
     )
 
 
@@ -206,7 +206,7 @@ def clock(loop: NodeLoop, noise: float = 0.0, turns: Sequence[Turn] | None = Non
 
 def _zero(q: np.ndarray, v: np.ndarray, turns: Sequence[Turn]) -> float:
     """Mean velocity, over the greatest speed, at which displacement turns."""
-    found = []
+    zeros = []
     for turn in turns:
         index = np.arange(turn.first, turn.last + 1) % q.size
         near = index[np.abs(v[index]) < ZERO_FIT_SPEED]
@@ -215,11 +215,11 @@ def _zero(q: np.ndarray, v: np.ndarray, turns: Sequence[Turn]) -> float:
         fitted = np.polynomial.Polynomial.fit(v[near], q[near], 4)
         if np.abs(fitted(v[near]) - q[near]).max() > MAX_TURN_RESIDUAL * np.ptp(q):  # a jump
             continue
-        places = fitted.deriv().roots()
-        places = places[np.isreal(places)].real
-        if places.size:
-            found.append(float(places[np.argmin(np.abs(places))]))
-    return float(np.mean(found)) if found else float("nan")
+        roots = fitted.deriv().roots()
+        roots = roots[np.isreal(roots)].real
+        if roots.size:
+            zeros.append(float(roots[np.argmin(np.abs(roots))]))
+    return float(np.mean(zeros)) if zeros else float("nan")
 
 
 def _distinct(turns: Sequence[Turn], size: int) -> list[Turn]:

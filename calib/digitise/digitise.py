@@ -65,10 +65,10 @@ def _own_spec(path: Path) -> tuple[FigureToml, Mistakes]:
     """Return the description at the head of a table."""
     if is_picture(path):
         raise CalibError(f"{path}: a picture needs a description of its axes and curves; give it with --spec")
-    found = read_export(path)
-    if not found.header:
+    export = read_export(path)
+    if not export.header:
         raise CalibError(
             f"{path}: nothing says what its numbers are; give a description with --spec, "
             "or begin a table with one in comments (# source = ...)"
         )
-    return read_as(FigureToml, path, found.header)
+    return read_as(FigureToml, path, export.header)

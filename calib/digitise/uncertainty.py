@@ -11,8 +11,8 @@ ASSUMED_SIGMA = 1e-3  # of a curve's extent: standard uncertainty of points of w
 def hats(size: int, closed: bool, number: int = STRETCHES) -> np.ndarray:
     """Weights (number, size) of points in overlapping stretches; squares sum to 1 at each point."""
     number = max(1, min(number, size // 2))
-    place = np.arange(size) / size * number
-    away = np.abs(place[None] - np.arange(number)[:, None])
+    position = np.arange(size) / size * number
+    away = np.abs(position[None] - np.arange(number)[:, None])
     if closed:
         away = np.minimum(away, number - away)
     weight = np.clip(1.0 - away, 0.0, None)
@@ -56,7 +56,7 @@ def propagated(
     weight = np.diff(time)
     late, lasting = np.zeros((len(modes), q.size)), 0.0
     for k, mode in enumerate(modes):
-        other = clock(NodeLoop(q + mode[:, 0], v + mode[:, 1], loop.place, loop.reversed), turns=timed.turns)
+        other = clock(NodeLoop(q + mode[:, 0], v + mode[:, 1], loop.position, loop.reversed), turns=timed.turns)
         late[k] = other.time[:-1] * (period / other.period) - time[:-1]
         start = np.sum(weight * (mode[:, 0] - v * late[k]) * v) / np.sum(weight * v**2)
         late[k] += start

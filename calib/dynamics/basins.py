@@ -144,7 +144,7 @@ def _pieces(
     plane: Plane, pool: Pool, chunks: Chunks, tasks: Mapping[str, range], on_done: Callable[[int], None]
 ) -> dict[str, dict[str, np.ndarray]]:
     """Arrays of each task by its key: those kept from before, and those of what has not been run."""
-    pieces = chunks.kept(tasks)
+    pieces = chunks.finished(tasks)
     on_done(_points(pieces))
     missing = {key: task for key, task in tasks.items() if key not in pieces}
     for key, arrays in chunks.made(pool, missing, partial(_singly, plane, pool)):

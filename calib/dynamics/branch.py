@@ -368,19 +368,19 @@ def _root(curve: _Curve, base: _CurvePoint, ahead: _CurvePoint, test: Test) -> _
     at_low, at_high = test(base, base), test(ahead, base)
     point, before = None, math.inf
     for _ in range(60):
-        place = (low * at_high - high * at_low) / (at_high - at_low)
-        point, _ = curve.near(between(place), normal, base.tangent, reach)
+        arclength = (low * at_high - high * at_low) / (at_high - at_low)
+        point, _ = curve.near(between(arclength), normal, base.tangent, reach)
         if point is None:
             return None
         value = test(point, base)
-        if value == 0.0 or abs(place - before) < ARCLENGTH_TOLERANCE:
+        if value == 0.0 or abs(arclength - before) < ARCLENGTH_TOLERANCE:
             break
-        before = place
+        before = arclength
         if value * at_high < 0.0:
             low, at_low = high, at_high
         else:
             at_low *= 0.5
-        high, at_high = place, value
+        high, at_high = arclength, value
     return point
 
 

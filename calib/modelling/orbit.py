@@ -52,8 +52,8 @@ class Tangent(NamedTuple):
 class PeriodMap(Protocol):
     """The state at one phase of the excitation to the state one period on.
 
-    To write one, let the simulator have ``period_map(values, excitation, laws, phase)``, with `phase` in [0, 1) the
-    place in the period at which the section is taken [1, in periods]. It returns a thing with
+    To write one, let the simulator have ``period_map(values, excitation, laws, phase)``, with `phase` in [0, 1) that of
+    the section [1, in periods]. It returns an object with
 
     1. `period` of the excitation [s]; `bodies`; `impacting`, whether there is a stop that impacts could be at.
     2. `names` of the state's components, such as "q3.displacement" and "q3.velocity", their `units`, the `scale` of

@@ -290,7 +290,7 @@ def unknowns(
     parameters : of the model, by name
     centred : whether the zero of the displacements is unknown; the mean is then taken for it
     """
-    return [_unknown(record, parameters[name], *place, centred) for name, place in initial.items()]
+    return [_unknown(record, parameters[name], *target, centred) for name, target in initial.items()]
 
 
 def _unknown(record: xr.Dataset, parameter: Parameter, body: str, channel: str, centred: bool) -> Unknown:

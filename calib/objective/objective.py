@@ -210,7 +210,7 @@ class Objective:
         ----------
         model : whose simulator says which of its parameters are the initial state
         values : of that record, in SI; those of the initial state are replaced
-        request : in the place of the reference's
+        request : instead of the reference's
 
         Raises
         ------

@@ -31,7 +31,7 @@ def overlay(read: Read, path: str | Path) -> None:
             colour = KINDS[(number + 1) % len(KINDS)] if number else MARK
             closed = shown.kind == "phase curve"
             for seen, style in ((True, "-"), (False, ":")):
-                path_, hidden = shown.trace.path, shown.trace.seen != seen
+                path_, hidden = shown.trace.path, shown.trace.inked != seen
                 if closed:
                     path_, hidden = np.vstack([path_, path_[:1]]), np.append(hidden, hidden[:1])
                 drawn = np.where(hidden[:, None], np.nan, path_)

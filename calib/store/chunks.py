@@ -135,7 +135,7 @@ class Chunks:
         with uninterrupted(), whole(self.folder / f"{key}.npz") as temporary, open(temporary, "wb") as file:
             np.savez(file, **arrays)  # type: ignore[arg-type]  # no array of a piece is named as its option is
 
-    def kept(self, keys: Iterable[str]) -> dict[str, dict[str, np.ndarray]]:
+    def finished(self, keys: Iterable[str]) -> dict[str, dict[str, np.ndarray]]:
         """Return the pieces that have been done, by key."""
         return {key: arrays for key in keys if (arrays := self.read(key)) is not None}
 

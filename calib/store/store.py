@@ -9,10 +9,10 @@ from typing import Any, Self
 
 import xarray as xr
 
-from calib.store.kept import Keep, Kept
 from calib.store.ledger import RESIDUALS, TRIALS, Header, Ledger, mendable
 from calib.store.lock import Lock
 from calib.store.optuna_view import ARTIFACTS, JOURNAL, OptunaView, address_without_password
+from calib.store.record_files import Keep, RecordFiles
 from calib.store.trial import Trial, best
 
 RESULT_FILES = ("result.json", "report.html")  # that `calib.workflows.calibrate` makes of the trials
@@ -41,7 +41,11 @@ class Store:
     ):
         self.folder = Path(folder).absolute()
         self._view_name, self._picture = view, picture
-        self._lock, self._ledger, self._kept = Lock(self.folder), Ledger(self.folder), Kept(self.folder, keep)
+        self._lock, self._ledger, self._record_files = (
+            Lock(self.folder),
+            Ledger(self.folder),
+            RecordFiles(self.folder, keep),
+        )
         self._view: OptunaView | None = None
         self.best: Trial | None = None
 
@@ -70,7 +74,7 @@ class Store:
                 self._set_aside()
             trials = self._ledger.open(header)
             self.best = best(trials)
-            self._kept.open(None if self.best is None else self.best.number)
+            self._record_files.open(None if self.best is None else self.best.number)
         except BaseException:
             self.close()
             raise
@@ -102,13 +106,13 @@ class Store:
         CalibError : disk full or not writable; the trials logged before are safe
         """
         improves = trial.scored and (self.best is None or trial.rank < self.best.rank)
-        kept = records if records and trial.scored and self._kept.wants(improves) else None
+        kept = records if records and trial.scored and self._record_files.wants(improves) else None
         if kept is not None:  # before the line: a logged trial is never evaluated again
-            self._kept.write(trial.number, kept, self._provenance(trial))
+            self._record_files.write(trial.number, kept, self._provenance(trial))
         self._ledger.append(trial)
         if improves:
             self.best = trial
-            self._kept.promote(trial.number)
+            self._record_files.promote(trial.number)
         if (view := self._view) is not None:
             png = None if kept is None else self._drawn(trial, kept)
             self._update_view(lambda: view.add(trial, png))
@@ -135,7 +139,7 @@ class Store:
         ------
         CalibError : disk full or not writable
         """
-        self._kept.write_best(trial.number, records, {**self._provenance(trial), "confirmed": True})
+        self._record_files.write_best(trial.number, records, {**self._provenance(trial), "confirmed": True})
 
     def begin_segment(self, budget: int) -> None:
         """Begin a new segment of the ledger; see `calib.store.ledger.Ledger`."""
@@ -156,7 +160,7 @@ class Store:
             return None
 
     def _picture_again(self, trial: Trial) -> bytes | None:
-        records = {} if self._picture is None else self._kept.read(trial.number)
+        records = {} if self._picture is None else self._record_files.read(trial.number)
         return self._drawn(trial, records) if records else None
 
     def _update_view(self, update: Callable[[], None]) -> None:

@@ -7,7 +7,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from calib.diagnosis.laboratory import MAX_SIMULATIONS
 from calib.modelling.parameter import Scale
 from calib.objective.terms import Use
-from calib.store.kept import Keep
+from calib.store.record_files import Keep
 
 
 def _number_or_text(value: object) -> float | str:

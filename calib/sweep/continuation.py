@@ -87,15 +87,15 @@ def continued(sweep: Sweep, chain: ContinuationChain) -> dict[str, np.ndarray]:
 
     Returns
     -------
-    at : (m,) place in the chain at which a motion is new, and the arrays of those motions (m, ...), with the `names` of
-        their states' components
+    at : (m,) index along the chain at which a motion is new, and the arrays of those motions (m, ...), with the `names`
+        of their states' components
     confirmed : (points, n) periods of the motions that came from the point before, known there or not; 0 is a torus, -1
         fills up
     support : (points, n) how often each of these was met along the points before
     """
     at, rows, confirmed, support = [], [_nothing(sweep)], [], []
     brought = chain.brought
-    for place, (point, known) in enumerate(zip(chain.points, chain.known, strict=True)):
+    for index, (point, known) in enumerate(zip(chain.points, chain.known, strict=True)):
         staying = [one for one in brought if any(_same_branch(one, other) for other in known.regular)]
         leaving = [one for one in brought if not any(one is other for other in staying)]
         arrived = [(one.period, one.sightings) for one in staying]
@@ -104,7 +104,7 @@ def continued(sweep: Sweep, chain: ContinuationChain) -> dict[str, np.ndarray]:
             map = sweep.map_at(point)
             new, further = _taken_on(sweep, map, known, leaving)
             arrived += further
-            at += [place] * len(new)
+            at += [index] * len(new)
             rows += [{**motion_arrays(sweep, motion), "names": np.array(map.names)} for motion in new]
         confirmed.append([period for period, _ in arrived])
         support.append([sightings for _, sightings in arrived])
@@ -187,8 +187,8 @@ def _next(sweep: Sweep, map: PeriodMap, one: Regular, settled: bool) -> OrbitKin
 
 def _same_branch(one: Regular, other: Regular) -> bool:
     """Whether two motions of neighbouring values go over into each other, as far as can be told without a run."""
-    alike = (one.period, one.impacts) == (other.period, other.impacts)
-    return alike and (not one.period or one.apart(other) <= SAME_BRANCH)
+    same_return = (one.period, one.impacts) == (other.period, other.impacts)
+    return same_return and (not one.period or one.apart(other) <= SAME_BRANCH)
 
 
 def _same(one: Regular, other: Regular) -> bool:

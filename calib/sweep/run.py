@@ -132,7 +132,7 @@ def _made(sweep: Sweep, task: SweepTask | ContinuationChain) -> dict[str, np.nda
 def _pieces(sweep: Sweep, pool: Pool, chunks: Chunks, on_done: Callable[[int], None]) -> Pieces:
     """Run what has not been run; a track whose state is carried has one piece under way at a time."""
     tracks = list(sweep.tracks())
-    pieces = chunks.kept(_name(t, c) for t, track in enumerate(tracks) for c in range(len(_parts(track.points))))
+    pieces = chunks.finished(_name(t, c) for t, track in enumerate(tracks) for c in range(len(_parts(track.points))))
     on_done(_points(pieces))
     while tasks := _ready(sweep, tracks, pieces):
         for name, arrays in chunks.made(pool, tasks, partial(_singly, sweep, pool)):
@@ -168,7 +168,7 @@ def _chained(
                 tasks[f"chain-{k}-{len(ended)}"] = ContinuationChain(
                     points, tuple(at[point] for point in points), brought
                 )
-        pieces = chunks.kept(tasks)
+        pieces = chunks.finished(tasks)
         missing = {key: task for key, task in tasks.items() if key not in pieces}
         pieces |= dict(chunks.made(pool, missing, partial(nothing_continued, sweep)))
         for key, arrays in pieces.items():

@@ -54,9 +54,9 @@ def regular_at_end(
     return supported(motions, _support(arrays, len(points) - 1))
 
 
-def _support(arrays: Mapping[str, np.ndarray], place: int) -> dict[int, int]:
-    """How often motions of each period were met along the points before a place of a chain."""
-    return dict(zip(arrays["confirmed"][place].tolist(), arrays["support"][place].tolist(), strict=True))
+def _support(arrays: Mapping[str, np.ndarray], index: int) -> dict[int, int]:
+    """How often motions of each period were met along the points before an index of a chain."""
+    return dict(zip(arrays["confirmed"][index].tolist(), arrays["support"][index].tolist(), strict=True))
 
 
 def arrivals(
@@ -71,11 +71,11 @@ def arrivals(
     brought: dict[int, Arrivals] = {}
     for chain, parts in zip(chains, pieces, strict=True):
         for c, arrays in enumerate(parts):
-            for place, point in enumerate(chain[c * chunk : (c + 1) * chunk]):
+            for index, point in enumerate(chain[c * chunk : (c + 1) * chunk]):
                 before = brought.get(point, Arrivals([], {}))
-                own = _support(arrays, place)
+                own = _support(arrays, index)
                 brought[point] = Arrivals(
-                    before.motions + _unstacked(arrays, np.flatnonzero(arrays["at"] == place)),
+                    before.motions + _unstacked(arrays, np.flatnonzero(arrays["at"] == index)),
                     {p: before.support.get(p, 0) + own.get(p, 0) for p in {*before.support, *own}},
                 )
     return brought

@@ -26,8 +26,8 @@ from calib.plugins import module_file
 from calib.records import read, write
 from calib.report import figures
 from calib.report.drawing import png
-from calib.store.kept import file_of
 from calib.store.ledger import differences
+from calib.store.record_files import file_of
 from calib.study import result
 from calib.study_file import StudyFile, load
 from calib.study_file.references import expanded

@@ -52,10 +52,10 @@ def test_a_piece_comes_back_as_it_was_kept(tmp_path):
 
 def test_what_is_made_is_kept_for_the_next_process(tmp_path):
     with Chunks(tmp_path / "x.nc", ONE) as chunks:
-        assert chunks.kept(["a", "b"]) == {}
+        assert chunks.finished(["a", "b"]) == {}
         made(chunks, {"a": 3})
     with Chunks(tmp_path / "x.nc", ONE) as chunks:
-        [(key, arrays)] = chunks.kept(["a", "b"]).items()
+        [(key, arrays)] = chunks.finished(["a", "b"]).items()
         chunks.clear()
     assert (key, arrays["square"]) == ("a", 9)
 
@@ -75,7 +75,7 @@ def test_what_a_failing_call_was_to_make_is_made_alone_when_the_others_have_ende
         found = made(chunks, {"a": -1, "b": 2})
         assert list(found) == ["b", "a"]
         assert found["a"]["name"] == ["-1 failed"]
-        assert chunks.kept(["a"])["a"]["name"] == ["-1 failed"]
+        assert chunks.finished(["a"])["a"]["name"] == ["-1 failed"]
         chunks.clear()
 
 
@@ -86,7 +86,7 @@ def test_a_failing_call_leaves_nothing_itself(tmp_path):
     with Chunks(tmp_path / "x.nc", ONE) as chunks, InProcess(squares) as pool:
         with pytest.raises(KeyboardInterrupt):
             list(chunks.made(pool, {"a": -1, "b": 2}, stopped))
-        assert list(chunks.kept(["a", "b"])) == ["b"]
+        assert list(chunks.finished(["a", "b"])) == ["b"]
         chunks.clear()
 
 
@@ -101,7 +101,7 @@ def test_other_work_has_other_pieces(tmp_path):
         made(chunks, {"a": 3})
     for path, definition in (("x.nc", OTHER), ("y.nc", ONE)):
         with Chunks(tmp_path / path, definition) as chunks:
-            assert chunks.kept(["a"]) == {}
+            assert chunks.finished(["a"]) == {}
 
 
 def test_the_hidden_folder_goes_with_the_last_piece(tmp_path):

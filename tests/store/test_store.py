@@ -245,7 +245,7 @@ def test_a_full_disk_while_a_record_is_kept_loses_nothing_logged(tmp_path, monke
     def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr("calib.store.kept.write", full)
+    monkeypatch.setattr("calib.store.record_files.write", full)
     with pytest.raises(CalibError, match="No space left on device"):
         store.append(trial(1), records())
     store.close()

@@ -24,20 +24,20 @@ class StrokeChain:
     Attributes
     ----------
     path : (n, 2) column and row, gaps bridged
-    seen : (n,) whether there is ink, False in a bridged gap
+    inked : (n,) whether there is ink, False in a bridged gap
     closed : whether it returns to its beginning
     gaps : (m,) lengths of the gaps [pixels]
     """
 
     path: np.ndarray
-    seen: np.ndarray
+    inked: np.ndarray
     closed: bool
     gaps: np.ndarray
 
     @property
     def length(self) -> float:
-        """Length of what is seen [pixels]."""
-        return float(self.seen.sum())
+        """Length of what is inked [pixels]."""
+        return float(self.inked.sum())
 
     @property
     def dashed(self) -> bool:
@@ -60,8 +60,8 @@ def linked(strokes: Sequence[Stroke], width: float) -> list[StrokeChain]:
     chains = [_chain([stroke.pixels], True, width) for stroke in strokes if stroke.closed]
     if not open_ones:
         return chains
-    places, directions = _ends(open_ones, width)
-    partner = _matched(places, directions, [len(s.pixels) for s in open_ones], width)
+    positions, directions = _ends(open_ones, width)
+    partner = _matched(positions, directions, [len(s.pixels) for s in open_ones], width)
     visited = set[int]()
     for first in range(len(open_ones)):
         if first in visited:
@@ -76,18 +76,18 @@ def _ends(strokes: Sequence[Stroke], width: float) -> tuple[np.ndarray, np.ndarr
     """Place (2 n, 2) and outward direction (2 n, 2) of each end: 2 k is the beginning of stroke k, 2 k + 1 its end."""
     middles = np.array([stroke.pixels.mean(axis=0) for stroke in strokes])
     tree = cKDTree(middles)
-    places, directions = [], []
+    positions, directions = [], []
     for number, stroke in enumerate(strokes):
         if len(stroke.pixels) < MIN_STROKE_WIDTHS * width:
             along = _between_neighbours(number, middles, tree, width)
-            places += [middles[number]] * 2
+            positions += [middles[number]] * 2
             directions += [-along, along]
             continue
         count = min(len(stroke.pixels), max(3, round(TANGENT_WIDTHS * width)))
         for pixels in (stroke.pixels[:count], stroke.pixels[::-1][:count]):
-            places.append(pixels[0])
+            positions.append(pixels[0])
             directions.append(_direction(pixels))
-    return np.array(places), np.array(directions)
+    return np.array(positions), np.array(directions)
 
 
 def _between_neighbours(number: int, middles: np.ndarray, tree: cKDTree, width: float) -> np.ndarray:
@@ -108,17 +108,19 @@ def _between_neighbours(number: int, middles: np.ndarray, tree: cKDTree, width: 
     return across / max(float(np.linalg.norm(across)), 1e-12)
 
 
-def _matched(places: np.ndarray, directions: np.ndarray, lengths: Sequence[int], width: float) -> dict[int, int]:
+def _matched(positions: np.ndarray, directions: np.ndarray, lengths: Sequence[int], width: float) -> dict[int, int]:
     """Partner of each end that has one."""
     farthest = MAX_GAP_WIDTHS * width
-    near, which = cKDTree(places).query(places, k=min(MAX_PARTNERS + 2, len(places)), distance_upper_bound=farthest)
+    near, which = cKDTree(positions).query(
+        positions, k=min(MAX_PARTNERS + 2, len(positions)), distance_upper_bound=farthest
+    )
     highest = (farthest + width) * (1.0 + 0.5 * TURN_COST)
     graph = nx.Graph()
-    for i in range(len(places)):
+    for i in range(len(positions)):
         for gap, j in zip(near[i], which[i], strict=True):
             if not np.isfinite(gap) or j == i or (j == i ^ 1 and lengths[i // 2] < 4.0 * max(gap, width)):
                 continue
-            cost = _cost(places[j] - places[i], directions[i], directions[j], gap, width)
+            cost = _cost(positions[j] - positions[i], directions[i], directions[j], gap, width)
             cost *= 1.0 + LENGTH_COST * abs(np.log(lengths[i // 2] / lengths[j // 2]))
             if cost < highest:
                 graph.add_edge(int(i), int(j), weight=highest - cost)
@@ -153,18 +155,18 @@ def _run(first: int, partner: dict[int, int]) -> tuple[list[tuple[int, int]], bo
 
 
 def _chain(paths: Sequence[np.ndarray], closed: bool, width: float) -> StrokeChain:
-    pieces, seen, gaps = [], [], []
+    pieces, inked, gaps = [], [], []
     count = len(paths)
     for k, path in enumerate(paths):
         pieces.append(path)
-        seen.append(np.ones(len(path), dtype=bool))
+        inked.append(np.ones(len(path), dtype=bool))
         if k + 1 < count or closed:
             bridge = _bridge(path, paths[(k + 1) % count], width)
             gaps.append(np.linalg.norm(paths[(k + 1) % count][0] - path[-1]))
             pieces.append(bridge)
-            seen.append(np.zeros(len(bridge), dtype=bool))
+            inked.append(np.zeros(len(bridge), dtype=bool))
     lengths = np.array([gap for gap in gaps if gap > 1.5])
-    return StrokeChain(np.concatenate(pieces), np.concatenate(seen), closed, lengths)
+    return StrokeChain(np.concatenate(pieces), np.concatenate(inked), closed, lengths)
 
 
 def _bridge(path: np.ndarray, following: np.ndarray, width: float) -> np.ndarray:

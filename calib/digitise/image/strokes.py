@@ -32,13 +32,13 @@ def strokes(ink: np.ndarray) -> tuple[list[Stroke], float]:
     thin = _pruned(thin & kept, width)
     crossings = thin & (_neighbours(thin) > 2)
     around = isotropic_dilation(crossings, max(1.0, CROSSING_WIDTHS * width)) if crossings.any() else crossings
-    found = []
+    paths = []
     for region in regionprops(label(thin & ~around, connectivity=2)):
-        found.append(_path(region.coords[:, ::-1]))
-        if len(found) > MAX_STROKES:
+        paths.append(_path(region.coords[:, ::-1]))
+        if len(paths) > MAX_STROKES:
             break
     beside = isotropic_dilation(around, 1.5) if crossings.any() else around
-    return [stroke for stroke in found if not _made_by_thinning(stroke, beside, width)], width
+    return [stroke for stroke in paths if not _made_by_thinning(stroke, beside, width)], width
 
 
 def _width(ink: np.ndarray, thin: np.ndarray) -> float:

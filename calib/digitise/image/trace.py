@@ -39,7 +39,7 @@ class Wanted:
     colour : (3,) of its ink in [0, 1]
     closed : whether it returns to its beginning
     dashed : whether it is dashed or dotted, None where that is left open
-    through : (m, 2) pixels that it passes through; empty where it is told by its colour alone
+    through : (m, 2) pixels that it passes through; empty where its colour alone identifies it
     """
 
     name: str
@@ -56,14 +56,14 @@ class Traced:
     Attributes
     ----------
     path : (n, 2) column and row, `STEP_PIXELS` apart  [pixels]
-    seen : (n,) whether there is ink, False in a bridged gap
+    inked : (n,) whether there is ink, False in a bridged gap
     noise : standard uncertainty of a point, independent from point to point  [pixels]
     lean : (n,) standard uncertainty over stretches of the curve  [pixels]
     notes : what its reader should know
     """
 
     path: np.ndarray
-    seen: np.ndarray
+    inked: np.ndarray
     noise: float
     lean: np.ndarray
     notes: tuple[str, ...]
@@ -92,8 +92,8 @@ def traced(light: np.ndarray, inside: np.ndarray, wanted: Wanted) -> Traced:
             f"curve {wanted.name!r}: {100.0 * ink.sum() / inside.sum():.0f} % of the panel have its colour, too much "
             "for lines; mend colour or limits"
         )
-    found, width = strokes(ink)
-    chain = _chosen(linked(found, width), wanted, width)
+    lines, width = strokes(ink)
+    chain = _chosen(linked(lines, width), wanted, width)
     _check_inside(chain, inside, wanted, width)
     return _refined(share, chain, wanted, width)
 
@@ -178,49 +178,49 @@ def _check_inside(chain: StrokeChain, inside: np.ndarray, wanted: Wanted, width:
 def _refined(share: np.ndarray, chain: StrokeChain, wanted: Wanted, width: float) -> Traced:
     """Move a thinned line to the middle of its ink, to parts of a pixel."""
     mode = "wrap" if wanted.closed else "nearest"
-    path, seen = _spaced(chain.path, chain.seen, wanted.closed)
+    path, inked = _spaced(chain.path, chain.inked, wanted.closed)
     path = _smoothed(path, 0.5 * width / STEP_PIXELS, mode)
     for _ in range(2):
         sharp = _corners(path, width, mode)
         normal = _normals(path, width, mode)
         offset, thick = _offsets(share, path, normal, width)
-        odd = np.abs(thick / np.median(thick[seen]) - 1.0)
-        told = seen & ~sharp & np.isfinite(offset) & (odd < MAX_WIDTH_DEVIATION)
-        if told.sum() < 0.3 * len(path):
-            told = seen & np.isfinite(offset)
-        raw = _between(offset, told, wanted.closed)
+        odd = np.abs(thick / np.median(thick[inked]) - 1.0)
+        reliable = inked & ~sharp & np.isfinite(offset) & (odd < MAX_WIDTH_DEVIATION)
+        if reliable.sum() < 0.3 * len(path):
+            reliable = inked & np.isfinite(offset)
+        raw = _between(offset, reliable, wanted.closed)
         smooth = np.where(sharp, raw, gaussian_filter1d(raw, SMOOTHING_WIDTHS * width / STEP_PIXELS, mode=mode))
-        noise = float(np.sqrt(np.mean((raw - smooth)[told] ** 2))) if told.any() else 0.0
+        noise = float(np.sqrt(np.mean((raw - smooth)[reliable] ** 2))) if reliable.any() else 0.0
         path = path + smooth[:, None] * normal
-    if not seen.all():
-        path = _bridged(path, seen, width, wanted.closed)
+    if not inked.all():
+        path = _bridged(path, inked, width, wanted.closed)
     lean = (
         np.hypot(MIDDLE_SIGMA_PIXELS, MIDDLE_SIGMA_WIDTHS * width)
-        + BRIDGE_SIGMA * _distance_to_seen(seen, wanted.closed) * STEP_PIXELS
+        + BRIDGE_SIGMA * _distance_to_ink(inked, wanted.closed) * STEP_PIXELS
     )
     lean = np.where(sharp, lean + 0.15 * width, lean)
     lean = np.hypot(
-        lean, np.where(seen, MIDDLE_SHIFT_WIDTHS * width * np.clip(odd - MIN_WIDTH_DEVIATION, 0.0, 1.0), 0.0)
+        lean, np.where(inked, MIDDLE_SHIFT_WIDTHS * width * np.clip(odd - MIN_WIDTH_DEVIATION, 0.0, 1.0), 0.0)
     )
     notes = []
-    hidden = 1.0 - seen.mean()
+    hidden = 1.0 - inked.mean()
     if hidden > 0.02:
         notes.append(f"{100.0 * hidden:.0f} % of the curve are bridged: gaps of dashes, or hidden behind other lines")
     if wanted.closed and not chain.closed:
         gap = np.linalg.norm(chain.path[0] - chain.path[-1])
         notes.append(f"the loop did not close by itself: its ends were {gap:.1f} pixels apart")
-    return Traced(path, seen, noise, lean, tuple(notes))
+    return Traced(path, inked, noise, lean, tuple(notes))
 
 
-def _spaced(path: np.ndarray, seen: np.ndarray, closed: bool) -> tuple[np.ndarray, np.ndarray]:
+def _spaced(path: np.ndarray, inked: np.ndarray, closed: bool) -> tuple[np.ndarray, np.ndarray]:
     """Points `STEP_PIXELS` apart on a path."""
     if closed:
-        path, seen = np.vstack([path, path[:1]]), np.append(seen, seen[:1])
+        path, inked = np.vstack([path, path[:1]]), np.append(inked, inked[:1])
     away = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     count = max(8, round(away[-1] / STEP_PIXELS))
     at = np.linspace(0.0, away[-1], count, endpoint=not closed)
     spaced = np.column_stack([np.interp(at, away, path[:, k]) for k in (0, 1)])
-    return spaced, seen[np.clip(np.searchsorted(away, at), 0, len(seen) - 1)]
+    return spaced, inked[np.clip(np.searchsorted(away, at), 0, len(inked) - 1)]
 
 
 def _smoothed(path: np.ndarray, points: float, mode: str) -> np.ndarray:
@@ -257,20 +257,20 @@ def _offsets(share: np.ndarray, path: np.ndarray, normal: np.ndarray, width: flo
     """Distance (n,) from the path to the middle of the ink across it, NaN where there is none, and its amount (n,)."""
     reach = 0.5 * width + 1.5
     across = np.arange(-reach, reach + 1e-9, 0.25)
-    places = path[:, None] + across[None, :, None] * normal[:, None]
-    ink = map_coordinates(share, [places[:, :, 1], places[:, :, 0]], order=1, mode="nearest")
+    positions = path[:, None] + across[None, :, None] * normal[:, None]
+    ink = map_coordinates(share, [positions[:, :, 1], positions[:, :, 0]], order=1, mode="nearest")
     ink = np.clip(ink - 0.25 * ink.max(axis=1, keepdims=True), 0.0, None)
     total = ink.sum(axis=1)
     middle = np.divide(ink @ across, total, out=np.full(len(path), np.nan), where=total > 0.5 * width)
     return np.where(np.abs(middle) < 0.5 * width + 0.5, middle, np.nan), total
 
 
-def _bridged(path: np.ndarray, told: np.ndarray, width: float, closed: bool) -> np.ndarray:
+def _bridged(path: np.ndarray, reliable: np.ndarray, width: float, closed: bool) -> np.ndarray:
     """Path with its gaps, and the ends of dashes beside them, bridged by a smooth curve through the rest."""
-    away = _distance_to_seen(~told, closed) * STEP_PIXELS
-    inner = told & (away > DASH_END_WIDTHS * width)
-    for dash in np.split(np.arange(len(told)), np.flatnonzero(np.diff(told.astype(int))) + 1):
-        if told[dash[0]] and not inner[dash].any():  # a dot: its middle
+    away = _distance_to_ink(~reliable, closed) * STEP_PIXELS
+    inner = reliable & (away > DASH_END_WIDTHS * width)
+    for dash in np.split(np.arange(len(reliable)), np.flatnonzero(np.diff(reliable.astype(int))) + 1):
+        if reliable[dash[0]] and not inner[dash].any():  # a dot: its middle
             inner[dash[len(dash) // 2]] = True
     where = np.flatnonzero(inner)
     if where.size < 4:
@@ -282,23 +282,23 @@ def _bridged(path: np.ndarray, told: np.ndarray, width: float, closed: bool) -> 
     return np.where(np.isfinite(smooth), smooth, path)
 
 
-def _between(values: np.ndarray, told: np.ndarray, closed: bool) -> np.ndarray:
-    """Values (n,) with those not told by straight lines between those that are."""
-    where = np.flatnonzero(told)
+def _between(values: np.ndarray, reliable: np.ndarray, closed: bool) -> np.ndarray:
+    """Values (n,) with those not reliable by straight lines between those that are."""
+    where = np.flatnonzero(reliable)
     if not where.size:
         return np.zeros(len(values))
     period = {"period": len(values)} if closed else {}
     return np.interp(np.arange(len(values)), where, values[where], **period)
 
 
-def _distance_to_seen(seen: np.ndarray, closed: bool) -> np.ndarray:
-    """Points (n,) to the nearest one that is seen."""
-    index = np.arange(len(seen))
-    where = index[seen]
+def _distance_to_ink(inked: np.ndarray, closed: bool) -> np.ndarray:
+    """Points (n,) to the nearest one that is inked."""
+    index = np.arange(len(inked))
+    where = index[inked]
     if closed:
-        where = np.concatenate([where - len(seen), where, where + len(seen)])
+        where = np.concatenate([where - len(inked), where, where + len(inked)])
     if not where.size:
-        return np.full(len(seen), float(len(seen)))
+        return np.full(len(inked), float(len(inked)))
     after = np.clip(np.searchsorted(where, index), 0, len(where) - 1)
     before = np.clip(after - 1, 0, len(where) - 1)
     return np.minimum(np.abs(where[after] - index), np.abs(index - where[before])).astype(float)

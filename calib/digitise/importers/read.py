@@ -32,8 +32,8 @@ def read(path: str | Path) -> Imported:
     if suffix not in _READERS:
         raise CalibError(f"{path}: {suffix or 'a file without suffix'} is not read{nearest(suffix, SUFFIXES)}; "
                          f"known are {', '.join(SUFFIXES)}")  # fmt: skip
-    found = _READERS[suffix](path)
-    if not found.curves:
-        reasons = "; ".join(f"{name}: {reason}" for name, reason in found.refused.items())
+    imported = _READERS[suffix](path)
+    if not imported.curves:
+        reasons = "; ".join(f"{name}: {reason}" for name, reason in imported.refused.items())
         raise CalibError(f"{path}: no curve can be read; {reasons or 'the file holds none'}")
-    return found
+    return imported

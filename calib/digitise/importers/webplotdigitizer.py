@@ -221,8 +221,8 @@ def _value(datum: _Datum, own: np.ndarray) -> list[float]:
 def _calibration(axes: _Axes) -> AxisCalibration:
     """WebPlotDigitizer takes x from its first two axis points and y from the other two."""
     if len(axes.points) != 4:
-        found = f"its axes {axes.name!r} have {len(axes.points)} calibration points"
-        raise CalibError(f"{found}; expected 4: X1, X2, Y1, Y2")
+        number = len(axes.points)
+        raise CalibError(f"its axes {axes.name!r} have {number} calibration points; expected 4: X1, X2, Y1, Y2")
     x = [_number(p.dx, axes.name, "x") for p in axes.points[:2]] + [None, None]
     y = [None, None] + [_number(p.dy, axes.name, "y") for p in axes.points[2:]]
     pixels = [(p.px, p.py) for p in axes.points]

@@ -57,9 +57,9 @@ def impact(phase: np.ndarray, velocity: np.ndarray) -> tuple[float, float, float
     noise = float(np.median(np.abs(np.diff(velocity, 2)))) / (MAD_PER_STD * np.sqrt(6.0))
     if abs(change) <= max(0.025 * np.ptp(velocity), 10.0 * noise):
         return none
-    place = peak + 0.5 + (around @ weight) / weight.sum()
+    position = peak + 0.5 + (around @ weight) / weight.sum()
     contact = _width(pulse - CONTACT_THRESHOLD * pulse[half], half)
-    return float((phase[0] + place * spacing) % (size * spacing)), change, float(spacing * contact)
+    return float((phase[0] + position * spacing) % (size * spacing)), change, float(spacing * contact)
 
 
 def _hump(values: np.ndarray, centre: int) -> np.ndarray:

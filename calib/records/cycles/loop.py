@@ -160,9 +160,9 @@ def averaged_at_impacts(time: np.ndarray, velocity: np.ndarray, impacts: np.ndar
     if not impacts.size or size < 4:
         return velocity
     step = (time[-1] - time[0]) / (size - 1)
-    place = (impacts - time[0]) / step
-    before = np.floor(place).astype(int)
-    share = place - before
+    position = (impacts - time[0]) / step
+    before = np.floor(position).astype(int)
+    share = position - before
     inside = (before >= 1) & (before + 2 < size) if not closed else (before >= -1) & (before < size)
     before, share = before[inside], share[inside]
     hit = set(before.tolist())

@@ -97,7 +97,7 @@ def mean_cycle(
     """
     count, own, length = cycles_in(time, period, periods)
     weight = np.ones_like(values) if weight is None else weight
-    first = time[0] / period * own  # place of the first sample, in samples
+    first = time[0] / period * own  # position of the first sample, in samples
     on_grid = samples is None or abs(first - round(first)) < IN_STEP_TOLERANCE
     if samples in (None, own) and on_grid and samples_in_step(time, period, own, count * periods, IN_STEP_TOLERANCE):
         whole = int(np.floor(first + IN_STEP_TOLERANCE))
@@ -112,16 +112,18 @@ def mean_cycle(
     return MeanCycle(phase, loop, values - fitted, weight, nearest, parameters, length)
 
 
-def _phase_means(values: np.ndarray, weight: np.ndarray, place: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Loop (row, size) and fitted samples (row, n): means of the samples (row, n) at the same `place` (n,)."""
+def _phase_means(
+    values: np.ndarray, weight: np.ndarray, position: np.ndarray, size: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Loop (row, size) and fitted samples (row, n): means of the samples (row, n) at the same `position` (n,)."""
     if (weight == 1.0).all() and values.shape[1] % size == 0:
-        loop = np.roll(values.reshape(len(values), -1, size).mean(axis=1), place[0], axis=1)
+        loop = np.roll(values.reshape(len(values), -1, size).mean(axis=1), position[0], axis=1)
     else:
-        counted = np.array([np.bincount(place, w, size) for w in weight])
-        weight = np.where(counted[:, place] > 0.0, weight, 1.0)  # where no sample counts, all do
-        counted = np.array([np.bincount(place, w, size) for w in weight])
-        loop = np.array([np.bincount(place, w * r, size) for r, w in zip(values, weight, strict=True)]) / counted
-    return loop, loop[:, place]
+        counted = np.array([np.bincount(position, w, size) for w in weight])
+        weight = np.where(counted[:, position] > 0.0, weight, 1.0)  # where no sample counts, all do
+        counted = np.array([np.bincount(position, w, size) for w in weight])
+        loop = np.array([np.bincount(position, w * r, size) for r, w in zip(values, weight, strict=True)]) / counted
+    return loop, loop[:, position]
 
 
 def _of_spline(
@@ -190,9 +192,9 @@ class _Spline:
 
 def _basis(turn: np.ndarray, knots: int) -> sparse.csr_array:
     """Periodic cubic B-splines (n, knots) at positions `turn` (n,), counted in cycles from a knot."""
-    place = np.minimum((turn % 1.0) * knots, np.nextafter(knots, 0.0))
+    position = np.minimum((turn % 1.0) * knots, np.nextafter(knots, 0.0))
     spread = BSpline.design_matrix(
-        place, np.arange(-SPLINE_DEGREE, knots + SPLINE_DEGREE + 1, dtype=float), SPLINE_DEGREE
+        position, np.arange(-SPLINE_DEGREE, knots + SPLINE_DEGREE + 1, dtype=float), SPLINE_DEGREE
     )
     index = np.arange(knots + SPLINE_DEGREE)
     wrapped = sparse.csr_array((np.ones(index.size), (index, index % knots)), shape=(index.size, knots))

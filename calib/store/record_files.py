@@ -1,4 +1,4 @@
-"""The records of the trials worth keeping, and the best one."""
+"""The record files of the trials, and those of the best one."""
 
 import json
 import shutil
@@ -23,7 +23,7 @@ def file_of(stem: str, record: str, first: bool) -> str:
     return f"{stem}.nc" if first else f"{stem}-{quote(record, safe='')}.nc"
 
 
-class Kept:
+class RecordFiles:
     """`records/` and `best.nc` of a study's folder.
 
     The first record of a trial lies in `records/<number>.nc`, further ones in `records/<number>-<record>.nc` (the name
