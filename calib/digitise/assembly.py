@@ -1,4 +1,4 @@
-"""A record out of the curves of a figure."""
+"""The record made of the curves of a figure."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -28,7 +28,7 @@ TRIED_STARTS = 400  # instants tried for the start of a loop within a diagram ov
 
 
 @dataclass(frozen=True, eq=False)
-class Timed:
+class TimedLoop:
     """A phase curve with its time.
 
     Attributes
@@ -117,7 +117,7 @@ def _excitation(spec: FigureToml) -> tuple[float | None, dict[str, float | str]]
 # --- phase curves
 
 
-def _timed(reading: Reading, period: float | None, samples: int, findings: Findings) -> Timed:
+def _timed(reading: Reading, period: float | None, samples: int, findings: Findings) -> TimedLoop:
     """Find the time along a phase curve; `period` is that of the excitation, None where it is not known."""
     where = f"phase curve of {reading.body}"
     try:
@@ -152,7 +152,7 @@ def _timed(reading: Reading, period: float | None, samples: int, findings: Findi
         np.roll(drawn.displacement, -start), np.roll(drawn.velocity, -start), np.roll(drawn.position, -start),
         drawn.reversed,
     )  # fmt: skip
-    return Timed(reading, rolled, np.roll(sigma, -start, axis=1), time)
+    return TimedLoop(reading, rolled, np.roll(sigma, -start, axis=1), time)
 
 
 def _closure(
@@ -238,7 +238,7 @@ def _made(time: np.ndarray, rows: Mapping[str, Mapping[str, tuple[np.ndarray, np
     return records.make(time, list(rows), channels)
 
 
-def _nuisances(timed: Mapping[str, Timed], findings: Findings) -> None:
+def _nuisances(timed: Mapping[str, TimedLoop], findings: Findings) -> None:
     """State which nuisances a study should solve for, and the standard uncertainty of the axes.
 
     The zero of the displacement is seldom that of the model, and a free shear loses no information. A free scale loses
@@ -342,7 +342,7 @@ def _mean(one: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarra
     return mean, np.sqrt(1.0 / weights.sum(axis=0))
 
 
-def _start(timed: Timed, diagrams: Sequence[Reading], findings: Findings) -> float:
+def _start(timed: TimedLoop, diagrams: Sequence[Reading], findings: Findings) -> float:
     """Instant [s] of the diagrams' time at which the loop begins, and how well both agree."""
     first = diagrams[0]
     row = 0 if first.kind.startswith("displacement") else 1

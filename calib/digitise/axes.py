@@ -1,4 +1,4 @@
-"""From pixels to the numbers on the axes of a figure."""
+"""Calibration of axes: from pixels to numbers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

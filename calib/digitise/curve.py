@@ -1,4 +1,4 @@
-"""A curve as somebody or something read it off a figure."""
+"""A curve read off a figure."""
 
 from dataclasses import dataclass, field
 

@@ -9,7 +9,7 @@ from skimage.draw import polygon2mask
 
 from calib.digitise.axes import AxisCalibration, calibrated
 from calib.digitise.curve import Curve
-from calib.digitise.image import Traced, Wanted, read_picture, traced
+from calib.digitise.image import CurveRequest, Trace, read_picture, traced
 from calib.digitise.image.picture import SUFFIXES as PICTURES
 from calib.digitise.importers import Imported
 from calib.digitise.importers import read as read_export
@@ -48,7 +48,7 @@ class Reading:
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class PicturedCurve:
     """A curve on its picture.
 
     Attributes
@@ -61,7 +61,7 @@ class Shown:
 
     body: str
     kind: str
-    trace: Traced
+    trace: Trace
     calibration: AxisCalibration
     points: np.ndarray
     numbers: Sequence[tuple[float | None, float | None]]
@@ -80,7 +80,7 @@ class Figure:
     """
 
     readings: Sequence[Reading]
-    shown: Sequence[Shown]
+    shown: Sequence[PicturedCurve]
     light: np.ndarray | None
     form: str
 
@@ -220,7 +220,7 @@ def _off_picture(
             readings.append(_in_si(curve, entry, (table.x.unit, table.y.unit), period))
             pixels = np.array([point.pixel for point in table.points])
             numbers = [(point.x, point.y) for point in table.points]
-            shown.append(Shown(entry.body, entry.kind, trace, own.calibration, pixels, numbers))
+            shown.append(PicturedCurve(entry.body, entry.kind, trace, own.calibration, pixels, numbers))
     mistakes.tell()
     return Figure(readings, shown, light, "picture")
 
@@ -276,12 +276,12 @@ def _calibrated(panel: PanelTable, shape: Sequence[int]) -> _Panel:
     return _Panel(panel, calibration, inside)
 
 
-def _wanted(entry: CurveTable, colour: np.ndarray, calibration: AxisCalibration) -> Wanted:
+def _wanted(entry: CurveTable, colour: np.ndarray, calibration: AxisCalibration) -> CurveRequest:
     through = calibration.pixels(np.array(entry.through)) if entry.through else np.empty((0, 2))
-    return Wanted(entry.body, colour, entry.kind == "phase curve", entry.dashed, through)
+    return CurveRequest(entry.body, colour, entry.kind == "phase curve", entry.dashed, through)
 
 
-def _curve(entry: CurveTable, trace: Traced, calibration: AxisCalibration) -> Curve:
+def _curve(entry: CurveTable, trace: Trace, calibration: AxisCalibration) -> Curve:
     """Return a trace in the units of the axes, with its uncertainty."""
     pixels = trace.path
     rates = calibration.rates(pixels)

@@ -1,4 +1,4 @@
-"""The shape of a figure's description: what its panels and curves are."""
+"""The schema of a figure's description: its panels and curves."""
 
 import re
 from pathlib import Path

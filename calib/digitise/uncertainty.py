@@ -1,4 +1,4 @@
-"""What errors of reading a figure do to the record made of it."""
+"""Propagation of the errors of reading a figure to the record."""
 
 import numpy as np
 

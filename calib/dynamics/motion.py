@@ -1,4 +1,4 @@
-"""The kind of motion that a period map settles to, as far as rounding does not decide it."""
+"""The kind of motion that a period map settles to, and the motions that coexist with it."""
 
 import math
 from collections.abc import Iterable, Iterator

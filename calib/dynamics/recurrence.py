@@ -1,4 +1,4 @@
-"""How closely the section of a motion returns to where it was."""
+"""Recurrence of a section: how closely its states return."""
 
 import numpy as np
 

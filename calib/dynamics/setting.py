@@ -1,4 +1,4 @@
-"""What stays as it is while one or two parameters vary: model, excitation, values, phase of the section."""
+"""Model, excitation, values and phase of the section, held while one or two parameters vary."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""One run of a period map: its transient dropped, the cycles that are kept judged by whether they return."""
+"""One run of a period map: its transient dropped, and its kept cycles tested for their return."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The record of a stationary motion: of the stable one, where the run itself stays irregular beside it."""
+"""The record of a stationary motion: the stable one, where a run stays irregular beside it."""
 
 from collections.abc import Mapping
 from dataclasses import replace

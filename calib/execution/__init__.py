@@ -1,1 +1,1 @@
-"""How work is done: child processes, files written whole, interrupts, progress."""
+"""How work is done: child processes, files, interrupts, progress."""

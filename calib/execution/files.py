@@ -1,4 +1,4 @@
-"""Files to rely on: the right one where one is read, a whole one where one is written."""
+"""Files: netCDF datasets and checksums read, and every file written so that it is either whole or absent."""
 
 import errno
 import hashlib

@@ -1,4 +1,4 @@
-"""Ctrl-C, held back where it would leave something half done."""
+"""Ctrl-C, deferred until a block of code has ended."""
 
 import signal
 import threading

@@ -1,4 +1,4 @@
-"""Evaluations side by side: a function mapped over payloads, in child processes or in this one."""
+"""A function evaluated at many payloads, in child processes or in this one."""
 
 import fcntl
 import os

@@ -1,4 +1,4 @@
-"""How much of a known number is done: a live bar on a terminal, a line now and then elsewhere."""
+"""Progress of a known number of tasks: a bar on a terminal, a line every few seconds elsewhere."""
 
 import time
 

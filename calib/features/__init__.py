@@ -1,4 +1,4 @@
-"""Features: from a record to numbers with a unit that a simulation can be compared by."""
+"""Features: numbers with a unit, taken of a record, by which a simulation is compared."""
 
 from calib.features.amplitude import Amplitude
 from calib.features.contact_time import ContactTime

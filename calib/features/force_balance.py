@@ -1,4 +1,4 @@
-"""Force that a measured motion needs."""
+"""Force needed for a measured motion."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

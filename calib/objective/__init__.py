@@ -1,11 +1,11 @@
-"""How far simulated records are from measured ones."""
+"""The distance of simulated records from measured ones."""
 
 from calib.objective.alignment import trusted
-from calib.objective.compared import CLOCK_RATE
 from calib.objective.initial_state import Released, initial_state, simulations, with_initial_state
 from calib.objective.misfit import MISFIT, Squares, compared_rows, misfit, record_misfit, row_weights, squares_of
 from calib.objective.objective import Objective
-from calib.objective.reach import FeatureValue
+from calib.objective.prepared_reference import CLOCK_RATE
+from calib.objective.scalar_features import FeatureValue
 from calib.objective.terms import INITIAL_STATE, Feature, Reference, Score, Term
 
 __all__ = [

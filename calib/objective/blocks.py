@@ -7,7 +7,7 @@ import xarray as xr
 
 from calib import plugins
 from calib.errors import CalibError, nearest
-from calib.objective.compared import Compared, SensedRecord
+from calib.objective.prepared_reference import PreparedReference, SensedRecord
 from calib.objective.terms import Feature, Term
 from calib.records import STATE
 from calib.records import channels as channels_of
@@ -16,7 +16,7 @@ from calib.records import channels as channels_of
 class Blocks:
     """One term on one record: what was measured, and the factors that make residuals of differences."""
 
-    def __init__(self, term: Term, record: str, compared: Compared):
+    def __init__(self, term: Term, record: str, compared: PreparedReference):
         self.term, self.record = term, record
         feature = term.feature
         label = f"term {term.label!r}, record {record!r}"

@@ -1,4 +1,4 @@
-"""How far simulated records are from measured ones, over all records and terms."""
+"""The distance of simulated records from measured ones, over all records and terms."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -10,9 +10,9 @@ from calib.errors import CalibError, nearest
 from calib.modelling.model import Model
 from calib.modelling.simulator import Request
 from calib.objective.blocks import Blocks
-from calib.objective.compared import Compared, SensedRecord, on_drive_clock
 from calib.objective.initial_state import Released
-from calib.objective.reach import FeatureValue
+from calib.objective.prepared_reference import PreparedReference, SensedRecord, on_drive_clock
+from calib.objective.scalar_features import FeatureValue
 from calib.objective.terms import Reference, Score, Term
 from calib.records import channels as channels_of
 from calib.records.cycles import MotionKind
@@ -54,7 +54,7 @@ class Objective:
         self.terms = _distinct(terms)
         if not self.terms:
             raise CalibError("an objective needs at least one term; name a feature to compare")
-        self._compared = {name: Compared(reference, self.terms) for name, reference in self.references.items()}
+        self._prepared = {name: PreparedReference(reference, self.terms) for name, reference in self.references.items()}
         self.scored = [name for name, reference in self.references.items() if reference.use == "calibrate"]
         if not self.scored:
             raise CalibError('no reference is used to calibrate; set use = "calibrate" for one of them at least')
@@ -69,7 +69,7 @@ class Objective:
                     f"term {term.label!r}: no record {name!r} to calibrate on{nearest(name, self.scored)}; "
                     f"there are {', '.join(self.scored)}"
                 )
-        blocks = [Blocks(term, name, self._compared[name]) for name in term.records or self.scored]
+        blocks = [Blocks(term, name, self._prepared[name]) for name in term.records or self.scored]
         if not any(block.number for block in blocks):
             raise CalibError(
                 f"term {term.label!r}: the excitation prescribes all that it compares, which is no evidence of fit; "
@@ -112,7 +112,7 @@ class Objective:
         return self._score(sensed), self._features(sensed)
 
     def _sensed(self, records: Mapping[str, xr.Dataset]) -> dict[str, SensedRecord]:
-        return {name: self._compared[name].sensed(records[name]) for name in self.scored}
+        return {name: self._prepared[name].sensed(records[name]) for name in self.scored}
 
     def _failed(self, status: str, reason: str) -> Score:
         return Score(np.inf, {term.label: np.inf for term in self.terms}, status, reason)
@@ -125,7 +125,7 @@ class Objective:
             residuals += parts
         square = float(np.dot(self._weights, distances))
         labels = [term.label for term in self.terms]
-        judged = {name: self._compared[name].penalty(view.motion) for name, view in sensed.items()}
+        judged = {name: self._prepared[name].penalty(view.motion) for name, view in sensed.items()}
         penalties = {name: penalty for name, penalty in judged.items() if penalty is not None}
         return Score(
             cost=_cost(np.sqrt(square), list(penalties.values())),
@@ -144,7 +144,7 @@ class Objective:
             if name not in records:
                 raise CalibError(f"no simulated record for {name!r}{nearest(name, records)}; there are {list(records)}")
         for name in self.scored:
-            failure = self._compared[name].failure(records[name])
+            failure = self._prepared[name].failure(records[name])
             if failure is not None:
                 return failure
         return None
@@ -169,7 +169,7 @@ class Objective:
     def _evidence(self, name: str, motion: MotionKind, wrong: bool) -> str:
         if not wrong:
             return motion.evidence
-        return f"{motion.evidence}; the reference is {self._compared[name].motion.kind}"
+        return f"{motion.evidence}; the reference is {self._prepared[name].motion.kind}"
 
     def residuals(self, records: Mapping[str, xr.Dataset]) -> xr.DataArray:
         """Residuals (residual,) with coordinates term, record, body and channel; its squares add up to D^2.
@@ -192,13 +192,13 @@ class Objective:
 
     def aligned(self, name: str, record: xr.Dataset) -> xr.Dataset:
         """Return a simulated record on the time base of the reference `name`, its nuisances applied."""
-        if name not in self._compared:
-            raise CalibError(f"no reference {name!r}{nearest(name, self._compared)}; there are {list(self._compared)}")
-        failure = self._compared[name].failure(record)
+        if name not in self._prepared:
+            raise CalibError(f"no reference {name!r}{nearest(name, self._prepared)}; there are {list(self._prepared)}")
+        failure = self._prepared[name].failure(record)
         if failure is not None:
             status, reason = failure
             raise CalibError(f"a failed run cannot be aligned (status {status!r}: {reason})")
-        sensed = self._compared[name].sensed(record)
+        sensed = self._prepared[name].sensed(record)
         return sensed.record.assign_attrs({f"nuisance_{key}": value for key, value in sensed.nuisances.items()})
 
     def released(
@@ -216,18 +216,18 @@ class Objective:
         ------
         CalibError : the simulator declares no initial state, or the state changes nothing that is compared
         """
-        compared = self._compared[name]
+        compared = self._prepared[name]
         return compared.released(model, values, request or compared.reference.request)
 
     def wrong_kind(self, name: str, record: xr.Dataset) -> str:
         """How the kind of motion of a simulated record differs from that of the reference `name`; "" if not."""
-        compared = self._compared[name]
+        compared = self._prepared[name]
         motion = compared.sensed(record).motion
         return self._evidence(name, motion, wrong=True) if compared.penalty(motion) is not None else ""
 
     def features(self, name: str, record: xr.Dataset) -> list[FeatureValue]:
         """Scalar features of all channels of the reference `name`, beside those of a simulated record."""
-        compared = self._compared[name]
+        compared = self._prepared[name]
         pairs = {(body, channel) for body in compared.bodies for channel in channels_of(compared.record)}
         return compared.features(pairs, compared.sensed(record))
 
@@ -236,7 +236,7 @@ class Objective:
         for name in self.scored:
             mine = [block for blocks in self._blocks for block in blocks if block.record == name]
             pairs = {pair for block in mine for pair in block.pairs}
-            features += self._compared[name].features(pairs, sensed[name])
+            features += self._prepared[name].features(pairs, sensed[name])
         return features
 
 

@@ -1,4 +1,4 @@
-"""What is compared with what, and how the answer is given."""
+"""References, terms and scores: what is compared, and the result."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -1,4 +1,4 @@
-"""What was measured or simulated: records, tables of samples, excitations, and the cycles they are cut into."""
+"""Measured and simulated records: tables of samples, excitations, cycles."""
 
 from calib.records.record import (
     CHANNELS,

@@ -1,4 +1,4 @@
-"""How a body is driven: harmonically, by a recorded input, or not at all."""
+"""The excitation of a record: harmonic, recorded, or none."""
 
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple

@@ -1,4 +1,4 @@
-"""What a study leaves in its folder: the ledger of its trials, the records kept, and a view for the dashboard."""
+"""A study's folder: the ledger of its trials, their record files, and a view for the dashboard."""
 
 from calib.store.ledger import read
 from calib.store.store import Store

@@ -1,4 +1,4 @@
-"""Work done in pieces: each piece's arrays in a file of its own, whole or absent."""
+"""Work done in pieces: the arrays of each piece in a file of its own."""
 
 import hashlib
 import json

@@ -1,4 +1,4 @@
-"""Libraries, processor and linear algebra a study runs on: what decides whether the same numbers come out again."""
+"""Versions of libraries, processor and linear algebra: what decides whether a run can be repeated bit for bit."""
 
 import platform
 from functools import cache

@@ -1,4 +1,4 @@
-"""The ledger: every trial of a study in the order they ended, on disk before the next one counts."""
+"""The ledger: every trial of a study in the order they ended, each synced to disk before the next."""
 
 import hashlib
 import json

@@ -1,4 +1,4 @@
-"""The study as Optuna sees it: a mirror of the ledger, for optuna-dashboard."""
+"""A mirror of the ledger as an Optuna study, for optuna-dashboard."""
 
 import io
 import json

@@ -1,4 +1,4 @@
-"""Values as JSON takes them, and dataclasses of what JSON gives back."""
+"""Conversion of values to JSON types, and of JSON to dataclasses."""
 
 import math
 from collections.abc import Mapping

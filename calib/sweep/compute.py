@@ -1,4 +1,4 @@
-"""The motions of some points of a sweep, as arrays: what a child process is asked for."""
+"""The motions at some points of a sweep, as arrays."""
 
 import math
 from collections.abc import Mapping, Sequence

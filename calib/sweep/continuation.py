@@ -1,4 +1,4 @@
-"""Regular motions taken from one value of a sweep to the next, so that what one start met by chance all others show."""
+"""Regular motions continued from one value of a sweep to the next."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

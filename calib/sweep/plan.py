@@ -1,4 +1,4 @@
-"""What is swept: values of one or two parameters, from which states, in which order."""
+"""The plan of a sweep: values of one or two parameters, starts, order."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

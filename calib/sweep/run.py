@@ -1,4 +1,4 @@
-"""A sweep, run: in pieces that are kept as they end, and joined to one dataset."""
+"""A sweep run in pieces, and joined to one dataset."""
 
 from collections.abc import Callable, Mapping
 from functools import partial

@@ -1,4 +1,4 @@
-"""Which of the motions of a value gives its kind, once neighbouring values have brought theirs."""
+"""The motion that gives the kind at a value, once those of neighbouring values are known."""
 
 from collections.abc import Container, Iterable, Mapping, Sequence
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""How much of each pixel is covered by the ink of one colour."""
+"""Coverage of each pixel by the ink of one colour."""
 
 import numpy as np
 

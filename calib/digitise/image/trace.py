@@ -30,7 +30,7 @@ THROUGH_WIDTHS = 2.5  # line widths: largest distance of the curve from a point 
 
 
 @dataclass(frozen=True, eq=False)
-class Wanted:
+class CurveRequest:
     """A curve to look for.
 
     Attributes
@@ -50,7 +50,7 @@ class Wanted:
 
 
 @dataclass(frozen=True, eq=False)
-class Traced:
+class Trace:
     """The middle of a line.
 
     Attributes
@@ -69,7 +69,7 @@ class Traced:
     notes: tuple[str, ...]
 
 
-def traced(light: np.ndarray, inside: np.ndarray, wanted: Wanted) -> Traced:
+def traced(light: np.ndarray, inside: np.ndarray, wanted: CurveRequest) -> Trace:
     """Find a curve within a panel.
 
     Parameters
@@ -107,7 +107,7 @@ def _fullest(share: np.ndarray) -> float:
     return 1.0
 
 
-def _chosen(chains: Sequence[StrokeChain], wanted: Wanted, width: float) -> StrokeChain:
+def _chosen(chains: Sequence[StrokeChain], wanted: CurveRequest, width: float) -> StrokeChain:
     """Return the chain that is meant."""
     where = f"curve {wanted.name!r}"
     fit = [c for c in chains if c.length > MIN_LENGTH_PIXELS]
@@ -157,7 +157,7 @@ def _passes(chain: StrokeChain, points: np.ndarray, near: float) -> bool:
     return bool((distance < near).all())
 
 
-def _check_inside(chain: StrokeChain, inside: np.ndarray, wanted: Wanted, width: float) -> None:
+def _check_inside(chain: StrokeChain, inside: np.ndarray, wanted: CurveRequest, width: float) -> None:
     """Refuse a curve that runs along the edge of the panel, beyond which it may go on."""
     columns, rows = np.round(chain.path).astype(int).T
     padded = np.pad(inside, 1)
@@ -175,7 +175,7 @@ def _check_inside(chain: StrokeChain, inside: np.ndarray, wanted: Wanted, width:
         )
 
 
-def _refined(share: np.ndarray, chain: StrokeChain, wanted: Wanted, width: float) -> Traced:
+def _refined(share: np.ndarray, chain: StrokeChain, wanted: CurveRequest, width: float) -> Trace:
     """Move a thinned line to the middle of its ink, to parts of a pixel."""
     mode = "wrap" if wanted.closed else "nearest"
     path, inked = _spaced(chain.path, chain.inked, wanted.closed)
@@ -209,7 +209,7 @@ def _refined(share: np.ndarray, chain: StrokeChain, wanted: Wanted, width: float
     if wanted.closed and not chain.closed:
         gap = np.linalg.norm(chain.path[0] - chain.path[-1])
         notes.append(f"the loop did not close by itself: its ends were {gap:.1f} pixels apart")
-    return Traced(path, inked, noise, lean, tuple(notes))
+    return Trace(path, inked, noise, lean, tuple(notes))
 
 
 def _spaced(path: np.ndarray, inked: np.ndarray, closed: bool) -> tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Curves out of the files that other digitising tools leave behind."""
+"""Curves from the files of other digitising tools."""
 
 from calib.digitise.importers.read import SUFFIXES, Imported, read
 

@@ -1,4 +1,4 @@
-"""The bytes of a file somebody else made, within limits."""
+"""The bytes of a foreign file, within limits."""
 
 import json
 from pathlib import Path

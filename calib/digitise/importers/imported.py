@@ -1,4 +1,4 @@
-"""What an importer found in a file."""
+"""The curves of an imported file."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""One door to all importers."""
+"""The importers by suffix."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The rate of a recorder's clock against that of the drive, told by the phases of the cycles of a steady motion."""
+"""The rate of a recorder's clock against that of the drive, by the phases of the cycles of a steady motion."""
 
 import numpy as np
 import xarray as xr

@@ -1,4 +1,4 @@
-"""Impacts: how many there are in a period, and what the strongest does to the velocity."""
+"""Impacts: their number per period, and the phase, velocity change and duration of the strongest."""
 
 import numpy as np
 import xarray as xr

@@ -1,4 +1,4 @@
-"""Scalar features of a record by which one sees whether a model reaches what was measured."""
+"""Scalar features of a measured and a simulated record, with the difference that matters."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

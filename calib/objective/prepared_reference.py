@@ -21,7 +21,7 @@ from calib.objective.initial_state import (
     released,
     unknowns,
 )
-from calib.objective.reach import FeatureValue, Scalar, compared, scalars
+from calib.objective.scalar_features import FeatureValue, Scalar, compared, scalars
 from calib.objective.terms import Reference, Term
 from calib.records import OK, prescribed
 from calib.records import channels as channels_of
@@ -54,7 +54,7 @@ class SensedRecord:
     prescribed: Pairs
 
 
-class Compared:
+class PreparedReference:
     """A reference with all that can be computed of it beforehand."""
 
     def __init__(self, reference: Reference, terms: Sequence[Term]):
