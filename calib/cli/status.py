@@ -7,7 +7,7 @@ from typing import Any
 
 from calib.records import OK
 from calib.store import Trial, read
-from calib.store.lock import held
+from calib.store.lock import is_locked
 from calib.store.optuna_view import ARTIFACTS, JOURNAL
 from calib.store.trial import best
 from calib.study import CalibrationResult, result
@@ -40,7 +40,7 @@ def study_status(study: Path, out: Path | None) -> dict[str, Any]:
     finished = found is not None and found.trials == len(trials)
     return {
         "name": header["name"],
-        "state": "running" if held(folder) else "finished" if finished else "unfinished",
+        "state": "running" if is_locked(folder) else "finished" if finished else "unfinished",
         "trials": len(trials),
         "budget": header["budget"],
         "best": _best(trials) if found is None or not finished else _found(found),

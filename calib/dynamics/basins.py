@@ -147,7 +147,7 @@ def _pieces(
     pieces = chunks.finished(tasks)
     on_done(_points(pieces))
     missing = {key: task for key, task in tasks.items() if key not in pieces}
-    for key, arrays in chunks.made(pool, missing, partial(_singly, plane, pool)):
+    for key, arrays in chunks.computed(pool, missing, partial(_singly, plane, pool)):
         pieces[key] = arrays
         on_done(_points(pieces))
     return pieces

@@ -16,13 +16,13 @@ from calib.execution.interrupt import uninterrupted
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """Give a temporary file beside `path` to write; where the block ends well, it is synced and takes that name.
+    """Yield a temporary file beside `path`; when the block ends without an exception, it is synced and renamed to it.
 
     So the file is either whole or absent, whenever the program or the machine stops.
 
     Raises
     ------
-    OSError : the folder is not there or cannot be written, or the disk is full; it names `path`
+    OSError : the folder is missing or cannot be written, or the disk is full; it names `path`
     """
     try:
         handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
@@ -71,7 +71,7 @@ def write_dataset(dataset: xr.Dataset, path: str | Path) -> None:
     with whole(Path(path)) as temporary, uninterrupted():  # as in `read_dataset`
         try:
             dataset.to_netcdf(temporary, engine="netcdf4")
-        except RuntimeError as error:  # netCDF's word for a full disk
+        except RuntimeError as error:  # as netCDF reports a full disk
             raise OSError(errno.EIO, f"the file cannot be written ({error}); is the disk full?") from error
 
 
@@ -82,13 +82,13 @@ def checksum(path: Path) -> str:
 
 
 def verified(path: Path, expected: str | None = None, origin: str = "", hint: str = "") -> str:
-    """Return the checksum of a file that a user was to provide.
+    """Return the checksum of a file that a user has to provide.
 
     Parameters
     ----------
     expected : SHA-256 that it must have, None for any
     origin : where a user gets the file
-    hint : what else to do where it is missing
+    hint : further advice where it is missing
 
     Raises
     ------

@@ -9,9 +9,9 @@ from types import FrameType
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Hold Ctrl-C back until the block has ended; the threads and processes started in it never see it.
+    """Defer Ctrl-C until the block has ended; the threads and processes started in it do not receive it.
 
-    Blocking the signal in this thread is not enough: another thread takes it, and Python runs the handler here.
+    Blocking the signal in this thread is not enough: another thread receives it, and Python runs the handler here.
     """
     caught: list[tuple[int, FrameType | None]] = []
     installed, in_main_thread = signal.getsignal(signal.SIGINT), threading.current_thread() is threading.main_thread()

@@ -74,7 +74,7 @@ def _failure(error: BaseException, seconds: float) -> Failure:
 
 
 class InProcess:
-    """Calls one after the other in this process: for tests and notebooks. No time-out; a crash takes all along."""
+    """Calls one after the other in this process: for tests and notebooks. No time-out; a crash ends this process."""
 
     def __init__(self, function: Callable[[Any], Any]):
         self._function = function
@@ -90,7 +90,7 @@ class InProcess:
             yield index, result
 
     def close(self) -> None:
-        """Nothing to end."""
+        """Do nothing: no process was started."""
 
     def __enter__(self) -> Self:
         return self
@@ -102,14 +102,14 @@ class InProcess:
 class LocalPool:
     """Calls in persistent child processes of this machine.
 
-    The processes start with the first `map`, from a fork server that has imported what the function needs, so that
-    replacing a killed one costs a fraction of a second. BLAS and numba run on one thread in each. The processes take
-    no notice of Ctrl-C and end by themselves when this process dies, even by SIGKILL.
+    The processes start with the first `map`, from a fork server that has imported the modules of the function, so that
+    replacing a killed one costs a fraction of a second. BLAS and numba run on one thread in each. The processes ignore
+    Ctrl-C and end when this process ends, even by SIGKILL.
 
     Parameters
     ----------
-    function : picklable callable of one picklable payload; a script that defines it, or what it holds, itself is
-        imported by the processes, and needs ``if __name__ == "__main__":`` about what they are not to do again
+    function : picklable callable of one picklable payload; a script that defines it, or what it holds, is imported by
+        the processes, and needs ``if __name__ == "__main__":`` around the code that they must not run again
     jobs : number of processes
     timeout : wall-clock limit of one call [s], None for none; only the process that exceeds it is killed
     startup : what is added to the limit of the first call in each process, which may import and compile [s]; once such
@@ -134,7 +134,7 @@ class LocalPool:
         self._slots = [_Slot(pickled, context, timeout, allowance) for _ in range(jobs)]
 
     def map(self, payloads: Iterable[Any]) -> Iterator[tuple[int, Any]]:
-        """Yield (index, result or Failure) as the calls end; leaving the loop early kills what still runs.
+        """Yield (index, result or Failure) as the calls end; leaving the loop early kills the calls under way.
 
         Raises
         ------
@@ -205,25 +205,25 @@ RETRIED = object()
 
 
 class _Allowance:
-    """By how much the first call of a process may exceed the limit [s]."""
+    """Time by which the first call of a process may exceed the limit [s]."""
 
     def __init__(self, seconds: float):
         self.seconds = seconds
 
     def learn(self, seconds: float) -> None:
-        """Take in how long such a call took that came back: what it compiled is on disk for the next process."""
+        """Reduce the allowance by the duration of such a call: what it compiled is on disk for the next process."""
         self.seconds = min(self.seconds, max(MIN_STARTUP_ALLOWANCE, 2.0 * seconds))
 
 
 class _Slot:
-    """One worker process at a time: pebble's pool of one, so that it is known which call is a process's first."""
+    """One worker process at a time: a pool of pebble with one process, so that its first call is known."""
 
     def __init__(self, function: bytes, context: ForkServerContext, timeout: float | None, startup: "_Allowance"):
         self._function, self._context = function, context
         self._timeout, self._startup = timeout, startup
         self._pool: ProcessPool | None = None
         self._fresh = True  # the next call is the process's first
-        self._worked = False  # some call got as far as being taken up
+        self._worked = False  # whether the process has taken up a call
         self._retried = False
         self._future: Future[bytes] = Future()  # of the call under way
         self._payload = b""
@@ -245,7 +245,7 @@ class _Slot:
             self._limit += self._startup.seconds
         self._since = time.perf_counter()
         try:
-            with uninterrupted():  # a process whose start is broken off would be known to nobody, and complain alone
+            with uninterrupted():  # a process whose start is interrupted would be owned by nobody
                 self._future = self._pool.schedule(_call, args=(self._payload,), timeout=self._limit)
         except BrokenProcessPool as error:  # the process could not even be started
             self._future = Future()
@@ -271,7 +271,7 @@ class _Slot:
         return _failure(error, seconds)
 
     def _again(self, done: Callable[[Future[bytes]], None], error: BrokenProcessPool, seconds: float) -> Any:
-        """Hand the call out once more, to a new process: the old one died before it was seen to take it up."""
+        """Hand the call out once more, to a new process: the old one died before it took the call up."""
         if not self._retried:
             self._retried = True
             self.close()
@@ -281,7 +281,7 @@ class _Slot:
             return Failure(CRASHED, "the process ended at once, twice", seconds)
         raise CalibError(
             "the child processes end before they take up work (their messages stand above); where a script defines "
-            f"what they need, it has to run the study under \"if __name__ == '__main__':\" ({error})"
+            f"what they call, it has to run the study under \"if __name__ == '__main__':\" ({error})"
         )
 
     def stop(self) -> None:
@@ -346,7 +346,7 @@ _function: Any = None
 
 
 def _prepare(function: bytes) -> None:
-    """Make a new worker obey: die with its parent, at once when asked, and compute on one thread."""
+    """Set up a new worker: it ends with its parent, at once when asked to, and computes on one thread."""
     global _function
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # pebble's handler would wait for the interpreter, which may hang
     _die_with_parent()
@@ -405,7 +405,7 @@ def _without_main(prepared: Callable[[str], dict[str, Any]], name: str) -> dict[
 
 
 class _WithoutMain(ForkServerContext):
-    """Starts processes that need nothing of the script: so it may lack a guard, or be no file at all."""
+    """Starts processes that do not import the script: it needs no guard, and may be no file at all."""
 
     Process = _ProcessWithoutMain
 

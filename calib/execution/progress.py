@@ -10,7 +10,7 @@ LINE_INTERVAL = 5.0  # s between two lines where there is no terminal
 
 
 class Count:
-    """Says how much of a known number is done: a live bar on a terminal, a line now and then elsewhere."""
+    """Reports how much of a known number is done: a bar on a terminal, a line every few seconds elsewhere."""
 
     def __init__(self, unit: str, quiet: bool = False, console: Console | None = None):
         self._console = console or Console(stderr=True, highlight=False)
@@ -35,7 +35,7 @@ class Count:
             self._bars.stop()
 
     def __call__(self, done: int, total: int) -> None:
-        """Take in that `done` of `total` are done."""
+        """Report that `done` of `total` are done."""
         if self._done_before is None:
             self._done_before = done
         now = time.monotonic()

@@ -42,16 +42,16 @@ def write_joined(dataset: xr.Dataset, definition: Mapping[str, Any], path: Path)
 
 
 def join(path: Path, definition: Mapping[str, Any], fresh: bool, make: Callable[["Chunks"], xr.Dataset]) -> xr.Dataset:
-    """Make what `path` is to hold, from pieces that are kept until it does.
+    """Compute the dataset for `path` from pieces, which are kept until it is written.
 
     Parameters
     ----------
-    fresh : whether what `path` holds, and the pieces made so far, are forgotten first
-    make : the pieces -> what they join to
+    fresh : whether `path` and the pieces computed so far are deleted first
+    make : the pieces -> the dataset that they join to
 
     Raises
     ------
-    CalibError : another process works for the same file
+    CalibError : another process works on the same file
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     with Chunks(path, definition) as chunks:
@@ -64,13 +64,11 @@ def join(path: Path, definition: Mapping[str, Any], fresh: bool, make: Callable[
 
 
 def joined(path: Path, definition: Mapping[str, Any], fresh: bool = False) -> xr.Dataset | None:
-    """Return what `path` holds where it is of this very definition; None where there is no file.
-
-    Where it is to be made `fresh`, None too, if only what joined pieces hold is lost by that.
+    """Return the dataset in `path` where it has this very definition; None where there is no file, or with `fresh`.
 
     Raises
     ------
-    CalibError : it holds something else
+    CalibError : the file has another definition, or is no joined dataset (with `fresh` too: it would be lost)
     """
     if not path.exists():
         return None
@@ -93,16 +91,16 @@ def joined(path: Path, definition: Mapping[str, Any], fresh: bool = False) -> xr
 class Chunks:
     """Pieces of the work for one file, in a hidden folder beside it which one process at a time may use.
 
-    Within it is a folder named after the work's definition, so that no other work takes the pieces for its own.
+    In it the folder of the pieces is named after the definition of the work, so that no other work uses them.
 
     Parameters
     ----------
     beside : the file that the pieces are joined to in the end
-    definition : all that decides what the pieces hold, as JSON takes it
+    definition : all that determines the content of the pieces, as JSON takes it
 
     Raises
     ------
-    CalibError : on entering, where another process works for the same file
+    CalibError : on entering, where another process works on the same file
     """
 
     def __init__(self, beside: Path, definition: Mapping[str, Any]):
@@ -123,7 +121,7 @@ class Chunks:
         self._lock.release()
 
     def read(self, key: str) -> dict[str, np.ndarray] | None:
-        """Arrays of a piece by name, or None where it has not been done."""
+        """Arrays of a piece by name, or None where it is not finished."""
         path = self.folder / f"{key}.npz"
         if not path.is_file():
             return None
@@ -131,24 +129,24 @@ class Chunks:
             return {name: file[name] for name in file.files}
 
     def write(self, key: str, arrays: Mapping[str, np.ndarray]) -> None:
-        """Keep a piece; when this returns, it outlives a power failure."""
+        """Write a piece; when this returns, it is on disk."""
         with uninterrupted(), whole(self.folder / f"{key}.npz") as temporary, open(temporary, "wb") as file:
             np.savez(file, **arrays)  # type: ignore[arg-type]  # no array of a piece is named as its option is
 
     def finished(self, keys: Iterable[str]) -> dict[str, dict[str, np.ndarray]]:
-        """Return the pieces that have been done, by key."""
+        """Return the finished pieces by key."""
         return {key: arrays for key in keys if (arrays := self.read(key)) is not None}
 
-    def made(
+    def computed(
         self, pool: Pool, tasks: Mapping[str, Any], singly: Callable[[Any], dict[str, np.ndarray]]
     ) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
-        """Yield the arrays that `pool` makes of each task by its key, as they end and when they are kept.
+        """Yield the key and the arrays of each task, computed by `pool`, as soon as they are written.
 
-        Of a task whose call failed, `singly` makes them after all others have ended.
+        Those of a task whose call failed are computed by `singly` after all others have ended.
 
         Raises
         ------
-        CalibError : the call refuses what it is asked for
+        CalibError : the call refuses a task
         """
         keys, failed = list(tasks), list[str]()
         for index, result in pool.map(tasks.values()):
@@ -165,6 +163,6 @@ class Chunks:
             yield key, arrays
 
     def clear(self) -> None:
-        """Forget all pieces for the file, whatever the work that they belong to."""
+        """Delete all pieces for the file, whatever the work that they belong to."""
         for path in self._hidden.rglob("*.npz"):
             path.unlink()

@@ -61,7 +61,7 @@ class Ledger:
         self.header: Header = {}
 
     def open(self, header: Mapping[str, Any]) -> list[Trial]:
-        """Repair what a kill left behind, compare the header, and return the trials logged so far.
+        """Cut off an unfinished line, compare the header, and return the trials logged so far.
 
         Raises
         ------
@@ -72,21 +72,21 @@ class Ledger:
         content = _parse(self._path)
         if content.headers:
             _compare(self._path, content.headers[0]["definition"], definition)
-        with mendable(self._path):
+        with write_errors_reported(self._path):
             self._file = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o644)
             self._side = os.open(self._side_path, os.O_RDWR | os.O_CREAT, 0o644)
             os.ftruncate(self._file, content.end)
             os.ftruncate(self._side, content.side_end)
         self._end, self._side_end = content.end, content.side_end
         if content.headers:
-            self._go_on(content, header, here)
+            self._resume(content, header, here)
         else:
             self._begin(header, definition, here)
         return content.trials
 
     def _begin(self, header: Mapping[str, Any], definition: dict[str, Any], here: Mapping[str, Any]) -> None:
         canonical = json.dumps(definition, separators=(",", ":"))
-        self._head(
+        self._write_header(
             {
                 "format": FORMAT,
                 "id": uuid.uuid4().hex,
@@ -105,8 +105,8 @@ class Ledger:
         os.fsync(folder)
         os.close(folder)
 
-    def _go_on(self, content: "_Content", header: Mapping[str, Any], here: dict[str, Any]) -> None:
-        """Take up the last segment, or begin a new one where libraries, processor or BLAS are others now."""
+    def _resume(self, content: "_Content", header: Mapping[str, Any], here: dict[str, Any]) -> None:
+        """Continue the last segment, or begin a new one where libraries, processor or BLAS have changed."""
         last = content.headers[-1]
         self.header = last
         self._next = max((trial.number for trial in content.trials), default=-1) + 1
@@ -120,14 +120,14 @@ class Ledger:
             )
             self.begin_segment(header["budget"])
         elif header["budget"] != last["budget"]:
-            self._head({**last, "budget": header["budget"]})
+            self._write_header({**last, "budget": header["budget"]})
 
     def begin_segment(self, budget: int) -> None:
         """Begin a new segment: the trials so far stay valid, but are not asked for again when the study is resumed."""
         last = self.header
         first = max(last["screen"], self._next)
         segment = {"segment": last["segment"] + 1, "first": first, "hint": budget, "budget": budget}
-        self._head({**last, **segment, **environment()})
+        self._write_header({**last, **segment, **environment()})
 
     def append(self, trial: Trial) -> None:
         """Log a trial; when this returns, it outlives a power failure.
@@ -148,7 +148,7 @@ class Ledger:
         if place is not None:
             self._side_end += BYTES_PER_RESIDUAL * place[1]
 
-    def _head(self, header: Header) -> None:
+    def _write_header(self, header: Header) -> None:
         self.header = {**header, "time": datetime.now(UTC).isoformat(timespec="seconds")}
         text = (json.dumps(self.header, allow_nan=False, separators=(",", ":")) + "\n").encode()
         self._write(self._file, self._path, text, self._end)
@@ -156,7 +156,7 @@ class Ledger:
 
     def _write(self, file: int, path: Path, data: bytes, offset: int) -> None:
         """Write at `offset` and sync; where that fails, cut the file back to `offset`."""
-        with mendable(path):
+        with write_errors_reported(path):
             try:
                 written = 0
                 while written < len(data):
@@ -175,8 +175,8 @@ class Ledger:
 
 
 @contextmanager
-def mendable(path: Path) -> Iterator[None]:
-    """Turn a failure to write at `path` into what the user can mend."""
+def write_errors_reported(path: Path) -> Iterator[None]:
+    """Turn a failure to write at `path` into a message with its remedy."""
     try:
         yield
     except (OSError, RuntimeError) as error:  # netCDF's library says RuntimeError
@@ -188,7 +188,7 @@ def mendable(path: Path) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class _Content:
-    """What is whole in a ledger: headers, trials, and where each file ends  [bytes]."""
+    """The complete lines of a ledger: headers, trials, and where each file ends  [bytes]."""
 
     headers: list[Header]
     trials: list[Trial]
@@ -197,9 +197,9 @@ class _Content:
 
 
 def _parse(path: Path) -> _Content:
-    """Read what is whole in the ledger at `path`, whose side file lies beside it.
+    """Read the complete lines of the ledger at `path`, whose side file lies beside it.
 
-    A last line that is torn is left out, and with a warning also lines whose residuals are not there.
+    An unfinished last line is left out, and with a warning also lines whose residuals are missing.
     """
     try:
         raw = path.read_bytes() if path.exists() else b""

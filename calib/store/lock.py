@@ -11,16 +11,16 @@ from pathlib import Path
 from calib.errors import CalibError
 
 LOCK_NAME = "trials.lock"
-MAX_WAIT = 0.5  # s, for the lock: `held` takes it for an instant to look at it
+MAX_WAIT = 0.5  # s, for the lock: `is_locked` takes it for an instant to look at it
 
 
 class Lock:
-    """A lock on a folder that the kernel lets go when the process ends, however it ends; children do not inherit it.
+    """A lock on a folder that the kernel releases when the process ends, however it ends; children do not inherit it.
 
     Parameters
     ----------
-    folder : where the file lies that is locked
-    guarded : what is written meanwhile, None for the folder
+    folder : of the lock file
+    guarded : file that is written meanwhile, named in messages; None for the folder
     """
 
     def __init__(self, folder: Path, guarded: Path | None = None):
@@ -53,7 +53,7 @@ class Lock:
         self._handle = handle
 
     def release(self) -> None:
-        """Give the lock back."""
+        """Release the lock."""
         if self._handle is not None:
             os.close(self._handle)
             self._handle = None
@@ -71,7 +71,7 @@ def _lock(handle: int) -> None:
             time.sleep(0.02)
 
 
-def held(folder: Path) -> bool:
+def is_locked(folder: Path) -> bool:
     """Whether a process is writing in the folder."""
     try:
         with open(folder / LOCK_NAME, "rb") as lock:

@@ -44,7 +44,7 @@ def address_without_password(view: str) -> str:
 
 
 class _Journal(JournalFileBackend):
-    """Optuna's journal file, not synced at every trial: what a power failure takes is made again from the ledger."""
+    """Optuna's journal file, not synced at every trial: what a power failure loses is restored from the ledger."""
 
     def __init__(self, path: Path):
         # absolute: Optuna's lock is a symbolic link, and spins for ever on a relative name
@@ -63,7 +63,7 @@ class _Journal(JournalFileBackend):
 
 
 class OptunaView:
-    """Finished trials of one ledger in an Optuna study, added in batches; the ledger needs nothing of it.
+    """Finished trials of one ledger in an Optuna study, added in batches; the ledger does not depend on it.
 
     Failed trials are in state FAIL, without a value. User attributes: number (asking number), phase, status, reason,
     kind, terms, seconds. A trial's picture is an artifact of it.
@@ -108,7 +108,7 @@ class OptunaView:
         return number
 
     def catch_up(self, trials: Iterable[Trial], picture: Callable[[Trial], bytes | None]) -> None:
-        """Add the trials that the view lacks; fail what a killed process left running in it."""
+        """Add the trials that are missing in the view; mark those that a killed process left running as failed."""
         present = set()
         for mirrored in self._storage.get_all_trials(self._study, deepcopy=False):
             if mirrored.state == TrialState.RUNNING:
@@ -167,13 +167,13 @@ class OptunaView:
         return {ARTIFACTS_ATTR_PREFIX + key: json.dumps(asdict(meta))}
 
     def close(self) -> None:
-        """Write what waits and let go of the storage."""
+        """Write the waiting trials and close the storage."""
         self.flush()
         self._storage.remove_session()
 
 
 def _mend_journal(path: Path) -> None:
-    """Cut a torn last line, which Optuna could not read past; drop a dead writer's lock; set a damaged file aside."""
+    """Cut off an unfinished last line, delete the lock of a dead process, and set a damaged file aside."""
     lock = path.with_name(path.name + ".lock")
     while lock.is_symlink():
         try:

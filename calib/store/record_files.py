@@ -12,7 +12,7 @@ import xarray as xr
 from calib.errors import CalibError
 from calib.execution.files import whole
 from calib.records import read, write
-from calib.store.ledger import mendable
+from calib.store.ledger import write_errors_reported
 
 Keep = Literal["best", "improving", "all"]
 KEEP = get_args(Keep)
@@ -39,8 +39,8 @@ class RecordFiles:
         self._folder, self._records, self._keep = folder, folder / "records", keep
 
     def open(self, best: int | None) -> None:
-        """Sweep up after a kill: unfinished files, and a `best.nc` that lags behind trial `best`."""
-        with mendable(self._records):
+        """Delete unfinished files of a killed run, and bring `best.nc` up to trial `best`."""
+        with write_errors_reported(self._records):
             self._records.mkdir(exist_ok=True)
             for unfinished in [*self._records.glob(".*"), *self._folder.glob(".best*.nc.*")]:
                 unfinished.unlink()
@@ -63,7 +63,7 @@ class RecordFiles:
         self, folder: Path, stem: str, number: int, records: Mapping[str, xr.Dataset], provenance: Mapping[str, Any]
     ) -> None:
         text = json.dumps(provenance)
-        with mendable(folder):
+        with write_errors_reported(folder):
             for index, (name, record) in enumerate(records.items()):
                 stamped = record.assign_attrs(trial=number, record=name, provenance=text)
                 write(stamped, folder / file_of(stem, name, index == 0))
@@ -71,7 +71,7 @@ class RecordFiles:
     def promote(self, number: int) -> None:
         """Make the records of trial `number` the best ones; nothing happens where none were kept."""
         paths = self._paths(number)
-        with mendable(self._folder / "best.nc"):
+        with write_errors_reported(self._folder / "best.nc"):
             for path in paths:
                 with whole(self._folder / path.name.replace(f"{number:06d}", "best", 1)) as temporary:
                     shutil.copyfile(path, temporary)

@@ -9,7 +9,7 @@ from typing import Any, Self
 
 import xarray as xr
 
-from calib.store.ledger import RESIDUALS, TRIALS, Header, Ledger, mendable
+from calib.store.ledger import RESIDUALS, TRIALS, Header, Ledger, write_errors_reported
 from calib.store.lock import Lock
 from calib.store.optuna_view import ARTIFACTS, JOURNAL, OptunaView, address_without_password
 from calib.store.record_files import Keep, RecordFiles
@@ -22,13 +22,13 @@ Picture = Callable[[Trial, Mapping[str, xr.Dataset]], bytes]
 class Store:
     """Ledger, kept records and Optuna view of a study, with one writer at a time.
 
-    The ledger is the truth: on opening, everything else is brought in line with it.
+    The ledger is authoritative: on opening, everything else is brought in line with it.
 
     Parameters
     ----------
-    folder : made where it is missing
+    folder : created where it is missing
     view : "journal" for the file `optuna.log`, a URL that Optuna takes, or None
-    keep : whose records are kept: "best" (the best trial's), "improving" (those better than all before) or "all"
+    keep : trials whose records are kept: "best" (the best one), "improving" (those better than all before) or "all"
     picture : draws a trial with its records as PNG; called for the trials whose records are kept
     """
 
@@ -55,18 +55,18 @@ class Store:
         return self._ledger.header
 
     def open(self, header: Mapping[str, Any], fresh: bool = False) -> list[Trial]:
-        """Take the folder for the study of `header` and return the trials it has, in the order they ended.
+        """Open the folder for the study of `header` and return its trials, in the order they ended.
 
         Parameters
         ----------
         header : name; definition (a JSON dict, with `windows`); screen (points of the screen); budget (trials)
-        fresh : begin anew; what is there is moved to a folder `before-<date>` inside
+        fresh : begin anew; present files are moved to a folder `before-<date>` inside
 
         Raises
         ------
-        CalibError : another study's folder (and what differs), in use by another process, unreadable, not writable
+        CalibError : folder of another study (with the differences), in use by another process, unreadable, not writable
         """
-        with mendable(self.folder):
+        with write_errors_reported(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
             self._lock.acquire()
         try:
@@ -88,7 +88,7 @@ class Store:
         if not present:
             return
         aside = self.folder / f"before-{datetime.now(UTC):%Y%m%d-%H%M%S-%f}"
-        with mendable(aside):
+        with write_errors_reported(aside):
             aside.mkdir()
             for path in present:
                 path.rename(aside / path.name)
@@ -99,7 +99,7 @@ class Store:
             self._view.catch_up(trials, self._picture_again)
 
     def append(self, trial: Trial, records: Mapping[str, xr.Dataset] | None = None) -> None:
-        """Log a trial, keep its `records` where they are wanted, and show it in the view.
+        """Log a trial, write its `records` where they are to be kept, and add it to the view.
 
         Raises
         ------
@@ -114,18 +114,18 @@ class Store:
             self.best = trial
             self._record_files.promote(trial.number)
         if (view := self._view) is not None:
-            png = None if kept is None else self._drawn(trial, kept)
+            png = None if kept is None else self._picture_of(trial, kept)
             self._update_view(lambda: view.add(trial, png))
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Keep other writers out of the folder once more: after `close`, while what was found is judged.
+        """Lock the folder once more: after `close`, while the result is judged.
 
         Raises
         ------
         CalibError : another process has taken the folder meanwhile
         """
-        with mendable(self.folder):
+        with write_errors_reported(self.folder):
             self._lock.acquire()
         try:
             yield
@@ -150,18 +150,18 @@ class Store:
         score = {"total": trial.cost, "terms": {k: v for k, v in trial.terms.items() if v < float("inf")}}
         return {"trial": trial.number, "values": trial.values, "score": score, "kind": trial.kind, "study": header}
 
-    def _drawn(self, trial: Trial, records: Mapping[str, xr.Dataset]) -> bytes | None:
+    def _picture_of(self, trial: Trial, records: Mapping[str, xr.Dataset]) -> bytes | None:
         if self._picture is None:
             return None
         try:
             return self._picture(trial, records)
-        except Exception as error:  # a picture is not worth a study
+        except Exception as error:  # a study does not fail for a picture
             warnings.warn(f"no picture of trial {trial.number}: {type(error).__name__}: {error}", stacklevel=3)
             return None
 
     def _picture_again(self, trial: Trial) -> bytes | None:
         records = {} if self._picture is None else self._record_files.read(trial.number)
-        return self._drawn(trial, records) if records else None
+        return self._picture_of(trial, records) if records else None
 
     def _update_view(self, update: Callable[[], None]) -> None:
         """Call `update`, which writes to the view; where that fails, the study goes on without a view."""
@@ -177,7 +177,7 @@ class Store:
             )
 
     def close(self) -> None:
-        """Bring the view up to date, close the files and give the folder back."""
+        """Bring the view up to date, close the files and release the lock."""
         if self._view is not None:
             self._update_view(self._view.close)
             self._view = None

@@ -30,7 +30,7 @@ class Trial:
     phase : "screen" or "search"
     features : scalar features, each a dict with label, record, body, unit, measured, simulated, tolerance
     residuals : (n,) float64, or None where the evaluation failed
-    segment : which stretch of the ledger, from 0; a new one begins where libraries or processor changed
+    segment : of the ledger, counted from 0; a new one begins where libraries or processor changed
     simulations : runs of the simulator; None where they were not counted: one for each record
     """
 
@@ -56,7 +56,7 @@ class Trial:
 
     @property
     def rank(self) -> tuple[float, int]:
-        """What trials are compared by: the lowest cost, the earliest among equals."""
+        """Key of comparison: the lowest cost, the earliest among equals."""
         return (self.cost, self.number)
 
 

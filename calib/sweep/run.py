@@ -135,7 +135,7 @@ def _pieces(sweep: Sweep, pool: Pool, chunks: Chunks, on_done: Callable[[int], N
     pieces = chunks.finished(_name(t, c) for t, track in enumerate(tracks) for c in range(len(_parts(track.points))))
     on_done(_points(pieces))
     while tasks := _ready(sweep, tracks, pieces):
-        for name, arrays in chunks.made(pool, tasks, partial(_singly, sweep, pool)):
+        for name, arrays in chunks.computed(pool, tasks, partial(_singly, sweep, pool)):
             pieces[name] = arrays
             on_done(_points(pieces))
     return pieces
@@ -170,7 +170,7 @@ def _chained(
                 )
         pieces = chunks.finished(tasks)
         missing = {key: task for key, task in tasks.items() if key not in pieces}
-        pieces |= dict(chunks.made(pool, missing, partial(nothing_continued, sweep)))
+        pieces |= dict(chunks.computed(pool, missing, partial(nothing_continued, sweep)))
         for key, arrays in pieces.items():
             done[int(key.split("-")[1])].append(arrays)
     return done

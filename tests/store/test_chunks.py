@@ -27,7 +27,7 @@ def alone(x):
 
 def made(chunks, tasks):
     with InProcess(squares) as pool:
-        return dict(chunks.made(pool, tasks, alone))
+        return dict(chunks.computed(pool, tasks, alone))
 
 
 def hidden(folder):
@@ -63,7 +63,7 @@ def test_what_is_made_is_kept_for_the_next_process(tmp_path):
 def test_pieces_are_yielded_when_they_are_kept(tmp_path):
     kept = {}
     with Chunks(tmp_path / "x.nc", ONE) as chunks, InProcess(squares) as pool:
-        for key, arrays in chunks.made(pool, {"a": 1, "b": 2, "c": -1}, alone):
+        for key, arrays in chunks.computed(pool, {"a": 1, "b": 2, "c": -1}, alone):
             kept[key] = chunks.read(key)  # before the next one is made
             assert kept[key]["square"] == arrays["square"]
         chunks.clear()
@@ -85,7 +85,7 @@ def test_a_failing_call_leaves_nothing_itself(tmp_path):
 
     with Chunks(tmp_path / "x.nc", ONE) as chunks, InProcess(squares) as pool:
         with pytest.raises(KeyboardInterrupt):
-            list(chunks.made(pool, {"a": -1, "b": 2}, stopped))
+            list(chunks.computed(pool, {"a": -1, "b": 2}, stopped))
         assert list(chunks.finished(["a", "b"])) == ["b"]
         chunks.clear()
 
