@@ -54,7 +54,7 @@ class AxisCalibration:
         return self._stretch(pixels)[:, :, None] * self.matrix[None, :, :2]
 
     def modes(self, pixels: np.ndarray) -> np.ndarray:
-        """What the errors of the calibration do to points: (6, n, 2), each one standard deviation large."""
+        """Displacement of points by the errors of the calibration: (6, n, 2), each one standard deviation large."""
         modes = np.zeros((6, len(pixels), 2))
         for axis in (0, 1):
             modes[3 * axis : 3 * axis + 3, :, axis] = (_affine(pixels) @ self.spread[axis]).T
@@ -62,7 +62,7 @@ class AxisCalibration:
 
     @property
     def posture(self) -> tuple[float, float]:
-        """How the page lies: turn (clockwise) and how far its axes are from a right angle  [degrees]."""
+        """Rotation of the page (clockwise), and deviation of its axes from a right angle  [degrees]."""
         along = np.linalg.inv(self.matrix[:, :2])  # columns: pixels along x and along y
         x, y = np.degrees(np.arctan2(along[1], along[0]))
         return float((x + 90.0) % 180.0 - 90.0), float((x - y) % 180.0 - 90.0)

@@ -18,7 +18,7 @@ from calib.study_file.mistakes import Mistakes, read_as
 
 @dataclass(frozen=True, eq=False)
 class Digitised:
-    """A record and how it was come by.
+    """A record made of a figure, and how.
 
     Attributes
     ----------

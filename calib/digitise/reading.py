@@ -26,7 +26,7 @@ SI_UNITS = {"phase curve": ("m", "m/s"), "displacement over time": ("s", "m"), "
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """One curve in SI, with what its points may be off.
+    """One curve in SI, with the uncertainty of its points.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Reading:
     sigma : (n, 2) standard uncertainty of each point, independent from point to point
     modes : (k, n, 2) what independent errors do that reach over many points, one standard deviation large
     axes : how many of the modes, the first ones, are errors of the axes
-    notes : what its reader should know
+    notes : for its user
     """
 
     body: str
@@ -69,7 +69,7 @@ class PicturedCurve:
 
 @dataclass(frozen=True, eq=False)
 class Figure:
-    """All that was read off.
+    """All curves read off a figure.
 
     Attributes
     ----------
@@ -296,7 +296,7 @@ def _curve(entry: CurveTable, trace: Trace, calibration: AxisCalibration) -> Cur
 
 
 def _posture(calibration: AxisCalibration) -> str:
-    """Say how the page lies, and how well the axis points agree with one another."""
+    """Describe rotation and shear of the page, and the residuals of the axis points."""
     turn, shear = calibration.posture
     residual = calibration.residual
     agree = "no axis point is over to check them by"

@@ -20,7 +20,7 @@ def hats(size: int, closed: bool, number: int = STRETCHES) -> np.ndarray:
 
 
 def leaning(sigma: np.ndarray, closed: bool) -> np.ndarray:
-    """Modes (2 k, n, 2) that independent errors of n points add up to over stretches of the curve.
+    """Modes (2 k, n, 2) over stretches of the curve, to which independent errors of n points add up.
 
     sigma : (n, 2) standard uncertainty of each point
     """

@@ -84,7 +84,7 @@ class Plane:
         return states
 
     def definition(self) -> dict[str, Any]:
-        """All that decides what comes out, as JSON takes it."""
+        """All that determines the result, as JSON takes it."""
         own = {"x": self.x, "y": self.y, "start": self.start, "settle": self.settle}
         return plain({"plane": own, **self.setting.definition(), "environment": environment()})
 
@@ -97,19 +97,19 @@ def basins(
     fresh: bool = False,
     on_done: Callable[[int, int], None] = lambda done, total: None,
 ) -> xr.Dataset:
-    """Find the motion that each state of a plane leads to, or go on where that was stopped or killed.
+    """Find the motion that each state of a plane leads to, or resume a run that was stopped or killed.
 
-    Motions that return are told apart by their states; all that do not are one attractor, since a section does not
-    tell them apart.
+    Motions that return are distinguished by their states; all that do not are one attractor, since their sections
+    cannot be distinguished.
 
     Parameters
     ----------
-    path : netCDF file to write; until then, what is done lies beside it in a hidden folder. Where the file holds this
-        very plane, it is read
+    path : netCDF file to write; until then, finished pieces lie beside it in a hidden folder. Where the file holds
+        this very plane, it is read
     jobs : child processes
     timeout : wall clock of 32 states, beyond which the slow one among them is given up  [s]
-    fresh : take the place of what `path` holds, and forget what was done so far
-    on_done : told how many states are done, and of how many
+    fresh : replace the file at `path`, and delete the pieces finished so far
+    on_done : called with the number of finished states and the total
 
     Returns
     -------
@@ -120,7 +120,7 @@ def basins(
 
     Raises
     ------
-    CalibError : `path` holds something else, or another process works for it; an excitation that the simulator refuses
+    CalibError : `path` holds something else, or another process works on it; an excitation that the simulator refuses
     """
     path, definition = Path(path), plane.definition()
     total = len(plane.x[1]) * len(plane.y[1])
@@ -143,7 +143,7 @@ def basins(
 def _pieces(
     plane: Plane, pool: Pool, chunks: Chunks, tasks: Mapping[str, range], on_done: Callable[[int], None]
 ) -> dict[str, dict[str, np.ndarray]]:
-    """Arrays of each task by its key: those kept from before, and those of what has not been run."""
+    """Arrays of each task by its key: read where they are finished, computed where not."""
     pieces = chunks.finished(tasks)
     on_done(_points(pieces))
     missing = {key: task for key, task in tasks.items() if key not in pieces}
@@ -245,7 +245,7 @@ def _dataset(plane: Plane, motions: Mapping[str, np.ndarray]) -> xr.Dataset:
 
 
 def _padded(rows: Sequence[np.ndarray]) -> np.ndarray:
-    """Rows of different lengths as one array, NaN where there is nothing."""
+    """Rows of different lengths as one array, padded with NaN."""
     table = np.full((len(rows), max((row.size for row in rows), default=0)), np.nan)
     for k, row in enumerate(rows):
         table[k, : row.size] = row

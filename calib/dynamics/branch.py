@@ -45,7 +45,7 @@ class Special:
     kind : "fold", "branching", "flip", "Neimark-Sacker" or "grazing"
     parameter : its value there; state (dimension,), each component in its unit
     index : position in the branch's arrays; a grazing, which is no point of theirs, has that of the last cycle before
-    evidence : what shows it, in words
+    evidence : one sentence with the numbers
     """
 
     kind: str
@@ -226,12 +226,12 @@ class _Curve:
         return _CurvePoint(z, self.parameter(z), tangent, cycle, matrix)
 
     def opening(self, point: _CurvePoint, base: _CurvePoint) -> float:
-        """How far the motion is from half its period, along what it was at `base`: it changes sign at the flip."""
+        """Difference of the states half a return apart, along that at `base`: it changes sign at the flip."""
         halves = (p.cycle.orbit.states[self.periods // 2 - 1] / self.scale - p.z[:-1] for p in (point, base))
         return float(np.dot(*halves))
 
     def shorter(self, point: _CurvePoint) -> bool:
-        """Whether the motion returns after a part of the periods already, as what a long step may land on does."""
+        """Whether the motion returns after a part of the periods already, as one that a long step reaches may do."""
         parts = [point.cycle.orbit.states[n - 1] for n in range(1, self.periods) if self.periods % n == 0]
         return any(np.abs(state / self.scale - point.z[:-1]).max() < SAME_STATE for state in parts)
 
@@ -325,7 +325,7 @@ TESTS = {"fold": _fold, "branching": _branching, "flip": _flip, "Neimark-Sacker"
 
 
 def _evidence(kind: str, point: _CurvePoint) -> str:
-    """What shows a special point; empty at a neutral saddle, where two real multipliers have the product 1."""
+    """Evidence of a special point; empty at a neutral saddle, where two real multipliers have the product 1."""
     multipliers = point.cycle.multipliers
     if kind != "Neimark-Sacker":
         nearest = multipliers[np.argmin(np.abs(multipliers - (-1.0 if kind == "flip" else 1.0)))]
@@ -387,7 +387,7 @@ def _root(curve: _Curve, base: _CurvePoint, ahead: _CurvePoint, test: Test) -> _
 def _ended(
     curve: _Curve, points: list[_CurvePoint], specials: list[Special], reason: str
 ) -> tuple[list[_CurvePoint], list[Special], str]:
-    """Say why a curve that cannot be followed any further ends: by grazing where its margin runs to zero."""
+    """Points, special points and reason of the end of a curve: grazing where its margin goes to zero."""
     cycle = points[-1].cycle
     at = f"{points[-1].parameter:.9g}"
     z = _grazing(points)

@@ -1,4 +1,4 @@
-"""Exponents of Lyapunov: how fast small differences grow or shrink along an orbit."""
+"""Lyapunov exponents: the rates at which small differences grow or shrink along an orbit."""
 
 import math
 from collections.abc import Callable
@@ -39,7 +39,7 @@ class Exponent:
 
 
 def largest_exponent(map: PeriodMap, state: np.ndarray, periods: int, carry: Carry = tangent) -> Exponent:
-    """Largest exponent over `periods` periods, after 50 in which the difference turns towards what grows most.
+    """Largest exponent over `periods` periods, after 50 in which the difference aligns with the fastest growth.
 
     The mean of ln R_k, with R_k the growth of one difference in period k, made a unit vector after each.
 
@@ -58,7 +58,7 @@ def largest_exponent(map: PeriodMap, state: np.ndarray, periods: int, carry: Car
 
 
 def extended(map: PeriodMap, exponent: Exponent, periods: int, carry: Carry = tangent) -> Exponent:
-    """Return the exponent of an orbit that goes on by `periods` periods, with all that was found so far.
+    """Return the exponent of an orbit continued by `periods` periods.
 
     Parameters
     ----------

@@ -129,7 +129,7 @@ class _Signs:
 
     @property
     def lingers(self) -> bool:
-        """Whether the motion is yet beside an unstable cycle: near returns, that grow all along or at a steady rate.
+        """Whether the motion is still near an unstable cycle: close returns that grow all along, or at a steady rate.
 
         Chaos of a map whose slope is the same everywhere grows steadily too, but its K is near 1.
         """
@@ -139,7 +139,7 @@ class _Signs:
 
     @property
     def interrupted(self) -> bool:
-        """Whether the 0-1 test or the exponent says chaos, and the other's error does not exclude it.
+        """Whether the 0-1 test or the exponent indicates chaos, and the error of the other does not exclude it.
 
         Long regular stretches keep the exponent's error large, and K small.
         """
@@ -164,7 +164,7 @@ class _Signs:
 
 
 def _signs(section: np.ndarray, exponent: Exponent) -> _Signs:
-    """Read the signs of a section (n, dimension) in units of the scale."""
+    """Evidence from a section (n, dimension) in units of the scale."""
     recurrence = recurrence_of(section)
     lag = int(np.argmin(recurrence)) + 1
     maxima = block_maxima(section, lag)

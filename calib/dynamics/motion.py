@@ -125,7 +125,7 @@ def _search_beside_transient(coexisting: "CoexistingMotions", state: np.ndarray,
 
 
 def _search_longer(coexisting: "CoexistingMotions", state: np.ndarray, periods: int, cycles: int) -> None:
-    """Start Newton's method again from longer stretches of the irregular motion: until nothing, or enough, was met."""
+    """Start Newton's method from further stretches of the irregular motion until none or enough cycles are found."""
     for _ in range(MAX_STRETCHES):
         if coexisting.established():
             return
@@ -212,7 +212,7 @@ def _arrival(map: PeriodMap, start: np.ndarray, settled: OrbitKind) -> int:
 
 @dataclass(eq=False)
 class ObservedMotion:
-    """A motion that was met.
+    """A motion with its sightings.
 
     Attributes
     ----------
@@ -229,13 +229,13 @@ class ObservedMotion:
 
 @dataclass(eq=False)
 class CoexistingMotions:
-    """The motions of one map that were met, the one that the first run led to in front."""
+    """The motions observed on one map; that of the first run comes first."""
 
     map: PeriodMap
     motions: list[ObservedMotion]
 
     def add(self, motion: OrbitKind) -> None:
-        """Count the motion that a run led to; one that has not settled counts only where it is chaotic."""
+        """Count the motion of a run; one that has not settled counts only where it is chaotic."""
         known = self.irregular()
         if not motion.regular and (known is None or _is_interrupted(known.motion)):
             motion = kind_of_run(self.map, motion.state, 0, len(motion.orbit.states))
@@ -275,7 +275,7 @@ class CoexistingMotions:
                 return
 
     def established(self) -> list[ObservedMotion]:
-        """Regular motions that were met so often that no rounding would miss them, and that a section shows."""
+        """Regular motions with enough sightings that another rounding would not miss them, and that a section shows."""
         return [one for one in self.motions if one.motion.regular and gives_kind(one.motion.period, one.sightings)]
 
     def irregular(self) -> ObservedMotion | None:
@@ -311,7 +311,7 @@ class CoexistingMotions:
         return bool((np.diff(back) > 0.0).all() and np.ptp(back) > MIN_DRIFT * back.max())
 
     def verdict(self, runs: int, escape: EscapeTime | None) -> OrbitKind:
-        """Give the kind to the most regular motion of those met often enough, else to the irregular one.
+        """Return the most regular motion with enough sightings, else the irregular one, with all others as coexisting.
 
         escape : from the irregular motion that runs stayed on at first; None where there is none
         """
@@ -345,7 +345,7 @@ class CoexistingMotions:
 
 
 def gives_kind(period: int, sightings: int) -> bool:
-    """Whether a regular motion beside chaos gives the kind: met three times, and seen to return in a section.
+    """Whether a regular motion beside chaos gives the kind: three sightings, and a period that a section shows.
 
     period : 0 of a quasi-periodic one
     """
@@ -358,12 +358,12 @@ def _is_interrupted(motion: OrbitKind) -> bool:
 
 
 def rank(motion: OrbitKind) -> tuple[bool, float, int]:
-    """What is preferred as the kind where rounding decides: the shortest stable period, a torus, what is irregular."""
+    """Order of preference where rounding decides: the shortest stable period, a torus, an irregular motion."""
     return not motion.regular, motion.period or math.inf, motion.impacts
 
 
 def rounding_decides(map: PeriodMap, state: np.ndarray, dropped: int) -> bool:
-    """Whether starts that differ by 1e-6 of the scale part on the way to a motion: its transient is chaotic.
+    """Whether starts that differ by 1e-6 of the scale separate on the way to a motion: its transient is chaotic.
 
     Parameters
     ----------

@@ -119,7 +119,7 @@ def shoot(map: PeriodMap, guess: np.ndarray, periods: int = 1, most: int = 20) -
 
 
 def attracting_cycle(map: PeriodMap, guess: np.ndarray, periods: int, reach: float) -> Cycle | None:
-    """Stable cycle next to a guess (dimension,), with its least period; None where there is none to be had at once.
+    """Stable cycle next to a guess (dimension,), with its least period; None where a few steps do not find one.
 
     Newton's steps are not damped: a guess that is no close return is given up soon, at a tenth of the cost of `shoot`.
 

@@ -1,4 +1,4 @@
-"""Runs of an irregular motion that the last digits of a processor do not part.
+"""Pseudo-orbits: runs of an irregular motion that are the same on all processors.
 
 Two processors differ by 1e-16 at each step, and a chaotic map doubles that every few periods, so that after some
 hundred periods they follow different orbits. Here the state is put onto a lattice of 6e-8 of the map's scale every 32

@@ -36,7 +36,7 @@ def block_maxima(section: np.ndarray, lag: int) -> np.ndarray:
 
 
 def likely_period(section: np.ndarray, lag: int, exponent: float) -> int:
-    """Period that a drifting motion is settling to, 0 where its returns do not fall as its exponent says.
+    """Period that a drifting motion is settling to, 0 where its returns do not fall at the rate of its exponent.
 
     Returns after a multiple of the period fall with the exponent; those that are none fall to what they will be.
     """
@@ -49,7 +49,7 @@ def likely_period(section: np.ndarray, lag: int, exponent: float) -> int:
 
 
 def closing_in(section: np.ndarray, back: np.ndarray) -> int:
-    """Smallest lag at which a section (n, dimension) returns nearly, and ever better; 0 where it does not.
+    """Smallest lag at which a section (n, dimension) returns closely, and ever more so; 0 where it does not.
 
     back : (n - 1,) difference of the last state from those 1, 2, ... before it, as a share of the motion's size
     """

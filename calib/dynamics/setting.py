@@ -64,13 +64,13 @@ class Setting:
         return self.model.parameters[name].unit
 
     def meaning(self, name: str) -> str:
-        """Say what it is that varies."""
+        """Meaning of what varies."""
         if name in DRIVE:
             return f"{DRIVE[name]} of the excitation ({self.excitation.quantity})"
         return self.model.parameters[name].meaning
 
     def check(self, name: str, values: Sequence[float]) -> None:
-        """Refuse values that make no sense, whatever the model.
+        """Check values of what varies.
 
         Raises
         ------
@@ -84,7 +84,7 @@ class Setting:
                 raise CalibError(f"expected finite values of {name!r} {bounds} {unit}, got {value:g}")
 
     def definition(self) -> dict[str, Any]:
-        """All that decides the motions, as JSON takes it."""
+        """All that determines the motions, as JSON takes it."""
         simulator, drive = self.model.simulator, self.excitation
         return plain(
             {

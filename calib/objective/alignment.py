@@ -192,17 +192,17 @@ def trusted(simulated: xr.Dataset) -> np.ndarray:
 
 
 def _impacts(simulated: xr.Dataset) -> np.ndarray:
-    """Instants of the impacts (impact,), none where the simulator does not tell  [s]."""
+    """Instants of the impacts (impact,), none where the simulator does not list them  [s]."""
     return simulated.variables["impact_time"].values if "impact_time" in simulated.variables else np.empty(0)
 
 
 def _length(time: np.ndarray, period: float) -> float:
-    """Whole periods after which a simulation goes round  [s]."""
+    """Duration of a simulation, in whole periods after which it repeats  [s]."""
     return round((time[-1] - time[0]) / period) * period
 
 
 def _trusted(time: np.ndarray, impacts: np.ndarray, length: float | None = None) -> np.ndarray:
-    """Trust (n,) at these instants, smooth in them; the simulation goes round after `length` where it does."""
+    """Trust (n,) at these instants, smooth in them; the simulation repeats after `length` where it is given."""
     if not impacts.size:
         return np.ones(time.size)
     instants, impacts = time, np.sort(impacts)
@@ -229,7 +229,7 @@ class _Sums:
 
 
 class _Fit:
-    """Rows of a reference, and the shift and linear unknowns with which simulated rows come nearest to them."""
+    """Rows of a reference, to which simulated rows are fitted by a shift and linear unknowns."""
 
     def __init__(self, reference: np.ndarray, rows: Sequence[tuple[str, str]], linear: Sequence[str]):
         self.rows = list(rows)

@@ -14,7 +14,7 @@ from calib.records import channels as channels_of
 
 
 class Blocks:
-    """One term on one record: what was measured, and the factors that make residuals of differences."""
+    """One term on one record: the measured values, and the factors that scale differences to residuals."""
 
     def __init__(self, term: Term, record: str, compared: PreparedReference):
         self.term, self.record = term, record

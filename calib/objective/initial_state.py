@@ -37,14 +37,14 @@ MAX_HUBER_STEPS = 30
 
 @dataclass(frozen=True, eq=False)
 class Unknown:
-    """One component of an initial state, as the record alone tells it.
+    """One component of an initial state, estimated from the record alone.
 
     Attributes
     ----------
     name : of the simulator's parameter
     start : where the search begins  [its unit]
     scale : size of its changes  [its unit]
-    low, high : values that make sense  [its unit]
+    low, high : bounds  [its unit]
     """
 
     name: str
@@ -97,7 +97,7 @@ def initial_state(record: xr.Dataset) -> dict[str, float]:
 
 
 def with_initial_state(record: xr.Dataset, state: Mapping[str, float]) -> xr.Dataset:
-    """Return a simulated record that says the initial state, by parameter [SI], it was simulated with as solved for."""
+    """Return a simulated record with the initial state that was solved for, by parameter [SI], as an attribute."""
     return record.assign_attrs({STATE_ATTRIBUTE: json.dumps(dict(state))})
 
 
@@ -216,7 +216,7 @@ class _Search:
         return {u.name: float(value) for u, value in zip(self.unknowns, state, strict=True)}
 
     def _slopes(self, now: View, state: np.ndarray) -> Slopes | View:
-        """Forward differences of the aligned channels, a backward one where the state ahead fails; or what failed."""
+        """Forward differences of the aligned channels, backward where the state ahead fails; or the failed view."""
         slopes = []
         for index, unknown in enumerate(self.unknowns):
             step = DIFFERENCE_STEP * unknown.scale
@@ -252,7 +252,7 @@ class _Search:
             )
 
     def _ahead(self, now: View, state: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, View] | View | None:
-        """Go the step, or the largest half of a half of it that reduces the residual; a view that failed; or None."""
+        """State and view after the step, halved until it reduces the residual; else a failed view, or None."""
         failed = None
         for halving in range(MAX_HALVINGS + 1):
             there = np.clip(state + 0.5**halving * step, self.low, self.high)
@@ -272,7 +272,7 @@ class _Search:
         return Released(view.record.assign_attrs({COUNT_ATTRIBUTE: self.count}), {}, self.count)
 
 
-# --- what the record alone tells --------------------------------------------------------------------------------------
+# --- estimates from the record alone ----------------------------------------------------------------------------------
 
 
 def unknowns(
@@ -281,7 +281,7 @@ def unknowns(
     parameters: Mapping[str, Parameter],
     centred: bool,
 ) -> list[Unknown]:
-    """Components of an initial state, with the values that the record's first samples tell.
+    """Components of an initial state, estimated from the first samples of the record.
 
     Parameters
     ----------
@@ -322,7 +322,7 @@ def quarter_period(values: np.ndarray) -> int:
 def first_value(time: np.ndarray, values: np.ndarray, window: int) -> tuple[float, float]:
     """Value and rate at the first instant, of a polynomial through the first `window` samples.
 
-    Fitted with Huber's weights, so that outliers, the first sample included, have little say.
+    Fitted with Huber's weights, so that outliers, the first sample included, have little influence.
     """
     count = min(values.size, max(MIN_WINDOW, window))
     degree = 3 if count >= CUBIC_WINDOW else min(2, count - 1)

@@ -50,7 +50,7 @@ class Squares:
         return cls(total, count)
 
     def drawn(self, index: np.ndarray) -> "Squares":
-        """Return the squares of these segments, which may be there more than once."""
+        """Return the squares of these segments, which may be repeated."""
         return Squares(self.total[:, index], self.count[:, index])
 
     @property
@@ -81,7 +81,7 @@ def compared_rows(reference: Reference, terms: Sequence[Term]) -> Rows:
 
 
 def row_weights(rows: Rows, used: np.ndarray, trust: np.ndarray) -> np.ndarray:
-    """Weights (row, n) of the samples `used` (row, n): velocity counts as far as it is to be trusted (n,)."""
+    """Weights (row, n) of the samples `used` (row, n): velocity is multiplied by its trust (n,)."""
     moving = np.array([channel == "velocity" for _, channel in rows], dtype=bool)
     return used * np.where(moving[:, None], trust[None], 1.0)
 

@@ -45,8 +45,7 @@ class Objective:
 
     Raises
     ------
-    CalibError : a term whose body or record is not there, whose channel a reference lacks, or that compares nothing
-        that the excitation leaves open
+    CalibError : the body, record or channel of a term is missing, or the excitation prescribes all that it compares
     """
 
     def __init__(self, references: Mapping[str, Reference], terms: Sequence[Term]):
@@ -101,7 +100,7 @@ class Objective:
         return self._score(self._sensed(records)) if failure is None else self._failed(*failure)
 
     def judged(self, records: Mapping[str, xr.Dataset]) -> tuple[Score, list[FeatureValue]]:
-        """Score the records, and put the scalar features of the compared bodies, measured and simulated, beside it.
+        """Score the records, and return the scalar features of the compared bodies, measured and simulated, with it.
 
         There are none where a run failed.
         """

@@ -20,7 +20,7 @@ def smoothed(rows: np.ndarray) -> np.ndarray:
 
 
 def deviations(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distance of each sample (row, n) from the median about it, and the standard deviation (row, 1) of such ones."""
+    """Distance of each sample (row, n) from the median about it, and the standard deviation (row, 1) of them."""
     distance = np.abs(rows - smoothed(rows))
     return distance, STD_PER_MAD * np.median(distance, axis=1, keepdims=True)
 

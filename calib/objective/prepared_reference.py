@@ -55,7 +55,7 @@ class SensedRecord:
 
 
 class PreparedReference:
-    """A reference with all that can be computed of it beforehand."""
+    """A reference, with everything that does not depend on the simulation computed once."""
 
     def __init__(self, reference: Reference, terms: Sequence[Term]):
         self.name = reference.name
@@ -101,7 +101,7 @@ class PreparedReference:
         return None
 
     def sensed(self, simulated: xr.Dataset) -> SensedRecord:
-        """Align a simulated record, and tell its kind of motion."""
+        """Align a simulated record, and decide its kind of motion."""
         given = self.prescribed.union(prescribed(simulated))
         raw = simulated
         if not _same(simulated.attrs.get("frequency"), self._template.attrs.get("frequency")):
@@ -142,7 +142,7 @@ class PreparedReference:
         return Comparison(self.record, rows)
 
     def _unknowns(self, model: Model) -> list[Unknown]:
-        """Return the components of the initial state, as this reference alone tells them."""
+        """Return the components of the initial state, estimated from this reference alone."""
         if self._initial is None or self._initial[0] != model.initial:
             if not model.initial:
                 raise CalibError(no_initial_state(model))
@@ -151,7 +151,7 @@ class PreparedReference:
         return self._initial[1]
 
     def penalty(self, motion: MotionKind) -> float | None:
-        """How far a motion of another kind is from the reference's, in [0, 1]; None where the kind is right."""
+        """Distance of a motion of another kind from the reference's, in [0, 1]; None where the kind is right."""
         period = self.motion.period
         if period is None or motion.period == period:
             return None
@@ -193,7 +193,7 @@ def _same(frequency: float | None, other: float | None) -> bool:
 
 
 def _prepared(record: xr.Dataset, period: float | None) -> xr.Dataset:
-    """Return the reference with the period of its excitation, its velocity averaged where it tells its impacts."""
+    """Return the reference with the period of its excitation, its velocity averaged where it lists its impacts."""
     if "impact_time" in record and "velocity" in record:
         record = record.assign(velocity=record["velocity"].copy(data=sampled(record, "velocity")))
         record = record.drop_vars([v for v in ("impact_time", "impact_speed") if v in record])

@@ -20,7 +20,7 @@ class FeatureValue:
     Attributes
     ----------
     label, record, body, unit : what, of which record and body, in which unit
-    measured, simulated : values; simulated None where the simulation shows no such thing (no impact)  [unit]
+    measured, simulated : values; simulated is None where the simulation does not show the feature (no impact)  [unit]
     tolerance : 2 % of the measured value, or twice its standard uncertainty where that is more  [unit]
     resolution : standard uncertainty of a difference that the samples leave, of both records alike  [unit]
     """
@@ -37,7 +37,7 @@ class FeatureValue:
 
 @dataclass(frozen=True)
 class Scalar:
-    """A number with its unit, the least difference that matters, and the turn if it is an angle.
+    """A number with its unit, its least significant difference, and the full turn of an angle.
 
     resolution : standard uncertainty of a difference between two such numbers that finite sampling leaves  [unit]
     """
@@ -54,7 +54,7 @@ class Scalar:
         return self.floor if self.turn else max(RELATIVE_TOLERANCE * abs(self.value), self.floor)
 
     def near(self, other: float) -> float:
-        """Return `other`, or where this is an angle the equal of it that is nearest."""
+        """Return `other`; of an angle, plus whole turns so that it is nearest to this one."""
         if self.turn is None:
             return other
         return other - self.turn * round((other - self.value) / self.turn)
@@ -67,7 +67,7 @@ def scalars(
     period: float | None,
     sigmas: Mapping[str, float],
 ) -> dict[str, Scalar]:
-    """Scalar features of one body, by label; those that a record does not show are left out.
+    """Scalar features of one body, by label; those that are absent in the record are left out.
 
     With a period: amplitude of each channel (half peak to peak of the mean loop), second and third harmonic over the
     fundamental, and phase, velocity change and contact time of the strongest impact. Without: amplitude (half peak to
@@ -123,7 +123,7 @@ def _impact(phase: np.ndarray, loop: np.ndarray, sigma: float) -> dict[str, Scal
 def compared(
     record: str, body: str, measured: Mapping[str, Scalar], simulated: Mapping[str, Scalar]
 ) -> Sequence[FeatureValue]:
-    """Put the simulated scalar beside each measured one."""
+    """Pair each measured scalar with the simulated one."""
     return [
         FeatureValue(
             label=label,

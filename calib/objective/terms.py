@@ -20,7 +20,7 @@ NUISANCES = ("trigger", "offset", "scale", "shear", INITIAL_STATE)
 
 
 class Feature(Protocol):
-    """What a comparison needs of a feature.
+    """The contract of a feature.
 
     To write one:
 
@@ -52,7 +52,7 @@ class Feature(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """A measured record, and what belongs to it alone.
+    """A measured record with its use, nuisances, excitation and request.
 
     Attributes
     ----------

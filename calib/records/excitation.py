@@ -53,7 +53,7 @@ class Excitation:
 
     Attributes
     ----------
-    place : where it acts, in the simulator's words ("end", "centre", "mass")
+    place : where it acts, as the simulator names it ("end", "centre", "mass")
     quantity : "displacement" (prescribed motion), "base motion", "force", "free decay" or "servo reference"
     unit : SI unit of the quantity
     frequency, amplitude, phase : of the harmonic  [Hz], [unit], [rad]; frequency alone states the period of a
@@ -95,7 +95,7 @@ class Excitation:
 
     @property
     def harmonic(self) -> bool:
-        """Whether the input is a harmonic for ever: neither samples, nor none."""
+        """Whether the input is harmonic."""
         return not self.recorded and self.quantity != "free decay"
 
     @property
@@ -147,7 +147,7 @@ class Excitation:
 
         Raises
         ------
-        CalibError : the record does not say place and quantity, or states neither a harmonic nor samples
+        CalibError : place or quantity is missing, or there is neither a harmonic nor samples
         """
         attrs = record.attrs
         for key in ("place", "quantity"):
@@ -171,7 +171,7 @@ class Excitation:
 
 
 def _check_samples(time: np.ndarray, value: np.ndarray) -> None:
-    """Refuse a recorded input whose samples (n,) cannot be taken as a function of time."""
+    """Check that samples (n,) of a recorded input are finite, and that their time increases."""
     if time.shape != value.shape or time.ndim != 1 or time.size < 2:
         raise CalibError(
             "a recorded excitation needs time and value of one length, at least two samples; "

@@ -40,7 +40,7 @@ def make(
     units : unit of each channel that is not among `CHANNELS`
     impacts : of a simulation, their instants (m,) [s] and closing speeds (m,) [m/s]
     section : of a simulation, displacement or velocity -> stroboscopic section (body, period) at phase 0, in SI
-    state : of a simulation, the simulator's own state (component,) at its end, from where it goes on
+    state : of a simulation, the simulator's own state (component,) at its end, from which a run can continue
     attrs : status (default "ok"), source, frequency [Hz], amplitude, place, quantity, ...
     """
     units = {**CHANNELS, **(units or {})}
@@ -68,7 +68,7 @@ def make(
 
 
 def failed(bodies: Sequence[str], status: str, reason: str, **attrs: Any) -> xr.Dataset:
-    """Build the record of a run that did not succeed: no samples, but a status and its reason."""
+    """Build the record of a failed run: no samples, but a status and its reason."""
     return make(np.empty(0), bodies, {}, status=status, reason=reason, **attrs)
 
 
@@ -112,14 +112,14 @@ def prescription(bodies: Sequence[str]) -> str:
 
 
 def prescribed(record: xr.Dataset) -> tuple[tuple[str, str], ...]:
-    """Return the (body, channel) pairs that the excitation prescribes: the attribute `prescribed`, taken apart."""
+    """Return the (body, channel) pairs that the excitation prescribes, from the attribute `prescribed`."""
     entries = (entry.strip() for entry in str(record.attrs.get("prescribed", "")).split(","))
     parts = (entry.rpartition(".") for entry in entries if entry)
     return tuple((body, channel) for body, _, channel in parts)
 
 
 def nuisance_sigma(record: xr.Dataset) -> dict[str, float]:
-    """Return how well a digitised figure's axes know shear, scale and offset, by name: `nuisance_sigma`, taken apart.
+    """Return the standard uncertainty of a figure's shear, scale and offset, from the attribute `nuisance_sigma`.
 
     Raises
     ------
@@ -134,11 +134,11 @@ def nuisance_sigma(record: xr.Dataset) -> dict[str, float]:
 
 
 def check(record: xr.Dataset, name: str = "record") -> xr.Dataset:
-    """Return the record where it keeps the schema.
+    """Return the record where it satisfies the schema.
 
     Raises
     ------
-    CalibError : what is wrong with which variable, and what to do
+    CalibError : it does not; the message names the variable and the remedy
     """
     for dim, what in (("body", "names of the bodies"), ("time", "time [s]")):
         if dim not in record.coords:
@@ -197,7 +197,7 @@ def _check_channel(record: xr.Dataset, channel: str, name: str) -> None:
 
 
 def rename_bodies(record: xr.Dataset, names: Mapping[str, str], name: str = "record") -> xr.Dataset:
-    """Keep the bodies that `names` lists (record body -> new name), under their new names."""
+    """Return the record with only the bodies in `names` (record body -> new name), renamed."""
     have = [str(b) for b in record.body.values]
     for body in names:
         if body not in have:

@@ -69,7 +69,7 @@ class ExcitationColumn:
 
 @dataclass(frozen=True)
 class Table:
-    """Which file, which columns and which samples of it make a record.
+    """File, columns and samples of which a record is made.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class Table:
     cutoff : zero-phase low-pass of every channel [Hz]
     decimate : keep every so many-th sample of the channels; the excitation keeps all of its samples
     sha256 : of the file, checked before it is read
-    origin : where a user gets the file, said when it is missing
+    origin : where a user gets the file; named in the message where it is missing
     """
 
     path: Path
@@ -169,7 +169,7 @@ Cells = Sequence[Any] | np.ndarray  # of a column, not yet known to be numbers
 
 @dataclass(frozen=True)
 class _Sheet:
-    """The columns of a file and the samples of them that are looked at: `begin` to `end`, the record ends at `last`."""
+    """The columns of a file and the samples that are read: `begin` to `end`; the record ends at `last`."""
 
     path: Path
     columns: Mapping[str | int, Cells]
@@ -296,7 +296,7 @@ def _is_vector(array: np.ndarray) -> bool:
 
 
 def _described(name: str, array: np.ndarray) -> str:
-    """Say what an array is that is no column."""
+    """Describe an array that is not a column."""
     shape = " x ".join(map(str, array.shape))
     if array.dtype.kind == "O":
         return f"a cell array of {shape}; name one of its cells, such as '{name}{{1,1}}'"

@@ -67,7 +67,7 @@ def begun(map: PeriodMap, state: Mapping[str, float]) -> np.ndarray:
 
 
 def as_run(motion: OrbitKind) -> OrbitKind:
-    """Return the motion that the run itself stayed on, with a stable one that coexists with it among the others."""
+    """Return the motion that the run itself stays on, with a stable one that coexists with it among the others."""
     if motion.run_state is None:
         return motion
     [run] = [one for one in motion.coexisting if one.state is motion.run_state]
@@ -120,7 +120,7 @@ def _row(sweep: Sweep, map: PeriodMap, motion: OrbitKind) -> dict[str, np.ndarra
 
 
 def no_motion(sweep: Sweep) -> dict[str, np.ndarray]:
-    """Arrays of a motion that is not there, by the names of those of one that is."""
+    """Arrays that stand for no motion, by the names of those of a motion."""
     nothing = np.full((len(sweep.setting.model.bodies), sweep.cycles), np.nan)
     empty = dict.fromkeys(("impact_phase", "impact_speed", "state"), np.zeros(0))
     scalars = {name: np.array(value) for name, value in NO_MOTION.items()}

@@ -43,9 +43,9 @@ class Regular(NamedTuple):
     sightings: int = 0
 
     def apart(self, other: "Regular") -> float:
-        """How far another motion of the same period is, as a share of the largest displacement and velocity.
+        """Distance of another motion of the same period, over the largest displacement and velocity.
 
-        A return that is longer than the section kept tells nothing: 0.
+        0 where a return is longer than the section kept.
         """
         if self.displacement.shape[1] < self.period:
             return 0.0
@@ -57,7 +57,7 @@ class Regular(NamedTuple):
 
 
 class Known(NamedTuple):
-    """What is known of a value before motions are brought to it.
+    """Motions known at a value before those of its neighbours are continued to it.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class Known(NamedTuple):
 
 
 class ContinuationChain(NamedTuple):
-    """Neighbouring points, what is known of each, and the motions that the point before them brings."""
+    """Neighbouring points, the motions known at each, and those brought from the point before them."""
 
     points: tuple[int, ...]
     known: tuple[Known, ...]
@@ -80,7 +80,7 @@ class ContinuationChain(NamedTuple):
 
 
 def continued(sweep: Sweep, chain: ContinuationChain) -> dict[str, np.ndarray]:
-    """Take the regular motions of each point of a chain to the next.
+    """Continue the regular motions of each point of a chain to the next.
 
     A stable cycle goes on by Newton's method; a torus, and a cycle too long for that, by a run from its state where no
     start has led to a regular motion.
@@ -119,7 +119,7 @@ def continued(sweep: Sweep, chain: ContinuationChain) -> dict[str, np.ndarray]:
 
 
 def supported(motions: Sequence[Regular], support: Mapping[int, int]) -> tuple[Regular, ...]:
-    """Motions with the sightings that motions of their periods brought along."""
+    """Motions, with the sightings of those of their periods at earlier points added."""
     return tuple(one._replace(sightings=one.sightings + support.get(one.period, 0)) for one in motions)
 
 
@@ -129,7 +129,7 @@ def _filled(rows: Sequence[Sequence[int]], empty: int) -> np.ndarray:
 
 
 def nothing_continued(sweep: Sweep, chain: ContinuationChain) -> dict[str, np.ndarray]:
-    """Arrays of a chain through which no motion could be taken: a process of the simulator died or hung on the way."""
+    """Arrays of a chain whose process died or hung: no motion was continued."""
     count = len(chain.points)
     return {
         "at": np.zeros(0, dtype=int),
@@ -144,7 +144,7 @@ def _nothing(sweep: Sweep) -> dict[str, np.ndarray]:
 
 
 def regular_of(motion: OrbitKind, map: PeriodMap) -> Regular:
-    """Return a regular motion as the next value needs it."""
+    """Return the part of a regular motion that is continued to the next value."""
     last = motion.period or 1
     return Regular(
         motion.period,
@@ -159,7 +159,7 @@ def regular_of(motion: OrbitKind, map: PeriodMap) -> Regular:
 def _taken_on(
     sweep: Sweep, map: PeriodMap, known: Known, brought: Sequence[Regular]
 ) -> tuple[list[OrbitKind], list[tuple[int, int]]]:
-    """Motions that others lead to at this value and that are new there; period and sightings of all that came."""
+    """New motions at this value that those of a neighbour lead to; period and sightings of all that were continued."""
     new: list[OrbitKind] = []
     arrived: list[tuple[int, int]] = []
     for one in sorted(brought, key=lambda regular: regular.period or np.inf):
@@ -186,11 +186,11 @@ def _next(sweep: Sweep, map: PeriodMap, one: Regular, settled: bool) -> OrbitKin
 
 
 def _same_branch(one: Regular, other: Regular) -> bool:
-    """Whether two motions of neighbouring values go over into each other, as far as can be told without a run."""
+    """Whether two motions of neighbouring values lie on one branch, as far as their sections show."""
     same_return = (one.period, one.impacts) == (other.period, other.impacts)
     return same_return and (not one.period or one.apart(other) <= SAME_BRANCH)
 
 
 def _same(one: Regular, other: Regular) -> bool:
-    """Whether two motions of one value are the same; a section does not tell two tori apart."""
+    """Whether two motions of one value are the same; the sections of two tori cannot be distinguished."""
     return one.period == other.period and (not one.period or one.apart(other) < SAME_MOTION)

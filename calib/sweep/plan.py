@@ -43,7 +43,7 @@ class Sweep:
     starts : states to start from, name of the state's component -> value in SI; what is not named is the simulator's
     settle : periods dropped at most before the first verdict; an undecided motion gets 5 times as many more
     cycles : periods of the section that is kept
-    runs : from starts that differ imperceptibly, where the first is irregular and a stable cycle is found beside it
+    runs : from starts that differ imperceptibly, where that of the first is irregular beside a stable cycle
     """
 
     setting: Setting
@@ -98,7 +98,7 @@ class Sweep:
                 yield Track(branch, tuple((row + order).tolist()), start, True)
 
     def chains(self) -> Iterator[tuple[int, ...]]:
-        """Neighbouring points in the order in which regular motions are taken on: both ways along each axis.
+        """Neighbouring points in the order in which regular motions are continued: both ways along each axis.
 
         None where states are carried, which is a continuation itself, or where the points are a list.
         """
@@ -134,7 +134,7 @@ class Sweep:
         return units
 
     def definition(self) -> dict[str, Any]:
-        """All that decides what comes out, as JSON takes it; where it is the same, so are the bits."""
+        """All that determines the result, bit for bit, as JSON takes it."""
         own = {name: getattr(self, name) for name in ("over", "paired", "carry", "starts", "settle", "cycles", "runs")}
         return plain({"sweep": own, **self.setting.definition(), "environment": environment()})
 

@@ -71,16 +71,16 @@ def run(
     fresh: bool = False,
     on_done: Callable[[int, int], None] = lambda done, total: None,
 ) -> xr.Dataset:
-    """Run a sweep, or go on with one that was stopped or killed.
+    """Run a sweep, or resume one that was stopped or killed.
 
     Parameters
     ----------
-    path : netCDF file to write; until then, what is done lies beside it in a hidden folder. Where the file holds this
-        very sweep, it is read
+    path : netCDF file to write; until then, finished pieces lie beside it in a hidden folder. Where the file holds
+        this very sweep, it is read
     jobs : child processes
     timeout : wall clock of 8 points, beyond which the slow one among them is given up  [s]
-    fresh : take the place of what `path` holds, and forget what was done so far
-    on_done : told how many points are done, and of how many
+    fresh : replace the file at `path`, and delete the pieces finished so far
+    on_done : called with the number of finished points and the total
 
     Returns
     -------
@@ -99,7 +99,7 @@ def run(
 
     Raises
     ------
-    CalibError : `path` holds something else, or another process works for it; a value or an excitation that the
+    CalibError : `path` holds something else, or another process works on it; a value or an excitation that the
         simulator refuses
     """
     path, definition = Path(path), sweep.definition()
@@ -130,7 +130,7 @@ def _made(sweep: Sweep, task: SweepTask | ContinuationChain) -> dict[str, np.nda
 
 
 def _pieces(sweep: Sweep, pool: Pool, chunks: Chunks, on_done: Callable[[int], None]) -> Pieces:
-    """Run what has not been run; a track whose state is carried has one piece under way at a time."""
+    """Run the missing pieces; a track whose state is carried has one piece under way at a time."""
     tracks = list(sweep.tracks())
     pieces = chunks.finished(_name(t, c) for t, track in enumerate(tracks) for c in range(len(_parts(track.points))))
     on_done(_points(pieces))
@@ -156,7 +156,7 @@ def _ready(sweep: Sweep, tracks: list[Track], pieces: Pieces) -> dict[str, Sweep
 def _chained(
     sweep: Sweep, pool: Pool, chunks: Chunks, chains: list[tuple[int, ...]], at: Mapping[int, Known]
 ) -> list[list[dict[str, np.ndarray]]]:
-    """Pieces of each chain, in which regular motions are taken from value to value; one piece of a chain at a time."""
+    """Pieces of each chain, in which regular motions are continued; one piece of a chain at a time."""
     parts = [_parts(chain) for chain in chains]
     done: list[list[dict[str, np.ndarray]]] = [[] for _ in chains]
     while any(len(ended) < len(part) for ended, part in zip(done, parts, strict=True)):
@@ -282,7 +282,7 @@ def _dataset(sweep: Sweep, rows: Rows) -> xr.Dataset:
 
 
 def _dimension(name: str) -> str:
-    """Name of a parameter's dimension: without a dot, and not one that something else here has."""
+    """Name of a parameter's dimension: without a dot, and none of the reserved names."""
     return name.replace(".", "_") + "_" * (name in RESERVED_NAMES)
 
 

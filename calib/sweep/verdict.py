@@ -20,14 +20,14 @@ NO_NAMES = np.array([], dtype=str)
 
 
 class Arrivals(NamedTuple):
-    """What neighbouring values brought to a point: new motions, and how often those of each period were met there."""
+    """Motions continued to a point from its neighbours: new ones, and sightings of those of each period there."""
 
     motions: list[Motion]
     support: dict[int, int]
 
 
 def known(sweep: Sweep, rows: Rows) -> dict[int, Known]:
-    """Regular motions of each point, of all starts; none where states are carried, and nothing is taken on."""
+    """Regular motions of each point, of all starts; none where states are carried, and nothing is continued."""
     if sweep.carry != NONE:
         return {}
     return {point: _known(sweep, rows, point) for point in range(len(sweep.points))}
@@ -55,14 +55,14 @@ def regular_at_end(
 
 
 def _support(arrays: Mapping[str, np.ndarray], index: int) -> dict[int, int]:
-    """How often motions of each period were met along the points before an index of a chain."""
+    """Sightings of the motions of each period at the points of a chain before an index."""
     return dict(zip(arrays["confirmed"][index].tolist(), arrays["support"][index].tolist(), strict=True))
 
 
 def arrivals(
     chains: Sequence[tuple[int, ...]], pieces: Sequence[Sequence[Mapping[str, np.ndarray]]], chunk: int
 ) -> dict[int, Arrivals]:
-    """What all chains brought to each point.
+    """Motions continued to each point by all chains.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def _established(motion: Motion, brought: Arrivals) -> bool:
 
 
 def _motions(sweep: Sweep, row: Motion) -> list[Motion]:
-    """Motions of a row, the one that gives the kind in front; what pads the others is left out."""
+    """Motions of a row, the one that gives the kind first; padding is left out."""
     if row["kind"] == FAILED:
         return []
     others = {name: row[f"{OTHER}{name}"] for name in no_motion(sweep)}
@@ -173,7 +173,7 @@ def _rank(motion: Motion, confirmed: Container[int] = ()) -> tuple[bool, bool, f
 
 
 def _same(one: Motion, other: Motion) -> bool:
-    """Whether two rows are of one motion: a section does not tell two tori, or two irregular motions, apart."""
+    """Whether two rows are of one motion: sections do not distinguish two tori, or two irregular motions."""
     if one["kind"] != other["kind"] or one["impacts"] != other["impacts"]:
         return False
     return not one["period"] or _as_regular(one, NO_NAMES).apart(_as_regular(other, NO_NAMES)) < SAME_MOTION

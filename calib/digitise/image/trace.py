@@ -108,7 +108,7 @@ def _fullest(share: np.ndarray) -> float:
 
 
 def _chosen(chains: Sequence[StrokeChain], wanted: CurveRequest, width: float) -> StrokeChain:
-    """Return the chain that is meant."""
+    """Return the chain of strokes that fits the description."""
     where = f"curve {wanted.name!r}"
     fit = [c for c in chains if c.length > MIN_LENGTH_PIXELS]
     if not fit:
@@ -158,7 +158,7 @@ def _passes(chain: StrokeChain, points: np.ndarray, near: float) -> bool:
 
 
 def _check_inside(chain: StrokeChain, inside: np.ndarray, wanted: CurveRequest, width: float) -> None:
-    """Refuse a curve that runs along the edge of the panel, beyond which it may go on."""
+    """Check that a curve does not run along the edge of the panel, beyond which it may continue."""
     columns, rows = np.round(chain.path).astype(int).T
     padded = np.pad(inside, 1)
     reach = max(1, round(0.5 * width) + 1)

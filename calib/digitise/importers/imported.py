@@ -15,7 +15,7 @@ CLICK_SIGMA = 0.5  # pixels: standard uncertainty of a point that was clicked, o
 
 @dataclass(frozen=True)
 class Imported:
-    """The curves of a file, and what is in it besides.
+    """The curves of a file, and its other contents.
 
     Attributes
     ----------

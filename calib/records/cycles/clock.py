@@ -8,18 +8,18 @@ from calib.records.cycles.loop import cycles_in, period_of, sampled
 from calib.records.cycles.mean_cycle import IN_STEP_TOLERANCE, mean_cycle
 from calib.records.record import channels
 
-MIN_CYCLES = 10  # that a rate is told by; over fewer even 1e-3 shifts no cycle by more than a hundredth of it
+MIN_CYCLES = 10  # for a rate; over fewer even a rate of 1e-3 shifts no cycle by more than a hundredth of it
 TAIL_PROBABILITY = 1e-4  # of Student's t, two-sided: of a rate where the clocks agree, and of its change  [1]
 MAX_STEPS = 20  # of the search for the rate, by the method of Gauss and Newton
 
 
 def clock_rate(record: xr.Dataset, periods: int = 1) -> float:
-    """Rate of the drive's clock over the recorder's, less 1; 0 where the record does not show that they differ.
+    """Rate of the drive's clock over the recorder's, less 1; 0 where they do not differ significantly.
 
     Each cycle is shifted in time against the mean cycle; a wrong rate makes the shift grow in proportion to time, at
-    that rate. Its standard error is of the scatter of the shifts about the line. What makes the shift bend, such as a
-    motion that still settles, is no clock. A regression of phases on time as of a noisy sinusoid (Tretter, IEEE
-    Transactions on Information Theory 31 (1985) 832), here of all harmonics of all channels together.
+    that rate. Its standard error is that of the scatter of the shifts about the line. A curved shift, such as that of a
+    motion that still settles, is not attributed to the clock. A regression of phases on time as of a noisy sinusoid
+    (Tretter, IEEE Transactions on Information Theory 31 (1985) 832), here of all harmonics of all channels together.
 
     Parameters
     ----------

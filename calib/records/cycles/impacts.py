@@ -13,7 +13,7 @@ PULSE_FOOT = 0.1  # share of its peak below which a pulse of acceleration ends
 
 
 def impacts_per_period(record: xr.Dataset) -> float:
-    """Impacts per period of the excitation, NaN where the record does not tell its impacts."""
+    """Impacts per period of the excitation, NaN where the record does not list its impacts."""
     if "impact_time" not in record.variables or "frequency" not in record.attrs:
         return float("nan")
     time = record.variables["time"].values
@@ -22,7 +22,7 @@ def impacts_per_period(record: xr.Dataset) -> float:
 
 
 def impact(phase: np.ndarray, velocity: np.ndarray) -> tuple[float, float, float]:
-    """Where a closed velocity loop changes fastest: phase, change and duration of its strongest impact.
+    """Phase, velocity change and duration of the strongest impact, where a closed velocity loop changes fastest.
 
     The pulse is where the acceleration stands out from its median within +-0.02 periods, around the sample where it
     does so most and down to a tenth of that. Its centroid is the phase of the impact, its integral the change of

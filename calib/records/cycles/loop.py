@@ -31,7 +31,7 @@ def rows(record: xr.Dataset, bodies: Sequence[str] | None, channels: Sequence[st
 
     Raises
     ------
-    CalibError : the record lacks one of the channels or bodies
+    CalibError : one of the channels or bodies is missing
     """
     have = record.variables
     for channel in channels:
@@ -53,7 +53,7 @@ def cut(
 
     Samples that fall on the same phases in every cycle are taken as they are, and others are interpolated by a cubic
     spline, which changes the noise of the samples: for means and for the noise itself there is `mean_cycle`. A record
-    that lacks the last sample of its last cycle is closed by the first sample of that cycle.
+    without the last sample of its last cycle is closed by the first sample of that cycle.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def _interpolated(
 
 
 def sampled(record: xr.Dataset, channel: str) -> np.ndarray:
-    """Values (body, time) of a channel; velocity averaged over one sample where the record tells its impacts."""
+    """Values (body, time) of a channel; velocity averaged over one sample where the record lists its impacts."""
     values = record.variables[channel].values
     if channel == "velocity" and "impact_time" in record.variables:
         return averaged_at_impacts(

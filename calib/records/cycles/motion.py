@@ -25,17 +25,17 @@ IRREGULAR, UNDECIDED, NO_CONTACT, NOT_PERIODIC = "irregular", "undecided", "no c
 
 @dataclass(frozen=True)
 class MotionKind:
-    """Kind of a motion, and why it is called so.
+    """Kind of a motion, with its evidence.
 
     Attributes
     ----------
-    kind : "period-1" (2, ...), "irregular", "undecided", "no contact" (only of a record that tells its contacts) or
+    kind : "period-1" (2, ...), "irregular", "undecided", "no contact" (only of a record that lists its contacts) or
         "not periodic" (the excitation has no period)
     period : periods of the excitation after which the motion returns, None where that is not known
-    evidence : how it was found, one sentence
+    evidence : one sentence with the numbers on which the kind was decided
     recurrence : difference of the states n = 1, 2, ... periods apart, as a share of the amplitude; up to the period
     likely : of an undecided motion, the period that it is settling to, where that can be seen
-    impacts : impacts per period, NaN where the record does not tell; reported, no part of the kind
+    impacts : impacts per period, NaN where the record does not list them; reported, not part of the kind
     """
 
     kind: str
@@ -195,7 +195,7 @@ def _from_mean_cycles(record: xr.Dataset, period: float, count: int) -> MotionKi
 
 
 def _stated(record: xr.Dataset) -> MotionKind:
-    """Kind of a record that is one closed curve: it returns after as many periods as the record says."""
+    """Kind of a record that is one closed curve: it returns after as many periods as the record states."""
     n = int(record.attrs["returns_after"])
     return MotionKind(
         f"period-{n}", n, f"the record is a closed curve, which returns after {n} period(s) by its source"
