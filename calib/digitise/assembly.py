@@ -76,8 +76,8 @@ def assembled(readings: Sequence[Reading], spec: FigureToml) -> tuple[xr.Dataset
     timeless = [body for body, kinds in given.items() if set(kinds) == {"phase curve"}]
     if len(timeless) > 1 or (timeless and len(given) > 1):
         raise CalibError(
-            f"phase curves show no time, so that nothing tells when {timeless[0]!r} moves against "
-            f"{next(b for b in given if b != timeless[0])!r}; give the displacement over time of each, "
+            f"phase curves show no time, so that the phase between {timeless[0]!r} and "
+            f"{next(b for b in given if b != timeless[0])!r} is unknown; give the displacement over time of each, "
             f"or make a record of each: --body {timeless[0]}"
         )
     if not loops:

@@ -110,7 +110,7 @@ def calibrated(
         rows.append(_solved(design, right))
     matrix = np.array([row for row, _, _ in rows])
     if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:, :2])) < 1e-9 * np.prod(_lengths(matrix)):
-        raise CalibError("the axis points make x and y run the same way; give points off that line, or mend a number")
+        raise CalibError("the axis points make x and y parallel; give points off that line, or correct a number")
     lengths = _lengths(matrix)
     residuals = [own / length for (_, own, _), length in zip(rows, lengths, strict=True)]
     free = sum(len(own) - 3 for own in residuals)

@@ -68,7 +68,7 @@ def _own_spec(path: Path) -> tuple[FigureToml, Mistakes]:
     export = read_export(path)
     if not export.header:
         raise CalibError(
-            f"{path}: nothing says what its numbers are; give a description with --spec, "
+            f"{path}: its numbers are not described; give a description with --spec, "
             "or begin a table with one in comments (# source = ...)"
         )
     return read_as(FigureToml, path, export.header)

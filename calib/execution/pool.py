@@ -124,7 +124,7 @@ class LocalPool:
         startup: float = STARTUP_ALLOWANCE,
     ):
         if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
-            raise CalibError(f"jobs is the number of child processes, a whole number from 1 on; got {jobs!r}")
+            raise CalibError(f"jobs is the number of child processes, an integer of at least 1; got {jobs!r}")
         if timeout is not None and not timeout > 0.0:
             raise CalibError(f"timeout must be positive [s], got {timeout!r}; leave it out for no limit")
         pickled, modules = _pickled(function)

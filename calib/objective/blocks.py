@@ -112,9 +112,7 @@ def _check_channels(feature: Feature, record: xr.Dataset, label: str) -> None:
         return
     possible = _possible(have)
     hint = f"possible are {', '.join(possible)}" if possible else "choose a feature of what it has"
-    raise CalibError(
-        f"{label}: {feature.name} needs {missing[0]}, which the reference lacks (it has {', '.join(have)}); {hint}"
-    )
+    raise CalibError(f"{label}: {feature.name} needs {missing[0]}, but the reference has {', '.join(have)}; {hint}")
 
 
 def _possible(have: Sequence[str]) -> list[str]:

@@ -99,7 +99,7 @@ class Reference:
             raise CalibError(
                 f"{self.name}: the nuisance {INITIAL_STATE!r} belongs to a record that begins with the motion, a free "
                 "decay or one with a recorded input; this one is a steady state under a harmonic excitation, which "
-                "has forgotten its start: drop this nuisance"
+                "does not depend on its start: drop this nuisance"
             )
         if nuisance == "trigger" and not self.excitation.periodic:
             raise CalibError(
@@ -109,7 +109,9 @@ class Reference:
         needed = {"offset": ("displacement",), "shear": STATE}.get(nuisance, ())
         for channel in needed:
             if channel not in self.record:
-                raise CalibError(f"{self.name}: the nuisance {nuisance!r} needs {channel}, which the record lacks")
+                raise CalibError(
+                    f"{self.name}: the nuisance {nuisance!r} needs {channel}, which is missing in the record"
+                )
 
 
 @dataclass(frozen=True, eq=False)

@@ -153,8 +153,8 @@ class Excitation:
         for key in ("place", "quantity"):
             if key not in attrs:
                 raise CalibError(
-                    f"the record does not say how the body was driven: attribute {key!r} is missing; "
-                    "say it in [record.excitation] of the study file, or in the record"
+                    f"the record does not state its excitation: attribute {key!r} is missing; "
+                    "state it in [record.excitation] of the study file, or in the record"
                 )
         recorded = "excitation" in record
         numbers = {k: float(attrs[k]) for k in ("frequency", "amplitude", "phase", "cutoff") if k in attrs}

@@ -115,7 +115,7 @@ class Ledger:
             warnings.warn(
                 "this study was begun with other libraries, or on another processor or BLAS kernel:\n  "
                 + "\n  ".join(changes)
-                + f"\nthe {len(content.trials)} trials logged stay valid; a new segment goes on from them",
+                + f"\nthe {len(content.trials)} trials logged stay valid; a new segment continues from them",
                 stacklevel=4,
             )
             self.begin_segment(header["budget"])

@@ -169,7 +169,7 @@ def _check(sweep: Sweep) -> None:
     if sweep.cycles < MIN_CYCLES:
         raise CalibError(f"expected at least {MIN_CYCLES} cycles to keep, got {sweep.cycles}")
     if sweep.runs < 1:
-        raise CalibError(f"expected at least 1 run a value, got {sweep.runs}")
+        raise CalibError(f"expected at least 1 run per value, got {sweep.runs}")
     if not sweep.starts:
         raise CalibError("a sweep needs a state to start from; {} is the simulator's own")
     named = {name for start in sweep.starts for name in start}

@@ -59,7 +59,7 @@ def test_the_residual_is_that_of_the_axis_points_and_its_modes_cover_it():
         (PIXELS[:2], [0, 1], [0, 1], "2 axis point"),
         ([[0, 0], [1, 1], [2, 2]], [0, 1, 2], [0, 1, 2], "on one line"),
         (PIXELS[:3], [5, 5, 5], [0, 0, 1], "the same x = 5"),
-        (PIXELS[:3], [0, 1, 0], [0, 1, 0], "run the same way"),
+        (PIXELS[:3], [0, 1, 0], [0, 1, 0], "x and y parallel"),
         (PIXELS[:3], [0, 1, None], [0, 0, 1], "2 axis point(s) carry a number of x"),
     ],
 )

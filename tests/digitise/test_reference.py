@@ -98,7 +98,7 @@ def test_the_curves_of_a_file_are_listed(tmp_path):
     ("arguments", "code", "text"),
     [
         (["t.csv"], 2, "Missing option '-o'"),
-        (["t.csv", "-o", "r.nc"], 1, "nothing says what its numbers are"),
+        (["t.csv", "-o", "r.nc"], 1, "its numbers are not described"),
         (["none.csv", "-o", "r.nc"], 1, "none.csv: no such file"),
         (["p.png", "-o", "r.nc"], 1, "a picture needs a description"),
         (["t.csv", "-o", "r.png"], 2, "is the name of a picture"),

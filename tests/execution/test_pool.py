@@ -124,7 +124,7 @@ def test_children_inherit_no_file_of_the_parent(tmp_path):
 
 @pytest.mark.parametrize("jobs", [0, -1, 1.5, "2", True])
 def test_jobs_is_a_whole_number_from_one_on(jobs):
-    with pytest.raises(CalibError, match="whole number from 1 on"):
+    with pytest.raises(CalibError, match="an integer of at least 1"):
         LocalPool(f.square, jobs)
 
 

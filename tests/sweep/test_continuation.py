@@ -113,7 +113,7 @@ def test_a_chain_that_breaks_costs_no_point(tmp_path, monkeypatch):
 
 
 def test_a_sweep_without_runs_is_refused():
-    with pytest.raises(CalibError, match="expected at least 1 run a value, got 0"):
+    with pytest.raises(CalibError, match="expected at least 1 run per value, got 0"):
         bistable(runs=0)
 
 

@@ -137,7 +137,7 @@ def _pairs(path: Path, blocks: Sequence[Sequence[Row]]) -> Imported:
 def _filled(path: Path, number: int, name: str, cell: str) -> float:
     value = _cell(path, number, name, cell)
     if np.isnan(value):
-        raise CalibError(f"{path}, line {number}: a point of {name!r} lacks one of its numbers; fill or drop it")
+        raise CalibError(f"{path}, line {number}: a point of {name!r} has one number only; complete or drop it")
     return value
 
 

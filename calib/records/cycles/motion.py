@@ -167,9 +167,7 @@ def _from_mean_cycles(record: xr.Dataset, period: float, count: int) -> MotionKi
     same phases again, and set a lower bound.
     """
     time = record.variables["time"].values
-    present = [channel for channel in STATE if channel in record.variables]
-    if not present:
-        raise CalibError("the kind of a motion is told by displacement or velocity; the record has neither")
+    present = _state_channels(record)
     values = [sampled(record, channel) for channel in present]
     amplitude = np.concatenate([np.full(len(v), _amplitude(v)) for v in values])
     noise = np.concatenate([_noise(record, c, v) for c, v in zip(present, values, strict=True)]) / amplitude
@@ -206,17 +204,22 @@ def _normalised_cycles(record: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     """Cycles (row, cycle, phase) over the amplitude of their channel, and the deviation of their noise (row,)."""
     period, time = period_of(record), record.variables["time"].values
     cycles, noise = [], []
-    for channel in STATE:
-        if channel in record.variables:
-            values = sampled(record, channel)
-            amplitude = _amplitude(values)
-            cycles.append(cut(time, values, period)[0] / amplitude)
-            noise.append(_noise(record, channel, values) / amplitude)
-    if not cycles:
-        raise CalibError("the kind of a motion is told by displacement or velocity; the record has neither")
+    for channel in _state_channels(record):
+        values = sampled(record, channel)
+        amplitude = _amplitude(values)
+        cycles.append(cut(time, values, period)[0] / amplitude)
+        noise.append(_noise(record, channel, values) / amplitude)
     return np.concatenate(cycles), np.maximum(
         np.concatenate(noise), RETURN_TOLERANCE / (np.sqrt(2.0) * MAX_NOISE_RATIO)
     )
+
+
+def _state_channels(record: xr.Dataset) -> list[str]:
+    """Return the channels from which the kind of a motion is decided."""
+    present = [channel for channel in STATE if channel in record.variables]
+    if not present:
+        raise CalibError("the kind of a motion needs displacement or velocity, and the record has neither; add one")
+    return present
 
 
 def _noise(record: xr.Dataset, channel: str, values: np.ndarray) -> np.ndarray:
