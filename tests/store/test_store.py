@@ -21,7 +21,7 @@ from calib.records import record
 from calib.store import Store, Trial, read
 from calib.store import optuna_view as view_room
 from calib.store.ledger import differences
-from calib.store.lock import held
+from calib.store.lock import is_locked
 from calib.store.optuna_view import storage
 
 WINDOWS = {"x": {"low": 0.1, "high": 2.0, "scale": "log"}, "y": {"low": -1.0, "high": 1.0, "scale": "linear"}}
@@ -300,9 +300,9 @@ def test_confirmed_records_are_the_best_ones_until_the_folder_is_opened_again(tm
     store.open(HEADER)
     store.close()
     with store.locked():
-        assert held(tmp_path)
+        assert is_locked(tmp_path)
         store.keep_confirmed(trial(0, 0.9), records(7, ("sweep", "a b")))
-    assert not held(tmp_path)
+    assert not is_locked(tmp_path)
     best = record.read(tmp_path / "best.nc")
     assert best.attrs["trial"] == 0
     assert json.loads(best.attrs["provenance"])["score"]["total"] == 0.9
