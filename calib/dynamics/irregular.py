@@ -47,21 +47,21 @@ def kind_of_irregular(map: PeriodMap, motion: OrbitKind) -> OrbitKind:
         if orbit.status != OK:
             return failed(orbit, exponent.states[-1], motion.dropped + len(exponent.states))
         visited = np.concatenate([motion.visited, exponent.states, orbit.states])
-        signs = _signs(visited / map.scale, exponent)
-        longest = MAX_INTERMITTENT_PERIODS if signs.interrupted else MAX_EXPONENT_PERIODS
+        evidence = _evidence_of(visited / map.scale, exponent)
+        longest = MAX_INTERMITTENT_PERIODS if evidence.interrupted else MAX_EXPONENT_PERIODS
         long = returned_after(visited / map.scale, CONTRACTING_RETURN)
         if long > MAX_LAG and (cycle := _long_cycle(map, motion, visited, long)) is not None:
             return cycle
-        if signs.kind != UNDECIDED or _shrinking(exponent) or len(exponent.logarithms) >= longest:
+        if evidence.kind != UNDECIDED or _shrinking(exponent) or len(exponent.logarithms) >= longest:
             return replace(
                 motion,
                 visited=visited,
-                kind=signs.kind,
-                evidence=signs.evidence,
+                kind=evidence.kind,
+                evidence=evidence.evidence,
                 exponent=exponent.value,
                 error=exponent.error,
-                zero_one=signs.zero_one,
-                lingers=signs.lingers,
+                zero_one=evidence.zero_one,
+                laminar=evidence.laminar,
             )
         exponent = extended(map, exponent, len(exponent.logarithms), pseudo_tangent)
     orbit = run(map, motion.state, len(exponent.states) + 1)
@@ -93,7 +93,7 @@ def _long_cycle(map: PeriodMap, motion: OrbitKind, visited: np.ndarray, periods:
 
 
 @dataclass(frozen=True, eq=False)
-class _Signs:
+class _Evidence:
     """Evidence by which the kind of a motion that does not return is decided.
 
     Attributes
@@ -117,7 +117,7 @@ class _Signs:
     @property
     def kind(self) -> str:
         value, least = self.exponent.value, max(GROWTH_SIGMAS * self.exponent.error, MIN_CHAOTIC_EXPONENT)
-        if self.returned or self.lingers:
+        if self.returned or self.laminar:
             return UNDECIDED
         if value > least and self.zero_one > MAX_REGULAR_K:
             return CHAOTIC
@@ -128,7 +128,7 @@ class _Signs:
         return UNDECIDED
 
     @property
-    def lingers(self) -> bool:
+    def laminar(self) -> bool:
         """Whether the motion is still near an unstable cycle: close returns that grow all along, or at a steady rate.
 
         Chaos of a map whose slope is the same everywhere grows steadily too, but its K is near 1.
@@ -145,7 +145,7 @@ class _Signs:
         """
         highest = self.exponent.value + GROWTH_SIGMAS * self.exponent.error
         signs = self.zero_one > MAX_REGULAR_K or (self.zero_one >= 0.0 and self.exponent.value > MIN_CHAOTIC_EXPONENT)
-        return not self.returned and not self.lingers and signs and highest > MIN_CHAOTIC_EXPONENT
+        return not self.returned and not self.laminar and signs and highest > MIN_CHAOTIC_EXPONENT
 
     @property
     def evidence(self) -> str:
@@ -163,7 +163,7 @@ class _Signs:
         return text
 
 
-def _signs(section: np.ndarray, exponent: Exponent) -> _Signs:
+def _evidence_of(section: np.ndarray, exponent: Exponent) -> _Evidence:
     """Evidence from a section (n, dimension) in units of the scale."""
     recurrence = recurrence_of(section)
     lag = int(np.argmin(recurrence)) + 1
@@ -171,7 +171,7 @@ def _signs(section: np.ndarray, exponent: Exponent) -> _Signs:
     one_way = abs(np.sign(np.diff(maxima)).sum()) == BLOCKS - 1
     drifting = bool(one_way and np.ptp(maxima) > MIN_DRIFT * maxima[0])
     settling = _shrinking(exponent) or (drifting and exponent.value <= MIN_CHAOTIC_EXPONENT)
-    return _Signs(
+    return _Evidence(
         exponent,
         math.nan if settling else _second_opinion(section[-MAX_EXPONENT_PERIODS:], lag),
         lag,

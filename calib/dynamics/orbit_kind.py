@@ -33,7 +33,7 @@ class OrbitKind:
     zero_one : K of the 0-1 test, NaN where it was not needed  [1]
     status, reason : of the orbit
     visited : (n, dimension) states at the section, one a period, by which an irregular motion was judged
-    lingers : whether it is undecided because it is yet beside an unstable cycle
+    laminar : whether it is undecided because it is in a laminar phase, near an unstable cycle
     runs, share : from starts that differ imperceptibly, and the share of them that led to this motion; 0 where it was
         found by Newton's method, or from a neighbouring value of a sweep, alone  [1]
     sightings : independent ones of a regular motion, by runs and by Newton's method; 3 are enough for it to be certain
@@ -57,7 +57,7 @@ class OrbitKind:
     status: str = OK
     reason: str = ""
     visited: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
-    lingers: bool = False
+    laminar: bool = False
     runs: int = 1
     share: float = 1.0
     sightings: int = 3

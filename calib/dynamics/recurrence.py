@@ -19,7 +19,7 @@ def recurrence_of(section: np.ndarray) -> np.ndarray:
 def returned_after(section: np.ndarray, within: float = RETURN_TOLERANCE) -> int:
     """Smallest n, long ones too, after which the last n states of a section return, 0 where there is none.
 
-    within : how well, as a share of the section's extent
+    within : tolerance, as a share of the section's extent
     """
     near = within * np.ptp(section, axis=0).max()  # of its spread: a small torus about a cycle is no return to it
     # one state alone comes back by chance, the sooner the longer the section
@@ -63,9 +63,9 @@ def closing_in(section: np.ndarray, back: np.ndarray) -> int:
     return lag if third < second < first else 0
 
 
-def approaches(section: np.ndarray, place: np.ndarray, periods: int) -> bool:
-    """Whether a section (n, dimension) that begins beside `place` is closer to it after each third of its returns."""
-    distance = largest(section[::periods] - place)
+def approaches(section: np.ndarray, point: np.ndarray, periods: int) -> bool:
+    """Whether a section (n, dimension) that begins beside `point` is closer to it after each third of its returns."""
+    distance = largest(section[::periods] - point)
     thirds = np.linspace(0, len(distance) - 1, 4).astype(int)
     return len(distance) > 3 and bool((np.diff(distance[thirds]) < 0.0).all())
 

@@ -17,18 +17,18 @@ RETRY_FACTOR = 5  # times `settle` that a motion gets to settle before it is giv
 
 
 def kind_of_run(map: PeriodMap, state: np.ndarray, settle: int = 1000, cycles: int = 100) -> OrbitKind:
-    """Say what kind of motion one run settles to from a state.
+    """Return the kind of motion that one run settles to from a state.
 
     1. The transient is dropped: until the state returns after 1..64 periods within 1e-9 of the motion's size, at most
        `settle` periods. A motion that comes ever closer to a stable cycle is taken there by Newton's method.
     2. `cycles` periods are kept. The smallest n = 1..64 after which all of them return within 1e-6 is the period,
-       unless the multipliers say that what is left of the transient could still lead to a shorter one.
-    3. Otherwise the largest exponent over 400 periods (up to 3200 while it decides nothing, and to 25600 where one of
-       the two says chaos) and the 0-1 test on the section have to agree: chaotic above zero, quasi-periodic at zero. A
-       motion that still settles is neither; one that returns after more than 64 periods is periodic where its
+       unless by the multipliers the remaining transient could still lead to a shorter one.
+    3. Otherwise the largest exponent over 400 periods (up to 3200 while it is not significant, and to 25600 where one
+       of the two indicates chaos) and the 0-1 test on the section have to agree: chaotic above zero, quasi-periodic at
+       zero. A motion that still settles is neither; one that returns after more than 64 periods is periodic where its
        multipliers show that it attracts.
-    4. What neither says gets 5 times `settle` periods more, pushed off an unstable cycle that it lingers at, and is
-       undecided after that.
+    4. An undecided motion gets 5 times `settle` periods more, after a push off the unstable cycle of a laminar phase,
+       and is undecided after that.
 
     A motion that does not return is followed as a pseudo-orbit (`calib.dynamics.pseudo_orbit`), which is the same one
     on all processors though it is chaotic.
@@ -63,13 +63,13 @@ def kind_of_run(map: PeriodMap, state: np.ndarray, settle: int = 1000, cycles: i
 
 
 def _beyond_laminar_phase(map: PeriodMap, motion: OrbitKind) -> np.ndarray:
-    """State (dimension,) from which an undecided motion goes on: its own, or off an unstable cycle that it lingers at.
+    """State (dimension,) from which an undecided motion continues: its own, or one off the cycle of a laminar phase.
 
     A run that comes near such a cycle by chance stays for as many periods as 1 / exponent, many times over, and none of
     them tells what motion it belongs to (laminar phase of intermittency: Pomeau and Manneville, Communications in
     Mathematical Physics 74 (1980) 189). It is pushed along the direction that grows most, to the side to which it goes.
     """
-    if not motion.lingers:
+    if not motion.laminar:
         return motion.state
     section = motion.visited[-TAIL_PERIODS:] / map.scale
     lag = int(np.argmin(recurrence_of(section))) + 1

@@ -240,7 +240,7 @@ def test_a_push_to_where_there_is_no_motion_is_taken_back():
     found = settled_orbit(map, map.initial)
     lingering = kind_of_irregular(map, found)
     pushed = _beyond_laminar_phase(map, lingering)
-    assert lingering.lingers
+    assert lingering.laminar
     assert map.orbit(pushed, 2).status == "diverged"
     found = kind_of_run(map, map.initial)
     assert (found.kind, found.state.tolist()) == ("period-1", pytest.approx([2.0, 0.004], abs=1e-6))
