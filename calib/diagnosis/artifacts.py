@@ -1,4 +1,4 @@
-"""The files that a diagnosis leaves: what it says, and the motions that it is about."""
+"""The files of a diagnosis: its document, and the motions that it compares."""
 
 import json
 from collections.abc import Mapping
@@ -11,6 +11,7 @@ import xarray as xr
 
 from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.part import Part
+from calib.diagnosis.selection import Selection
 from calib.diagnosis.serialise import as_dict
 from calib.errors import CalibError
 from calib.execution.files import whole
@@ -33,7 +34,7 @@ def write(
 
 
 def write_motions(views: Mapping[str, xr.Dataset], folder: Path) -> None:
-    """Write diagnosis.nc, a group each record; where there are none, none is left."""
+    """Write diagnosis.nc, a group for each record; without records, remove it."""
     if not views:
         (folder / MOTIONS).unlink(missing_ok=True)
         return
@@ -43,14 +44,16 @@ def write_motions(views: Mapping[str, xr.Dataset], folder: Path) -> None:
 
 
 def read(folder: Path) -> dict[str, Any] | None:
-    """What diagnosis.json in a folder says; None where there is none."""
+    """The document of diagnosis.json in a folder; None where there is none."""
     path = folder / NAME
     if not path.is_file():
         return None
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
-        raise CalibError(f"{path} is no JSON document ({error}); delete it and run `calib diagnose` again") from error
+        raise CalibError(
+            f"{path} is not a JSON document ({error}); delete it and run `calib diagnose` again"
+        ) from error
 
 
 def read_motions(folder: Path) -> dict[str, xr.Dataset]:
@@ -68,23 +71,25 @@ def read_motions(folder: Path) -> dict[str, xr.Dataset]:
 
 
 def motions(diagnosis: Diagnosis, references: Mapping[str, Reference]) -> dict[str, xr.Dataset]:
-    """What was measured and simulated of each record, by its name.
+    """The measured and simulated motions of each record, by its name.
 
     Returns
     -------
     Datasets over (row, time): measured, calibrated and, where there are causes, extended, each row in its unit; weight
     in [0, 1], 0 where a sample is not compared. Over row: sigma and innovation (standard deviations of the noise and of
-    what is new in each of its samples, in the row's unit), memory (row, lag; coefficients of its autoregression), and
-    the coordinates body, channel, unit and source (what sigma is known from). time [s]. Attributes: cycle (of the
+    its innovation, in the row's unit), memory (row, lag; coefficients of its autoregression), and
+    the coordinates body, channel, unit and source (from which sigma is estimated). time [s]. Attributes: cycle (of the
     motion, in periods) and, where the excitation has one, period [s].
     """
     if diagnosis.selection is None or diagnosis.evidence is None:
         return {}
-    return {part.name: _motion(part, diagnosis, references[part.name].record) for part in diagnosis.evidence.parts}
+    selection = diagnosis.selection
+    return {part.name: _motion(part, selection, references[part.name].record) for part in diagnosis.evidence.parts}
 
 
-def _motion(part: Part, diagnosis: Diagnosis, record: xr.Dataset) -> xr.Dataset:
-    selection, channels = diagnosis.selection, [channel for _, channel in part.rows]
+def _motion(part: Part, selection: Selection, record: xr.Dataset) -> xr.Dataset:
+    """The measured and simulated motions of one record."""
+    channels = [channel for _, channel in part.rows]
     over = ("row", "time")
     calibrated = selection.null.point.simulated[part.name].rows
     views = {"measured": part.measured, "calibrated": calibrated, "weight": part.weight}

@@ -1,4 +1,4 @@
-"""Causes that are a compromise between two others, replaced by the best pair."""
+"""Causes that are a compromise between two others, and their replacement by the best pair."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,7 +11,7 @@ from calib.diagnosis.excess import chi2_std, dominant, excess_chi2, significant
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.rejection import extension, is_negligible, rejection
-from calib.diagnosis.replacement import aic, best_pair, pair_shows, replaced, without_cause
+from calib.diagnosis.replacement import aic, best_pair, is_pair_significant, replaced, without_cause
 from calib.diagnosis.screening import screened
 from calib.diagnosis.stepwise import StepwiseState
 from calib.diagnosis.suspect import Cause, Refitted
@@ -20,23 +20,23 @@ from calib.diagnosis.suspect import Cause, Refitted
 def may_be_compromise(fitter: Fitter, state: StepwiseState, candidates: Sequence[Candidate]) -> bool:
     """Whether causes leave more than noise; without a cause, whether no misfit that dominates it is left.
 
-    A sum of squares sees less than a score test: beside a cause, a suspect beyond the threshold that was rejected shows
-    it too, or a pair. It may have been rejected because that cause stands for both. Where nothing is a cause, it may
+    A sum of squares has less power than a score test: beside a cause, a suspect beyond the threshold that was rejected
+    is evidence too, or a pair. It may have been rejected because that cause stands for both. Without a cause it may
     explain half.
     """
     excess, std = excess_chi2(fitter.evidence, state.final), chi2_std(fitter.evidence)
     rejected = state.rounds[-1].rejected
-    shown = rejected is not None and rejected.name not in state.names
+    another = None if rejected is None or rejected.name in state.names else rejected
     if state.causes:
-        more = shown or significant(excess, std)
-        return more or pair_shows(state.null, state.causes, state.final, candidates, state.known)
-    return significant(excess, std) and not dominant(excess - (rejected.chi2_reduction if shown else 0.0), std)
+        more = another is not None or significant(excess, std)
+        return more or is_pair_significant(state.null, state.causes, state.final, candidates, state.known)
+    return significant(excess, std) and not dominant(excess - (0.0 if another is None else another.chi2_reduction), std)
 
 
 def with_best_pair(fitter: Fitter, state: StepwiseState, candidates: Sequence[Candidate], seed: int) -> StepwiseState:
     """Put the best pair in the place of the causes where it explains more, and each is a cause beside the other.
 
-    The other candidates are scored anew, about the model so far: its noise may have been re-estimated.
+    The other candidates are scored again, about the model so far: its noise may have been re-estimated.
     """
     null, known = state.null, None if state.causes else state.known
     others = [candidate for candidate in candidates if candidate.name not in state.names]
@@ -60,9 +60,9 @@ def with_best_pair(fitter: Fitter, state: StepwiseState, candidates: Sequence[Ca
 
 
 def _fitted_from(fitter: Fitter, state: StepwiseState, other: Fit) -> StepwiseState:
-    """Fit the causes again from the calibrated values of another model, and keep that fit where it explains more.
+    """Refit the causes from the calibrated values of another model, and take that fit where it explains more.
 
-    Steps of Gauss and Newton end at the nearest minimum: what explains more may owe that to where it began.
+    Steps of Gauss and Newton end at the nearest minimum: a model may explain more only by its starting point.
     """
     if not state.causes:
         return state
@@ -73,7 +73,8 @@ def _fitted_from(fitter: Fitter, state: StepwiseState, other: Fit) -> StepwiseSt
     lower = state.final.chi2 - fit.chi2
     if not fit.names or not lower > CRITERIA.aic_tie:
         return state
-    fit, causes = fitter.with_derivatives(fit), []
+    fit = fitter.with_derivatives(fit)
+    causes: list[Cause] = []
     for cause, rivals in state.causes:
         again = cause.refitted(fit, cause.chi2_reduction + lower)
         causes.append((again, tuple(again if rival.name == cause.name else rival for rival in rivals)))
@@ -85,7 +86,7 @@ def any_rejected(fitter: Fitter, null: Fit, causes: Sequence[Refitted], final: F
     for cause in causes:
         others = tuple(other.candidate for other in causes if other is not cause)
         base = without_cause(fitter, null, final, cause, others)
-        if not base.names:  # no motion without it
+        if not base.names:  # it cannot be simulated without it
             continue
         base = fitter.with_derivatives(base)
         again = cause.refitted(final, base.chi2 - final.chi2)
@@ -98,14 +99,14 @@ def any_rejected(fitter: Fitter, null: Fit, causes: Sequence[Refitted], final: F
 def _explains_more(
     evidence: Evidence, null: Fit, causes: Sequence[Cause], final: Fit, other: tuple[Sequence[Cause], Fit]
 ) -> bool:
-    """Whether other causes explain more than those that they would replace; if they are more, no negligible part more.
+    """Whether other causes explain more than those that they would replace; if they are more, not negligibly more.
 
-    Of what those leave they explain several times what they leave themselves, unless that is noise, as a cause that is
-    added has to.
+    Of the remainder of those they have to explain several times what they leave themselves, unless that is noise, as an
+    added cause has to.
     """
-    reduction, remains = final.chi2 - other[1].chi2, excess_chi2(evidence, other[1])
+    reduction, remaining = final.chi2 - other[1].chi2, excess_chi2(evidence, other[1])
     lower = aic(*other) < aic(causes, final) - CRITERIA.aic_tie
-    noise = not significant(remains, chi2_std(evidence))
-    enough = noise or reduction > CRITERIA.min_over_remainder * remains
-    worth = len(other[0]) <= len(causes) or not is_negligible(evidence, null, final, reduction)
-    return lower and enough and worth
+    leaves_noise = not significant(remaining, chi2_std(evidence))
+    outweighs = leaves_noise or reduction > CRITERIA.min_over_remainder * remaining
+    relevant = len(other[0]) <= len(causes) or not is_negligible(evidence, null, final, reduction)
+    return lower and outweighs and relevant

@@ -46,27 +46,28 @@ from calib.diagnosis.separation import (
 )
 from calib.study import Pool
 
-LINE_SHARE, MIN_LINE, MAX_LINE = 0.06, 3, 7  # of the affordable points: first ones of a test of one variable
-GRID_SHARE = 0.55  # of the affordable points: grid over amplitude and frequency
-GRID_ASPECT = 1.6  # frequencies per amplitude of the grid
-MAX_ROUNDS = 4  # of a pattern search
-BATCH_POINTS = 16  # simulated side by side: bounds the memory that their records take
-SIMULATIONS_PER_CHECK = 4  # of a pair: each model from its own motion and from the other's
-REFIT_SHARE = 0.05  # of the simulations: kept for these checks
-CONFIRMED = 0.95  # of a predicted separation: where a check leaves as much, no further point is checked
-MAX_REFITS = 4  # best points of a test whose separation is checked by simulations at the refitted parameters
+LINE_SHARE = 0.06  # of the affordable points: first ones of a test of one variable  [1]
+MIN_LINE, MAX_LINE = 3, 7  # points of a test of one variable  [count]
+GRID_SHARE = 0.55  # of the affordable points: grid over amplitude and frequency  [1]
+GRID_ASPECT = 1.6  # frequencies per amplitude of the grid  [1]
+MAX_ROUNDS = 4  # of a pattern search  [count]
+BATCH_POINTS = 16  # simulated side by side: bounds the memory of their records  [count]
+SIMULATIONS_PER_CHECK = 4  # of a pair: each model from its own motion and from the other's  [count]
+CHECK_SHARE = 0.05  # of the simulations, reserved for these checks  [1]
+CONFIRMED_SHARE = 0.95  # of a predicted separation: where a check confirms as much, no further point is checked  [1]
+MAX_CHECKED_POINTS = 4  # of a test, whose separation is simulated at the refitted parameters  [count]
 
 
 @dataclass(frozen=True, eq=False)
 class _Evaluation:
-    """An evaluated point with what its separations follow from.
+    """An evaluated point with the simulations and the prediction of its separations.
 
     Attributes
     ----------
     made : the experiment
     centres : simulations of the models
     prediction : None where a simulation failed or is irregular
-    score : by which evaluations are compared, see `_score`
+    score : for comparison, see `_score`
     """
 
     outcome: EvaluatedPoint
@@ -86,20 +87,22 @@ class DesignSearch:
 
     Parameters
     ----------
-    part : record beside which the measurement would be made
+    part : record on which the measurement is based
     fits : of the rival models
     """
 
     def __init__(self, pool: Pool, bench: Bench, part: Part, fits: Sequence[Fit], laboratory: Laboratory):
         self.pool, self.bench, self.part, self.fits = pool, bench, part, fits
         self.budget, self.simulations = laboratory.simulations, 0
-        self.seen = fits[0].point.simulated[part.name]
+        self.simulated_record = fits[0].point.simulated[part.name]
         self.additional: tuple[tuple[str, str], ...] = ()
-        self.additional = self._provided(additional_channels(laboratory, bench.model, part, self.seen.given))
+        self.additional = self._provided(
+            additional_channels(laboratory, bench.model, part, self.simulated_record.given)
+        )
         self.evaluations: list[_Evaluation] = []
 
     def _provided(self, pairs: Sequence[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
-        """(body, channel) pairs that a simulation of the record holds."""
+        """(body, channel) pairs that a simulation of the record has."""
         record = self._experiment(DesignPoint(REPEATED_RECORD))
         channels = list(dict.fromkeys(channel for _, channel in pairs))
         owned = [tuple(pair for pair in pairs if pair[1] == channel) for channel in channels]
@@ -122,11 +125,12 @@ class DesignSearch:
                 self._refine(region, counts, WITHOUT_CONTACT)
 
     def _affordable(self, region: DesignRegion) -> int:
-        """Number of points of a kind of test that the whole budget pays for."""
+        """Number of points of a kind of test for which the whole budget suffices."""
         middle = self._experiment(region.point([0.5] * len(region.variables)))
-        return int((1.0 - REFIT_SHARE) * self.budget) // self._cost(middle)
+        return int((1.0 - CHECK_SHARE) * self.budget) // self._cost(middle)
 
     def _explore(self, region: DesignRegion, counts: Sequence[int]) -> None:
+        """Evaluate a grid of these numbers of values, then refine it."""
         counts = counts[: len(region.variables)]
         self._evaluate(region.grid(counts), GRID)
         self._refine(region, counts, region.test)
@@ -146,31 +150,32 @@ class DesignSearch:
         good = [e for e in self.evaluations if e.prediction is not None]
         if test != WITHOUT_CONTACT:
             return [e for e in good if e.outcome.point.test == test]
-        if not self.seen.impacts:
+        if not self.simulated_record.impacts:
             return []
         return [e for e in good if e.outcome.point.test in (STEADY_TONE, RECORDED_INPUT) and e.outcome.impacts is False]
 
     # --- simulations
 
     def _experiment(self, point: DesignPoint) -> Experiment:
-        return experiment(point, self.bench, self.part, self.seen, self.additional)
+        """The experiment at a design point."""
+        return experiment(point, self.bench, self.part, self.simulated_record, self.additional)
 
     def _cost(self, made: Experiment) -> int:
         """Simulations of an experiment."""
         return sum(1 + len(fit.names) + len(made.initial_steps) for fit in self.fits)
 
     def _evaluate(self, points: Sequence[DesignPoint], stage: str) -> None:
-        """Evaluate, in batches side by side, as many new points as the budget pays for."""
+        """Evaluate, in batches side by side, the new points for which the budget suffices."""
         known = {_rounded(e.outcome.point) for e in self.evaluations}
         new = [self._experiment(point) for point in points if _rounded(point) not in known]
         for first in range(0, len(new), BATCH_POINTS):
             batch = new[first : first + BATCH_POINTS]
-            left = int((1.0 - REFIT_SHARE) * self.budget - self.simulations) // max(map(self._cost, batch))
+            left = int((1.0 - CHECK_SHARE) * self.budget - self.simulations) // max(map(self._cost, batch))
             if left > 0:
                 self.evaluations += self._batch(batch[:left], stage)
 
     def _batch(self, batch: Sequence[Experiment], stage: str) -> list[_Evaluation]:
-        """Simulate all models; along their parameters only where each moves regularly."""
+        """Simulate all models; their derivatives only where the motion of each is regular."""
         views = iter(self._simulated([made.centre(fit) for made in batch for fit in self.fits]))
         centres = [tuple(next(views) for _ in self.fits) for _ in batch]
         regular = [all(view.usable and not view.wrong for view in own) for own in centres]
@@ -188,6 +193,7 @@ class DesignSearch:
         ]
 
     def _simulated(self, runs: Sequence[Run]) -> list[SimulatedRows]:
+        """Simulate side by side, and count the simulations."""
         views = simulated(self.pool, runs)
         self.simulations += sum(view.simulations for view in views)
         return views
@@ -221,31 +227,33 @@ class DesignSearch:
         """Best measurement of each kind of test with the record's channels, and with the best additional one."""
         best: list[Measurement] = []
         for test in searched:
-            bare = None if test == REPEATED_RECORD else self._best(test, [None])
-            more = self._best(test, range(len(self.additional)))
-            if more is not None and bare is not None and not separates_further(more, bare):
-                more = None
-            best += [m for m in (bare, more) if m is not None]
+            plain = None if test == REPEATED_RECORD else self._best(test, [None])
+            extended = self._best(test, range(len(self.additional)))
+            if extended is not None and plain is not None and not separates_further(extended, plain):
+                extended = None
+            best += [m for m in (plain, extended) if m is not None]
         return sorted({(m.point, m.channel): m for m in reversed(best)}.values(), key=rank, reverse=True)
 
     def _best(self, test: str, additional: Iterable[int | None]) -> Measurement | None:
         """Largest separation by a kind of test, with one of these additional channels, as far as refits confirm it."""
-        choices = [(e, e.prediction.separation(k), k) for e in self._candidates(test) for k in additional]
+        predicted = [(e, e.prediction) for e in self._candidates(test) if e.prediction is not None]
+        choices = [(e, own.separation(k), k) for e, own in predicted for k in additional]
         choices.sort(key=lambda choice: _score(choice[1].z), reverse=True)
         best = None
-        for evaluation, separation, number in choices[:MAX_REFITS]:
+        for evaluation, separation, number in choices[:MAX_CHECKED_POINTS]:
             if best is not None and best.confirmed and (best.distinguished, best.z) >= _score(separation.z)[:2]:
                 break
-            measurement = self._confirmed(test, evaluation, separation, number)
+            measurement = self._checked(test, evaluation, separation, number)
             if best is None or rank(measurement) > rank(best):
                 best = measurement
-            if measurement.confirmed and measurement.z >= CONFIRMED * separation.z.min():
+            if measurement.confirmed and measurement.z >= CONFIRMED_SHARE * separation.z.min():
                 break
         return best
 
-    def _confirmed(
+    def _checked(
         self, kind: str, evaluation: _Evaluation, separation: Separation, additional: int | None
     ) -> Measurement:
+        """The measurement at an evaluated point, its separations checked by simulations."""
         pairs = list(combinations(range(len(self.fits)), 2))
         least, z = int(np.argmin(separation.z)), separation.z.copy()
         checked = [least, *(k for k in np.argsort(-z, kind="stable") if k != least and z[k] >= DECISIVE_Z)]
@@ -254,10 +262,10 @@ class DesignSearch:
             if self.simulations + SIMULATIONS_PER_CHECK > self.budget:
                 break
             refits[k] = self._refitted(evaluation, pairs[k], separation.moves[k], additional)
-        denied = {k for k, refit in refits.items() if not agrees(z[k], refit)}
+        contradicted = {k for k, refit in refits.items() if not agrees(z[k], refit)}
         for k, refit in refits.items():
             z[k] = z[k] if refit is None else min(z[k], refit)
-        held = [k for k in range(len(pairs)) if k == least or k not in denied]
+        counted = [k for k in range(len(pairs)) if k == least or k not in contradicted]
         body, name = ("", "") if additional is None else self.additional[additional]
         outcome = evaluation.outcome
         return Measurement(
@@ -267,11 +275,11 @@ class DesignSearch:
             point=outcome.point,
             channel=f"{body}.{name}" if body else "",
             impacts=outcome.impacts,
-            distinguished=sum(bool(z[k] >= DECISIVE_Z) for k in refits if k not in denied),
+            distinguished=sum(bool(z[k] >= DECISIVE_Z) for k in refits if k not in contradicted),
             pairs=len(pairs),
             unchecked=sum(bool(z[k] >= DECISIVE_Z) for k in checked if k not in refits),
             z=float(z.min()),
-            z_max=float(z[held].max()),
+            z_max=float(z[counted].max()),
             z_refit=refits.get(least),
         )
 
@@ -280,8 +288,8 @@ class DesignSearch:
     ) -> float | None:
         """Separation of a pair of models simulated at its refitted parameters; None where that cannot be simulated.
 
-        Each is simulated from its own motion and from the other's: where a model has both motions, as beside a
-        bifurcation, nobody knows which of them the structure will choose, and the lesser separation counts.
+        Each is simulated from its own motion and from the other's: where a model has both motions, as near a
+        bifurcation, it is unknown which of them the structure will take, and the smaller separation counts.
         """
         made, centres = evaluation.made, evaluation.centres
         fits = self.fits[pair[0]], self.fits[pair[1]]
@@ -294,20 +302,23 @@ class DesignSearch:
         one, other, crossed_one, crossed_other = self._simulated(runs)
         if _status([one, other])[0] != OK:
             return None
-        met = [(one, other), (one, crossed_other), (crossed_one, other)]
+        combinations_of_motions = [(one, other), (one, crossed_other), (crossed_one, other)]
         return min(
-            refitted_distance(made, fits, moves, centres, views, number) for views in met if _status(views)[0] == OK
+            refitted_distance(made, fits, moves, centres, views, number)
+            for views in combinations_of_motions
+            if _status(views)[0] == OK
         )
 
     @property
     def _unit(self) -> str:
+        """Unit of the excitation."""
         return self.bench.objective.references[self.part.name].excitation.unit
 
     def _in_contact(self) -> str:
-        """Why no measurement without contact was found."""
-        if self.seen.impacts is None:
-            return "the simulator does not tell impacts"
-        if not self.seen.impacts:
+        """Why there is no measurement without contact."""
+        if self.simulated_record.impacts is None:
+            return "the simulator does not report impacts"
+        if not self.simulated_record.impacts:
             return "the record has no impacts"
         regular = any(e.outcome.status == OK for e in self.evaluations)
         return "no setting within the bounds is without contact" if regular else "no setting could be simulated"
@@ -319,15 +330,15 @@ class DesignSearch:
         if test == WITHOUT_CONTACT:
             return self._in_contact()
         if test == REPEATED_RECORD and not self.additional:
-            return "no channel of the simulator is absent from the record"
+            return "the record has all channels of the simulator"
         own = [e.outcome for e in self.evaluations if e.outcome.point.test == test]
         if not own:
-            return "the number of simulations allowed does not suffice"
-        return f"{own[0].status} at every point; the first: {own[0].reason}"
+            return "the allowed number of simulations does not suffice"
+        return f"{own[0].status} at every point; at the first: {own[0].reason}"
 
 
 def _driven(region: DesignRegion) -> DesignRegion:
-    """Return the region with the test that its drive makes, impacts or not: a steady tone, or the recorded input."""
+    """Return the region with the test by its drive, with impacts or without: a steady tone, or the recorded input."""
     test = STEADY_TONE if len(region.variables) == 2 else RECORDED_INPUT
     return replace(region, fixed=replace(region.fixed, test=test))
 
@@ -341,13 +352,14 @@ def _grid_shape(region: DesignRegion, count: float) -> list[int]:
     return [amplitudes, max(MIN_LINE, int(count // amplitudes))]
 
 
-def _rounded(point: DesignPoint) -> tuple:
+def _rounded(point: DesignPoint) -> tuple[str | None, ...]:
+    """Settings of a point to ten digits, for comparison with others."""
     values = (point.amplitude, point.frequency, point.release)
     return point.test, *(None if value is None else f"{value:.9e}" for value in values)
 
 
 def _status(views: Sequence[SimulatedRows]) -> tuple[str, str]:
-    """Status of simulations that are all needed, and its reason."""
+    """Status of several simulations together, and its reason."""
     failed = next((view for view in views if not view.usable), None)
     if failed is not None:
         return FAILED, failed.reason or failed.status

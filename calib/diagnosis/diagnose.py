@@ -1,7 +1,8 @@
-"""Diagnosis: what the simulation gets wrong, which effect is missing, and what it would bring."""
+"""Diagnosis of a calibrated study: its misfit, the missing effect, and the gain by it."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 
 from calib.diagnosis.bench import Bench
@@ -16,7 +17,7 @@ from calib.diagnosis.laboratory import UNRESTRICTED, Laboratory
 from calib.diagnosis.misfit import Misfit, misfit
 from calib.diagnosis.model_selection import select
 from calib.diagnosis.next_measurement import Design, next_measurement
-from calib.diagnosis.preparation import OUTLIERS, QUANTISATION, Prepared, bench_of, numerical, prepared
+from calib.diagnosis.preparation import OUTLIERS, QUANTISATION, NotDiagnosable, Prepared, bench_of, numerical, prepared
 from calib.diagnosis.record_faults import rounding
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.revision import exchanged, left_out, paired
@@ -29,28 +30,28 @@ from calib.modelling.effect import Effect
 from calib.objective import Reference
 from calib.study import CalibrationStudy, Pool
 
-ONE_SIZE = "it has one size in all records"
+ONE_SIZE, NOT_REFUTED = "it has one size in all records", "the records held out refute the others"
 
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What a diagnosis came to.
+    """The result of a diagnosis.
 
     Attributes
     ----------
     verdict : "none", "named", "one_of", "unexplained" or "not_diagnosable"
     summary : the verdict in a sentence
-    gates : that were looked at first
+    gates : that were tested
     selection : the search for causes; None where a gate failed
     evidence : the records of calibration and naming; None where nothing could be simulated
     refused : effect -> why it was no candidate
     misfit : of the calibrated model; None where a gate failed
-    outliers : share of the samples that were taken out as such  [1]
-    rounding : share of the noise of a channel that its converter's steps make, where that is a cause, else 0  [1]
-    gain : on records held out; None where there is nothing to try
+    outliers : share of the samples that were removed as such  [1]
+    rounding : share of the noise of a channel that is due to its converter's steps, where that is a cause, else 0  [1]
+    gain : on records held out; None without causes
     design : of the next measurement, where the records leave several causes indistinguishable
     seconds : wall-clock time  [s]
-    simulations : that were run
+    simulations : number of runs
     """
 
     verdict: str
@@ -70,11 +71,13 @@ class Diagnosis:
     @property
     def causes(self) -> tuple[str, ...]:
         """Names of the effects that are named."""
-        return (*self._record_faults, *(c.name for c in self.selection.causes)) if self.verdict == NAMED else ()
+        if self.verdict != NAMED or self.selection is None:
+            return ()
+        return (*self._record_faults, *(c.name for c in self.selection.causes))
 
     @property
     def stand_ins(self) -> tuple[str, ...]:
-        """Effects whose sizes differ among the records: what acts like them is a cause that is not known."""
+        """Effects whose sizes differ among the records: each stands in for an unknown cause."""
         selection = self.selection
         if self.verdict != UNEXPLAINED or selection is None or not selection.is_explained:
             return ()
@@ -87,7 +90,7 @@ class Diagnosis:
     @property
     def classes(self) -> tuple[tuple[str, ...], ...]:
         """Alternatives of which one is the cause, each a tuple of effects that act together."""
-        if self.verdict not in (NAMED, ONE_OF):
+        if self.verdict not in (NAMED, ONE_OF) or self.selection is None:
             return ()
         classes = self.selection.classes
         return tuple((*self._record_faults, *names) for names in classes) if classes else (self._record_faults,)
@@ -99,7 +102,7 @@ def diagnose(
     values: Mapping[str, float],
     effects: Sequence[Effect],
     seed: int = 0,
-    pool: Callable[[Bench], Pool] | None = None,
+    pool: Callable[[Bench], AbstractContextManager[Pool]] | None = None,
     on_stage: Callable[[str], None] = lambda text: None,
     on_progress: Callable[[int, int], None] = lambda done, foreseen: None,
     budget: Budget | None = None,
@@ -115,14 +118,14 @@ def diagnose(
     effects : that may be suspected; those of site "numerical" are gates
     seed : of the noise that is drawn for the threshold
     pool : makes a pool of the function it maps; None: child processes, as many as the study's jobs
-    on_stage : called with what is being done
-    on_progress : called with the simulations that are done, and those that are foreseen in all
+    on_stage : called with the name of each stage as it begins
+    on_progress : called with the number of simulations done, and of those expected in all
     budget : after which no further fit begins; None: none
-    laboratory : within what it can do the next measurement is sought; None: none is sought
+    laboratory : in whose region the next measurement is searched; None: none is searched
 
     Raises
     ------
-    CalibError : a mistake in what was given
+    CalibError : a mistake in the arguments
     """
     begin = time.monotonic()
     bench = bench_of(study, others)
@@ -144,7 +147,7 @@ def _diagnosed(
     laboratory: Laboratory | None,
 ) -> Diagnosis:
     ready = prepared(pool, bench, study, values, effects, on_stage)
-    if ready.null is None:
+    if isinstance(ready, NotDiagnosable):
         return Diagnosis(NOT_DIAGNOSABLE, failures(ready.gates), ready.gates, simulations=pool.done)
     fitter = ready.fitter
     selection = select(fitter, ready.null, ready.suspects, seed, on_stage)
@@ -152,7 +155,7 @@ def _diagnosed(
     gain, threshold = None, selection.rounds[0].threshold
     if selection.causes:
         on_stage("gain")
-        selection, gain = _tried_on_records(pool, bench, fitter, selection, ready.suspects, seed)
+        selection, gain = _tested_on_records(pool, bench, fitter, selection, ready.suspects, seed)
     solver = converged(fitter, selection.final, numerical(effects), threshold, selection.margin)
     gates = (*_renewed(ready.gates, fitter, selection), *solver)
     if QUANTISATION in {cause.name for cause in selection.causes}:
@@ -162,7 +165,7 @@ def _diagnosed(
     design = None
     if len(selection.rivals) > 1 and verdict == ONE_OF and laboratory is not None:
         if pool.spent:
-            summary += " (the budget was spent before a next measurement was sought)"
+            summary += " (the budget was spent before a next measurement was searched)"
         else:
             on_stage("next measurement")
             pool.foresee(laboratory.simulations)
@@ -184,57 +187,57 @@ def _diagnosed(
     )
 
 
-def _tried_on_records(
+def _tested_on_records(
     pool: Effort,
     bench: Bench,
     fitter: Fitter,
     selection: Selection,
     candidates: Sequence[Candidate],
     seed: int,
-) -> tuple[Selection, Gain | None]:
-    """Try the causes on what was held out, and compare their sizes from record to record.
+) -> tuple[Selection, Gain]:
+    """Test the causes on records held out, and compare their sizes from record to record.
 
     Where the size of a cause differs, its rivals are tried: those are preferred to it that have one size in the same
-    records, each of which knows it well enough to show as large a variation. Where a misfit rises, those of all causes
-    are: none is preferred with which that of the same records rises too. Where no rival is better, the cause that
-    differs, or the weakest one, is left out if the others explain enough without it. An only cause may stand for two:
-    the best pair is then tried in its place.
+    records, each of which determines it well enough to detect the same variation. Where a misfit rises, those of all
+    causes are tried: none is preferred with which that of the same records rises too. Where no rival is better, the
+    cause that differs, or the weakest one, is left out if the others explain enough without it. A single cause may
+    stand for two: the best pair is then tried in its place.
     """
     selection, gain = _with_gain(pool, bench, fitter, selection, seed)
-    tried = found = _exchanged_by_records(pool, bench, fitter, selection, gain, seed)
+    tried = exchanged_by_records = _exchanged_by_records(pool, bench, fitter, selection, gain, seed)
     while len(tried[0].causes) > 1 and tried[0].is_explained and not _stands(*tried) and not pool.spent:
         fewer = left_out(fitter, tried[0], *_least_tenable(tried[0]))
         if fewer is None:
             break
         tried = _with_gain(pool, bench, fitter, fewer, seed)
-    if len(tried[0].causes) == 1 and tried[0].is_explained and not _stands_alike(*tried) and not pool.spent:
+    if len(tried[0].causes) == 1 and tried[0].is_explained and not _stands_in_each_record(*tried) and not pool.spent:
         pair = paired(fitter, tried[0], candidates, seed)
         outcome = tried if pair is None else _with_gain(pool, bench, fitter, pair, seed)
-        tried = outcome if _stands_alike(*outcome) or (_stands(*outcome) and not _stands(*tried)) else tried
+        tried = outcome if _stands_in_each_record(*outcome) or (_stands(*outcome) and not _stands(*tried)) else tried
     if not _stands(*tried):
-        return found
+        return exchanged_by_records
     return _with_rivals_that_stand(pool, bench, fitter, *tried, seed)
 
 
-def _stands(selection: Selection, gain: Gain | None) -> bool:
-    """Whether causes explain enough, have one size each, and are not refuted by what was held out."""
-    return selection.is_sufficient and not (gain is not None and gain.refutes)
+def _stands(selection: Selection, gain: Gain) -> bool:
+    """Whether causes explain enough, have one size each, and are not refuted by records held out."""
+    return selection.is_sufficient and not gain.refutes
 
 
-def _stands_alike(selection: Selection, gain: Gain | None) -> bool:
-    """Whether causes stand, and each record alone has the same sizes of them as far as it can tell."""
+def _stands_in_each_record(selection: Selection, gain: Gain) -> bool:
+    """Whether causes stand, and each record alone has the same sizes of them within its errors."""
     return _stands(selection, gain) and not selection.differing_by_record
 
 
 def _with_rivals_that_stand(
-    pool: Effort, bench: Bench, fitter: Fitter, selection: Selection, gain: Gain | None, seed: int
-) -> tuple[Selection, Gain | None]:
+    pool: Effort, bench: Bench, fitter: Fitter, selection: Selection, gain: Gain, seed: int
+) -> tuple[Selection, Gain]:
     """Try the rivals of each cause in its place, where more than noise is left.
 
-    Those go that do not stand there, or surely lower the misfit of what was held out by less, or whose sizes differ
-    from record to record where those of the cause do not.
+    Those are dropped that do not stand there, or significantly lower the misfit of the records held out by less, or
+    whose sizes differ from record to record where those of the cause do not.
     """
-    stands = _stands if selection.differing_by_record else _stands_alike
+    stands = _stands if selection.differing_by_record else _stands_in_each_record
     several = zip(selection.causes, selection.alternatives, strict=True)
     for cause, rivals in [(c, own) for c, own in several if len(own) > 1 and selection.remainder_is_significant]:
         standing = [rival for rival in rivals if rival.name == cause.name]
@@ -248,32 +251,30 @@ def _with_rivals_that_stand(
     return selection, gain
 
 
-def _predicts_as_well(own: Gain | None, gain: Gain | None) -> bool:
-    """Whether causes are tried on all that others, whose gain is given, were tried on, and may bring as much."""
-    if gain is None:
-        return True
-    return own is not None and own.tries_as_much_as(gain) and own.interval[1] >= gain.interval[0]
+def _predicts_as_well(own: Gain, gain: Gain) -> bool:
+    """Whether causes are tested on all records of others, whose gain is given, and may have as large a gain."""
+    return own.covers(gain) and own.interval[1] >= gain.interval[0]
 
 
 def _least_tenable(selection: Selection) -> tuple[Refitted, str]:
-    """Return the weakest of the causes whose sizes differ, or else of all, and why it is none."""
+    """Return the weakest of the causes whose sizes differ, or else of all, and why it is rejected."""
     differing = {one.effect: one for one in sorted(selection.heterogeneous, key=lambda one: one.z)}
-    among = differing or {cause.name: None for cause in selection.causes}
+    names = list(differing) or [cause.name for cause in selection.causes]
     explained = {one.effect: one.chi2 for one in selection.constancy}
-    name = min(among, key=lambda name: explained.get(name, 0.0))
+    name = min(names, key=lambda name: explained.get(name, 0.0))
     [cause] = [cause for cause in selection.causes if cause.name == name]
-    return cause, several_sizes(differing[name]) if differing else "with it the misfit of what was held out rises"
+    return cause, several_sizes(differing[name]) if differing else "with it the misfit of the records held out rises"
 
 
 def _exchanged_by_records(
-    pool: Effort, bench: Bench, fitter: Fitter, selection: Selection, gain: Gain | None, seed: int
-) -> tuple[Selection, Gain | None]:
+    pool: Effort, bench: Bench, fitter: Fitter, selection: Selection, gain: Gain, seed: int
+) -> tuple[Selection, Gain]:
     """Put a rival in the place of a cause that the records refute, or whose size differs from record to record.
 
-    Where what was held out refutes the only cause and its rivals, those are tried that explained less in its search.
+    Where records held out refute the only cause and its rivals, those are tried that explained less in its search.
     """
     differing = {one.effect: one.variation for one in selection.differing_by_record}
-    refuted = gain is not None and gain.refutes
+    refuted = gain.refutes
     several = [(c, own) for c, own in zip(selection.causes, selection.alternatives, strict=True) if len(own) > 1]
     groups = [(c, own) for c, own in several if refuted or c.name in differing]
     if refuted and len(selection.causes) == 1:
@@ -285,7 +286,7 @@ def _exchanged_by_records(
                 continue
             if pool.spent:
                 return replace(selection, cut_short=True), gain
-            reason = ONE_SIZE if cause.name in differing else "what was held out refutes the others"
+            reason = ONE_SIZE if cause.name in differing else NOT_REFUTED
             outcome = _in_its_place(pool, bench, fitter, selection, cause, rival, reason, seed)
             if outcome and _holds(rival, outcome, gain, differing.get(cause.name)):
                 better.append((rival, outcome))
@@ -305,8 +306,8 @@ def _in_its_place(
     rival: Refitted,
     reason: str,
     seed: int,
-) -> tuple[Selection, Gain | None] | None:
-    """Put a rival in the place of a cause, and try that on what was held out; None where it is no cause there.
+) -> tuple[Selection, Gain] | None:
+    """Put a rival in the place of a cause, and test that on records held out; None where it is no cause there.
 
     reason : why, as the end of a sentence
     """
@@ -314,40 +315,38 @@ def _in_its_place(
     return None if other is None else _with_gain(pool, bench, fitter, other, seed)
 
 
-def _holds(rival: Refitted, outcome: tuple[Selection, Gain | None], gain: Gain, differing: float | None) -> bool:
-    """Whether with a rival all causes explain enough, have one size each, and are not refuted by what was held out.
+def _holds(rival: Refitted, outcome: tuple[Selection, Gain], gain: Gain, differing: float | None) -> bool:
+    """Whether with a rival all causes explain enough, have one size each, and are not refuted by records held out.
 
-    outcome : the selection with it, and what that brings
-    gain : of the cause in its place
-    differing : variation of the size of that cause, which the records have to show the rival's by; None: it has none
+    outcome : the selection with it, and its gain
+    gain : of the cause that it replaces
+    differing : variation of the size of that cause, which has to be detectable in the rival's; None: it has none
     """
     selection, own = outcome
-    if own is None or not _stands(selection, own) or not own.tries_as_much_as(gain):
+    if not _stands(selection, own) or not own.covers(gain):
         return False
     return differing is None or _has_one_size(rival, own, gain, differing)
 
 
 def _has_one_size(rival: Refitted, own: Gain, gain: Gain, variation: float) -> bool:
-    """Whether a rival has one size in all records that told that of the cause in its place apart.
+    """Whether a rival has one size in all records in which that of the cause it replaces differs.
 
-    own, gain : what the rival brings, and the cause in its place, whose size has this variation
+    own, gain : of the rival, and of that cause, whose size has this variation
     """
-    found = [a for a in own.agreements if a.parameter in rival.candidate.free]
+    compared = [a for a in own.agreements if a.parameter in rival.candidate.free]
     records = max((set(a.records) for a in gain.agreements), key=len)
-    return bool(found) and all(a.agree and set(a.records) >= records and a.detectable <= variation for a in found)
+    return bool(compared) and all(a.agree and set(a.records) >= records and a.detectable <= variation for a in compared)
 
 
-def _with_gain(
-    pool: Effort, bench: Bench, fitter: Fitter, selection: Selection, seed: int
-) -> tuple[Selection, Gain | None]:
-    """Return a selection with its sizes compared from record to record, and what its causes bring."""
+def _with_gain(pool: Effort, bench: Bench, fitter: Fitter, selection: Selection, seed: int) -> tuple[Selection, Gain]:
+    """Return a selection with its sizes compared from record to record, and the gain by its causes."""
     threshold = selection.rounds[0].threshold
     gain = gained(pool, bench, fitter, selection.null, selection.final, selection.causes, seed, threshold)
-    return (selection if gain is None else selection.with_records_compared(gain.agreements, gain.fitted_agree)), gain
+    return selection.with_records_compared(gain.agreements, gain.fitted_agree), gain
 
 
 def _renewed(gates: Sequence[Gate], fitter: Fitter, selection: Selection) -> list[Gate]:
-    """Gates of the noise as it is known at last, in the place of those before it was re-estimated."""
+    """Return the gates with those of the noise tested again, after it was re-estimated."""
     latest = {gate.name: gate for gate in (noise_known(fitter.evidence), above_noise(fitter.evidence, selection.null))}
     return [latest.get(gate.name, gate) for gate in gates]
 
@@ -362,7 +361,7 @@ def _quantisation_or_causes(ready: Prepared, selection: Selection) -> tuple[Prep
 
 
 def _quantisation_chi2(evidence: Evidence) -> float:
-    """Chi-square that the steps of converters add to the residual."""
+    """Chi-square of the residual that is due to the steps of converters."""
     return sum(
         float(share * (1.0 + noise.ar @ noise.ar) / noise.innovation**2 * (weight**2).sum())
         for part in evidence.parts

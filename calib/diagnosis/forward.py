@@ -29,37 +29,38 @@ def forward(
         if number and fitter.effort.spent:
             break
         on_stage(f"suspects {number + 1}")
-        outcome, extended = _round(fitter, state, candidates, seed + number)
+        outcome, cause = _round(fitter, state, candidates, seed + number)
         state = replace(state, rounds=(*state.rounds, outcome))
-        if outcome.chosen is None:
+        if cause is None:
             break
-        cause = replace(outcome.chosen, fit=extended), outcome.rivals
-        state = _reestimated(fitter, replace(state, final=extended, causes=(*state.causes, cause)))
+        causes = (*state.causes, (cause, outcome.rivals))
+        state = _reestimated(fitter, replace(state, final=cause.fit, causes=causes))
     return state
 
 
 def _round(
     fitter: Fitter, state: StepwiseState, candidates: Sequence[Candidate], seed: int
-) -> tuple[Round, Fit | None]:
-    """Search for a further cause and judge it; beside it the model with it, None where nothing was chosen."""
+) -> tuple[Round, Refitted | None]:
+    """Search for a further cause; beside the search that cause in the model with its derivatives, None without one."""
     evidence, base = fitter.evidence, state.final
     rest = [c for c in candidates if c.name not in state.names]
     outcome = search(fitter, base, rest, seed, excess_chi2(evidence, base) / chi2_std(evidence), state.known)
     outcome = replace(outcome, excess_chi2_of_null=excess_chi2(evidence, state.null))
-    if outcome.chosen is None:
+    chosen = outcome.chosen
+    if chosen is None:
         return outcome, None
-    extended = fitter.with_derivatives(outcome.chosen.fit)
-    made = extension(evidence, base, extended, outcome.chosen, outcome.threshold)
+    extended = fitter.with_derivatives(chosen.fit)
+    made = extension(evidence, base, extended, chosen, outcome.threshold)
     outcome = replace(outcome, prediction=made.prediction)
     reason = rejection(evidence, state.null, made, further=bool(state.causes))
-    return (outcome.without_cause(reason) if reason else outcome), extended
+    return (outcome.without_cause(reason), None) if reason else (outcome, replace(chosen, fit=extended))
 
 
 def _reestimated(fitter: Fitter, state: StepwiseState) -> StepwiseState:
-    """Re-estimate the noise of what does not repeat by what no candidate explains beside the causes; refit the models.
+    """Re-estimate the noise of rows without cycles from what no candidate explains beside the causes; refit the models.
 
-    What follows is looked for in that noise, and the last cause is compared with its rivals in it again. Where what the
-    causes leave is mostly error of the model it tells no noise, only how far it hides the uncertainty of clocks.
+    Later searches use that noise, and the last cause is compared with its rivals in it again. Where the residual of the
+    causes is mostly model error it determines no noise, only how far it masks the uncertainty of clocks.
     """
     old, residual = fitter.evidence, state.final.residual
     evidence = old
@@ -88,9 +89,9 @@ def _reestimated(fitter: Fitter, state: StepwiseState) -> StepwiseState:
 
 
 def _refitted_rivals(fitter: Fitter, base: Fit, state: StepwiseState) -> list[Refitted]:
-    """The last cause and its rivals fitted in another noise, as far as they can be.
+    """The last cause and its rivals refitted in another noise, as far as they can be.
 
-    And all suspects of the round that explain about as much, which that noise may tell from it in another way.
+    And all suspects of the round that explain about as much, which may be distinguishable from it in that noise.
 
     base : the model without them, in that noise
     """
@@ -98,7 +99,7 @@ def _refitted_rivals(fitter: Fitter, base: Fit, state: StepwiseState) -> list[Re
     threshold = state.rounds[-1].threshold
     known, least = {rival.name for rival in rivals}, CRITERIA.min_explained_share * cause.chi2_reduction
     others = [s for s in state.rounds[-1].suspects if isinstance(s, Refitted) and s.fit.names and s.name not in known]
-    refitted = []
+    refitted: list[Refitted] = []
     for rival in (*rivals, *leading_variants(s for s in others if s.chi2_reduction >= least)):
         bound = chi2_of_a_rival(refitted, base, threshold)
         fit = fitter.fit(rival.fit.point, rival.fit.candidates, rival=bound)
@@ -108,7 +109,7 @@ def _refitted_rivals(fitter: Fitter, base: Fit, state: StepwiseState) -> list[Re
 
 
 def _differs(one: Evidence, other: Evidence) -> bool:
-    """Whether the same records have another noise: its level, its autocorrelation, or what clocks add to it."""
+    """Whether the noise of the same records differs: its level, its autocorrelation, or the uncertainty of clocks."""
     pairs = [pair for p, q in zip(one.parts, other.parts, strict=True) for pair in zip(p.noise, q.noise, strict=True)]
     levels = [abs(p.sigma / q.sigma - 1.0) for p, q in pairs]
     correlations = [np.abs(p.autocorrelation(MAX_ORDER) - q.autocorrelation(MAX_ORDER)).max() for p, q in pairs]

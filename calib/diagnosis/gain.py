@@ -1,7 +1,8 @@
-"""What an extension brings on data that had no part in finding it."""
+"""The gain by an extension of the model on records held out of calibration and naming."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -28,20 +29,20 @@ from calib.objective import Squares, misfit, row_weights
 from calib.records.cycles import kind_of_motion
 from calib.study import Pool
 
-BOOTSTRAP_DRAWS = 2000
+BOOTSTRAP_DRAWS = 2000  # of the segments of the records  [count]
 RECORDS, BLOCKS = "records held out", "blocks of the calibrated records"
 
 
 @dataclass(frozen=True)
 class Shift:
-    """What the extension does to a calibrated parameter.
+    """The change of a calibrated parameter by the extension.
 
     Attributes
     ----------
     parameter : name
     before, after : values, in SI
     before_error : standard error of the calibrated value, in SI
-    after_error : of the other, with the bias that what the extended model leaves may make, in SI
+    after_error : of the other, with its possible bias by the model error of the extended model, in SI
     unit : of all these
     """
 
@@ -54,7 +55,7 @@ class Shift:
 
     @property
     def errors(self) -> float:
-        """By how many standard errors of the calibrated value it moves."""
+        """Its change in standard errors of the calibrated value  [1]."""
         return (self.after - self.before) / self.before_error
 
 
@@ -65,15 +66,15 @@ class Gain:
     Attributes
     ----------
     kind : RECORDS, or BLOCKS where no record was held out (weak evidence)
-    records : names of what was held out
+    records : names of those held out
     before, after : `calib.objective.MISFIT` of all that was held out: of the calibrated model, refitted to the records
         as the diagnosis weighs them, and of the extended one  [1]
     interval : of before less after, by a bootstrap over segments  [1]
     each : record -> (before, after)
     failed : record -> why it could not be simulated
-    unaffected : those of the records in which no cause changes anything: they try only what else the model has
+    unaffected : those of the records that no cause changes: they test only the rest of the model
     transfers, agreements, shifts : see there
-    fitted_agree : whether the records of the fit agree on all sizes, the records held out left aside
+    fitted_agree : whether the records of the fit agree on all sizes, without the records held out
     """
 
     kind: str
@@ -91,16 +92,16 @@ class Gain:
 
     @property
     def proven(self) -> bool:
-        """Whether the misfit falls for sure."""
+        """Whether the misfit falls significantly."""
         return self.interval[0] > 0.0
 
     @property
     def refutes(self) -> bool:
-        """Whether the misfit of all records held out together, of which a cause changes some, rises for sure."""
+        """Whether the misfit of all records held out together, of which a cause changes some, rises significantly."""
         return self.kind == RECORDS and self.interval[1] < 0.0 and set(self.unaffected) < set(self.records)
 
-    def tries_as_much_as(self, other: "Gain") -> bool:
-        """Whether all that another was tried on could be simulated here too."""
+    def covers(self, other: "Gain") -> bool:
+        """Whether all records on which another gain was evaluated could be simulated here too."""
         same = self.kind == other.kind and set(self.records) >= set(other.records)
         return same and bool(np.isfinite(self.interval).all())
 
@@ -114,8 +115,8 @@ def gained(
     causes: Sequence[Refitted],
     seed: int,
     threshold: float,
-) -> Gain | None:
-    """Try the calibrated and the extended model on what was held out; None where nothing can be.
+) -> Gain:
+    """Compare the calibrated and the extended model on records held out, or else on blocks of the calibrated ones.
 
     On a record held out only its own nuisances are solved for.
 
@@ -132,22 +133,22 @@ def gained(
         return _of_blocks(fitter, null, final, causes, seed, shifts=shifts, **_sizes(transfers, threshold))
     before, after, failed = _simulated(pool, held, null, final)
     if not before:
-        nan, sizes = np.nan, _sizes(transfers, threshold)
-        return Gain(RECORDS, (), nan, nan, (nan, nan), failed=failed, shifts=shifts, **sizes)
+        nan = np.nan
+        return Gain(RECORDS, (), nan, nan, (nan, nan), failed=failed, shifts=shifts, **_sizes(transfers, threshold))
     evidence = _held_out_evidence(pool, bench, final, before, after)
     parts = [(part, before[part.name], after[part.name]) for part in evidence.parts]
     there = replace(final, point=replace(final.point, simulated=after))
     columns = derivatives_by_record(pool, fitter, evidence, there)
     transfers += refitted_to_each_record(evidence, there, columns, remains, held=True)
     unaffected = tuple(name for name, own in columns.items() if not acting_causes(there, own))
-    rest = {"failed": failed, "unaffected": unaffected, "shifts": shifts, **_sizes(transfers, threshold)}
-    return _summed(RECORDS, parts, seed, **rest)
+    sizes = _sizes(transfers, threshold)
+    return _summed(RECORDS, parts, seed, failed=failed, unaffected=unaffected, shifts=shifts, **sizes)
 
 
 def _simulated(
     pool: Pool, held: Sequence[str], null: Fit, final: Fit
 ) -> tuple[dict[str, SimulatedRows], dict[str, SimulatedRows], dict[str, str]]:
-    """Records held out by the calibrated and by the extended model, as far as both can be; else why not, by name."""
+    """Simulations of records held out by both models, where both succeed; else why not, by name."""
     runs = [Run(name, fit.point.values, fit.point.effects) for fit in (null, final) for name in held]
     answers = simulated(pool, runs)
     before, after = dict(zip(held, answers, strict=False)), dict(zip(held, answers[len(held) :], strict=True))
@@ -164,7 +165,7 @@ def _simulated(
 def _held_out_evidence(
     pool: Pool, bench: Bench, final: Fit, before: Mapping[str, SimulatedRows], after: Mapping[str, SimulatedRows]
 ) -> Evidence:
-    """Records held out with their noise, compared where the simulations of both models are to be trusted."""
+    """Records held out with their noise, compared where the simulations of both models are reliable."""
     references = {name: bench.objective.references[name] for name in after}
     cycle = {name: kind_of_motion(reference.record).period or 1 for name, reference in references.items()}
     clocks = clock_slopes(pool, bench, after, final.point.values, final.point.effects)
@@ -172,8 +173,8 @@ def _held_out_evidence(
     return evidence.with_remainder(Projection(evidence.tangents(after))(evidence.residual(after)))
 
 
-def _of_blocks(fitter: Fitter, null: Fit, final: Fit, causes: Sequence[Refitted], seed: int, **rest) -> Gain | None:
-    """Fit both models to one half of every record and try them on the other, and the other way round."""
+def _of_blocks(fitter: Fitter, null: Fit, final: Fit, causes: Sequence[Refitted], seed: int, **rest: Any) -> Gain:
+    """Fit both models to one half of every record and compare them on the other, and the other way round."""
     candidates = tuple(cause.candidate for cause in causes)
     parts = []
     for half in (0, 1):
@@ -191,11 +192,11 @@ def _of_blocks(fitter: Fitter, null: Fit, final: Fit, causes: Sequence[Refitted]
 def _half(part: Part, half: int) -> Part:
     """Return the part compared in its first or second half only."""
     n = part.time.size
-    kept = (np.arange(n) >= n // 2) == bool(half)
-    return replace(part, used=part.used & kept, weight=part.weight * kept)
+    own = (np.arange(n) >= n // 2) == bool(half)
+    return replace(part, used=part.used & own, weight=part.weight * own)
 
 
-def _summed(kind: str, parts: Sequence[tuple[Part, SimulatedRows, SimulatedRows]], seed: int, **rest) -> Gain:
+def _summed(kind: str, parts: Sequence[tuple[Part, SimulatedRows, SimulatedRows]], seed: int, **rest: Any) -> Gain:
     """Misfit before and after over (part, before, after), with the bootstrap over segments of the records."""
     names = tuple(dict.fromkeys(part.name for part, _, _ in parts))
     squares = [_squares([own for own in parts if own[0].name == name]) for name in names]
@@ -204,12 +205,12 @@ def _summed(kind: str, parts: Sequence[tuple[Part, SimulatedRows, SimulatedRows]
     rng = np.random.default_rng(seed)
     drawn = []
     for _ in range(BOOTSTRAP_DRAWS):
-        picked = [rng.integers(one.count.shape[1], size=one.count.shape[1]) for one, _ in squares]
-        again = [(one.drawn(p), other.drawn(p)) for (one, other), p in zip(squares, picked, strict=True)]
-        drawn.append(misfit([one for one, _ in again]) - misfit([other for _, other in again]))
+        picked = [rng.integers(one.count.shape[1], size=(one.count.shape[1],)) for one, _ in squares]
+        resampled = [(one.drawn(p), other.drawn(p)) for (one, other), p in zip(squares, picked, strict=True)]
+        drawn.append(misfit([one for one, _ in resampled]) - misfit([other for _, other in resampled]))
     tail = CRITERIA.tail_probability
-    interval = tuple(float(x) for x in np.nanquantile(drawn, [tail, 1.0 - tail]))
-    return Gain(kind, names, before, after, interval, each=each, **rest)
+    low, high = np.nanquantile(drawn, [tail, 1.0 - tail])
+    return Gain(kind, names, before, after, (float(low), float(high)), each=each, **rest)
 
 
 def _squares(parts: Sequence[tuple[Part, SimulatedRows, SimulatedRows]]) -> tuple[Squares, Squares]:
@@ -225,11 +226,21 @@ def _squares(parts: Sequence[tuple[Part, SimulatedRows, SimulatedRows]]) -> tupl
 
 
 def _by_segment(part: Part, view: SimulatedRows) -> Squares:
+    """Squares of one record, by its segments."""
     weight = row_weights(part.rows, part.used, view.trust)
     return Squares.of(part.measured, view.rows, weight, part.segments()[: part.time.size])
 
 
-def _sizes(transfers: tuple[Transfer, ...], threshold: float) -> dict[str, object]:
+class _Sizes(TypedDict):
+    """The attributes of a gain on the sizes by record."""
+
+    transfers: tuple[Transfer, ...]
+    agreements: tuple[Agreement, ...]
+    fitted_agree: bool
+
+
+def _sizes(transfers: tuple[Transfer, ...], threshold: float) -> _Sizes:
+    """Sizes by record, and whether the records agree on them."""
     fitted = agreements([t for t in transfers if not t.held], threshold)
     return {
         "transfers": transfers,
@@ -239,6 +250,7 @@ def _sizes(transfers: tuple[Transfer, ...], threshold: float) -> dict[str, objec
 
 
 def _shifts(fitter: Fitter, null: Fit, final: Fit) -> tuple[Shift, ...]:
+    """Changes of the calibrated parameters whose standard errors are finite."""
     remaining, after = excess_chi2(fitter.evidence, final), final.error(null.names)
     if significant(remaining, chi2_std(fitter.evidence)):
         after = np.hypot(after, [bias_std(remaining, final.information(name)) for name in null.names])

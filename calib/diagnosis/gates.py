@@ -1,4 +1,4 @@
-"""What has to hold before a residual can be given a cause."""
+"""The conditions that have to hold before a misfit is attributed to a cause."""
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,7 +17,7 @@ from calib.modelling.effect import Effect
 from calib.modelling.model import Model
 from calib.study import Pool
 
-REFINEMENT = 2.0  # factor by which step and tolerance are divided
+REFINEMENT = 2.0  # factor by which step and tolerance are divided  [1]
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Gate:
     passed : whether it holds
     summary : in a sentence
     z : of a numerical effect, None of the others
-    tried : whether it could be looked at
+    tried : whether it could be tested
     """
 
     name: str
@@ -48,7 +48,7 @@ def simulates(views: Mapping[str, SimulatedRows]) -> Gate:
 
 
 def same_kind(views: Mapping[str, SimulatedRows], periodic: bool) -> Gate:
-    """Measured and simulated motion have the same period; where no excitation is `periodic` there is none to have."""
+    """Measured and simulated motion have the same period; not tested where no excitation is `periodic`."""
     if not periodic:
         return Gate("kind of motion", True, "no steady motion of a periodic excitation: kinds of motion do not apply")
     wrong = {name: view.wrong for name, view in views.items() if view.wrong}
@@ -59,7 +59,7 @@ def same_kind(views: Mapping[str, SimulatedRows], periodic: bool) -> Gate:
 def fine_enough(
     pool: Pool, model: Model, values: Mapping[str, float], views: Mapping[str, SimulatedRows], effects: Sequence[Effect]
 ) -> list[Gate]:
-    """Where a motion is of the wrong kind: whether solver steps and tolerances may be why.
+    """Whether solver steps and tolerances may be the reason for a wrong kind of motion.
 
     values : of the calibrated model
     views : its records
@@ -85,11 +85,13 @@ def _change(one: SimulatedRows, other: SimulatedRows) -> float:
 
 
 def noise_known(evidence: Evidence) -> Gate:
-    """Every channel shows or states its noise: a record that states it may be short."""
+    """The noise of every channel is stated or can be estimated: a record that states it may be short."""
     estimated = [part for part in evidence.parts if any(n.source != STATED for n in part.compared_noise)]
     short = [part.name for part in estimated if part.time.size < CRITERIA.min_noise_samples]
     if short:
-        reason = f"{', '.join(short)}: fewer than {CRITERIA.min_noise_samples} samples show no noise level"
+        reason = (
+            f"{', '.join(short)}: a noise level needs at least {CRITERIA.min_noise_samples} samples, or a stated one"
+        )
         return Gate("noise", False, reason)
     levels = []
     for part in evidence.parts:
@@ -103,9 +105,8 @@ def noise_known(evidence: Evidence) -> Gate:
 def above_noise(evidence: Evidence, fit: Fit) -> Gate:
     """The residual is not far smaller than the noise.
 
-    Where it is, the noise is not what it was taken for: what differs from cycle to cycle is a motion that changes
-    within the record, or the uncertainty that the record states is too large. Judged by the mean square of the residual
-    in units of the noise, over each row's degrees of freedom.
+    Where it is, the noise is wrong: the motion changes within the record, or the uncertainty that the record states is
+    too large. The test is on the mean square of the residual in units of the noise, by row.
     """
     below = []
     for part in evidence.parts:
@@ -127,21 +128,21 @@ def above_noise(evidence: Evidence, fit: Fit) -> Gate:
     return Gate(
         "noise level",
         False,
-        f"{text}: the motion changes from cycle to cycle, or the stated uncertainty is too large; record a motion that "
-        "has settled, or state the noise as it is",
+        f"{text}: the motion changes from cycle to cycle, or the stated uncertainty is too large; record a steady "
+        "motion, or correct the stated uncertainty",
     )
 
 
 def converged(fitter: Fitter, fit: Fit, effects: Sequence[Effect], threshold: float, margin: float) -> list[Gate]:
-    """Solver steps and tolerances do not matter: made finer, they change less than an effect that could be named.
+    """Solver steps and tolerances have no influence: made finer, they change less than an effect that could be named.
 
-    Or less than a tenth of what the answer rests on: then they bias sizes by that z at most, but not the answer. As of
-    any cause z is over the standard deviation of all that the fit leaves, not of the noise alone.
+    Or less than a tenth of that on which the result rests: then they bias sizes by that z at most, but do not change
+    the result. As for any cause z is in standard deviations of the whole residual of the fit, not of the noise alone.
 
-    fit : the calibrated model with what was found to be missing
+    fit : the calibrated model with its causes
     effects : those of site "numerical"
     threshold : of |z|  [1]
-    margin : reduction of chi-square that the answer rests on  [1]
+    margin : reduction of chi-square on which the result rests  [1]
     """
     tolerated = CRITERIA.max_solver_share * float(np.sqrt(margin))
     simulator_lacks = {effect.name: effect.refusal(fitter.model.simulator) for effect in effects}
@@ -156,10 +157,12 @@ def converged(fitter: Fitter, fit: Fit, effects: Sequence[Effect], threshold: fl
         change = fit.projection(fitter.evidence.difference(fit.point.simulated, views))
         size = float(np.linalg.norm(change))
         z = size / np.sqrt(variance_along(change / size, fit.residual, fit.rows)) if size > 0.0 else 0.0
-        summary = f"made {REFINEMENT:g} times finer, it changes the records by z {_told(z)} (threshold {threshold:.2g})"
+        summary = (
+            f"made {REFINEMENT:g} times finer, it changes the records by z {_written(z)} (threshold {threshold:.2g})"
+        )
         if threshold <= z < tolerated:
-            rests = f"the answer rests on z = {tolerated / CRITERIA.max_solver_share:.2g}"
-            summary += f"; sizes may be off by so many standard errors, but {rests}"
+            rests = f"the result rests on z = {tolerated / CRITERIA.max_solver_share:.2g}"
+            summary += f"; sizes may be biased by as many standard errors, but {rests}"
         gates.append(Gate(effect.name, z < max(threshold, tolerated), summary, z))
     gates += [Gate(name, True, reason, tried=False) for name, reason in simulator_lacks.items() if reason]
     return gates
@@ -174,10 +177,11 @@ def _answers(
         yield effect, {run.record: next(answers) for run in asked}
 
 
-def _told(z: float) -> str:
-    """Write a z after the letter, as far as digits of it mean something."""
+def _written(z: float) -> str:
+    """Write the value of z with two digits."""
     return f"= {z:.2g}" if z >= 0.01 else "< 0.01"
 
 
 def _refined(effect: Effect) -> dict[str, float]:
+    """Values of the parameters of a numerical effect that make steps and tolerances finer."""
     return {p.name: REFINEMENT for p in effect.parameters}

@@ -1,8 +1,9 @@
-"""The design region of a next measurement: the kinds of test that a laboratory can make, within which settings."""
+"""The design region of a next measurement: the kinds of test that a laboratory can make, and their settings."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import Final
 
 import numpy as np
 
@@ -14,24 +15,25 @@ from calib.records import STATE
 from calib.records.excitation import Excitation
 
 STEADY_TONE, SWEEP, RECORDED_INPUT = "steady tone", "sweep", "recorded input"
-FREE_DECAY, WITHOUT_CONTACT, REPEATED_RECORD = "free decay", "without contact", "repeated record"
+FREE_DECAY: Final = "free decay"
+WITHOUT_CONTACT, REPEATED_RECORD = "without contact", "repeated record"
 TESTS = (STEADY_TONE, WITHOUT_CONTACT, SWEEP, RECORDED_INPUT, FREE_DECAY, REPEATED_RECORD)
 RELEASE = ("initial_displacement", "initial_velocity")  # parameters of simulators that can be released
 AMPLITUDE_RANGE = (0.1, 1.5)  # of the smallest and the largest amplitude of the records  [1]
 FREQUENCY_RANGE = (0.5, 2.0)  # of the lowest and the highest frequency of the records  [1]
 RELEASE_RANGE = (0.5, 2.0)  # of the largest displacement of the record  [1]
-MAX_SIMULATIONS = 1000  # of a search, unless the study file says otherwise
+MAX_SIMULATIONS = 1000  # of a search, unless the study file states another number  [count]
 
 
-UNBOUNDED = {  # why a kind of test has no region to be searched, where it could be made
+UNBOUNDED = {  # why a kind of test that could be made has no region to be searched
     SWEEP: "its first and its last frequency are the same; state bounds of the frequency that differ",
-    FREE_DECAY: "no measured displacement says how far it may be released; state bounds of the release",
+    FREE_DECAY: "no measured displacement bounds the release; state bounds of the release",
 }
 
 
 @dataclass(frozen=True)
 class Laboratory:
-    """What the laboratory can do; what is None is derived from the records.
+    """The tests and settings of the laboratory; what is None is derived from the records.
 
     Attributes
     ----------
@@ -57,7 +59,7 @@ UNRESTRICTED = Laboratory()
 
 @dataclass(frozen=True)
 class DesignPoint:
-    """Settings of a measurement that could be made.
+    """Settings of a possible measurement.
 
     Attributes
     ----------
@@ -73,6 +75,18 @@ class DesignPoint:
     frequency: float | None = None
     end_frequency: float | None = None
     release: float | None = None
+
+    def setting(self, name: str) -> float:
+        """Value of a setting  [its unit].
+
+        Raises
+        ------
+        ValueError : this kind of test has no such setting
+        """
+        value = getattr(self, name)
+        if value is None:
+            raise ValueError(f"a test of the kind {self.test!r} has no {name}")
+        return value
 
 
 @dataclass(frozen=True)
@@ -124,7 +138,12 @@ class DesignRegion:
     def point(self, shares: Sequence[float]) -> DesignPoint:
         """Point at shares in [0, 1] of the variables' logarithmic scales."""
         values = {v.name: v.value(share) for v, share in zip(self.variables, shares, strict=True)}
-        return replace(self.fixed, **values)
+        return replace(
+            self.fixed,
+            amplitude=values.get("amplitude", self.fixed.amplitude),
+            frequency=values.get("frequency", self.fixed.frequency),
+            release=values.get("release", self.fixed.release),
+        )
 
     def shares(self, point: DesignPoint) -> np.ndarray:
         """Shares (variable,) in [0, 1] of a point: the inverse of `point`."""
@@ -136,15 +155,15 @@ class DesignRegion:
         )
 
     def grid(self, counts: Sequence[int]) -> list[DesignPoint]:
-        """Points of a regular grid with so many values of each variable, one of what is fixed."""
+        """Points of a regular grid with these numbers of values of each variable, one of a fixed one."""
         axes = [
             np.array([0.0]) if v.is_fixed else np.linspace(0.0, 1.0, max(2, count))
             for v, count in zip(self.variables, counts, strict=True)
         ]
         return [self.point(shares) for shares in product(*axes)]
 
-    def neighbours(self, point: DesignPoint, steps: Sequence[float]) -> list[DesignPoint]:
-        """Points one step in [0, 1] off in each variable, in all combinations, as far as they lie within the bounds."""
+    def neighbours(self, point: DesignPoint, steps: np.ndarray) -> list[DesignPoint]:
+        """Points within the bounds that are one step (variable,) in [0, 1] away, in all combinations of variables."""
         centre = self.shares(point)
         moves = product(*((0.0,) if v.is_fixed else (0.0, 1.0, -1.0) for v in self.variables))
         around = [np.clip(centre + np.array(move) * steps, 0.0, 1.0) for move in moves if any(move)]
@@ -152,15 +171,15 @@ class DesignRegion:
 
 
 def releasable(model: Model) -> str | None:
-    """Place at which the simulator takes a free decay from a displacement at rest; None where it takes none."""
-    takes = getattr(model.simulator, "excitations", ())
-    place = next((place for quantity, place in takes if quantity == FREE_DECAY), None)
+    """Place at which the simulator can be released from a displacement at rest; None where it cannot."""
+    excitations = getattr(model.simulator, "excitations", ())
+    place = next((place for quantity, place in excitations if quantity == FREE_DECAY), None)
     return place if set(RELEASE) <= set(model.nominal) else None
 
 
 def amplitude_of(excitation: Excitation) -> float | None:
     """Amplitude of a harmonic excitation, largest magnitude of a recorded one  [unit of its quantity]."""
-    if excitation.recorded:
+    if excitation.value is not None:
         return float(np.abs(excitation.value).max())
     return excitation.amplitude if excitation.harmonic else None
 
@@ -172,7 +191,7 @@ def measured_displacement(part: Part) -> float:
 
 
 def base_record(references: Mapping[str, Reference]) -> str:
-    """Name of the record beside which the next one would be made: the first harmonic one, else the first."""
+    """Name of the record on which the next one is based: the first harmonic one, else the first."""
     return next((name for name, r in references.items() if r.excitation.harmonic), next(iter(references)))
 
 
@@ -200,7 +219,7 @@ def mistakes_of(laboratory: Laboratory, references: Mapping[str, Reference], mod
 def inapplicable(test: str, excitation: Excitation, model: Model) -> str:
     """Why a kind of test cannot be made with these records and this simulator; "" where it can.
 
-    A sweep begins from a state that nobody knows: to tell models apart by it would be to know it.
+    A sweep begins from an unknown state: it has to be solved for, so that it does not distinguish models.
     """
     if test not in TESTS:
         return f"unknown kind of test {test!r}{nearest(test, TESTS)}; known are {', '.join(TESTS)}"
@@ -220,11 +239,11 @@ def inapplicable(test: str, excitation: Excitation, model: Model) -> str:
 def inapplicable_tests(
     laboratory: Laboratory, references: Mapping[str, Reference], model: Model, part: Part
 ) -> dict[str, str]:
-    """Sweeps and free decays that the laboratory could make and that are not searched, with the reason.
+    """Sweeps and free decays that are not searched although the laboratory could make them, with the reason.
 
     Parameters
     ----------
-    part : record beside which they would be made
+    part : record on which they are based
     """
     asked = [test for test in (SWEEP, FREE_DECAY) if laboratory.tests is None or test in laboratory.tests]
     reasons = {test: inapplicable(test, references[part.name].excitation, model) for test in asked}
@@ -241,7 +260,7 @@ def regions(
 
     Parameters
     ----------
-    part : record beside which it would be made
+    part : record on which it is based
     """
     excitation = references[part.name].excitation
     asked = TESTS if laboratory.tests is None else laboratory.tests
@@ -250,6 +269,7 @@ def regions(
 
 
 def _region(test: str, laboratory: Laboratory, references: Mapping[str, Reference], part: Part) -> DesignRegion | None:
+    """Design region of one kind of test; None where nothing bounds it."""
     excitation = references[part.name].excitation
     if test == REPEATED_RECORD:
         return DesignRegion(DesignPoint(test, amplitude_of(excitation), excitation.frequency))
@@ -276,12 +296,14 @@ def same_drive(one: Excitation, other: Excitation) -> bool:
     return (one.place, one.quantity, one.recorded) == (other.place, other.quantity, other.recorded)
 
 
-def _variable(name: str, unit: str, stated: tuple[float, float] | None, known) -> DesignVariable:
+def _variable(
+    name: str, unit: str, stated: tuple[float, float] | None, known: Iterable[float | None]
+) -> DesignVariable:
     """Variable within the stated bounds, else within the range about the `known` values of the records."""
     if stated is not None:
         return DesignVariable(name, unit, *stated, stated=True)
     low, high = {"amplitude": AMPLITUDE_RANGE, "frequency": FREQUENCY_RANGE}[name]
-    values = list(known)
+    values = [value for value in known if value is not None]
     return DesignVariable(name, unit, low * min(values), high * max(values), stated=False)
 
 
@@ -292,13 +314,14 @@ def _release(laboratory: Laboratory, part: Part) -> DesignVariable | None:
     largest = measured_displacement(part)
     if not largest > 0.0:
         return None
-    return DesignVariable("release", "m", *(factor * largest for factor in RELEASE_RANGE), stated=False)
+    low, high = RELEASE_RANGE
+    return DesignVariable("release", "m", low * largest, high * largest, stated=False)
 
 
 def additional_channels(
     laboratory: Laboratory, model: Model, part: Part, given: Sequence[tuple[str, str]]
 ) -> tuple[tuple[str, str], ...]:
-    """(body, channel) pairs that the record lacks and the laboratory could measure; not what the excitation prescribes.
+    """(body, channel) pairs absent from the record that the laboratory could measure; none that is prescribed.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A measurement that could be made: its settings, and which models it would distinguish."""
+"""A possible measurement: its settings, and which models it would distinguish."""
 
 import math
 from dataclasses import dataclass
@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from calib.diagnosis.laboratory import FREE_DECAY, RECORDED_INPUT, REPEATED_RECORD, STEADY_TONE, SWEEP, DesignPoint
 from calib.units import shown
 
-DECISIVE_Z = 3.0  # separation from which two models are distinguishable  [standard deviations]
-MAX_REFIT_RATIO = 2.0  # of the separation simulated at the refitted parameters over the linearised one
-MIN_CHANNEL_GAIN = 1.2  # ratio of separations from which an additional channel is proposed
+DECISIVE_Z = 3.0  # separation from which two models are distinguishable  [standard deviations]; three-sigma rule
+MAX_REFIT_RATIO = 2.0  # of the separation simulated at the refitted parameters over the linearised one  [1]
+MIN_CHANNEL_GAIN = 1.2  # ratio of separations from which an additional channel is proposed  [1]
 OK, IRREGULAR, FAILED = "ok", "irregular", "failed"
 GRID, REFINEMENT = "grid", "refinement"
 
@@ -23,7 +23,7 @@ class EvaluatedPoint:
     stage : "grid" or "refinement"
     status : "ok", "irregular" (the motion of a model is) or "failed" (the simulation of a model did)
     reason : of a status that is not "ok"
-    impacts : whether any model has impacts there; None where the simulator does not tell
+    impacts : whether any model has impacts there; None where the simulator does not report them
     z : separation of the two least distinguishable models; NaN unless "ok"  [standard deviations]
     z_max : the same of the two most distinguishable
     """
@@ -43,17 +43,17 @@ class Measurement:
 
     Attributes
     ----------
-    kind : of test under which it is the best: of a steady tone `WITHOUT_CONTACT` too
+    kind : of test of which it is the best; a steady tone may be the best `WITHOUT_CONTACT` too
     description : in words
-    record : beside which it would be made
+    record : on which it is based
     point : its settings
-    channel : "body.channel" that is measured beside those of the record; "" for none
-    impacts : whether it has any; None where the simulator does not tell
-    distinguished : number of pairs of models whose separation is decisive, linearised and simulated anew
+    channel : "body.channel" that is measured in addition to those of the record; "" for none
+    impacts : whether it has any; None where the simulator does not report them
+    distinguished : number of pairs of models whose separation is decisive, linearised and in simulations
     pairs : number of pairs of models
-    unchecked : number of pairs of a decisive linearised separation that the budget left no simulations for
+    unchecked : number of pairs of a decisive linearised separation for which the budget left no simulations
     z : separation of the two least distinguishable models; not more than `z_refit`  [standard deviations]
-    z_max : the same of the two most distinguishable, of those whose decisive separation a simulation does not deny
+    z_max : the same of the two most distinguishable, of those whose decisive separation no simulation contradicts
     z_refit : of the two least distinguishable, simulated at the parameters to which the linearised refit moves them;
         None where that cannot be simulated
     """
@@ -78,42 +78,42 @@ class Measurement:
 
     @property
     def prediction(self) -> str:
-        """What it would bring, as the end of a sentence."""
+        """Which models it would distinguish, as the end of a sentence."""
         if self.distinguished == self.pairs:
             return f"would distinguish them (z = {self.z:.3g})"
         if self.distinguished:
             return f"would distinguish some of them (z = {self.z:.2g} to {self.z_max:.3g})"
         if self.unchecked:
-            what = "by derivatives; the budget left no simulations to check"
-            return f"may distinguish them (z = {self.z_max:.3g} {what})"
+            how = "by derivatives; the budget left no simulations to confirm it"
+            return f"may distinguish them (z = {self.z_max:.3g} {how})"
         if self.z_max >= DECISIVE_Z:
             return f"may distinguish them (z = {self.z_max:.3g} by derivatives, which simulations do not confirm)"
         return f"would not distinguish them (z = {self.z_max:.2g})"
 
 
 def agrees(z: float, refit: float | None) -> bool:
-    """Whether a linearised separation and that simulated at the refitted parameters are alike."""
+    """Whether the separation simulated at the refitted parameters is near the linearised one."""
     return refit is not None and refit <= MAX_REFIT_RATIO * max(z, 1.0)
 
 
-def rank(measurement: Measurement) -> tuple:
-    """More pairs distinguished first; then confirmed; without an additional channel; the larger separation."""
+def rank(measurement: Measurement) -> tuple[int, bool, bool, float, float]:
+    """Key for sorting: pairs distinguished; then confirmed; without an additional channel; the separation."""
     m = measurement
     return m.distinguished, m.confirmed, not m.channel, m.z, m.z_max
 
 
 def separates_further(more: Measurement, bare: Measurement) -> bool:
-    """Whether an additional channel distinguishes more models, or separates them clearly further."""
+    """Whether a measurement with an additional channel distinguishes more models, or separates them further."""
     return more.distinguished > bare.distinguished or more.z >= MIN_CHANNEL_GAIN * bare.z
 
 
 def described(outcome: EvaluatedPoint, record: str, unit: str, channel: str) -> str:
-    """Write a measurement in words.
+    """Describe a measurement in words.
 
     Parameters
     ----------
     unit : of the amplitude
-    channel : that is measured beside those of the record; "" for none
+    channel : that is measured in addition to those of the record; "" for none
     """
     point = outcome.point
     contact = {True: ", with impacts", False: ", without impacts", None: ""}[outcome.impacts]

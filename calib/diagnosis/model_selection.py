@@ -21,13 +21,13 @@ def select(
     seed: int,
     on_stage: Callable[[str], None] = lambda text: None,
 ) -> Selection:
-    """Search for causes one after the other, at most three; then look for each earlier one again beside the others.
+    """Select causes one after the other, at most three; then search for each earlier one again beside the others.
 
-    Those go that explain little beside what remains. Where the causes leave more than noise, one of them may be a
-    compromise between two: then the best pair is tried in their place.
+    Causes that explain little beside the remainder are eliminated. Where the causes leave more than noise, one of them
+    may be a compromise between two: then the best pair is tried in their place.
     """
     state = forward(fitter, _recalibrated(fitter, null), candidates, seed, on_stage)
-    state = _looked_for_again(fitter, state, candidates, seed)
+    state = _searched_again(fitter, state, candidates, seed)
     if may_be_compromise(fitter, state, candidates) and not fitter.effort.spent:
         on_stage("pairs")
         state = with_best_pair(fitter, state, candidates, seed)
@@ -35,9 +35,9 @@ def select(
 
 
 def _recalibrated(fitter: Fitter, null: Fit) -> Fit:
-    """Fit the calibrated model from the middle of its windows too, where a value is at an edge; keep the better fit.
+    """Fit the calibrated model from the middle of its windows too, where a value is at an edge; take the better fit.
 
-    Where no misfit that dominates the noise is left there is nothing to be gained.
+    Not where the misfit does not dominate the noise.
     """
     evidence = fitter.evidence
     if not fitter.is_at_an_edge(null) or not dominant(excess_chi2(evidence, null), chi2_std(evidence)):
@@ -49,20 +49,18 @@ def _recalibrated(fitter: Fitter, null: Fit) -> Fit:
     return fitter.with_derivatives(again)
 
 
-def _looked_for_again(
-    fitter: Fitter, state: StepwiseState, candidates: Sequence[Candidate], seed: int
-) -> StepwiseState:
-    """Look for each cause again beside the others, once those are left out that explain little beside what remains.
+def _searched_again(fitter: Fitter, state: StepwiseState, candidates: Sequence[Candidate], seed: int) -> StepwiseState:
+    """Search for each cause again beside the others, after those that explain little are eliminated.
 
-    The last one was found beside the others and has its rivals from there, unless one of these was left out.
+    The last one was selected beside the others, with its rivals, unless one of these was eliminated.
     """
-    for again in range(CRITERIA.max_causes):
-        found, state = state.names, through_elimination(fitter, state)
-        last_too = state.names != found[: len(state.names)]
-        if fitter.effort.spent or not (last_too or (len(state.causes) > 1 and not again)):
+    for repetition in range(CRITERIA.max_causes):
+        before, state = state.names, through_elimination(fitter, state)
+        last_too = state.names != before[: len(state.names)]
+        if fitter.effort.spent or not (last_too or (len(state.causes) > 1 and not repetition)):
             break
         causes, final = replaced(
             fitter, state.null, state.causes, state.final, candidates, seed, state.known, last_too=last_too
         )
-        state = state.with_causes(causes, final, "each was looked for again beside the others")
+        state = state.with_causes(causes, final, "each was searched for again beside the others")
     return through_elimination(fitter, state)

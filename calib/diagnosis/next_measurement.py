@@ -23,12 +23,12 @@ from calib.diagnosis.suspect import Refitted
 from calib.objective import Reference
 from calib.study import Pool
 
-MAX_MODELS = 4  # rival models that are compared
+MAX_MODELS = 4  # rival models that are compared  [count]
 
 
 @dataclass(frozen=True)
 class RecordedPoint:
-    """Amplitude [its unit] and frequency [Hz] of a record that there is."""
+    """Amplitude [its unit] and frequency [Hz] of an existing record."""
 
     record: str
     amplitude: float | None
@@ -41,14 +41,14 @@ class Design:
 
     Attributes
     ----------
-    record : beside which the measurement would be made
+    record : on which the measurement is based
     models : names of the rival models that are compared
     variables : settings that were searched, with their bounds
-    points : everything that was evaluated
+    points : all that were evaluated
     measurements : the best of each kind of test, the best first
     unavailable : kind of test -> why it has no measurement
     known : records with the same kind of excitation
-    simulations, max_simulations : that it took, and that it might take
+    simulations, max_simulations : number that it took, and its limit
     """
 
     record: str
@@ -65,11 +65,11 @@ class Design:
 def next_measurement(
     pool: Pool, bench: Bench, fitter: Fitter, rivals: Sequence[Refitted], laboratory: Laboratory
 ) -> Design | None:
-    """Search within what the laboratory can do for the largest separation of the two least distinguishable rivals.
+    """Search the region of the laboratory for the largest separation of the two least distinguishable rivals.
 
     Each kind of test is evaluated on a regular grid and then refined about its best point by a pattern search (Kolda,
-    Lewis and Torczon 2003, SIAM Review 45, 385-482). The measurement is made beside the first record that is driven
-    harmonically, or beside the first. None where there are fewer than two rivals.
+    Lewis and Torczon 2003, SIAM Review 45, 385-482). The measurement is based on the first record that is driven
+    harmonically, or on the first. None where there are fewer than two rivals.
     """
     suspects = rivals[:MAX_MODELS]
     if len(suspects) < 2:
@@ -97,11 +97,13 @@ def next_measurement(
 
 
 def _variables(searched: Mapping[str, DesignRegion]) -> tuple[DesignVariable, ...]:
+    """Settings that were searched, each once."""
     named = {v.name: v for region in searched.values() for v in region.variables}
     return tuple(named.values())
 
 
 def _known(references: Mapping[str, Reference], part: Part) -> tuple[RecordedPoint, ...]:
+    """Existing records with the same kind of excitation."""
     own = references[part.name].excitation
     return tuple(
         RecordedPoint(name, amplitude_of(r.excitation), r.excitation.frequency if r.excitation.harmonic else None)

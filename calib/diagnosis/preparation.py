@@ -1,4 +1,4 @@
-"""A calibrated study made ready to be searched for causes: its gates, its evidence, its fit."""
+"""Preparation of a calibrated study for the search for causes: its gates, its evidence, its fit."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -25,26 +25,38 @@ from calib.records.cycles import kind_of_motion
 from calib.study import CalibrationStudy, Pool
 
 OUTLIERS, QUANTISATION = "outliers", "quantisation"  # faults of the records themselves
-EXPECTED_FITS = 4  # before anything is known: of the calibrated model, and of a few candidates
+EXPECTED_FITS = 4  # of the calibrated model and of a few candidates, before the first score tests  [count]
+
+
+@dataclass(frozen=True)
+class NotDiagnosable:
+    """A calibrated study of which a gate failed.
+
+    Attributes
+    ----------
+    gates : that were tested, the last of which failed
+    """
+
+    gates: tuple[Gate, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A calibrated study, ready to be searched for causes.
+    """A calibrated study, prepared for the search for causes.
 
     Attributes
     ----------
-    gates : looked at so far
-    fitter : with the evidence; None where a gate failed
-    null : the calibrated model, fitted to the evidence; None where a gate failed
+    gates : that were tested
+    fitter : with the evidence
+    null : the calibrated model, fitted to the evidence
     suspects, refused : candidates, and effect -> why it is none
-    outliers : share of the samples that were taken out as such, 0 where that is no cause to be named  [1]
-    rounding : share of the noise of a channel that its converter's steps make, where that is a cause, else 0  [1]
+    outliers : share of the samples that were removed as such, 0 where that is no cause to be named  [1]
+    rounding : share of the noise of a channel that is due to its converter's steps, where that is a cause, else 0  [1]
     """
 
     gates: tuple[Gate, ...]
-    fitter: Fitter | None = None
-    null: Fit | None = None
+    fitter: Fitter
+    null: Fit
     suspects: tuple[Candidate, ...] = ()
     refused: Mapping[str, str] = field(default_factory=dict)
     outliers: float = 0.0
@@ -64,20 +76,20 @@ def prepared(
     values: Mapping[str, float],
     effects: Sequence[Effect],
     on_stage: Callable[[str], None],
-) -> Prepared:
-    """Look at the gates, gather the evidence, and fit the calibrated model to it."""
+) -> Prepared | NotDiagnosable:
+    """Test the gates, gather the evidence, and fit the calibrated model to it."""
     references = {name: r for name, r in bench.objective.references.items() if r.use != "holdout"}
     on_stage("gates")
     views = dict(zip(references, simulated(pool, [Run(name, values) for name in references]), strict=True))
     gates = _gates_of_simulations(pool, study, references, values, views, effects)
     if not all(gate.passed for gate in gates):
-        return Prepared(tuple(gates))
+        return NotDiagnosable(tuple(gates))
     cycle = {name: kind_of_motion(reference.record).period or 1 for name, reference in references.items()}
     records = _Records(references, bench.rows, cycle)
     evidence = records.evidence(views, clock_slopes(pool, bench, views, values))
     gates.append(noise_known(evidence))
     if not gates[-1].passed:
-        return Prepared(tuple(gates))
+        return NotDiagnosable(tuple(gates))
     suspects, refused = candidates(study.model, effects, references, study.space.names)
     fitter = Fitter(pool, evidence, study.space, study.model)
     on_stage("calibrated model")
@@ -86,21 +98,21 @@ def prepared(
     masks, share = _outliers(fitter, null, effects)
     if masks is not None:
         null, gates[-1] = _regathered(fitter, null, bench, records, None, masks)
-    if _noise_is_open(fitter.evidence, null):
+    if _is_noise_undetermined(fitter.evidence, null):
         slopes = fitter.candidate_slopes(null, [c for c in suspects if c.effect.differentiable])
         columns = [slope.column for own in slopes for slope in own if slope.column is not None]
         left = remainder(fitter.evidence, null, columns)
         null, gates[-1] = _regathered(fitter, null, bench, records, left, masks)
     gates.append(above_noise(fitter.evidence, null))
     if not gates[-1].passed:
-        return Prepared(tuple(gates), refused=refused)
+        return NotDiagnosable(tuple(gates))
     steps = _quantisation(fitter.evidence, effects)
     return Prepared(tuple(gates), fitter, null, tuple(suspects), refused, share, steps)
 
 
 @dataclass(frozen=True, eq=False)
 class _Records:
-    """What evidence is gathered from, but for the simulations: arguments of `gathered`."""
+    """The records from which evidence is gathered: arguments of `gathered`."""
 
     references: Mapping[str, Reference]
     rows: Mapping[str, Sequence[tuple[str, str]]]
@@ -113,7 +125,7 @@ class _Records:
         left: Mapping[str, Remainder] | None = None,
         masks: Mapping[str, np.ndarray] | None = None,
     ) -> Evidence:
-        """Records beside simulations; noise by what is `left` of each, without the masked samples (row, n).
+        """Evidence beside these simulations; noise by what is `left` of each, without the masked samples (row, n).
 
         clocks : as `clock_slopes` gives them
         """
@@ -128,7 +140,7 @@ def _gates_of_simulations(
     views: Mapping[str, SimulatedRows],
     effects: Sequence[Effect],
 ) -> list[Gate]:
-    """Look at the simulations: whether there are any, of the right kind, or else whether the solver may be why not."""
+    """Test whether all records can be simulated with the measured kind of motion, or whether the solver prevents it."""
     gates = [simulates(views)]
     if gates[0].passed:
         periodic = any(reference.excitation.periodic for reference in references.values())
@@ -139,7 +151,7 @@ def _gates_of_simulations(
 
 
 def _expected_scores(evidence: Evidence, suspects: Sequence[Candidate]) -> int:
-    """Number of parameters to be scored; twice where the noise is judged by what all candidates leave."""
+    """Number of parameters to be scored; twice where the noise is estimated from the residual of all candidates."""
     searches = 1 + any(noise.source == RESIDUAL for part in evidence.parts for noise in part.compared_noise)
     return searches * sum(len(c.free) for c in suspects)
 
@@ -152,7 +164,7 @@ def _regathered(
     left: Mapping[str, Remainder] | None,
     masks: Mapping[str, np.ndarray] | None,
 ) -> tuple[Fit, Gate]:
-    """Gather the evidence anew by the calibrated model, and fit that to it; with the gate of its noise."""
+    """Gather the evidence again with the calibrated model, and fit that to it; beside the fit the gate of its noise."""
     clocks = clock_slopes(fitter.effort, bench, null.point.simulated, null.point.values)
     fitter.evidence = records.evidence(null.point.simulated, clocks, left, masks)
     gate = noise_known(fitter.evidence)
@@ -160,7 +172,7 @@ def _regathered(
 
 
 def _fitted_beside_clocks(fitter: Fitter, null: Fit) -> Fit:
-    """Fit the calibrated model again where what it leaves hides the uncertainty of a clock, or hides it no more."""
+    """Refit the calibrated model where its residual now masks the uncertainty of a clock, or masks it no longer."""
     evidence = fitter.evidence.with_remainder(null.residual)
     if not clocks_differ(evidence, fitter.evidence):
         return null
@@ -169,9 +181,9 @@ def _fitted_beside_clocks(fitter: Fitter, null: Fit) -> Fit:
 
 
 def _outliers(fitter: Fitter, null: Fit, effects: Sequence[Effect]) -> tuple[Mapping[str, np.ndarray] | None, float]:
-    """Masks (row, n) of outliers by record, None where none are taken out, and their share of the samples.
+    """Masks (row, n) of outliers by record, None where none are removed, and their share of the samples.
 
-    The share is 0 where they are taken out, but are no cause to be named: the misfit is elsewhere.
+    The share is 0 where they are removed, but are no cause to be named: the misfit is elsewhere.
     """
     masks = {part.name: outliers(part, null.point.simulated[part.name]) for part in fitter.evidence.parts}
     count = sum(mask.sum() for mask in masks.values())
@@ -185,7 +197,7 @@ def _outliers(fitter: Fitter, null: Fit, effects: Sequence[Effect]) -> tuple[Map
 
 
 def _quantisation(evidence: Evidence, effects: Sequence[Effect]) -> float:
-    """Largest share of the noise of a channel that its converter's steps make; 0 where that is no cause to be named."""
+    """Largest share of the noise of a channel by its converter's steps; 0 where that is no cause to be named."""
     share = min(1.0, max(float(rounding(part).max(initial=0.0)) for part in evidence.parts))
     suspected = QUANTISATION in {effect.name for effect in effects}
     return share if suspected and share >= CRITERIA.min_quantisation_share else 0.0
@@ -196,10 +208,10 @@ def numerical(effects: Sequence[Effect]) -> list[Effect]:
     return [effect for effect in effects if effect.site == "numerical"]
 
 
-def _noise_is_open(evidence: Evidence, null: Fit) -> bool:
-    """Whether noise is to be estimated from what no candidate explains: its level, or the autocorrelation of a stated.
+def _is_noise_undetermined(evidence: Evidence, null: Fit) -> bool:
+    """Whether noise has to be estimated from what no candidate explains: its level, or only its autocorrelation.
 
-    The latter only where what the calibrated model leaves is mostly noise.
+    The latter only where the residual of the calibrated model is mostly noise.
     """
     noises = [noise for part in evidence.parts for noise in part.compared_noise]
     unknown = any(noise.source == RESIDUAL for noise in noises)

@@ -1,11 +1,13 @@
-"""What an experiment could show: each candidate hidden in data of the study's own model, and sought.
+"""Rehearsal of a diagnosis: each candidate hidden in data of the study's own model, and diagnosed.
 
 The data have the records' excitations, lengths and noise, and the calibrated values; they are made with the same solver
-as the search, so that what is found here is the best that can be hoped for.
+as the search, so that the shares of correct verdicts are upper bounds.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -13,19 +15,20 @@ from calib.diagnosis.bench import Run, SimulatedRows, simulated
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.evidence import Evidence
-from calib.diagnosis.preparation import bench_of, prepared
+from calib.diagnosis.part import Part
+from calib.diagnosis.preparation import NotDiagnosable, bench_of, prepared
 from calib.diagnosis.screening import screened
-from calib.diagnosis.suspect import Suspect, Untestable
-from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED
+from calib.diagnosis.suspect import Screened, Untestable, leading_variants
+from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED, failures
 from calib.errors import CalibError
 from calib.execution.pool import Failure, InProcess, workers
 from calib.modelling.effect import Effect
 from calib.objective import Objective, Reference
 from calib.study import CalibrationStudy, Pool
 
-STRENGTHS = (5.0, 10.0, 20.0, 40.0)  # sizes of a hidden effect, as the z that its information predicts
-SEEDS = 3
-MIN_NAMED_SHARE = 0.75  # of the seeds, from which an effect is reliably named
+STRENGTHS = (5.0, 10.0, 20.0, 40.0)  # sizes of a hidden effect, as the z that its information predicts  [1]
+SEEDS = 3  # of the noise, for each effect and size  [count]
+MIN_NAMED_SHARE = 0.75  # of the seeds, from which an effect is reliably named  [1]; convention
 NOTHING = "nothing"
 
 
@@ -50,14 +53,14 @@ class RehearsalCase:
 
     @property
     def key(self) -> str:
-        """What tells it from the others."""
+        """Unique name of the case."""
         sizes = ",".join(f"{name}={value:.6g}" for name, value in self.values.items())
         return f"{self.effect}({sizes})#{self.seed}"
 
 
 @dataclass(frozen=True)
 class Rehearsed:
-    """What became of a case.
+    """The result of a case.
 
     Attributes
     ----------
@@ -74,17 +77,17 @@ class Rehearsed:
 
     @property
     def detected(self) -> bool:
-        """Whether anything was found."""
+        """Whether a misfit was detected."""
         return self.verdict in (NAMED, ONE_OF, UNEXPLAINED)
 
     @property
     def named(self) -> bool:
-        """Whether exactly what is hidden was named."""
+        """Whether exactly the hidden effect was named."""
         return self.causes == (self.case.effect,)
 
     @property
     def covered(self) -> bool:
-        """Whether the class holds what is hidden."""
+        """Whether the hidden effect is among the alternatives."""
         return any(set(names) == {self.case.effect} for names in self.classes)
 
     @property
@@ -97,12 +100,13 @@ class Rehearsed:
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """What a child process needs to play a case: the study, and its records without noise.
+    """What a child process needs to rehearse a case: the study, and the noise of its records.
 
     Attributes
     ----------
     study, others, values, effects : as in `diagnose`
     evidence : of the real records, whose noise is drawn
+    hidden : effect -> candidate that is hidden
     """
 
     study: CalibrationStudy
@@ -113,7 +117,7 @@ class Stage:
     hidden: Mapping[str, Candidate] = field(default_factory=dict)
 
     def __call__(self, case: RehearsalCase) -> Rehearsed:
-        """Hide, and seek."""
+        """Hide the effect of the case in simulated data, and diagnose them."""
         bench = bench_of(self.study, self.others)
         effects = () if case.effect == NOTHING else (self.hidden[case.effect].effect,)
         runs = [Run(name, {**self.values, **case.values}, effects) for name in self.evidence.names]
@@ -127,12 +131,11 @@ class Stage:
         scored = {name: reference for name, reference in made.items() if reference.use == "calibrate"}
         study = replace(self.study, objective=Objective(scored, self.study.objective.terms))
         others = {name: reference for name, reference in made.items() if reference.use != "calibrate"}
-        options = {"seed": case.seed, "pool": InProcess, "laboratory": None}
-        diagnosis = diagnose(study, others, self.values, self.effects, **options)
+        diagnosis = diagnose(study, others, self.values, self.effects, seed=case.seed, pool=InProcess, laboratory=None)
         return Rehearsed(case, diagnosis.verdict, diagnosis.causes, diagnosis.classes)
 
 
-def _made(reference: Reference, part, view: SimulatedRows, rng: np.random.Generator) -> Reference:
+def _made(reference: Reference, part: Part, view: SimulatedRows, rng: np.random.Generator) -> Reference:
     """Return the reference with simulated rows and fresh noise in the place of what was measured."""
     record = reference.record.copy(deep=True)
     bodies = [str(body) for body in record.body.values]
@@ -150,17 +153,17 @@ def rehearse(
     strengths: Sequence[float] = STRENGTHS,
     seeds: int = SEEDS,
     done: Mapping[str, Rehearsed] | None = None,
-    pool: Callable[[Stage], Pool] | None = None,
+    pool: Callable[[Stage], AbstractContextManager[Pool]] | None = None,
     on_case: Callable[[Rehearsed, int, int], None] = lambda rehearsed, number, of: None,
 ) -> list[Rehearsed]:
-    """Hide each candidate at several sizes, several times, and seek it.
+    """Hide each candidate at several sizes, several times, and diagnose the data.
 
     Parameters
     ----------
     study, others, values, effects : as in `calib.diagnosis.diagnose.diagnose`; records held out take no part
     strengths : sizes, by their predicted z
     seeds : cases of each effect and size
-    done : cases that were played before, by their key
+    done : cases that were rehearsed before, by their key
     on_case : called as a case ends, with its number and how many there are
 
     Raises
@@ -171,52 +174,53 @@ def rehearse(
     bench = bench_of(study, others)
     with workers(bench, study.jobs, study.timeout) as open_pool:
         ready = prepared(open_pool, bench, study, values, effects, lambda text: None)
-        if ready.null is None:
-            failed = "; ".join(gate.summary for gate in ready.gates if not gate.passed)
-            raise CalibError(f"the study cannot be rehearsed, for it cannot be diagnosed: {failed}")
+        if isinstance(ready, NotDiagnosable):
+            raise CalibError(f"the study cannot be rehearsed, for it cannot be diagnosed: {failures(ready.gates)}")
         suspects, _ = screened(ready.fitter, ready.null, ready.suspects, study.seed)
     fitted = ready.null.point.values
-    hidden = {s.name: s.candidate for s in reversed(suspects)}
+    variants = leading_variants(suspects)
     cases = [RehearsalCase(NOTHING, 0.0, {}, seed) for seed in range(seeds * len(strengths))]
-    for name, candidate in hidden.items():
-        units = {p.name: p.unit for p in candidate.effect.parameters}
-        suspect = next(s for s in suspects if s.candidate is candidate)
+    for suspect in reversed(variants):
+        units = {p.name: p.unit for p in suspect.candidate.effect.parameters}
         for strength, sizes in _sizes(suspect, strengths):
-            cases += [RehearsalCase(name, strength, candidate.values(sizes), seed, units) for seed in range(seeds)]
+            values = suspect.candidate.values(sizes)
+            cases += [RehearsalCase(suspect.name, strength, values, seed, units) for seed in range(seeds)]
     answered = {case.key: done[case.key] for case in cases if done and case.key in done}
     todo = [case for case in cases if case.key not in answered]
+    hidden = {suspect.name: suspect.candidate for suspect in variants}
     stage = Stage(study.without_search(), others, fitted, list(effects), ready.fitter.evidence, hidden)
     make = pool or (lambda function: workers(function, study.jobs))
     with make(stage) as stages:
         for index, answer in stages.map(todo):
             case = todo[index]
-            played = Rehearsed(case, "failed", reason=answer.reason) if isinstance(answer, Failure) else answer
-            answered[case.key] = played
-            on_case(played, len(answered), len(cases))
+            rehearsed = Rehearsed(case, "failed", reason=answer.reason) if isinstance(answer, Failure) else answer
+            answered[case.key] = rehearsed
+            on_case(rehearsed, len(answered), len(cases))
     return [answered[case.key] for case in cases]
 
 
-def _sizes(suspect: Suspect, strengths: Sequence[float]) -> list[tuple[float, np.ndarray]]:
-    """Sizes (p,) to hide: of the first parameter that the records know, with their predicted z."""
+def _sizes(suspect: Screened, strengths: Sequence[float]) -> list[tuple[float, np.ndarray]]:
+    """Sizes (p,) to hide: of the first parameter that the records determine, with their predicted z."""
     candidate = suspect.candidate
     if isinstance(suspect, Untestable):
         return [(np.nan, row) for row in candidate.sizes]
     error = suspect.error
-    known = [k for k in range(error.size) if np.isfinite(error[k])]
-    if not known:
+    determined = [k for k in range(error.size) if np.isfinite(error[k])]
+    if not determined:
         return []
+    first = determined[0]
     hidden = []
     for strength in strengths:
         sizes = candidate.null.copy()
-        sizes[known[0]] += strength * error[known[0]] * (1.0 if sizes[known[0]] < candidate.high[known[0]] else -1.0)
+        sizes[first] += strength * error[first] * (1.0 if sizes[first] < candidate.high[first] else -1.0)
         hidden.append((float(strength), np.clip(sizes, candidate.low, candidate.high)))
     return hidden
 
 
-def rates(played: Sequence[Rehearsed]) -> list[dict]:
-    """Share of the cases of each effect and strength that were detected, named, and covered by the class."""
-    groups: dict[tuple, list[Rehearsed]] = {}
-    for one in played:
+def rates(rehearsed: Sequence[Rehearsed]) -> list[dict[str, Any]]:
+    """Share of the cases of each effect and strength that were detected, named, and covered by the alternatives."""
+    groups: dict[tuple[str, tuple[float, ...]], list[Rehearsed]] = {}
+    for one in rehearsed:
         groups.setdefault((one.case.effect, tuple(one.case.values.values())), []).append(one)
     return [
         {
@@ -233,28 +237,28 @@ def rates(played: Sequence[Rehearsed]) -> list[dict]:
     ]
 
 
-def smallest(played: Sequence[Rehearsed]) -> dict[str, dict | None]:
+def smallest(rehearsed: Sequence[Rehearsed]) -> dict[str, dict[str, Any] | None]:
     """Smallest rehearsed size from which on each effect is reliably named; None where there is none."""
-    rows: dict[str, dict | None] = {}
-    lost: set[str] = set()
-    for row in reversed(rates(played)):  # sizes rise
+    rows: dict[str, dict[str, Any] | None] = {}
+    unreliable: set[str] = set()
+    for row in reversed(rates(rehearsed)):  # sizes rise
         effect = row["effect"]
-        if effect == NOTHING or effect in lost:
+        if effect == NOTHING or effect in unreliable:
             continue
         if row["named"] >= MIN_NAMED_SHARE:
             rows[effect] = row
         else:
-            lost.add(effect)
+            unreliable.add(effect)
             rows.setdefault(effect, None)
     return rows
 
 
-def confusion(played: Sequence[Rehearsed]) -> tuple[list[str], list[str], np.ndarray]:
-    """Hidden effects, answers, and the share (hidden, answer) of the cases of each that were answered so."""
-    hidden = list(dict.fromkeys(one.case.effect for one in played))
+def confusion(rehearsed: Sequence[Rehearsed]) -> tuple[list[str], list[str], np.ndarray]:
+    """Hidden effects, answers, and the share (hidden, answer) of the cases of each with that answer."""
+    hidden = list(dict.fromkeys(one.case.effect for one in rehearsed))
     answers = [*hidden, "class", UNEXPLAINED]
-    answers += [a for a in dict.fromkeys(one.answer for one in played) if a not in answers]
+    answers += [a for a in dict.fromkeys(one.answer for one in rehearsed) if a not in answers]
     table = np.zeros((len(hidden), len(answers)))
-    for one in played:
+    for one in rehearsed:
         table[hidden.index(one.case.effect), answers.index(one.answer)] += 1.0
     return hidden, answers, table / table.sum(axis=1, keepdims=True)

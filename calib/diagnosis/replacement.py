@@ -148,7 +148,7 @@ def best_pair(
     return None if best is None else (best[0], fitter.with_derivatives(best[1]))
 
 
-def pair_shows(
+def is_pair_significant(
     null: Fit, causes: Sequence[Cause], final: Fit, candidates: Sequence[Candidate], known: KnownDerivatives
 ) -> bool:
     """Whether two other candidates are predicted to explain more than the causes do, by derivatives that are known.

@@ -14,7 +14,7 @@ from calib.diagnosis.suspect import Refitted
 
 
 def exchanged(fitter: Fitter, selection: Selection, cause: Refitted, rival: Refitted, reason: str) -> Selection | None:
-    """Return a selection with a rival in the place of a cause, fitted beside the others, and no rival beside it.
+    """Return a selection with a rival in the place of a cause, fitted beside the others, and without rivals.
 
     None where it cannot be fitted there, or would be rejected as a cause.
 
@@ -31,9 +31,9 @@ def exchanged(fitter: Fitter, selection: Selection, cause: Refitted, rival: Refi
     if not fit.names:
         return None
     final = fitter.with_derivatives(fit)
-    put = rival.refitted(final, rival.chi2_reduction)
+    exchanged_cause = rival.refitted(final, rival.chi2_reduction)
     pairs = list(zip(selection.causes, selection.alternatives, strict=True))
-    causes = [(put, (put,)) if known is cause else (known, rivals) for known, rivals in pairs]
+    causes = [(exchanged_cause, (exchanged_cause,)) if known is cause else (known, rivals) for known, rivals in pairs]
     threshold = selection.rounds[0].threshold
     if any_rejected(fitter, selection.null, [known for known, _ in causes], final, threshold):
         return None
@@ -42,11 +42,11 @@ def exchanged(fitter: Fitter, selection: Selection, cause: Refitted, rival: Refi
         attained=selection.attained,
     )  # fmt: skip
     state = through_elimination(fitter, state.with_causes(causes, final, reason))
-    return as_selection(fitter, state) if put.name in state.names else None
+    return as_selection(fitter, state) if exchanged_cause.name in state.names else None
 
 
 def paired(fitter: Fitter, selection: Selection, candidates: Sequence[Candidate], seed: int) -> Selection | None:
-    """Return a selection with the best pair in the place of its causes, or with these as they fit where that was found.
+    """Return a selection with the best pair in the place of its causes, or with these refitted from its values.
 
     None where neither explains more.
     """
@@ -54,8 +54,8 @@ def paired(fitter: Fitter, selection: Selection, candidates: Sequence[Candidate]
     state = StepwiseState(
         selection.null, selection.final, {}, selection.rounds, causes, selection.exchanges, attained=selection.attained
     )
-    found = with_best_pair(fitter, state, candidates, seed)
-    return None if found is state else as_selection(fitter, through_elimination(fitter, found))
+    revised = with_best_pair(fitter, state, candidates, seed)
+    return None if revised is state else as_selection(fitter, through_elimination(fitter, revised))
 
 
 def left_out(fitter: Fitter, selection: Selection, cause: Refitted, reason: str) -> Selection | None:
@@ -78,7 +78,8 @@ def left_out(fitter: Fitter, selection: Selection, cause: Refitted, reason: str)
         attained=attained,
     )  # fmt: skip
     state = through_elimination(fitter, state)
-    if not state.is_explained:
+    elimination = state.elimination
+    if elimination is None or not elimination.is_explained:
         return None
-    told = (*selection.left_out, out, *state.elimination.left_out)
-    return as_selection(fitter, replace(state, elimination=replace(state.elimination, left_out=told)))
+    eliminated = replace(elimination, left_out=(*selection.left_out, out, *elimination.left_out))
+    return as_selection(fitter, replace(state, elimination=eliminated))

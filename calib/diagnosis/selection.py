@@ -36,23 +36,23 @@ class Selection:
 
     Attributes
     ----------
-    rounds : searches one after the other; the last has no chosen one unless there were enough, or the budget was spent
+    rounds : searches one after the other; the last chose no cause unless there were enough, or the budget was spent
     null, final : the calibrated model, and the one with the causes
     causes : that are in the final model
     alternatives : of each cause, suspects indistinguishable from it beside the others, itself included
-    is_explained : whether nothing but noise is left, or each cause explains several times what is left
+    is_explained : whether only noise is left, or each cause explains several times the remainder
     excess_chi2, remaining_chi2 : excess chi-square of the calibrated and of the final model
     chi2_std : standard deviation of the chi-square of noise alone
     constancy : how much the size of each cause differs among the channels of the records, and from record to record
     record_spread : parameter of a cause on which the records do not agree -> standard deviation of the mean of their
         sizes, relative to that  [1]
-    fitted_records_agree : whether the records of the fit agree on the sizes of the causes; if not, something remains,
-        though no sum of squares may show it
+    fitted_records_agree : whether the records of the fit agree on the sizes of the causes; if not, a cause is
+        missing, though the sum of squares may not be significant
     exchanges : of causes for others after the rounds, in order
-    left_out : that explain part of what the causes leave, and too little to be causes
+    left_out : that explain part of the remainder of the causes, and too little to be causes
     elimination_margin : excess chi-square by which it is decided that the causes explain enough, and these do not
     attained : least chi-square of a model that was considered
-    cut_short : whether the budget was spent before all that might change the answer was tried
+    cut_short : whether the budget was spent before all was tried that might change the result
     """
 
     rounds: tuple[Round, ...]
@@ -74,7 +74,7 @@ class Selection:
     cut_short: bool = False
 
     def without_causes(self) -> "Selection":
-        """Return the same search with the calibrated model as its answer."""
+        """Return the same search with the calibrated model as its result."""
         return replace(
             self,
             final=self.null,
@@ -106,14 +106,14 @@ class Selection:
 
     @property
     def heterogeneous(self) -> tuple[Constancy, ...]:
-        """Causes whose sizes differ among the records or their channels: each acts like an effect, and is none."""
+        """Causes whose sizes differ among the records or their channels: each stands in for another cause."""
         several = len(self.causes) > 1 and not self.remainder_is_significant
         remains = self.remainder_is_significant or not self.fitted_records_agree
         return differing(self.constancy, self.rounds[0].threshold, explained_by_several=several, remains=remains)
 
     @property
     def differing_by_record(self) -> tuple[Constancy, ...]:
-        """Causes whose sizes differ from record to record for sure, by however little."""
+        """Causes whose sizes differ significantly from record to record, by whatever amount."""
         return tuple(c for c in self.constancy if c.among == RECORDS and c.z > self.rounds[0].threshold)
 
     @property
@@ -127,9 +127,9 @@ class Selection:
         return max((c.z for c in self.constancy if c.among == CHANNELS), default=0.0)
 
     def bias_std(self, fit: Fit, name: str) -> float:
-        """Standard deviation of the bias that what is not modelled may make of a parameter of a fit  [its unit].
+        """Standard deviation of the bias of a parameter of a fit by the model error  [its unit].
 
-        By what remains, where that is more than noise, and by what makes the records differ on the parameter.
+        By the remainder, where that is more than noise, and by the variation of the parameter among records.
         """
         spread = self.record_spread.get(name, 0.0) * abs(fit.value(name))
         if not self.remainder_is_significant:
@@ -137,19 +137,22 @@ class Selection:
         return math.hypot(spread, bias_std(self.remaining_chi2, fit.information(name)))
 
     def with_records_compared(self, agreements: Sequence[Agreement], fitted_agree: bool = True) -> "Selection":
-        """Return the selection with the constancy of its causes from record to record: of what each alone has.
+        """Return the selection with the constancy of its causes from record to record, by the sizes of each alone.
 
-        fitted_agree : whether the records of the fit do
+        fitted_agree : whether the records of the fit agree
         """
-        among_channels, found = {c.effect: c for c in self.constancy}, []
+        among_channels = {c.effect: c for c in self.constancy}
+        among_records = []
         for cause in self.causes:
             own = [a for a in agreements if a.parameter in cause.candidate.free]
             if own:
                 most = max(own, key=lambda a: a.z)
-                found.append(Constancy(cause.name, most.z, most.variation, among_channels[cause.name].chi2, RECORDS))
+                among_records.append(
+                    Constancy(cause.name, most.z, most.variation, among_channels[cause.name].chi2, RECORDS)
+                )
         spread = {a.parameter: a.variation / math.sqrt(len(a.records)) for a in agreements if not a.agree}
         return replace(
-            self, constancy=(*self.constancy, *found), record_spread=spread, fitted_records_agree=fitted_agree
+            self, constancy=(*self.constancy, *among_records), record_spread=spread, fitted_records_agree=fitted_agree
         )
 
     @property
@@ -159,11 +162,11 @@ class Selection:
 
     @property
     def margin(self) -> float:
-        """Reduction of chi-square that the answer rests on: an error that moves less of it does not change it.
+        """Reduction of chi-square on which the result rests: an error of a smaller one does not change it.
 
-        Of each cause what it explains more than the best that is distinguishable from it, and by how much more than is
-        asked beside what remains; the excess where there is no cause; nothing where causes were replaced by others. Of
-        causes that explain enough, but have several sizes, what shows that.
+        Of each cause its reduction beyond that by the best distinguishable one, and beyond the one required beside the
+        remainder; the excess where there is no cause; zero where causes were replaced by others. Of causes that explain
+        enough, but have several sizes, the significance of that.
         """
         if self.is_explained and not self.is_homogeneous:
             return (max(c.z for c in self.heterogeneous) - self.rounds[0].threshold) ** 2
@@ -171,8 +174,8 @@ class Selection:
         if not all(cause.name in by_name for cause in self.causes):
             return 0.0
         margins = [by_name[cause.name] for cause in self.causes]
-        rests_on = margins if self.is_sufficient and margins else [self.remaining_chi2, *margins]
-        return max(0.0, min(self.elimination_margin, *rests_on))
+        decisive = margins if self.is_sufficient and margins else [self.remaining_chi2, *margins]
+        return max(0.0, min(self.elimination_margin, *decisive))
 
     def with_rivals(self, rivals: Sequence[Refitted]) -> "Selection":
         """Return the selection with these indistinguishable from the one of its causes that is among them."""
@@ -185,7 +188,7 @@ class Selection:
 
     @property
     def rivals(self) -> tuple[Refitted, ...]:
-        """Suspects indistinguishable from a cause: from the last one that has such."""
+        """Suspects indistinguishable from a cause: from the last one that has several."""
         several = [rivals for rivals in self.alternatives if len(rivals) > 1]
         return several[-1] if several else self.alternatives[-1] if self.alternatives else ()
 
@@ -193,11 +196,11 @@ class Selection:
     def runners_up(self) -> tuple[Refitted, ...]:
         """Suspects that explained less in the search that chose the only cause, the best first."""
         names = {cause.name for cause in self.causes}
-        found = next((r for r in self.rounds if r.chosen is not None and {r.chosen.name} == names), None)
-        if found is None:
+        search = next((r for r in self.rounds if r.chosen is not None and {r.chosen.name} == names), None)
+        if search is None:
             return ()
-        told = {rival.name for rival in self.rivals}
-        suspects = [s for s in found.suspects if isinstance(s, Refitted) and s.fit.names and s.name not in told]
+        rivals = {rival.name for rival in self.rivals}
+        suspects = [s for s in search.suspects if isinstance(s, Refitted) and s.fit.names and s.name not in rivals]
         return tuple(sorted(leading_variants(suspects), key=lambda s: -s.chi2_reduction))
 
     @property

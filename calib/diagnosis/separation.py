@@ -1,4 +1,4 @@
-"""Predicted separation of fitted models by a measurement that was not made: the T-criterion of optimal design.
+"""Predicted separation of fitted models by a possible measurement: the T-criterion of optimal design.
 
 The separation of two models is the distance between their predictions in standard deviations of the noise, least over
 the parameters of both, which the existing records constrain, and over the nuisances of the new measurement, linearised.
@@ -32,24 +32,24 @@ from calib.diagnosis.part import Part
 from calib.records import STATE
 from calib.records.excitation import Excitation
 
-RELATIVE_STEP = 1e-3  # of the largest displacement and velocity: differences by the initial state
-SWEEP_SAMPLES_PER_PERIOD = 20  # at the highest frequency of a sweep
-SWEEP_TAPER = 0.1  # of a sweep's duration: cosine taper at both ends together
-LEAST_LEVEL = 1e-12  # of the record's root mean square: a channel of the new measurement that is at rest
-RANK_TOLERANCE = 1e-10  # of singular values, columns of unit length
+RELATIVE_STEP = 1e-3  # of the largest displacement and velocity: differences by the initial state  [1]
+SWEEP_SAMPLES_PER_PERIOD = 20  # at the highest frequency of a sweep  [count]
+SWEEP_TAPER = 0.1  # of a sweep's duration: cosine taper at both ends together  [1]
+MIN_NOISE_RATIO = 1e-12  # of the noise to that of the record, for a channel of the new measurement that is at rest  [1]
+RANK_TOLERANCE = 1e-10  # singular value over the largest, columns of unit length  [1]
 
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """A measurement that could be made, as it is simulated.
+    """A possible measurement, as it is simulated.
 
     Attributes
     ----------
     point : its settings
-    part : record beside which it would be made
+    part : record on which it is based
     excitation : of it
     rows : (body, channel) pairs: those of the record, then additional ones
-    initial : initial state it begins from, by parameter: a nuisance that its record would have to tell  [SI]
+    initial : initial state, by parameter: a nuisance that its record has to determine  [SI]
     initial_steps : differences by these  [SI]
     """
 
@@ -66,7 +66,7 @@ class Experiment:
         return self._run(fit, fit.point.values, self.initial, state)
 
     def differences(self, fit: Fit, centre: SimulatedRows) -> list[Run]:
-        """Simulations beside it along each parameter of the fit, then along each component of the initial state."""
+        """Simulations one step along each parameter of the fit, then along each component of the initial state."""
         values, state = fit.point.values, centre.state if self.excitation.harmonic else None
         runs = [
             self._run(fit, {**values, name: values[name] + step}, self.initial, state)
@@ -84,33 +84,37 @@ class Experiment:
         initial |= {n: initial[n] + d for n, d in zip(initial, move[len(fit.names) :], strict=True)}
         return self._run(fit, values, initial, centre.state if self.excitation.harmonic else None)
 
-    def _run(self, fit: Fit, values: Mapping[str, float], initial: Mapping[str, float], state) -> Run:
+    def _run(
+        self, fit: Fit, values: Mapping[str, float], initial: Mapping[str, float], state: np.ndarray | None
+    ) -> Run:
+        """Simulation of a fitted model at these values, from this initial state or near this stationary motion."""
         own = {f"{parameter}@{self.part.name}" for parameter in self.initial}
         values = {name: value for name, value in values.items() if name not in own}
         return Run(self.part.name, {**values, **initial}, fit.point.effects, state, self.excitation, rows=self.rows)
 
 
 def experiment(
-    point: DesignPoint, bench: Bench, part: Part, seen: SimulatedRows, additional: Sequence[tuple[str, str]] = ()
+    point: DesignPoint, bench: Bench, part: Part, simulated: SimulatedRows, additional: Sequence[tuple[str, str]] = ()
 ) -> Experiment:
-    """Return the experiment at a design point, beside a record.
+    """Return the experiment at a design point, based on a record.
 
     Parameters
     ----------
-    seen : simulation of the record, with the initial state that was solved for where that is a nuisance
-    additional : (body, channel) pairs beside those of the record
+    simulated : of the record, with the initial state that was solved for where that is a nuisance
+    additional : (body, channel) pairs in addition to those of the record
     """
     rows = (*part.rows, *additional)
-    initial, steps = _initial_state(point, bench, part, seen)
+    initial, steps = _initial_state(point, bench, part, simulated)
     return Experiment(point, part, excitation_at(point, bench, part), rows, initial, steps)
 
 
 def _initial_state(
-    point: DesignPoint, bench: Bench, part: Part, seen: SimulatedRows
+    point: DesignPoint, bench: Bench, part: Part, simulated: SimulatedRows
 ) -> tuple[dict[str, float], tuple[float, ...]]:
-    """Initial state that the new record would have to tell, by parameter, and differences by it  [SI].
+    """Initial state that the new record has to determine, by parameter, and differences by it  [SI].
 
-    Of a free decay and of a sweep all of it; of another measurement what the record beside it had to tell.
+    Of a free decay and of a sweep all of it; of another measurement what the record had to determine on which it is
+    based.
     """
     if point.test in (FREE_DECAY, SWEEP):
         initial = dict.fromkeys(bench.model.initial if point.test == SWEEP else RELEASE, 0.0)
@@ -119,9 +123,9 @@ def _initial_state(
         scales = {"displacement": point.release or largest_displacement(part), "velocity": largest_speed(part)}
         channels = {**dict(zip(RELEASE, STATE, strict=True)), **{n: own[1] for n, own in bench.model.initial.items()}}
         return initial, tuple(RELATIVE_STEP * scales[channels[name]] for name in initial)
-    initial = {name: seen.nuisances[name] for name in bench.model.initial if name in seen.nuisances}
+    initial = {name: simulated.nuisances[name] for name in bench.model.initial if name in simulated.nuisances}
     size = RELATIVE_STEP * float(np.abs(part.measured).max())
-    largest = (max(float(np.abs(change).max()), 1e-300) for change in seen.initial)
+    largest = (max(float(np.abs(change).max()), 1e-300) for change in simulated.initial)
     return initial, tuple(size / change for change in largest) if initial else ()
 
 
@@ -139,24 +143,34 @@ def largest_speed(part: Part) -> float:
 
 
 def excitation_at(point: DesignPoint, bench: Bench, part: Part) -> Excitation:
-    """Excitation at a design point, beside a record."""
+    """Excitation at a design point, based on a record.
+
+    Raises
+    ------
+    ValueError : the simulator cannot be released
+    """
     excitation = bench.objective.references[part.name].excitation
     if point.test == FREE_DECAY:
-        return Excitation(releasable(bench.model), FREE_DECAY)
+        place = releasable(bench.model)
+        if place is None:
+            raise ValueError(f"simulator {bench.model.simulator.name!r} cannot be released from a displacement")
+        return Excitation(place, FREE_DECAY)
     if point.test == REPEATED_RECORD:
         return excitation
     if point.test == SWEEP:
         return _sweep(point, excitation, part.time.size)
-    if excitation.recorded:
-        return excitation.scaled(point.amplitude / amplitude_of(excitation))
+    largest = amplitude_of(excitation)
+    if excitation.recorded and largest is not None:
+        return excitation.scaled(point.setting("amplitude") / largest)
     return replace(excitation, amplitude=point.amplitude, frequency=point.frequency)
 
 
 def _sweep(point: DesignPoint, excitation: Excitation, samples: int) -> Excitation:
     """Logarithmic sweep, tapered at its ends, of as many samples as a record has."""
-    time = np.arange(samples) / (SWEEP_SAMPLES_PER_PERIOD * point.end_frequency)
-    wave = chirp(time, point.frequency, time[-1], point.end_frequency, method="logarithmic", phi=-90.0)
-    value = point.amplitude * wave * tukey(samples, SWEEP_TAPER)
+    first, last = point.setting("frequency"), point.setting("end_frequency")
+    time = np.arange(samples) / (SWEEP_SAMPLES_PER_PERIOD * last)
+    wave = chirp(time, first, time[-1], last, method="logarithmic", phi=-90.0)
+    value = point.setting("amplitude") * wave * tukey(samples, SWEEP_TAPER)
     return Excitation(excitation.place, excitation.quantity, excitation.unit, time=time, value=value)
 
 
@@ -199,6 +213,7 @@ class LinearisedPrediction:
         return Separation(np.array([z for z, _ in pairs]), tuple(moves for _, moves in pairs))
 
     def _pair(self, triangle: np.ndarray, i: int, j: int) -> tuple[float, tuple[np.ndarray, np.ndarray]]:
+        """Separation of one pair, and by how much the parameters of both move to come nearest."""
         ends = np.cumsum([len(self.widths), *self.widths])
         one, other = triangle[:, ends[i] : ends[i + 1]], triangle[:, ends[j] : ends[j + 1]]
         nuisances = triangle[:, ends[-1] :]
@@ -211,37 +226,42 @@ class LinearisedPrediction:
 
 
 def least_squares(columns: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, float]:
-    """Solution (k,) of columns (n, k) x = target (n,) by least squares, and the norm of what is left."""
+    """Solution (k,) of columns (n, k) x = target (n,) by least squares, and the norm of its residual."""
     scale = np.linalg.norm(columns, axis=0)
     scale[scale == 0.0] = 1.0
     move = np.linalg.lstsq(columns / scale, target, rcond=RANK_TOLERANCE)[0]
     return move / scale, float(np.linalg.norm(target - (columns / scale) @ move))
 
 
-def with_free_form(fit: Fit) -> Fit:
-    """Return the fit with the form of its effects free: a width that was held would be relied on elsewhere.
+def _triangle(columns: np.ndarray) -> np.ndarray:
+    """Upper triangle of the QR factors of columns (n, k)."""
+    return np.asarray(np.linalg.qr(columns, mode="r"))
 
-    Its derivatives are to be taken anew.
+
+def with_free_form(fit: Fit) -> Fit:
+    """Return the fit with the form of its effects free: a width that was held may be wrong elsewhere.
+
+    Its derivatives have to be recomputed.
     """
     return replace(fit, candidates=tuple(replace(c, form=tuple(c.bounds)) for c in fit.candidates))
 
 
 def with_steps(fit: Fit) -> Fit:
-    """Return the fit with a step for each parameter, those too of which the existing records tell nothing."""
+    """Return the fit with a step for each parameter, also those that the existing records do not determine."""
     least = [RELATIVE_STEP * (abs(fit.value(name)) or 1.0) for name in fit.names]
     return replace(fit, steps=tuple(step or other for step, other in zip(fit.steps, least, strict=True)))
 
 
 def prior_of(fit: Fit, made: Experiment) -> np.ndarray:
-    """What is known of the parameters, as rows (m, k + initial) of a least-squares problem.
+    """Prior information on the parameters, as rows (m, k + initial) of a least-squares problem.
 
     The existing records by the triangle of their derivatives; the form of an effect by its bounds, as of a uniform
-    distribution between them. Nothing is known of a new initial state, nor of a parameter that is fitted to the record
-    beside the experiment alone: what a release had there tells nothing of the next.
+    distribution between them. There is none on a new initial state, nor on a parameter that is fitted to the base
+    record alone: it may differ in the next.
     """
     own = np.array([name.endswith(f"@{made.part.name}") for name in fit.names], dtype=bool)
     derivatives = fit.free(fit.columns)
-    triangle = np.linalg.qr(np.column_stack([derivatives[:, own], derivatives[:, ~own]]), mode="r")
+    triangle = _triangle(np.column_stack([derivatives[:, own], derivatives[:, ~own]]))
     shared = np.zeros((max(0, len(triangle) - own.sum()), own.size))
     shared[:, ~own] = triangle[own.sum() :, own.sum() :]
     known = [shared]
@@ -276,21 +296,21 @@ def prediction(
         blocks.append(new.white(CLOCK_RATE_STD * clocked.clock)[:, None])
     whole = np.column_stack(blocks).reshape(len(made.rows), centres[0].rows.shape[1], -1)
     own = len(made.part.rows)
-    triangle = np.linalg.qr(whole[:own].reshape(-1, whole.shape[2]), mode="r")
-    more = [np.linalg.qr(np.vstack([triangle, row]), mode="r") for row in whole[own:]]
+    triangle = _triangle(whole[:own].reshape(-1, whole.shape[2]))
+    extended = [_triangle(np.vstack([triangle, row])) for row in whole[own:]]
     widths = tuple(block.shape[1] for block in blocks[1 : 1 + len(fits)])
     priors = tuple(prior_of(fit, made) for fit in fits)
-    return LinearisedPrediction((triangle, *more), widths, priors, standardised=int(clocked.clock is not None))
+    return LinearisedPrediction((triangle, *extended), widths, priors, standardised=int(clocked.clock is not None))
 
 
 def new_part(made: Experiment, centres: Sequence[SimulatedRows]) -> Part:
-    """Record that an experiment would give: its noise in proportion to the motion, as in the record beside it.
+    """Record that an experiment would give: its noise in proportion to the motion, as in the base record.
 
     Of an additional channel noise and motion have the ratio of a row of the same channel, or else of the first row.
     """
     part, rows = made.part, centres[0].rows
-    likeness = [*range(len(part.rows)), *(_similar(part, channel) for _, channel in made.rows[len(part.rows) :])]
-    noise = tuple(_scaled(part.noise[k], row, part.measured[k]) for k, row in zip(likeness, rows, strict=True))
+    sources = [*range(len(part.rows)), *(_similar_row(part, channel) for _, channel in made.rows[len(part.rows) :])]
+    noise = tuple(_scaled(part.noise[k], row, part.measured[k]) for k, row in zip(sources, rows, strict=True))
     used = np.concatenate([part.used.any(axis=1), np.ones(len(made.rows) - len(part.rows), dtype=bool)])
     moving = np.array([channel == "velocity" for _, channel in made.rows])
     trust = np.prod([view.trust for view in centres], axis=0)
@@ -303,13 +323,15 @@ def new_part(made: Experiment, centres: Sequence[SimulatedRows]) -> Part:
     )
 
 
-def _similar(part: Part, channel: str) -> int:
+def _similar_row(part: Part, channel: str) -> int:
+    """Number of the first row of a channel; of the first of all where there is none."""
     return next((k for k, (_, own) in enumerate(part.rows) if own == channel), 0)
 
 
 def _scaled(noise: Noise, row: np.ndarray, measured: np.ndarray) -> Noise:
+    """Noise in proportion to a motion (n,), as in the measured one (n,)."""
     level = np.sqrt((row**2).mean() / max(float((measured**2).mean()), 1e-300))
-    return replace(noise, sigma=noise.sigma * max(float(level), LEAST_LEVEL))
+    return replace(noise, sigma=noise.sigma * max(float(level), MIN_NOISE_RATIO))
 
 
 def refitted_distance(
@@ -320,19 +342,19 @@ def refitted_distance(
     moved: tuple[SimulatedRows, SimulatedRows],
     additional: int | None,
 ) -> float:
-    """Separation of two models simulated anew where the linearised refit brings them: no bound of a derivative in it.
+    """Separation of two models simulated at the parameters of the linearised refit, without any linearisation.
 
     Parameters
     ----------
-    centres : simulations of all models, by which the noise is known
+    centres : simulations of all models, which determine the noise
     moved : of the two models
     additional : number of the additional row that is measured; None: of none
     """
     new, own = new_part(made, centres), len(made.part.rows)
     measured = [*range(own), *([] if additional is None else [own + additional])]
-    kept = np.isin(np.arange(len(made.rows)), measured)
-    new = replace(new, weight=new.weight * kept[:, None])
+    is_measured = np.isin(np.arange(len(made.rows)), measured)
+    new = replace(new, weight=new.weight * is_measured[:, None])
     difference = new.white(moved[1].rows - moved[0].rows)
-    _, left = least_squares(new.tangents(centres[0]), difference)
-    known = [prior_of(fit, made) @ move for fit, move in zip(fits, moves, strict=True)]
-    return float(np.sqrt(left**2 + sum(k @ k for k in known)))
+    _, distance = least_squares(new.tangents(centres[0]), difference)
+    priors = [prior_of(fit, made) @ move for fit, move in zip(fits, moves, strict=True)]
+    return float(np.sqrt(distance**2 + sum(k @ k for k in priors)))

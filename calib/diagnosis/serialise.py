@@ -1,6 +1,6 @@
 """A diagnosis as one JSON document."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -8,9 +8,11 @@ import numpy as np
 
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.diagnose import Diagnosis
+from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.gain import Gain
 from calib.diagnosis.gates import Gate
 from calib.diagnosis.measurement import DECISIVE_Z, Measurement
+from calib.diagnosis.misfit import Misfit
 from calib.diagnosis.next_measurement import Design
 from calib.diagnosis.search import Round
 from calib.diagnosis.selection import Selection
@@ -19,17 +21,17 @@ from calib.diagnosis.verdict import NOT_DIAGNOSABLE, UNEXPLAINED
 from calib.objective import MISFIT
 from calib.store.plain import plain
 
-UNDETERMINED = 10.0  # half of a 95 % interval, over the natural scale of a parameter, from which nothing tells it  [1]
+MAX_HALF_WIDTH = 10.0  # of a 95 % interval, over the natural scale of its parameter: wider ones are undetermined  [1]
 
 
 def _is_open(diagnosis: Diagnosis) -> bool:
-    """Whether what explains most is not named as a cause."""
+    """Whether the causes that explain most are not named."""
     return diagnosis.verdict in (UNEXPLAINED, NOT_DIAGNOSABLE)
 
 
 def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
     """Everything that diagnosis.json holds, in SI; what is not finite is None."""
-    selection = diagnosis.selection
+    selection, evidence, deviations = diagnosis.selection, diagnosis.evidence, diagnosis.misfit
     first = selection.rounds[0] if selection else None
     measurements = [] if diagnosis.design is None else [measurement_as_dict(m) for m in diagnosis.design.measurements]
     document = {
@@ -38,7 +40,7 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         "causes": list(diagnosis.causes),
         "class": [list(names) for names in diagnosis.classes],
         "stand_ins": list(diagnosis.stand_ins),
-        "remains": None if selection is None else _remains(diagnosis),
+        "remains": None if selection is None or evidence is None else _remainder(selection, evidence),
         "closest": [c.name for c in selection.causes] if selection and _is_open(diagnosis) else [],
         "suspects": []
         if first is None
@@ -50,8 +52,8 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         "gates": [_gate(gate) for gate in diagnosis.gates],
         "outliers": diagnosis.outliers,
         "rounding": diagnosis.rounding,
-        "misfit": _misfit(diagnosis),
-        "parameters": {} if selection is None else _parameters(diagnosis),
+        "misfit": {} if selection is None or deviations is None else _misfit(selection, deviations),
+        "parameters": {} if selection is None else _parameters(selection),
         "joint_sizes": {} if selection is None else {c.name: _joint_size(c, selection) for c in selection.causes},
         "gain": None if diagnosis.gain is None else _gain(diagnosis.gain),
         "next_measurement": measurements[0] if measurements else None,
@@ -66,6 +68,7 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def _gate(gate: Gate) -> dict[str, Any]:
+    """A condition of the diagnosis, and whether it holds."""
     return {"name": gate.name, "passed": gate.passed, "said": gate.summary, "z": gate.z, "tried": gate.tried}
 
 
@@ -77,25 +80,26 @@ def measurement_as_dict(measurement: Measurement) -> dict[str, Any]:
 
 
 def design_as_dict(design: Design) -> dict[str, Any]:
-    """Everything that the map of the predicted separation draws; the measurements stand beside it."""
+    """The search for the next measurement without its results, as the map of the separation shows it."""
     points = [{**asdict(e.point), **{k: v for k, v in asdict(e).items() if k != "point"}} for e in design.points]
     rest = {key: value for key, value in asdict(design).items() if key not in ("points", "measurements")}
     return {**rest, "points": points, "decisive_z": DECISIVE_Z}
 
 
-def _intervals(candidate: Candidate, sizes: Sequence[float], halves: Sequence[float]) -> dict[str, list[float]]:
+def _intervals(candidate: Candidate, sizes: Iterable[float], halves: Iterable[float]) -> dict[str, list[float]]:
     """Ends of the 95 % intervals of an effect's free parameters.
 
     None of a size that is infinite where the effect is absent, nor of one that the records do not determine.
     """
     ends = {}
     for name, size, half in zip(candidate.free, sizes, halves, strict=True):
-        told = np.isfinite(size) and half < UNDETERMINED * candidate.scale.get(name, np.inf)
-        ends[name] = [size - half, size + half] if told else [np.nan, np.nan]
+        determined = np.isfinite(size) and half < MAX_HALF_WIDTH * candidate.scale.get(name, np.inf)
+        ends[name] = [size - half, size + half] if determined else [np.nan, np.nan]
     return ends
 
 
 def _suspect(suspect: Suspect, excess: float, chosen: Suspect | None) -> dict[str, Any]:
+    """A suspect of the first search beside the chosen one."""
     names, null = suspect.candidate.free, suspect.candidate.null
     reduction = suspect.known_reduction
     return {
@@ -121,12 +125,13 @@ def _suspect(suspect: Suspect, excess: float, chosen: Suspect | None) -> dict[st
 
 
 def _without_effect(suspect: Suspect) -> str:
-    """Say of a suspect that changes no simulation where it is absent that it does not; "" of others."""
+    """State that a suspect changes no simulation where it is absent; "" of one that does."""
     none = isinstance(suspect, Scored) and not suspect.derivatives.any()
     return "it changes nothing in these records: where it is absent no simulation changes with it" if none else ""
 
 
 def _round(outcome: Round) -> dict[str, Any]:
+    """One search for a cause."""
     chosen, excess = outcome.chosen, outcome.excess_chi2_of_null
     return {
         "threshold": outcome.threshold,
@@ -137,14 +142,12 @@ def _round(outcome: Round) -> dict[str, Any]:
         "rejected": None if outcome.rejected is None else outcome.rejected.name,
         "rejection": outcome.rejection,
         "untried": list(outcome.untried),
-        "alike": {rival.name: cosine(rival, chosen) for rival in outcome.rivals if rival is not chosen},
+        "alike": {r.name: cosine(r, chosen) for r in outcome.rivals if chosen is not None and r is not chosen},
     }
 
 
-def _misfit(diagnosis: Diagnosis) -> dict[str, Any]:
-    selection, deviations = diagnosis.selection, diagnosis.misfit
-    if selection is None:
-        return {}
+def _misfit(selection: Selection, deviations: Misfit) -> dict[str, Any]:
+    """The misfit of the calibrated model, and the part of it that the causes explain."""
     return {
         "excess": selection.excess_chi2,
         "left": selection.remaining_chi2,
@@ -157,12 +160,11 @@ def _misfit(diagnosis: Diagnosis) -> dict[str, Any]:
     }
 
 
-def _remains(diagnosis: Diagnosis) -> dict[str, Any]:
-    """What is left of the misfit: its share, whether it is above the noise, and the share of each row in it."""
-    selection = diagnosis.selection
+def _remainder(selection: Selection, evidence: Evidence) -> dict[str, Any]:
+    """The remaining misfit: its share, whether it is above the noise, and the part of each row in it."""
     final, rows = selection.final, []
-    for part in diagnosis.evidence.parts:
-        residual = final.residual[diagnosis.evidence.of(part.name)].reshape(part.measured.shape)
+    for part in evidence.parts:
+        residual = final.residual[evidence.of(part.name)].reshape(part.measured.shape)
         for (body, channel), row, weight in zip(part.rows, residual, part.weight, strict=True):
             beyond = max(0.0, float(row @ row) - float((weight**2).sum()))
             rows.append({"record": part.name, "body": body, "channel": channel, "beyond_noise": beyond})
@@ -186,9 +188,9 @@ def _joint_size(cause: Suspect, selection: Selection) -> dict[str, Any]:
     }
 
 
-def _parameters(diagnosis: Diagnosis) -> Mapping[str, Any]:
+def _parameters(selection: Selection) -> Mapping[str, Any]:
     """Calibrated values before and, where there are causes, after."""
-    null, final = diagnosis.selection.null, diagnosis.selection.final
+    null, final = selection.null, selection.final
     return {
         name: {"before": null.value(name) if name in null.names else None, "after": final.value(name)}
         for name in final.names
@@ -196,6 +198,7 @@ def _parameters(diagnosis: Diagnosis) -> Mapping[str, Any]:
 
 
 def _gain(gain: Gain) -> dict[str, Any]:
+    """The gain by the causes on records held out."""
     return {
         "metric": MISFIT,
         "kind": gain.kind,

@@ -27,7 +27,7 @@ class StepwiseState:
     rounds : searches one after the other
     causes : in the final model
     exchanges : of causes for others
-    elimination : of these causes; None before they have been through it
+    elimination : of these causes; None before it
     attained : least chi-square of a model that went through elimination: what its causes explained remains without them
     """
 
@@ -47,19 +47,23 @@ class StepwiseState:
 
     @property
     def is_explained(self) -> bool:
-        """Whether the causes, which have been through elimination, explain enough."""
+        """Whether the causes, after elimination, explain enough."""
         return self.elimination is not None and self.elimination.is_explained
 
     def with_causes(self, causes: Sequence[Cause], final: Fit, reason: str) -> "StepwiseState":
-        """Return it with these causes instead of its own, and why."""
+        """Return the state with these causes instead of its own.
+
+        reason : why, as the end of a sentence
+        """
         before, after = (tuple(cause.name for cause, _ in own) for own in (self.causes, causes))
-        told = () if set(before) == set(after) else (Exchange(before, after, reason),)
-        exchanges, elimination = (*self.exchanges, *told), None if told else self.elimination
-        return replace(self, causes=tuple(causes), final=final, exchanges=exchanges, elimination=elimination)
+        if set(before) == set(after):
+            return replace(self, causes=tuple(causes), final=final)
+        exchanges = (*self.exchanges, Exchange(before, after, reason))
+        return replace(self, causes=tuple(causes), final=final, exchanges=exchanges, elimination=None)
 
 
 def through_elimination(fitter: Fitter, state: StepwiseState) -> StepwiseState:
-    """Leave out causes that explain little beside what remains; if that is all, they stay as what comes closest."""
+    """Eliminate causes that explain little beside the remainder; if all do, they stay as the closest ones."""
     if not state.causes or state.elimination is not None:
         return state
     attained = min(state.attained, state.final.chi2)
@@ -68,11 +72,11 @@ def through_elimination(fitter: Fitter, state: StepwiseState) -> StepwiseState:
 
 
 def as_selection(fitter: Fitter, state: StepwiseState) -> Selection:
-    """Compare both models where the simulations of both are to be trusted."""
-    null, final, causes, left = state.null, state.final, state.causes, state.elimination
+    """Compare the calibrated and the final model where the simulations of both are reliable."""
+    null, final, causes, elimination = state.null, state.final, state.causes, state.elimination
     common = fitter.evidence.with_weights([null.point.simulated, final.point.simulated])
     excess, std = null.chi2_over(common) - degrees_of_freedom(common, null), chi2_std(common)
-    told = {rival.name for _, rivals in causes for rival in rivals}
+    named = {rival.name for _, rivals in causes for rival in rivals}
     return Selection(
         rounds=state.rounds,
         null=null,
@@ -85,8 +89,8 @@ def as_selection(fitter: Fitter, state: StepwiseState) -> Selection:
         chi2_std=std,
         constancy=constancies(fitter.evidence, final) if causes else (),
         exchanges=state.exchanges,
-        left_out=tuple(one for one in left.left_out if one.effect not in told) if left else (),
-        elimination_margin=left.margin if left else np.inf,
+        left_out=tuple(one for one in elimination.left_out if one.effect not in named) if elimination else (),
+        elimination_margin=elimination.margin if elimination else np.inf,
         attained=state.attained,
         cut_short=fitter.effort.spent,
     )

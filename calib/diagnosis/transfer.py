@@ -18,7 +18,7 @@ from calib.diagnosis.score import Projection, Signature, deviate
 from calib.diagnosis.signature import Direction, slopes
 from calib.study import Pool
 
-DERIVATIVE_ERROR = 0.003  # relative, of differences: by it a signature is distinguished from rounding
+DERIVATIVE_ERROR = 0.003  # relative, of finite differences, beyond which a signature is no numerical error  [1]
 
 
 @dataclass(frozen=True)
@@ -30,11 +30,11 @@ class Transfer:
 
     Attributes
     ----------
-    record, parameter : whose size
+    record, parameter : to which, and of which the size is
     size, error : estimate and standard error  [unit of the parameter]
-    held : whether the record had no part in calibration and naming
-    freedom : degrees of freedom of the error: few where what is left changes slowly  [1]
-    bias : standard deviation of the bias by what is left in this record beside the noise  [unit of the parameter]
+    held : whether the record was held out of calibration and naming
+    freedom : degrees of freedom of the error: few where the remainder changes slowly  [1]
+    bias : standard deviation of the bias by the model error in this record  [unit of the parameter]
     """
 
     record: str
@@ -68,7 +68,7 @@ class Agreement:
     z : normal deviate of the same probability  [1]
     variation : standard deviation of the sizes beyond their errors, over their mean  [1]
     agree : whether z is not above the threshold of the diagnosis
-    detectable : variation from which on they would not agree  [1]
+    detectable : variation above which they would not agree  [1]
     records : that have such a size, in order
     """
 
@@ -118,12 +118,12 @@ def _refitted(
 ) -> tuple[float, float, float, float] | None:
     """Step of one parameter, its standard error and its degrees of freedom, and the standard deviation of its bias.
 
-    A partial regression: the `others` (n, k) are free as well. What it leaves biases the step as in `bias_std`, where
-    that is more than noise here, or all records together show that something remains: by a standard deviation of its
-    sum of squares more then, for a sum that shows nothing may hide as much.
+    A partial regression: the `others` (n, k) are free as well. Its remainder biases the step as in `bias_std`, where
+    that is more than noise here, or where all records together have a significant remainder: then with one standard
+    deviation of its sum of squares added, for an insignificant sum may contain as much.
 
-    The error counts what the model leaves beside the noise, as that of the joint size does; it is none less than what
-    the noise alone makes. None where the others absorb the column but for the error of the derivatives.
+    The error includes the model error beside the noise, as that of the joint size does; it is no less than that by the
+    noise alone. None where the others absorb the column but for the error of the derivatives.
 
     Parameters
     ----------
@@ -157,21 +157,21 @@ def derivatives_by_record(
 
     Parameters
     ----------
-    known : (N, k) derivatives by all parameters of the final model; None: they are taken
+    known : (N, k) derivatives by all parameters of the final model; None: they are computed
     """
     shared, columns_by_record = fitter.directions(final.point, final.candidates) if known is None else [], {}
     for name in evidence.names:
         directions = [*shared, *_fixed_alone(fitter, final, name)]
         own = slopes(pool, evidence.only([name]), final.point, directions, fitter.steps, "none")
-        columns = [slope.column for slope in own]
-        if all(column is not None for column in columns):
+        columns = [slope.column for slope in own if slope.column is not None]
+        if len(columns) == len(own):
             first = [] if known is None else [known[evidence.of(name)]]
             columns_by_record[name] = np.column_stack([*first, *columns])
     return columns_by_record
 
 
 def _fixed_alone(fitter: Fitter, final: Fit, record: str) -> list[Direction]:
-    """Directions of what is fixed for this record and searched for others, such as its initial state."""
+    """Directions of parameters fixed for this record and searched for others, such as its initial state."""
     searched = {name.partition("@")[0]: window for name, window in fitter.space.windows.items()}
     directions = []
     for name, value in final.point.values.items():
@@ -185,9 +185,9 @@ def _fixed_alone(fitter: Fitter, final: Fit, record: str) -> list[Direction]:
 def agreements(transfers: Sequence[Transfer], threshold: float) -> tuple[Agreement, ...]:
     """Whether the records agree on each size that several of them have: chi-square about the weighted mean.
 
-    An error of few degrees of freedom counts as that of the normal distribution with the same 95 % interval. What is
-    left in a record beside the noise widens it by the bias that it may make, but takes no weight from the record
-    where it is asked by how much sizes vary.
+    An error of few degrees of freedom counts as that of the normal distribution with the same 95 % interval. The model
+    error in a record widens it by its possible bias, but does not lower the weight of the record in the estimate of the
+    variation of the sizes.
 
     Parameters
     ----------

@@ -17,8 +17,8 @@ def verdict_of(
 ) -> tuple[str, str]:
     """Verdict, and its summary in a sentence.
 
-    Of one steady tone nothing is named alone: it repeats whatever the model lacks, so that no part of it shows whether
-    a cause predicts. A record held out whose misfit falls shows it; where that rises the causes do not predict.
+    From one steady tone alone no single cause is named: it repeats any model error, so that no part of it tests a
+    prediction. A record held out tests it: the causes predict where its misfit falls, and do not where it rises.
     """
     if not all(gate.passed for gate in gates):
         return NOT_DIAGNOSABLE, failures(gates) + _leading(selection)
@@ -30,21 +30,21 @@ def verdict_of(
         return UNEXPLAINED, _refuted(selection, gain)
     share = f"{explained(selection.explained_share)} of the excess misfit"
     if len(selection.rivals) > 1:
-        alike = f"; {_alternatives(selection)} explain {share} alike" if selection.is_significant else ""
-        return ONE_OF, joined(_ways(selection)) + alike + _differing(selection)
+        equally = f"; {_alternatives(selection)} explain {share} equally well" if selection.is_significant else ""
+        return ONE_OF, joined(_ways(selection)) + equally + _differing(selection)
     names, s = _subject(selection)
     text = (f"{names}: explain{s} {share}" if selection.is_significant else names) + _differing(selection)
     if _is_one_tone(ready) and not (gain is not None and gain.kind == RECORDS and gain.proven):
-        return ONE_OF, f"{text}; or what acts like that in this one steady tone, which cannot test a prediction"
+        return ONE_OF, f"{text}; or an effect that is the same in this one steady tone, which cannot test a prediction"
     return NAMED, text
 
 
 def _leading(selection: Selection) -> str:
-    """What explains most where a gate fails, as the end of a sentence; "" where nothing does."""
+    """The causes that explain most where a gate fails, as the end of a sentence; "" without any."""
     if not selection.causes:
         return ""
     names, s, share = _closest_ways(selection)
-    return f"; were that not so, {names} would come closest: explain{s} {share}"
+    return f"; apart from that {names} come{s} closest and explain{s} {share}"
 
 
 def _differing(selection: Selection) -> str:
@@ -54,7 +54,7 @@ def _differing(selection: Selection) -> str:
 
 
 def _is_one_tone(ready: Prepared) -> bool:
-    """Whether all that was searched is one record of a periodic excitation."""
+    """Whether the evidence is one record of a periodic excitation."""
     return [part.period is None for part in ready.fitter.evidence.parts] == [False]
 
 
@@ -69,7 +69,7 @@ def _ways(selection: Selection) -> list[str]:
 
 
 def _closest_ways(selection: Selection) -> tuple[str, str, str]:
-    """What comes closest as the subject of a sentence, the ending of its verb, and what it explains."""
+    """The closest causes as the subject of a sentence, the ending of its verb, and the share explained."""
     share = f"{explained(selection.explained_share)} of the excess misfit"
     return joined(_ways(selection)), "s" if len(selection.causes) == 1 else "", share
 
@@ -91,12 +91,12 @@ def _without_causes(selection: Selection, ready: Prepared) -> tuple[str, str]:
     faults = [f"outliers, {ready.outliers:.1%} of the samples"] if ready.outliers else []
     faults += [f"quantisation, {ready.rounding:.0%} of the noise of a channel"] if ready.rounding else []
     if ready.rounding and selection.is_significant:
-        return NAMED, f"{' and '.join(faults)}; no effect beside that explains what is left"
+        return NAMED, f"{' and '.join(faults)}; no further effect explains the remaining misfit"
     if selection.is_significant:
-        return UNEXPLAINED, f"the misfit is more than noise, and no candidate explains it{_closest(selection)}"
+        return UNEXPLAINED, f"the misfit is significant, and no candidate explains it{_closest(selection)}"
     if faults:
-        return NAMED, f"{' and '.join(faults)}; beside that the residual is what noise leaves"
-    return NONE, "the residual is what noise leaves; nothing that could be named is missing"
+        return NAMED, f"{' and '.join(faults)}; apart from that the residual is noise"
+    return NONE, "the residual is noise; no missing effect is detectable"
 
 
 def _closest(selection: Selection) -> str:
@@ -113,8 +113,8 @@ def _insufficient(selection: Selection) -> str:
     if not selection.is_explained:
         less, it = ("less than", "it") if s else ("not each of them at least", "them")
         return (
-            f"{names} come{s} closest and explain{s} {share}, but {less} {CRITERIA.min_over_remainder:g} times what "
-            f"remains: what is missing may only look like {it}"
+            f"{names} come{s} closest and explain{s} {share}, but {less} {CRITERIA.min_over_remainder:g} times the "
+            f"remaining misfit: the missing effect may only resemble {it}"
         )
     explain = f" and explain{s} {share}" if selection.is_significant else ""
     largest = max(selection.heterogeneous, key=lambda c: c.z)
@@ -123,12 +123,12 @@ def _insufficient(selection: Selection) -> str:
 
 
 def _refuted(selection: Selection, gain: Gain) -> str:
-    """What causes do to the misfit of records held out, which they do not predict."""
+    """The rise of the misfit of records held out, which the causes do not predict."""
     names, s, share = _closest_ways(selection)
     explain = f" and explain{s} {share}" if selection.is_significant else ""
     change = f"rises from {100.0 * gain.before:.3g} to {100.0 * gain.after:.3g} %"
     where = ", ".join(gain.records)
-    return f"{names} come{s} closest{explain}, but on what was held out ({where}) the misfit {change}"
+    return f"{names} come{s} closest{explain}, but in the records held out ({where}) the misfit {change}"
 
 
 def joined(names: Sequence[str]) -> str:
@@ -139,9 +139,9 @@ def joined(names: Sequence[str]) -> str:
 
 
 def explained(share: float) -> str:
-    """Write a share of the excess misfit that is explained [1]: rounding does not make it all where something is left.
+    """Write a share of the excess misfit that is explained [1]; no share below 1 is rounded to "all".
 
-    Of causes that leave less than noise is expected to, it is all.
+    Of causes that leave less than the expectation of noise it is "all".
     """
     if share >= 1.0:
         return "all"
@@ -151,13 +151,14 @@ def explained(share: float) -> str:
 
 
 def untried(selection: Selection) -> str:
-    """What was left out where the budget was spent, as the end of a sentence; "" where nothing was."""
+    """The fits that were omitted for the budget, as the end of a sentence; "" where none were."""
     if not selection.cut_short:
         return ""
     names = [name for r in selection.rounds for name in r.untried]
     fits = f"not fitted: {', '.join(names)}; " if names else ""
-    return f" (the budget was spent: {fits}further causes and exchanges of causes were not all looked for)"
+    return f" (the budget was spent: {fits}not all further causes and exchanges of causes were tried)"
 
 
 def _one_of(names: Sequence[str]) -> str:
+    """Write alternatives."""
     return names[0] if len(names) == 1 else "one of " + ", ".join(names)

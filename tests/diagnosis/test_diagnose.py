@@ -8,7 +8,7 @@ import pytest
 
 from calib.diagnosis.candidate import candidates
 from calib.diagnosis.constancy import CHANNELS, RECORDS, Constancy
-from calib.diagnosis.diagnose import _tried_on_records, diagnose
+from calib.diagnosis.diagnose import _tested_on_records, diagnose
 from calib.diagnosis.effort import Budget, Effort
 from calib.diagnosis.gain import BLOCKS, Gain
 from calib.diagnosis.gain import RECORDS as RECORDS_HELD_OUT
@@ -271,7 +271,7 @@ def test_where_a_step_is_too_coarse_what_would_explain_most_is_told_too():
     known = references(["channel_offset"], offset_displacement=2e-4)
     found = diagnosed(known, library=("channel_offset", "time_step"), model=Model(Stepped(1)))
     assert (found.verdict, found.causes) == ("not_diagnosable", ())
-    assert "were that not so, channel_offset would come closest: explains" in found.summary
+    assert "apart from that channel_offset comes closest and explains" in found.summary
     assert as_dict(found)["closest"] == ["channel_offset"]
 
 
@@ -281,7 +281,7 @@ def test_a_step_whose_error_is_small_beside_what_is_missing_hinders_no_diagnosis
     assert (found.verdict, found.causes) == ("named", ("channel_offset",))
     [gate] = [gate for gate in found.gates if gate.name == "time_step"]
     assert found.selection.rounds[0].threshold < gate.z < 0.1 * np.sqrt(found.selection.margin)
-    assert "sizes may be off by so many standard errors" in gate.summary
+    assert "sizes may be biased by as many standard errors" in gate.summary
 
 
 def changing(k3, soft, loud):
@@ -442,7 +442,7 @@ def test_of_causes_that_explain_alike_those_are_preferred_that_have_one_size_and
         detectable, records = one_size.get(own.name, KNOWN)
         agreement = SimpleNamespace(parameter=own.name, agree=True, detectable=detectable, records=records)
         refutes, tries = own.name in refuted, own.name != "fails"
-        found = {"agreements": (agreement,), "refutes": refutes, "tries_as_much_as": lambda _: tries}
+        found = {"agreements": (agreement,), "refutes": refutes, "covers": lambda _: tries}
         return own, SimpleNamespace(name=own.name, **found)
 
     def exchanged(fitter, selection, cause, rival, reason):
@@ -454,7 +454,7 @@ def test_of_causes_that_explain_alike_those_are_preferred_that_have_one_size_and
     monkeypatch.setattr("calib.diagnosis.diagnose.paired", lambda *given: None)
     special = {"rejected", "weak", "fails"} & set(one_size)
     names = ("a", *special) if special else ("a", "b", "c")
-    found, gain = _tried_on_records(SimpleNamespace(spent=False), None, None, Alike("a", names), (), 0)
+    found, gain = _tested_on_records(SimpleNamespace(spent=False), None, None, Alike("a", names), (), 0)
     assert found.names == (names if special else left)
     assert found.name == gain.name == found.names[0]
 
@@ -464,8 +464,8 @@ def test_of_causes_that_explain_alike_those_are_preferred_that_have_one_size_and
     [
         ({}, (), (), "abc", ""),
         ({"b": RECORDS}, (), (), "ac", "its size differs by 30 % among the records"),
-        ({}, ("abc",), (), "ab", "with it the misfit of what was held out rises"),  # c is the weakest
-        ({}, ("abc", "ab"), (), "a", "with it the misfit of what was held out rises"),
+        ({}, ("abc",), (), "ab", "with it the misfit of the records held out rises"),  # c is the weakest
+        ({}, ("abc", "ab"), (), "a", "with it the misfit of the records held out rises"),
         ({"b": RECORDS, "a": RECORDS}, (), (), "abc", ""),  # c alone is no better: neither is left out
         ({"b": RECORDS}, (), ("ac",), "abc", ""),  # the others explain too little
         ({}, ("abc", "ab", "a"), (), "abc", ""),
@@ -499,7 +499,7 @@ def test_a_cause_that_the_records_refute_is_left_out_where_the_others_hold(
     monkeypatch.setattr("calib.diagnosis.diagnose.left_out", left_out)
     monkeypatch.setattr("calib.diagnosis.diagnose._with_gain", with_gain)
     monkeypatch.setattr("calib.diagnosis.diagnose.paired", lambda *given: None)
-    found, _ = _tried_on_records(SimpleNamespace(spent=False), None, None, Chosen("abc"), (), 0)
+    found, _ = _tested_on_records(SimpleNamespace(spent=False), None, None, Chosen("abc"), (), 0)
     assert found.name == kept
     assert [left[name] for name in "abc" if name not in kept] == [reason] * (3 - len(kept))
 
@@ -536,13 +536,13 @@ def test_where_more_is_left_each_rival_stands_in_the_place_of_the_cause(
     def with_gain(pool, bench, fitter, own, seed):
         interval = (0.1, 0.2) if own.names in vague else (0.3, 0.4)
         refutes = own.names[0] in refuted
-        tried = {"refutes": refutes, "tries_as_much_as": lambda _: True, "interval": interval, "agreements": ()}
+        tried = {"refutes": refutes, "covers": lambda _: True, "interval": interval, "agreements": ()}
         return own, SimpleNamespace(**tried)
 
     monkeypatch.setattr("calib.diagnosis.diagnose.exchanged", lambda f, s, cause, rival, reason: Chosen(rival.name))
     monkeypatch.setattr("calib.diagnosis.diagnose.paired", lambda *given: None)
     monkeypatch.setattr("calib.diagnosis.diagnose._with_gain", with_gain)
-    found, _ = _tried_on_records(SimpleNamespace(spent=False), None, None, Chosen("abc"), (), 0)
+    found, _ = _tested_on_records(SimpleNamespace(spent=False), None, None, Chosen("abc"), (), 0)
     assert found.names == kept
 
 
@@ -610,8 +610,8 @@ def test_causes_of_one_size_are_refuted_by_what_they_do_not_predict(kind, interv
     told, summary = verdict_of(selection, [], ready, Gain(kind, ("louder",), 0.3425, 0.358, interval))
     assert told == verdict
     refuted = (
-        "cubic_stiffness and channel_lag come closest and explain 97 % of the excess misfit, but on what was held out "
-        "(louder) the misfit rises from 34.2 to 35.8 %"
+        "cubic_stiffness and channel_lag come closest and explain 97 % of the excess misfit, but in the records "
+        "held out (louder) the misfit rises from 34.2 to 35.8 %"
     )
     assert (summary == refuted) == (verdict == "unexplained")
 
@@ -696,8 +696,10 @@ def test_the_best_pair_is_tried_where_an_only_cause_does_not_stand(monkeypatch, 
 
     both = None if pair is None else selection(pair, pair in stands)
     monkeypatch.setattr("calib.diagnosis.diagnose.paired", lambda *given: both)
-    monkeypatch.setattr("calib.diagnosis.diagnose._with_gain", lambda *given: (given[3], None))
-    found, _ = _tried_on_records(SimpleNamespace(spent=False), None, None, selection("c", "c" in stands), (), 0)
+    monkeypatch.setattr(
+        "calib.diagnosis.diagnose._with_gain", lambda *given: (given[3], SimpleNamespace(refutes=False))
+    )
+    found, _ = _tested_on_records(SimpleNamespace(spent=False), None, None, selection("c", "c" in stands), (), 0)
     assert found.name == ("ab" if taken else "c")
 
 

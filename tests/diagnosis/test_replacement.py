@@ -10,7 +10,7 @@ from calib.diagnosis.bench import SimulatedRows
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.excess import significant
 from calib.diagnosis.refit import Fitter
-from calib.diagnosis.replacement import _Linear, best_pair, pair_shows
+from calib.diagnosis.replacement import _Linear, best_pair, is_pair_significant
 from calib.diagnosis.screening import screened
 from calib.diagnosis.signature import Point
 from calib.execution.pool import InProcess
@@ -79,7 +79,7 @@ def test_a_cause_that_imitates_two_is_seen_through_by_a_test_of_two_where_no_sum
     [own] = [suspect for suspect in suspects if suspect.name == "mix"]
     cause = own.refitted(final, null.chi2 - final.chi2)
     known = {key: value for key, value in known.items() if key != id(CANDIDATES[2])}  # `soft` is all that is hidden
-    assert pair_shows(null, [(cause, (cause,))], final, [mix, *CANDIDATES], known) == shows
+    assert is_pair_significant(null, [(cause, (cause,))], final, [mix, *CANDIDATES], known) == shows
 
 
 def test_a_cause_that_is_absent_at_infinity_stays_in_what_is_predicted_without_causes():

@@ -284,7 +284,7 @@ def test_what_a_simulation_at_the_refitted_parameters_denies_is_not_promised():
     assert best.distinguished == 1
     assert best.prediction.startswith("would distinguish them")
     unchecked = replace(best, distinguished=0, unchecked=1, z_refit=None)
-    assert unchecked.prediction.endswith("the budget left no simulations to check)")
+    assert unchecked.prediction.endswith("the budget left no simulations to confirm it)")
     one_of_three = replace(best, pairs=3, distinguished=2)
     assert one_of_three.prediction.startswith("would distinguish some of them")
     jumped = replace(best, distinguished=0, z_refit=1800.0)

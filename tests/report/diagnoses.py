@@ -255,7 +255,7 @@ FAILED = [
 CHANGES = {
     "named": {},
     "one_of": {
-        "said": "one of quadratic_drag, linear_drag; they explain 100% of the excess misfit alike",
+        "said": "one of quadratic_drag, linear_drag; they explain 100% of the excess misfit equally well",
         "causes": [],
         "class": [["quadratic_drag"], ["linear_drag"]],
         "rounds": [{**ROUNDS[0], "rivals": ["quadratic_drag", "linear_drag"], "alike": {"linear_drag": 0.97}}],
