@@ -10,6 +10,7 @@ import threading
 import time
 import traceback
 import warnings
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
@@ -79,8 +80,8 @@ class InProcess:
     def __init__(self, function: Callable[[Any], Any]):
         self._function = function
 
-    def map(self, payloads: Iterable[Any]) -> Iterator[tuple[int, Any]]:
-        """Yield (index, result or Failure) in the order of the payloads."""
+    def map(self, payloads: Iterable[Any], stage: str = "") -> Iterator[tuple[int, Any]]:
+        """Yield (index, result or Failure) in the order of the payloads, whatever their stage."""
         for index, payload in enumerate(payloads):
             start = time.perf_counter()
             try:
@@ -112,8 +113,9 @@ class LocalPool:
         the processes, and needs ``if __name__ == "__main__":`` around the code that they must not run again
     jobs : number of processes
     timeout : wall-clock limit of one call [s], None for none; only the process that exceeds it is killed
-    startup : what is added to the limit of the first call in each process, which may import and compile [s]; once such
-        a call has come back, later processes are allowed twice the time it took, and at least MIN_STARTUP_ALLOWANCE
+    startup : what is added to the limit of a stage's first call in each process, which may import and compile [s]; once
+        such a call has come back, later processes are allowed twice the time it took, and at least
+        MIN_STARTUP_ALLOWANCE
     """
 
     def __init__(
@@ -130,11 +132,16 @@ class LocalPool:
         pickled, modules = _pickled(function)
         self._modules = sorted(modules - {"__main__"})
         context = get_context("forkserver") if "__main__" in modules else _WithoutMain()
-        allowance = _Allowance(startup)
-        self._slots = [_Slot(pickled, context, timeout, allowance) for _ in range(jobs)]
+        allowances: dict[str, _Allowance] = defaultdict(partial(_Allowance, startup))
+        self._slots = [_Slot(pickled, context, timeout, allowances) for _ in range(jobs)]
 
-    def map(self, payloads: Iterable[Any]) -> Iterator[tuple[int, Any]]:
+    def map(self, payloads: Iterable[Any], stage: str = "") -> Iterator[tuple[int, Any]]:
         """Yield (index, result or Failure) as the calls end; leaving the loop early kills the calls under way.
+
+        Parameters
+        ----------
+        payloads : of one call each
+        stage : name of what the calls compile: the first call of each stage in a process has an allowance of its own
 
         Raises
         ------
@@ -149,7 +156,7 @@ class LocalPool:
             while idle and (call := next(waiting, None)) is not None:
                 index, payload = call
                 busy[index] = idle.pop()
-                busy[index].start(payload, partial(_tell, done, index))
+                busy[index].start(payload, stage, partial(_tell, done, index))
 
         try:
             hand_out()
@@ -205,7 +212,7 @@ RETRIED = object()
 
 
 class _Allowance:
-    """Time by which the first call of a process may exceed the limit [s]."""
+    """Time by which the first call of a stage in a process may exceed the limit [s]."""
 
     def __init__(self, seconds: float):
         self.seconds = seconds
@@ -216,22 +223,27 @@ class _Allowance:
 
 
 class _Slot:
-    """One worker process at a time: a pool of pebble with one process, so that its first call is known."""
+    """One worker process at a time: a pool of pebble with one process, so that its first calls are known.
 
-    def __init__(self, function: bytes, context: ForkServerContext, timeout: float | None, startup: "_Allowance"):
+    The slots of a pool share its `allowances`, one for each stage.
+    """
+
+    def __init__(
+        self, function: bytes, context: ForkServerContext, timeout: float | None, allowances: "dict[str, _Allowance]"
+    ):
         self._function, self._context = function, context
-        self._timeout, self._startup = timeout, startup
+        self._timeout, self._allowances = timeout, allowances
         self._pool: ProcessPool | None = None
-        self._fresh = True  # the next call is the process's first
+        self._compiled: set[str] = set()  # stages of which the process has come back with a call
         self._worked = False  # whether the process has taken up a call
         self._retried = False
         self._future: Future[bytes] = Future()  # of the call under way
-        self._payload = b""
+        self._payload, self._stage = b"", ""
         self._since, self._limit = 0.0, timeout
 
-    def start(self, payload: Any, done: Callable[[Future[bytes]], None]) -> None:
+    def start(self, payload: Any, stage: str, done: Callable[[Future[bytes]], None]) -> None:
         """Hand out one call; `done` is called, in another thread, when it has ended."""
-        self._payload = pickle.dumps(payload)
+        self._payload, self._stage = pickle.dumps(payload), stage
         self._retried = False
         self._schedule(done)
 
@@ -239,10 +251,10 @@ class _Slot:
         if self._pool is None or not self._pool.active:  # none yet, or its idle process died
             self.close()
             self._pool = ProcessPool(1, initializer=_prepare, initargs=(self._function,), context=self._context)
-            self._fresh = True
+            self._compiled.clear()
         self._limit = self._timeout
-        if self._limit is not None and self._fresh:
-            self._limit += self._startup.seconds
+        if self._limit is not None and self._stage not in self._compiled:
+            self._limit += self._allowances[self._stage].seconds
         self._since = time.perf_counter()
         try:
             with uninterrupted():  # a process whose start is interrupted would be owned by nobody
@@ -257,13 +269,15 @@ class _Slot:
         seconds = time.perf_counter() - self._since
         error = self._future.exception()
         if error is None:
-            if self._fresh:
-                self._startup.learn(seconds)
-            self._fresh, self._worked = False, True
+            if self._stage not in self._compiled:
+                self._allowances[self._stage].learn(seconds)
+            self._compiled.add(self._stage)
+            self._worked = True
             return pickle.loads(self._future.result())
         if isinstance(error, BrokenProcessPool):
             return self._again(done, error, seconds)
-        self._fresh = self._worked = True  # pebble has replaced the process
+        self._worked = True
+        self._compiled.clear()  # pebble has replaced the process
         if isinstance(error, TimeoutError):
             return Failure(TIMEOUT, f"no result within {self._limit:g} s of wall-clock time", seconds)
         if isinstance(error, ProcessExpired):

@@ -1,4 +1,4 @@
-"""The main job: search, confirm and judge what was found, try it on the records held out, and write it all down."""
+"""The main job: search, confirm, judge, predict the records held out, summarise and report."""
 
 import math
 import time
@@ -16,9 +16,8 @@ from calib.confidence import Confidence, around_best, describe_near_optimal
 from calib.diagnosis import artifacts
 from calib.errors import CalibError
 from calib.execution.files import whole
-from calib.execution.pool import Failure, InProcess, LocalPool, in_order, workers
-from calib.modelling.model import Model
-from calib.objective import Objective, Reference, Score, record_misfit
+from calib.execution.pool import Failure, in_order
+from calib.objective import Objective, record_misfit
 from calib.records import OK, failed
 from calib.report import figures, render
 from calib.store import Store, Trial, read
@@ -31,7 +30,6 @@ from calib.study import (
     Evaluation,
     Result,
     confirm,
-    evaluate,
     leaders,
     reach,
     result,
@@ -40,10 +38,47 @@ from calib.study.progress import Progress
 from calib.study.result import HeldOutSummary
 from calib.study.summary import held_out, not_simulated, summarised
 from calib.study_file import StudyFile, load
+from calib.workflows.evaluations import CALIBRATED, CONFIRM, SEARCH, Case, Evaluations, held_out_references
 
-MUCH = 0.5  # of the distance; where a free trigger takes it below, this is said
+MAX_TRIGGER_GAIN = 0.5  # of the distance; a free trigger that takes it below this share is worth a remark
 UNFINISHED = "not finished"  # why a search ended that has not
-CALIBRATED = ""  # beside the names of the records held out: all calibrated records together
+
+
+@dataclass(frozen=True, eq=False)
+class BestPoint:
+    """The best trial of a study, evaluated on the calibrated records.
+
+    Attributes
+    ----------
+    trial : with its confirmed score where it was confirmed
+    confirming : whether the confirming model evaluated it, or that of the search
+    evaluation : of the calibrated records
+    confidence : in its values; None where it was not worked out
+    """
+
+    trial: Trial
+    confirming: bool
+    evaluation: Evaluation | Failure
+    confidence: Confidence | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Calibrated:
+    """A calibration with everything that its report shows.
+
+    Attributes
+    ----------
+    header, trials : of the ledger
+    point : None where no trial ended ok
+    predictions : record held out -> its evaluation at the best point
+    result : what result.json holds
+    """
+
+    header: Mapping[str, Any]
+    trials: Sequence[Trial]
+    point: BestPoint | None
+    predictions: Mapping[str, Evaluation | Failure]
+    result: CalibrationResult
 
 
 def calibrate(
@@ -80,67 +115,46 @@ def calibrate(
         return _calibrate(file, folder, progress, fresh)
 
 
+def rebuild(path: str | Path, out: str | Path | None = None, jobs: int | None = None) -> Path:
+    """Write report.html anew from what lies in the folder of a study, and return its path.
+
+    `jobs` takes the place of the file's.
+    """
+    file = load(path, jobs=jobs)
+    folder = file.folder if out is None else Path(out)
+    return _reported(file, folder, _read_back(file, folder))
+
+
+def summary_so_far(path: str | Path, out: str | Path | None = None) -> CalibrationResult:
+    """Return what result.json holds or, where the search has not ended, would hold of the trials that there are.
+
+    Raises
+    ------
+    CalibError : there are no trials, or they are of another study
+    """
+    file = load(path)
+    return _read_back(file, file.folder if out is None else Path(out)).result
+
+
 def _calibrate(file: StudyFile, folder: Path, progress: Progress, fresh: bool) -> CalibrationResult:
-    begin = time.monotonic()
-    study = file.study
+    """Go through the stages, one after the other; each takes what those before it have found."""
+    begin, study = time.monotonic(), file.study
     if not fresh:
         progress.earlier(_earlier(folder))
     store = Store(folder, file.view, file.keep, partial(figures.picture, objective=study.objective))
-    with workers(partial(evaluate, study.without_search()), study.jobs, study.timeout) as pool:
-        progress.stage("screen")
-        found = study.run(store, pool, on_trial=progress.trial, fresh=fresh)
-        if found.stopped == INTERRUPTED:
-            raise KeyboardInterrupt
+    with Evaluations(file) as evaluations:
+        search = _searched(study, store, evaluations, progress, fresh)
         with store.locked():
-            return _concluded(file, store, pool, found, progress, begin)
-
-
-def _concluded(
-    file: StudyFile, store: Store, pool: LocalPool | InProcess, found: Result, progress: Progress, begin: float
-) -> CalibrationResult:
-    """Confirm what was found, work out how sure it is, predict what is held out, and write result and report."""
-    study = file.study
-    top, model = found.best, study.model
-    final, confirmation, confidence = {}, None, None
-    if top is not None and model.confirming is not None:
-        progress.stage("confirm")
-        confirmation = _confirmation(study, model.confirming, found.trials, progress)
-        top = confirmation.best
-    if top is not None:
-        progress.stage("confidence")
-        [final[CALIBRATED]] = in_order(pool, [top.values])
-        confidence = around_best(study, pool, top, final[CALIBRATED])
-        if confirmation is not None and confirmation.succeeded:
-            model, final[CALIBRATED] = model.confirming, confirmation.chosen.evaluation
-            confidence = _by_the_search(confidence, confirmation)
-        if _held(file):
-            progress.stage("hold-out")
-        final |= _held_out(file, model, top.values)
-    said = summarised(
-        study,
-        found.trials,
-        best=top,
-        score=_scores(final).get(CALIBRATED),
-        confirmation=confirmation,
-        confidence=None if confidence is None else confidence.summary(),
-        reach=found.reach,
-        agreement=found.agreement,
-        stopped=found.stopped,
-        holdout=_said_of_others(file, final),
-        remarks=[
-            *([] if confirmation is None else confirmation.remarks),
-            *_in_the_place_of_intervals(study, found.trials, confidence),
-            *_remarks(study.objective, final.get(CALIBRATED)),
-        ],
-        simulations=_simulations(file, found.trials, confirmation, confidence, final),
-        seconds=time.monotonic() - begin,
-    )
-    progress.stage("report")
-    if confirmation is not None and confirmation.succeeded:
-        store.keep_confirmed(top, confirmation.chosen.evaluation.records)
-    result.write(said, store.folder)
-    _report(file, store.folder, store.header, found.trials, final, said)
-    return said
+            confirmation = _confirmed(study, evaluations, search, progress)
+            point = _judged(study, evaluations, search, confirmation, progress)
+            predictions = _predicted(file, evaluations, point, progress)
+            summary = _summarised(file, search, confirmation, point, predictions, begin)
+            progress.stage("report")
+            if point is not None and point.confirming and isinstance(point.evaluation, Evaluation):
+                store.keep_confirmed(point.trial, point.evaluation.records)
+            result.write(summary, store.folder)
+            _reported(file, store.folder, Calibrated(store.header, search.trials, point, predictions, summary))
+    return summary
 
 
 def _earlier(folder: Path) -> list[Trial]:
@@ -150,133 +164,197 @@ def _earlier(folder: Path) -> list[Trial]:
     return []
 
 
-def rebuild(path: str | Path, out: str | Path | None = None, jobs: int | None = None) -> Path:
-    """Write report.html anew from what lies in the folder of a study, and return its path.
-
-    `jobs` takes the place of the file's.
-    """
-    file = load(path, jobs=jobs)
-    folder = file.folder if out is None else Path(out)
-    return _report(file, folder, *_what_lies_there(file, folder))
+# --- the stages ------------------------------------------------------------------------------------------------------
 
 
-def summary_so_far(path: str | Path, out: str | Path | None = None) -> CalibrationResult:
-    """Return what result.json says or, where the search has not ended, would say of the trials that there are.
+def _searched(
+    study: CalibrationStudy, store: Store, evaluations: Evaluations, progress: Progress, fresh: bool
+) -> Result:
+    """Search to the end.
 
     Raises
     ------
-    CalibError : there are no trials, or they are of another study
+    KeyboardInterrupt : stopped by Ctrl-C
     """
-    file = load(path)
-    return _what_lies_there(file, file.folder if out is None else Path(out))[-1]
+    progress.stage("screen")
+    search = study.run(store, evaluations.calibrated(SEARCH), on_trial=progress.trial, fresh=fresh)
+    if search.stopped == INTERRUPTED:
+        raise KeyboardInterrupt
+    return search
 
 
-def _what_lies_there(
-    file: StudyFile, folder: Path
-) -> tuple[Mapping[str, Any], list[Trial], Mapping[str, Evaluation | Failure], CalibrationResult]:
-    """Header and trials of the ledger, the records of the best trial and those held out, and the result."""
-    header, trials = read(folder, file.study.header["definition"])
-    trials.sort(key=lambda trial: trial.number)
-    top, model = best(trials), file.study.model
-    said = result.read(folder)
-    numbered = {trial.number: trial for trial in trials}
-    finished = said is not None and said.searched_best == (None if top is None else top.number)
-    finished = finished and (top is None or said.best_trial in numbered)
-    if finished and top is not None:
-        top, model = numbered[said.best_trial], _simulated_with(model, said)
-    final = {} if top is None else _held_out(file, model, top.values, with_calibrated=True)
-    if not finished:
-        said = summarised(
-            file.study,
-            trials,
-            best=top,
-            score=_scores(final).get(CALIBRATED),
-            reach=reach(trials),
-            holdout=_said_of_others(file, final),
-            remarks=_remarks(file.study.objective, final.get(CALIBRATED)),
-            stopped=UNFINISHED,
-        )
-    return header, trials, final, said
+def _confirmed(
+    study: CalibrationStudy, evaluations: Evaluations, search: Result, progress: Progress
+) -> Confirmation | None:
+    """Simulate the leaders of the search again; None where there are none, or no confirming simulator."""
+    if search.best is None or study.model.confirming is None:
+        return None
+    progress.stage("confirm")
+    return confirm(evaluations.calibrated(CONFIRM, confirming=True), leaders(search.trials), progress.leader)
 
 
-def _simulated_with(model: Model, said: CalibrationResult) -> Model:
-    """Return the model whose records a result is about: of the confirming simulator, where one confirmed it."""
-    if not said.confirmed:
-        return model
-    if model.confirming is None:
-        raise CalibError(
-            f"what was found here was confirmed with another simulator, which {model.simulator.name!r} now lacks; "
-            "run the study again"
-        )
-    return model.confirming
-
-
-# --- the leaders -----------------------------------------------------------------------------------------------------
-
-
-def _confirmation(
-    study: CalibrationStudy, confirming: Model, trials: Sequence[Trial], progress: Progress
-) -> Confirmation:
-    searched = leaders(trials)
-    again = partial(evaluate, replace(study.without_search(), model=confirming))
-    with workers(again, min(study.jobs, len(searched)), study.timeout) as pool:
-        return confirm(pool, searched, progress.leader)
+def _judged(
+    study: CalibrationStudy,
+    evaluations: Evaluations,
+    search: Result,
+    confirmation: Confirmation | None,
+    progress: Progress,
+) -> BestPoint | None:
+    """Evaluate the best point, and work out how sure its values are; None where no trial ended ok."""
+    trial = search.best if confirmation is None else confirmation.best
+    if trial is None:
+        return None
+    progress.stage("confidence")
+    pool = evaluations.calibrated(SEARCH)
+    [evaluation] = in_order(pool, [trial.values])
+    confidence = around_best(study, pool, trial, evaluation)
+    if confirmation is None or not confirmation.succeeded:
+        return BestPoint(trial, False, evaluation, confidence)
+    return BestPoint(trial, True, confirmation.chosen.evaluation, _by_the_search(confidence, confirmation))
 
 
 def _by_the_search(confidence: Confidence, confirmation: Confirmation) -> Confidence:
     """Say which simulator the differences are of, where there are any."""
     if confidence.status != OK:
         return confidence
-    said = "the intervals are those of the simulator of the search, by finite differences about the confirmed point"
+    reason = "the intervals are those of the simulator of the search, by finite differences about the confirmed point"
     if confirmation.changed:
-        said += "; the best point of the search is another one"
-    return replace(confidence, reason="; ".join(filter(None, [confidence.reason, said])))
+        reason += "; the best point of the search is another one"
+    return replace(confidence, reason="; ".join(filter(None, [confidence.reason, reason])))
 
 
-# --- the records held out --------------------------------------------------------------------------------------------
-
-
-def _held(file: StudyFile) -> dict[str, Reference]:
-    return {name: reference for name, reference in file.others.items() if reference.use == "holdout"}
-
-
-@dataclass(frozen=True, eq=False)
-class _Case:
-    """What `calib.study.evaluate` needs of a study."""
-
-    model: Model
-    objective: Objective
-
-
-def _held_out(
-    file: StudyFile, model: Model, values: Mapping[str, float], with_calibrated: bool = False
+def _predicted(
+    file: StudyFile, evaluations: Evaluations, point: BestPoint | None, progress: Progress
 ) -> dict[str, Evaluation | Failure]:
-    """Evaluate the best values on each record held out, by its name; and, where asked for, on the calibrated ones."""
-    study = file.study
-    judged = {name: _Case(model, study.objective.on({name: reference})) for name, reference in _held(file).items()}
-    if with_calibrated:
-        judged[CALIBRATED] = _Case(model, study.objective)
-    if not judged:
+    """Evaluate the best point on each record held out, by its name."""
+    names = list(held_out_references(file))
+    if point is None or not names:
         return {}
-    with workers(partial(_evaluate_one, judged), min(study.jobs, len(judged)), study.timeout) as pool:
-        return dict(zip(judged, in_order(pool, [(name, values) for name in judged]), strict=True))
+    progress.stage("hold-out")
+    return evaluations.at(point.trial.values, [Case(point.confirming, name) for name in names])
 
 
-def _evaluate_one(judged: Mapping[str, _Case], payload: tuple[str, Mapping[str, float]]) -> Evaluation:
-    name, values = payload
-    return evaluate(judged[name], values)
+def _summarised(
+    file: StudyFile,
+    search: Result,
+    confirmation: Confirmation | None,
+    point: BestPoint | None,
+    predictions: Mapping[str, Evaluation | Failure],
+    begin: float,
+) -> CalibrationResult:
+    study, confidence = file.study, None if point is None else point.confidence
+    return summarised(
+        study,
+        search.trials,
+        best=None if point is None else point.trial,
+        score=point.evaluation.score if point is not None and isinstance(point.evaluation, Evaluation) else None,
+        confirmation=confirmation,
+        confidence=None if confidence is None else confidence.summary(),
+        reach=search.reach,
+        agreement=search.agreement,
+        stopped=search.stopped,
+        holdout=_prediction_summaries(file, predictions),
+        remarks=[
+            *([] if confirmation is None else confirmation.remarks),
+            *_in_the_place_of_intervals(study, search.trials, confidence),
+            *_remarks(study.objective, point),
+        ],
+        simulations=_simulations(file, search.trials, confirmation, point, predictions),
+        seconds=time.monotonic() - begin,
+    )
 
 
-def _scores(final: Mapping[str, Evaluation | Failure]) -> dict[str, Score]:
-    return {name: answer.score for name, answer in final.items() if isinstance(answer, Evaluation)}
+def _reported(file: StudyFile, folder: Path, calibrated: Calibrated) -> Path:
+    """Write report.html; return its path."""
+    study, point = file.study, calibrated.point
+    known = {**study.objective.references, **file.others}
+    records: dict[str, xr.Dataset] = {}
+    if point is not None and isinstance(point.evaluation, Evaluation):
+        records |= point.evaluation.records
+    for name, answer in calibrated.predictions.items():
+        if isinstance(answer, Evaluation):
+            records |= answer.records
+        else:
+            records[name] = failed(study.model.bodies, answer.status, answer.reason)
+    shown = replace(study, objective=Objective(known, study.objective.terms))
+    diagnosis, motions = artifacts.read(folder), artifacts.read_motions(folder)
+    page = render(
+        shown, calibrated.trials, records, calibrated.result, f"calib run {file.path}", calibrated.header, diagnosis,
+        motions, study.jobs,
+    )  # fmt: skip
+    path = folder / "report.html"
+    with whole(path) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+    return path
 
 
-def _said_of_others(file: StudyFile, final: Mapping[str, Evaluation | Failure]) -> dict[str, HeldOutSummary]:
-    return {name: _said_of(file, name, answer) for name, answer in final.items() if name != CALIBRATED}
+# --- what lies in a folder -------------------------------------------------------------------------------------------
 
 
-def _said_of(file: StudyFile, name: str, answer: Evaluation | Failure) -> HeldOutSummary:
-    """What result.json says of the record `name`, which was held out."""
+def _read_back(file: StudyFile, folder: Path) -> Calibrated:
+    """A calibration from its ledger and its result; where the search has not ended, as far as its trials tell it.
+
+    Raises
+    ------
+    CalibError : there are no trials, or they are of another study; the confirming simulator is there no longer
+    """
+    study = file.study
+    header, trials = read(folder, study.header["definition"])
+    trials.sort(key=lambda trial: trial.number)
+    top = best(trials)
+    found = _finished(folder, trials, top)
+    if found is not None and found.best_trial is not None:
+        top = next(trial for trial in trials if trial.number == found.best_trial)
+    confirming = found is not None and found.confirmed
+    if confirming and study.model.confirming is None:
+        raise CalibError(
+            f"what was found here was confirmed with another simulator, which {study.model.simulator.name!r} now "
+            "lacks; run the study again"
+        )
+    point, predictions = (None, {}) if top is None else _evaluated_again(file, top, confirming)
+    if found is None:
+        found = summarised(
+            study,
+            trials,
+            best=top,
+            score=point.evaluation.score if point is not None and isinstance(point.evaluation, Evaluation) else None,
+            reach=reach(trials),
+            holdout=_prediction_summaries(file, predictions),
+            remarks=_remarks(study.objective, point),
+            stopped=UNFINISHED,
+        )
+    return Calibrated(header, trials, point, predictions, found)
+
+
+def _finished(folder: Path, trials: Sequence[Trial], top: Trial | None) -> CalibrationResult | None:
+    """Return the result in a folder where it is of these trials, the best of which is `top`; else None."""
+    found = result.read(folder)
+    if found is None or found.searched_best != (None if top is None else top.number):
+        return None
+    known = top is None or found.best_trial in {trial.number for trial in trials}
+    return found if known else None
+
+
+def _evaluated_again(
+    file: StudyFile, top: Trial, confirming: bool
+) -> tuple[BestPoint, dict[str, Evaluation | Failure]]:
+    """Evaluate the best trial on the calibrated records and those held out."""
+    cases = [Case(confirming, name) for name in (*held_out_references(file), CALIBRATED)]
+    with Evaluations(file) as evaluations:
+        answers = evaluations.at(top.values, cases)
+    return BestPoint(top, confirming, answers.pop(CALIBRATED)), answers
+
+
+# --- what the summary says -------------------------------------------------------------------------------------------
+
+
+def _prediction_summaries(
+    file: StudyFile, predictions: Mapping[str, Evaluation | Failure]
+) -> dict[str, HeldOutSummary]:
+    return {name: _prediction_summary(file, name, answer) for name, answer in predictions.items()}
+
+
+def _prediction_summary(file: StudyFile, name: str, answer: Evaluation | Failure) -> HeldOutSummary:
     if isinstance(answer, Failure):
         return not_simulated(answer.status, answer.reason)
     if answer.score.status != OK:
@@ -298,16 +376,16 @@ def _in_the_place_of_intervals(
     return [sentence] if sentence else []
 
 
-def _remarks(objective: Objective, answer: Evaluation | Failure | None) -> list[str]:
+def _remarks(objective: Objective, point: BestPoint | None) -> list[str]:
     """Name the records that fit far better when it is left open at which instant they start."""
-    if not isinstance(answer, Evaluation) or answer.score.status != OK:
+    if point is None or not isinstance(point.evaluation, Evaluation) or point.evaluation.score.status != OK:
         return []
-    remarks, cost = [], answer.score.cost
+    remarks, cost = [], point.evaluation.score.cost
     for name in objective.scored:
         reference = objective.references[name]
         if reference.excitation.periodic and "trigger" not in reference.nuisance:
-            freed = objective.with_free_trigger(name)(answer.records).cost
-            if freed < MUCH * cost:
+            freed = objective.with_free_trigger(name)(point.evaluation.records).cost
+            if freed < MAX_TRIGGER_GAIN * cost:
                 remarks.append(
                     f"were {name} to start at another instant of its period, the distance would be {freed:.2g} instead "
                     f'of {cost:.2g}: give it nuisance = ["trigger"] unless its start is known'
@@ -319,47 +397,20 @@ def _simulations(
     file: StudyFile,
     trials: Sequence[Trial],
     confirmation: Confirmation | None,
-    confidence: Confidence | None,
-    final: Mapping[str, Evaluation | Failure],
+    point: BestPoint | None,
+    predictions: Mapping[str, Evaluation | Failure],
 ) -> int:
+    """Runs of the simulator in all stages; one a record where an evaluation that failed does not tell them."""
     each = len(file.study.objective.references)
     searched = sum(each if trial.simulations is None else trial.simulations for trial in trials)
     again = 0 if confirmation is None else sum(_runs(leader.evaluation, each) for leader in confirmation.leaders)
-    if confidence is None:
+    if point is None or point.confidence is None:
         return searched + again
-    centre = _runs(final.get(CALIBRATED), each)  # its neighbours take as many
-    held = sum(_runs(answer, 1) for name, answer in final.items() if name != CALIBRATED)
-    return searched + again + centre * (1 + confidence.evaluations) + held
+    centre = _runs(point.evaluation, each)  # its neighbours take as many
+    predicted = sum(_runs(answer, 1) for answer in predictions.values())
+    return searched + again + centre * (1 + point.confidence.evaluations) + predicted
 
 
-def _runs(answer: Evaluation | Failure | None, otherwise: int) -> int:
+def _runs(answer: Evaluation | Failure, otherwise: int) -> int:
     """Runs of the simulator that an evaluation took; `otherwise` where it failed."""
     return answer.simulations if isinstance(answer, Evaluation) else otherwise
-
-
-# --- the page --------------------------------------------------------------------------------------------------------
-
-
-def _report(
-    file: StudyFile,
-    folder: Path,
-    header: Mapping[str, Any],
-    trials: Sequence[Trial],
-    final: Mapping[str, Evaluation | Failure],
-    said: CalibrationResult,
-) -> Path:
-    study = file.study
-    known = {**study.objective.references, **file.others}
-    records: dict[str, xr.Dataset] = {}
-    for name, answer in final.items():
-        if isinstance(answer, Evaluation):
-            records |= answer.records
-        elif name != CALIBRATED:
-            records[name] = failed(study.model.bodies, answer.status, answer.reason)
-    shown = replace(study, objective=Objective(known, study.objective.terms))
-    diagnosis, motions = artifacts.read(folder), artifacts.read_motions(folder)
-    page = render(shown, trials, records, said, f"calib run {file.path}", header, diagnosis, motions, study.jobs)
-    path = folder / "report.html"
-    with whole(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
-    return path

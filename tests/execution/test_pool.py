@@ -83,6 +83,14 @@ def test_the_first_call_of_a_process_has_a_warm_up_allowance():
         assert results(pool, [1.0]) == {0: 1.0}, "a new process has its own allowance"
 
 
+def test_each_stage_has_an_allowance_of_its_own():
+    """A stage that compiles more than those before it does not run into the time limit."""
+    with LocalPool(f.slow_square, 1, timeout=0.3, startup=5.0) as pool:
+        assert dict(pool.map([0.0], "search")) == {0: 0.0}
+        assert dict(pool.map([1.0], "confirm")) == {0: 1.0}
+        assert dict(pool.map([1.0], "search"))[0].status == "timeout"
+
+
 def test_a_process_that_follows_one_that_hung_is_not_given_the_time_to_compile_again(monkeypatch):
     monkeypatch.setattr("calib.execution.pool.MIN_STARTUP_ALLOWANCE", 0.5)
     with LocalPool(f.misbehave, 1, timeout=0.5, startup=100.0) as pool:
