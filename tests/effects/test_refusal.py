@@ -81,7 +81,8 @@ def test_the_list_shows_what_an_effect_adds_and_what_it_is_mistaken_for():
     effect = EFFECTS["quadratic_drag"]
     assert f"equation: {effect.equation}" in said
     assert f"confused with: {', '.join(effect.confused)}" in said
-    assert f"source: {effect.source}" in said
+    assert f"source: {' '.join(effect.cite.split())}" in said
+    assert effect.cite.startswith("Worden & Tomlinson")
     assert effect.equation == "-c2 v |v|"
     assert set(effect.confused) >= {"linear_drag", "coulomb_friction"}
 

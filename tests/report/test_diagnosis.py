@@ -99,7 +99,7 @@ def test_causes_that_were_exchanged_after_the_rounds_are_in_their_table(study):
     assert last["chosen"] == "lag + scale instead: of all pairs this one explains most"
 
 
-def test_what_could_not_be_looked_at_does_not_hold(study):
+def test_what_could_not_be_looked_at_does_not_hold(study, undrawn):
     said = document("named", VALUES)
     gate = {"name": "time_step", "passed": True, "said": "it has none", "z": None, "tried": False}
     said["gates"] = [*said["gates"], gate]
@@ -309,7 +309,7 @@ def test_a_feature_is_shown_as_z_is_taken_of_it(study):
 
 
 @pytest.mark.parametrize("lack", [0.0, 0.3])
-def test_where_the_acceleration_is_too_uncertain_nothing_is_said_to_be_noise(lack, study):
+def test_where_the_acceleration_is_too_uncertain_nothing_is_said_to_be_noise(lack, study, undrawn):
     records = {"clapping": motion(np.random.default_rng(3), lack=lack)}
     said = document("unexplained", VALUES)
     text = words(render(study, [], {}, CALIBRATED, diagnosis=said, motions=records))
@@ -472,12 +472,12 @@ def test_a_diagnosis_of_other_values_is_out_of_date():
     assert stale(said, CalibrationResult(values=VALUES | {"gap": 1.01e-3}))
 
 
-def test_a_page_without_a_diagnosis_has_no_such_chapter(page, study):
+def test_a_page_without_a_diagnosis_has_no_such_chapter(page, study, undrawn):
     assert 'id="diagnosis"' in page
     assert 'id="diagnosis"' not in render(study, [], {}, CALIBRATED)
 
 
-def test_the_page_says_that_a_diagnosis_is_out_of_date(study):
+def test_the_page_says_that_a_diagnosis_is_out_of_date(study, undrawn):
     said = document("not_diagnosable", {"gap": 2e-3})
     assert "Out of date:" in words(render(study, [], {}, CALIBRATED, diagnosis=said))
 

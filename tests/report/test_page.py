@@ -42,6 +42,8 @@ class Structure(HTMLParser):
 
 @pytest.fixture(scope="session", params=["periodic", "recorded", "hopeless"])
 def page(request):
+    if request.param == "periodic":
+        return request.getfixturevalue("found")
     return render(*request.getfixturevalue(request.param).arguments)
 
 
@@ -150,7 +152,7 @@ def test_a_motion_without_a_period_is_not_said_to_have_an_excitation_without_one
 
 
 @pytest.mark.parametrize(("total", "another"), [(9.0, False), (10.37, True)])
-def test_a_distance_that_is_a_penalty_is_said_to_be_that_of_another_kind_of_motion(total, another, periodic):
+def test_a_distance_that_is_a_penalty_is_said_to_be_that_of_another_kind_of_motion(total, another, periodic, undrawn):
     leaders = tuple(LeaderSummary(3, searched=0.43, confirmed=c, kind="period 1") for c in (total, 0.4336))
     confirmation = ConfirmationSummary(leaders, chosen=3, changed=True)
     scene = replace(periodic, result=replace(periodic.result, confirmation=confirmation))
@@ -169,7 +171,7 @@ def test_an_interval_of_the_parameters_is_called_by_one_definition(found):
     assert "95 % interval: by them and Student's t" in text
 
 
-def test_a_parameter_that_is_nearly_collinear_with_another_is_not_said_to_be_undetermined(periodic):
+def test_a_parameter_that_is_nearly_collinear_with_another_is_not_said_to_be_undetermined(periodic, undrawn):
     group = UndeterminedGroup(("gap", "damping"), text="gap damping is determined better", reason="nearly collinear")
     scene = replace(periodic, result=replace(periodic.result, undetermined=(group,)))
     text = words(render(*scene.arguments))
@@ -184,17 +186,17 @@ def test_a_large_distance_is_no_agreement(total, tone):
     assert ("left unexplained" in " ".join(said["points"])) == (tone == "mind")
 
 
-def test_a_study_without_a_score_says_so(hopeless):
+def test_a_study_without_a_score_says_so(hopeless, undrawn):
     text = words(render(*hopeless.arguments))
     assert "No trial ended with a score" in text
     assert "step budget" in text
 
 
-def test_a_study_without_trials_still_has_a_page(hopeless):
+def test_a_study_without_trials_still_has_a_page(hopeless, undrawn):
     assert "No trial yet." in render(hopeless.study, [], {}, hopeless.result)
 
 
-def test_text_of_others_is_escaped(periodic):
+def test_text_of_others_is_escaped(periodic, undrawn):
     trials = [replace(periodic.trials[3], reason="<script>alert(1)</script>")]
     study = SimpleNamespace(**{**vars(periodic.study), "name": "<b>bold</b>"})
     page = render(study, trials, {}, CalibrationResult())
@@ -204,7 +206,7 @@ def test_text_of_others_is_escaped(periodic):
     assert "&lt;b&gt;bold&lt;/b&gt;" in page
 
 
-def test_versions_and_processor_are_those_of_the_ledger(periodic):
+def test_versions_and_processor_are_those_of_the_ledger(periodic, undrawn):
     header = {"versions": {"python": "3.99"}, "processor": "Abacus 7"}
     text = words(render(*periodic.arguments, header=header))
     assert "python 3.99" in text
