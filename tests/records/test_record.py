@@ -122,3 +122,17 @@ def test_a_record_tells_its_excitation():
 def test_an_impossible_excitation_is_refused(given, said):
     with pytest.raises(CalibError, match=said):
         Excitation(**{"place": "end", "quantity": "force", "frequency": 1.0, "amplitude": 1.0, **given})
+
+
+def test_an_excitation_is_read_as_a_harmonic_or_as_samples_and_never_as_the_other():
+    tone = Excitation("end", "force", frequency=4.0, amplitude=2.0, phase=0.5)
+    assert tone.as_harmonic == (4.0, 2.0, 0.5)
+    assert tone.as_harmonic.period == 0.25
+    time, value = np.array([0.0, 1.0]), np.array([3.0, 4.0])
+    recorded = Excitation("end", "force", frequency=4.0, amplitude=2.0, time=time, value=value)
+    assert recorded.as_samples == (time, value)
+    for wrong, message in ((recorded, "force by samples"), (Excitation("end", "free decay"), "free decay")):
+        with pytest.raises(CalibError, match=f"a harmonic excitation is needed, got {message};"):
+            _ = wrong.as_harmonic
+    with pytest.raises(CalibError, match="a recorded excitation is needed, got force without samples"):
+        _ = tone.as_samples
