@@ -231,7 +231,7 @@ def test_what_it_cannot_take_is_refused():
         model.run({}, force, Request(times=np.linspace(0.0, 3.0, 11)))
     with pytest.raises(CalibError, match="must be at least two, and increase"):
         model.run({}, force, Request(times=np.array([0.0, 1.0, 1.0])))
-    with pytest.raises(CalibError, match="say at which times"):
+    with pytest.raises(CalibError, match="state its output times"):
         model.run({}, DECAY)
     with pytest.raises(CalibError, match="no velocity, which the damper needs"):
         Model(Oscillator(hold="zero order")).run({}, recorded("base motion", TIMES, TIMES))
