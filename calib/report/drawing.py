@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from calib.units import MICRO, MILLI, TINY
+from calib.units import MICRO, MILLI, MICRO_BELOW
 
 MEASURED, SIMULATED, MARK, LINE = "#8a8a8a", "#0072B2", "#D55E00", "#333333"
 KINDS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#F0E442")
@@ -55,7 +55,7 @@ def shown_unit(unit: str, largest: float) -> tuple[float, str]:
     """Factor and unit for a reader: mm, ms, g where nothing exceeds half an m, s, kg; um, us, mg where all is tiny."""
     if unit == "kg" and abs(largest) <= 5e-4:
         return 1e6, "mg"
-    if unit in MICRO and 0.0 < abs(largest) < TINY:
+    if unit in MICRO and 0.0 < abs(largest) < MICRO_BELOW:
         return MICRO[unit]
     small = {**MILLI, "kg": (1e3, "g")}
     return small[unit] if unit in small and abs(largest) <= 0.5 else (1.0, unit or "1")
