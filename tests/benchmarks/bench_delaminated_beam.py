@@ -51,7 +51,8 @@ class StateInC(ctypes.Structure):
     """`State` of delaminated_beam.c."""
 
     _fields_ = tuple(
-        (n, POINTER) for n in ("w", "v", "elastic", "gap", "rate", "push", "mobility", "crowd", "active", "counters")
+        (n, POINTER)
+        for n in ("w", "v", "elastic", "gap", "rate", "push", "mobility", "pair_weights", "active", "counters")
     )
 
 
@@ -132,7 +133,7 @@ def against_c(run, name, folder):
 
 def akantu_speed(steps=2000):
     """Element-steps per CPU second of akantu: 582 bilinear elements, explicit, lumped, without contact."""
-    b = beam(symmetric=False, full=True)
+    b = beam(symmetric=False, bilinear=True)
     peer, _mesh = model(b.structure.mesh, ALUMINIUM, 3.1e-7, 1e-6 * b.nodes)
 
     def go():

@@ -1,4 +1,4 @@
-/* The steps of the delaminated beam's full kernel (calib/simulators/delaminated_beam/explicit.py) in C: the same arrays
+/* The steps of the delaminated beam's full kernel (calib/simulators/delaminated_beam/explicit) in C: the same arrays
    and the same operations, without laws, arches, lagged or unclipped dampers and notes. The bench compiles it. */
 
 #include <math.h>

@@ -31,7 +31,7 @@ class MeshedStructure:
     stiffness : (2 n, 2 n) about the stress-free shape  [N/m]
     held : freedoms that do not move; the driven one is not among them
     pairs : of the contact
-    full : whether elements bend as bilinear ones
+    bilinear : whether elements bend as bilinear ones with full integration
     """
 
     mesh: Mesh
@@ -41,7 +41,7 @@ class MeshedStructure:
     stiffness: sparse.csr_array
     held: np.ndarray
     pairs: Pairs
-    full: bool
+    bilinear: bool
 
     @property
     def driven(self) -> int:
@@ -72,11 +72,11 @@ class MeshedStructure:
         return float(2.0 / np.sqrt(highest))
 
 
-def structure(mesh: Mesh, material: Material, width: float, full: bool = False) -> MeshedStructure:
+def structure(mesh: Mesh, material: Material, width: float, bilinear: bool = False) -> MeshedStructure:
     """Assemble the matrices of a mesh; see `MeshedStructure`."""
     mass = masses(mesh, material, width)
-    k = stiffness(mesh, material, width, full)
-    return MeshedStructure(mesh, material, width, mass, k, mesh.held, contact.pairs(mesh, mass), full)
+    k = stiffness(mesh, material, width, bilinear)
+    return MeshedStructure(mesh, material, width, mass, k, mesh.held, contact.pairs(mesh, mass), bilinear)
 
 
 def stable_step(critical: float, beta: float) -> float:
@@ -207,7 +207,7 @@ def _padded(count: int) -> int:
 def _elements(structure: MeshedStructure, strip: int) -> Elements:
     """Elements over a line."""
     mesh = structure.mesh
-    return elements(mesh.nodes, mesh.quadrilaterals(strip), structure.material, structure.width, structure.full)
+    return elements(mesh.nodes, mesh.quadrilaterals(strip), structure.material, structure.width, structure.bilinear)
 
 
 def _inverse_mass(structure: MeshedStructure, layout: Layout) -> np.ndarray:
@@ -272,7 +272,7 @@ def begin(plan: ExplicitPlan, layout: Layout, displacement: np.ndarray, velocity
         rate=np.zeros(pairs),
         push=np.zeros(pairs),
         mobility=np.zeros(pairs),
-        crowd=np.zeros(2 * layout.size),
+        pair_weights=np.zeros(2 * layout.size),
         counters=np.array([0, 0, NEVER, NEVER]),
     )
 

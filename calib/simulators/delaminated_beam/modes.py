@@ -119,7 +119,7 @@ def _membrane(structure: MeshedStructure) -> Membrane:
     thickness = _heights(structure)
     for lower in mesh.strips:
         quads = mesh.quadrilaterals(lower)
-        e = elements(mesh.nodes, quads, structure.material, structure.width, structure.full)
+        e = elements(mesh.nodes, quads, structure.material, structure.width, structure.bilinear)
         layer = lower > mesh.interface
         first = mesh.first
         last = mesh.last if layer else mesh.first + (mesh.last - mesh.first) // mesh.ratio

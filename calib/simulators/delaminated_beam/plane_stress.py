@@ -84,7 +84,7 @@ class Elements:
 
 
 def elements(
-    nodes: np.ndarray, quadrilaterals: np.ndarray, material: Material, width: float, full: bool = False
+    nodes: np.ndarray, quadrilaterals: np.ndarray, material: Material, width: float, bilinear: bool = False
 ) -> Elements:
     """Measure the elements of a strip in their stress-free place.
 
@@ -93,7 +93,7 @@ def elements(
     nodes : (n, 2)  [m]
     quadrilaterals : (m, 4) nodes: lower left, lower right, upper right, upper left
     width : out of the plane  [m]
-    full : bending as in the bilinear element with full integration, which locks; for comparison with other codes
+    bilinear : bending as in the bilinear element with full integration, which locks; for comparison with other codes
 
     Raises
     ------
@@ -117,7 +117,7 @@ def elements(
         cosine=cosine,
         sine=sine,
         twist=np.array([cosine * product[0] + sine * product[1], cosine * product[1] - sine * product[0]]),
-        bending=material.plane * bend + material.shear * bend[::-1] if full else material.young * bend,
+        bending=material.plane * bend + material.shear * bend[::-1] if bilinear else material.young * bend,
     )
 
 
@@ -148,13 +148,13 @@ def energy(e: Elements, displacement: np.ndarray, material: Material) -> float:
     return 0.5 * float((e.volume * density).sum() + bending.sum())
 
 
-def stiffness(mesh: Mesh, material: Material, width: float, full: bool = False) -> sparse.csr_array:
+def stiffness(mesh: Mesh, material: Material, width: float, bilinear: bool = False) -> sparse.csr_array:
     """Assemble the stiffness (2 n, 2 n) about the stress-free shape; freedoms 2 i, 2 i + 1: x, y of node i  [N/m]."""
     size = 2 * len(mesh.nodes)
     total = sparse.csr_array((size, size))
     for strip in mesh.strips:
         quads = mesh.quadrilaterals(strip)
-        k = _stiffness(elements(mesh.nodes, quads, material, width, full), material)
+        k = _stiffness(elements(mesh.nodes, quads, material, width, bilinear), material)
         freedoms = np.stack([2 * quads, 2 * quads + 1], axis=2).reshape(-1, 8)
         rows, columns = np.repeat(freedoms, 8, axis=1), np.tile(freedoms, (1, 8))
         total = total + sparse.coo_array((k.ravel(), (rows.ravel(), columns.ravel())), shape=(size, size)).tocsr()

@@ -87,10 +87,12 @@ class Beam(NamedTuple):
         return self.layout.gather(state.v)
 
 
-def beam(geometry: Geometry = PAPER, counts: Counts | None = None, symmetric: bool = True, full: bool = False) -> Beam:
+def beam(
+    geometry: Geometry = PAPER, counts: Counts | None = None, symmetric: bool = True, bilinear: bool = False
+) -> Beam:
     """Mesh a beam and work out its matrices."""
     meshed = mesh(geometry, counts or Counts(), symmetric)
-    structure = layout.structure(meshed, ALUMINIUM, WIDTH, full)
+    structure = layout.structure(meshed, ALUMINIUM, WIDTH, bilinear)
     return Beam(structure, Layout(meshed), structure.critical_step())
 
 

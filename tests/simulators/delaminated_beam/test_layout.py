@@ -12,14 +12,14 @@ from calib.simulators.delaminated_beam.layout import Layout, elastic_energy, int
 from calib.simulators.delaminated_beam.mesh import Counts, mesh
 
 HALF, WHOLE = beam(), beam(symmetric=False)
-LOCKING = beam(full=True)
+LOCKING = beam(bilinear=True)
 ARCHED = beam(dataclasses.replace(PAPER, arch=1e-3), symmetric=False)
 STEP = 3.1e-7  # s
 BEAMS = pytest.mark.parametrize("b", [HALF, WHOLE, LOCKING, ARCHED], ids=["half", "whole", "bilinear", "arched"])
 
 
-def turned_beam(angle, full=False):
-    structure = layout.structure(turned(HALF.structure.mesh, angle), ALUMINIUM, WIDTH, full)
+def turned_beam(angle, bilinear=False):
+    structure = layout.structure(turned(HALF.structure.mesh, angle), ALUMINIUM, WIDTH, bilinear)
     structure = dataclasses.replace(structure, pairs=HALF.structure.pairs)  # those of a turned beam have no meaning
     return HALF._replace(structure=structure, layout=Layout(structure.mesh))
 
@@ -121,9 +121,9 @@ def test_the_forces_of_a_bent_beam_are_in_equilibrium(b):
 
 
 @pytest.mark.parametrize("angle", [0.0, *angles(4, 3)])
-@pytest.mark.parametrize("full", [False, True])
-def test_the_kernel_passes_the_patch_test_at_any_strain(angle, full):
-    b = turned_beam(angle, full)
+@pytest.mark.parametrize("bilinear", [False, True])
+def test_the_kernel_passes_the_patch_test_at_any_strain(angle, bilinear):
+    b = turned_beam(angle, bilinear)
     gradient_ = 0.05 * np.random.default_rng(5).standard_normal((2, 2))
     force = internal_force(b.plan(STEP), b.layout, b.nodes @ gradient_.T)
     inner = inner_nodes(b.structure.mesh)

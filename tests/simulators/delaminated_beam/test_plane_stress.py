@@ -44,13 +44,13 @@ def frequencies(k, m, count):
 
 
 @pytest.mark.parametrize("angle", [0.0, *angles(1, 4)])
-@pytest.mark.parametrize("full", [False, True])
-def test_the_patch_test_is_passed_exactly(angle, full):
+@pytest.mark.parametrize("bilinear", [False, True])
+def test_the_patch_test_is_passed_exactly(angle, bilinear):
     """Under a linear displacement no force acts on inner nodes, and the energy is that of the constant strain."""
     meshed = turned(HALF, angle)
     gradient = 1e-3 * np.random.default_rng(2).standard_normal((2, 2))
     displacement = meshed.nodes @ gradient.T
-    k = stiffness(meshed, ALUMINIUM, WIDTH, full)
+    k = stiffness(meshed, ALUMINIUM, WIDTH, bilinear)
     force = (k @ displacement.ravel()).reshape(-1, 2)
     inner = inner_nodes(meshed)
     assert len(inner) > 50
@@ -62,11 +62,11 @@ def test_the_patch_test_is_passed_exactly(angle, full):
 
 
 @pytest.mark.parametrize("angle", [0.0, *angles(3, 3)])
-@pytest.mark.parametrize("full", [False, True])
-def test_the_stiffness_is_that_of_quadrature_with_condensed_incompatible_modes(angle, full):
+@pytest.mark.parametrize("bilinear", [False, True])
+def test_the_stiffness_is_that_of_quadrature_with_condensed_incompatible_modes(angle, bilinear):
     meshed = turned(mesh(PAPER, Counts(masters=8, slaves=4, outer=6)), angle)
-    reference = qm6.assemble(meshed, ALUMINIUM, WIDTH, incompatible=not full)
-    difference = stiffness(meshed, ALUMINIUM, WIDTH, full) - reference
+    reference = qm6.assemble(meshed, ALUMINIUM, WIDTH, incompatible=not bilinear)
+    difference = stiffness(meshed, ALUMINIUM, WIDTH, bilinear) - reference
     assert np.abs(difference).max() < 1e-12 * np.abs(reference).max()
 
 
@@ -163,7 +163,7 @@ def test_whole_and_half_have_the_same_first_frequency():
 
 
 def test_full_integration_locks():
-    k = stiffness(WHOLE, ALUMINIUM, WIDTH, full=True)
+    k = stiffness(WHOLE, ALUMINIUM, WIDTH, bilinear=True)
     assert frequencies(k, masses(WHOLE, ALUMINIUM, WIDTH), 1)[0] == pytest.approx(30.6, abs=0.1)
 
 

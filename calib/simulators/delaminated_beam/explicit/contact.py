@@ -56,19 +56,21 @@ def add_mobilities(plan: ExplicitPlan, state: ExplicitState, closed: int) -> Non
     Pairs that share a master push it together. A damper that reckons with this is stable for any damping, whatever the
     others' pushes turn out to be: the row sums bound the matrix of the mobilities from above.
     """
-    inverse, crowd = plan.inverse_mass, state.crowd
+    inverse, pair_weights = plan.inverse_mass, state.pair_weights
     for k in range(closed):
         if state.gap[k] < 0.0:
             i = state.active[k]
-            crowd[plan.master[i]] += 1.0 - plan.weight[i]
-            crowd[plan.following[i]] += plan.weight[i]
+            pair_weights[plan.master[i]] += 1.0 - plan.weight[i]
+            pair_weights[plan.following[i]] += plan.weight[i]
     for k in range(closed):
         i = state.active[k]
         s, m, n, weight = plan.slave[i], plan.master[i], plan.following[i], plan.weight[i]
-        state.mobility[k] = inverse[s] + (1.0 - weight) * inverse[m] * crowd[m] + weight * inverse[n] * crowd[n]
+        state.mobility[k] = (
+            inverse[s] + (1.0 - weight) * inverse[m] * pair_weights[m] + weight * inverse[n] * pair_weights[n]
+        )
     for k in range(closed):
         i = state.active[k]
-        crowd[plan.master[i]] = crowd[plan.following[i]] = 0.0
+        pair_weights[plan.master[i]] = pair_weights[plan.following[i]] = 0.0
 
 
 @njit(**INLINED)

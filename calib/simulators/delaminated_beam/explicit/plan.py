@@ -26,7 +26,7 @@ class ExplicitPlan(NamedTuple):
     turned : (k,) whether a strip's stress-free elements are not rectangles along x
     factors : (k * FACTORS * ROW,) coefficients of the elements, see `elements.forces_of_strip`
     across : (k,) 0.5 / height of the elements  [1/m]
-    shear, mean : G, K2 (see above)  [Pa]
+    shear, mean : G, K2, see `elements`  [Pa]
     lines : (l, 4) first node, nodes (padded), strip below, strip above (-1: none)
     shared : (j, 3) first node on the layer's lowest line and on the interface, and how many they have in common
     joint : (3,) strip below the interface, strip above the layer's lowest line, and that line
@@ -38,7 +38,7 @@ class ExplicitPlan(NamedTuple):
     acting : (m,) whether the two sides are two nodes
     area : (m,) of the pair  [m^2]
     place : (m,) along the delamination  [1]
-    lagged, clipped : how damping is taken, and whether the force can pull
+    lagged, clipped : whether damping sees the velocity before a step, and whether the force cannot pull
     centre : number of the pair in the middle
     driven : y-node
     limit : velocity beyond which the run counts as unstable  [m/s]
@@ -98,7 +98,8 @@ class ExplicitState(NamedTuple):
     elastic : (k * FORCES * ROW,) nodal forces of each strip's elements, see `elements.spread`  [N]
     active : (m,) pairs that are closed
     gap, rate, push : (m,) clearance [m], its rate [m/s] half a step back, force [N] of the closed pairs
-    mobility, crowd : (m,) of the closed pairs with all the others [1/kg]; (2 * size,) pairs that push each node [1]
+    mobility, pair_weights : (m,) of the closed pairs with all the others [1/kg]; (2 * size,) sum of
+        the weights with which closed pairs push each node of the beam [1], zero between steps
     counters : (4,) steps done in all, next step at which contact is searched for, step of the last contact anywhere,
         and in the middle
     """
@@ -111,7 +112,7 @@ class ExplicitState(NamedTuple):
     rate: np.ndarray
     push: np.ndarray
     mobility: np.ndarray
-    crowd: np.ndarray
+    pair_weights: np.ndarray
     counters: np.ndarray
 
 

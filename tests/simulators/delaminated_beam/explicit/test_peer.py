@@ -22,7 +22,7 @@ def tip_of_akantu(b, step, displacement, steps, tip):
 
 def test_free_vibration_is_that_of_akantu():
     """Bilinear elements, a small amplitude, a tenth of a period from the bent shape."""
-    b = beam(symmetric=False, full=True)
+    b = beam(symmetric=False, bilinear=True)
     step = 0.8 * b.critical
     steps, tip = int(0.1 * PERIOD / step), int(b.structure.mesh.lines[0][-1])
     middle = np.exp(-((b.nodes[:, :1] / 0.05) ** 2))  # is left where it is
