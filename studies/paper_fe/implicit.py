@@ -20,9 +20,10 @@ from calib.dynamics.setting import Setting
 from calib.modelling.model import Model
 from calib.simulators.delaminated_beam import DelaminatedBeam, layout
 from calib.simulators.delaminated_beam.explicit import ExplicitPlan
-from calib.simulators.delaminated_beam.layout import Layout, MeshedStructure
+from calib.simulators.delaminated_beam.layout import Layout
 from calib.simulators.delaminated_beam.mesh import Geometry, mesh
 from calib.simulators.delaminated_beam.plane_stress import Material
+from calib.simulators.delaminated_beam.structure import MeshedStructure, assemble
 from calib.study_file import load
 
 HERE = Path(__file__).parent
@@ -64,7 +65,7 @@ def structure(held: Setting) -> MeshedStructure:
     v = {**held.model.nominal, **held.values}
     shape = Geometry(v["length"], v["delamination"], v["beam_thickness"], v["layer_thickness"], 0.0, v["support"])
     material = Material(v["young_modulus"], v["poisson_ratio"], v["density"])
-    return layout.structure(mesh(shape, held.model.simulator.counts, True), material, v["width"])
+    return assemble(mesh(shape, held.model.simulator.counts, True), material, v["width"])
 
 
 def explicit(step: float, state: np.ndarray) -> Run:

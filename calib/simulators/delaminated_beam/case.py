@@ -9,12 +9,14 @@ from calib.errors import CalibError
 from calib.simulators.delaminated_beam import layout, reduction
 from calib.simulators.delaminated_beam.coefficients import Coefficients
 from calib.simulators.delaminated_beam.drive import BeamDrive
-from calib.simulators.delaminated_beam.full import FullEngine
-from calib.simulators.delaminated_beam.layout import Layout, MeshedStructure
+from calib.simulators.delaminated_beam.explicit.engine import FullEngine
+from calib.simulators.delaminated_beam.layout import Layout
 from calib.simulators.delaminated_beam.mesh import Counts, Geometry, mesh
 from calib.simulators.delaminated_beam.modes import Modes, modes
 from calib.simulators.delaminated_beam.plane_stress import Material
-from calib.simulators.delaminated_beam.reduction import Fineness, ReducedEngine
+from calib.simulators.delaminated_beam.reduced.engine import ReducedEngine
+from calib.simulators.delaminated_beam.reduction import Fineness
+from calib.simulators.delaminated_beam.structure import MeshedStructure, assemble
 
 MAX_SPEED_RATIO = 100.0  # of a velocity over the drive's, beyond which the full kernel's step is unstable  [1]
 MAX_LENGTH_RATIO = 100.0  # of a displacement over the drive's, beyond which the reduced motion diverges  [1]
@@ -113,7 +115,7 @@ def structure_of(shape: tuple[tuple[str, float], ...], arch: float, counts: Coun
             raise ValueError(f"{name} is {v[name]:g}; give it a positive value")
     geometry = Geometry(v["length"], v["delamination"], v["beam_thickness"], v["layer_thickness"], arch, v["support"])
     material = Material(v["young_modulus"], v["poisson_ratio"], v["density"])
-    return layout.structure(mesh(geometry, counts, symmetric), material, v["width"])
+    return assemble(mesh(geometry, counts, symmetric), material, v["width"])
 
 
 @lru_cache(maxsize=8)

@@ -21,13 +21,13 @@ from calib.simulators.delaminated_beam.coefficients import Coefficients
 from calib.simulators.delaminated_beam.contact import clearance, critical_damping, penalty
 from calib.simulators.delaminated_beam.drive import PLACE, QUANTITY, BeamDrive, CentreDisplacement
 from calib.simulators.delaminated_beam.error_estimate import LEVELS, refined
-from calib.simulators.delaminated_beam.layout import BODIES, elastic_energy, stable_step
 from calib.simulators.delaminated_beam.mesh import Geometry, mesh
 from calib.simulators.delaminated_beam.options import SIGNATURE, BeamOptions, Fidelity, described
 from calib.simulators.delaminated_beam.parameters import GEOMETRY, NOT_OF_STRUCTURE, PARAMETERS
 from calib.simulators.delaminated_beam.period_map import BeamMap
 from calib.simulators.delaminated_beam.reduction import Fineness
 from calib.simulators.delaminated_beam.stationary import Engine, FailedMotion, StationaryMotion, stationary
+from calib.simulators.delaminated_beam.structure import BODIES, elastic_energy, stable_step
 from calib.simulators.impact.period_map import shifted
 
 STEP_ROUNDING = 1e-12  # of the number of steps a period  [1]

@@ -1,96 +1,17 @@
 """From a mesh to the full kernel's arrays: lines of nodes one after the other, padded, all x before all y."""
 
-from dataclasses import dataclass
-
 import numpy as np
-from scipy import sparse
-from scipy.sparse.linalg import eigsh, spsolve
 
-from calib.simulators.delaminated_beam import contact, explicit
 from calib.simulators.delaminated_beam.coefficients import Coefficients
-from calib.simulators.delaminated_beam.contact import Pairs
+from calib.simulators.delaminated_beam.explicit.elements import SHAPE, elastic
 from calib.simulators.delaminated_beam.explicit.plan import FACTORS, FORCES, LANES, ROW, ExplicitPlan, ExplicitState
 from calib.simulators.delaminated_beam.mesh import Mesh
-from calib.simulators.delaminated_beam.plane_stress import Elements, Material, elements, energy, masses, stiffness
+from calib.simulators.delaminated_beam.plane_stress import Elements
+from calib.simulators.delaminated_beam.structure import BODIES, MeshedStructure
 from calib.simulators.slots import acting, fill
 
-BODIES = ("beam", "layer")
-LONGEST = ROW - 2 * LANES  # nodes of a line
-FREQUENCY_TOLERANCE = 1e-9  # of the square of the highest frequency  [1]
+MAX_LINE_NODES = ROW - 2 * LANES
 NEVER = -(10**15)  # step of the last contact where there was none
-
-
-@dataclass(frozen=True, eq=False)
-class MeshedStructure:
-    """A meshed beam with its matrices.
-
-    Attributes
-    ----------
-    mesh, material, width : [m]
-    mass : (n,) of the nodes  [kg]
-    stiffness : (2 n, 2 n) about the stress-free shape  [N/m]
-    held : freedoms that do not move; the driven one is not among them
-    pairs : of the contact
-    bilinear : whether elements bend as bilinear ones with full integration
-    """
-
-    mesh: Mesh
-    material: Material
-    width: float
-    mass: np.ndarray
-    stiffness: sparse.csr_array
-    held: np.ndarray
-    pairs: Pairs
-    bilinear: bool
-
-    @property
-    def driven(self) -> int:
-        """Freedom that the drive prescribes."""
-        return 2 * self.mesh.driven + 1
-
-    @property
-    def free(self) -> np.ndarray:
-        """Freedoms that are neither held nor driven."""
-        return np.setdiff1d(np.arange(2 * len(self.mass)), np.append(self.held, self.driven))
-
-    def static_shape(self) -> np.ndarray:
-        """Displacements (n, 2) at rest for one metre at the driven node, linear  [1]."""
-        free, driven = self.free, self.driven
-        shape = np.zeros(self.stiffness.shape[0])
-        shape[driven] = 1.0
-        load = -self.stiffness[free][:, [driven]].toarray()[:, 0]
-        shape[free] = spsolve(self.stiffness[free][:, free].tocsc(), load)
-        return shape.reshape(-1, 2)
-
-    def critical_step(self) -> float:
-        """Longest step with which central differences are stable without beta and contact, 2 / omega_max  [s]."""
-        root = 1.0 / np.sqrt(np.repeat(self.mass, 2)[self.free])
-        scaled = sparse.diags_array(root) @ self.stiffness[self.free][:, self.free] @ sparse.diags_array(root)
-        [highest] = eigsh(
-            scaled, 1, which="LM", return_eigenvectors=False, v0=np.ones(len(root)), tol=FREQUENCY_TOLERANCE
-        )
-        return float(2.0 / np.sqrt(highest))
-
-
-def structure(mesh: Mesh, material: Material, width: float, bilinear: bool = False) -> MeshedStructure:
-    """Assemble the matrices of a mesh; see `MeshedStructure`."""
-    mass = masses(mesh, material, width)
-    k = stiffness(mesh, material, width, bilinear)
-    return MeshedStructure(mesh, material, width, mass, k, mesh.held, contact.pairs(mesh, mass), bilinear)
-
-
-def stable_step(critical: float, beta: float) -> float:
-    """Longest stable step with stiffness damping  [s].
-
-    The forces are taken at u + beta v with the velocity half a step back, so that the step h of a mode of frequency w
-    is stable while (w h)^2 + 2 beta w^2 h <= 4.
-
-    Parameters
-    ----------
-    critical : without damping  [s]
-    beta : as a fraction of the critical damping of the highest mode: beta = 1 is `critical` seconds
-    """
-    return critical * (np.sqrt(1.0 + beta**2) - beta)
 
 
 class Layout:
@@ -105,8 +26,8 @@ class Layout:
 
     def __init__(self, mesh: Mesh):
         padded = [_padded(len(line)) for line in mesh.lines]
-        if max(padded) > LONGEST:
-            raise ValueError(f"a line of {max(map(len, mesh.lines))} nodes; at most {LONGEST} can be")
+        if max(padded) > MAX_LINE_NODES:
+            raise ValueError(f"a line of {max(map(len, mesh.lines))} nodes; at most {MAX_LINE_NODES} can be")
         self.starts = np.concatenate([[0], np.cumsum(np.array(padded) + LANES)])
         self.size = int(self.starts[-1])
         self.lengths = padded
@@ -152,7 +73,7 @@ def plan(
     ValueError : a line of nodes that is too long for the kernel
     """
     mesh, material, pairs, size = structure.mesh, structure.material, structure.pairs, layout.size
-    strips = [_elements(structure, lower) for lower in mesh.strips]
+    strips = [structure.elements(lower) for lower in mesh.strips]
     interface, below, above = mesh.interface, *mesh.neighbours
     force, force_p, forces = fill(coefficients.laws, "force")
     contacts, contact_p, number = fill(coefficients.laws, "contact")
@@ -204,12 +125,6 @@ def _padded(count: int) -> int:
     return -(-count // LANES) * LANES
 
 
-def _elements(structure: MeshedStructure, strip: int) -> Elements:
-    """Elements over a line."""
-    mesh = structure.mesh
-    return elements(mesh.nodes, mesh.quadrilaterals(strip), structure.material, structure.width, structure.bilinear)
-
-
 def _inverse_mass(structure: MeshedStructure, layout: Layout) -> np.ndarray:
     """Inverse masses (2 * size,), 0 where a node is held, driven, or padding  [1/kg]."""
     inverse = np.zeros((2, layout.size))
@@ -242,7 +157,7 @@ def _factors(e: Elements) -> np.ndarray:
         strict=True,
     ):
         row[: len(values)] = values
-    rows[5, len(e.along) :] = 2.0  # padding is at rest
+    rows[SHAPE, len(e.along) :] = 2.0  # padding is at rest
     return rows.ravel()
 
 
@@ -280,7 +195,7 @@ def begin(plan: ExplicitPlan, layout: Layout, displacement: np.ndarray, velocity
 def internal_force(plan: ExplicitPlan, layout: Layout, displacement: np.ndarray) -> np.ndarray:
     """Nodal forces (n, 2) of the elements at nodal displacements (n, 2)  [N]."""
     out = np.zeros(len(plan.strips) * FORCES * ROW)
-    explicit.elastic(plan, layout.spread(displacement), out)
+    elastic(plan, layout.spread(displacement), out)
     rows = out.reshape(len(plan.strips), 2, 2, 2, ROW)  # strip; lower, upper; x, y; from the right, from the left
     force = np.zeros((2, layout.size))
     for first, count, below, above in plan.lines:
@@ -291,11 +206,3 @@ def internal_force(plan: ExplicitPlan, layout: Layout, displacement: np.ndarray)
             total += rows[below, 1].sum(axis=1)[:, :count]
         force[:, first : first + count] = total
     return force[:, layout.place].T
-
-
-def elastic_energy(structure: MeshedStructure, displacement: np.ndarray) -> float:
-    """Elastic energy at nodal displacements (n, 2)  [J]."""
-    mesh, material = structure.mesh, structure.material
-    return sum(
-        energy(_elements(structure, strip), displacement[mesh.quadrilaterals(strip)], material) for strip in mesh.strips
-    )

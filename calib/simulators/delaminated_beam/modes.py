@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse.linalg import eigsh, splu
 
-from calib.simulators.delaminated_beam.layout import MeshedStructure
-from calib.simulators.delaminated_beam.plane_stress import ALONG, elements
+from calib.simulators.delaminated_beam.plane_stress import ALONG
+from calib.simulators.delaminated_beam.structure import MeshedStructure
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +119,7 @@ def _membrane(structure: MeshedStructure) -> Membrane:
     thickness = _heights(structure)
     for lower in mesh.strips:
         quads = mesh.quadrilaterals(lower)
-        e = elements(mesh.nodes, quads, structure.material, structure.width, structure.bilinear)
+        e = structure.elements(lower)
         layer = lower > mesh.interface
         first = mesh.first
         last = mesh.last if layer else mesh.first + (mesh.last - mesh.first) // mesh.ratio

@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.errors import CalibError, nearest
 from calib.simulators.delaminated_beam.contact import Stiffness
-from calib.simulators.delaminated_beam.layout import LONGEST
+from calib.simulators.delaminated_beam.layout import MAX_LINE_NODES
 from calib.simulators.delaminated_beam.mesh import Counts
 
 Fidelity = Literal["reduced", "full", "auto"]
@@ -220,10 +220,10 @@ class BeamOptions:
                 f"every divides the {self.half_pairs} elements of half the layer; {self.solver.every} does not"
             )
         line = (self.half_pairs + self.mesh.counts.outer) * (1 if self.geometry.symmetric else 2) + 1
-        if self.fidelity != "reduced" and line > LONGEST:
+        if self.fidelity != "reduced" and line > MAX_LINE_NODES:
             raise CalibError(
-                f"a line of {line} nodes along the layer; fidelity {self.fidelity!r} takes {LONGEST} at most: lower "
-                "refinement, masters, slaves or outer, or set symmetric = true"
+                f"a line of {line} nodes along the layer; fidelity {self.fidelity!r} takes {MAX_LINE_NODES} at most: "
+                "lower refinement, masters, slaves or outer, or set symmetric = true"
             )
 
     @property

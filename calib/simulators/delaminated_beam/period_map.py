@@ -9,9 +9,9 @@ import numpy as np
 from calib.modelling.orbit import Orbit, Tangent
 from calib.records import OK
 from calib.simulators.delaminated_beam.drive import CentreDisplacement
-from calib.simulators.delaminated_beam.layout import BODIES, MeshedStructure
 from calib.simulators.delaminated_beam.modes import Modes
 from calib.simulators.delaminated_beam.stationary import Engine
+from calib.simulators.delaminated_beam.structure import BODIES, MeshedStructure
 
 MAX_NEAR_MISSES = 256  # minima of the clearance in a period
 MAX_STEPS = 2_000_000  # a period

@@ -15,7 +15,7 @@ from calib.simulators.delaminated_beam.impacts import (
     ContactTrace,
 )
 
-MAX_RETURN_PERIODS = 16
+MAX_RETURN_PERIODS = 16  # after which a state can return
 MAX_IMPACTS = 4096  # recorded
 RETURN_TOLERANCE = 1e-6  # of a change of the state over its largest displacement or velocity  [1]
 MIN_SCALE = 1e-300  # m or m/s, of a state at rest

@@ -8,9 +8,10 @@ from calib.modelling.laws import BoundLaw
 from calib.simulators.delaminated_beam import contact, explicit, layout
 from calib.simulators.delaminated_beam.coefficients import Coefficients
 from calib.simulators.delaminated_beam.explicit import ExplicitPlan, ExplicitState, ExplicitTrace
-from calib.simulators.delaminated_beam.layout import Layout, MeshedStructure
+from calib.simulators.delaminated_beam.layout import Layout
 from calib.simulators.delaminated_beam.mesh import Counts, Geometry, mesh
 from calib.simulators.delaminated_beam.plane_stress import Material
+from calib.simulators.delaminated_beam.structure import MeshedStructure, assemble
 
 ALUMINIUM = Material(young=70e9, poisson=0.3, density=2700.0)
 WIDTH, LAYER = 0.04, 2.5e-3  # m
@@ -92,7 +93,7 @@ def beam(
 ) -> Beam:
     """Mesh a beam and work out its matrices."""
     meshed = mesh(geometry, counts or Counts(), symmetric)
-    structure = layout.structure(meshed, ALUMINIUM, WIDTH, bilinear)
+    structure = assemble(meshed, ALUMINIUM, WIDTH, bilinear)
     return Beam(structure, Layout(meshed), structure.critical_step())
 
 

@@ -7,9 +7,9 @@ import pytest
 from simulators.delaminated_beam.beams import ALUMINIUM, AMPLITUDE, PAPER, WIDTH, beam
 from simulators.delaminated_beam.test_plane_stress import angles, inner_nodes, turned
 
-from calib.simulators.delaminated_beam import layout
-from calib.simulators.delaminated_beam.layout import Layout, elastic_energy, internal_force
+from calib.simulators.delaminated_beam.layout import Layout, internal_force
 from calib.simulators.delaminated_beam.mesh import Counts, mesh
+from calib.simulators.delaminated_beam.structure import assemble, elastic_energy
 
 HALF, WHOLE = beam(), beam(symmetric=False)
 LOCKING = beam(bilinear=True)
@@ -19,7 +19,7 @@ BEAMS = pytest.mark.parametrize("b", [HALF, WHOLE, LOCKING, ARCHED], ids=["half"
 
 
 def turned_beam(angle, bilinear=False):
-    structure = layout.structure(turned(HALF.structure.mesh, angle), ALUMINIUM, WIDTH, bilinear)
+    structure = assemble(turned(HALF.structure.mesh, angle), ALUMINIUM, WIDTH, bilinear)
     structure = dataclasses.replace(structure, pairs=HALF.structure.pairs)  # those of a turned beam have no meaning
     return HALF._replace(structure=structure, layout=Layout(structure.mesh))
 

@@ -10,11 +10,11 @@ from short_beam import EXCITATION, VALUES, beam, run
 from calib.records.excitation import Excitation
 from calib.simulators.delaminated_beam import DelaminatedBeam, reduction
 from calib.simulators.delaminated_beam.drive import CentreDisplacement
-from calib.simulators.delaminated_beam.layout import elastic_energy
 from calib.simulators.delaminated_beam.modes import modes
 from calib.simulators.delaminated_beam.reduced.stepping import drift_modes, membrane_force
 from calib.simulators.delaminated_beam.reduction import Fineness
 from calib.simulators.delaminated_beam.stationary import StationaryMotion, stationary
+from calib.simulators.delaminated_beam.structure import elastic_energy
 
 COUNT = 16
 LEVEL = Fineness(24, 512, 8, 2)  # error of a motion without contact: 0.01 %

@@ -5,7 +5,7 @@ import pytest
 from simulators.delaminated_beam.beams import FIGURE_12, FIGURE_14, advance, beam, cosine
 
 from calib.simulators.delaminated_beam import explicit
-from calib.simulators.delaminated_beam.layout import elastic_energy
+from calib.simulators.delaminated_beam.structure import elastic_energy
 
 HALF = beam()
 

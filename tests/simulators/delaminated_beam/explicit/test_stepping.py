@@ -6,7 +6,8 @@ from simulators.delaminated_beam.beams import AMPLITUDE, FIGURE_12, PERIOD, adva
 
 from calib.modelling.laws import BoundLaw, force
 from calib.simulators.delaminated_beam import explicit
-from calib.simulators.delaminated_beam.layout import internal_force, stable_step
+from calib.simulators.delaminated_beam.layout import internal_force
+from calib.simulators.delaminated_beam.structure import stable_step
 
 HALF, WHOLE = beam(), beam(symmetric=False)
 

@@ -7,6 +7,7 @@ from short_beam import EXCITATION, VALUES, beam
 from calib.simulators.delaminated_beam import reduction
 from calib.simulators.delaminated_beam.drive import CentreDisplacement
 from calib.simulators.delaminated_beam.reduced.contact import apply_contact_forces, find_near_pairs
+from calib.simulators.delaminated_beam.reduced.engine import ReducedEngine
 from calib.simulators.delaminated_beam.reduced.linear_algebra import cholesky_factorise, cholesky_solve
 from calib.simulators.delaminated_beam.reduced.stepping import drift_modes
 from calib.simulators.delaminated_beam.reduction import Fineness
@@ -212,7 +213,7 @@ def test_without_drive_damping_and_contact_energy_stays():
     for steps in (512, 2048):
         made = engine(Fineness(24, steps, 1), alpha=0.0, beta=0.0, s=1.0)
         table = np.zeros((steps + 1, 3))
-        made = reduction.ReducedEngine(made.plan, EXCITATION.period, lambda period, rows=table: rows, start, 10**9)
+        made = ReducedEngine(made.plan, EXCITATION.period, lambda period, rows=table: rows, start, 10**9)
         plan, levels = made.plan, []
         omega = np.arccos(np.clip(plan.flight.qq, -1.0, 1.0)) / plan.step  # below half the sampling frequency
         for _ in range(40):

@@ -5,9 +5,9 @@ from collections.abc import Callable
 import numpy as np
 
 from calib.records import OK
-from calib.simulators.delaminated_beam import explicit
-from calib.simulators.delaminated_beam.explicit import ExplicitPlan, ExplicitState, ExplicitTrace
-from calib.simulators.delaminated_beam.explicit.plan import STEPS_DONE
+from calib.simulators.delaminated_beam.explicit.energy import audit
+from calib.simulators.delaminated_beam.explicit.plan import STEPS_DONE, ExplicitPlan, ExplicitState, ExplicitTrace
+from calib.simulators.delaminated_beam.explicit.stepping import UNSTABLE, advance
 from calib.simulators.delaminated_beam.stationary import MAX_IMPACTS, Contact, Period, normalised
 
 
@@ -57,8 +57,8 @@ class FullEngine:
             return Period("step budget", reason, rows[:, :4], rows[:, 4])
         trace = self._trace._replace(at=step, shift=at - step, samples=rows)
         time = done // self._steps * self._period
-        code = explicit.advance(self.plan, self.now, time, self._drive(done // self._steps, self._steps), trace)
-        if code == explicit.UNSTABLE:
+        code = advance(self.plan, self.now, time, self._drive(done // self._steps, self._steps), trace)
+        if code == UNSTABLE:
             reason = (
                 f"velocities grew beyond {self.plan.limit:.3g} m/s in period {done // self._steps + 1} at a step of "
                 f"{self.plan.step:.4g} s"
@@ -83,7 +83,7 @@ class FullEngine:
         trace = self._empty()._replace(at=np.zeros(1, dtype=np.int64), shift=np.zeros(1), samples=np.zeros((1, 5)))
         done = int(self.now.counters[STEPS_DONE]) // self._steps
         first = self._drive(done, self._steps)[:1]
-        explicit.advance(self.plan, ahead, done * self._period, first, trace)
+        advance(self.plan, ahead, done * self._period, first, trace)
         return trace.samples[0, :4]
 
     def balance(self, elastic: Callable[[np.ndarray], float]) -> dict[str, float]:
@@ -104,7 +104,7 @@ class FullEngine:
         for k in range(2):  # one more step, for the kinetic energy at the end
             now = self.now if k == 0 else ExplicitState(*(array.copy() for array in self.now))
             stored[k] = elastic(self._gather(now.w - self.plan.beta * now.v))
-            explicit.audit(self.plan, now, (done + k) * self._period, drive[k], energies[k])
+            audit(self.plan, now, (done + k) * self._period, drive[k], energies[k])
         work, alpha, beta, contact = energies[0, :4]
         change = energies[1, 4] + stored[1] - energies[0, 4] - stored[0]
         return {
@@ -120,7 +120,7 @@ class FullEngine:
         """Write the local minima of the clearance over one period [m]; return how many there are."""
         trace = self._trace._replace(nearest=minima)
         done = int(self.now.counters[STEPS_DONE]) // self._steps
-        explicit.advance(self.plan, self.now, done * self._period, self._drive(done, self._steps), trace)
+        advance(self.plan, self.now, done * self._period, self._drive(done, self._steps), trace)
         return int(trace.passes[2])
 
     def begin_record(self) -> None:
