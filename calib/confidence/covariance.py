@@ -22,6 +22,10 @@ import numpy as np
 
 MIN_BLOCK_SIZE = 8  # residuals: smaller blocks have no noise level of their own and share one  [count]
 MIN_SINGULAR_RATIO = 1e-9  # of the largest singular value: smaller ones are raised to it  [1]
+MIN_FREE_SHARE = 0.05  # of a block's residuals that the fit leaves  [1]: bounds the correction for what it absorbs
+MIN_VARIANCE_RATIO = 0.25  # of a variance with the blocks correlated to that without, at least  [1]
+MIN_DENSITY_RATIO = 1e-3  # of a spectral density to the variance, to which negative estimates are raised  [1]
+STEP_RANK_TOLERANCE = 1e-6  # singular value over the largest, below which a direction is not moved  [1]
 MAX_LEVERAGE = 0.99  # of one residual: where it is 1 the fit leaves no residual  [1]
 
 
@@ -54,7 +58,9 @@ def sandwich(
             others = np.trace(grams[b] @ total) - factors[b] * np.trace(grams[b] @ meats[b])  # tr (P Sigma P), theirs
             own += np.trace(grams[b] @ meats[b])
             observed = residuals[i] @ residuals[i]
-            factors[b] = max(1.0, (observed - others) / max(own, 0.05 * i.size * gamma[0])) if gamma[0] > 0.0 else 1.0
+            factors[b] = (
+                max(1.0, (observed - others) / max(own, MIN_FREE_SHARE * i.size * gamma[0])) if gamma[0] > 0.0 else 1.0
+            )
 
     spread = np.array([c * np.diag(turn @ meat @ turn.T) for c, meat in zip(factors, meats, strict=True)])
     covariance = turn @ sum(c * meat for c, meat in zip(factors, meats, strict=True)) @ turn.T
@@ -68,7 +74,7 @@ def sandwich(
         moves = [noise_draws[:, i] @ left[i] @ turn.T for i in parts]
         apart = sum(np.var(move, axis=0) for move in moves)
         ratio = np.var(sum(moves), axis=0) / np.maximum(apart, 1e-300)
-        widen *= np.sqrt(np.clip(ratio, 0.25, len(parts)))
+        widen *= np.sqrt(np.clip(ratio, MIN_VARIANCE_RATIO, len(parts)))
     own_freedom = np.array(
         [
             max(1.0, i.size * gamma[0] ** 2 / max(2.0 * gamma @ gamma - gamma[0] ** 2, 1e-300) - leverage[i].sum())
@@ -109,7 +115,7 @@ def _toeplitz_form(left: np.ndarray, gamma: np.ndarray) -> np.ndarray:
     symmetric = np.zeros(size)
     symmetric[:n] = gamma
     symmetric[size - n + 1 :] = gamma[:0:-1]
-    density = np.maximum(np.fft.fft(symmetric).real, 1e-3 * gamma[0])
+    density = np.maximum(np.fft.fft(symmetric).real, MIN_DENSITY_RATIO * gamma[0])
     spectrum = np.fft.fft(left, size, axis=0)
     return np.real(spectrum.conj().T @ (density[:, None] * spectrum)) / size
 
@@ -123,5 +129,5 @@ def distance_to_minimum(jacobian: np.ndarray, residuals: np.ndarray, free: np.nd
     """Step (dim,) to the minimum of the linearised problem in the `free` (dim, bool) parameters, at most one window."""
     step = np.zeros(free.size)
     if free.any():
-        step[free] = -np.linalg.lstsq(jacobian[:, free], residuals, rcond=1e-6)[0]
+        step[free] = -np.linalg.lstsq(jacobian[:, free], residuals, rcond=STEP_RANK_TOLERANCE)[0]
     return np.clip(step, -1.0, 1.0)

@@ -23,6 +23,9 @@ from calib.study import Outcome
 FIRST_STEP = 1e-3  # of the window  [1]
 SECOND_STEP_BOUNDS = (1e-6, 5e-2)  # of the window  [1]
 SECOND_STEP_ERRORS = 0.3  # second step, in standard errors of the parameter  [1]
+MIN_STEP_RATIO = 3.0  # of the two steps, either way  [1]: nearer steps give no independent slopes
+REPLACED_STEP_RATIO = 5.0  # of the two steps where they would be nearer  [1]
+STEP_REDUCTION = 30.0  # of the first step where it leads to another kind of motion  [1]
 MAX_SLOPE_DIFFERENCE = 0.10  # relative, of slopes by two steps that count as equal  [1]; convention
 MAX_CLAIMED_DIFFERENCE = 0.50  # relative, beyond which no derivative is claimed  [1]; convention
 
@@ -43,9 +46,10 @@ def differentiate(evaluate: Evaluate, names: Sequence[str], u: np.ndarray, centr
     failed = [k for k in range(u.size) if columns[k] is None]
     sensitivity = np.array([0.0 if column is None else np.linalg.norm(column) for column in columns])
     second = np.clip(SECOND_STEP_ERRORS * noise / np.maximum(sensitivity, 1e-300), *SECOND_STEP_BOUNDS)
-    near = (second > first / 3.0) & (second < 3.0 * first)
-    second = np.where(near, np.where(second > first, 5.0 * first, first / 5.0), second)
-    second[failed] = first[failed] / 30.0  # the motion changes its kind close by: look closer
+    near = (second > first / MIN_STEP_RATIO) & (second < MIN_STEP_RATIO * first)
+    replaced = np.where(second > first, REPLACED_STEP_RATIO * first, first / REPLACED_STEP_RATIO)
+    second = np.where(near, replaced, second)
+    second[failed] = first[failed] / STEP_REDUCTION
     others, reasons = _quotients(evaluate, u, centre, second)
     lost = [k for k in failed if others[k] is None]
     if lost:
@@ -57,7 +61,7 @@ def differentiate(evaluate: Evaluate, names: Sequence[str], u: np.ndarray, centr
         k for k, own in enumerate(tried) if len(own) < 2 or not _agree(own[0], own[1], MAX_SLOPE_DIFFERENCE, noise)
     ]
     if doubtful:
-        third = np.where(np.isin(np.arange(u.size), failed), second / 3.0, np.sqrt(first * second))
+        third = np.where(np.isin(np.arange(u.size), failed), second / MIN_STEP_RATIO, np.sqrt(first * second))
         again, _ = _quotients(evaluate, u, centre, third, only=doubtful)
         tried = [own if column is None else [*own, column] for own, column in zip(tried, again, strict=True)]
     chosen = [_most_consistent(slopes) for slopes in tried]

@@ -8,9 +8,12 @@ from calib.modelling.parameter import Space, Window
 from calib.study import UndeterminedGroup
 
 MAX_WINDOW_SHARE = 0.25  # standard error over the window  [1]: beyond it the 2-s.e. interval is as wide as the window
-MAX_ERROR_INFLATION = (
-    4.0  # standard error over the one with the other parameters known  [1]: beyond it nearly collinear
-)
+MAX_ERROR_INFLATION = 4.0  # standard error over the one with the others known  [1]: beyond it nearly collinear
+MIN_VARIANCE_SHARE = 0.5  # of a parameter's variance by one direction, of which it is a member  [1]
+MIN_COMPONENT = 0.1  # of a unit direction, of which a parameter is a member  [1]
+NEAR_ZERO_SHARE = 0.1  # of the larger end of a linear window: relative changes of a smaller value mean little  [1]
+MAX_POWER_ERROR, MAX_POWER = 0.08, 4.0  # of a half or whole number: its relative error, and its size  [1]
+MIN_UNSWAPPED_POWER = 0.9  # of a combination  [1]: one below is written with its parameters swapped
 WIDE, COLLINEAR = "wider than the window", "nearly collinear"
 
 
@@ -48,7 +51,9 @@ def _wide(covariance: np.ndarray, limit: float) -> list[tuple[np.ndarray, np.nda
     values, vectors = np.linalg.eigh(covariance)
     for size, direction in zip(values, vectors.T, strict=True):
         if size > limit:
-            members = np.flatnonzero((size * direction**2 > 0.5 * variance) & (np.abs(direction) > 0.1))
+            members = np.flatnonzero(
+                (size * direction**2 > MIN_VARIANCE_SHARE * variance) & (np.abs(direction) > MIN_COMPONENT)
+            )
             wide.append((members, direction))
     return wide
 
@@ -98,16 +103,16 @@ def combination(names: Sequence[str], windows: Sequence[Window], u: Sequence[flo
     (a, b), values = names, [w.value(x) for w, x in zip(windows, u, strict=True)]
     moves = [w.slope(v) * shift for w, v, shift in zip(windows, values, shifts, strict=True)]
     if any(
-        w.scale == "linear" and abs(v) < 0.1 * max(abs(w.low), abs(w.high))
+        w.scale == "linear" and abs(v) < NEAR_ZERO_SHARE * max(abs(w.low), abs(w.high))
         for w, v in zip(windows, values, strict=True)
     ):
         q = moves[0] / moves[1]
         return f"{a} {'-' if q > 0.0 else '+'} {abs(q):.3g} {b} (in SI units)"
     q = (moves[0] / values[0]) / (moves[1] / values[1])
-    if abs(q) < 0.9:
+    if abs(q) < MIN_UNSWAPPED_POWER:
         a, b, q = b, a, 1.0 / q
     power = round(2.0 * q) / 2.0
-    if abs(q - power) > 0.08 * abs(q) or abs(power) > 4.0:
+    if abs(q - power) > MAX_POWER_ERROR * abs(q) or abs(power) > MAX_POWER:
         return f"a combination (+1 % of {b} makes up for {-q:+.2g} % of {a})"
     exponent = "" if abs(power) == 1.0 else f"^{abs(power):.2g}"
     return f"{a} {'/' if q > 0.0 else '*'} {b}{exponent}"

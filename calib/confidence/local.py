@@ -17,6 +17,7 @@ from calib.store.plain import plain, typed
 from calib.study import ConfidenceSummary, CorrelationSummary, Outcome, UndeterminedGroup
 
 EDGE = 1e-3  # of the window: a value nearer to its end is at its edge  [1]
+MIN_REPORTED_STEP = 1e-6  # of the window: a search that ends nearer to the minimum has converged  [1]
 INTERVAL_QUANTILE = stats.norm.cdf(2.0)  # probability below +2 standard errors of a normal variable  [1]
 
 
@@ -161,7 +162,7 @@ def _assemble(
 
 def _unconverged(names: Sequence[str], step: np.ndarray, error: np.ndarray) -> str:
     """Warn of parameters (dim,) whose step to the minimum exceeds their error; "" where none does."""
-    far = [name for name, d, s in zip(names, step, error, strict=True) if abs(d) > max(s, 1e-6)]
+    far = [name for name, d, s in zip(names, step, error, strict=True) if abs(d) > max(s, MIN_REPORTED_STEP)]
     if not far:
         return ""
     return (

@@ -12,9 +12,7 @@ from calib.study import Pool
 
 MAX_CLOCK_RATE = 50e-6  # relative error of a recorder's clock: quartz oscillators, uniform distribution  [1]
 CLOCK_RATE_STD = MAX_CLOCK_RATE / 3.0**0.5  # [1]
-RATE_STEP = (
-    1e-4  # relative, by which a recorded excitation is stretched: small beside 1 / (angular frequency * duration)
-)
+RATE_STEP = 1e-4  # relative, of a recorded excitation: small beside 1 / (angular frequency * duration)  [1]
 
 
 def clock_sensitivity(time: np.ndarray, rows: np.ndarray) -> np.ndarray:

@@ -6,12 +6,10 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 
 from calib.diagnosis.bench import Bench
-from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.effort import Budget, Effort
-from calib.diagnosis.elimination import several_sizes
 from calib.diagnosis.evidence import Evidence
-from calib.diagnosis.gain import Gain, gained
+from calib.diagnosis.gain import Gain
 from calib.diagnosis.gates import Gate, above_noise, converged, noise_known
 from calib.diagnosis.laboratory import UNRESTRICTED, Laboratory
 from calib.diagnosis.misfit import Misfit, misfit
@@ -20,17 +18,13 @@ from calib.diagnosis.next_measurement import Design, next_measurement
 from calib.diagnosis.preparation import OUTLIERS, QUANTISATION, NotDiagnosable, Prepared, bench_of, numerical, prepared
 from calib.diagnosis.record_faults import rounding
 from calib.diagnosis.refit import Fitter
-from calib.diagnosis.revision import exchanged, left_out, paired
-from calib.diagnosis.search import simplest
+from calib.diagnosis.refutation import revised_by_records
 from calib.diagnosis.selection import Selection
-from calib.diagnosis.suspect import Refitted
 from calib.diagnosis.verdict import NAMED, NOT_DIAGNOSABLE, ONE_OF, UNEXPLAINED, failures, untried, verdict_of
 from calib.execution.pool import workers
 from calib.modelling.effect import Effect
 from calib.objective import Reference
 from calib.study import CalibrationStudy, Pool
-
-ONE_SIZE, NOT_REFUTED = "it has one size in all records", "the records held out refute the others"
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +149,7 @@ def _diagnosed(
     gain, threshold = None, selection.rounds[0].threshold
     if selection.causes:
         on_stage("gain")
-        selection, gain = _tested_on_records(pool, bench, fitter, selection, ready.suspects, seed)
+        selection, gain = revised_by_records(pool, bench, fitter, selection, ready.suspects, seed)
     solver = converged(fitter, selection.final, numerical(effects), threshold, selection.margin)
     gates = (*_renewed(ready.gates, fitter, selection), *solver)
     if QUANTISATION in {cause.name for cause in selection.causes}:
@@ -185,164 +179,6 @@ def _diagnosed(
         design=design,
         simulations=pool.done,
     )
-
-
-def _tested_on_records(
-    pool: Effort,
-    bench: Bench,
-    fitter: Fitter,
-    selection: Selection,
-    candidates: Sequence[Candidate],
-    seed: int,
-) -> tuple[Selection, Gain]:
-    """Test the causes on records held out, and compare their sizes from record to record.
-
-    Where the size of a cause differs, its rivals are tried: those are preferred to it that have one size in the same
-    records, each of which determines it well enough to detect the same variation. Where a misfit rises, those of all
-    causes are tried: none is preferred with which that of the same records rises too. Where no rival is better, the
-    cause that differs, or the weakest one, is left out if the others explain enough without it. A single cause may
-    stand for two: the best pair is then tried in its place.
-    """
-    selection, gain = _with_gain(pool, bench, fitter, selection, seed)
-    tried = exchanged_by_records = _exchanged_by_records(pool, bench, fitter, selection, gain, seed)
-    while len(tried[0].causes) > 1 and tried[0].is_explained and not _stands(*tried) and not pool.spent:
-        fewer = left_out(fitter, tried[0], *_least_tenable(tried[0]))
-        if fewer is None:
-            break
-        tried = _with_gain(pool, bench, fitter, fewer, seed)
-    if len(tried[0].causes) == 1 and tried[0].is_explained and not _stands_in_each_record(*tried) and not pool.spent:
-        pair = paired(fitter, tried[0], candidates, seed)
-        outcome = tried if pair is None else _with_gain(pool, bench, fitter, pair, seed)
-        tried = outcome if _stands_in_each_record(*outcome) or (_stands(*outcome) and not _stands(*tried)) else tried
-    if not _stands(*tried):
-        return exchanged_by_records
-    return _with_rivals_that_stand(pool, bench, fitter, *tried, seed)
-
-
-def _stands(selection: Selection, gain: Gain) -> bool:
-    """Whether causes explain enough, have one size each, and are not refuted by records held out."""
-    return selection.is_sufficient and not gain.refutes
-
-
-def _stands_in_each_record(selection: Selection, gain: Gain) -> bool:
-    """Whether causes stand, and each record alone has the same sizes of them within its errors."""
-    return _stands(selection, gain) and not selection.differing_by_record
-
-
-def _with_rivals_that_stand(
-    pool: Effort, bench: Bench, fitter: Fitter, selection: Selection, gain: Gain, seed: int
-) -> tuple[Selection, Gain]:
-    """Try the rivals of each cause in its place, where more than noise is left.
-
-    Those are dropped that do not stand there, or significantly lower the misfit of the records held out by less, or
-    whose sizes differ from record to record where those of the cause do not.
-    """
-    stands = _stands if selection.differing_by_record else _stands_in_each_record
-    several = zip(selection.causes, selection.alternatives, strict=True)
-    for cause, rivals in [(c, own) for c, own in several if len(own) > 1 and selection.remainder_is_significant]:
-        standing = [rival for rival in rivals if rival.name == cause.name]
-        for rival in (rival for rival in rivals if rival.name != cause.name):
-            if pool.spent:
-                return replace(selection, cut_short=True), gain
-            outcome = _in_its_place(pool, bench, fitter, selection, cause, rival, "as a rival", seed)
-            if outcome and stands(*outcome) and _predicts_as_well(outcome[1], gain):
-                standing.append(rival)
-        selection = selection.with_rivals(standing)
-    return selection, gain
-
-
-def _predicts_as_well(own: Gain, gain: Gain) -> bool:
-    """Whether causes are tested on all records of others, whose gain is given, and may have as large a gain."""
-    return own.covers(gain) and own.interval[1] >= gain.interval[0]
-
-
-def _least_tenable(selection: Selection) -> tuple[Refitted, str]:
-    """Return the weakest of the causes whose sizes differ, or else of all, and why it is rejected."""
-    differing = {one.effect: one for one in sorted(selection.heterogeneous, key=lambda one: one.z)}
-    names = list(differing) or [cause.name for cause in selection.causes]
-    explained = {one.effect: one.chi2 for one in selection.constancy}
-    name = min(names, key=lambda name: explained.get(name, 0.0))
-    [cause] = [cause for cause in selection.causes if cause.name == name]
-    return cause, several_sizes(differing[name]) if differing else "with it the misfit of the records held out rises"
-
-
-def _exchanged_by_records(
-    pool: Effort, bench: Bench, fitter: Fitter, selection: Selection, gain: Gain, seed: int
-) -> tuple[Selection, Gain]:
-    """Put a rival in the place of a cause that the records refute, or whose size differs from record to record.
-
-    Where records held out refute the only cause and its rivals, those are tried that explained less in its search.
-    """
-    differing = {one.effect: one.variation for one in selection.differing_by_record}
-    refuted = gain.refutes
-    several = [(c, own) for c, own in zip(selection.causes, selection.alternatives, strict=True) if len(own) > 1]
-    groups = [(c, own) for c, own in several if refuted or c.name in differing]
-    if refuted and len(selection.causes) == 1:
-        groups.append((selection.causes[0], selection.runners_up[: CRITERIA.max_runners_up]))
-    for cause, rivals in groups:
-        better = []
-        for rival in rivals:
-            if rival.name == cause.name:
-                continue
-            if pool.spent:
-                return replace(selection, cut_short=True), gain
-            reason = ONE_SIZE if cause.name in differing else NOT_REFUTED
-            outcome = _in_its_place(pool, bench, fitter, selection, cause, rival, reason, seed)
-            if outcome and _holds(rival, outcome, gain, differing.get(cause.name)):
-                better.append((rival, outcome))
-        if better:
-            chosen = simplest([rival for rival, _ in better])
-            [(selection, gain)] = [outcome for rival, outcome in better if rival is chosen]
-            return selection.with_rivals([rival for rival, _ in better]), gain
-    return selection, gain
-
-
-def _in_its_place(
-    pool: Effort,
-    bench: Bench,
-    fitter: Fitter,
-    selection: Selection,
-    cause: Refitted,
-    rival: Refitted,
-    reason: str,
-    seed: int,
-) -> tuple[Selection, Gain] | None:
-    """Put a rival in the place of a cause, and test that on records held out; None where it is no cause there.
-
-    reason : why, as the end of a sentence
-    """
-    other = exchanged(fitter, selection, cause, rival, reason)
-    return None if other is None else _with_gain(pool, bench, fitter, other, seed)
-
-
-def _holds(rival: Refitted, outcome: tuple[Selection, Gain], gain: Gain, differing: float | None) -> bool:
-    """Whether with a rival all causes explain enough, have one size each, and are not refuted by records held out.
-
-    outcome : the selection with it, and its gain
-    gain : of the cause that it replaces
-    differing : variation of the size of that cause, which has to be detectable in the rival's; None: it has none
-    """
-    selection, own = outcome
-    if not _stands(selection, own) or not own.covers(gain):
-        return False
-    return differing is None or _has_one_size(rival, own, gain, differing)
-
-
-def _has_one_size(rival: Refitted, own: Gain, gain: Gain, variation: float) -> bool:
-    """Whether a rival has one size in all records in which that of the cause it replaces differs.
-
-    own, gain : of the rival, and of that cause, whose size has this variation
-    """
-    compared = [a for a in own.agreements if a.parameter in rival.candidate.free]
-    records = max((set(a.records) for a in gain.agreements), key=len)
-    return bool(compared) and all(a.agree and set(a.records) >= records and a.detectable <= variation for a in compared)
-
-
-def _with_gain(pool: Effort, bench: Bench, fitter: Fitter, selection: Selection, seed: int) -> tuple[Selection, Gain]:
-    """Return a selection with its sizes compared from record to record, and the gain by its causes."""
-    threshold = selection.rounds[0].threshold
-    gain = gained(pool, bench, fitter, selection.null, selection.final, selection.causes, seed, threshold)
-    return selection.with_records_compared(gain.agreements, gain.fitted_agree), gain
 
 
 def _renewed(gates: Sequence[Gate], fitter: Fitter, selection: Selection) -> list[Gate]:

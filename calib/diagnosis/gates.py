@@ -17,6 +17,7 @@ from calib.modelling.effect import Effect
 from calib.modelling.model import Model
 from calib.study import Pool
 
+MIN_WRITTEN_Z = 0.01  # [1]
 REFINEMENT = 2.0  # factor by which step and tolerance are divided  [1]
 
 
@@ -179,7 +180,7 @@ def _answers(
 
 def _written(z: float) -> str:
     """Write the value of z with two digits."""
-    return f"= {z:.2g}" if z >= 0.01 else "< 0.01"
+    return f"= {z:.2g}" if z >= MIN_WRITTEN_Z else f"< {MIN_WRITTEN_Z:g}"
 
 
 def _refined(effect: Effect) -> dict[str, float]:

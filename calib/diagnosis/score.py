@@ -22,6 +22,8 @@ from calib.diagnosis.criteria import CRITERIA
 NOISE_DRAWS = 5000  # of which the threshold is a quantile  [count]
 MIN_ERROR_RATIO = 3.0  # of what calibration leaves of a signature over its error: less counts as zero  [1]
 ROUNDING_SHARE = 1e-5  # of a signature that is left by rounding where calibration absorbs it  [1]
+GRAM_RANK_TOLERANCE = 1e-6  # least eigenvalue that counts, of normal equations of columns of unit length  [1]
+MIN_LOG_PROBABILITY = -600.0  # below it a tail probability underflows, and its asymptote is used  [1]
 RANK_TOLERANCE = 1e-7  # singular value, over the largest of the same column set, below which a direction is absorbed
 
 
@@ -138,8 +140,8 @@ class _NormalEquations:
     def __init__(self, parts: np.ndarray):
         self.parts = parts
         gram = parts.sum(axis=0)
-        self.inverse = np.linalg.pinv(gram, rcond=1e-6, hermitian=True)
-        self.rank = max(1, int(np.linalg.matrix_rank(gram, tol=1e-6, hermitian=True)))
+        self.inverse = np.linalg.pinv(gram, rcond=GRAM_RANK_TOLERANCE, hermitian=True)
+        self.rank = max(1, int(np.linalg.matrix_rank(gram, tol=GRAM_RANK_TOLERANCE, hermitian=True)))
 
     def solved(self, scores: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Estimates (p, draw), reduction of chi-square (draw,), inflation of variance by autocorrelation (draw,).
@@ -166,7 +168,7 @@ def deviate(chi2: np.ndarray | float, freedom: int) -> np.ndarray:
     if freedom == 1:
         return np.sqrt(square)
     log = stats.chi2.logsf(square, freedom)
-    underflows = ~(log > -600.0)
+    underflows = ~(log > MIN_LOG_PROBABILITY)
     asymptotic = np.sqrt(np.maximum(0.0, square - (freedom - 1) * np.log(np.maximum(square, 2.0))))
     return np.where(underflows, asymptotic, stats.norm.isf(0.5 * np.exp(np.where(underflows, 0.0, log))))
 

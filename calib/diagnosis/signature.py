@@ -26,6 +26,7 @@ TARGET_RESPONSE = 0.3  # norm of the response that a step should make  [standard
 MAX_RESPONSE_RATIO = 10.0  # of a response to its target, or of the target to it  [1]
 SECOND_STEP_RATIO = 3.0  # of the second step over the first  [1]
 MIN_RESPONSE = 1e-4  # below it a response is rounding  [standard deviations of the noise]
+STEP_REDUCTION = 10.0  # of a step whose simulation fails  [1]
 MAX_TRIES = 3  # steps until the response is near its target  [count]
 MAX_COMPARISONS = 5  # of the slope by a step with that by its triple  [count]
 STEP_BOUNDS = 1e-9, 0.3  # of the natural scale  [1]
@@ -215,7 +216,7 @@ def _first_responses(
         steps = {k: directions[k].step(sizes[k]) for k in sorted(waiting)}
         for k, response in responses(steps).items():
             if response is None:
-                sizes[k] /= 10.0
+                sizes[k] /= STEP_REDUCTION
                 continue
             first[k] = steps[k], response
             length = float(np.linalg.norm(response))
