@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from calib.units import MICRO, MILLI, MICRO_BELOW
+from calib.units import MICRO, MICRO_BELOW, MILLI
 
 MEASURED, SIMULATED, MARK, LINE = "#8a8a8a", "#0072B2", "#D55E00", "#333333"
 KINDS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#F0E442")
