@@ -345,8 +345,9 @@ def test_too_few_cycles_are_refused():
         kind_of_orbit(logistic(3.2), cycles=50)
 
 
-def test_a_sweep_of_the_logistic_map_calls_no_cycle_chaotic_and_no_chaos_regular():
-    a = 2.9 + 1.1 * (np.arange(300) + 0.5) / 300
+@pytest.mark.parametrize("number", [100, pytest.param(300, marks=pytest.mark.slow)])
+def test_a_sweep_of_the_logistic_map_calls_no_cycle_chaotic_and_no_chaos_regular(number):
+    a = 2.9 + 1.1 * (np.arange(number) + 0.5) / number
     x, total, last = np.full(a.size, 0.3), np.zeros(a.size), 20_000
     for k in range(2 * last):
         if k >= last:
@@ -360,4 +361,4 @@ def test_a_sweep_of_the_logistic_map_calls_no_cycle_chaotic_and_no_chaos_regular
             assert kind != CHAOTIC, value
         if exponent > 0.05:
             assert kind == CHAOTIC, (value, kind)
-    assert kinds.count("undecided") <= 6
+    assert kinds.count("undecided") <= 0.02 * number

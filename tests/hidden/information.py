@@ -60,6 +60,7 @@ class Bench:
         self.system, self.cache, self.noise, self.phi, self.trigger = system, Path(cache), noise, phi, tuple(trigger)
         self.memory = {plan.name: (phi,) for plan in system.plans} if memory is None else dict(memory)
         self.cache.mkdir(parents=True, exist_ok=True)
+        self._signatures: dict[str, tuple[np.ndarray, np.ndarray]] = {}
 
     # --- records ---------------------------------------------------------------------------------------------------
 
@@ -331,8 +332,14 @@ class Bench:
     def _signature(self, effect: str) -> tuple[np.ndarray, np.ndarray]:
         """What an effect changes beyond calibration (N,), of unit length, and a basis (N, p) of what its parameters do.
 
-        The former is NaN where calibration absorbs the effect.
+        The former is NaN where calibration absorbs the effect. It is made once: every remainder that is drawn is
+        compared with those of all effects.
         """
+        if effect not in self._signatures:
+            self._signatures[effect] = self._new_signature(effect)
+        return self._signatures[effect]
+
+    def _new_signature(self, effect: str) -> tuple[np.ndarray, np.ndarray]:
         names = tuple(CAUSES[effect].grows)
         alone = [{name: float(name == one) for name in names} for one in names]
         columns = [self.derivative(effect, weights) for weights in alone] if len(names) > 1 else []

@@ -1,5 +1,6 @@
 """The remainder: a law of physics that makes the wanted share of the motion, and that no effect is."""
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -36,9 +37,15 @@ def test_a_large_remainder_can_be_made_of_every_system(simulator, cache):
     assert any(change(at, scaled(at, kind, 0.05, rng)) > 0.04 for kind in at.system.remainders[:2])
 
 
+@pytest.fixture(scope="module")
+def oscillator(cache):
+    """Bench of the oscillator, whose effects have been compared with something once."""
+    return bench("oscillator", cache)
+
+
 @pytest.mark.parametrize("share", SHARES)
-def test_what_two_effects_express_is_no_remainder(share, cache):
-    at = bench("oscillator", cache)
+def test_what_two_effects_express_is_no_remainder(share, oscillator):
+    at = copy(oscillator)
     at.system = replace(at.system, remainders=("quintic",))
     with pytest.raises(Refused, match="cubic_stiffness and [a-z_]+ express 'quintic'"):
         remainder(at, share, seed=8)
@@ -48,8 +55,8 @@ def test_what_two_effects_express_is_no_remainder(share, cache):
     assert set(values) == {"magnet", "magnet_place", "magnet_width"}
 
 
-def test_how_well_an_effect_imitates_a_remainder_is_known(cache):
-    at = bench("oscillator", cache)
+def test_how_well_an_effect_imitates_a_remainder_is_known(oscillator):
+    at = oscillator
     stiffness = at.imitations(at.hidden("cubic_stiffness", 1e-3), [("cubic_stiffness",), ("channel_offset",)])
     assert stiffness[0] == pytest.approx(1.0, abs=0.02)  # itself
     name, cosine = expressed_by(at, scaled(at, "quintic", 0.005, np.random.default_rng(3)), 1)
@@ -58,8 +65,8 @@ def test_how_well_an_effect_imitates_a_remainder_is_known(cache):
     assert stiffness[1] < 0.5
 
 
-def test_two_effects_together_imitate_more_than_either(cache):
-    at = bench("oscillator", cache)
+def test_two_effects_together_imitate_more_than_either(oscillator):
+    at = oscillator
     hidden = {**at.hidden("cubic_stiffness", 1e-3), **at.hidden("quadratic_drag", 1e-3)}
     one, other, both, absorbed = at.imitations(
         hidden, [("cubic_stiffness",), ("quadratic_drag",), ("cubic_stiffness", "quadratic_drag"), ("linear_drag",)]

@@ -90,7 +90,7 @@ def test_period_2_at_0_20_with_three_impacts_a_return():
 @pytest.mark.parametrize("e", [0.3607, 0.3639])
 def test_next_to_its_flip_the_motion_that_settles_for_thousands_of_periods_is_called_period_2(e):
     map = load(STUDY).setting({"restitution": e}).map()
-    for start in (map.initial, *perturbed(map, map.initial, 3)):
+    for start in (map.initial, *perturbed(map, map.initial, 1)):
         assert kind_of_orbit(map, start).label == "3/2"
 
 
@@ -105,7 +105,7 @@ def test_between_0_37_and_0_57_the_motion_is_irregular(e):
 @pytest.mark.parametrize(("e", "label"), [(0.59, "3/2"), (0.62, "3/2"), (0.73, "4/2"), (0.74, "4/2")])
 def test_in_its_window_the_stable_motion_gives_the_kind_though_chaos_leads_to_it(e, label):
     map = load(STUDY).setting({"restitution": e}).map()
-    for start in (map.initial, *perturbed(map, map.initial, 3)):
+    for start in (map.initial, *perturbed(map, map.initial, 1)):
         found = kind_of_orbit(map, start)
         assert found.label == label
         assert found.exponent < 0.0
@@ -188,7 +188,7 @@ def test_rounding_of_the_matrices_does_not_change_the_kinds(monkeypatch):
     values = [0.05, 0.2, 0.3, 0.45, 0.5, 0.6, 0.72, 0.735]
     untouched = [motion(e).label for e in values]
     regimes = assembly.regimes
-    for k in range(10):
+    for k in range(4):
         rng = np.random.default_rng(k)
 
         def rounded(*args, rng=rng):

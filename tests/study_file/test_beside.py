@@ -1,13 +1,12 @@
 """Simulators and effects that lie beside the study file."""
 
-import subprocess
-import sys
-
 import pytest
-from child_environment import environment
+from click.testing import CliRunner
 from echo_study import write_study
 
+from calib.cli import main
 from calib.errors import CalibError
+from calib.store import read
 from calib.study_file import load
 
 OWN = "from tiny_simulators import Echo\n\n\nclass Spring(Echo):\n    name = 'spring'\n"
@@ -19,14 +18,15 @@ def study_with(folder, module, text=OWN):
     return write_study(folder, ("tiny_simulators:Echo", f"{module}:Spring"), ("jobs = 1", "jobs = 2"))
 
 
-def test_a_simulator_beside_the_study_file_is_found_from_anywhere(tmp_path):
+def test_a_simulator_beside_the_study_file_is_found_from_anywhere(tmp_path, monkeypatch):
+    """By the child processes, too."""
     path = study_with(tmp_path / "bench", "own_spring")
-    done = subprocess.run(
-        [sys.executable, "-m", "calib", "run", str(path), "--budget", "10", "--quiet"],
-        cwd=tmp_path, env=environment(), capture_output=True, text=True,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "bench" / "out" / "result.json").exists()
+    monkeypatch.chdir(tmp_path)
+    ended = CliRunner().invoke(main, ["run", str(path), "--budget", "10", "--quiet"])
+    assert ended.exit_code == 0, ended.output
+    header, trials = read(tmp_path / "bench" / "out")
+    assert header["definition"]["model"]["simulator"] == "own_spring:Spring"
+    assert [trial.status for trial in trials] == 10 * ["ok"]
 
 
 def test_where_a_module_was_looked_for_is_said(tmp_path):
