@@ -5,6 +5,17 @@ import importlib
 import os
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:  # for type checkers; at run time each is imported when it is first used
+    from calib.errors import CalibError as CalibError
+    from calib.modelling.effect import Effect as Effect
+    from calib.modelling.model import Model as Model
+    from calib.modelling.model import Request as Request
+    from calib.modelling.parameter import Parameter as Parameter
+    from calib.records.excitation import Excitation as Excitation
+    from calib.workflows.record import Record as Record
+    from calib.workflows.study import Study as Study
 
 _DOOR = {
     "CalibError": "calib.errors",
@@ -19,7 +30,7 @@ _DOOR = {
 __all__ = sorted(_DOOR)
 
 
-def __getattr__(name: str):
+def __getattr__(name: str) -> Any:
     if name == "__version__":
         return importlib.import_module("importlib.metadata").version("calib")
     if name not in _DOOR:

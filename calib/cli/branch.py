@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import click
+import numpy as np
 
 from calib.cli.given import bodies_drawn, map_at, quantity, setting, state, windows
 from calib.dynamics.branch import Branch, follow
@@ -70,16 +71,17 @@ def follow_branch(
     return True
 
 
-def _settled(held: Setting, name: str, where: float, start: str | None) -> tuple[int, list[float]]:
+def _settled(held: Setting, name: str, where: float, start: str | None) -> tuple[int, np.ndarray]:
     """Period of the motion at one value of the parameter, and a state of it."""
     place = f"{name} = {shown(where, held.unit(name))}"
     map = map_at(f"--at: {place}", held, {name: where})
     given = state(start, dict(zip(map.names, map.units, strict=True))) if start else {}
-    found = kind_of_orbit(map, [given.get(n, own) for n, own in zip(map.names, map.initial, strict=True)])
-    if not found.period:
-        raise CalibError(f"the motion at {place} is {found.kind} ({found.evidence}): choose another --at or --start")
-    click.echo(f"at {place}: {found.kind}, {found.evidence}")
-    return found.period, found.state
+    begin = np.array([given.get(n, own) for n, own in zip(map.names, map.initial, strict=True)], dtype=float)
+    orbit = kind_of_orbit(map, begin)
+    if not orbit.period:
+        raise CalibError(f"the motion at {place} is {orbit.kind} ({orbit.evidence}): choose another --at or --start")
+    click.echo(f"at {place}: {orbit.kind}, {orbit.evidence}")
+    return orbit.period, orbit.state
 
 
 def described(branch: Branch, name: str, unit: str) -> Iterator[str]:

@@ -9,7 +9,7 @@ from calib import plugins
 from calib.errors import CalibError, nearest
 from calib.modelling.effect import Effect
 from calib.study_file import StudyToml
-from calib.study_file.load import CONTRACT
+from calib.study_file.load import CONTRACT_ARGUMENTS
 
 
 def catalogue() -> dict[str, dict[str, str]]:
@@ -83,7 +83,7 @@ def _first_line(item: Any) -> str:
 
 
 def _signature(item: Any) -> Mapping[str, inspect.Parameter]:
-    return {n: p for n, p in inspect.signature(item).parameters.items() if n not in CONTRACT}
+    return {n: p for n, p in inspect.signature(item).parameters.items() if n not in CONTRACT_ARGUMENTS}
 
 
 def _required(item: Any) -> list[str]:

@@ -1,103 +1,42 @@
 """The commands of `calib`; what they do lives behind them."""
 
-import functools
 import json
 import shlex
 import sys
-import warnings
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import click
 
-from calib.errors import CalibError, nearest
+from calib.cli.options import (
+    BEST,
+    BODIES,
+    DONE,
+    FRESH,
+    JOBS,
+    JSON,
+    NOTHING,
+    OUT,
+    PHASE,
+    RECORD,
+    SET,
+    SETTLE,
+    STOPPED,
+    STUDY,
+    Commands,
+    output_option,
+    reporting_mistakes,
+)
 
 # ruff: noqa: D301 - click reads the "\b" of a docstring as "do not wrap"
 # Everything but click is imported inside the command that needs it: numba, xarray and optuna take seconds, and
 # `calib --help` has to answer at once.
 
-DONE, MISTAKE, STOPPED, NOTHING = 0, 1, 3, 4  # exit codes; 2 is click's: wrong usage
 
-STUDY = click.argument("study", type=click.Path(path_type=Path))
-OUT = click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    metavar="DIR",
-    help="Where the results are. [default: out/ beside the study]",
-)
-SET = click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A parameter, such as gap='1.2 mm'.")
-RECORD = click.option("--record", metavar="NAME", help="Whose excitation to take. [default: the first record]")
-BEST = click.option("--best", is_flag=True, help="Take the values that `calib run` has found.")
-PHASE = click.option(
-    "--phase",
-    type=click.FloatRange(0.0, 1.0, max_open=True),
-    default=0.0,
-    show_default=True,
-    help="Of the section, in periods.",
-)
-BODIES = click.option("--bodies", metavar="A,B", help="In the picture. [default: those of the record]")
-SETTLE = click.option(
-    "--settle",
-    type=click.IntRange(min=0),
-    default=1000,
-    show_default=True,
-    help="Periods dropped before the first verdict; the undecided get 5 times as many more.",
-)
-JOBS = click.option("--jobs", "-j", type=click.IntRange(min=1), help="Child processes. [default: the study's]")
-FRESH = click.option("--fresh", is_flag=True, help="Replace what the file holds, and forget what was done so far.")
-JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON to stdout, for scripts.")
-
-
-def _data(context: click.Context, parameter: click.Parameter, path: Path | None) -> Path | None:
-    """Refuse the name of a picture: the picture beside the file would take its place."""
-    if path is not None and path.suffix.lower() == ".png":
-        raise click.BadParameter(f"{path} is the name of a picture, which is written beside the data; end it in .nc")
-    return path
-
-
-def _output(help: str, **options) -> Callable:
-    return click.option(
-        "-o", "--output", type=click.Path(path_type=Path, dir_okay=False), callback=_data, help=help, **options
-    )
-
-
-def _mendable(command: Callable) -> Callable:
-    """Turn what the user can mend into a message on stderr and exit code 1, and Ctrl-C into exit code 3."""
-
-    @functools.wraps(command)
-    def safe(*args, **options):
-        with warnings.catch_warnings():
-            warnings.showwarning = lambda message, *_, **__: click.echo(f"calib: note: {message}", err=True)
-            try:
-                return command(*args, **options)
-            except KeyboardInterrupt:
-                click.echo("\nstopped", err=True)
-                sys.exit(STOPPED)
-            except CalibError as error:
-                click.echo(f"calib: {error}", err=True)
-            except OSError as error:
-                at = f" ({error.filename})" if error.filename else ""
-                click.echo(f"calib: {error.strerror or error}{at}; what was written before is kept", err=True)
-            sys.exit(MISTAKE)
-
-    return safe
-
-
-class _Commands(click.Group):
-    """Commands; a misspelt one is answered with the nearest."""
-
-    def resolve_command(self, context: click.Context, args: list[str]):
-        """Find the command that is asked for."""
-        if args and args[0] not in self.commands and not args[0].startswith("-"):
-            known = list(self.commands)
-            context.fail(f"there is no command {args[0]!r}{nearest(args[0], known)}; there are {', '.join(known)}")
-        return super().resolve_command(context, args)
-
-
-@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(package_name="calib")
-def main():
+def main() -> None:
     """Calibrate simulators of vibro-impacting structures against measured phase curves.
 
     A study file (study.toml) says what was measured, which simulator imitates it, and which parameters are searched in
@@ -115,8 +54,10 @@ def main():
 @click.option("--fresh", is_flag=True, help="Forget the trials made so far (needed when the study was changed).")
 @click.option("--quiet", "-q", is_flag=True, help="No progress, no summary; errors only.")
 @JSON
-@_mendable
-def run(study: Path, out: Path | None, jobs: int | None, budget: int | None, fresh: bool, quiet: bool, as_json: bool):
+@reporting_mistakes
+def run(
+    study: Path, out: Path | None, jobs: int | None, budget: int | None, fresh: bool, quiet: bool, as_json: bool
+) -> None:
     """Search the parameters of STUDY that fit its records best; go on where an earlier run was stopped.
 
     Every trial is kept as it ends: a run that was stopped or killed goes on with the same command, and finds what it
@@ -153,8 +94,8 @@ def run(study: Path, out: Path | None, jobs: int | None, budget: int | None, fre
 @STUDY
 @OUT
 @JSON
-@_mendable
-def status(study: Path, out: Path | None, as_json: bool):
+@reporting_mistakes
+def status(study: Path, out: Path | None, as_json: bool) -> None:
     """Say how far STUDY is: running, finished, stopped or killed."""
     from calib.cli.status import study_status  # see above
     from calib.cli.tables import show_standing
@@ -170,9 +111,9 @@ def status(study: Path, out: Path | None, as_json: bool):
 @STUDY
 @SET
 @RECORD
-@_output("The record to write (.nc).", required=True)
-@_mendable
-def simulate(study: Path, settings: tuple[str, ...], record: str | None, output: Path):
+@output_option("The record to write (.nc).", required=True)
+@reporting_mistakes
+def simulate(study: Path, settings: tuple[str, ...], record: str | None, output: Path) -> None:
     """Run the simulator of STUDY once and write its record, with a picture (.png) beside it.
 
     Parameters that are not set take the value that [model] fixed gives, else the model's nominal one.
@@ -203,11 +144,11 @@ def simulate(study: Path, settings: tuple[str, ...], record: str | None, output:
 @BODIES
 @JOBS
 @OUT
-@_output("[default: sweep.nc in out/]")
+@output_option("[default: sweep.nc in out/]")
 @FRESH
 @click.option("--quiet", "-q", is_flag=True, help="No progress, no summary; errors only.")
-@_mendable
-def sweep(study: Path, over: tuple[str, ...], **options):
+@reporting_mistakes
+def sweep(study: Path, over: tuple[str, ...], **options: Any) -> None:
     """Find the motion of STUDY's simulator over one or two parameters, and draw its bifurcation diagram.
 
     Each value's transient is dropped, its stroboscopic section kept, and its kind of motion told with the largest
@@ -238,9 +179,9 @@ def sweep(study: Path, over: tuple[str, ...], **options):
 @BEST
 @BODIES
 @OUT
-@_output("[default: branch.nc in out/]")
-@_mendable
-def branch(study: Path, over: str, **options):
+@output_option("[default: branch.nc in out/]")
+@reporting_mistakes
+def branch(study: Path, over: str, **options: Any) -> None:
     """Follow the periodic motion of STUDY's simulator over one parameter, through folds and where it is unstable.
 
     Marked are folds, flips (period doublings), Neimark-Sacker points, crossings with another branch, and grazing, where
@@ -267,11 +208,11 @@ def branch(study: Path, over: str, **options):
 @BEST
 @JOBS
 @OUT
-@_output("[default: basins.nc in out/]")
+@output_option("[default: basins.nc in out/]")
 @FRESH
 @click.option("--quiet", "-q", is_flag=True, help="No progress, no summary; errors only.")
-@_mendable
-def basins(study: Path, x: str, y: str, **options):
+@reporting_mistakes
+def basins(study: Path, x: str, y: str, **options: Any) -> None:
     """Find the motion that each state of a plane leads STUDY's simulator to, and draw the plane coloured by it.
 
     Components of the state are the displacements and velocities of the bodies that are free to move, at the section's
@@ -294,8 +235,8 @@ def basins(study: Path, x: str, y: str, **options):
 @click.option("--budget", help="Simulations, or a time such as '10 min', after which no further fit begins.")
 @click.option("--quiet", "-q", is_flag=True, help="No progress, no summary; errors only.")
 @JSON
-@_mendable
-def diagnose(study: Path, **options):
+@reporting_mistakes
+def diagnose(study: Path, **options: Any) -> None:
     """Say what the calibrated STUDY gets wrong, name the cause, and measure the gain - or say that it cannot be told.
 
     Needs what `calib run` has found. Records of use "name" take part in the search for the cause, records of use
@@ -322,8 +263,8 @@ def diagnose(study: Path, **options):
 @JOBS
 @FRESH
 @click.option("--quiet", "-q", is_flag=True, help="No progress, no summary; errors only.")
-@_mendable
-def rehearse(study: Path, **options):
+@reporting_mistakes
+def rehearse(study: Path, **options: Any) -> None:
     """Hide each candidate in data of STUDY's own model, noise and records, and seek it.
 
     Says which effects this experiment could show, from which size on, and which it cannot tell apart. Needs what
@@ -342,9 +283,9 @@ def rehearse(study: Path, **options):
 @click.option("--spec", type=click.Path(path_type=Path), metavar="TOML", help="What the figure shows: axes and curves.")
 @click.option("--list", "listed", is_flag=True, help="Name the curves of FILE, and do no more.")
 @click.option("--body", "bodies", multiple=True, metavar="NAME", help="Only this body. [default: all of the spec]")
-@_output("The record to write (.nc).")
-@_mendable
-def digitise(file: Path, spec: Path | None, listed: bool, bodies: tuple[str, ...], output: Path | None):
+@output_option("The record to write (.nc).")
+@reporting_mistakes
+def digitise(file: Path, spec: Path | None, listed: bool, bodies: tuple[str, ...], output: Path | None) -> None:
     """Make a record of FILE, with its uncertainty and where it comes from.
 
     FILE is a picture of a figure (.png, .jpg, .tif), a project of WebPlotDigitizer (.json, .tar), a document of Engauge
@@ -367,7 +308,7 @@ def digitise(file: Path, spec: Path | None, listed: bool, bodies: tuple[str, ...
 
 
 @main.group(short_help="What a reference record holds.")
-def reference():
+def reference() -> None:
     """Look at reference records: those that simulations are compared with.
 
     \b
@@ -380,8 +321,8 @@ def reference():
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="The picture. [default: .png beside RECORD]"
 )
-@_mendable
-def show(record: Path, output: Path | None):
+@reporting_mistakes
+def show(record: Path, output: Path | None) -> None:
     """Draw RECORD with its units and bands of two standard uncertainties, and say what it holds.
 
     Said are its source, its kind of motion, the energy over its cycle, and what to be wary of: a velocity that is not
@@ -398,8 +339,8 @@ def show(record: Path, output: Path | None):
 @main.command(short_help="Write report.html anew.")
 @STUDY
 @OUT
-@_mendable
-def report(study: Path, out: Path | None):
+@reporting_mistakes
+def report(study: Path, out: Path | None) -> None:
     """Write report.html of STUDY anew from the trials made so far."""
     from calib.workflows.calibrate import rebuild  # see above
 
@@ -410,8 +351,8 @@ def report(study: Path, out: Path | None):
 @STUDY
 @OUT
 @click.option("--port", type=click.IntRange(0, 65535), default=8080, show_default=True, help="Port on this machine.")
-@_mendable
-def dashboard(study: Path, out: Path | None, port: int):
+@reporting_mistakes
+def dashboard(study: Path, out: Path | None, port: int) -> None:
     """Show the trials of STUDY in a browser, running or not; read-only, on this machine only.
 
     Stop it with Ctrl-C.
@@ -428,8 +369,8 @@ def dashboard(study: Path, out: Path | None, port: int):
 @click.argument("name", required=False)
 @click.option("--schema", is_flag=True, help="Print the JSON schema of a study file, for editors.")
 @JSON
-@_mendable
-def list_(name: str | None, schema: bool, as_json: bool):
+@reporting_mistakes
+def list_(name: str | None, schema: bool, as_json: bool) -> None:
     """List the simulators, effects, features and optimisers there are; with NAME, say more about one.
 
     \b
@@ -459,8 +400,8 @@ def list_(name: str | None, schema: bool, as_json: bool):
 @click.option(
     "--folder", type=click.Path(path_type=Path, file_okay=False), default=Path(), help="Where. [default: here]"
 )
-@_mendable
-def new(kind: str, name: str, folder: Path):
+@reporting_mistakes
+def new(kind: str, name: str, folder: Path) -> None:
     """Write a small working simulator, effect or study called NAME, with the test that it has to pass.
 
     \b

@@ -13,6 +13,7 @@ from pathlib import Path
 from socketserver import ThreadingMixIn
 from typing import Any
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
+from wsgiref.types import StartResponse, WSGIApplication, WSGIEnvironment
 
 import optuna_dashboard
 import sqlalchemy.engine
@@ -25,9 +26,9 @@ from calib.store.optuna_view import address_without_password
 
 HOST = "127.0.0.1"
 PORT = 8080
-ALLOWED = ("GET", "HEAD")
-HEAD = 256  # bytes by which a journal is known again: its first log names its writer
-SECURITY = ("X-Content-Type-Options", "nosniff")
+ALLOWED_METHODS = ("GET", "HEAD")
+HEAD_BYTES = 256  # bytes by which a journal is known again: its first log names its writer
+SECURITY_HEADER = ("X-Content-Type-Options", "nosniff")
 
 
 def serve(
@@ -64,7 +65,7 @@ def serve(
             return
 
 
-def application(view: str | Path, artifacts: str | Path | None = None) -> Callable[..., Iterable[bytes]]:
+def application(view: str | Path, artifacts: str | Path | None = None) -> WSGIApplication:
     """WSGI application that answers GET and HEAD with Optuna's dashboard, and anything else with 405."""
     store = None if artifacts is None else FileSystemArtifactStore(Path(artifacts).absolute())
     if _is_url(view):
@@ -115,22 +116,22 @@ class Journal(BaseJournalBackend):
 class _ReadOnly:
     """WSGI middleware that lets only reading requests through to the application that `current` returns."""
 
-    def __init__(self, current: Callable[[], Callable]):
+    def __init__(self, current: Callable[[], WSGIApplication]):
         self.current = current
 
-    def __call__(self, environ, start_response):
-        if environ["REQUEST_METHOD"] not in ALLOWED:
+    def __call__(self, environ: WSGIEnvironment, start_response: StartResponse) -> Iterable[bytes]:
+        if environ["REQUEST_METHOD"] not in ALLOWED_METHODS:
             text = b"This dashboard is read-only.\n"
             headers = [
                 ("Content-Type", "text/plain"),
                 ("Content-Length", str(len(text))),
-                ("Allow", ", ".join(ALLOWED)),
+                ("Allow", ", ".join(ALLOWED_METHODS)),
             ]
             start_response("405 Method Not Allowed", headers)
             return [text]
 
-        def start(status, headers, *rest):
-            return start_response(status, [*headers, SECURITY], *rest)
+        def start(status: str, headers: list[tuple[str, str]], *rest: Any) -> Callable[[bytes], object]:
+            return start_response(status, [*headers, SECURITY_HEADER], *rest)
 
         return self.current()(environ, start)
 
@@ -138,17 +139,18 @@ class _ReadOnly:
 class _Following:
     """The dashboard of a journal file, made anew when the file is another one or has become shorter."""
 
-    def __init__(self, path: Path, store):
+    def __init__(self, path: Path, store: FileSystemArtifactStore | None):
         self.path, self.store = path, store
         self._lock = threading.Lock()
-        self._head, self._size, self._app = b"", 0, None
+        self._head, self._size = b"", 0
+        self._app: WSGIApplication | None = None
         self()
 
-    def __call__(self):
+    def __call__(self) -> WSGIApplication:
         with self._lock:
             try:
                 with open(self.path, "rb") as file:
-                    head, size = file.read(HEAD), os.fstat(file.fileno()).st_size
+                    head, size = file.read(HEAD_BYTES), os.fstat(file.fileno()).st_size
             except OSError as error:
                 if self._app is not None:
                     return self._app  # for a moment there is no file: what was read is still shown
@@ -159,7 +161,7 @@ class _Following:
             return self._app
 
 
-def _dashboard(storage: BaseStorage, store) -> Callable:
+def _dashboard(storage: BaseStorage, store: FileSystemArtifactStore | None) -> WSGIApplication:
     return optuna_dashboard.wsgi(storage, artifact_store=store)
 
 
@@ -192,5 +194,5 @@ class _Server(ThreadingMixIn, WSGIServer):
 
 
 class _Handler(WSGIRequestHandler):
-    def log_message(self, *args):
+    def log_message(self, *args: object) -> None:
         """Say nothing: requests are no news."""

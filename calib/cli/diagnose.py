@@ -33,8 +33,8 @@ from calib.report.diagnosis import outcome
 from calib.units import shown
 from calib.workflows.diagnose import diagnose_study
 
-MOST = 12  # suspects that are printed
-WIDE = 110  # columns of a terminal in which all that is known of them fits
+MAX_SUSPECTS = 12  # suspects that are printed
+WIDE_COLUMNS = 110  # columns of a terminal in which all that is known of them fits
 COLOURS = {NAMED: "green", ONE_OF: "yellow", NONE: "green"}
 
 
@@ -76,7 +76,7 @@ class DiagnosisProgress:
             self._bar.start()
         return self
 
-    def __exit__(self, *exception):
+    def __exit__(self, *exception: object) -> None:
         if self._bar is not None:
             self._bar.stop()
 
@@ -129,12 +129,12 @@ def show(found: Mapping[str, Any], folder: Path, extended: Path | None, console:
 
 def _suspects(found: Mapping[str, Any], width: int) -> Table:
     table = Table(title=f"suspects (threshold |z| = {found['threshold']:.2f})", title_justify="left")
-    wide = width >= WIDE
+    wide = width >= WIDE_COLUMNS
     table.add_column("effect", no_wrap=True)
     for heading in ("z", "explains", "size, 95 % interval", *(("detectable", "absorbed") if wide else ())):
         table.add_column(heading, justify="right", no_wrap=not heading.startswith("size"))
     joint = found.get("joint_sizes", {})
-    for suspect in sorted(found["suspects"], key=hardly_seen)[:MOST]:
+    for suspect in sorted(found["suspects"], key=hardly_seen)[:MAX_SUSPECTS]:
         first, absorbed = next(iter(suspect["size"])), hardly_seen(suspect)
         no_score = absorbed or untested(suspect) or suspect["z"] is None
         row = (
@@ -177,8 +177,11 @@ def _gain(found: Mapping[str, Any]) -> list[str]:
 
 def _design(found: Mapping[str, Any]) -> list[str]:
     """Best separation of each kind of test, and what the search for it took."""
-    design, best = found.get("design"), {}
-    for measurement in found["measurements"] if design else ():
+    design = found.get("design")
+    if not design:
+        return []
+    best: dict[str, str] = {}
+    for measurement in found["measurements"]:
         if not measurement["channel"]:
             doubt = "" if measurement["confirmed"] else " (not confirmed)"
             best.setdefault(measurement["kind"], f"{measurement['kind']} {measurement['z']:.3g}{doubt}")

@@ -21,8 +21,8 @@ def list_curves(path: Path, spec: Path | None) -> None:
         if spec is None:
             raise CalibError(f"{path}: a picture names no curves; --list shows those of its description, --spec")
         shape, _ = read_spec(spec)
-        for curve in shape.curve:
-            click.echo(f"{curve.body}: {curve.kind}, {curve.colour}, panel {curve.panel or shape.panel[0].name}")
+        for table in shape.curve:
+            click.echo(f"{table.body}: {table.kind}, {table.colour}, panel {table.panel or shape.panel[0].name}")
         return
     found = read_export(path)
     click.echo(f"{path}: {found.form}")

@@ -10,7 +10,7 @@ import numpy as np
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError, nearest
 from calib.modelling.orbit import PeriodMap
-from calib.modelling.parameter import Parameter, Window
+from calib.modelling.parameter import Parameter, Scale, Window
 from calib.records import STATE, prescribed
 from calib.study import result
 from calib.study_file import StudyFile
@@ -48,7 +48,7 @@ def settings(texts: Sequence[str], parameters: Mapping[str, Parameter]) -> dict[
     ------
     CalibError : no such parameter, a unit that does not fit, a value that makes no sense
     """
-    values = {}
+    values: dict[str, float] = {}
     for text in texts:
         name, value = _pair("--set", text, "NAME=VALUE")
         if name not in parameters:
@@ -90,15 +90,15 @@ def grid(texts: Sequence[str], held: Setting) -> dict[str, np.ndarray]:
     ------
     CalibError : it is neither; no such parameter, or a unit that does not fit
     """
-    found = {}
+    values: dict[str, np.ndarray] = {}
     for text in texts:
-        name, given = _varied(text, f"NAME={GRID}", found)
+        name, given = _varied(text, f"NAME={GRID}", values)
         with at("--over"):
             unit = held.unit(name)
-        found[name] = _values(f"--over {name}", given, unit)
+        values[name] = _values(f"--over {name}", given, unit)
         with at("--over"):
-            held.check(name, found[name].tolist())
-    return found
+            held.check(name, values[name].tolist())
+    return values
 
 
 def spaced(option: str, text: str, units: Mapping[str, str]) -> tuple[str, np.ndarray]:
@@ -119,7 +119,7 @@ def _values(where: str, text: str, unit: str) -> np.ndarray:
     parts = [part.strip() for part in text.split(":")]
     if len(parts) not in (3, 4) or not parts[2].isdecimal() or int(parts[2]) < 2 or parts[3:] not in ([], ["log"]):
         raise CalibError(f"{where}: expected {GRID}, with a COUNT of 2 or more, got {text!r}")
-    window = _window(where, *parts[:2], unit, "log" if parts[3:] else "linear")
+    window = _window(where, parts[0], parts[1], unit, "log" if parts[3:] else "linear")
     return np.array([window.value(u) for u in np.linspace(0.0, 1.0, int(parts[2])).tolist()])
 
 
@@ -131,7 +131,7 @@ def windows(texts: Sequence[str], held: Setting) -> dict[str, Window]:
     CalibError : as `grid`
     """
     expected = "NAME=LOW:HIGH or NAME=LOW:HIGH:log"
-    found = {}
+    found: dict[str, Window] = {}
     for text in texts:
         name, given = _varied(text, expected, found)
         parts = [part.strip() for part in given.split(":")]
@@ -139,7 +139,7 @@ def windows(texts: Sequence[str], held: Setting) -> dict[str, Window]:
             raise CalibError(f"--over: expected {expected}, without a COUNT, got {text!r}")
         with at("--over"):
             unit = held.unit(name)
-        found[name] = window = _window(f"--over {name}", *parts[:2], unit, "log" if parts[2:] else "linear")
+        found[name] = window = _window(f"--over {name}", parts[0], parts[1], unit, "log" if parts[2:] else "linear")
         with at("--over"):
             held.check(name, [window.low, window.high])
     return found
@@ -156,12 +156,12 @@ def state(text: str, units: Mapping[str, str]) -> dict[str, float]:
     ------
     CalibError : no such component, or a unit that does not fit
     """
-    found = {}
+    values: dict[str, float] = {}
     for part in filter(str.strip, text.split(",")):
         name, value = _pair("--start", part, "NAME=VALUE, NAME=VALUE")
         unit = _component("--start", name, units)
-        found[name] = quantity(f"--start {name}", value, unit)
-    return found
+        values[name] = quantity(f"--start {name}", value, unit)
+    return values
 
 
 def _component(option: str, name: str, units: Mapping[str, str]) -> str:
@@ -197,14 +197,14 @@ def _pair(option: str, text: str, expected: str) -> tuple[str, str]:
     return name, value
 
 
-def _varied(text: str, expected: str, found: Mapping) -> tuple[str, str]:
+def _varied(text: str, expected: str, found: Mapping[str, object]) -> tuple[str, str]:
     name, value = _pair("--over", text, expected)
     if name in found:
         raise CalibError(f"--over {name} is given twice")
     return name, value
 
 
-def _window(where: str, low: str, high: str, unit: str, scale: str) -> Window:
+def _window(where: str, low: str, high: str, unit: str, scale: Scale) -> Window:
     ends = quantity(where, low, unit), quantity(where, high, unit)
     with at(where):
         return Window(*ends, scale)

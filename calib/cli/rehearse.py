@@ -40,7 +40,8 @@ def print_rehearsal(
 
 def show(played: Sequence[Rehearsed], console: Console) -> None:
     """Print detection, naming and coverage by effect, and the smallest size that is reliably named."""
-    least, groups = smallest(played), {}
+    least = smallest(played)
+    groups: dict[str, list[Mapping[str, Any]]] = {}
     for row in rates(played):
         groups.setdefault(row["effect"], []).append(row)
     table = Table(title="rehearsal", title_justify="left")

@@ -38,17 +38,17 @@ def simulate_once(study: Path, given: Sequence[str], record: str | None, output:
         [(_, answer)] = pool.map([values])
     if isinstance(answer, Failure) and answer.status == REFUSED:
         raise CalibError(answer.reason)
-    record = failed(model.bodies, answer.status, answer.reason) if isinstance(answer, Failure) else answer
+    run = failed(model.bodies, answer.status, answer.reason) if isinstance(answer, Failure) else answer
     if output.parent != Path():
         output.parent.mkdir(parents=True, exist_ok=True)
-    write(record, output)
-    click.echo(f"{output}: {record.attrs['status']}")
-    if record.attrs["status"] != OK:
-        click.echo(f"reason: {record.attrs.get('reason', 'not said')}")
+    write(run, output)
+    click.echo(f"{output}: {run.attrs['status']}")
+    if run.attrs["status"] != OK:
+        click.echo(f"reason: {run.attrs.get('reason', 'not stated')}")
         return False
     picture = output.with_suffix(".png")
-    simulation_picture(record, picture)
-    for line in _described(record):
+    simulation_picture(run, picture)
+    for line in _described(run):
         click.echo(line)
     click.echo(f"picture: {picture}")
     return True

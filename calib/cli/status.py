@@ -13,7 +13,7 @@ from calib.store.trial import best
 from calib.study import CalibrationResult, result
 from calib.study_file import StudyToml, located, read_toml, results_folder
 
-MEMORY = 50  # trials over which the rate is taken
+RATE_TRIALS = 50  # trials over which the rate is taken
 
 
 def folder_of(study: Path, out: Path | None) -> Path:
@@ -66,7 +66,7 @@ def _found(found: CalibrationResult) -> dict[str, Any] | None:
 
 
 def _mean(trials: Sequence[Trial]) -> float | None:
-    recent = [trial.seconds for trial in trials[-MEMORY:]]
+    recent = [trial.seconds for trial in trials[-RATE_TRIALS:]]
     return sum(recent) / len(recent) if recent else None
 
 

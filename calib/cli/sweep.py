@@ -20,9 +20,10 @@ from calib.report.sections import sections
 from calib.report.sweeps import parameters
 from calib.study_file import load
 from calib.sweep import NONE, Sweep, latin_hypercube, run
+from calib.sweep.plan import Carry
 from calib.units import shown
 
-LINES = 24  # stretches that are printed
+MAX_LINES = 24  # stretches that are printed
 
 
 def sweep_study(
@@ -31,7 +32,7 @@ def sweep_study(
     *,
     latin: int | None,
     seed: int,
-    carry: str,
+    carry: Carry,
     starts: Sequence[str],
     phase: float,
     settle: int,
@@ -96,9 +97,9 @@ def described(found: xr.Dataset) -> Iterator[str]:
         branch = found.sel(branch=name) if name else found
         yield f"{name}:" if name else "found:"
         lines = list(_stretches(branch) if len(parameters(found)) == 1 else _counted(branch))
-        yield from lines[:LINES]
-        if len(lines) > LINES:
-            yield f"  ... and {len(lines) - LINES} more"
+        yield from lines[:MAX_LINES]
+        if len(lines) > MAX_LINES:
+            yield f"  ... and {len(lines) - MAX_LINES} more"
     if failed:
         reasons = np.unique(found.status.values[found.kind.values == FAILED])
         yield f"failed: {failed} of {found.kind.size} ({', '.join(reasons)})"

@@ -15,8 +15,8 @@ from calib.records import OK
 from calib.study import CalibrationResult
 from calib.units import reading, shown
 
-MOST_DECIMALS = 6  # beyond, a number is written with a power of ten
-WIDTH = 120  # columns, where the output is no terminal
+MAX_DECIMALS = 6  # beyond, a number is written with a power of ten
+COLUMNS = 120  # columns, where the output is no terminal
 
 
 def show_result(found: CalibrationResult, folder: Path, console: Console | None = None) -> None:
@@ -40,7 +40,7 @@ def show_result(found: CalibrationResult, folder: Path, console: Console | None 
 
 def _console() -> Console:
     console = Console(highlight=False)
-    return console if console.is_terminal else Console(highlight=False, width=WIDTH)
+    return console if console.is_terminal else Console(highlight=False, width=COLUMNS)
 
 
 def _parameters(found: CalibrationResult) -> Table:
@@ -71,7 +71,7 @@ def _measured(value: float, error: float | None, unit: str) -> tuple[str, str]:
     value, error = factor * value, factor * error
     decimals = max(0, 1 - math.floor(math.log10(error)))
     form = f".{decimals}f"
-    if decimals > MOST_DECIMALS and value:
+    if decimals > MAX_DECIMALS and value:
         form = f".{max(1, decimals + math.floor(math.log10(abs(value))))}e"
     return f"{value:{form}} {name}".rstrip(), f"{error:{form if 'f' in form else '.1e'}} {name}".rstrip()
 

@@ -1,24 +1,24 @@
 """A study: points are asked for, simulated, scored, logged and told."""
 
 from calib.execution.pool import Pool
-from calib.study.confirmation import LEADERS, Confirmation, Leader, confirm, leaders
+from calib.study.confirmation import MAX_LEADERS, Confirmation, Leader, confirm, leaders
 from calib.study.contracts import Optimiser, Outcome, StoreContract
 from calib.study.evaluation import Evaluation, evaluate, outcome, simulated
 from calib.study.initial_state import check_searched, check_solvable, check_stated
 from calib.study.reachability import Reach, UnreachableFeature, reach
 from calib.study.result import CalibrationResult, ConfidenceSummary, CorrelationSummary, UndeterminedGroup
-from calib.study.search import BUDGET
-from calib.study.study import INTERRUPTED, CalibrationStudy, Result
+from calib.study.search import BUDGET_SPENT
+from calib.study.study import INTERRUPTED, CalibrationStudy, SearchResult
 
 __all__ = [
-    "BUDGET",
+    "BUDGET_SPENT",
     "CalibrationResult",
     "ConfidenceSummary",
     "CorrelationSummary",
     "UndeterminedGroup",
     "UnreachableFeature",
     "INTERRUPTED",
-    "LEADERS",
+    "MAX_LEADERS",
     "Confirmation",
     "Evaluation",
     "Leader",
@@ -26,7 +26,7 @@ __all__ = [
     "Outcome",
     "Pool",
     "Reach",
-    "Result",
+    "SearchResult",
     "StoreContract",
     "CalibrationStudy",
     "check_searched",

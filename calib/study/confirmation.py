@@ -10,9 +10,9 @@ from calib.execution.pool import TIMEOUT, Failure, Pool
 from calib.store import Trial
 from calib.study.evaluation import Evaluation, as_trial
 
-LEADERS = 4  # trials that are confirmed
-APART = 1e-3  # of the unit cube, along the axis where they differ most: nearer trials are one leader
-SHARE, LEAST = 0.2, 0.005  # of the searched distance, and in distance: the change that is worth a remark
+MAX_LEADERS = 4  # trials that are confirmed
+MIN_SEPARATION = 1e-3  # of leaders, in the unit cube along the axis where they differ most
+MIN_CHANGE, MIN_RELATIVE_CHANGE = 0.005, 0.2  # of the distance, and relative to it: a smaller one is not remarked on
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,24 +70,24 @@ class Confirmation:
         return [*self._not_confirmed(), *self._distance(), *self._order()]
 
     def _not_confirmed(self) -> list[str]:
-        lost = [leader.confirmed for leader in self.leaders if not leader.confirmed.scored]
-        if not lost:
+        failed = [leader.confirmed for leader in self.leaders if not leader.confirmed.scored]
+        if not failed:
             return []
-        whys: dict[str, list[Trial]] = {}
-        for trial in lost:
-            whys.setdefault(f"{trial.status}: {trial.reason}", []).append(trial)
-        said = "; ".join(f"{_numbered(trials)} ({why})" for why, trials in whys.items())
-        hint = ", which a longer [study] timeout may mend" if TIMEOUT in {trial.status for trial in lost} else ""
+        by_reason: dict[str, list[Trial]] = {}
+        for trial in failed:
+            by_reason.setdefault(f"{trial.status}: {trial.reason}", []).append(trial)
+        reasons = "; ".join(f"{_numbered(trials)} ({reason})" for reason, trials in by_reason.items())
+        hint = ", which a longer [study] timeout may mend" if TIMEOUT in {trial.status for trial in failed} else ""
         if self.succeeded:
-            return [f"not every leader of the search could be confirmed: {said}{hint}"]
+            return [f"not every leader of the search could be confirmed: {reasons}{hint}"]
         return [
             "nothing is confirmed: values and distances are those of the simulator of the search, because the "
-            f"confirming one failed at each of its leaders: {said}{hint}"
+            f"confirming one failed at each of its leaders: {reasons}{hint}"
         ]
 
     def _distance(self) -> list[str]:
         before, after = self.chosen.searched.cost, self.best.cost
-        if abs(after - before) <= max(SHARE * before, LEAST):
+        if abs(after - before) <= max(MIN_RELATIVE_CHANGE * before, MIN_CHANGE):
             return []
         return [
             f"the best point, {_numbered([self.best])}, is at a distance of {after:.3g} in the confirming "
@@ -110,14 +110,14 @@ def _numbered(trials: Sequence[Trial]) -> str:
 
 
 def leaders(trials: Sequence[Trial]) -> list[Trial]:
-    """Return the best trials that ended ok, at most `LEADERS`, the best first, none within `APART` of a better one."""
-    found: list[Trial] = []
+    """Return up to `MAX_LEADERS` of the best trials, the best first, each `MIN_SEPARATION` away from better ones."""
+    chosen: list[Trial] = []
     for trial in sorted((trial for trial in trials if trial.scored), key=lambda trial: trial.rank):
-        if all(np.abs(np.subtract(trial.u, other.u)).max() > APART for other in found):
-            found.append(trial)
-        if len(found) == LEADERS:
+        if all(np.abs(np.subtract(trial.u, other.u)).max() > MIN_SEPARATION for other in chosen):
+            chosen.append(trial)
+        if len(chosen) == MAX_LEADERS:
             break
-    return found
+    return chosen
 
 
 def confirm(pool: Pool, searched: Sequence[Trial], on_leader: Callable[[int, int], None] | None = None) -> Confirmation:
@@ -130,13 +130,13 @@ def confirm(pool: Pool, searched: Sequence[Trial], on_leader: Callable[[int, int
     on_leader : called with the number of leaders done and of all of them
     """
     begin = time.monotonic()
-    found: dict[int, Evaluation | Failure] = {}
+    evaluations: dict[int, Evaluation | Failure] = {}
     for index, evaluation in pool.map([trial.values for trial in searched]):
-        found[index] = evaluation
+        evaluations[index] = evaluation
         if on_leader is not None:
-            on_leader(len(found), len(searched))
-    again = tuple(_leader(trial, found[index]) for index, trial in enumerate(searched))
-    return Confirmation(again, time.monotonic() - begin)
+            on_leader(len(evaluations), len(searched))
+    confirmed = tuple(_leader(trial, evaluations[index]) for index, trial in enumerate(searched))
+    return Confirmation(confirmed, time.monotonic() - begin)
 
 
 def _leader(trial: Trial, evaluation: Evaluation | Failure) -> Leader:

@@ -3,8 +3,8 @@
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Literal, Protocol
 
 import numpy as np
 import xarray as xr
@@ -16,6 +16,22 @@ from calib.modelling.parameter import values_for
 from calib.objective import Objective, Score, simulations
 from calib.store import Trial
 from calib.study.contracts import Outcome
+
+Phase = Literal["screen", "search"]
+
+
+class Evaluable(Protocol):
+    """What an evaluation needs of a study."""
+
+    @property
+    def model(self) -> Model:
+        """What is simulated."""
+        ...
+
+    @property
+    def objective(self) -> Objective:
+        """What it is compared with."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,12 +54,12 @@ class Evaluation:
     simulations: int = 1
 
 
-def evaluate(study, values: Mapping[str, float]) -> Evaluation:
+def evaluate(study: Evaluable, values: Mapping[str, float]) -> Evaluation:
     """Simulate every record that the study's objective scores at `values` (SI), and score them.
 
     Parameters
     ----------
-    study : a `calib.study.CalibrationStudy`; its model and its objective are all that is looked at
+    study : such as a `calib.study.CalibrationStudy`
 
     Raises
     ------
@@ -78,16 +94,21 @@ def outcome(result: Trial | Score | Failure) -> Outcome:
 
 
 def as_trial(
-    number: int, u: Sequence[float], values: Mapping[str, float], result: Evaluation | Failure, phase: str, segment: int
+    number: int,
+    u: Sequence[float],
+    values: Mapping[str, float],
+    result: Evaluation | Failure,
+    phase: Phase,
+    segment: int,
 ) -> Trial:
     """Trial at the point `u` of the unit cube, of what its evaluation gave; the rest as in `calib.store.Trial`."""
-    known = {"number": number, "u": list(u), "values": dict(values), "seconds": result.seconds, "phase": phase}
+    failed = Trial(number, list(u), dict(values), math.inf, seconds=result.seconds, phase=phase, segment=segment)
     if isinstance(result, Failure):
-        return Trial(**known, cost=math.inf, status=result.status, reason=result.reason, segment=segment)
+        return replace(failed, status=result.status, reason=result.reason)
     score = result.score
     scored = math.isfinite(score.cost)
-    return Trial(
-        **known,
+    return replace(
+        failed,
         cost=float(score.cost) if scored else math.inf,
         terms={label: float(distance) for label, distance in score.terms.items()},
         status=score.status,
@@ -95,6 +116,5 @@ def as_trial(
         kind=score.kind,
         features=result.features,
         residuals=np.asarray(score.residuals, dtype=float) if scored and score.residuals is not None else None,
-        segment=segment,
         simulations=result.simulations,
     )

@@ -14,14 +14,18 @@ from calib.store import Trial
 from calib.store.trial import best
 from calib.study.reachability import reach
 
-MEMORY = 20.0  # s over which the rate of trials is taken
+RATE_SECONDS = 20.0  # s over which the rate of trials is taken
 
 
 class Progress:
     """Follows a study: `stage` by stage and, within screen and search, `trial` by trial. Use it in a with block."""
 
     def __init__(
-        self, budget: int, quiet: bool = False, console: Console | None = None, clock: Callable = time.monotonic
+        self,
+        budget: int,
+        quiet: bool = False,
+        console: Console | None = None,
+        clock: Callable[[], float] = time.monotonic,
     ):
         self._console = console or Console(stderr=True, highlight=False)
         self._quiet = quiet
@@ -51,7 +55,7 @@ class Progress:
             self._bars.start()
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *exception: object) -> None:
         if self._bars is not None:
             self._bars.stop()
             self._bars = None
@@ -116,7 +120,7 @@ class Progress:
 
     def _rate(self) -> float:
         now = self._clock()
-        while self._ends and now - self._ends[0][0] > MEMORY:
+        while self._ends and now - self._ends[0][0] > RATE_SECONDS:
             self._ends.pop(0)
         if len(self._ends) < 2 or self._ends[-1][0] == self._ends[0][0]:
             return 0.0

@@ -13,7 +13,7 @@ from calib.records import OK
 from calib.store.plain import plain, typed
 from calib.study.reachability import UnreachableFeature
 
-NAME = "result.json"
+FILE_NAME = "result.json"
 FAILED = "failed"
 
 
@@ -225,7 +225,7 @@ class CalibrationResult:
 
 def write(found: CalibrationResult, folder: Path) -> Path:
     """Write `result.json` so that it is either whole or absent; return its path."""
-    path = folder / NAME
+    path = folder / FILE_NAME
     text = json.dumps(found.as_dict(), indent=2, allow_nan=False) + "\n"
     with whole(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
@@ -239,7 +239,7 @@ def read(folder: Path) -> CalibrationResult | None:
     ------
     CalibError : `result.json` is not JSON
     """
-    path = folder / NAME
+    path = folder / FILE_NAME
     try:
         return CalibrationResult.from_dict(json.loads(path.read_text(encoding="utf-8")))
     except FileNotFoundError:

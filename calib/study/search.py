@@ -1,9 +1,9 @@
 """One run of a study over its store: screen, then segments of asking, evaluating and telling."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, is_dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.stats.qmc import Sobol
@@ -15,19 +15,53 @@ from calib.modelling.parameter import Space
 from calib.store import Trial
 from calib.store.trial import best
 from calib.study.contracts import Optimiser, StoreContract
-from calib.study.evaluation import as_trial, outcome
+from calib.study.evaluation import Phase, as_trial, outcome
 
-BUDGET = "budget spent"  # why a search ended; otherwise the optimiser's own reason
+BUDGET_SPENT = "budget spent"  # why a search ended; otherwise the optimiser's own reason
+
+
+OnTrial = Callable[[Trial, Trial | None, int], None]  # a new trial, the best so far, the number of trials there are
+
+
+class Searchable(Protocol):
+    """What a search needs of a `calib.study.CalibrationStudy`."""
+
+    @property
+    def space(self) -> Space:
+        """What is searched."""
+        ...
+
+    @property
+    def optimiser(self) -> Callable[..., Optimiser]:
+        """Makes the search method."""
+        ...
+
+    @property
+    def seed(self) -> int:
+        """Of the screen and the optimiser."""
+        ...
+
+    @property
+    def budget(self) -> int:
+        """Trials in all."""
+        ...
+
+    @property
+    def batch(self) -> int:
+        """Points that the optimiser should ask for at a time."""
+        ...
 
 
 class Search:
-    """One run of a `calib.study.CalibrationStudy` over its store: what is logged, and what is going on."""
+    """One run of a study over its store: what is logged, and what is going on."""
 
-    def __init__(self, study, store: StoreContract, pool: Pool, logged: list[Trial], on_trial):
+    def __init__(
+        self, study: Searchable, store: StoreContract, pool: Pool, logged: list[Trial], on_trial: OnTrial | None
+    ):
         self._study, self._store, self._pool, self._on_trial = study, store, pool, on_trial
         self.trials = {trial.number: trial for trial in logged}
         self._best = best(logged)
-        self.agreement: dict | None = None
+        self.agreement: dict[str, Any] | None = None
 
     def to_the_end(self) -> str:
         """Evaluate the screen, then one segment after the other; return why it ended."""
@@ -49,7 +83,7 @@ class Search:
         told = [trial for _, trial in sorted(self.trials.items()) if trial.number < first]
         end = first + self._study.budget - len(told)
         if end <= first:
-            return BUDGET
+            return BUDGET_SPENT
         with self._searching() as optimiser:
             if told:
                 optimiser.tell(np.array([trial.u for trial in told]), [outcome(trial) for trial in told])
@@ -74,14 +108,14 @@ class Search:
             if reason is not None:
                 return reason
             if number >= end:
-                return BUDGET
+                return BUDGET_SPENT
             points = _checked(optimiser.ask(), self._study.space.dim)
             self._replayed(number, points)
             count = min(len(points), end - number)
             self._evaluate(number, points[:count], "search")
             number += count
             if count < len(points):
-                return BUDGET
+                return BUDGET_SPENT
             trials = [self.trials[n] for n in range(number - count, number)]
             optimiser.tell(points, [outcome(trial) for trial in trials])
 
@@ -95,7 +129,7 @@ class Search:
                     "optimiser or the program was changed since; undo that, or begin afresh (--fresh)"
                 )
 
-    def _evaluate(self, first: int, points: np.ndarray, phase: str, most: int | None = None) -> None:
+    def _evaluate(self, first: int, points: np.ndarray, phase: Phase, most: int | None = None) -> None:
         """Evaluate those of the points, numbered from `first`, that are not logged; at most so many."""
         todo = [(n, u) for n, u in enumerate(points, start=first) if n not in self.trials][:most]
         if todo and not self.trials:
@@ -104,7 +138,7 @@ class Search:
             todo = todo[1:]
         self._evaluate_all(todo, phase)
 
-    def _evaluate_all(self, todo: list[tuple[int, np.ndarray]], phase: str) -> None:
+    def _evaluate_all(self, todo: list[tuple[int, np.ndarray]], phase: Phase) -> None:
         values = [self._study.space.values(u) for _, u in todo]
         for index, result in self._pool.map(values):
             if isinstance(result, Failure) and result.status == REFUSED and not self.trials:
@@ -143,9 +177,9 @@ def _checked(asked: Any, dim: int) -> np.ndarray:
     return points
 
 
-def _summary(optimiser: Optimiser) -> dict | None:
+def _summary(optimiser: Optimiser) -> dict[str, Any] | None:
     """Return what the optimiser says of its search, as a dict; None where it says nothing."""
     if not hasattr(optimiser, "summary"):
         return None
     summary = optimiser.summary()
-    return asdict(summary) if is_dataclass(summary) else summary
+    return asdict(summary) if is_dataclass(summary) and not isinstance(summary, type) else summary

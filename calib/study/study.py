@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from calib.errors import CalibError, nearest
-from calib.execution.pool import Pool, workers
+from calib.execution.pool import InProcess, LocalPool, Pool, workers
 from calib.modelling.model import Model
 from calib.modelling.parameter import Space
 from calib.objective import Objective
@@ -16,15 +16,15 @@ from calib.study.contracts import Optimiser, StoreContract
 from calib.study.evaluation import evaluate
 from calib.study.initial_state import check_searched, check_solvable, check_stated
 from calib.study.reachability import Reach, reach
-from calib.study.search import Search
+from calib.study.search import OnTrial, Search
 
-SCREEN = 64  # points of the screen, unless the budget is below four times as many
+MAX_SCREEN_POINTS = 64  # points of the screen, unless the budget is below four times as many
 INTERRUPTED = "interrupted"  # why a study stopped, by Ctrl-C
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
-    """What a study has found so far.
+class SearchResult:
+    """What a search has found so far.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Result:
     best: Trial | None
     trials: list[Trial] = field(repr=False)
     reach: list[Reach]
-    agreement: dict | None
+    agreement: dict[str, Any] | None
     stopped: str
 
 
@@ -73,7 +73,7 @@ class CalibrationStudy:
     screen: int | None = None
     definition: Mapping[str, Any] = field(default_factory=dict)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name, low in (("budget", 1), ("batch", 1), ("jobs", 1), ("screen", 0), ("seed", 0)):
             value = getattr(self, name)
             if name == "screen" and value is None:
@@ -102,11 +102,11 @@ class CalibrationStudy:
         """
         screen = self.screen
         if screen is None:
-            most = min(SCREEN, self.budget // 4)
+            most = min(MAX_SCREEN_POINTS, self.budget // 4)
             screen = 1 << (most.bit_length() - 1) if most else 0  # a power of two keeps Sobol's points balanced
         screen += bool(self.space.start)
         windows = {name: asdict(window) for name, window in self.space.windows.items()}
-        own = {"seed": self.seed, "batch": self.batch, "screen": self.screen, "windows": windows}
+        own: dict[str, Any] = {"seed": self.seed, "batch": self.batch, "screen": self.screen, "windows": windows}
         if self.space.start:
             own["start"] = dict(self.space.start)
         definition = {**own, "fixed": dict(self.space.fixed), **self.definition}
@@ -116,9 +116,9 @@ class CalibrationStudy:
         self,
         store: StoreContract,
         pool: Pool | None = None,
-        on_trial: Callable[[Trial, Trial | None, int], None] | None = None,
+        on_trial: OnTrial | None = None,
         fresh: bool = False,
-    ) -> Result:
+    ) -> SearchResult:
         """Search until the budget is spent, the optimiser stops, or Ctrl-C; take up what the store has already.
 
         The trials logged are replayed: the optimiser, made anew, asks again for the same points and is told what was
@@ -139,9 +139,11 @@ class CalibrationStudy:
             the first point
         """
         self.optimiser(dim=self.space.dim, seed=self.seed, budget=self.budget, batch=self.batch).close()  # refuses here
-        own = workers(partial(evaluate, self.without_search()), self.jobs, self.timeout) if pool is None else None
+        own: LocalPool | InProcess | None = None
+        if pool is None:
+            pool = own = workers(partial(evaluate, self.without_search()), self.jobs, self.timeout)
         logged = store.open(self.header, fresh)
-        run = Search(self, store, pool or own, logged, on_trial)
+        run = Search(self, store, pool, logged, on_trial)
         try:
             stopped = run.to_the_end()
         except KeyboardInterrupt:
@@ -151,8 +153,13 @@ class CalibrationStudy:
                 own.close()
             store.close()
         trials = sorted(run.trials.values(), key=lambda trial: trial.number)
-        return Result(best(trials), trials, reach(trials), run.agreement, stopped)
+        return SearchResult(best(trials), trials, reach(trials), run.agreement, stopped)
 
     def without_search(self) -> "CalibrationStudy":
         """Return what an evaluation needs of the study: it crosses to the child processes."""
-        return replace(self, optimiser=None, definition={})
+        return replace(self, optimiser=_no_optimiser, definition={})
+
+
+def _no_optimiser(**contract: int) -> Optimiser:
+    """Stand in for the optimiser of a study that is only evaluated."""
+    raise CalibError("this study was sent to be evaluated: it has no optimiser")

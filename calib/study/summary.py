@@ -1,7 +1,7 @@
 """The result of a calibration from its study, its trials and what was worked out at the best of them."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -9,7 +9,6 @@ from calib.objective import Score
 from calib.records import OK
 from calib.store import Trial
 from calib.study.confirmation import Confirmation
-from calib.study.reachability import Reach
 from calib.study.result import (
     FAILED,
     CalibrationResult,
@@ -21,22 +20,19 @@ from calib.study.result import (
     MotionSummary,
     ScoreSummary,
 )
-from calib.study.study import CalibrationStudy
+from calib.study.study import CalibrationStudy, SearchResult
 
 NUISANCE_UNITS = {"trigger": "s", "offset": "m", "scale": "1", "shear": "s"}  # before the dot of its name
 
 
 def summarised(
     study: CalibrationStudy,
-    trials: Sequence[Trial],
+    search: SearchResult,
     *,
     best: Trial | None = None,
     score: Score | None = None,
     confirmation: Confirmation | None = None,
     confidence: ConfidenceSummary | None = None,
-    reach: Sequence[Reach] = (),
-    agreement: Mapping[str, Any] | None = None,
-    stopped: str = "",
     holdout: Mapping[str, HeldOutSummary] | None = None,
     remarks: Sequence[str] = (),
     simulations: int | None = None,
@@ -47,14 +43,11 @@ def summarised(
     Parameters
     ----------
     study : that was run
-    trials : every one, in the order of the ledger
+    search : as far as it has come
     best : the best trial, with its confirmed score where it was confirmed; None where none ended ok
     score : of the best point, for kind of motion and nuisances
     confirmation : of the leaders of the search, None where the simulator has no confirming one
     confidence : at the best point
-    reach : of each measured feature
-    agreement : the optimiser's summary, None where it has none
-    stopped : why the search ended
     holdout : record -> what `held_out` or `not_simulated` returns
     remarks : what else to mind, a sentence each, without its full stop
     simulations : runs of the simulator, everything counted
@@ -67,9 +60,8 @@ def summarised(
     sure = confidence or ConfidenceSummary("")
     names = () if best is None else tuple(best.values)
     found = replace(
-        _of_trials(study, trials, reach),
+        _of_search(study, search),
         status=FAILED if best is None else OK,
-        stopped=stopped,
         values={} if best is None else best.values,
         units={name: study.model.parameters[name.partition("@")[0]].unit for name in names},
         intervals=sure.interval,
@@ -79,7 +71,6 @@ def summarised(
         motion=_motion(best, score),
         nuisances={} if score is None else score.nuisances,
         nuisance_units=_nuisance_units(study, score, holdout or {}),
-        agreement=_agreement(agreement),
         holdout=holdout or {},
         confirmation=None if confirmation is None else _confirmation(confirmation),
         confidence=confidence,
@@ -91,15 +82,17 @@ def summarised(
     return CalibrationResult.from_dict(found.as_dict())
 
 
-def _of_trials(study: CalibrationStudy, trials: Sequence[Trial], reach: Iterable[Reach]) -> CalibrationResult:
-    """What the trials say by themselves."""
+def _of_search(study: CalibrationStudy, search: SearchResult) -> CalibrationResult:
+    """What the search says by itself."""
     return CalibrationResult(
         name=study.name,
+        stopped=search.stopped,
         windows=study.space.windows,
-        unreachable=tuple(r.summary() for r in reach if not r.reached),
-        trials=len(trials),
-        failed=sum(trial.status != OK for trial in trials),
-        failures=_failures(trials),
+        unreachable=tuple(reach.summary() for reach in search.reach if not reach.reached),
+        agreement=_agreement(search.agreement),
+        trials=len(search.trials),
+        failed=sum(trial.status != OK for trial in search.trials),
+        failures=_failures(search.trials),
     )
 
 

@@ -10,7 +10,7 @@ from calib.study_file.mistakes import Mistakes
 from calib.study_file.schema import BenchTable
 from calib.units import to_si
 
-BENCH = ("diagnosis", "bench")
+BENCH_KEY = ("diagnosis", "bench")
 
 
 def read_laboratory(
@@ -33,7 +33,7 @@ def read_laboratory(
         simulations=bench.simulations,
     )
     for key, mistake in mistakes_of(laboratory, compared, model):
-        mistakes.add((*BENCH, key), mistake)
+        mistakes.add((*BENCH_KEY, key), mistake)
     return laboratory
 
 
@@ -41,7 +41,7 @@ def _bounds(key: str, stated: Sequence[str] | None, unit: str, mistakes: Mistake
     """Bounds in SI; None where none are stated, or a mistake is noted."""
     if stated is None:
         return None
-    with mistakes.at(*BENCH, key):
+    with mistakes.at(*BENCH_KEY, key):
         low, high = (to_si(value, unit) for value in stated)
         if not 0.0 < low <= high < float("inf"):
             raise CalibError(f"expected [low, high] with 0 < low <= high, got [{stated[0]!r}, {stated[1]!r}]")
@@ -55,5 +55,5 @@ def _channels(stated: Sequence[str] | None, mistakes: Mistakes) -> tuple[tuple[s
     pairs = [name.rpartition(".") for name in stated]
     for name, (body, _, channel) in zip(stated, pairs, strict=True):
         if not (body and channel):
-            mistakes.add((*BENCH, "channels"), f"expected 'body.channel', such as 'mass.velocity', got {name!r}")
+            mistakes.add((*BENCH_KEY, "channels"), f"expected 'body.channel', such as 'mass.velocity', got {name!r}")
     return tuple((body, channel) for body, _, channel in pairs if body and channel)

@@ -14,15 +14,16 @@ from calib.modelling.effect import Effect
 from calib.modelling.model import Model
 from calib.modelling.parameter import Parameter, Space, Window, values_for
 from calib.objective import Objective, Reference, Term
+from calib.store.record_files import Keep
 from calib.store.plain import plain
-from calib.study import CalibrationStudy, check_searched, check_stated
+from calib.study import CalibrationStudy, Optimiser, check_searched, check_stated
 from calib.study_file.laboratory import read_laboratory
-from calib.study_file.mistakes import Mistakes, located, read_toml
-from calib.study_file.references import OWN, digest, references
+from calib.study_file.mistakes import Mistakes, PythonOrigin, located, read_toml
+from calib.study_file.references import REQUEST_KEYS, digest, references
 from calib.study_file.schema import OptimiserTable, StudyToml, TermTable
 from calib.units import to_si
 
-CONTRACT = ("dim", "seed", "budget", "batch")  # what a study hands to an optimiser; the rest are options of the user
+CONTRACT_ARGUMENTS = ("dim", "seed", "budget", "batch")  # of an optimiser; the rest are options of the user
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class StudyFile:
     others: Mapping[str, Reference]
     folder: Path
     view: str
-    keep: str
+    keep: Keep
     candidates: tuple[tuple[str, tuple[str, ...] | None], ...] | None
     laboratory: Laboratory
 
@@ -113,15 +114,22 @@ class StudyFile:
         return Setting(self.study.model, chosen.excitation, held, phase)
 
 
-def load(path: str | Path, budget: int | None = None, jobs: int | None = None) -> StudyFile:
-    """Read a study file, or the `study.toml` of a folder; `budget` and `jobs` take the place of the file's.
+def load(
+    path: str | Path, budget: int | None = None, jobs: int | None = None, origin: PythonOrigin | None = None
+) -> StudyFile:
+    """Read a study file, or the `study.toml` of a folder.
+
+    Parameters
+    ----------
+    budget, jobs : take the place of the file's
+    origin : where the study was stated, if not in the file
 
     Raises
     ------
     CalibError : every mistake of the file with its line and key, what was expected, and the nearest right name
     """
     path = located(path)
-    shape, mistakes = read_toml(StudyToml, path)
+    shape, mistakes = read_toml(StudyToml, path, origin)
     model = _model(shape, mistakes)
     known = references(shape, model, mistakes)
     calibrated = {name: reference for name, reference in known.items() if reference and reference.use == "calibrate"}
@@ -136,7 +144,10 @@ def load(path: str | Path, budget: int | None = None, jobs: int | None = None) -
     mistakes.tell()
     with mistakes.at("term"):
         objective = Objective(calibrated, terms)
-    laboratory = read_laboratory(shape.diagnosis.bench, known, model, mistakes)
+    if model is None or space is None or optimiser is None:
+        raise AssertionError("a part of the study is missing, and no mistake says why")
+    every = {name: reference for name, reference in known.items() if reference is not None}
+    laboratory = read_laboratory(shape.diagnosis.bench, every, model, mistakes)
     mistakes.tell()
     head = shape.study
     study = CalibrationStudy(
@@ -156,7 +167,7 @@ def load(path: str | Path, budget: int | None = None, jobs: int | None = None) -
     return StudyFile(
         path=path,
         study=study,
-        others={n: r for n, r in known.items() if r.use != "calibrate"},
+        others={name: reference for name, reference in every.items() if reference.use != "calibrate"},
         folder=results_folder(path),
         view=shape.store.view,
         keep=shape.store.keep,
@@ -177,18 +188,18 @@ def results_folder(path: Path) -> Path:
 def _model(shape: StudyToml, mistakes: Mistakes) -> Model | None:
     model: Model | None = None
     with mistakes.at("model", "simulator"):
-        maker = plugins.load("calib.simulators", shape.model.simulator, mistakes.path.parent)
+        maker = plugins.load("calib.simulators", shape.model.simulator, mistakes.modules)
         simulator = _made(maker, shape.model.options, shape.model.simulator, mistakes, ("model", "options"))
         model = None if simulator is None else Model(simulator)
     for index, entry in enumerate(shape.model.effects):
         with mistakes.at("model", "effects", index):
-            effect = _effect(entry.name, entry.bodies, mistakes.path.parent)
+            effect = _effect(entry.name, entry.bodies, mistakes.modules)
             if model is not None:
                 model = model.extended(effect)
     return model
 
 
-def _effect(name: str, bodies: Sequence[str] | None, folder: Path) -> Effect:
+def _effect(name: str, bodies: Sequence[str] | None, folder: Path | None) -> Effect:
     effect = plugins.load("calib.effects", name, folder)
     if not isinstance(effect, Effect):
         raise CalibError(f"{name!r} is no effect but a {type(effect).__name__}")
@@ -201,14 +212,19 @@ def _candidates(shape: StudyToml, mistakes: Mistakes) -> tuple[tuple[str, tuple[
         return None
     for index, entry in enumerate(asked):
         with mistakes.at("diagnosis", "candidates", index):
-            _effect(entry.name, entry.bodies, mistakes.path.parent)
+            _effect(entry.name, entry.bodies, mistakes.modules)
     mistakes.tell()
     return tuple((entry.name, None if entry.bodies is None else tuple(entry.bodies)) for entry in asked)
 
 
 def _made(
-    maker: Callable, options: Mapping[str, Any], name: str, mistakes: Mistakes, key: tuple, given: tuple[str, ...] = ()
-):
+    maker: Callable[..., Any],
+    options: Mapping[str, Any],
+    name: str,
+    mistakes: Mistakes,
+    key: tuple[str | int, ...],
+    given: tuple[str, ...] = (),
+) -> Any:
     """Return ``maker(**options)``, or None with the mistakes noted; only looked at where names are yet `given`."""
     signature = inspect.signature(maker).parameters.values()
     free = any(p.kind is p.VAR_KEYWORD for p in signature)
@@ -218,17 +234,17 @@ def _made(
     for option in unknown:
         takes = f"takes {', '.join(known)}" if known else "takes none"
         mistakes.add((*key, option), f"unknown option of {name!r}{nearest(option, known)}; it {takes}")
-    lacking = [p.name for p in known.values() if p.default is p.empty and p.name not in options]
-    if lacking:
-        mistakes.add(key, f"{name!r} needs {', '.join(lacking)}")
-    if unknown or lacking or given:
+    missing = [p.name for p in known.values() if p.default is p.empty and p.name not in options]
+    if missing:
+        mistakes.add(key, f"{name!r} needs {', '.join(missing)}")
+    if unknown or missing or given:
         return None
     with mistakes.at(*key):
         return _called(maker, options, name)
     return None
 
 
-def _called(maker: Callable, options: Mapping[str, Any], name: str):
+def _called(maker: Callable[..., Any], options: Mapping[str, Any], name: str) -> Any:
     try:
         return maker(**options)
     except (TypeError, ValueError) as error:
@@ -256,9 +272,9 @@ def _space(shape: StudyToml, model: Model, known: Mapping[str, Reference | None]
                 raise CalibError("this parameter stands in [model] fixed too; keep one of them")
         if name in windows and entry.start is not None:
             with mistakes.at("windows", name, "start"):
-                value = to_si(entry.start, parameter.unit)
-                windows[name].check(value)
-                start[name] = value
+                begin = to_si(entry.start, parameter.unit)
+                windows[name].check(begin)
+                start[name] = begin
     for name, value in shape.model.fixed.items():
         with mistakes.at("model", "fixed", name):
             check_stated(name, model, references)
@@ -298,7 +314,7 @@ def _terms(shape: StudyToml, calibrated: Mapping[str, Reference], mistakes: Mist
         key = ("term", index)
         feature = None
         with mistakes.at(*key, "feature"):
-            maker = plugins.load("calib.features", entry.feature, mistakes.path.parent)
+            maker = plugins.load("calib.features", entry.feature, mistakes.modules)
             feature = _made(maker, entry.options, entry.feature, mistakes, key)
         if feature is None:
             continue
@@ -318,11 +334,11 @@ def _terms(shape: StudyToml, calibrated: Mapping[str, Reference], mistakes: Mist
 class OptimiserMaker:
     """Makes the optimiser of a study; a refusal names the line of the study file."""
 
-    maker: Callable
+    maker: Callable[..., Optimiser]
     options: Mapping[str, Any]
     place: str
 
-    def __call__(self, **contract):
+    def __call__(self, **contract: int) -> Optimiser:
         """Return the optimiser for `dim`, `seed`, `budget` and `batch`."""
         try:
             return self.maker(**contract, **self.options)
@@ -332,8 +348,8 @@ class OptimiserMaker:
 
 def _optimiser(shape: StudyToml, mistakes: Mistakes) -> OptimiserMaker | None:
     with mistakes.at("optimiser", "name"):
-        maker = plugins.load("calib.optimisers", shape.optimiser.name, mistakes.path.parent)
-        _made(maker, shape.optimiser.options, shape.optimiser.name, mistakes, ("optimiser",), given=CONTRACT)
+        maker = plugins.load("calib.optimisers", shape.optimiser.name, mistakes.modules)
+        _made(maker, shape.optimiser.options, shape.optimiser.name, mistakes, ("optimiser",), given=CONTRACT_ARGUMENTS)
         return OptimiserMaker(maker, shape.optimiser.options, mistakes.place("optimiser"))
     return None
 
@@ -355,7 +371,7 @@ def _definition(shape: StudyToml, model: Model, space: Space, folder: Path) -> d
         "name": head.name,
         "seed": head.seed,
         "screen": head.screen,
-        "request": {key: getattr(head, key) for key in OWN},
+        "request": {key: getattr(head, key) for key in REQUEST_KEYS},
         "records": {
             entry.name: {
                 **entry.model_dump(exclude={"name", "path", "origin", "sha256"}, exclude_none=True),

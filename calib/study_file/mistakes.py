@@ -3,10 +3,12 @@
 import tomllib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
 from calib.errors import CalibError, nearest
 from calib.study_file.lines import dotted, line_of, lines
@@ -23,6 +25,18 @@ _EXPECTED = {
 }
 
 
+@dataclass(frozen=True)
+class PythonOrigin:
+    """A study that was stated in Python: its mistakes name the argument, not the line of the file that stands for it.
+
+    Attributes
+    ----------
+    modules : folder in which modules of the study lie; None: all are on Python's path
+    """
+
+    modules: Path | None = None
+
+
 class Mistakes:
     """Collects mistakes; each names file, line and key.
 
@@ -30,16 +44,25 @@ class Mistakes:
     ----------
     path, text : of the TOML file, or of another file that begins with such a text
     schema : its shape, from which known keys are named
+    origin : where the text was stated, if not in the file
     """
 
-    def __init__(self, path: Path, text: str, schema: type[BaseModel] = StudyToml):
+    def __init__(self, path: Path, text: str, schema: type[BaseModel] = StudyToml, origin: PythonOrigin | None = None):
         self.path = path
         self.schema = schema
         self._lines = lines(text)
+        self._origin = origin
         self._messages: list[str] = []
 
+    @property
+    def modules(self) -> Path | None:
+        """Folder in which modules of the study lie beside Python's path."""
+        return self.path.parent if self._origin is None else self._origin.modules
+
     def place(self, *key: str | int) -> str:
-        """Write where `key` stands: ``study.toml:12: windows.gap``."""
+        """Write where `key` stands: ``study.toml:12: windows.gap``, or the key alone of what was stated in Python."""
+        if self._origin is not None:
+            return dotted(key)
         line = line_of(self._lines, key)
         return f"{self.path}{'' if line is None else f':{line}'}: {dotted(key)}"
 
@@ -65,7 +88,8 @@ class Mistakes:
         if len(self._messages) == 1:
             raise CalibError(self._messages[0])
         if self._messages:
-            raise CalibError("\n".join([f"{self.path} has {len(self._messages)} mistakes:", *self._messages]))
+            subject = self.path if self._origin is None else "the study"
+            raise CalibError("\n".join([f"{subject} has {len(self._messages)} mistakes:", *self._messages]))
 
 
 def located(path: str | Path) -> Path:
@@ -82,8 +106,8 @@ def located(path: str | Path) -> Path:
     return path
 
 
-def read_toml(schema: type[Tables], path: Path) -> tuple[Tables, Mistakes]:
-    """Read a TOML file into a schema.
+def read_toml(schema: type[Tables], path: Path, origin: PythonOrigin | None = None) -> tuple[Tables, Mistakes]:
+    """Read a TOML file into a schema; `origin` says where its text was stated, if not in the file.
 
     Returns
     -------
@@ -97,15 +121,16 @@ def read_toml(schema: type[Tables], path: Path) -> tuple[Tables, Mistakes]:
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         raise CalibError(f"{path}: not a text in UTF-8 (byte {error.start}); save it as UTF-8") from error
-    return read_as(schema, path, text)
+    return read_as(schema, path, text, origin)
 
 
-def read_as(schema: type[Tables], path: Path, text: str) -> tuple[Tables, Mistakes]:
+def read_as(schema: type[Tables], path: Path, text: str, origin: PythonOrigin | None = None) -> tuple[Tables, Mistakes]:
     """Read a TOML text into a schema.
 
     Parameters
     ----------
     path : of the file that the text is, or begins
+    origin : where the text was stated, if not in the file
 
     Returns
     -------
@@ -118,24 +143,24 @@ def read_as(schema: type[Tables], path: Path, text: str) -> tuple[Tables, Mistak
     try:
         tables = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise CalibError(f"{path}:{_line_said(str(error), text)}: this is not TOML: {error}") from error
-    mistakes = Mistakes(path, text, schema)
+        raise CalibError(f"{path}:{_line_of_error(str(error), text)}: this is not TOML: {error}") from error
+    mistakes = Mistakes(path, text, schema, origin)
     try:
         return schema.model_validate(tables), mistakes
     except ValidationError as invalid:
-        for error in invalid.errors():
-            mistakes.add(error["loc"], _phrase(error, schema))
+        for detail in invalid.errors():
+            mistakes.add(detail["loc"], _phrase(detail, schema))
         mistakes.tell()
         raise
 
 
-def _line_said(message: str, text: str) -> int:
+def _line_of_error(message: str, text: str) -> int:
     """Line that tomllib names as "(at line 3, column 5)", or the last one where it says "(at end of document)"."""
     line = message.partition("at line ")[2].partition(",")[0]
     return int(line) if line else text.rstrip("\n").count("\n") + 1
 
 
-def _phrase(error: dict[str, Any], schema: type[BaseModel]) -> str:
+def _phrase(error: ErrorDetails, schema: type[BaseModel]) -> str:
     *above, name = error["loc"]
     if error["type"] == "extra_forbidden":
         known = list(_table(above, schema).model_fields)
@@ -143,8 +168,8 @@ def _phrase(error: dict[str, Any], schema: type[BaseModel]) -> str:
     if error["type"] == "missing":
         return f"this is required in [{dotted(above)}]" if above else f"the table [{name}] is missing"
     got = repr(error["input"])
-    said = error["msg"].removeprefix("Value error, ").replace("Input should be", "expected")
-    text = _EXPECTED.get(error["type"], said)
+    message = error["msg"].removeprefix("Value error, ").replace("Input should be", "expected")
+    text = _EXPECTED.get(error["type"], message)
     expected = error.get("ctx", {}).get("expected", "")
     hint = nearest(error["input"], expected.split("'")[1::2]) if error["type"] == "literal_error" else ""
     return f"{text}, got {got if len(got) < 60 else got[:57] + '...'}{hint}"

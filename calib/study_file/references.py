@@ -3,6 +3,7 @@
 import os
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import xarray as xr
 
@@ -12,13 +13,13 @@ from calib.modelling.model import Model
 from calib.modelling.simulator import Request, Simulator
 from calib.objective import Reference
 from calib.records import read, rename_bodies, table
-from calib.records.excitation import Excitation, unit_of
+from calib.records.excitation import Excitation, Quantity, unit_of
 from calib.study import check_solvable
 from calib.study_file.mistakes import Mistakes
 from calib.study_file.schema import ExcitationTable, RecordTable, StudyToml, TableTable
 from calib.units import to_si
 
-OWN = ("periods", "samples", "settle", "step_budget")  # keys of [study] that a [[record]] may have for itself
+REQUEST_KEYS = ("periods", "samples", "settle", "step_budget")  # keys of [study] that a [[record]] may have for itself
 
 
 def references(shape: StudyToml, model: Model | None, mistakes: Mistakes) -> dict[str, Reference | None]:
@@ -42,13 +43,16 @@ def _reference(
     record, excitation = None, None
     with mistakes.at(*key, "path"):
         file = _file(entry, mistakes.path.parent)
-        record, excitation = table.read(_table(entry, file)) if entry.table else (read(file), None)
+        if entry.table is None:
+            record = read(file)
+        else:
+            record, excitation = table.read(_table(entry.table, entry.excitation, file))
     if record is None:
         return None
     with mistakes.at(*key, "excitation"):
         if excitation is None:
             excitation = _excitation(entry.excitation, record)
-        elif entry.excitation.frequency is not None:  # a recorded input with a period
+        elif entry.excitation is not None and entry.excitation.frequency is not None:  # a recorded input with a period
             excitation = replace(excitation, frequency=to_si(entry.excitation.frequency, "Hz"))
     if entry.bodies is not None:
         with mistakes.at(*key, "bodies"):
@@ -110,13 +114,11 @@ def digest(entry: RecordTable, folder: Path) -> str:
     return checksum(folder / expanded(entry.path, folder))
 
 
-def _table(entry: RecordTable, file: Path) -> table.Table:
-    how: TableTable = entry.table
-    drive = entry.excitation if entry.excitation and entry.excitation.column is not None else None
+def _table(how: TableTable, drive: ExcitationTable | None, file: Path) -> table.Table:
     return table.Table(
         path=file,
         channels=tuple(table.Channel(**channel.model_dump()) for channel in how.channels),
-        drive=None if drive is None else _drive(drive),
+        drive=None if drive is None or drive.column is None else _drive(drive, drive.column),
         time=None if how.time is None else table.TimeColumn(**how.time.model_dump()),
         rate=None if how.rate is None else to_si(how.rate, "Hz"),
         first=how.first,
@@ -127,15 +129,15 @@ def _table(entry: RecordTable, file: Path) -> table.Table:
     )
 
 
-def _drive(how: ExcitationTable) -> table.ExcitationColumn:
+def _drive(how: ExcitationTable, column: int | str) -> table.ExcitationColumn:
     if how.place is None or how.unit is None:
         raise CalibError("an excitation read from a column needs place and unit in [record.excitation]")
     if how.amplitude is not None or how.phase != 0.0:
         raise CalibError("an excitation read from a column has its own amplitude and phase; drop these two keys")
     return table.ExcitationColumn(
-        column=how.column,
+        column=column,
         place=how.place,
-        quantity=how.quantity,
+        quantity=_quantity(how),
         unit=how.unit,
         scale=how.scale,
         cutoff=None if how.cutoff is None else to_si(how.cutoff, "Hz"),
@@ -151,19 +153,19 @@ def _excitation(how: ExcitationTable | None, record: xr.Dataset) -> Excitation:
     unit, amplitude = unit_of(how.quantity), how.amplitude
     if how.unit is not None and amplitude is not None and not isinstance(amplitude, str):
         amplitude = f"{amplitude!r} {how.unit}"
-    numbers = {
-        name: to_si(value, in_unit)
-        for name, value, in_unit in (
-            ("frequency", how.frequency, "Hz"), ("amplitude", amplitude, unit), ("cutoff", how.cutoff, "Hz"),
-        )
-        if value is not None
-    }  # fmt: skip
     return Excitation(
         place=how.place or record.attrs.get("place", ""),
-        quantity=how.quantity,
+        quantity=_quantity(how),
+        frequency=None if how.frequency is None else to_si(how.frequency, "Hz"),
+        amplitude=None if amplitude is None else to_si(amplitude, unit),
         phase=to_si(how.phase, "rad"),
-        **numbers,
+        cutoff=None if how.cutoff is None else to_si(how.cutoff, "Hz"),
     )
+
+
+def _quantity(how: ExcitationTable) -> Quantity:
+    """Return the quantity as it stands: the excitation that it is for refuses one that there is not."""
+    return cast(Quantity, how.quantity)
 
 
 def _check_bodies(record: xr.Dataset, model: Model) -> None:
@@ -188,7 +190,7 @@ def _check_excitation(excitation: Excitation | None, simulator: Simulator) -> No
 
 
 def _request(shape: StudyToml, entry: RecordTable, excitation: Excitation, record: xr.Dataset) -> Request:
-    own = {key: getattr(entry, key) for key in OWN if getattr(entry, key) is not None}
-    general = {key: getattr(shape.study, key) for key in OWN}
+    own = {key: getattr(entry, key) for key in REQUEST_KEYS if getattr(entry, key) is not None}
+    general = {key: getattr(shape.study, key) for key in REQUEST_KEYS}
     times = record.time.values if excitation.recorded or not excitation.periodic else None
     return Request(times=times, **(general | own))

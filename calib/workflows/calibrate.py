@@ -28,7 +28,7 @@ from calib.study import (
     CalibrationStudy,
     Confirmation,
     Evaluation,
-    Result,
+    SearchResult,
     confirm,
     leaders,
     reach,
@@ -40,7 +40,7 @@ from calib.study.summary import held_out, not_simulated, summarised
 from calib.study_file import StudyFile, load
 from calib.workflows.evaluations import CALIBRATED, CONFIRM, SEARCH, Case, Evaluations, held_out_references
 
-MAX_TRIGGER_GAIN = 0.5  # of the distance; a free trigger that takes it below this share is worth a remark
+MAX_FREE_TRIGGER_SHARE = 0.5  # of the distance; a free trigger that takes it below this share is worth a remark
 UNFINISHED = "not finished"  # why a search ended that has not
 
 
@@ -110,7 +110,11 @@ def calibrate(
     CalibError : a mistake in the study file; the folder belongs to another study or cannot be written
     """
     file = load(path, budget=budget, jobs=jobs)
-    folder = file.folder if out is None else Path(out)
+    return calibrate_file(file, file.folder if out is None else Path(out), fresh=fresh, quiet=quiet)
+
+
+def calibrate_file(file: StudyFile, folder: Path, *, fresh: bool = False, quiet: bool = False) -> CalibrationResult:
+    """Run a study that is loaded already; its results are in `folder`. The rest as in `calibrate`."""
     with Progress(file.study.budget, quiet=quiet) as progress:
         return _calibrate(file, folder, progress, fresh)
 
@@ -169,7 +173,7 @@ def _earlier(folder: Path) -> list[Trial]:
 
 def _searched(
     study: CalibrationStudy, store: Store, evaluations: Evaluations, progress: Progress, fresh: bool
-) -> Result:
+) -> SearchResult:
     """Search to the end.
 
     Raises
@@ -184,7 +188,7 @@ def _searched(
 
 
 def _confirmed(
-    study: CalibrationStudy, evaluations: Evaluations, search: Result, progress: Progress
+    study: CalibrationStudy, evaluations: Evaluations, search: SearchResult, progress: Progress
 ) -> Confirmation | None:
     """Simulate the leaders of the search again; None where there are none, or no confirming simulator."""
     if search.best is None or study.model.confirming is None:
@@ -196,7 +200,7 @@ def _confirmed(
 def _judged(
     study: CalibrationStudy,
     evaluations: Evaluations,
-    search: Result,
+    search: SearchResult,
     confirmation: Confirmation | None,
     progress: Progress,
 ) -> BestPoint | None:
@@ -236,7 +240,7 @@ def _predicted(
 
 def _summarised(
     file: StudyFile,
-    search: Result,
+    search: SearchResult,
     confirmation: Confirmation | None,
     point: BestPoint | None,
     predictions: Mapping[str, Evaluation | Failure],
@@ -245,14 +249,11 @@ def _summarised(
     study, confidence = file.study, None if point is None else point.confidence
     return summarised(
         study,
-        search.trials,
+        search,
         best=None if point is None else point.trial,
         score=point.evaluation.score if point is not None and isinstance(point.evaluation, Evaluation) else None,
         confirmation=confirmation,
         confidence=None if confidence is None else confidence.summary(),
-        reach=search.reach,
-        agreement=search.agreement,
-        stopped=search.stopped,
         holdout=_prediction_summaries(file, predictions),
         remarks=[
             *([] if confirmation is None else confirmation.remarks),
@@ -315,13 +316,11 @@ def _read_back(file: StudyFile, folder: Path) -> Calibrated:
     if found is None:
         found = summarised(
             study,
-            trials,
+            SearchResult(best(trials), trials, reach(trials), None, UNFINISHED),
             best=top,
             score=point.evaluation.score if point is not None and isinstance(point.evaluation, Evaluation) else None,
-            reach=reach(trials),
             holdout=_prediction_summaries(file, predictions),
             remarks=_remarks(study.objective, point),
-            stopped=UNFINISHED,
         )
     return Calibrated(header, trials, point, predictions, found)
 
@@ -385,7 +384,7 @@ def _remarks(objective: Objective, point: BestPoint | None) -> list[str]:
         reference = objective.references[name]
         if reference.excitation.periodic and "trigger" not in reference.nuisance:
             freed = objective.with_free_trigger(name)(point.evaluation.records).cost
-            if freed < MAX_TRIGGER_GAIN * cost:
+            if freed < MAX_FREE_TRIGGER_SHARE * cost:
                 remarks.append(
                     f"were {name} to start at another instant of its period, the distance would be {freed:.2g} instead "
                     f'of {cost:.2g}: give it nuisance = ["trigger"] unless its start is known'

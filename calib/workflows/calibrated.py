@@ -17,13 +17,13 @@ def calibrated_values(file: StudyFile, folder: Path) -> Mapping[str, float]:
     """
     found = result.read(folder)
     if found is None:
-        raise CalibError(f"there is no {result.NAME} in {folder}: calibrate first, with `calib run {file.path}`")
+        raise CalibError(f"there is no {result.FILE_NAME} in {folder}: calibrate first, with `calib run {file.path}`")
     if not found.values:
         raise CalibError(f"no trial of the study in {folder} ended well: there are no values to diagnose")
     missing = [name for name in file.study.space.names if name not in found.values]
     if missing:
         raise CalibError(
-            f"{folder / result.NAME} has no value of {missing[0]}, which the study searches: it was changed since; "
-            f"run `calib run {file.path}` again"
+            f"{folder / result.FILE_NAME} has no value of {missing[0]}, which the study searches: it was changed "
+            f"since; run `calib run {file.path}` again"
         )
     return {**file.study.space.fixed, **found.values}

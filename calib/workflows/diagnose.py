@@ -54,8 +54,9 @@ def diagnose_study(
         file.study, file.others, values, file.suspects(), seed=file.study.seed if seed is None else seed,
         on_stage=on_stage, on_progress=on_progress, budget=limit, laboratory=file.laboratory,
     )  # fmt: skip
-    said = write(found, folder, values, {**file.study.objective.references, **file.others})
+    document = write(found, folder, values, {**file.study.objective.references, **file.others})
     rebuild(path, out, jobs)
-    named = found.verdict in (NAMED, ONE_OF) and found.selection.causes
-    extended = extended_study(file, found) if apply and named else None
-    return said, extended
+    selection, extended = found.selection, None
+    if apply and found.verdict in (NAMED, ONE_OF) and selection is not None and selection.causes:
+        extended = extended_study(file, selection, () if found.gain is None else found.gain.transfers)
+    return document, extended

@@ -15,25 +15,13 @@ from calib.modelling.effect import Effect
 from calib.study_file.lines import dotted
 from calib.workflows.record import Record
 
+MAIN = "__main__"  # module of a script or a notebook: no other process can import it
 MEASURED = "measured"  # folder beside a study file in which records from Python lie
 
 
 def place(name: str) -> str:
     """Place of the data of a record, relative to its study file."""
     return f"{MEASURED}/{quote(name, safe='')}.nc"
-
-
-def without_place(text: str, path: Path) -> str:
-    """The same message without the path and the line of a file that only stands for the study."""
-    lines = []
-    for line in text.splitlines():
-        head, _, rest = line.partition(f"{path}")
-        if not rest or head:
-            lines.append(line)
-            continue
-        number, _, told = rest.partition(" ")
-        lines.append(told if number.rstrip(":").lstrip(":").isdigit() or number == ":" else f"the study{rest}")
-    return "\n".join(lines).replace(str(path.parent.resolve()), "the study's folder")
 
 
 def reference_of(thing: Any, group: str) -> Any:
@@ -55,11 +43,11 @@ def reference_of(thing: Any, group: str) -> Any:
         return f"{module}:{thing.__qualname__}"
     if isinstance(thing, Effect):
         first = [getattr(thing.law, "module", "")]
-        for name in [*first, *(name for name in list(sys.modules) if name != "__main__"), "__main__"]:
-            known = getattr(sys.modules.get(name), "__dict__", {})
-            found = [key for key, value in list(known.items()) if value is thing and not key.startswith("_")]
-            if found:
-                return f"{name}:{found[0]}"
+        for name in [*first, *(name for name in list(sys.modules) if name != MAIN), MAIN]:
+            content: dict[str, Any] = getattr(sys.modules.get(name), "__dict__", {})
+            keys = [key for key, value in list(content.items()) if value is thing and not key.startswith("_")]
+            if keys:
+                return f"{name}:{keys[0]}"
     raise CalibError(
         f"expected a name, 'package.module:Thing', or what stands at the top of a module, for {group}; "
         f"got {thing!r:.60}"
@@ -113,10 +101,10 @@ def for_toml(value: Any, *key: str | int) -> Any:
     raise CalibError(f"{dotted(key)}: expected a number, a text or a list of them, got {value!r:.60}")
 
 
-def modules_of(document: Mapping[str, Any]) -> list[str]:
-    """Modules that a document refers to by "package.module:Thing"."""
+def references_in(document: Mapping[str, Any]) -> list[str]:
+    """References "package.module:Thing" of a document."""
     model = document["model"]
-    things = [model["simulator"], *model.get("effects", ()), *document.get("diagnosis", {}).get("candidates", ())]
-    things += [*(term["feature"] for term in document["term"]), document.get("optimiser", {}).get("name", "")]
-    names = [thing["name"] if isinstance(thing, Mapping) else thing for thing in things]
-    return [name.partition(":")[0] for name in names if ":" in name]
+    entries = [model["simulator"], *model.get("effects", ()), *document.get("diagnosis", {}).get("candidates", ())]
+    entries += [*(term["feature"] for term in document["term"]), document.get("optimiser", {}).get("name", "")]
+    names = [entry["name"] if isinstance(entry, Mapping) else entry for entry in entries]
+    return [name for name in names if ":" in name]

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import tomlkit
-from tomlkit.items import AbstractTable, Table
+from tomlkit.items import AbstractTable, InlineTable, Table
 
-from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.fit import Fit
+from calib.diagnosis.selection import Selection
 from calib.diagnosis.suspect import Refitted
 from calib.diagnosis.transfer import Transfer
 from calib.execution.files import whole
@@ -18,20 +18,27 @@ from calib.modelling.parameter import Parameter, Space, Window
 from calib.study_file import StudyFile
 
 EXTENDED = "extended"
-WIDTH = 4.0  # standard errors on each side of a size: the window in which the extended study searches it
-HALF_WIDTHS = 2.0  # of a window, in half widths of the 95 % interval at least
-LEAST_HALF_WIDTH = 0.1  # of the departure from null: the study's terms weigh the records otherwise than the diagnosis
-NEAR_EDGE = 0.1  # of a window: a value nearer to its end may be at its edge
+# half width of the window in which the extended study searches a size; the largest of the three counts:
+HALF_WIDTH_ERRORS = 4.0  # in standard errors of the size
+HALF_WIDTH_INTERVALS = 2.0  # in half widths of its 95 % interval
+HALF_WIDTH_DEPARTURES = 0.1  # in departures from null: the study's terms weigh records otherwise than the diagnosis
+EDGE_MARGIN = 0.1  # of a window: a value nearer to its end may be at its edge
 
 
-def extended_study(file: StudyFile, found: Diagnosis) -> Path:
-    """Write the study with the causes in its model; it starts where the diagnosis ended."""
+def extended_study(file: StudyFile, selection: Selection, transfers: Sequence[Transfer]) -> Path:
+    """Write the study with the causes of a diagnosis in its model; it starts where the diagnosis ended.
+
+    Parameters
+    ----------
+    selection : of at least one cause
+    transfers : sizes that single records give to the parameters of the causes
+    """
     document = tomlkit.parse(file.path.read_text(encoding="utf-8"))
     document["study"]["name"] = f"{document['study']['name']} {EXTENDED}"
-    final = found.selection.final
+    final = selection.final
     _widened(document["windows"], file.study.space, file.study.model.parameters, final)
-    _with_causes(document, file.effect_references(), found)
-    sizes = [name for cause in found.selection.causes for name in cause.candidate.free]
+    _with_causes(document, file.effect_references(), selection, transfers)
+    sizes = [name for cause in selection.causes for name in cause.candidate.free]
     for name in (*file.study.space.names, *sizes):
         document["windows"][name]["start"] = final.value(name)
     path = file.path.with_name(f"{file.path.stem}.{EXTENDED}.toml")
@@ -40,23 +47,31 @@ def extended_study(file: StudyFile, found: Diagnosis) -> Path:
     return path
 
 
-def _with_causes(document: tomlkit.TOMLDocument, references: Mapping[str, str], found: Diagnosis) -> None:
+def _with_causes(
+    document: tomlkit.TOMLDocument,
+    references: Mapping[str, str],
+    selection: Selection,
+    transfers: Sequence[Transfer],
+) -> None:
     """Add the causes to the model, and a window for each parameter that was fitted with them."""
     model = document["model"]
     effects = model.setdefault("effects", tomlkit.array())
     fixed = model.setdefault("fixed", tomlkit.inline_table())
-    alone = () if found.gain is None else found.gain.transfers
-    for cause in found.selection.causes:
+    for cause in selection.causes:
         effects.append(_entry(cause, references[cause.name]))
         for name, value in cause.candidate.held.items():
             fixed[name] = float(value)
-        for name, window in _windows(cause, found.selection.final, alone).items():
+        for name, window in _windows(cause, selection.final, transfers).items():
             document["windows"][name] = tomlkit.inline_table()
             document["windows"][name].update({"low": window.low, "high": window.high})
-            _remark(document["windows"], name, f"{WIDTH:g} joint standard errors on each side; sizes of the records")
+            _remark(
+                document["windows"],
+                name,
+                f"{HALF_WIDTH_ERRORS:g} joint standard errors on each side; sizes of the records",
+            )
 
 
-def _entry(cause: Refitted, reference: str):
+def _entry(cause: Refitted, reference: str) -> str | InlineTable:
     """Entry of [model] effects under which the effect loads that the diagnosis has found, on the same bodies."""
     bodies = cause.candidate.effect.bodies
     if bodies is None:
@@ -67,7 +82,7 @@ def _entry(cause: Refitted, reference: str):
 
 
 def _windows(cause: Refitted, final: Fit, alone: Sequence[Transfer]) -> dict[str, Window]:
-    """Window of each parameter of a cause, within what makes sense: `WIDTH` joint standard errors about its joint size.
+    """Window of each parameter of a cause, about its joint size and within the bounds of the parameter.
 
     It holds twice the 95 % interval and the sizes of the records that the diagnosis had, as far as they know more of it
     than that it is there, and is never narrower than a tenth of the size on each side.
@@ -77,8 +92,12 @@ def _windows(cause: Refitted, final: Fit, alone: Sequence[Transfer]) -> dict[str
         size, error = final.value(p.name), float(final.error([p.name])[0])
         interval = float(final.half_width([p.name])[0])  # wide where the error has few degrees of freedom
         departure = abs(size - (p.null if p.null is not None and np.isfinite(p.null) else 0.0))
-        least = LEAST_HALF_WIDTH * (departure or cause.candidate.scale[p.name])
-        half = max(WIDTH * error, HALF_WIDTHS * interval, least) if np.isfinite(interval) else max(departure, least)
+        least = HALF_WIDTH_DEPARTURES * (departure or cause.candidate.scale[p.name])
+        half = (
+            max(HALF_WIDTH_ERRORS * error, HALF_WIDTH_INTERVALS * interval, least)
+            if np.isfinite(interval)
+            else max(departure, least)
+        )
         own = [t.size for t in alone if t.parameter == p.name and not t.held and t.error <= departure]
         windows[p.name] = _rounded(min([size - half, *own]), max([size + half, *own]), half, p)
     return windows
@@ -114,10 +133,13 @@ def _remark(windows: AbstractTable, name: str, text: str) -> None:
 def _widened_end(window: Window, end: float, bound: float, final: Fit, name: str) -> float:
     """End 0 (low) or 1 (high) of a window, where the fitted value is near it farther out, but not beyond the bound.
 
-    Near is within `WIDTH` joint standard errors, and within a tenth of the window.
+    Near is within `HALF_WIDTH_ERRORS` joint standard errors, and within a tenth of the window.
     """
     edge, value = window.value(end), final.value(name)
-    near = abs(value - edge) <= WIDTH * float(final.error([name])[0]) and abs(window.position(value) - end) <= NEAR_EDGE
+    near = (
+        abs(value - edge) <= HALF_WIDTH_ERRORS * float(final.error([name])[0])
+        and abs(window.position(value) - end) <= EDGE_MARGIN
+    )
     if not near:
         return edge
     factor = window.high / window.low if window.scale == "log" else 1.0

@@ -15,7 +15,16 @@ from calib.records import CHANNELS, check, make, read
 from calib.records.excitation import Excitation, unit_of
 from calib.units import is_si, to_si
 
-DRIVEN = ("place", "quantity", "frequency", "amplitude", "phase", "cutoff", "values", "unit")  # keys of an excitation
+EXCITATION_KEYS = (
+    "place",
+    "quantity",
+    "frequency",
+    "amplitude",
+    "phase",
+    "cutoff",
+    "values",
+    "unit",
+)  # keys of an excitation
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +46,7 @@ class Record:
     bodies: Mapping[str, str] | None = None
     nuisance: Sequence[str] = ()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise CalibError(f"name: expected a text, got {self.name!r}")
         names = [*self.dataset.body.values.tolist(), *_mapping(self.bodies, "bodies", "{'beam': 'q2'}").values()]
@@ -83,14 +92,7 @@ class Record:
         """
         units = dict(_mapping(units, "units", "{'displacement': 'mm'}"))
         sigma = _mapping(sigma, "sigma", "{'displacement': '2 um'}")
-        further = _mapping(channels, "channels", "{'force': {'mass': array}}")
-        twice = [channel for channel in ("displacement", "velocity") if channel in further]
-        if twice:
-            raise CalibError(f"channels: {twice[0]} is an argument of its own")
-        stated = {"displacement": displacement, "velocity": velocity, **further}
-        given = {c: rows for c, one in stated.items() if (rows := _mapping(one, c, "{'mass': array}"))}
-        if not given:
-            raise CalibError("a record needs a channel: displacement or velocity, body -> array")
+        given = _channels(displacement, velocity, channels)
         seconds = _array(time, "time") * _factor(units.pop("time", "s"), "s", "time")
         if seconds.ndim != 1:
             raise CalibError(f"time: expected an array (n,), got one of shape {seconds.shape}")
@@ -100,21 +102,16 @@ class Record:
             raise CalibError(f"units: there is no channel {unknown[0]!r}; the record has {', '.join(given)} and time")
         arrays, si = {}, {}
         for channel, rows in given.items():
-            missing = [body for body in names if body not in rows]
-            if missing:
-                raise CalibError(f"{channel}: body {missing[0]!r} is missing, of which there are other channels")
             si[channel] = CHANNELS.get(channel) or _stated_si(units, channel)
             factor = _factor(units.get(channel, si[channel]), si[channel], channel)
-            arrays[channel] = np.stack([_row(rows[body], channel, body, seconds.size) for body in names]) * factor
+            arrays[channel] = _stacked(rows, names, channel, seconds.size) * factor
         for channel, value in sigma.items():
             if channel not in given:
                 raise CalibError(f"sigma: there is no channel {channel!r}; the record has {', '.join(given)}")
             arrays[f"{channel}_sigma"] = np.full(len(names), to_si(value, si[channel]))
         record = make(seconds, names, arrays, si, source="arrays", **_attributes(excitation))
         if "values" in excitation:
-            unit = unit_of(excitation["quantity"])
-            values = _row(excitation["values"], "excitation", "values", seconds.size)
-            record["excitation"] = "time", values * _factor(excitation.get("unit", unit), unit, "excitation")
+            record["excitation"] = "time", _recorded(excitation, seconds.size)
         Excitation.of(check(record, str(name)))
         return cls(record, name, use, bodies, nuisance)
 
@@ -147,6 +144,36 @@ class Record:
 def listed(value: Any) -> tuple[Any, ...]:
     """One thing, or a sequence of them, as a tuple: a text is one thing."""
     return tuple(value) if isinstance(value, Sequence) and not isinstance(value, str) else (value,)
+
+
+def _channels(displacement: Any, velocity: Any, channels: Any) -> dict[str, Mapping[str, Any]]:
+    """Channel -> body -> array of all channels that are stated."""
+    further = _mapping(channels, "channels", "{'force': {'mass': array}}")
+    twice = [channel for channel in ("displacement", "velocity") if channel in further]
+    if twice:
+        raise CalibError(f"channels: {twice[0]} is an argument of its own")
+    stated = {"displacement": displacement, "velocity": velocity, **further}
+    given = {channel: _mapping(rows, channel, "{'mass': array}") for channel, rows in stated.items()}
+    given = {channel: rows for channel, rows in given.items() if rows}
+    if not given:
+        raise CalibError("a record needs a channel: displacement or velocity, body -> array")
+    return given
+
+
+def _stacked(rows: Mapping[str, Any], bodies: Sequence[str], channel: str, size: int) -> np.ndarray:
+    """Array (body, time) of a channel, in the unit that it has."""
+    missing = [body for body in bodies if body not in rows]
+    if missing:
+        raise CalibError(f"{channel}: body {missing[0]!r} is missing, of which there are other channels")
+    return np.stack([_row(rows[body], channel, body, size) for body in bodies])
+
+
+def _recorded(excitation: Mapping[str, Any], size: int) -> np.ndarray:
+    """Samples (time,) of a recorded excitation, in SI."""
+    unit = unit_of(excitation["quantity"])
+    return _row(excitation["values"], "excitation", "values", size) * _factor(
+        excitation.get("unit", unit), unit, "excitation"
+    )
 
 
 def _mapping(value: Any, what: str, example: str) -> Mapping[str, Any]:
@@ -198,9 +225,9 @@ def _attributes(excitation: Mapping[str, Any]) -> dict[str, Any]:
             "excitation: expected a mapping such as {'place': 'end', 'quantity': 'displacement', 'frequency': '26 Hz', "
             f"'amplitude': '1 mm'}}, got {excitation!r:.60}"
         )
-    unknown = [key for key in excitation if key not in DRIVEN]
+    unknown = [key for key in excitation if key not in EXCITATION_KEYS]
     if unknown:
-        raise CalibError(f"excitation: unknown key {unknown[0]!r}; known are {', '.join(DRIVEN)}")
+        raise CalibError(f"excitation: unknown key {unknown[0]!r}; known are {', '.join(EXCITATION_KEYS)}")
     for key in ("place", "quantity"):
         if key not in excitation:
             raise CalibError(f"excitation: {key!r} is missing; say where and by what the bodies are driven")

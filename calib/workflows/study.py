@@ -7,6 +7,7 @@ import os
 import shutil
 import tempfile
 import tomllib
+import warnings
 import weakref
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -19,36 +20,32 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from calib.errors import CalibError, nearest
-from calib.execution.files import whole
 from calib.execution.progress import Count
 from calib.modelling.effect import Effect
-from calib.plugins import module_file
-from calib.records import read, write
+from calib.records import read
 from calib.report import figures
 from calib.report.drawing import png
-from calib.store.ledger import differences
 from calib.store.record_files import file_of
 from calib.study import result
-from calib.study_file import StudyFile, load
+from calib.study_file import PythonOrigin, StudyFile, load
 from calib.study_file.references import expanded
 from calib.units import shown
-from calib.workflows.calibrate import UNFINISHED, calibrate, rebuild, summary_so_far
+from calib.workflows.calibrate import UNFINISHED, calibrate_file, rebuild, summary_so_far
 from calib.workflows.diagnose import diagnose_study
 from calib.workflows.document import (
-    MEASURED,
+    MAIN,
     for_toml,
-    modules_of,
     named,
     place,
     reference_of,
+    references_in,
     usual_terms,
     window_of,
-    without_place,
 )
 from calib.workflows.record import Record, listed
+from calib.workflows.saved import save_study
 
 FILE = "study.toml"
-FREE = ("budget", "jobs", "timeout")  # of [study]: a study that is gone on with may have others
 
 
 class Study:
@@ -78,6 +75,10 @@ class Study:
     ------
     CalibError : every mistake with its key, what was expected, and the nearest right name
     """
+
+    _document: dict[str, Any]
+    _records: dict[str, Record]
+    _folder: Path | None  # in which modules of the study lie
 
     def __init__(
         self,
@@ -117,7 +118,7 @@ class Study:
         if len(self._records) < len(records):
             raise CalibError("records: two have one name; give each its own")
         terms = usual_terms(records) if terms is None else listed(terms)
-        document = {
+        document: dict[str, Any] = {
             "study": {**head, **more.get("study", {})},
             "record": [record.entry(place(record.name)) for record in records],
             "model": model,
@@ -167,51 +168,23 @@ class Study:
 
         Raises
         ------
-        CalibError : there is another study or another record of that name; the folder cannot be written
+        CalibError : there is another study, record or module of that name; the folder cannot be written
         """
-        path = Path(path)
-        path = path if path.suffix == ".toml" else path / FILE
-        if not overwrite:
-            self._check_free(path)
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            for name, record in self._records.items():
-                (path.parent / MEASURED).mkdir(exist_ok=True)
-                write(record.dataset, path.parent / place(name))
-            for source, target in self._modules(path.parent):
-                target.parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(source, target)
-            with whole(path) as temporary:
-                temporary.write_text(tomlkit.dumps(self._document), encoding="utf-8")
-        except OSError as error:
-            raise CalibError(f"{error.filename or path} cannot be written: {error.strerror or error}") from error
+        path = self._save(Path(path), overwrite)
+        for reference in references_in(self._document):
+            module, _, name = reference.partition(":")
+            if module == MAIN:
+                warnings.warn(
+                    f"{path} refers to {name!r} of this script or notebook, which `calib run` cannot import: move it "
+                    "into a module beside the study file, and import it from there",
+                    stacklevel=2,
+                )
         return path
 
-    def _check_free(self, path: Path) -> None:
-        """Refuse to write where something else is: the budget, the processes and the time-out may differ."""
-        hint = "choose another folder, or overwrite it"
-        if path.is_file():
-            there, here = tomllib.loads(path.read_text(encoding="utf-8")), self.document
-            for document in (there, here):
-                for key in FREE:
-                    document.get("study", {}).pop(key, None)
-            changes = differences(there, here)
-            if changes:
-                raise CalibError(f"{path} is another study: it differs in {changes[0]}; {hint}")
-        for name, record in self._records.items():
-            file = path.parent / place(name)
-            if file.is_file() and not read(file).equals(record.dataset):
-                raise CalibError(f"{file} is another record; {hint}")
-        for source, target in self._modules(path.parent):
-            if target.is_file() and target.read_bytes() != source.read_bytes():
-                raise CalibError(f"{target} is another module; {hint}")
-
-    def _modules(self, folder: Path) -> list[tuple[Path, Path]]:
-        """Files of modules that lie beside the file that was read, and where they lie beside one in a folder."""
-        if self._folder is None or self._folder == folder.resolve():
-            return []
-        files = [module_file(self._folder, module) for module in modules_of(self._document)]
-        return [(file, folder / file.relative_to(self._folder)) for file in files if file is not None]
+    def _save(self, path: Path, overwrite: bool) -> Path:
+        path = path if path.suffix == ".toml" else path / FILE
+        save_study(path, self._document, self._records, self._folder, overwrite)
+        return path
 
     def check(self) -> None:
         """Check the study as a study file is checked.
@@ -221,11 +194,7 @@ class Study:
         CalibError : every mistake with its key
         """
         with tempfile.TemporaryDirectory(prefix="calib-") as folder:
-            path = self.save(folder)
-            try:
-                load(path)
-            except CalibError as error:
-                raise CalibError(without_place(str(error), path)) from None
+            load(self._save(Path(folder), overwrite=False), origin=PythonOrigin(self._folder))
 
     def run(
         self,
@@ -257,11 +226,10 @@ class Study:
             folder = Path(tempfile.mkdtemp(prefix="calib-") if out is None else out)
             if out is None:
                 undo.callback(shutil.rmtree, folder, ignore_errors=True)
-            path = self.save(folder / FILE, overwrite=fresh)
+            path = (self._save if out is None else self.save)(folder, overwrite=fresh)
+            file = load(path, budget, jobs, PythonOrigin(path.parent))
             try:
-                calibrate(path, budget=budget, jobs=jobs, fresh=fresh, quiet=quiet)
-            except CalibError as error:
-                raise CalibError(without_place(str(error), path)) from error
+                calibrate_file(file, file.folder, fresh=fresh, quiet=quiet)
             except KeyboardInterrupt:
                 try:
                     rebuild(path, jobs=jobs)

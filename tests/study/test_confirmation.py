@@ -23,7 +23,7 @@ from calib.records.excitation import Excitation
 from calib.report.verdict import verdict
 from calib.report.words import number
 from calib.store import Trial
-from calib.study import LEADERS, confirm, leaders
+from calib.study import MAX_LEADERS, confirm, leaders
 from calib.study.progress import Progress
 from calib.study_file import load
 from calib.testing import SimulatorSuite
@@ -121,7 +121,7 @@ def test_leaders_are_the_best_that_ended_ok_and_stand_apart():
         *(trial(6 + k, 1.0 + k, 0.1 * k, 0.9) for k in range(5)),
     ]
     assert [leader.number for leader in leaders(trials)] == [3, 4, 0, 6]
-    assert len(leaders(trials)) == LEADERS
+    assert len(leaders(trials)) == MAX_LEADERS
     assert leaders(trials[1:2]) == []
 
 

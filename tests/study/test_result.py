@@ -11,7 +11,7 @@ import pytest
 from calib.errors import CalibError
 from calib.modelling.parameter import Parameter, Space, Window
 from calib.store import Trial
-from calib.study import CalibrationResult, ConfidenceSummary, Reach, result
+from calib.study import CalibrationResult, ConfidenceSummary, Reach, SearchResult, result
 from calib.study.result import FailureSummary, HeldOutSummary, ScoreSummary
 from calib.study.summary import held_out, summarised
 
@@ -37,8 +37,9 @@ SURE = ConfidenceSummary(
 )  # fmt: skip
 
 
-def of_the_study(**more):
-    return summarised(STUDY, TRIALS, best=TRIALS[2], **more)
+def of_the_study(reach=(), agreement=None, **more):
+    search = SearchResult(TRIALS[2], TRIALS, list(reach), agreement, "budget spent")
+    return summarised(STUDY, search, best=TRIALS[2], **more)
 
 
 def test_every_promised_key_is_there():
@@ -60,7 +61,7 @@ def test_trials_and_failures_are_counted():
 
 
 def test_a_failed_study_has_no_score():
-    found = summarised(STUDY, TRIALS[1:2])
+    found = summarised(STUDY, SearchResult(None, TRIALS[1:2], [], None, "budget spent"))
     assert found.status == "failed"
     assert found.score == ScoreSummary(None, {})
 

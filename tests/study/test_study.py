@@ -12,12 +12,12 @@ from calib.errors import CalibError
 from calib.execution.pool import LocalPool
 from calib.modelling.parameter import Space, Window
 from calib.store import Store, Trial, read
-from calib.study import BUDGET, INTERRUPTED, evaluate, reach
+from calib.study import BUDGET_SPENT, INTERRUPTED, evaluate, reach
 
 
 def test_the_budget_counts_the_screen_and_is_spent_exactly(tmp_path):
     found = run(study(30, screen=8, batch=4), tmp_path)
-    assert found.stopped == BUDGET
+    assert found.stopped == BUDGET_SPENT
     assert [t.number for t in found.trials] == list(range(30))
     assert [t.phase for t in found.trials] == ["screen"] * 8 + ["search"] * 22
 
@@ -249,7 +249,7 @@ def test_a_study_where_all_fails_has_no_best(tmp_path):
     found = run(study(12, trouble="diverge", space=Space({"x": Window(1.6, 2.0)})), tmp_path)
     assert found.best is None
     assert not found.reach
-    assert found.stopped == BUDGET
+    assert found.stopped == BUDGET_SPENT
 
 
 def test_the_number_of_jobs_changes_nothing(tmp_path):

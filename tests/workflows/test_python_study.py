@@ -156,6 +156,24 @@ def test_a_mistake_is_said_with_its_key(mistake, said):
         study(**mistake)
 
 
+def test_several_mistakes_are_said_at_once_and_no_file_is_named():
+    with pytest.raises(calib.CalibError) as refused:
+        study(windows={"gian": (0.5, 2.0)}, simulator="nowhere:Echo2", budget=0, seed=-1)
+    first, *others = str(refused.value).splitlines()
+    assert first == "the study has 2 mistakes:"
+    assert [line.partition(":")[0] for line in others] == ["study.seed", "study.budget"]
+    with pytest.raises(calib.CalibError, match="^model.simulator: .*there is no module 'nowhere' in Python's path$"):
+        study(simulator="nowhere:Echo2")
+
+
+def test_saving_what_only_this_session_defines_warns(tmp_path, monkeypatch):
+    mine = type("Mine", (Echo,), {"__module__": "__main__"})
+    monkeypatch.setattr(sys.modules["__main__"], "Mine", mine, raising=False)
+    made = study(simulator=mine)
+    with pytest.warns(UserWarning, match="refers to 'Mine' of this script .* which `calib run` cannot import: move it"):
+        made.save(tmp_path)
+
+
 @pytest.mark.parametrize(
     ("mistake", "said"),
     [

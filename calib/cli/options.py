@@ -1,0 +1,96 @@
+"""Arguments and options that the commands share, and how a command ends."""
+
+import functools
+import sys
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from calib.errors import CalibError, nearest
+
+DONE, MISTAKE, STOPPED, NOTHING = 0, 1, 3, 4  # exit codes; 2 is click's: wrong usage
+
+STUDY = click.argument("study", type=click.Path(path_type=Path))
+OUT = click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Where the results are. [default: out/ beside the study]",
+)
+SET = click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A parameter, such as gap='1.2 mm'.")
+RECORD = click.option("--record", metavar="NAME", help="Whose excitation to take. [default: the first record]")
+BEST = click.option("--best", is_flag=True, help="Take the values that `calib run` has found.")
+PHASE = click.option(
+    "--phase",
+    type=click.FloatRange(0.0, 1.0, max_open=True),
+    default=0.0,
+    show_default=True,
+    help="Of the section, in periods.",
+)
+BODIES = click.option("--bodies", metavar="A,B", help="In the picture. [default: those of the record]")
+SETTLE = click.option(
+    "--settle",
+    type=click.IntRange(min=0),
+    default=1000,
+    show_default=True,
+    help="Periods dropped before the first verdict; the undecided get 5 times as many more.",
+)
+JOBS = click.option("--jobs", "-j", type=click.IntRange(min=1), help="Child processes. [default: the study's]")
+FRESH = click.option("--fresh", is_flag=True, help="Replace what the file holds, and forget what was done so far.")
+JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON to stdout, for scripts.")
+
+
+def data_file(context: click.Context, parameter: click.Parameter, path: Path | None) -> Path | None:
+    """Refuse the name of a picture: the picture beside the file would take its place."""
+    if path is not None and path.suffix.lower() == ".png":
+        raise click.BadParameter(f"{path} is the name of a picture, which is written beside the data; end it in .nc")
+    return path
+
+
+def output_option(help: str, **more: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return the option `-o` of a command that writes a data file."""
+    return click.option(
+        "-o", "--output", type=click.Path(path_type=Path, dir_okay=False), callback=data_file, help=help, **more
+    )
+
+
+def reporting_mistakes(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Turn what the user can mend into a message on stderr and exit code 1, and Ctrl-C into exit code 3."""
+
+    @functools.wraps(command)
+    def safe(*args: Any, **options: Any) -> Any:
+        with warnings.catch_warnings():
+            warnings.showwarning = _note
+            try:
+                return command(*args, **options)
+            except KeyboardInterrupt:
+                click.echo("\nstopped", err=True)
+                sys.exit(STOPPED)
+            except CalibError as error:
+                click.echo(f"calib: {error}", err=True)
+            except OSError as error:
+                at = f" ({error.filename})" if error.filename else ""
+                click.echo(f"calib: {error.strerror or error}{at}; what was written before is kept", err=True)
+            sys.exit(MISTAKE)
+
+    return safe
+
+
+def _note(message: Warning | str, *_: object, **__: object) -> None:
+    click.echo(f"calib: note: {message}", err=True)
+
+
+class Commands(click.Group):
+    """Commands; a misspelt one is answered with the nearest."""
+
+    def resolve_command(
+        self, context: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command that is asked for."""
+        if args and args[0] not in self.commands and not args[0].startswith("-"):
+            known = list(self.commands)
+            context.fail(f"there is no command {args[0]!r}{nearest(args[0], known)}; there are {', '.join(known)}")
+        return super().resolve_command(context, args)
