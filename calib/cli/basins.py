@@ -46,24 +46,24 @@ def map_basins(
     plane = Plane(held, columns, rows, state(start, units) if start else {}, settle)
     path = output or (out or file.folder) / "basins.nc"
     with Count("states", quiet) as count:
-        found = basins(plane, path, jobs=file.study.jobs, fresh=fresh, on_done=count)
+        motions = basins(plane, path, jobs=file.study.jobs, fresh=fresh, on_done=count)
     picture = path.with_suffix(".png")
-    basin_map(found).savefig(picture, dpi=DPI)
+    basin_map(motions).savefig(picture, dpi=DPI)
     if not quiet:
-        for line in described(found):
+        for line in described(motions):
             click.echo(line)
         click.echo(f"basins: {path}\npicture: {picture}")
-    return bool((found.attractor >= 0).any())
+    return bool((motions.attractor >= 0).any())
 
 
-def described(found: xr.Dataset) -> Iterator[str]:
+def described(motions: xr.Dataset) -> Iterator[str]:
     """Say which motions there are, and to what share of the plane."""
-    for k in range(found.sizes.get("attractor", 0)):
-        one = found.isel(attractor=k)
+    for k in range(motions.sizes.get("attractor", 0)):
+        one = motions.isel(attractor=k)
         impacts = int(one.attractor_impacts)
         text = f", {impacts} impact(s) a return" if impacts > 0 else ""
         yield f"  {k}: {str(one.attractor_kind.values)}{text}: {100.0 * float(one.attractor_share):.1f} % of the states"
-    failed = found.attractor.values < 0
+    failed = motions.attractor.values < 0
     if failed.any():
-        statuses = ", ".join(np.unique(found.status.values[failed]))
+        statuses = ", ".join(np.unique(motions.status.values[failed]))
         yield f"  without a motion: {100.0 * failed.mean():.1f} % of the states ({statuses})"

@@ -77,17 +77,17 @@ def run(
     from calib.workflows.calibrate import calibrate  # see above
 
     try:
-        found = calibrate(study, out, budget=budget, jobs=jobs, fresh=fresh, quiet=quiet)
+        result = calibrate(study, out, budget=budget, jobs=jobs, fresh=fresh, quiet=quiet)
     except KeyboardInterrupt:
         given = [("--out", out), ("--budget", budget), ("--jobs", jobs)]
         again = shlex.join(["calib", "run", str(study), *(str(x) for pair in given if pair[1] for x in pair)])
         click.echo(f"\nstopped; every finished trial is kept. Go on with:  {again}", err=True)
         sys.exit(STOPPED)
     if as_json:
-        click.echo(json.dumps(found.as_dict(), indent=2, allow_nan=False))
+        click.echo(json.dumps(result.as_dict(), indent=2, allow_nan=False))
     elif not quiet:
-        show_result(found, folder_of(study, out))
-    sys.exit(DONE if found.status == OK else NOTHING)
+        show_result(result, folder_of(study, out))
+    sys.exit(DONE if result.status == OK else NOTHING)
 
 
 @main.command(short_help="How far a study is.")
@@ -98,13 +98,13 @@ def run(
 def status(study: Path, out: Path | None, as_json: bool) -> None:
     """Say how far STUDY is: running, finished, stopped or killed."""
     from calib.cli.status import study_status  # see above
-    from calib.cli.tables import show_standing
+    from calib.cli.tables import show_status
 
-    said = study_status(study, out)
+    found = study_status(study, out)
     if as_json:
-        click.echo(json.dumps(said, indent=2, allow_nan=False))
+        click.echo(json.dumps(found.as_dict(), indent=2, allow_nan=False))
     else:
-        show_standing(said)
+        show_status(found)
 
 
 @main.command(short_help="One run at values given by hand: record and picture.")
@@ -382,8 +382,8 @@ def list_(name: str | None, schema: bool, as_json: bool) -> None:
     if schema:
         click.echo(catalogue.schema())
     elif name is None:
-        found = catalogue.catalogue()
-        click.echo(json.dumps(found, indent=2)) if as_json else tables.show_catalogue(found)
+        groups = catalogue.catalogue()
+        click.echo(json.dumps(groups, indent=2)) if as_json else tables.show_catalogue(groups)
     else:
         thing = catalogue.thing(name)
         facts, parameters = dict(catalogue.facts(thing)), catalogue.parameters(thing)

@@ -95,7 +95,7 @@ class Journal(BaseJournalBackend):
         with self._lock, open(self.path, "rb") as file:
             number, offset = self._place if log_number_from == self._place[0] else (0, 0)
             file.seek(offset)
-            found = []
+            logs = []
             for line in file:
                 if not line.endswith(b"\n"):
                     break  # not finished, or never to be: the next reading begins here
@@ -103,10 +103,10 @@ class Journal(BaseJournalBackend):
                 log = _log(line)
                 if log is not None:
                     if number >= log_number_from:
-                        found.append(log)
+                        logs.append(log)
                     number += 1
             self._place = (number, offset)
-            return found
+            return logs
 
     def append_logs(self, logs: list[dict[str, Any]]) -> None:
         """Refuse: nothing is written here."""

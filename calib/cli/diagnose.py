@@ -50,14 +50,14 @@ def print_diagnosis(
 ) -> None:
     """Diagnose, and print what was found."""
     with DiagnosisProgress(quiet or as_json) as progress:
-        found, extended = diagnose_study(
+        diagnosis, extended = diagnose_study(
             study, out, seed=seed, jobs=jobs, apply=apply, on_stage=progress.stage, on_progress=progress.simulated,
             budget=budget,
         )  # fmt: skip
     if as_json:
-        click.echo(json.dumps(found, indent=2, allow_nan=False))
+        click.echo(json.dumps(diagnosis, indent=2, allow_nan=False))
     elif not quiet:
-        show(found, folder_of(study, out), extended)
+        show(diagnosis, folder_of(study, out), extended)
 
 
 class DiagnosisProgress:
@@ -70,9 +70,9 @@ class DiagnosisProgress:
 
     def __enter__(self) -> "DiagnosisProgress":
         if self._console.is_terminal and not self._quiet:
-            columns = TextColumn("{task.fields[stage]:<18}"), BarColumn(bar_width=30), TextColumn("{task.fields[said]}")
+            columns = TextColumn("{task.fields[stage]:<18}"), BarColumn(bar_width=30), TextColumn("{task.fields[text]}")
             self._bar = Bars(SpinnerColumn(), *columns, TimeElapsedColumn(), console=self._console, transient=True)
-            self._task = self._bar.add_task("diagnosis", total=None, stage="", said="")
+            self._task = self._bar.add_task("diagnosis", total=None, stage="", text="")
             self._bar.start()
         return self
 
@@ -90,57 +90,57 @@ class DiagnosisProgress:
 
     def simulated(self, done: int, foreseen: int) -> None:
         """Take in how many simulations are done, and how many are foreseen in all."""
-        said = f"{done} of about {foreseen} simulations" if done < foreseen else f"{done} simulations"
+        text = f"{done} of about {foreseen} simulations" if done < foreseen else f"{done} simulations"
         if self._bar is not None:
-            self._bar.update(self._task, completed=done, total=max(done, foreseen), said=said)
+            self._bar.update(self._task, completed=done, total=max(done, foreseen), text=text)
         elif self._clock() - self._told > LINE_INTERVAL:
-            self._line(said)
+            self._line(text)
 
-    def _line(self, said: str) -> None:
+    def _line(self, text: str) -> None:
         if not self._quiet:
             self._told = self._clock()
-            self._console.print(f"{self._told - self._begin:6.1f} s  {self._stage}{said and f': {said}'}")
+            self._console.print(f"{self._told - self._begin:6.1f} s  {self._stage}{text and f': {text}'}")
 
 
-def show(found: Mapping[str, Any], folder: Path, extended: Path | None, console: Console | None = None) -> None:
+def show(diagnosis: Mapping[str, Any], folder: Path, extended: Path | None, console: Console | None = None) -> None:
     """Print a diagnosis (the content of its `diagnosis.json`)."""
     console = console or Console(highlight=False)
-    colour = COLOURS.get(found["verdict"], "yellow")
-    console.print(f"[bold {colour}]{found['verdict']}[/]: {escape(found['said'])}", soft_wrap=True)
-    for gate in found["gates"]:
+    colour = COLOURS.get(diagnosis["verdict"], "yellow")
+    console.print(f"[bold {colour}]{diagnosis['verdict']}[/]: {escape(diagnosis['said'])}", soft_wrap=True)
+    for gate in diagnosis["gates"]:
         if not gate["passed"]:
             console.print(f"[red]gate {gate['name']}[/]: {escape(gate['said'])}", soft_wrap=True)
-    if len(found.get("joint_sizes", ())) > 1:
-        joint = (", ".join((name, *sizes(size))) for name, size in found["joint_sizes"].items())
+    if len(diagnosis.get("joint_sizes", ())) > 1:
+        joint = (", ".join((name, *sizes(size))) for name, size in diagnosis["joint_sizes"].items())
         console.print(f"sizes fitted together: {escape('; '.join(joint))}", soft_wrap=True)
-    if found["suspects"]:
-        console.print(_suspects(found, console.width))
-    for line in (*left_out(found), *_gain(found), *disagreements(found), *moved_sizes(found)):
+    if diagnosis["suspects"]:
+        console.print(_suspects(diagnosis, console.width))
+    for line in (*left_out(diagnosis), *_gain(diagnosis), *disagreements(diagnosis), *moved_sizes(diagnosis)):
         console.print(line, soft_wrap=True)
-    if found["verdict"] == ONE_OF and found.get("design") is not None:
-        console.print(escape(proposal(found["measurements"])), soft_wrap=True)
-        for line in _design(found):
+    if diagnosis["verdict"] == ONE_OF and diagnosis.get("design") is not None:
+        console.print(escape(proposal(diagnosis["measurements"])), soft_wrap=True)
+        for line in _design(diagnosis):
             console.print(escape(line), soft_wrap=True)
-    console.print(f"{found['simulations']} simulations in {found['seconds']:.1f} s")
+    console.print(f"{diagnosis['simulations']} simulations in {diagnosis['seconds']:.1f} s")
     console.print(f"files:  {escape(str(folder))}/ (diagnosis.json, diagnosis.nc, report.html)", soft_wrap=True)
     if extended is not None:
         console.print(f"extended study:  {escape(str(extended))}   (calib run {escape(str(extended))})", soft_wrap=True)
 
 
-def _suspects(found: Mapping[str, Any], width: int) -> Table:
-    table = Table(title=f"suspects (threshold |z| = {found['threshold']:.2f})", title_justify="left")
+def _suspects(diagnosis: Mapping[str, Any], width: int) -> Table:
+    table = Table(title=f"suspects (threshold |z| = {diagnosis['threshold']:.2f})", title_justify="left")
     wide = width >= WIDE_COLUMNS
     table.add_column("effect", no_wrap=True)
     for heading in ("z", "explains", "size, 95 % interval", *(("detectable", "absorbed") if wide else ())):
         table.add_column(heading, justify="right", no_wrap=not heading.startswith("size"))
-    joint = found.get("joint_sizes", {})
-    for suspect in sorted(found["suspects"], key=hardly_seen)[:MAX_SUSPECTS]:
+    joint = diagnosis.get("joint_sizes", {})
+    for suspect in sorted(diagnosis["suspects"], key=hardly_seen)[:MAX_SUSPECTS]:
         first, absorbed = next(iter(suspect["size"])), hardly_seen(suspect)
         no_score = absorbed or untested(suspect) or suspect["z"] is None
         row = (
             escape(suspect["effect"]),
             "-" if no_score else f"{suspect['z']:.1f}",
-            _explains(suspect, found),
+            _explains(suspect, diagnosis),
             "-" if absorbed else ", ".join(sizes(joint.get(suspect["effect"], suspect))),
         )
         least = None if absorbed else suspect["detectable"][first]
@@ -149,14 +149,14 @@ def _suspects(found: Mapping[str, Any], width: int) -> Table:
     return table
 
 
-def _explains(suspect: Mapping[str, Any], found: Mapping[str, Any]) -> str:
-    if outcome(suspect, found) == SENSELESS:
+def _explains(suspect: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> str:
+    if outcome(suspect, diagnosis) == SENSELESS:
         return "wrong sign"
     return explained(suspect["share"]) if suspect["share"] is not None and suspect["refitted"] else "-"
 
 
-def _gain(found: Mapping[str, Any]) -> list[str]:
-    gain = found["gain"]
+def _gain(diagnosis: Mapping[str, Any]) -> list[str]:
+    gain = diagnosis["gain"]
     if gain is None or gain["before"] is None:
         return []
     low, high = gain["interval"]
@@ -175,13 +175,13 @@ def _gain(found: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def _design(found: Mapping[str, Any]) -> list[str]:
+def _design(diagnosis: Mapping[str, Any]) -> list[str]:
     """Best separation of each kind of test, and what the search for it took."""
-    design = found.get("design")
+    design = diagnosis.get("design")
     if not design:
         return []
     best: dict[str, str] = {}
-    for measurement in found["measurements"]:
+    for measurement in diagnosis["measurements"]:
         if not measurement["channel"]:
             doubt = "" if measurement["confirmed"] else " (not confirmed)"
             best.setdefault(measurement["kind"], f"{measurement['kind']} {measurement['z']:.3g}{doubt}")

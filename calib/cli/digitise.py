@@ -24,32 +24,32 @@ def list_curves(path: Path, spec: Path | None) -> None:
         for table in shape.curve:
             click.echo(f"{table.body}: {table.kind}, {table.colour}, panel {table.panel or shape.panel[0].name}")
         return
-    found = read_export(path)
-    click.echo(f"{path}: {found.form}")
-    for curve in found.curves:
+    export = read_export(path)
+    click.echo(f"{path}: {export.form}")
+    for curve in export.curves:
         (left, low), (right, high) = curve.points.min(axis=0), curve.points.max(axis=0)
         spans = f"x {left:.6g} .. {right:.6g}, y {low:.6g} .. {high:.6g}"
         click.echo(f"  {curve.name}: {len(curve.points)} points, {spans}")
         for note in curve.notes:
             click.echo(f"    note: {note}")
-    for name, reason in found.refused.items():
+    for name, reason in export.refused.items():
         click.echo(f"  {name}: not read: {reason}")
 
 
 def digitise_figure(path: Path, spec: Path | None, output: Path, bodies: Sequence[str]) -> None:
     """Make a record, write it with the pictures to check it by, and say what was found."""
-    found = digitise(path, spec, bodies or None)
+    digitised = digitise(path, spec, bodies or None)
     if output.parent != Path():
         output.parent.mkdir(parents=True, exist_ok=True)
-    write(found.record, output)
+    write(digitised.record, output)
     click.echo(f"record: {output}")
-    for note in found.findings.notes:
+    for note in digitised.findings.notes:
         click.echo(f"  {note}")
-    for warning in found.findings.warnings:
+    for warning in digitised.findings.warnings:
         click.echo(f"  warning: {warning}")
-    if found.figure.light is not None:
+    if digitised.figure.light is not None:
         drawn = output.with_name(f"{output.stem}.overlay.png")
-        overlay(found.figure, drawn)
+        overlay(digitised.figure, drawn)
         click.echo(f"overlay: {drawn}  (look at it: do the lines lie on the curves?)")
     click.echo(f"what it holds: calib reference show {output}")
 

@@ -74,10 +74,10 @@ def setting(
     values: Mapping[str, float] = {}
     if best:
         folder = file.folder if out is None else out
-        found = result.read(folder)
-        if found is None or not found.values:
+        calibration = result.read(folder)
+        if calibration is None or not calibration.values:
             raise CalibError(f"--best: there is no result in {folder}; `calib run {file.path}` makes one")
-        values = found.values
+        values = calibration.values
     held = file.setting(values, record, phase)
     # after the record's own values have taken the place of general ones: what the user says comes before both
     return replace(held, values={**held.values, **settings(texts, file.study.model.parameters)})
@@ -131,18 +131,18 @@ def windows(texts: Sequence[str], held: Setting) -> dict[str, Window]:
     CalibError : as `grid`
     """
     expected = "NAME=LOW:HIGH or NAME=LOW:HIGH:log"
-    found: dict[str, Window] = {}
+    ranges: dict[str, Window] = {}
     for text in texts:
-        name, given = _varied(text, expected, found)
+        name, given = _varied(text, expected, ranges)
         parts = [part.strip() for part in given.split(":")]
         if len(parts) not in (2, 3) or parts[2:] not in ([], ["log"]):
             raise CalibError(f"--over: expected {expected}, without a COUNT, got {text!r}")
         with at("--over"):
             unit = held.unit(name)
-        found[name] = window = _window(f"--over {name}", parts[0], parts[1], unit, "log" if parts[2:] else "linear")
+        ranges[name] = window = _window(f"--over {name}", parts[0], parts[1], unit, "log" if parts[2:] else "linear")
         with at("--over"):
             held.check(name, [window.low, window.high])
-    return found
+    return ranges
 
 
 def state(text: str, units: Mapping[str, str]) -> dict[str, float]:
@@ -197,9 +197,9 @@ def _pair(option: str, text: str, expected: str) -> tuple[str, str]:
     return name, value
 
 
-def _varied(text: str, expected: str, found: Mapping[str, object]) -> tuple[str, str]:
+def _varied(text: str, expected: str, known: Mapping[str, object]) -> tuple[str, str]:
     name, value = _pair("--over", text, expected)
-    if name in found:
+    if name in known:
         raise CalibError(f"--over {name} is given twice")
     return name, value
 

@@ -1,7 +1,8 @@
 """How far a study is, from what lies in its folder; the study may be running, stopped, killed or finished."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ from calib.records import OK
 from calib.store import Trial, read
 from calib.store.lock import is_locked
 from calib.store.optuna_view import ARTIFACTS, JOURNAL
+from calib.store.plain import plain
 from calib.store.trial import best
 from calib.study import CalibrationResult, result
 from calib.study_file import StudyToml, located, read_toml, results_folder
@@ -26,43 +28,81 @@ def folder_of(study: Path, out: Path | None) -> Path:
     return results_folder(located(study)) if out is None else out
 
 
-def study_status(study: Path, out: Path | None) -> dict[str, Any]:
-    """Return what `calib status --json` prints.
+@dataclass(frozen=True)
+class BestTrial:
+    """Number, score, kind of motion and values (SI) of the best trial."""
 
-    Returns
-    -------
-    dict: name, state ("running", "finished", "unfinished": stopped or killed), trials, budget, best (number, total,
-    kind, values in SI) or None, units, failed (status -> count), seconds (mean of the last trials [s]) or None, folder
+    number: int
+    total: float | None
+    kind: str | None
+    values: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class StudyStatus:
+    """How far a study is.
+
+    Attributes
+    ----------
+    name, budget : of the study
+    state : "running", "finished", or "unfinished": stopped or killed
+    trials : number of trials there are
+    best : None where none ended ok
+    units : searched parameter -> SI unit
+    failed : status -> number of trials that ended so
+    seconds : mean of the last trials, None where there are none  [s]
+    folder : of the results
+    """
+
+    name: str
+    state: str
+    trials: int
+    budget: int
+    best: BestTrial | None
+    units: Mapping[str, str]
+    failed: Mapping[str, int]
+    seconds: float | None
+    folder: str
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what `calib status --json` prints."""
+        return plain(self)
+
+
+def study_status(study: Path, out: Path | None) -> StudyStatus:
+    """Return how far a study is.
+
+    Raises
+    ------
+    CalibError : nothing was run there
     """
     folder = folder_of(study, out)
     header, trials = read(folder)
-    found = result.read(folder)
-    finished = found is not None and found.trials == len(trials)
-    return {
-        "name": header["name"],
-        "state": "running" if is_locked(folder) else "finished" if finished else "unfinished",
-        "trials": len(trials),
-        "budget": header["budget"],
-        "best": _best(trials) if found is None or not finished else _found(found),
-        "units": {name: window["unit"] for name, window in header["definition"]["windows"].items()},
-        "failed": dict(Counter(trial.status for trial in trials if trial.status != OK)),
-        "seconds": _mean(trials),
-        "folder": str(folder),
-    }
+    calibration = result.read(folder)
+    finished = calibration is not None and calibration.trials == len(trials)
+    return StudyStatus(
+        name=header["name"],
+        state="running" if is_locked(folder) else "finished" if finished else "unfinished",
+        trials=len(trials),
+        budget=header["budget"],
+        best=_best(trials) if calibration is None or not finished else _calibrated(calibration),
+        units={name: window["unit"] for name, window in header["definition"]["windows"].items()},
+        failed=Counter(trial.status for trial in trials if trial.status != OK),
+        seconds=_mean(trials),
+        folder=str(folder),
+    )
 
 
-def _best(trials: Sequence[Trial]) -> dict[str, Any] | None:
+def _best(trials: Sequence[Trial]) -> BestTrial | None:
     top = best(trials)
-    return None if top is None else {"number": top.number, "total": top.cost, "kind": top.kind, "values": top.values}
+    return None if top is None else BestTrial(top.number, top.cost, top.kind, top.values)
 
 
-def _found(found: CalibrationResult) -> dict[str, Any] | None:
+def _calibrated(result: CalibrationResult) -> BestTrial | None:
     """Best trial of a finished study: where it was confirmed, not the search's but the one chosen, as confirmed."""
-    if found.best_trial is None:
+    if result.best_trial is None:
         return None
-    return {
-        "number": found.best_trial, "total": found.score.total, "kind": found.motion.kind, "values": found.values,
-    }  # fmt: skip
+    return BestTrial(result.best_trial, result.score.total, result.motion.kind, result.values)
 
 
 def _mean(trials: Sequence[Trial]) -> float | None:

@@ -66,43 +66,43 @@ def sweep_study(
     path = output or (out or file.folder) / "sweep.nc"
     drawn = bodies_drawn(bodies, file, record)
     with Count("points", quiet) as count:
-        found = run(plan, path, jobs=file.study.jobs, fresh=fresh, on_done=count)
+        motions = run(plan, path, jobs=file.study.jobs, fresh=fresh, on_done=count)
     if not quiet:
-        for line in described(found):
+        for line in described(motions):
             click.echo(line)
         click.echo(f"sweep: {path}")
-    for picture, figure in pictures(found, drawn):
+    for picture, figure in pictures(motions, drawn):
         name = path.with_name(f"{path.stem}{picture}.png")
         figure.savefig(name, dpi=DPI)
         if not quiet:
             click.echo(f"picture: {name}")
-    return bool((found.kind != FAILED).any())
+    return bool((motions.kind != FAILED).any())
 
 
-def pictures(found: xr.Dataset, bodies: Sequence[str]) -> Iterator[tuple[str, Figure]]:
+def pictures(motions: xr.Dataset, bodies: Sequence[str]) -> Iterator[tuple[str, Figure]]:
     """Yield the pictures of a sweep with what is added to the file's name: those that show something of it."""
-    if len(parameters(found)) > 1:
-        yield "", kind_map(found)
+    if len(parameters(motions)) > 1:
+        yield "", kind_map(motions)
         return
-    yield "", sections(found.sel(body=list(bodies))) or bifurcation_diagram(found, bodies)
-    impacts = impact_diagram(found)
+    yield "", sections(motions.sel(body=list(bodies))) or bifurcation_diagram(motions, bodies)
+    impacts = impact_diagram(motions)
     if impacts is not None:
         yield "_impacts", impacts
 
 
-def described(found: xr.Dataset) -> Iterator[str]:
+def described(motions: xr.Dataset) -> Iterator[str]:
     """Say of each branch over which stretch of the parameter which motion was found; of a plane, how often."""
-    failed = int((found.kind == FAILED).sum())
-    for name in found.branch.values if "branch" in found.dims else [""]:
-        branch = found.sel(branch=name) if name else found
+    failed = int((motions.kind == FAILED).sum())
+    for name in motions.branch.values if "branch" in motions.dims else [""]:
+        branch = motions.sel(branch=name) if name else motions
         yield f"{name}:" if name else "found:"
-        lines = list(_stretches(branch) if len(parameters(found)) == 1 else _counted(branch))
+        lines = list(_stretches(branch) if len(parameters(motions)) == 1 else _counted(branch))
         yield from lines[:MAX_LINES]
         if len(lines) > MAX_LINES:
             yield f"  ... and {len(lines) - MAX_LINES} more"
     if failed:
-        reasons = np.unique(found.status.values[found.kind.values == FAILED])
-        yield f"failed: {failed} of {found.kind.size} ({', '.join(reasons)})"
+        reasons = np.unique(motions.status.values[motions.kind.values == FAILED])
+        yield f"failed: {failed} of {motions.kind.size} ({', '.join(reasons)})"
 
 
 def _label(branch: xr.Dataset, at: int) -> str:
@@ -116,14 +116,14 @@ def _label(branch: xr.Dataset, at: int) -> str:
 
 def _stretches(branch: xr.Dataset) -> Iterator[str]:
     [name] = parameters(branch)
-    values, unit, said = branch[name].values, branch[name].attrs["units"], branch[name].attrs["name"]
+    values, unit, label = branch[name].values, branch[name].attrs["units"], branch[name].attrs["name"]
     order = np.argsort(values)
     labels = [_label(branch, k) for k in order]
     first = 0
     for k in range(1, len(labels) + 1):
         if k == len(labels) or labels[k] != labels[first]:
             low, high = (shown(float(values[order[at]]), unit) for at in (first, k - 1))
-            yield f"  {said} {low if low == high else f'{low} .. {high}'}: {labels[first]}"
+            yield f"  {label} {low if low == high else f'{low} .. {high}'}: {labels[first]}"
             first = k
 
 

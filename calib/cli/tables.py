@@ -1,14 +1,14 @@
-"""What the commands print: results, standings and the catalogue, as tables on stdout."""
+"""What the commands print: results, status and the catalogue, as tables on stdout."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from calib.cli.status import StudyStatus
 from calib.modelling.parameter import Parameter
 from calib.objective import MISFIT
 from calib.records import OK
@@ -19,20 +19,20 @@ MAX_DECIMALS = 6  # beyond, a number is written with a power of ten
 COLUMNS = 120  # columns, where the output is no terminal
 
 
-def show_result(found: CalibrationResult, folder: Path, console: Console | None = None) -> None:
+def show_result(result: CalibrationResult, folder: Path, console: Console | None = None) -> None:
     """Print what a study found (the content of its `result.json`)."""
     console = console or _console()
-    if found.status != OK:
-        console.print(f"[bold]{escape(found.name)}[/]: none of {found.trials} trials ended ok")
+    if result.status != OK:
+        console.print(f"[bold]{escape(result.name)}[/]: none of {result.trials} trials ended ok")
     else:
-        console.print(_parameters(found))
-        console.print(_scores(found))
-        if found.holdout:
-            console.print(_held_out(found))
-        for line in _remarks(found):
+        console.print(_parameters(result))
+        console.print(_scores(result))
+        if result.holdout:
+            console.print(_held_out(result))
+        for line in _remarks(result):
             console.print(line, soft_wrap=True)
-    console.print(f"trials: {found.trials}, of which {found.failed} failed; {found.seconds:.1f} s")
-    for failure in found.failures:
+    console.print(f"trials: {result.trials}, of which {result.failed} failed; {result.seconds:.1f} s")
+    for failure in result.failures:
         reason = escape(failure.reason.partition("\n")[0])
         console.print(f"failed: {failure.trials} ({escape(failure.status)}), such as: {reason}", soft_wrap=True)
     console.print(f"files:  {escape(str(folder))}/ (report.html, result.json, best.nc, trials.jsonl)", soft_wrap=True)
@@ -43,20 +43,20 @@ def _console() -> Console:
     return console if console.is_terminal else Console(highlight=False, width=COLUMNS)
 
 
-def _parameters(found: CalibrationResult) -> Table:
-    table = Table(title=escape(found.name), title_justify="left", title_style="bold")
+def _parameters(result: CalibrationResult) -> Table:
+    table = Table(title=escape(result.name), title_justify="left", title_style="bold")
     table.add_column("parameter")
     for heading in ("value", "± 2 s.e.", "window"):
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("")
-    errors = {} if found.confidence is None else found.confidence.standard_error
-    edges = {} if found.confidence is None else found.confidence.at_edge
-    for name, window in found.windows.items():
-        unit = found.units[name]
+    errors = {} if result.confidence is None else result.confidence.standard_error
+    edges = {} if result.confidence is None else result.confidence.at_edge
+    for name, window in result.windows.items():
+        unit = result.units[name]
         error = errors.get(name)
         table.add_row(
             escape(name),
-            *_measured(found.values[name], None if error is None else 2.0 * error, unit),
+            *_measured(result.values[name], None if error is None else 2.0 * error, unit),
             f"{shown(window.low, unit)} .. {shown(window.high, unit)}",
             f"[yellow]at the {edges[name]} edge of its window[/]" if name in edges else "",
         )
@@ -76,67 +76,67 @@ def _measured(value: float, error: float | None, unit: str) -> tuple[str, str]:
     return f"{value:{form}} {name}".rstrip(), f"{error:{form if 'f' in form else '.1e'}} {name}".rstrip()
 
 
-def _scores(found: CalibrationResult) -> Table:
+def _scores(result: CalibrationResult) -> Table:
     table = Table(title=None)
     table.add_column("distance")
     table.add_column("", justify="right")
     table.add_column("kind of motion")
-    for label, distance in found.score.terms.items():
+    for label, distance in result.score.terms.items():
         table.add_row(escape(label), shown(distance, "1"))
-    table.add_row("[bold]total[/]", f"[bold]{shown(found.score.total, '1')}[/]", found.motion.kind or "")
+    table.add_row("[bold]total[/]", f"[bold]{shown(result.score.total, '1')}[/]", result.motion.kind or "")
     return table
 
 
-def _held_out(found: CalibrationResult) -> Table:
+def _held_out(result: CalibrationResult) -> Table:
     """Misfit of each record that was held out; what that is stands below."""
     table = Table(caption=f"misfit: {MISFIT}", caption_justify="left")
     table.add_column("held out")
     table.add_column("misfit", justify="right")
     table.add_column("score of the study's terms", justify="right")
     table.add_column("kind of motion")
-    for record, held in found.holdout.items():
-        said = held.kind or "" if held.status == OK else f"{held.status}: {held.reason}"
+    for record, held in result.holdout.items():
+        outcome = held.kind or "" if held.status == OK else f"{held.status}: {held.reason}"
         values = (shown(number, "1") for number in (held.misfit, held.score))
-        table.add_row(escape(record), *values, escape(said))
+        table.add_row(escape(record), *values, escape(outcome))
     return table
 
 
-def _remarks(found: CalibrationResult) -> list[str]:
-    confidence = found.confidence
-    wrong, evidence = ", ".join(found.motion.wrong), found.motion.evidence or ""
+def _remarks(result: CalibrationResult) -> list[str]:
+    confidence = result.confidence
+    wrong, evidence = ", ".join(result.motion.wrong), result.motion.evidence or ""
     lines = [f"[red]another kind of motion than measured[/] in {escape(wrong)}: {escape(evidence)}"] if wrong else []
-    lines += [f"[yellow]mind:[/] {escape(group.text)}" for group in found.undetermined]
+    lines += [f"[yellow]mind:[/] {escape(group.text)}" for group in result.undetermined]
     if confidence is None or confidence.status != OK:
         why = "not worked out" if confidence is None else confidence.reason
         lines.append(f"[yellow]no intervals:[/] {escape(why)}")
-    for feature in found.unreachable:
+    for feature in result.unreachable:
         lines.append(f"[yellow]no point of the window reaches[/] {escape(str(feature))}")
-    lines += [f"[yellow]mind:[/] {escape(remark)}" for remark in found.remarks]
-    if found.confirmation is not None and found.confirmation.succeeded:
-        count, chosen = len(found.confirmation.leaders), found.confirmation.chosen
+    lines += [f"[yellow]mind:[/] {escape(remark)}" for remark in result.remarks]
+    if result.confirmation is not None and result.confirmation.succeeded:
+        count, chosen = len(result.confirmation.leaders), result.confirmation.chosen
         lines.append(f"{count} leader{'' if count == 1 else 's'} of the search confirmed, trial {chosen} taken")
-    if found.starts is not None:
-        agree, starts = found.starts
-        changed = found.confirmation is not None and found.confirmation.changed
-        where = f"its best, trial {found.searched_best}" if changed else "this point"
+    if result.starts is not None:
+        agree, starts = result.starts
+        changed = result.confirmation is not None and result.confirmation.changed
+        where = f"its best, trial {result.searched_best}" if changed else "this point"
         lines.append(f"{agree} of {starts} starts of the search ended at {where}")
     return lines
 
 
-def show_standing(said: Mapping[str, Any]) -> None:
-    """Print how far a study is (what `calib.cli.status.study_status` returns)."""
+def show_status(status: StudyStatus) -> None:
+    """Print how far a study is."""
     console = _console()
-    console.print(f"[bold]{escape(said['name'])}[/]: {said['state']}, {said['trials']} of {said['budget']} trials")
-    best = said["best"]
+    console.print(f"[bold]{escape(status.name)}[/]: {status.state}, {status.trials} of {status.budget} trials")
+    best = status.best
     if best is not None:
-        console.print(f"best score {shown(best['total'], '1')} ({best['kind']}) at trial {best['number']}")
-        for name, unit in said["units"].items():
-            console.print(f"  {escape(name)} = {shown(best['values'][name], unit, 6)}")
-    for status, count in said["failed"].items():
-        console.print(f"failed: {count} ({escape(status)})")
-    if said["seconds"] is not None:
-        console.print(f"{said['seconds']:.3g} s a trial")
-    console.print(f"files: {escape(said['folder'])}", soft_wrap=True)
+        console.print(f"best score {shown(best.total, '1')} ({best.kind}) at trial {best.number}")
+        for name, unit in status.units.items():
+            console.print(f"  {escape(name)} = {shown(best.values[name], unit, 6)}")
+    for reason, count in status.failed.items():
+        console.print(f"failed: {count} ({escape(reason)})")
+    if status.seconds is not None:
+        console.print(f"{status.seconds:.3g} s a trial")
+    console.print(f"files: {escape(status.folder)}", soft_wrap=True)
 
 
 def show_catalogue(groups: Mapping[str, Mapping[str, str]]) -> None:
@@ -152,8 +152,8 @@ def show_catalogue(groups: Mapping[str, Mapping[str, str]]) -> None:
 def show_thing(facts: Iterable[tuple[str, str]], parameters: Sequence[Parameter]) -> None:
     """Print what there is to say of one thing, and its parameters."""
     console = _console()
-    for what, said in facts:
-        console.print(f"[bold]{what}[/]: {escape(said)}", soft_wrap=True)
+    for what, text in facts:
+        console.print(f"[bold]{what}[/]: {escape(text)}", soft_wrap=True)
     if parameters:
         table = Table("parameter", "unit", "nominal", "allowed", "meaning")
         for p in parameters:

@@ -46,12 +46,12 @@ class Progress:
                 SpinnerColumn(),
                 TextColumn("{task.fields[stage]:<10}"),
                 BarColumn(bar_width=20),
-                TextColumn("{task.fields[said]}"),
+                TextColumn("{task.fields[text]}"),
                 console=self._console,
                 transient=True,
                 refresh_per_second=8,
             )
-            self._task = self._bars.add_task("study", total=self._budget, stage=self._stage, said="")
+            self._task = self._bars.add_task("study", total=self._budget, stage=self._stage, text="")
             self._bars.start()
         return self
 
@@ -94,16 +94,16 @@ class Progress:
 
     def _say_reach(self) -> None:
         """Say, before the search, which measured features no point of the screen comes to."""
-        found = reach(self._screened)
-        if self._quiet or not found:
+        features = reach(self._screened)
+        if self._quiet or not features:
             return
-        away = [r for r in found if not r.reached]
+        away = [r for r in features if not r.reached]
         for r in away:
             self._console.print(f"[yellow]no point of the screen reaches[/] {escape(str(r.summary()))}", soft_wrap=True)
         if not away:
             self._console.print("the screen reaches every measured feature")
 
-    def said(self) -> str:
+    def line(self) -> str:
         """Best score, kind of motion, rate, failures and time left, as one line."""
         parts = [f"{self._done}/{self._budget} trials"]
         if self._best is not None:
@@ -131,7 +131,7 @@ class Progress:
         if self._quiet:
             return
         if self._bars is not None:
-            self._bars.update(self._task, completed=self._done, stage=self._stage, said=self.said())
+            self._bars.update(self._task, completed=self._done, stage=self._stage, text=self.line())
         elif now or self._clock() - self._told >= LINE_INTERVAL:
             self._told = self._clock()
-            self._console.print(f"{self._stage}: {self.said()}", soft_wrap=True)
+            self._console.print(f"{self._stage}: {self.line()}", soft_wrap=True)

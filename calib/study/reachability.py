@@ -76,12 +76,12 @@ class Reach:
 
 def reach(trials: Iterable[Trial]) -> list[Reach]:
     """How near the trials that ended ok come to each measured scalar feature."""
-    found: dict[tuple[str, str, str], list[dict]] = {}
+    by_feature: dict[tuple[str, str, str], list[dict]] = {}
     for trial in trials:
         for feature in trial.features:
             if feature["measured"] is not None:
-                found.setdefault((feature["label"], feature["record"], feature["body"]), []).append(feature)
-    return [_reach(features) for features in found.values()]
+                by_feature.setdefault((feature["label"], feature["record"], feature["body"]), []).append(feature)
+    return [_reach(features) for features in by_feature.values()]
 
 
 def _reach(features: list[dict]) -> Reach:

@@ -219,14 +219,14 @@ class CalibrationResult:
     @property
     def starts(self) -> tuple[int, int] | None:
         """How many starts of the search ended at its best point, of how many; None where it has no several starts."""
-        told = self.agreement or {}
-        return (told["agree"], told["starts"]) if {"agree", "starts"} <= set(told) else None
+        agreement = self.agreement or {}
+        return (agreement["agree"], agreement["starts"]) if {"agree", "starts"} <= set(agreement) else None
 
 
-def write(found: CalibrationResult, folder: Path) -> Path:
+def write(calibration: CalibrationResult, folder: Path) -> Path:
     """Write `result.json` so that it is either whole or absent; return its path."""
     path = folder / FILE_NAME
-    text = json.dumps(found.as_dict(), indent=2, allow_nan=False) + "\n"
+    text = json.dumps(calibration.as_dict(), indent=2, allow_nan=False) + "\n"
     with whole(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return path

@@ -80,13 +80,13 @@ class Search:
     def _segment(self) -> str:
         """Search with one optimiser from the segment's first number on."""
         first = self._store.header["first"]
-        told = [trial for _, trial in sorted(self.trials.items()) if trial.number < first]
-        end = first + self._study.budget - len(told)
+        earlier = [trial for _, trial in sorted(self.trials.items()) if trial.number < first]
+        end = first + self._study.budget - len(earlier)
         if end <= first:
             return BUDGET_SPENT
         with self._searching() as optimiser:
-            if told:
-                optimiser.tell(np.array([trial.u for trial in told]), [outcome(trial) for trial in told])
+            if earlier:
+                optimiser.tell(np.array([trial.u for trial in earlier]), [outcome(trial) for trial in earlier])
             return self._search(optimiser, first, end)
 
     @contextmanager

@@ -57,16 +57,16 @@ def summarised(
     -------
     the result as it is read back from its file: what is not finite is None
     """
-    sure = confidence or ConfidenceSummary("")
+    certainty = confidence or ConfidenceSummary("")
     names = () if best is None else tuple(best.values)
-    found = replace(
+    result = replace(
         _of_search(study, search),
         status=FAILED if best is None else OK,
         values={} if best is None else best.values,
         units={name: study.model.parameters[name.partition("@")[0]].unit for name in names},
-        intervals=sure.interval,
-        undetermined=sure.undetermined,
-        at_edge=tuple(sorted(sure.at_edge)),
+        intervals=certainty.interval,
+        undetermined=certainty.undetermined,
+        at_edge=tuple(sorted(certainty.at_edge)),
         score=ScoreSummary() if best is None else ScoreSummary(best.cost, best.terms),
         motion=_motion(best, score),
         nuisances={} if score is None else score.nuisances,
@@ -79,7 +79,7 @@ def summarised(
         simulations=simulations,
         seconds=seconds,
     )
-    return CalibrationResult.from_dict(found.as_dict())
+    return CalibrationResult.from_dict(result.as_dict())
 
 
 def _of_search(study: CalibrationStudy, search: SearchResult) -> CalibrationResult:

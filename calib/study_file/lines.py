@@ -14,7 +14,7 @@ def lines(text: str) -> dict[Key, int]:
     said to stand where their statement begins.
     """
     rows = text.split("\n")
-    found: dict[Key, int] = {}
+    known: dict[Key, int] = {}
     begin = 0
     for end in range(1, len(rows) + 1):
         try:
@@ -22,16 +22,16 @@ def lines(text: str) -> dict[Key, int]:
         except tomllib.TOMLDecodeError:
             continue  # inside a value of several lines
         for key in _keys(read):
-            found.setdefault(key, begin + 1)
+            known.setdefault(key, begin + 1)
         begin = end
-    return found
+    return known
 
 
-def line_of(found: dict[Key, int], key: Sequence[str | int]) -> int | None:
+def line_of(known: dict[Key, int], key: Sequence[str | int]) -> int | None:
     """Line of `key`, or of the nearest enclosing key that stands in the text."""
     for length in range(len(key), 0, -1):
-        if tuple(key[:length]) in found:
-            return found[tuple(key[:length])]
+        if tuple(key[:length]) in known:
+            return known[tuple(key[:length])]
     return None
 
 

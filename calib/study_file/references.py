@@ -24,16 +24,16 @@ REQUEST_KEYS = ("periods", "samples", "settle", "step_budget")  # keys of [study
 
 def references(shape: StudyToml, model: Model | None, mistakes: Mistakes) -> dict[str, Reference | None]:
     """Read every [[record]]; what is wrong is noted, and leaves None."""
-    found: dict[str, Reference | None] = {}
+    known: dict[str, Reference | None] = {}
     for index, entry in enumerate(shape.record):
-        if entry.name in found:
+        if entry.name in known:
             mistakes.add(("record", index, "name"), f"a second record {entry.name!r}; give each its own name")
             continue
         with mistakes.at("record", index):
-            found[entry.name] = _reference(shape, index, entry, model, mistakes)
+            known[entry.name] = _reference(shape, index, entry, model, mistakes)
     if not any(entry.use == "calibrate" for entry in shape.record):
         mistakes.add(("record",), 'no record to calibrate on; set use = "calibrate" for one of them at least')
-    return found
+    return known
 
 
 def _reference(

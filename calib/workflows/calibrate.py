@@ -303,18 +303,18 @@ def _read_back(file: StudyFile, folder: Path) -> Calibrated:
     header, trials = read(folder, study.header["definition"])
     trials.sort(key=lambda trial: trial.number)
     top = best(trials)
-    found = _finished(folder, trials, top)
-    if found is not None and found.best_trial is not None:
-        top = next(trial for trial in trials if trial.number == found.best_trial)
-    confirming = found is not None and found.confirmed
+    summary = _finished(folder, trials, top)
+    if summary is not None and summary.best_trial is not None:
+        top = next(trial for trial in trials if trial.number == summary.best_trial)
+    confirming = summary is not None and summary.confirmed
     if confirming and study.model.confirming is None:
         raise CalibError(
             f"what was found here was confirmed with another simulator, which {study.model.simulator.name!r} now "
             "lacks; run the study again"
         )
     point, predictions = (None, {}) if top is None else _evaluated_again(file, top, confirming)
-    if found is None:
-        found = summarised(
+    if summary is None:
+        summary = summarised(
             study,
             SearchResult(best(trials), trials, reach(trials), None, UNFINISHED),
             best=top,
@@ -322,16 +322,16 @@ def _read_back(file: StudyFile, folder: Path) -> Calibrated:
             holdout=_prediction_summaries(file, predictions),
             remarks=_remarks(study.objective, point),
         )
-    return Calibrated(header, trials, point, predictions, found)
+    return Calibrated(header, trials, point, predictions, summary)
 
 
 def _finished(folder: Path, trials: Sequence[Trial], top: Trial | None) -> CalibrationResult | None:
     """Return the result in a folder where it is of these trials, the best of which is `top`; else None."""
-    found = result.read(folder)
-    if found is None or found.searched_best != (None if top is None else top.number):
+    summary = result.read(folder)
+    if summary is None or summary.searched_best != (None if top is None else top.number):
         return None
-    known = top is None or found.best_trial in {trial.number for trial in trials}
-    return found if known else None
+    known = top is None or summary.best_trial in {trial.number for trial in trials}
+    return summary if known else None
 
 
 def _evaluated_again(

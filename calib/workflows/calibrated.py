@@ -15,15 +15,15 @@ def calibrated_values(file: StudyFile, folder: Path) -> Mapping[str, float]:
     ------
     CalibError : the study was not calibrated, ended without values, or was changed since
     """
-    found = result.read(folder)
-    if found is None:
+    calibration = result.read(folder)
+    if calibration is None:
         raise CalibError(f"there is no {result.FILE_NAME} in {folder}: calibrate first, with `calib run {file.path}`")
-    if not found.values:
+    if not calibration.values:
         raise CalibError(f"no trial of the study in {folder} ended well: there are no values to diagnose")
-    missing = [name for name in file.study.space.names if name not in found.values]
+    missing = [name for name in file.study.space.names if name not in calibration.values]
     if missing:
         raise CalibError(
             f"{folder / result.FILE_NAME} has no value of {missing[0]}, which the study searches: it was changed "
             f"since; run `calib run {file.path}` again"
         )
-    return {**file.study.space.fixed, **found.values}
+    return {**file.study.space.fixed, **calibration.values}

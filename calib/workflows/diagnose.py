@@ -50,13 +50,13 @@ def diagnose_study(
     file = load(path, jobs=jobs)
     folder = file.folder if out is None else Path(out)
     values = calibrated_values(file, folder)
-    found = diagnose(
+    diagnosis = diagnose(
         file.study, file.others, values, file.suspects(), seed=file.study.seed if seed is None else seed,
         on_stage=on_stage, on_progress=on_progress, budget=limit, laboratory=file.laboratory,
     )  # fmt: skip
-    document = write(found, folder, values, {**file.study.objective.references, **file.others})
+    document = write(diagnosis, folder, values, {**file.study.objective.references, **file.others})
     rebuild(path, out, jobs)
-    selection, extended = found.selection, None
-    if apply and found.verdict in (NAMED, ONE_OF) and selection is not None and selection.causes:
-        extended = extended_study(file, selection, () if found.gain is None else found.gain.transfers)
+    selection, extended = diagnosis.selection, None
+    if apply and diagnosis.verdict in (NAMED, ONE_OF) and selection is not None and selection.causes:
+        extended = extended_study(file, selection, () if diagnosis.gain is None else diagnosis.gain.transfers)
     return document, extended

@@ -68,7 +68,7 @@ def _played(ledger: Path) -> list[Rehearsed]:
     whole_lines = text[: text.rfind("\n") + 1]
     if whole_lines != text:
         ledger.write_text(whole_lines, encoding="utf-8")
-    found = []
+    cases = []
     for line in whole_lines.splitlines():
         one = json.loads(line)
         case = one["case"]
@@ -76,5 +76,5 @@ def _played(ledger: Path) -> list[Rehearsed]:
         values = {name: math.inf if value is None else value for name, value in case["values"].items()}
         known = RehearsalCase(case["effect"], strength, values, case["seed"], case["units"])
         classes = tuple(map(tuple, one["classes"]))
-        found.append(Rehearsed(known, one["verdict"], tuple(one["causes"]), classes, one["reason"]))
-    return found
+        cases.append(Rehearsed(known, one["verdict"], tuple(one["causes"]), classes, one["reason"]))
+    return cases

@@ -1,4 +1,4 @@
-"""Studies from Python: what a study file says, said in keywords, run, and what was found."""
+"""Studies from Python: stated in keywords, run, and their results."""
 
 import base64
 import copy
@@ -235,9 +235,9 @@ class Study:
                     rebuild(path, jobs=jobs)
                 except CalibError:
                     raise KeyboardInterrupt from None
-            found = Calibration(path, passing=out is None)
+            calibration = Calibration(path, passing=out is None)
             undo.pop_all()
-        return found
+        return calibration
 
     def _repr_html_(self) -> str:
         name, text = html.escape(self._document["study"]["name"]), html.escape(tomlkit.dumps(self._document))
@@ -268,7 +268,7 @@ class Plot:
 
 
 class Calibration:
-    """What a study found.
+    """The result of a study.
 
     Attributes
     ----------
@@ -363,11 +363,11 @@ class Calibration:
         if not self.values or self.summary.stopped == UNFINISHED:
             raise CalibError("the search has not ended with values: run the study to its end, then diagnose it")
         with Count("simulations", quiet) as count:
-            said, extended = diagnose_study(
+            summary, extended = diagnose_study(
                 self.path, jobs=jobs, budget=None if budget is None else str(budget), seed=seed, apply=True,
                 on_progress=count,
             )  # fmt: skip
-        return Diagnosed(said, None if extended is None else Study.read(extended), self)
+        return Diagnosed(summary, None if extended is None else Study.read(extended), self)
 
     def _repr_html_(self) -> str:
         rows = "".join(f"<tr><td>{html.escape(name)}</td>{self._cells(name)}</tr>" for name in self.values)
@@ -395,7 +395,7 @@ class Calibration:
 
 
 class Diagnosed:
-    """What the diagnosis of a calibrated study says.
+    """The diagnosis of a calibrated study.
 
     Attributes
     ----------

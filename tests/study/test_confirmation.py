@@ -232,10 +232,10 @@ def test_a_study_killed_while_it_confirms_and_run_again_finds_the_same(confirmed
     command = [sys.executable, "-m", "calib", "run", str(path)]
     with subprocess.Popen(command, env=environment(), stderr=subprocess.PIPE, text=True) as run:
         assert any(line.startswith("confirm:") for line in run.stderr)
-        assert study_status(path, None)["state"] == "running"
+        assert study_status(path, None).state == "running"
         run.kill()
     gate.unlink()
-    assert study_status(path, None)["state"] == "unfinished"
+    assert study_status(path, None).state == "unfinished"
     assert without_times(calibrate(path, quiet=True)) == without_times(confirmed[1])
     assert best(tmp_path / "out").identical(best(confirmed[0].parent / "out"))
 
@@ -251,8 +251,8 @@ def test_the_page_shows_the_leaders(confirmed):
 def test_a_finished_study_keeps_its_confirmation_in_status_and_report(confirmed, drawn):
     path, found = confirmed
     said = study_status(path, None)
-    assert (said["state"], said["best"]["number"]) == ("finished", found.best_trial)
-    assert (said["best"]["total"], said["best"]["values"]) == (found.score.total, found.values)
+    assert (said.state, said.best.number) == ("finished", found.best_trial)
+    assert (said.best.total, said.best.values) == (found.score.total, found.values)
     rebuild(path)
     _, _, simulated, said, *_ = drawn[0]
     assert said == found
