@@ -8,6 +8,7 @@ from typing import Any
 from calib import plugins
 from calib.errors import CalibError, nearest
 from calib.modelling.effect import Effect
+from calib.modelling.parameter import Parameter
 from calib.study_file import StudyToml
 from calib.study_file.load import CONTRACT_ARGUMENTS
 
@@ -34,7 +35,7 @@ def thing(name: str) -> Any:
 
 
 def facts(item: Any) -> Iterator[tuple[str, str]]:
-    """Yield what there is to say of a simulator, effect, feature or optimiser besides its parameters."""
+    """Yield name and text of each fact about a simulator, effect, feature or optimiser besides its parameters."""
     if isinstance(item, Effect):
         yield "site", item.site if item.place == "body" else f"{item.site}, at the {item.place}"
         yield "meaning", item.meaning
@@ -54,8 +55,8 @@ def facts(item: Any) -> Iterator[tuple[str, str]]:
         yield "effects", ", ".join(_taken(item()))
 
 
-def parameters(item: Any) -> tuple:
-    """Return the `calib.modelling.parameter.Parameter`s of a simulator (with its default options) or an effect."""
+def parameters(item: Any) -> tuple[Parameter, ...]:
+    """Return the parameters of a simulator (with its default options) or an effect."""
     if isinstance(item, Effect):
         return item.parameters
     return tuple(item().parameters) if _simulates(item) else ()

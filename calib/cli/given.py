@@ -1,4 +1,4 @@
-"""What a user gives on the command line, as values in SI and things of the study."""
+"""Arguments of the command line, as values in SI and components of the study."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -21,7 +21,7 @@ GRID = "LOW:HIGH:COUNT, LOW:HIGH:COUNT:log or A,B,C"
 
 @contextmanager
 def at(option: str) -> Iterator[None]:
-    """Name the option in what is said of a mistake."""
+    """Name the option in the message of a mistake."""
     try:
         yield
     except CalibError as error:

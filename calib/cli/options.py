@@ -58,7 +58,7 @@ def output_option(help: str, **more: Any) -> Callable[[Callable[..., Any]], Call
 
 
 def reporting_mistakes(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Turn what the user can mend into a message on stderr and exit code 1, and Ctrl-C into exit code 3."""
+    """Turn mistakes of the user into a message on stderr and exit code 1, and Ctrl-C into exit code 3."""
 
     @functools.wraps(command)
     def safe(*args: Any, **options: Any) -> Any:

@@ -150,7 +150,7 @@ def show_catalogue(groups: Mapping[str, Mapping[str, str]]) -> None:
 
 
 def show_thing(facts: Iterable[tuple[str, str]], parameters: Sequence[Parameter]) -> None:
-    """Print what there is to say of one thing, and its parameters."""
+    """Print the facts about one simulator, effect, feature or optimiser, and its parameters."""
     console = _console()
     for what, text in facts:
         console.print(f"[bold]{what}[/]: {escape(text)}", soft_wrap=True)

@@ -1,4 +1,4 @@
-"""A study: points are asked for, simulated, scored, logged and told."""
+"""A calibration study: search, confirmation and result."""
 
 from calib.execution.pool import Pool
 from calib.study.confirmation import MAX_LEADERS, Confirmation, Leader, confirm, leaders

@@ -1,4 +1,4 @@
-"""What a study may say of initial states that are nuisances of its records."""
+"""Checks of initial states that are nuisances of records against windows and values of a study."""
 
 from collections.abc import Mapping
 

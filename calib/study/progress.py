@@ -1,4 +1,4 @@
-"""What a running study says of itself on stderr: a live line on a terminal, a line now and then elsewhere."""
+"""Progress of a running study on stderr: a live line on a terminal, elsewhere a line at intervals."""
 
 import time
 from collections.abc import Callable, Sequence

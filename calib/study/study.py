@@ -1,4 +1,4 @@
-"""A study: points are asked for, simulated, scored, logged and told."""
+"""A calibration study: its search from the first trial to the result of the search."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace

@@ -11,7 +11,7 @@ def lines(text: str) -> dict[Key, int]:
 
     tomllib keeps no positions, but a TOML text cut after a complete statement is a TOML text too: the keys that a
     statement adds are the difference between two such beginnings. Keys inside a value (inline tables, arrays) are
-    said to stand where their statement begins.
+    assigned the line on which their statement begins.
     """
     rows = text.split("\n")
     known: dict[Key, int] = {}

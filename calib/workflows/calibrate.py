@@ -40,7 +40,7 @@ from calib.study.summary import held_out, not_simulated, summarised
 from calib.study_file import StudyFile, load
 from calib.workflows.evaluations import CALIBRATED, CONFIRM, SEARCH, Case, Evaluations, held_out_references
 
-MAX_FREE_TRIGGER_SHARE = 0.5  # of the distance; a free trigger that takes it below this share is worth a remark
+MAX_FREE_TRIGGER_SHARE = 0.5  # of the distance: a free trigger is recommended where it leaves less
 UNFINISHED = "not finished"  # why a search ended that has not
 
 

@@ -1,4 +1,4 @@
-"""A study file as a document: its entries from what is given in Python."""
+"""The document of a study file: its tables from the arguments of `calib.Study`."""
 
 import sys
 import warnings
@@ -19,42 +19,42 @@ MAIN = "__main__"  # module of a script or a notebook: no other process can impo
 MEASURED = "measured"  # folder beside a study file in which records from Python lie
 
 
-def place(name: str) -> str:
-    """Place of the data of a record, relative to its study file."""
+def record_file(name: str) -> str:
+    """File of a record from Python, relative to its study file."""
     return f"{MEASURED}/{quote(name, safe='')}.nc"
 
 
-def reference_of(thing: Any, group: str) -> Any:
+def reference_of(component: Any, group: str) -> Any:
     """Name by which a study file knows a simulator or an effect.
 
     Raises
     ------
-    CalibError : a thing that stands at the top of no module
+    CalibError : a component that is defined at the top level of no module
     """
-    if isinstance(thing, str | Mapping):
-        return thing
-    module = getattr(thing, "__module__", "") if isinstance(thing, type) else ""
-    if module.startswith("calib.") or isinstance(thing, Effect):
+    if isinstance(component, str | Mapping):
+        return component
+    module = getattr(component, "__module__", "") if isinstance(component, type) else ""
+    if module.startswith("calib.") or isinstance(component, Effect):
         with warnings.catch_warnings(action="ignore"):  # one that does not load is not this one
-            known = [name for name, other in plugins.load_all(group).items() if other is thing]
+            known = [name for name, other in plugins.load_all(group).items() if other is component]
         if known:
             return known[0]
-    if isinstance(thing, type) and "<locals>" not in thing.__qualname__:
-        return f"{module}:{thing.__qualname__}"
-    if isinstance(thing, Effect):
-        first = [getattr(thing.law, "module", "")]
+    if isinstance(component, type) and "<locals>" not in component.__qualname__:
+        return f"{module}:{component.__qualname__}"
+    if isinstance(component, Effect):
+        first = [getattr(component.law, "module", "")]
         for name in [*first, *(name for name in list(sys.modules) if name != MAIN), MAIN]:
             content: dict[str, Any] = getattr(sys.modules.get(name), "__dict__", {})
-            keys = [key for key, value in list(content.items()) if value is thing and not key.startswith("_")]
+            keys = [key for key, value in list(content.items()) if value is component and not key.startswith("_")]
             if keys:
                 return f"{name}:{keys[0]}"
     raise CalibError(
         f"expected a name, 'package.module:Thing', or what stands at the top of a module, for {group}; "
-        f"got {thing!r:.60}"
+        f"got {component!r:.60}"
     )
 
 
-def window_of(parameter: str, window: Any) -> dict[str, Any]:
+def window_table(parameter: str, window: Any) -> dict[str, Any]:
     """Table of a window that is given as (low, high), (low, high, scale) or a mapping."""
     if isinstance(window, Mapping):
         return dict(window)
@@ -65,17 +65,17 @@ def window_of(parameter: str, window: Any) -> dict[str, Any]:
     return dict(zip(("low", "high", "scale"), window, strict=False))
 
 
-def named(thing: str | Mapping[str, Any], key: str) -> dict[str, Any]:
-    """Table of a thing that is given by its name or with its options."""
-    if isinstance(thing, str):
-        return {key: thing}
-    if not isinstance(thing, Mapping):
-        raise CalibError(f"expected the name of a {key}, or a mapping with its options, got {type(thing).__name__}")
-    return dict(thing)
+def table_of(stated: str | Mapping[str, Any], key: str) -> dict[str, Any]:
+    """Table of a component that is stated by its name or with its options."""
+    if isinstance(stated, str):
+        return {key: stated}
+    if not isinstance(stated, Mapping):
+        raise CalibError(f"expected the name of a {key}, or a mapping with its options, got {type(stated).__name__}")
+    return dict(stated)
 
 
-def usual_terms(records: Sequence[Record]) -> list[str]:
-    """Features by which such records are compared where nothing else is said."""
+def default_terms(records: Sequence[Record]) -> list[str]:
+    """Features by which records are compared by default: phase curves where all have them, else time histories."""
     periodic = all("frequency" in record.dataset.attrs for record in records)
     curves = all({"displacement", "velocity"} <= set(record.dataset.data_vars) for record in records)
     return ["phase_curve"] if periodic and curves else ["time_history"]

@@ -13,7 +13,7 @@ from calib.execution.files import whole
 from calib.plugins import module_file
 from calib.records import read, write
 from calib.store.ledger import differences
-from calib.workflows.document import MEASURED, place, references_in
+from calib.workflows.document import MEASURED, record_file, references_in
 from calib.workflows.record import Record
 
 RUN_KEYS = ("budget", "jobs", "timeout")  # of [study]: a study that is gone on with may have others
@@ -43,7 +43,7 @@ def save_study(
         path.parent.mkdir(parents=True, exist_ok=True)
         for name, record in records.items():
             (path.parent / MEASURED).mkdir(exist_ok=True)
-            write(record.dataset, path.parent / place(name))
+            write(record.dataset, path.parent / record_file(name))
         for source, target in files:
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(source, target)
@@ -72,7 +72,7 @@ def _check_free(
         if changes:
             raise CalibError(f"{path} is another study: it differs in {changes[0]}; {hint}")
     for name, record in records.items():
-        file = path.parent / place(name)
+        file = path.parent / record_file(name)
         if file.is_file() and not read(file).equals(record.dataset):
             raise CalibError(f"{file} is another record; {hint}")
     for source, target in modules:

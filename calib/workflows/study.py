@@ -34,13 +34,13 @@ from calib.workflows.calibrate import UNFINISHED, calibrate_file, rebuild, summa
 from calib.workflows.diagnose import diagnose_study
 from calib.workflows.document import (
     MAIN,
+    default_terms,
     for_toml,
-    named,
-    place,
+    record_file,
     reference_of,
     references_in,
-    usual_terms,
-    window_of,
+    table_of,
+    window_table,
 )
 from calib.workflows.record import Record, listed
 from calib.workflows.saved import save_study
@@ -117,14 +117,14 @@ class Study:
         self._records = {record.name: record for record in records}
         if len(self._records) < len(records):
             raise CalibError("records: two have one name; give each its own")
-        terms = usual_terms(records) if terms is None else listed(terms)
+        terms = default_terms(records) if terms is None else listed(terms)
         document: dict[str, Any] = {
             "study": {**head, **more.get("study", {})},
-            "record": [record.entry(place(record.name)) for record in records],
+            "record": [record.entry(record_file(record.name)) for record in records],
             "model": model,
-            "windows": {parameter: window_of(parameter, window) for parameter, window in windows.items()},
-            "term": [named(term, "feature") for term in terms],
-            "optimiser": named(optimiser, "name"),
+            "windows": {parameter: window_table(parameter, window) for parameter, window in windows.items()},
+            "term": [table_of(term, "feature") for term in terms],
+            "optimiser": table_of(optimiser, "name"),
             **{key: more[key] for key in ("store", "diagnosis") if key in more},
         }
         self._document, self._folder = for_toml(document), None
@@ -143,7 +143,7 @@ class Study:
         study._document, study._records = tomllib.loads(path.read_text(encoding="utf-8")), {}
         study._folder = path.parent
         for entry in study._document["record"]:
-            if entry["path"] == place(entry["name"]) and "table" not in entry:  # as `save` has left it
+            if entry["path"] == record_file(entry["name"]) and "table" not in entry:  # as `save` has left it
                 study._records[entry["name"]] = Record(read(path.parent / entry["path"]), entry["name"])
             else:
                 entry["path"] = str((path.parent / expanded(entry["path"], path.parent)).resolve())
