@@ -11,8 +11,8 @@ if TYPE_CHECKING:  # for type checkers; at run time each is imported when it is 
     from calib.errors import CalibError as CalibError
     from calib.modelling.effect import Effect as Effect
     from calib.modelling.model import Model as Model
-    from calib.modelling.model import Request as Request
     from calib.modelling.parameter import Parameter as Parameter
+    from calib.modelling.simulator import Request as Request
     from calib.records.excitation import Excitation as Excitation
     from calib.workflows.record import Record as Record
     from calib.workflows.study import Study as Study
