@@ -19,15 +19,6 @@ def blocks(language):
     return re.findall(rf"```{language}\n(.*?)```", README, flags=re.DOTALL)
 
 
-@pytest.mark.parametrize("code", blocks("python"))
-def test_its_python_runs(code, capsys, monkeypatch, tmp_path):
-    for folder in ("studies", "experiments_ref"):
-        (tmp_path / folder).symlink_to(STUDIES.parent / folder)
-    monkeypatch.chdir(tmp_path)
-    exec(compile(code, "README.md", "exec"), {})
-    assert capsys.readouterr().out
-
-
 @pytest.mark.parametrize("text", blocks("toml"))
 def test_its_study_is_read(text, tmp_path):
     folder = tmp_path / "studies" / "minimal"
@@ -54,6 +45,10 @@ def test_its_commands_exist(line):
         assert option in shown.output
 
 
-@pytest.mark.parametrize("path", re.findall(r"\]\(((?:studies|docs)/[^)]+)\)", README))
+@pytest.mark.parametrize("path", sorted(set(re.findall(r"\]\(([^)]+)\)", README))))
 def test_its_links_lead_somewhere(path):
     assert (STUDIES.parent / path).exists()
+
+
+def test_it_is_read_in_three_minutes():
+    assert len(README.split()) < 1200

@@ -32,20 +32,27 @@ Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
 
 
 class PointTable(TomlTable):
-    """One axis point: a pixel of the picture and the numbers that the axes have there."""
+    """An entry of [[panel]] points: an axis point, a pixel of the picture with the numbers that the axes have there."""
 
-    pixel: Pair  # column and row, the middle of the first pixel is (0, 0)
+    pixel: Pair
+    """Column and row; the middle of the first pixel is (0, 0)."""
     x: Number | None = None
+    """Number of the horizontal axis there."""
     y: Number | None = None
+    """Number of the vertical axis there."""
 
 
 class AxisTable(TomlTable):
-    """One axis of a panel; the limits are those within which curves are looked for."""
+    """[[panel]] x and y: an axis; the limits are those within which curves are looked for."""
 
     unit: str
+    """Unit of its numbers; of a time axis also "period", that of the excitation."""
     low: Number
+    """Lower limit, just inside the frame."""
     high: Number
+    """Upper limit, just inside the frame."""
     scale: Literal["linear", "log"] = "linear"
+    """Scale of the axis: "linear" or "log"."""
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -60,45 +67,70 @@ class PanelTable(TomlTable):
     """[[panel]]: a pair of axes in a picture."""
 
     name: str
+    """Name by which curves refer to it."""
     x: AxisTable
+    """Horizontal axis."""
     y: AxisTable
+    """Vertical axis."""
     points: Annotated[list[PointTable], Field(min_length=3)]
-    reading: Annotated[float, Field(gt=0.0, lt=100.0)] = 0.3  # pixels, standard uncertainty of an axis point
-    erase: list[Annotated[list[Number], Field(min_length=4, max_length=4)]] = []  # left, top, right, bottom [pixels]
+    """Axis points: three or more, far apart and not on one line."""
+    reading: Annotated[float, Field(gt=0.0, lt=100.0)] = 0.3
+    """Standard uncertainty of an axis point, in pixels."""
+    erase: list[Annotated[list[Number], Field(min_length=4, max_length=4)]] = []
+    """Rectangles that are taken out, such as those of text: left, top, right, bottom, in pixels."""
 
 
 class CurveTable(TomlTable):
     """[[curve]]: one curve, what it shows and of which body."""
 
     body: str
+    """Body whose motion it shows."""
     kind: Kind
-    name: str | None = None  # in an export
-    columns: Annotated[list[str], Field(min_length=2, max_length=2)] | None = None  # of a plain table
-    units: Annotated[list[str], Field(min_length=2, max_length=2)] | None = None  # of an export
-    sigma: Annotated[list[Quantity], Field(min_length=2, max_length=2)] | None = None  # standard uncertainty across, up
-    panel: str | None = None  # of a picture
+    """What it shows of it."""
+    name: str | None = None
+    """Name of the curve in an export of another tool."""
+    columns: Annotated[list[str], Field(min_length=2, max_length=2)] | None = None
+    """Columns of a plain table, across and up."""
+    units: Annotated[list[str], Field(min_length=2, max_length=2)] | None = None
+    """Units of an export or a table, across and up."""
+    sigma: Annotated[list[Quantity], Field(min_length=2, max_length=2)] | None = None
+    """Standard uncertainties, across and up, of an export or a table."""
+    panel: str | None = None
+    """Panel of the picture in which it is drawn."""
     colour: Annotated[str, AfterValidator(_colour)] | None = None
+    """Colour of the line in a picture: "black", or "#0072B2" as a picture viewer picks it in its middle."""
     dashed: bool | None = None
-    through: list[Pair] = []  # points that this curve alone passes through, in the units of the axes
+    """Whether the line is dashed, where two of one colour are told apart by it."""
+    through: list[Pair] = []
+    """Points that this curve alone passes through, in the units of the axes."""
 
 
 class PrintedExcitation(TomlTable):
     """[excitation]: how the bodies were driven, as the paper says."""
 
     place: str
+    """Where it acts, in the words of the simulator."""
     quantity: str
+    """Its quantity: "displacement", "base motion", "force", "free decay" or "servo reference"."""
     frequency: Quantity | None = None
+    """Its frequency."""
     amplitude: Quantity | None = None
+    """Its amplitude."""
 
 
 class FigureToml(TomlTable):
-    """A whole description."""
+    """The head of a description: where the figure comes from."""
 
-    source: Annotated[str, Field(min_length=1)]  # who drew the figure, and where it is printed
-    samples: Annotated[int, Field(ge=MIN_SAMPLES, le=100_000)] = 400  # a period of the record
+    source: Annotated[str, Field(min_length=1)]
+    """Who drew the figure, and where it is printed."""
+    samples: Annotated[int, Field(ge=MIN_SAMPLES, le=100_000)] = 400
+    """Samples a period of the record that is made."""
     excitation: PrintedExcitation | None = None
+    """How the bodies were driven."""
     panel: list[PanelTable] = []
+    """Pairs of axes; none for exports of other tools."""
     curve: Annotated[list[CurveTable], Field(min_length=1)]
+    """Curves that are read."""
 
 
 def read_spec(path: Path) -> tuple[FigureToml, Mistakes]:

@@ -1,0 +1,212 @@
+"""Pages of the site that are made from the code while it is built: keys, commands, families, the notebook."""
+
+import base64
+import html
+import json
+import types
+import typing
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import click
+from mkdocs.structure.files import File, Files
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticUndefined
+
+from calib import plugins
+from calib.cli import main
+from calib.cli.catalogue import facts, parameters
+from calib.digitise.spec import AxisTable, CurveTable, FigureToml, PanelTable, PointTable, PrintedExcitation
+from calib.study_file import schema
+
+NOTEBOOK = Path(__file__).parent / "tutorials" / "notebook.ipynb"
+STUDY_TABLES = (
+    schema.StudyTable, schema.RecordTable, schema.TableTable, schema.ClockTable, schema.ChannelTable,
+    schema.ExcitationTable, schema.ModelTable, schema.EffectTable, schema.WindowTable, schema.TermTable,
+    schema.OptimiserTable, schema.StoreTable, schema.DiagnosisTable, schema.BenchTable,
+)  # fmt: skip
+FIGURE_TABLES = (FigureToml, PrintedExcitation, PanelTable, AxisTable, PointTable, CurveTable)
+SHOWN = {"float | str": "quantity", "int | str": "column", "float": "number", "int": "integer", "str": "text",
+         "bool": "true or false", "dict[str, Any]": "table"}  # fmt: skip
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Put what is generated in the place of its marker."""
+    for name, make in GENERATED.items():
+        marker = f"<!-- generated: {name} -->"
+        if marker in markdown:
+            markdown = markdown.replace(marker, make())
+    return markdown
+
+
+def on_files(files: Files, config: Any) -> Files:
+    """Add the notebook as a page."""
+    files.append(File.generated(config, "tutorials/notebook.md", content=notebook_page(NOTEBOOK)))
+    return files
+
+
+# --- keys of TOML files
+
+
+def keys(tables: tuple[type[BaseModel], ...]) -> str:
+    """Return a section for each table: a row for each key."""
+    return "\n\n".join(map(_table_of_keys, tables))
+
+
+def _table_of_keys(table: type[BaseModel]) -> str:
+    title, _, rest = (table.__doc__ or table.__name__).strip().partition(": ")
+    lead = f"{rest[:1].upper()}{rest[1:]}\n\n" if rest else ""
+    rows = [f"| `{name}`<br><small>{_kind(field)}{_default(field)}</small> | {field.description or ''} |"
+            for name, field in table.model_fields.items()]  # fmt: skip
+    return f"## {title.rstrip('.')}\n\n{lead}| key | meaning |\n|---|---|\n" + "\n".join(rows)
+
+
+def _default(field: FieldInfo) -> str:
+    if field.is_required():
+        return ", required"
+    value = field.get_default(call_default_factory=True)
+    if value is None or value is PydanticUndefined or isinstance(value, BaseModel) or value in ([], {}, ""):
+        return ""
+    return f", default `{json.dumps(value)}`"
+
+
+def _kind(field: FieldInfo) -> str:
+    return SHOWN.get(_written(field.annotation), _written(field.annotation)).replace("|", r"\|")
+
+
+def _written(annotation: Any) -> str:
+    """Write a type for a reader of TOML."""
+    origin, inner = typing.get_origin(annotation), typing.get_args(annotation)
+    if origin is Annotated:
+        return _written(inner[0])
+    if origin is Literal:
+        return " or ".join(f"`{json.dumps(value)}`" for value in inner)
+    if origin in (typing.Union, types.UnionType):
+        written = [_written(part) for part in inner if part is not type(None)]
+        return SHOWN.get(" | ".join(_plain(part) for part in inner if part is not type(None)), " or ".join(written))
+    if origin is list:
+        return f"list of {_written(inner[0])}"
+    if origin is dict:
+        return f"table, {_written(inner[0])} = {_written(inner[1])}"
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return "table"
+    return SHOWN.get(_plain(annotation), _plain(annotation))
+
+
+def _plain(annotation: Any) -> str:
+    return getattr(annotation, "__name__", str(annotation).removeprefix("typing."))
+
+
+# --- commands
+
+
+def commands() -> str:
+    """Return a section for each command."""
+    return "\n\n".join(_commands(main, "calib"))
+
+
+def _commands(group: click.Group, path: str) -> Iterator[str]:
+    for name, command in group.commands.items():
+        here = f"{path} {name}"
+        if isinstance(command, click.Group):
+            yield from _commands(command, here)
+        else:
+            yield _command(command, here)
+
+
+def _command(command: click.Command, path: str) -> str:
+    context = click.Context(command, info_name=path)
+    usage = " ".join([path, *command.collect_usage_pieces(context)])
+    options = [p for p in command.params if isinstance(p, click.Option)]
+    rows = "\n".join(_option(option, context) for option in options)
+    table = f"\n\n| option | meaning |\n|---|---|\n{rows}" if rows else ""
+    return f"## {path}\n\n```text\n{usage}\n```\n\n{_help(command.help or '')}{table}"
+
+
+def _help(text: str) -> str:
+    """Paragraphs; those after a backspace are kept as they are set."""
+    parts = []
+    for paragraph in text.split("\n\n"):
+        lines = paragraph.strip("\n").splitlines()
+        if lines and lines[0].strip() == "\b":
+            parts.append("```text\n" + "\n".join(lines[1:]) + "\n```")
+        else:
+            parts.append(" ".join(line.strip() for line in lines))
+    return "\n\n".join(parts)
+
+
+def _option(option: click.Option, context: click.Context) -> str:
+    value = "" if option.is_flag else f" {option.make_metavar(context)}"
+    default = f" Default: `{option.default}`." if option.show_default else ""
+    names = ", ".join(f"`{name}{value}`" for name in option.opts)
+    meaning = (option.help or "").replace("[default: ", "Default: ").rstrip("]")
+    return f"| {names} | {meaning}{'' if meaning.endswith('.') else '.'}{default} |".replace("|`", "`")
+
+
+# --- families
+
+
+def family(group: str) -> str:
+    """Return a section for each member of a family."""
+    members = plugins.load_all(f"calib.{group}")
+    return "\n\n".join(_member(name, item) for name, item in sorted(members.items()))
+
+
+def _member(name: str, item: Any) -> str:
+    lead, _, rest = dict(facts(item))["meaning"].partition("\n\n")
+    lines = [f"### {name}", "", f"{lead[:1].upper()}{lead[1:]}", ""]
+    if rest:
+        lines += ["```text", rest, "```", ""]
+    lines += [f"- {key}: {_marked(key, value)}" for key, value in facts(item) if key != "meaning" and value]
+    rows = [f"| `{p.name}` | {p.unit} | {p.nominal:g} | {p.meaning} |" for p in parameters(item)]
+    if rows:
+        lines += ["", "| parameter | unit | nominal | meaning |", "|---|---|---|---|", *rows]
+    return "\n".join(lines)
+
+
+def _marked(key: str, value: str) -> str:
+    return f"`{value}`" if key in ("equation", "absent at") else value
+
+
+# --- the notebook
+
+
+def notebook_page(path: Path) -> str:
+    """Return a notebook with its outputs as Markdown."""
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    parts = [_cell(cell) for cell in cells]
+    note = f"*This page is the notebook [{path.name}]({path.name}), with the outputs of its last run.*"
+    return "\n\n".join([parts[0], note, *parts[1:]]) + "\n"
+
+
+def _cell(cell: dict[str, Any]) -> str:
+    source = "".join(cell["source"])
+    if cell["cell_type"] == "markdown":
+        return source
+    return "\n\n".join([f"```python\n{source}\n```", *map(_output, cell["outputs"])])
+
+
+def _output(output: dict[str, Any]) -> str:
+    """Write what a cell shows: the richest form that fits a page, which has a style sheet of its own."""
+    if output["output_type"] == "stream":
+        return "```text\n" + "".join(output["text"]).strip("\n") + "\n```"
+    data = output["data"]
+    if "image/png" in data:
+        picture = base64.b64encode(base64.b64decode("".join(data["image/png"]))).decode()
+        return f'<img alt="output" src="data:image/png;base64,{picture}">'
+    if "text/html" in data and "<style" not in "".join(data["text/html"]):
+        return f'<div class="output">\n{"".join(data["text/html"])}\n</div>'
+    return f"<pre>{html.escape(''.join(data['text/plain']))}</pre>"
+
+
+GENERATED = {
+    "keys of a study file": lambda: keys(STUDY_TABLES),
+    "keys of a figure's description": lambda: keys(FIGURE_TABLES),
+    "commands": commands,
+    "simulators": lambda: family("simulators"),
+    "effects": lambda: family("effects"),
+    "features": lambda: family("features"),
+    "optimisers": lambda: family("optimisers"),
+}
