@@ -31,6 +31,8 @@ FIGURE_TABLES = (FigureToml, PrintedExcitation, PanelTable, AxisTable, PointTabl
 SHOWN = {"float | str": "quantity", "int | str": "column", "float": "number", "int": "integer", "str": "text",
          "bool": "true or false", "dict[str, Any]": "table"}  # fmt: skip
 
+METAVARS = {"INTEGER": "N", "INTEGER RANGE": "N", "FLOAT RANGE": "X", "TEXT": "TEXT"}
+
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """Put what is generated in the place of its marker."""
@@ -138,7 +140,7 @@ def _help(text: str) -> str:
 
 
 def _option(option: click.Option, context: click.Context) -> str:
-    value = "" if option.is_flag else f" {option.make_metavar(context)}"
+    value = "" if option.is_flag else f" {METAVARS.get(option.make_metavar(context), option.make_metavar(context))}"
     default = f" Default: `{option.default}`." if option.show_default else ""
     names = ", ".join(f"`{name}{value}`" for name in option.opts)
     meaning = (option.help or "").replace("[default: ", "Default: ").rstrip("]")
