@@ -61,7 +61,7 @@ def _table_of_keys(table: type[BaseModel]) -> str:
     title, _, rest = (table.__doc__ or table.__name__).strip().partition(": ")
     lead = f"{rest[:1].upper()}{rest[1:]}\n\n" if rest else ""
     rows = [f"| `{name}`<br><small>{_kind(field)}{_default(field)}</small> | {field.description or ''} |"
-            for name, field in table.model_fields.items()]  # fmt: skip
+            for name, field in sorted(table.model_fields.items(), key=lambda one: not one[1].is_required())]  # fmt: skip
     return f"## {title.rstrip('.')}\n\n{lead}| key | meaning |\n|---|---|\n" + "\n".join(rows)
 
 

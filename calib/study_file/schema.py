@@ -188,7 +188,7 @@ class RecordTable(TomlTable):
     origin: str = ""
     """Where a user gets the file, told where it is absent."""
     sha256: Annotated[str, AfterValidator(_digest)] | None = None
-    """SHA-256 sum that the file has to have"""
+    """SHA-256 sum that the file has to have."""
     use: Use = "calibrate"
     """Use: "calibrate" (it is fitted), "name" (it helps a diagnosis to find the cause), "holdout" (it is predicted)."""
     bodies: dict[str, str] | None = None
@@ -210,7 +210,7 @@ class RecordTable(TomlTable):
 
 
 class EffectTable(TomlTable):
-    """An effect that acts on some bodies only."""
+    """An entry of [model] effects: an effect that acts on some bodies only."""
 
     name: str
     """Registered name (`calib list`), or "module:THING" as for a simulator."""
