@@ -60,8 +60,11 @@ def keys(tables: tuple[type[BaseModel], ...]) -> str:
 def _table_of_keys(table: type[BaseModel]) -> str:
     title, _, rest = (table.__doc__ or table.__name__).strip().partition(": ")
     lead = f"{rest[:1].upper()}{rest[1:]}\n\n" if rest else ""
-    rows = [f"| `{name}`<br><small>{_kind(field)}{_default(field)}</small> | {field.description or ''} |"
-            for name, field in sorted(table.model_fields.items(), key=lambda one: not one[1].is_required())]  # fmt: skip
+    required_first = sorted(table.model_fields.items(), key=lambda one: not one[1].is_required())
+    rows = [
+        f"| `{name}`<br><small>{_kind(field)}{_default(field)}</small> | {field.description or ''} |"
+        for name, field in required_first
+    ]
     return f"## {title.rstrip('.')}\n\n{lead}| key | meaning |\n|---|---|\n" + "\n".join(rows)
 
 
