@@ -14,8 +14,8 @@ from calib.modelling.effect import Effect
 from calib.modelling.model import Model
 from calib.modelling.parameter import Parameter, Space, Window, values_for
 from calib.objective import Objective, Reference, Term
-from calib.store.record_files import Keep
 from calib.store.plain import plain
+from calib.store.record_files import Keep
 from calib.study import CalibrationStudy, Optimiser, check_searched, check_stated
 from calib.study_file.laboratory import read_laboratory
 from calib.study_file.mistakes import Mistakes, PythonOrigin, located, read_toml
