@@ -76,7 +76,7 @@ class DelaminatedBeam:
 
     __signature__ = SIGNATURE
 
-    def __init__(self, fidelity: Fidelity = "reduced", **options: Any):
+    def __init__(self, fidelity: Fidelity = "reduced", **options: Any) -> None:
         chosen = BeamOptions.of(fidelity, options)
         self.fidelity = fidelity
         self.balance = chosen.solver.balance

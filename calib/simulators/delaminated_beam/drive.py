@@ -83,7 +83,7 @@ class BeamDrive:
     period, amplitude, phase : [s], [m], [rad]
     """
 
-    def __init__(self, excitation: CentreDisplacement, scale: float, alpha: float, laws: Sequence[BoundLaw]):
+    def __init__(self, excitation: CentreDisplacement, scale: float, alpha: float, laws: Sequence[BoundLaw]) -> None:
         self.period = excitation.period
         self.amplitude = scale * excitation.amplitude
         self.phase = excitation.phase

@@ -24,7 +24,7 @@ class Layout:
     place : (n,) of each node, among the x
     """
 
-    def __init__(self, mesh: Mesh):
+    def __init__(self, mesh: Mesh) -> None:
         padded = [_padded(len(line)) for line in mesh.lines]
         if max(padded) > MAX_LINE_NODES:
             raise ValueError(f"a line of {max(map(len, mesh.lines))} nodes; at most {MAX_LINE_NODES} can be")

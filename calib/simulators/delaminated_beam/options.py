@@ -241,9 +241,15 @@ def _signature() -> inspect.Signature:
     """Return the flat options as keywords with their defaults."""
     own = [option for option in fields(BeamOptions) if option.name == "fidelity"]
     flat = [option for group in GROUPS for option in fields(group)]
-    kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
     return inspect.Signature(
-        [inspect.Parameter(o.name, kind, default=o.default, annotation=o.type) for o in own + flat]
+        [
+            inspect.Parameter(option.name, kind, default=option.default, annotation=option.type)
+            for options, kind in (
+                (own, inspect.Parameter.POSITIONAL_OR_KEYWORD),
+                (flat, inspect.Parameter.KEYWORD_ONLY),
+            )
+            for option in options
+        ]
     )
 
 

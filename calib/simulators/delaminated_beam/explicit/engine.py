@@ -36,7 +36,7 @@ class FullEngine:
         steps: int,
         drive: Callable[[int, int], np.ndarray],
         budget: int,
-    ):
+    ) -> None:
         self.plan = plan
         self.now = start
         self._gather, self._free, self._still = gather, free, still

@@ -24,7 +24,7 @@ class ReducedEngine:
 
     def __init__(
         self, plan: ReducedPlan, period: float, table: Callable[[int], np.ndarray], state: np.ndarray, budget: int
-    ):
+    ) -> None:
         n, m = len(plan.flight.qq), len(plan.clearance)
         self.plan = plan
         self.now = ReducedState(
