@@ -88,7 +88,8 @@ def search(
     if not base.candidates and fitter.is_at_an_edge(base) and _leaves_dominant_misfit(fitter.evidence, base, refitted):
         refitted, more = _refits_from_the_middle(fitter, base, suspects, seed, threshold, attained, refitted)
         untried = (*untried, *more)
-    excess, possible = excess_chi2(fitter.evidence, base), list[Refitted]()
+    excess = excess_chi2(fitter.evidence, base)
+    possible: list[Refitted] = []
     rivals: tuple[Refitted, ...] = ()
     if refitted:
         common = fitter.evidence.with_weights([base.point.simulated, *(s.fit.point.simulated for s in refitted)])

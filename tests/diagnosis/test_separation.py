@@ -228,7 +228,7 @@ def test_where_nothing_can_be_simulated_the_reason_is_given():
     above = Laboratory(frequency=(20.0, 40.0), amplitude=(2e-4, 1e-3), tests=("steady tone",), channels=())
     design, _ = designed(above, irregular_above=12.5)
     assert design.measurements == ()
-    assert design.unavailable["steady tone"].startswith("irregular at every point; the first: ")
+    assert design.unavailable["steady tone"].startswith("irregular at every point; at the first: ")
 
 
 def test_a_channel_that_the_record_lacks_separates_further():
@@ -312,4 +312,4 @@ def test_a_test_without_bounds_is_unavailable_for_that_reason():
     one_frequency = Laboratory(frequency=(5.0, 5.0), tests=("sweep", "free decay"))
     reasons = inapplicable_tests(one_frequency, references, model, part)
     assert reasons["sweep"].startswith("its first and its last frequency are the same")
-    assert reasons["free decay"].startswith("no measured displacement says how far it may be released")
+    assert reasons["free decay"].startswith("no measured displacement bounds the release")
