@@ -72,8 +72,8 @@ def sandwich(
     widen = np.sqrt(np.maximum(1.0, np.diag(turn @ local_form @ turn.T) / variance))
     if noise_draws is not None and len(parts) > 1:
         moves = [noise_draws[:, i] @ left[i] @ turn.T for i in parts]
-        apart = sum(np.var(move, axis=0) for move in moves)
-        ratio = np.var(sum(moves), axis=0) / np.maximum(apart, 1e-300)
+        independent = sum(np.var(move, axis=0) for move in moves)
+        ratio = np.var(sum(moves), axis=0) / np.maximum(independent, 1e-300)
         widen *= np.sqrt(np.clip(ratio, MIN_VARIANCE_RATIO, len(parts)))
     own_freedom = np.array(
         [

@@ -1,1 +1,1 @@
-"""Diagnosis: from the residual of a calibrated study to the effect that its model lacks."""
+"""Diagnosis: from the residual of a calibrated study to the effect that is missing in its model."""

@@ -46,7 +46,7 @@ class Constancy:
 
 
 def differing(
-    tested: Sequence[Constancy], threshold: float, explained_by_several: bool, remains: bool = True
+    tested: Sequence[Constancy], threshold: float, explained_by_several: bool, is_remainder_significant: bool = True
 ) -> tuple[Constancy, ...]:
     """Return those whose sizes differ: each stands in for another cause.
 
@@ -58,11 +58,12 @@ def differing(
     ----------
     threshold : of the normal deviate
     explained_by_several : whether these effects are several, and leave nothing but noise
-    remains : whether these effects leave more than noise, by the sum of squares or by sizes that differ within the fit
+    is_remainder_significant : whether these effects leave more than noise, by the sum of squares or by sizes that
+        differ within the fit
     """
     least = {
         CHANNELS: 0.0 if explained_by_several else CRITERIA.max_variation,
-        RECORDS: CRITERIA.max_variation if remains else 0.0,
+        RECORDS: CRITERIA.max_variation if is_remainder_significant else 0.0,
     }
     return tuple(c for c in tested if c.z > threshold and c.variation > least[c.among])
 

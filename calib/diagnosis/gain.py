@@ -126,8 +126,8 @@ def gained(
     """
     shifts = _shifts(fitter, null, final)
     columns = derivatives_by_record(pool, fitter, fitter.evidence, final, final.columns)
-    remains = significant(excess_chi2(fitter.evidence, final), chi2_std(fitter.evidence))
-    transfers = refitted_to_each_record(fitter.evidence, final, columns, remains, held=False)
+    significant_remainder = significant(excess_chi2(fitter.evidence, final), chi2_std(fitter.evidence))
+    transfers = refitted_to_each_record(fitter.evidence, final, columns, significant_remainder, held=False)
     held = [name for name, reference in bench.objective.references.items() if reference.use == "holdout"]
     if not held:
         return _of_blocks(fitter, null, final, causes, seed, shifts=shifts, **_sizes(transfers, threshold))
@@ -139,7 +139,7 @@ def gained(
     parts = [(part, before[part.name], after[part.name]) for part in evidence.parts]
     there = replace(final, point=replace(final.point, simulated=after))
     columns = derivatives_by_record(pool, fitter, evidence, there)
-    transfers += refitted_to_each_record(evidence, there, columns, remains, held=True)
+    transfers += refitted_to_each_record(evidence, there, columns, significant_remainder, held=True)
     unaffected = tuple(name for name, own in columns.items() if not acting_causes(there, own))
     sizes = _sizes(transfers, threshold)
     return _summed(RECORDS, parts, seed, failed=failed, unaffected=unaffected, shifts=shifts, **sizes)

@@ -108,8 +108,10 @@ class Selection:
     def heterogeneous(self) -> tuple[Constancy, ...]:
         """Causes whose sizes differ among the records or their channels: each stands in for another cause."""
         several = len(self.causes) > 1 and not self.remainder_is_significant
-        remains = self.remainder_is_significant or not self.fitted_records_agree
-        return differing(self.constancy, self.rounds[0].threshold, explained_by_several=several, remains=remains)
+        remainder = self.remainder_is_significant or not self.fitted_records_agree
+        return differing(
+            self.constancy, self.rounds[0].threshold, explained_by_several=several, is_remainder_significant=remainder
+        )
 
     @property
     def differing_by_record(self) -> tuple[Constancy, ...]:

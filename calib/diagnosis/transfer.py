@@ -88,14 +88,14 @@ def acting_causes(final: Fit, columns: np.ndarray) -> tuple[str, ...]:
 
 
 def refitted_to_each_record(
-    evidence: Evidence, final: Fit, columns: Mapping[str, np.ndarray], remains: bool, held: bool
+    evidence: Evidence, final: Fit, columns: Mapping[str, np.ndarray], is_remainder_significant: bool, held: bool
 ) -> tuple[Transfer, ...]:
     """Sizes of the causes refitted to each record alone, with all other parameters and its nuisances free.
 
     Parameters
     ----------
     columns : record -> (n, k) derivatives by the parameters `final.names`, then by what else is free
-    remains : whether the model leaves more than noise in the records of its fit
+    is_remainder_significant : whether the model leaves more than noise in the records of its fit
     """
     residual, nuisances = evidence.residual(final.point.simulated), evidence.tangents(final.point.simulated)
     numbers, transfers = evidence.rows(), []
@@ -106,7 +106,9 @@ def refitted_to_each_record(
         for name in (name for c in final.candidates if c.name in changed for name in c.free):
             index = final.names.index(name)
             others = np.column_stack([np.delete(columns[part.name], index, axis=1), nuisances[own]])
-            alone = _refitted(residual[own], columns[part.name][:, index], others, numbers[own], remains)
+            alone = _refitted(
+                residual[own], columns[part.name][:, index], others, numbers[own], is_remainder_significant
+            )
             if alone is not None:
                 step, error, freedom, bias = alone
                 transfers.append(Transfer(part.name, name, final.value(name) + step, error, held, freedom, bias))
@@ -114,7 +116,7 @@ def refitted_to_each_record(
 
 
 def _refitted(
-    residual: np.ndarray, column: np.ndarray, others: np.ndarray, rows: np.ndarray, remains: bool
+    residual: np.ndarray, column: np.ndarray, others: np.ndarray, rows: np.ndarray, is_remainder_significant: bool
 ) -> tuple[float, float, float, float] | None:
     """Step of one parameter, its standard error and its degrees of freedom, and the standard deviation of its bias.
 
@@ -128,7 +130,7 @@ def _refitted(
     Parameters
     ----------
     rows : (n,) number of the row that each residual belongs to
-    remains : whether the model leaves more than noise in all records together
+    is_remainder_significant : whether the model leaves more than noise in all records together
     """
     projection = Projection(others)
     signature = Signature.of(column[:, None], projection, np.array([DERIVATIVE_ERROR]))
@@ -143,7 +145,7 @@ def _refitted(
     error = float(np.sqrt(max(covariance[0, 0], 1.0 / information)))
     degrees = float(np.count_nonzero(remaining)) - projection.rank - 1.0
     excess, std = float(remaining @ remaining) - degrees, math.sqrt(2.0 * max(degrees, 1.0))
-    may_be_biased = remains or significant(excess, std)
+    may_be_biased = is_remainder_significant or significant(excess, std)
     bias = bias_std(max(0.0, excess) + std, information) if may_be_biased else 0.0
     return step, error, max(1.0, float(freedom[0]) - projection.rank), bias  # the others take theirs
 

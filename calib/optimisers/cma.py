@@ -74,7 +74,7 @@ class CmaEs:
         """Nothing to end: no threads, no files."""
 
     def _new_run(self, start: np.ndarray) -> Any:
-        """A run of the package on a stream of its own; it knows no single dimension, so that gets an idle second."""
+        """A run of the package on its own random stream; it needs two dimensions, so that one gets an idle second."""
         start = np.append(start, 0.5) if self._dim == 1 else start
         options = {
             "bounds": [0, 1],
@@ -89,7 +89,7 @@ class CmaEs:
         return cma.CMAEvolutionStrategy(start, self._sigma, options)
 
     def _learn(self, genotypes: list[np.ndarray], costs: np.ndarray) -> None:
-        """Hand a generation's costs (n,) over: a failed run counts as its worst, one that failed altogether not."""
+        """Report a generation's costs (n,): a failed point counts as the worst; a failed generation is dropped."""
         finite = np.isfinite(costs)
         self._failed = 0 if finite.any() else self._failed + 1
         if finite.any():

@@ -33,7 +33,7 @@ class Evolution:
         return np.clip(self.centre + self.sigma * (z * self.lengths) @ self.axes.T, 0, 1)  # eq. (38)-(40)
 
     def learn(self, points: np.ndarray, costs: np.ndarray) -> None:
-        """Take in a generation's points (size, dim) and costs (size,); one that failed altogether teaches nothing."""
+        """Update by a generation's points (size, dim) and costs (size,); not by one that failed altogether."""
         self.generation += 1
         if not np.isfinite(costs).any():
             return

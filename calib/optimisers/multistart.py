@@ -32,7 +32,7 @@ class Basin:
 
 @dataclass(frozen=True)
 class Summary:
-    """How far the starts agree: a single basin found by all of them is evidence, a basin each is none."""
+    """Agreement of the starts: a single basin reached by all is evidence of a global minimum, a basin each is none."""
 
     starts: int
     agree_in_point: int
@@ -105,7 +105,7 @@ class Multistart:
         self._starts: list[np.ndarray] = []
         self._ends: list[tuple[np.ndarray, float]] = []
         self.spent = dict.fromkeys(("screen", "search", "population"), 0)
-        self._best = (np.full(dim, np.nan), np.inf, "screen")  # point, cost, purpose of the task that found it
+        self._best = (np.full(dim, np.nan), np.inf, "screen")  # point, cost, purpose of its task
         self._round = 0
         self._candidates: Iterator[tuple[np.ndarray, OutcomeLike | None, float]] = iter(())
         self._evolution: Evolution | None = None
@@ -160,7 +160,7 @@ class Multistart:
         """Nothing to end: no threads, no files."""
 
     def summary(self) -> Summary:
-        """How many local searches were started, how many agree with the best, and the basins they found."""
+        """Number of local searches, number that agree with the best, and the basins that they reached."""
         basins = self._basins()
         if not basins:
             return Summary(len(self._starts), 0, 0, ())
@@ -208,7 +208,7 @@ class Multistart:
         return max(0, min(wanted, self._budget // MAX_SCREEN_FRACTION - len(self._screened)))
 
     def _population_due(self) -> bool:
-        """Whether the population lags: it may spend half as much as the rest, or as much where it found the best."""
+        """Whether the population is due: it spends half as much as the rest, or as much where the best is its own."""
         if self._round < 2 or not np.isfinite(self._best[1]):
             return False
         share = 1.0 if self._best[2] == "population" else 0.5

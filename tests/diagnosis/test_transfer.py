@@ -28,7 +28,7 @@ def test_the_error_of_a_record_alone_covers_what_calibrated_parameters_take():
     for _ in range(300):
         noise = rng.standard_normal(N)
         residual = 0.7 * column - 2.0 * others[:, 0] + noise  # the calibrated value is off, too
-        size, error, _, bias = _refitted(residual, column, others, ROW, remains=False)
+        size, error, _, bias = _refitted(residual, column, others, ROW, is_remainder_significant=False)
         biased += bias > 0.0
         deviates.append((size - 0.7) / error)
         raw.append(error * np.linalg.norm(column))
@@ -42,7 +42,7 @@ def test_the_error_of_a_record_alone_covers_what_calibrated_parameters_take():
 def test_a_record_that_does_not_tell_the_size_from_calibrated_values_has_none(left):
     column, others = columns()
     copy = others[:, 0] + left * column
-    assert _refitted(column, copy, others, ROW, remains=False) is None
+    assert _refitted(column, copy, others, ROW, is_remainder_significant=False) is None
 
 
 def test_what_remains_may_bias_a_record_whose_own_sum_of_squares_shows_nothing():
