@@ -3,7 +3,8 @@
 from pathlib import Path
 
 from calib.records.record import read
-from calib.report.figures import beside, phase_curves
+from calib.report.plots.motion import phase_curves
+from calib.report.plots.records import aligned_simulation
 from calib.study_file import load
 
 ROOT = Path(__file__).parents[1]
@@ -11,5 +12,5 @@ ROOT = Path(__file__).parents[1]
 file = load(ROOT / "studies" / "minimal")
 objective = file.study.objective
 measured = objective.references["clapping"].record
-simulated = beside(objective, "clapping", read(file.folder / "best.nc"))
+simulated = aligned_simulation(objective, "clapping", read(file.folder / "best.nc"))
 phase_curves(measured, simulated).savefig(ROOT / "docs" / "minimal.png", dpi=110)

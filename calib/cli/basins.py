@@ -10,8 +10,8 @@ import xarray as xr
 from calib.cli.given import map_at, setting, spaced, state
 from calib.dynamics.basins import Plane, basins
 from calib.execution.progress import Count
-from calib.report.drawing import DPI
-from calib.report.sections import basin_map
+from calib.report.plots.sections import basin_map
+from calib.report.plots.style import DPI
 from calib.study_file import load
 
 

@@ -12,8 +12,8 @@ from calib.dynamics.motion import kind_of_orbit
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError
 from calib.execution.files import read_dataset, write_dataset
-from calib.report.continuation import branch_diagram
-from calib.report.drawing import DPI
+from calib.report.plots.continuation import branch_diagram
+from calib.report.plots.style import DPI
 from calib.study_file import load
 from calib.units import shown
 

@@ -2,9 +2,8 @@
 
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
@@ -15,21 +14,20 @@ from rich.progress import Progress as Bars
 from rich.table import Table
 
 from calib.cli.status import folder_of
+from calib.diagnosis.document import DiagnosisResult, SuspectResult
 from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, explained
 from calib.execution.progress import LINE_INTERVAL
-from calib.report.causes import SENSELESS
-from calib.report.conclusion import (
-    REFITTED,
+from calib.report.pages.diagnosis.conclusion import REFITTED, left_out, proposal
+from calib.report.pages.diagnosis.sizes import (
     disagreements,
-    hardly_seen,
-    left_out,
+    is_absorbed,
+    is_untested,
     moved_sizes,
     moved_values,
-    proposal,
     sizes,
-    untested,
 )
-from calib.report.diagnosis import outcome
+from calib.report.pages.diagnosis.suspects import outcome
+from calib.report.plots.suspects import SuspectOutcome
 from calib.units import shown
 from calib.workflows.diagnose import diagnose_study
 
@@ -57,7 +55,7 @@ def print_diagnosis(
     if as_json:
         click.echo(json.dumps(diagnosis, indent=2, allow_nan=False))
     elif not quiet:
-        show(diagnosis, folder_of(study, out), extended)
+        show(DiagnosisResult.from_dict(diagnosis), folder_of(study, out), extended)
 
 
 class DiagnosisProgress:
@@ -102,88 +100,89 @@ class DiagnosisProgress:
             self._console.print(f"{self._told - self._begin:6.1f} s  {self._stage}{text and f': {text}'}")
 
 
-def show(diagnosis: Mapping[str, Any], folder: Path, extended: Path | None, console: Console | None = None) -> None:
-    """Print a diagnosis (the content of its `diagnosis.json`)."""
+def show(diagnosis: DiagnosisResult, folder: Path, extended: Path | None, console: Console | None = None) -> None:
+    """Print a diagnosis, where its files are, and the path of the extended study where there is one."""
     console = console or Console(highlight=False)
-    colour = COLOURS.get(diagnosis["verdict"], "yellow")
-    console.print(f"[bold {colour}]{diagnosis['verdict']}[/]: {escape(diagnosis['said'])}", soft_wrap=True)
-    for gate in diagnosis["gates"]:
-        if not gate["passed"]:
-            console.print(f"[red]gate {gate['name']}[/]: {escape(gate['said'])}", soft_wrap=True)
-    if len(diagnosis.get("joint_sizes", ())) > 1:
-        joint = (", ".join((name, *sizes(size))) for name, size in diagnosis["joint_sizes"].items())
+    colour = COLOURS.get(diagnosis.verdict, "yellow")
+    console.print(f"[bold {colour}]{diagnosis.verdict}[/]: {escape(diagnosis.summary)}", soft_wrap=True)
+    for gate in diagnosis.gates:
+        if not gate.passed:
+            console.print(f"[red]gate {gate.name}[/]: {escape(gate.summary)}", soft_wrap=True)
+    if len(diagnosis.joint_sizes) > 1:
+        joint = (", ".join((name, *sizes(size))) for name, size in diagnosis.joint_sizes.items())
         console.print(f"sizes fitted together: {escape('; '.join(joint))}", soft_wrap=True)
-    if diagnosis["suspects"]:
+    if diagnosis.suspects:
         console.print(_suspects(diagnosis, console.width))
     for line in (*left_out(diagnosis), *_gain(diagnosis), *disagreements(diagnosis), *moved_sizes(diagnosis)):
         console.print(line, soft_wrap=True)
-    if diagnosis["verdict"] == ONE_OF and diagnosis.get("design") is not None:
-        console.print(escape(proposal(diagnosis["measurements"])), soft_wrap=True)
+    if diagnosis.verdict == ONE_OF and diagnosis.design is not None:
+        console.print(escape(proposal(diagnosis.measurements)), soft_wrap=True)
         for line in _design(diagnosis):
             console.print(escape(line), soft_wrap=True)
-    console.print(f"{diagnosis['simulations']} simulations in {diagnosis['seconds']:.1f} s")
+    console.print(f"{diagnosis.simulations} simulations in {diagnosis.seconds:.1f} s")
     console.print(f"files:  {escape(str(folder))}/ (diagnosis.json, diagnosis.nc, report.html)", soft_wrap=True)
     if extended is not None:
         console.print(f"extended study:  {escape(str(extended))}   (calib run {escape(str(extended))})", soft_wrap=True)
 
 
-def _suspects(diagnosis: Mapping[str, Any], width: int) -> Table:
-    table = Table(title=f"suspects (threshold |z| = {diagnosis['threshold']:.2f})", title_justify="left")
+def _suspects(diagnosis: DiagnosisResult, width: int) -> Table:
+    threshold = "" if diagnosis.threshold is None else f" (threshold |z| = {diagnosis.threshold:.2f})"
+    table = Table(title=f"suspects{threshold}", title_justify="left")
     wide = width >= WIDE_COLUMNS
     table.add_column("effect", no_wrap=True)
     for heading in ("z", "explains", "size, 95 % interval", *(("detectable", "absorbed") if wide else ())):
         table.add_column(heading, justify="right", no_wrap=not heading.startswith("size"))
-    joint = diagnosis.get("joint_sizes", {})
-    for suspect in sorted(diagnosis["suspects"], key=hardly_seen)[:MAX_SUSPECTS]:
-        first, absorbed = next(iter(suspect["size"])), hardly_seen(suspect)
-        no_score = absorbed or untested(suspect) or suspect["z"] is None
+    for suspect in sorted(diagnosis.suspects, key=is_absorbed)[:MAX_SUSPECTS]:
+        first, absorbed = next(iter(suspect.size)), is_absorbed(suspect)
+        scored = suspect.z is not None and not absorbed and not is_untested(suspect)
         row = (
-            escape(suspect["effect"]),
-            "-" if no_score else f"{suspect['z']:.1f}",
+            escape(suspect.effect),
+            f"{suspect.z:.1f}" if scored else "-",
             _explains(suspect, diagnosis),
-            "-" if absorbed else ", ".join(sizes(joint.get(suspect["effect"], suspect))),
+            "-" if absorbed else ", ".join(sizes(diagnosis.joint_sizes.get(suspect.effect, suspect))),
         )
-        least = None if absorbed else suspect["detectable"][first]
-        further = shown(least, suspect["units"][first], 2), f"{suspect['absorbed']:.0%}"
+        least = None if absorbed else suspect.detectable[first]
+        further = shown(least, suspect.units[first], 2), f"{suspect.absorbed:.0%}"
         table.add_row(*row, *(further if wide else ()))
     return table
 
 
-def _explains(suspect: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> str:
-    if outcome(suspect, diagnosis) == SENSELESS:
+def _explains(suspect: SuspectResult, diagnosis: DiagnosisResult) -> str:
+    if outcome(suspect, diagnosis) == SuspectOutcome.WRONG_SIGN:
         return "wrong sign"
-    return explained(suspect["share"]) if suspect["share"] is not None and suspect["refitted"] else "-"
+    return explained(suspect.share) if suspect.share is not None and suspect.refitted else "-"
 
 
-def _gain(diagnosis: Mapping[str, Any]) -> list[str]:
-    gain = diagnosis["gain"]
-    if gain is None or gain["before"] is None:
+def _gain(diagnosis: DiagnosisResult) -> list[str]:
+    gain = diagnosis.gain
+    if gain is None or gain.before is None:
         return []
-    low, high = gain["interval"]
-    change = f"less by {low:.2g} to {high:.2g}"
-    if high is not None and high < 0.0:
+    low, high = gain.interval
+    if low is None or high is None:
+        change = "of unknown significance"
+    elif high < 0.0:
         change = f"more by {-high:.2g} to {-low:.2g} [yellow]- what was held out refutes it[/]"
-    elif not gain["proven"]:
-        change += " [yellow]- no gain: the interval includes zero[/]"
+    else:
+        change = f"less by {low:.2g} to {high:.2g}"
+        change += "" if gain.proven else " [yellow]- no gain: the interval includes zero[/]"
     lines = [
-        f"gain on {gain['kind']} ({', '.join(gain['records'])}): misfit {gain['before']:.3g} -> {gain['after']:.3g}, "
-        f"{change}",
-        f"misfit: {gain['metric']}; {REFITTED}",
+        f"gain on {gain.kind} ({', '.join(gain.records)}): misfit {gain.before:.3g} -> {gain.after:.3g}, {change}",
+        f"misfit: {gain.metric}; {REFITTED}",
     ]
     if moved_values(gain):
         lines.append(f"calibrated values move by more than two standard errors: {'; '.join(moved_values(gain))}")
     return lines
 
 
-def _design(diagnosis: Mapping[str, Any]) -> list[str]:
+def _design(diagnosis: DiagnosisResult) -> list[str]:
     """Best separation of each kind of test, and what the search for it took."""
-    design = diagnosis.get("design")
-    if not design:
+    design = diagnosis.design
+    if design is None:
         return []
     best: dict[str, str] = {}
-    for measurement in diagnosis["measurements"]:
-        if not measurement["channel"]:
-            doubt = "" if measurement["confirmed"] else " (not confirmed)"
-            best.setdefault(measurement["kind"], f"{measurement['kind']} {measurement['z']:.3g}{doubt}")
+    for measurement in diagnosis.measurements:
+        if not measurement.channel:
+            doubt = "" if measurement.confirmed else " (not confirmed)"
+            best.setdefault(measurement.kind, f"{measurement.kind} {measurement.z:.3g}{doubt}")
     kinds = ", ".join(best.values())
-    return [f"best z of each kind of test: {kinds} ({design['simulations']} simulations)"] if best else []
+    return [f"best z of each kind of test: {kinds} ({design.simulations} simulations)"] if best else []

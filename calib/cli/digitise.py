@@ -11,8 +11,9 @@ from calib.digitise.reading import is_picture
 from calib.digitise.spec import read_spec
 from calib.errors import CalibError
 from calib.records import read, write
-from calib.report.digitised import overlay
-from calib.report.reference import described, reference_picture, wary
+from calib.report.plots.digitised import overlay
+from calib.report.plots.reference import reference_picture
+from calib.report.record_description import record_description, record_warnings
 
 
 def list_curves(path: Path, spec: Path | None) -> None:
@@ -58,9 +59,9 @@ def show_reference(path: Path, output: Path | None) -> None:
     """Draw a record and say what it holds."""
     record = read(path)
     drawn = output or path.with_suffix(".png")
-    for text in described(record):
+    for text in record_description(record):
         click.echo(text)
-    for text in wary(record):
+    for text in record_warnings(record):
         click.echo(f"warning: {text}")
     reference_picture(record, drawn)
     click.echo(f"picture: {drawn}")

@@ -13,8 +13,8 @@ from rich.table import Table
 from calib.diagnosis.rehearse import NOTHING, Rehearsed, rates, smallest
 from calib.errors import CalibError
 from calib.execution.progress import Count
-from calib.report.drawing import DPI
-from calib.report.rehearsal import rehearsal
+from calib.report.plots.rehearsal import rehearsal
+from calib.report.plots.style import DPI
 from calib.study_file import load
 from calib.units import shown
 from calib.workflows.rehearse import PICTURE, REHEARSAL, rehearse_study

@@ -16,7 +16,7 @@ from calib.modelling.parameter import values_for
 from calib.objective import INITIAL_STATE, Objective, Reference
 from calib.records import OK, channels, failed, write
 from calib.records.cycles import kind_of_motion
-from calib.report.figures import simulation_picture
+from calib.report.plots.motion import simulation_picture
 from calib.study import simulated
 from calib.study_file import load
 from calib.units import shown

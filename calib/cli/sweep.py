@@ -13,11 +13,11 @@ from calib.cli.given import bodies_drawn, grid, setting, state, windows
 from calib.dynamics.orbit_kind import FAILED
 from calib.errors import CalibError
 from calib.execution.progress import Count
-from calib.report.diagrams import bifurcation_diagram, impact_diagram
-from calib.report.drawing import DPI
-from calib.report.maps import kind_map
-from calib.report.sections import sections
-from calib.report.sweeps import parameters
+from calib.report.plots.bifurcation import bifurcation_diagram, impact_diagram
+from calib.report.plots.maps import kind_map
+from calib.report.plots.sections import sections
+from calib.report.plots.style import DPI
+from calib.report.plots.sweeps import parameters
 from calib.study_file import load
 from calib.sweep import NONE, Sweep, latin_hypercube, run
 from calib.sweep.plan import Carry

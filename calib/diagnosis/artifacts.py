@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from calib.diagnosis.diagnose import Diagnosis
+from calib.diagnosis.document import DiagnosisResult
 from calib.diagnosis.part import Part
 from calib.diagnosis.selection import Selection
 from calib.diagnosis.serialise import as_dict
@@ -43,13 +44,13 @@ def write_motions(views: Mapping[str, xr.Dataset], folder: Path) -> None:
             motion.to_netcdf(temporary, mode="a" if index else "w", group=name, engine="netcdf4")
 
 
-def read(folder: Path) -> dict[str, Any] | None:
-    """The document of diagnosis.json in a folder; None where there is none."""
+def read(folder: Path) -> DiagnosisResult | None:
+    """Return the diagnosis in a folder, None where there is none."""
     path = folder / NAME
     if not path.is_file():
         return None
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        return DiagnosisResult.from_dict(json.loads(path.read_text(encoding="utf-8")))
     except ValueError as error:
         raise CalibError(
             f"{path} is not a JSON document ({error}); delete it and run `calib diagnose` again"

@@ -1,5 +1,5 @@
-"""One study as one page that opens offline and prints."""
+"""The report of a study: plots, and the page that holds them."""
 
-from calib.report.page import render
+from calib.report.pages.page import render
 
 __all__ = ["render"]

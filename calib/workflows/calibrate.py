@@ -19,7 +19,8 @@ from calib.execution.files import whole
 from calib.execution.pool import Failure, in_order
 from calib.objective import Objective, record_misfit
 from calib.records import OK, failed
-from calib.report import figures, render
+from calib.report import render
+from calib.report.plots.motion import trial_picture
 from calib.store import Store, Trial, read
 from calib.store.trial import best
 from calib.study import (
@@ -145,7 +146,7 @@ def _calibrate(file: StudyFile, folder: Path, progress: Progress, fresh: bool) -
     begin, study = time.monotonic(), file.study
     if not fresh:
         progress.earlier(_earlier(folder))
-    store = Store(folder, file.view, file.keep, partial(figures.picture, objective=study.objective))
+    store = Store(folder, file.view, file.keep, partial(trial_picture, objective=study.objective))
     with Evaluations(file) as evaluations:
         search = _searched(study, store, evaluations, progress, fresh)
         with store.locked():

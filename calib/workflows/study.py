@@ -23,8 +23,9 @@ from calib.errors import CalibError, nearest
 from calib.execution.progress import Count
 from calib.modelling.effect import Effect
 from calib.records import read
-from calib.report import figures
-from calib.report.drawing import png
+from calib.report.plots.motion import histories, phase_curves
+from calib.report.plots.records import aligned_simulation
+from calib.report.plots.style import png
 from calib.store.record_files import file_of
 from calib.study import result
 from calib.study_file import PythonOrigin, StudyFile, load
@@ -332,8 +333,8 @@ class Calibration:
         simulated, objective = self.simulated(record), self._file.study.objective
         name = record or next(iter(objective.references))
         measured = objective.references[name].record
-        aligned = figures.beside(objective, name, simulated)
-        return Plot(figures.phase_curves(measured, aligned) or figures.histories(measured, aligned))
+        aligned = aligned_simulation(objective, name, simulated)
+        return Plot(phase_curves(measured, aligned) or histories(measured, aligned))
 
     def report(self, path: str | Path) -> Path:
         """Write the page of the study, which needs no other file."""

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from calib.dynamics.setting import Setting
 from calib.modelling.model import Model
 from calib.records import OK
-from calib.report.drawing import STYLE
+from calib.report.plots.style import STYLE
 from calib.simulators.delaminated_beam import DelaminatedBeam
 from calib.study_file import load
 

@@ -25,7 +25,7 @@ from calib.modelling.simulator import Request
 from calib.records import OK, read, write
 from calib.records.cycles import kind_of_motion
 from calib.records.cycles.motion import NO_CONTACT
-from calib.report.drawing import MARK, MEASURED, SIMULATED, STYLE
+from calib.report.plots.style import MARK, MEASURED, SIMULATED, STYLE
 from calib.simulators.delaminated_beam import DelaminatedBeam
 from calib.study_file import load
 

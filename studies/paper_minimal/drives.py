@@ -15,7 +15,7 @@ from calib.dynamics.setting import Setting
 from calib.modelling.model import Model
 from calib.modelling.simulator import Request
 from calib.records.excitation import Excitation
-from calib.report.sweeps import in_order, kind_colour, patch, plain_kind
+from calib.report.plots.sweeps import in_order, kind_colour, patch, plain_kind
 from calib.simulators.four_dof import FourDof
 from calib.study_file import load
 from calib.sweep import Sweep, run

@@ -13,8 +13,8 @@ import numpy as np
 import xarray as xr
 
 from calib.dynamics.branch import Branch, follow
-from calib.report.continuation import branch_diagram
-from calib.report.diagrams import bifurcation_diagram, impact_diagram
+from calib.report.plots.bifurcation import bifurcation_diagram, impact_diagram
+from calib.report.plots.continuation import branch_diagram
 from calib.study_file import load
 from calib.sweep import Sweep, run
 

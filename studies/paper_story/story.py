@@ -14,8 +14,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from calib.records import read
-from calib.report.drawing import LINE, MARK, MEASURED, SIMULATED, STYLE, dots, line
-from calib.report.figures import beside
+from calib.report.plots.records import aligned_simulation
+from calib.report.plots.style import LINE, MARK, MEASURED, SIMULATED, STYLE, dots, line
 from calib.study import result
 from calib.study_file import load
 from calib.units import shown
@@ -74,7 +74,7 @@ def motions(axes, objective, simulated) -> None:
     measured = objective.references["clapping"].record.sel(body="layer")
     dots(axes, 1e3 * measured.displacement.values, measured.velocity.values)
     for record, colour in zip(simulated, (BEFORE, AFTER), strict=True):
-        one = beside(objective, "clapping", record).sel(body="layer")
+        one = aligned_simulation(objective, "clapping", record).sel(body="layer")
         period = one.time.values - one.time.values[0] <= 1.0 / 26.51 * 1.01
         line(axes, 1e3 * one.displacement.values[period], one.velocity.values[period], colour, 1.8)
     axes.set_title("The layer's motion: no parameters reach it")

@@ -18,7 +18,7 @@ from calib.dynamics.motion import kind_of_orbit
 from calib.dynamics.setting import Setting
 from calib.modelling.model import Model
 from calib.records.excitation import Excitation
-from calib.report.diagrams import bifurcation_diagram
+from calib.report.plots.bifurcation import bifurcation_diagram
 from calib.simulators.four_dof import FourDof
 from calib.sweep import Sweep, run
 

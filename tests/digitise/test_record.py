@@ -13,7 +13,7 @@ from calib.digitise.spec import read_spec
 from calib.errors import CalibError
 from calib.records import nuisance_sigma, write
 from calib.records.cycles import kind_of_motion
-from calib.report.reference import described
+from calib.report.record_description import record_description
 from calib.study_file import load
 
 PERIOD = 1.0 / FREQUENCY
@@ -196,7 +196,7 @@ def test_the_record_states_what_its_axes_leave_open(tmp_path):
     sure = nuisance_sigma(record)
     assert set(sure) == {"scale.displacement", "scale.velocity", "shear", "offset.layer"}
     assert 1e-4 < sure["scale.displacement"] < 5e-3
-    text = "\n".join(described(record))
-    assert "a study solves for trigger, offset, shear" in text
-    assert f"scale of displacement to {100.0 * sure['scale.displacement']:.2g} %" in text
-    assert f"shear to {1e6 * sure['shear']:.2g} us" in text
+    text = "\n".join(record_description(record))
+    assert "nuisances: trigger, offset, shear" in text
+    assert f"scale of displacement {100.0 * sure['scale.displacement']:.2g} %" in text
+    assert f"shear {1e6 * sure['shear']:.2g} us" in text

@@ -12,7 +12,7 @@ from PIL import Image
 
 from calib.cli import main
 from calib.records import write
-from calib.report.reference import described, wary
+from calib.report.record_description import record_description, record_warnings
 
 
 def calib(*arguments, code=0):
@@ -22,7 +22,7 @@ def calib(*arguments, code=0):
 
 
 def said(record):
-    return "\n".join(wary(record))
+    return "\n".join(record_warnings(record))
 
 
 def test_a_sound_record_gives_no_cause_for_care():
@@ -33,7 +33,7 @@ def test_a_velocity_that_is_not_the_derivative_is_said():
     record = noisy(clapping(jump=0.0))
     record["velocity"] = record.velocity.copy(data=1.1 * record.velocity.values)
     assert "layer: the velocity is not the derivative of the displacement" in said(record)
-    [line] = [line for line in wary(record) if line.startswith("layer: the velocity is not the derivative")]
+    [line] = [line for line in record_warnings(record) if line.startswith("layer: the velocity is not the derivative")]
     share, factor = re.search(r"([\d.]+) % .*?([\d.]+) times as large", line).groups()
     assert float(factor) == pytest.approx(1.1, abs=0.005)
     assert float(share) == pytest.approx(10.0, abs=1.0)
@@ -43,7 +43,7 @@ def test_a_loop_that_is_not_closed_is_said():
     record = noisy(clapping(jump=0.0, periods=1))
     drift = 1e-3 * record.time.values / float(record.time[-1])
     record["displacement"] = record.displacement.copy(data=record.displacement.values + drift)
-    assert "the loop is not closed: displacement" in said(record)
+    assert "the phase curve is not closed: displacement" in said(record)
 
 
 def test_an_impact_that_the_samples_do_not_resolve_is_said():
@@ -56,7 +56,11 @@ def test_a_record_without_uncertainty_is_said():
 
 
 def test_the_energy_of_the_impact_comes_back_over_the_cycle():
-    [line] = [text for text in described(clapping(jump=0.4, samples=4000)) if text.startswith("energy of layer")]
+    [line] = [
+        text
+        for text in record_description(clapping(jump=0.4, samples=4000))
+        if text.startswith("kinetic energy of layer")
+    ]
     lost, regained = (float(part.split()[0]) for part in line.split(" by ")[2:4])
     assert lost == pytest.approx(-regained, abs=1e-3)
     before, after = clapping(jump=0.4, samples=4000).velocity.sel(body="layer").values[[1203, 1206]]

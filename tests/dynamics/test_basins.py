@@ -13,7 +13,7 @@ from calib.dynamics.pseudo_orbit import on_lattice
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError
 from calib.modelling.model import Model
-from calib.report.sections import basin_map
+from calib.report.plots.sections import basin_map
 
 X = ("body.displacement", np.linspace(-1.6, 1.6, 9))
 Y = ("body.velocity", np.linspace(-0.65, 3.0, 6))

@@ -13,7 +13,7 @@ from calib.dynamics.orbit_kind import CHAOTIC
 from calib.dynamics.orbits import shoot
 from calib.dynamics.single_run import kind_of_run
 from calib.records.cycles import impacts_per_period
-from calib.report.diagrams import bifurcation_diagram
+from calib.report.plots.bifurcation import bifurcation_diagram
 from calib.simulators.impact import assembly
 from calib.study_file import load
 from calib.sweep import Sweep, run

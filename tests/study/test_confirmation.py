@@ -20,8 +20,8 @@ from calib.modelling.model import Model
 from calib.modelling.parameter import Parameter
 from calib.modelling.simulator import Request
 from calib.records.excitation import Excitation
-from calib.report.verdict import verdict
-from calib.report.words import number
+from calib.report.formatting import number
+from calib.report.pages.verdict import verdict
 from calib.store import Trial
 from calib.study import MAX_LEADERS, confirm, leaders
 from calib.study.progress import Progress
@@ -242,7 +242,7 @@ def test_a_study_killed_while_it_confirms_and_run_again_finds_the_same(confirmed
 
 def test_the_page_shows_the_leaders(confirmed):
     page = (confirmed[0].parent / "out" / "report.html").read_text()
-    table = page[page.index("Leaders, confirmed") : page.index("<h2>The search")]
+    table = page[page.index("Leading trials, confirmed") : page.index("<h2>The search")]
     for leader in confirmed[1].confirmation.leaders:
         assert all(number(one) in table for one in (leader.trial, leader.searched, leader.confirmed))
     assert "the best point of the search is another one" in page
@@ -272,7 +272,7 @@ def test_where_no_leader_is_confirmed_the_best_of_the_search_stays(tmp_path, dra
     assert records.read(tmp_path / "out" / "best.nc").attrs["model"] == "sketch"
     _, _, simulated, *_ = drawn[0]
     assert simulated["bench"].attrs["model"] == "sketch"
-    assert (verdict(found)["tone"], "not confirmed" in verdict(found)["headline"]) == ("bad", True)
+    assert (verdict(found).tone, "not confirmed" in verdict(found).headline) == ("bad", True)
 
 
 @pytest.mark.parametrize(("name", "folder"), [("study.toml", "out"), ("study.extended.toml", "out.extended")])

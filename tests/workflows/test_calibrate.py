@@ -15,7 +15,7 @@ def test_the_main_job_from_python_leaves_the_files_and_returns_what_they_say(tmp
     found = calibrate(str(path), quiet=True)
     assert found.as_dict() == json.loads((tmp_path / "out" / "result.json").read_text())
     assert found.confirmation is None
-    assert "Leaders, confirmed" not in (tmp_path / "out" / "report.html").read_text()
+    assert "Leading trials, confirmed" not in (tmp_path / "out" / "report.html").read_text()
     assert {"report.html", "best.nc", "trials.jsonl"} <= {file.name for file in (tmp_path / "out").iterdir()}
     assert capfd.readouterr() == ("", "")
 

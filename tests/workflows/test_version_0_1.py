@@ -130,11 +130,11 @@ def test_the_report_is_written_from_what_0_1_left(sample):
 
 def test_the_diagnosis_is_read_and_printed():
     found = artifacts.read(SAMPLES / "sample" / "results")
-    assert (found["verdict"], found["causes"], found["values"]) == ("named", ["quadratic_drag"], FOUND)
+    assert (found.verdict, found.causes, found.values) == ("named", ("quadratic_drag",), FOUND)
     printed = io.StringIO()
     show(found, SAMPLES, None, Console(file=printed, width=120, color_system=None))
     first, *lines = printed.getvalue().splitlines()
-    assert first == f"named: {found['said']}"
+    assert first == f"named: {found.summary}"
     assert [row[:4] for row in cells("\n".join(lines))] == [
         ["quadratic_drag", "11.3", "97 %", "c2 = 2.91 ± 0.47 1/m"],
         ["linear_drag", "9.4", "73 %", "c1 = 1.92 ± 0.34 1/s"],

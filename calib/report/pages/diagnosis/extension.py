@@ -1,0 +1,121 @@
+"""Fourth part of the chapter: what the extension of the model changes."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from calib.diagnosis.criteria import CRITERIA
+from calib.diagnosis.document import AgreementResult, DiagnosisResult, GainResult, ShiftResult
+from calib.modelling.parameter import Parameter
+from calib.report.formatting import count, number, percent, signed, with_error
+from calib.report.pages.diagnosis.conclusion import is_heterogeneous
+from calib.report.pages.diagnosis.sizes import SHIFT_ERRORS, biased_half_width, half_width
+from calib.report.pages.picture import Picture, pictured
+from calib.report.plots.extension import CommonSize, RecordSize, misfit_change, sizes_by_record, value_shifts
+from calib.report.plots.style import shown_unit
+
+GAIN = (
+    "Misfit of data that had no part in finding the cause, before and after; only nuisances of those records were "
+    "solved for."
+)
+SIZES = (
+    "Size of the effect refitted to each record alone, all other parameters free, with its 95\u00a0% interval by "
+    "Student's t; a record that does not distinguish it from these parameters has none. What the model leaves in a "
+    "record may bias its size: the pale bar includes that. A law of nature has one size in all records: an effect "
+    f"whose sizes differ by more than {percent(CRITERIA.max_variation)} (standard deviation over mean) stands in for "
+    "another cause. Up to that, unmodelled effects may have made them differ, where the fit shows that there are "
+    "some: it leaves more than noise, or its own records disagree."
+)
+SHIFTS = (
+    "Shift of the calibrated parameters once the cause is in the model, in their standard errors as this diagnosis "
+    "weights the records; grey band: two standard errors. A parameter that moves further may have compensated for what "
+    "was missing, or the cause takes over its part."
+)
+
+
+@dataclass(frozen=True)
+class ShiftRow:
+    """A calibrated parameter without and with the extension, in the unit shown."""
+
+    parameter: str
+    before: str
+    after: str
+    unit: str
+    errors: str
+
+
+@dataclass(frozen=True)
+class ExtensionSection:
+    """Figures, sentences and table of what the extension changes."""
+
+    failed: Mapping[str, str]
+    gain: Picture | None
+    sizes: Picture | None
+    agreement: tuple[str, ...]
+    shifts: Picture | None
+    moved: tuple[ShiftRow, ...]
+
+
+def extension(diagnosis: DiagnosisResult, parameters: Mapping[str, Parameter]) -> ExtensionSection | None:
+    """Everything that the page shows of what the extension changes; None where nothing was added."""
+    gain = diagnosis.gain
+    if gain is None:
+        return None
+    units = {name: unit for suspect in diagnosis.suspects for name, unit in suspect.units.items()}
+    figure = sizes_by_record(_record_sizes(gain), _common_sizes(diagnosis), units)
+    return ExtensionSection(
+        failed=gain.failed,
+        gain=pictured(misfit_change(gain), "gain", GAIN),
+        sizes=pictured(figure, "transfers", SIZES),
+        agreement=tuple(_agreement(one, gain, diagnosis) for one in gain.agreements),
+        shifts=pictured(value_shifts(gain.shifts), "shifts", SHIFTS),
+        moved=tuple(_shift(shift, parameters) for shift in gain.shifts),
+    )
+
+
+def _record_sizes(gain: GainResult) -> list[RecordSize]:
+    """Sizes that each record alone has, of those that it determines."""
+    return [
+        RecordSize(t.record, t.parameter, t.size, half_width(t), biased_half_width(t) if t.bias else None, t.held)
+        for t in gain.transfers
+        if t.size is not None and t.error is not None
+    ]
+
+
+def _common_sizes(diagnosis: DiagnosisResult) -> dict[str, CommonSize]:
+    """Size that the fitted records together have, by parameter, of those that they determine."""
+    found = {}
+    for joint in diagnosis.joint_sizes.values():
+        for name, size in joint.size.items():
+            low, high = joint.interval.get(name) or (None, None)
+            if size is not None and low is not None and high is not None:
+                found[name] = CommonSize(size, low, high)
+    return found
+
+
+def _shift(shift: ShiftResult, parameters: Mapping[str, Parameter]) -> ShiftRow:
+    known = parameters.get(shift.parameter.partition("@")[0])
+    factor, unit = shown_unit(known.unit if known else "1", max(abs(shift.before), abs(shift.after)))
+    half = SHIFT_ERRORS * factor
+    return ShiftRow(
+        parameter=shift.parameter,
+        before=with_error(factor * shift.before, half * (shift.before_error or 0.0)),
+        after=with_error(factor * shift.after, half * (shift.after_error or 0.0)),
+        unit=unit,
+        errors="-" if shift.errors is None else signed(shift.errors, "+"),
+    )
+
+
+def _agreement(agreement: AgreementResult, gain: GainResult, diagnosis: DiagnosisResult) -> str:
+    """Say whether the records agree on a size."""
+    own = [transfer for transfer in gain.transfers if transfer.parameter == agreement.parameter]
+    within = " within the bias that the remainder of the model may cause" if any(t.bias for t in own) else ""
+    text = (
+        f"The records, each alone, {'agree' if agreement.agree else 'do not agree'} on {agreement.parameter}{within} "
+        f"(chi-square {number(agreement.chi2, 3)} for {count(agreement.degrees, 'degree')} of freedom, z = "
+        f"{number(agreement.z, 2)}, threshold {number(diagnosis.threshold, 2)})"
+    )
+    z = None if diagnosis.misfit is None else diagnosis.misfit.heterogeneity_z
+    channels_differ = z is not None and diagnosis.threshold is not None and z > diagnosis.threshold
+    if agreement.agree and is_heterogeneous(diagnosis) and channels_differ:
+        return f"{text}; the channels within them differ."
+    return f"{text}."

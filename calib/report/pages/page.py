@@ -1,0 +1,124 @@
+"""The page of a study: verdict, figures, tables, and how to make it again."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import xarray as xr
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
+
+from calib.diagnosis.document import DiagnosisResult
+from calib.objective import MISFIT
+from calib.objective.objective import MIN_COST_OF_WRONG_KIND
+from calib.report.formatting import number
+from calib.report.pages import tables
+from calib.report.pages.diagnosis.chapter import chapter
+from calib.report.pages.picture import Picture, drawn, pictured
+from calib.report.pages.sections import record_section
+from calib.report.pages.verdict import verdict
+from calib.report.plots.search import kinds_of_motion, score_history
+from calib.store import Trial
+from calib.study import CalibrationResult, CalibrationStudy
+
+SCORE_HISTORY = "Score of every trial in the order of the search, coloured by the kind of motion."
+KINDS = "Score of every trial over each searched parameter, coloured by the kind of motion."
+
+
+@dataclass(frozen=True)
+class RecordWarning:
+    """A warning that stands in one record or more."""
+
+    text: str
+    records: tuple[str, ...]
+
+
+def render(
+    study: CalibrationStudy,
+    trials: Sequence[Trial],
+    records: Mapping[str, xr.Dataset],
+    result: CalibrationResult,
+    command: str = "calib run study.toml",
+    header: Mapping[str, Any] | None = None,
+    diagnosis: DiagnosisResult | None = None,
+    motions: Mapping[str, xr.Dataset] | None = None,
+    jobs: int = 1,
+) -> str:
+    """HTML of the report, self-contained.
+
+    Parameters
+    ----------
+    trials : every trial of the ledger, in its order
+    records : name of a reference -> record simulated at the best values, failed ones too; may be empty
+    result : of the calibration; what it does not know is left out of the page
+    command : that makes the page again
+    header : of the ledger; versions and processor are shown
+    diagnosis : None where there was none
+    motions : content of diagnosis.nc (see `calib.report.plots.diagnosed_cycles`)
+    jobs : number of processes that draw the figures
+    """
+    best = next((t for t in trials if t.number == result.best_trial), None)
+    names = {name: reference.use for name, reference in study.objective.references.items()}
+    illustrated = {
+        "sections": [
+            record_section(study, n, records.get(n), result) for n, use in names.items() if use == "calibrate"
+        ],
+        "others": [record_section(study, n, records.get(n), result) for n, use in names.items() if use != "calibrate"],
+        "d": None if diagnosis is None else chapter(diagnosis, motions or {}, result, study),
+        "search": _search(study, trials, best),
+    }
+    return _template().render(
+        illustrated,
+        drawn=drawn(illustrated, jobs),
+        study=study,
+        result=result,
+        verdict=verdict(result),
+        warnings=_warnings(study),
+        terms=tables.terms(study, result),
+        parameters=tables.parameters(study, result),
+        fixed=tables.fixed(study),
+        groups=[group.text for group in result.undetermined],
+        unreachable=[tables.unreachable(feature) for feature in result.unreachable],
+        leaders=tables.leaders(result),
+        failures=tables.failures(trials),
+        nuisances=tables.nuisances(result),
+        provenance=tables.provenance(study, result, command, header or {}),
+        misfit=MISFIT,
+        wrong=MIN_COST_OF_WRONG_KIND,
+        definition=json.dumps(study.definition, indent=2, default=str, ensure_ascii=False),
+    )
+
+
+def _template() -> Template:
+    environment = Environment(
+        loader=PackageLoader("calib.report.pages", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["number"], environment.filters["distance"] = number, distance
+    return environment.get_template("report.html.j2")
+
+
+def distance(total: float | None) -> str:
+    """Write a total distance, with a note where it is the penalty for another kind of motion."""
+    wrong = total is not None and total >= MIN_COST_OF_WRONG_KIND
+    return f"{number(total)}{', another kind of motion' if wrong else ''}"
+
+
+def _warnings(study: CalibrationStudy) -> list[RecordWarning]:
+    """Warnings of the records, each once with the records that it stands in."""
+    found: dict[str, list[str]] = {}
+    for name, reference in study.objective.references.items():
+        if reference.record.attrs.get("warning"):
+            found.setdefault(str(reference.record.attrs["warning"]), []).append(name)
+    return [RecordWarning(text, tuple(names)) for text, names in found.items()]
+
+
+def _search(study: CalibrationStudy, trials: Sequence[Trial], best: Trial | None) -> list[Picture | None]:
+    """Figures of the search; none where there is no trial yet."""
+    if not trials:
+        return []
+    kinds = kinds_of_motion(trials, study.space, study.model.parameters, best)
+    return [pictured(score_history(trials), "history", SCORE_HISTORY), pictured(kinds, "kinds", KINDS)]

@@ -1,0 +1,1 @@
+"""Figures: each function draws one with matplotlib and knows nothing of pages."""

@@ -1,0 +1,147 @@
+"""The style of figures: colours, sizes, units of axes, output as SVG and PNG.
+
+Colours are Okabe and Ito's (2008), which colour-blind readers can distinguish; measured data are always grey dots,
+simulated ones a blue line. Figures are made without pyplot, so they can be drawn in any thread or process.
+"""
+
+import io
+import math
+from typing import TYPE_CHECKING, Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+from calib.units import MICRO, MICRO_BELOW, MILLI
+
+if TYPE_CHECKING:
+    from matplotlib.typing import RcKeyType
+
+Look = dict[str, Any]  # keyword arguments of matplotlib for the look of a line, a patch or a text
+
+MEASURED, SIMULATED, MARK, LINE = "#8a8a8a", "#0072B2", "#D55E00", "#333333"
+EXTENDED = "#009E73"  # the extended model: the calibrated one with the effects that the diagnosis added
+KINDS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#F0E442")
+FAILED, OTHER = "#000000", "#999999"
+DPI = 150  # dots per inch of figures in files of their own
+WIDTH = 7.4  # inch: the text width of an A4 page
+MAX_DOTS = 700  # measured samples drawn as dots in one panel
+MAX_LINE_SAMPLES = 1500  # points of a drawn line
+STYLE: "dict[RcKeyType, Any]" = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans", "Arial", "Helvetica"],
+    "font.size": 8.5,
+    "axes.titlesize": 9,
+    "axes.titlelocation": "left",
+    "axes.labelsize": 8.5,
+    "axes.edgecolor": LINE,
+    "axes.linewidth": 0.7,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#e4e4e4",
+    "grid.linewidth": 0.6,
+    "xtick.color": LINE,
+    "ytick.color": LINE,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+    "legend.fontsize": 8,
+    "legend.frameon": False,
+    "path.simplify": True,
+    "path.simplify_threshold": 0.3,
+    "svg.fonttype": "none",
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+}
+
+
+def shown_unit(unit: str, largest: float) -> tuple[float, str]:
+    """Factor and unit in which SI values up to `largest` are shown: mm, ms, g to 0.5 m, s, kg; um, us, mg if tiny."""
+    if unit == "kg" and abs(largest) <= 5e-4:
+        return 1e6, "mg"
+    if unit in MICRO and 0.0 < abs(largest) < MICRO_BELOW:
+        return MICRO[unit]
+    small = {**MILLI, "kg": (1e3, "g")}
+    return small[unit] if unit in small and abs(largest) <= 0.5 else (1.0, unit or "1")
+
+
+def dots(axes: Axes, x: np.ndarray, y: np.ndarray) -> None:
+    """Draw measured samples as grey dots, at most MAX_DOTS of them."""
+    keep = thin(x.size, MAX_DOTS)
+    look: Look = {"color": MEASURED, "markersize": spot(keep.size, 5.0), "markeredgewidth": 0, "alpha": 0.7}
+    axes.plot(x[keep], y[keep], ".", zorder=2, **look)
+
+
+def spot(count: int, small: float = 2.0) -> float:
+    """Size of each of `count` dots [points]: `small` for many dots, larger for few."""
+    return float(np.clip(small * math.sqrt(300.0 / max(1, count)), small, 8.0))
+
+
+def line(axes: Axes, x: np.ndarray, y: np.ndarray, colour: str = SIMULATED, width: float = 1.0) -> None:
+    """Draw y over x, or the band between its extremes where there are far more samples than pixels."""
+    if x.size <= 4 * MAX_LINE_SAMPLES:
+        keep = thin(x.size, 2 * MAX_LINE_SAMPLES)
+        axes.plot(x[keep], y[keep], color=colour, linewidth=width, solid_joinstyle="round", zorder=3)
+    else:
+        band(axes, x, y, colour, 0.75)
+
+
+def band(axes: Axes, x: np.ndarray, y: np.ndarray, colour: str, alpha: float) -> None:
+    """Draw the band between the extremes of y in 500 intervals of x."""
+    starts = np.linspace(0, x.size, 501).astype(int)[:-1]
+    low, high = np.minimum.reduceat(y, starts), np.maximum.reduceat(y, starts)
+    axes.fill_between(x[starts], low, high, color=colour, alpha=alpha, linewidth=0.7, zorder=3)
+
+
+def mark_impacts(axes: Axes, times: np.ndarray) -> None:
+    """Draw a vertical dashed line at each impact; `times` (n,) are in the unit of the axis."""
+    for time in times:
+        axes.axvline(time, color=MARK, linewidth=0.8, linestyle=(0, (2, 2)), zorder=1)
+
+
+def logarithmic(axis: Axis, low: float, high: float) -> None:
+    """Set ticks of a logarithmic axis whose labels do not overlap: decades, or steps within few decades."""
+    decades = math.log10(high / low)
+    if decades < 2.5:
+        steps: tuple[float, ...] = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
+        if decades > 0.75:
+            steps = (1.0, 3.0) if decades > 1.2 else (1.0, 2.0, 5.0)
+        axis.set_major_locator(LogLocator(subs=steps))
+        axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def thin(size: int, max_count: int) -> np.ndarray:
+    """At most `max_count` indices below `size`, unevenly spaced so that they do not alias with a period."""
+    return np.unique(np.linspace(0, size - 1, min(size, max_count)).round().astype(int))
+
+
+def legend(figure: Figure, simulated: bool) -> None:
+    """Draw the legend of measured and simulated data above the panels."""
+    handles = [Line2D([], [], color=MEASURED, marker=".", markersize=6, linestyle="none", label="measured")]
+    if simulated:
+        handles.append(Line2D([], [], color=SIMULATED, linewidth=1.5, label="simulated"))
+    figure.legend(handles=handles, loc="outside upper right", ncols=2, columnspacing=1.2, handletextpad=0.5)
+
+
+def svg(figure: Figure, name: str) -> str:
+    """Return the figure as an SVG element for a page; `name` keeps the ids of several figures apart."""
+    with mpl.rc_context({**STYLE, "svg.hashsalt": name}):
+        text = io.StringIO()
+        figure.savefig(text, format="svg", dpi=160, metadata={"Date": None, "Creator": None})
+    whole = text.getvalue()
+    return whole[whole.index("<svg") :].strip()
+
+
+def png(figure: Figure) -> bytes:
+    """Return the figure as a PNG at its own resolution; compression favours speed over size."""
+    FigureCanvasAgg(figure)
+    data = io.BytesIO()
+    figure.savefig(data, format="png", pil_kwargs={"compress_level": 3})
+    return data.getvalue()

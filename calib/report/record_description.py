@@ -1,0 +1,181 @@
+"""What a reference record holds, and what to check in it, in sentences."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import xarray as xr
+
+from calib.errors import CalibError
+from calib.records import STATE, channels, fills_periods, nuisance_sigma, stated_period
+from calib.records.cycles import impact, kind_of_motion, phase_curve
+from calib.units import shown
+
+MAX_INTEGRAL_ERROR = 0.02  # of the velocity's integral, over the rms displacement, noise apart  [1]
+SIGNIFICANT_Z = 4.0  # from which noise does not explain a difference  [standard uncertainties]
+MAX_GAP = 3.0  # between the last and the first sample of a closed curve, over its usual steps  [1]
+MAX_GAP_OVER_JUMP = 1.5  # the same over its largest step  [1]
+USUAL_STEP_QUANTILE = 0.98  # of the steps of a curve, which leaves out its jumps  [1]
+MIN_CONTACT_SAMPLES = 4.0  # of an impact whose duration is resolved
+
+
+def standard_uncertainty(record: xr.Dataset, body: str, channel: str) -> np.ndarray | None:
+    """Standard uncertainty (time,) of a channel in its unit; None where the record states none."""
+    name = f"{channel}_sigma"
+    if name not in record:
+        return None
+    return np.broadcast_to(record[name].sel(body=body).values, record.time.shape)
+
+
+def recorded_cycle(record: xr.Dataset) -> xr.Dataset | None:
+    """Mean phase curve of a record over one period of its motion; None where the excitation has no period."""
+    if stated_period(record) is None:
+        return None
+    try:
+        return phase_curve(record, kind_of_motion(record).period or 1)
+    except CalibError:  # shorter than a period
+        return None
+
+
+def record_description(record: xr.Dataset) -> Iterator[str]:
+    """Describe a record: source, excitation, kind of motion, channels, energy over the cycle; a sentence each."""
+    if "source" in record.attrs:
+        yield f"source: {record.attrs['source']}"
+    time, period = record.time.values, stated_period(record)
+    step = (time[-1] - time[0]) / (time.size - 1)
+    yield f"{time.size} samples at intervals of {shown(step, 's')}, {shown(time[-1] - time[0] + step, 's')} in all"
+    if period is not None:
+        drive = [f"{record.attrs[k]}" for k in ("quantity", "place") if k in record.attrs]
+        size = f", amplitude {record.attrs['amplitude']:.4g} (SI)" if "amplitude" in record.attrs else ""
+        yield f"excitation: {' at the '.join(drive) or 'not stated'}, {1.0 / period:.6g} Hz{size}"
+    motion = kind_of_motion(record)
+    yield f"kind of motion: {motion.kind} ({motion.evidence})"
+    for channel in channels(record):
+        unit = record[channel].attrs.get("units", "1")
+        for body in (str(b) for b in record.body.values):
+            values, sigma = record[channel].sel(body=body).values, standard_uncertainty(record, body, channel)
+            uncertainty = "no uncertainty stated"
+            if sigma is not None:
+                uncertainty = f"standard uncertainty {shown(float(np.median(sigma)), unit, 2)} (median)"
+            low, high = shown(float(values.min()), unit), shown(float(values.max()), unit)
+            yield f"{channel} of {body}: {low} to {high}, {uncertainty}"
+    yield from _energies(record)
+    yield from _nuisances(record)
+
+
+def _nuisances(record: xr.Dataset) -> Iterator[str]:
+    """Name the nuisances of a record, and their uncertainty by the axis points of a digitised figure."""
+    if "nuisance" in record.attrs:
+        yield f"nuisances: {record.attrs['nuisance']}, unless the study states others"
+    known: list[str] = []
+    for name, sigma in nuisance_sigma(record).items():
+        what, _, where = name.partition(".")
+        size = f"{100.0 * sigma:.2g} %" if what == "scale" else shown(sigma, "s" if what == "shear" else "m", 2)
+        known.append(f"{what}{f' of {where}' if where else ''} {size}")
+    if known:
+        yield f"standard uncertainties by the axis points: {', '.join(known)}"
+
+
+def _energies(record: xr.Dataset) -> Iterator[str]:
+    cycle = recorded_cycle(record)
+    if cycle is None or "velocity" not in cycle:
+        return
+    phase = cycle.phase.values
+    for body in (str(b) for b in record.body.values):
+        velocity = cycle.velocity.sel(body=body).values
+        energy = 0.5 * velocity**2
+        gained = np.diff(energy, append=energy[:1])
+        impact_phase, change, contact = impact(phase, velocity)
+        text = f"kinetic energy of {body} per unit mass: at most {energy.max():.3g} J/kg"
+        if np.isfinite(impact_phase):
+            spacing = phase[1] - phase[0]
+            near = np.abs((phase + 0.5 * spacing - impact_phase + 0.5 * phase.size * spacing) % (phase.size * spacing)
+                          - 0.5 * phase.size * spacing) <= 0.5 * contact + spacing  # fmt: skip
+            lost = float(gained[near].sum())
+            text += (
+                f"; the impact at phase {impact_phase:.3f} changes the velocity by {change:+.3g} m/s and the energy by "
+                f"{lost:+.3g} J/kg, the rest of the cycle by {float(gained[~near].sum()):+.3g} J/kg"
+            )
+        yield text
+
+
+def record_warnings(record: xr.Dataset) -> Iterator[str]:
+    """Warn of what may be wrong with a record, a sentence each."""
+    if "warning" in record.attrs:
+        yield str(record.attrs["warning"])
+    names = channels(record)
+    for channel in names:
+        if f"{channel}_sigma" not in record:
+            yield f"{channel} states no uncertainty"
+    for key in ("place", "quantity"):
+        if key not in record.attrs and stated_period(record) is not None:
+            yield f"the excitation is not fully stated (attribute {key!r} is missing); state it in the study"
+    if stated_period(record) is not None and not fills_periods(record):
+        yield "the record does not fill whole periods of the excitation; the rest of the last period is not compared"
+    for body in (str(b) for b in record.body.values):
+        if set(STATE) <= set(names):
+            yield from _inconsistent_channels(record, body)
+        if stated_period(record) is not None:
+            yield from _open_curve(record, body)
+            yield from _short_impact(record, body)
+
+
+def _inconsistent_channels(record: xr.Dataset, body: str) -> Iterator[str]:
+    """Compare the integral of the velocity with the displacement, both without their mean and linear drift."""
+    time = record.time.values
+    one = record.sel(body=body)
+    x, v = one.displacement.values, one.velocity.values
+    steps = np.diff(time)
+    summed = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * steps)])
+    design = np.column_stack([np.ones(time.size), time - time[0]])
+    x, summed = (row - design @ np.linalg.lstsq(design, row, rcond=None)[0] for row in (x, summed))
+    size = float(np.sqrt(np.mean(x**2)))
+    if size == 0.0:
+        return
+    noise = 0.0
+    sigma_x, sigma_v = (standard_uncertainty(record, body, channel) for channel in STATE)
+    if sigma_x is not None and sigma_v is not None:
+        walk = float(np.sqrt(np.mean(sigma_v**2) * steps.mean() * (time[-1] - time[0])))
+        noise = float(np.hypot(np.sqrt(np.mean(sigma_x**2)), walk))
+    jump = float(np.abs(np.diff(v)).max() * steps.max())  # the instant of an impact between two samples is unknown
+    off = float(np.sqrt(np.mean((summed - x) ** 2)))
+    if off > max(MAX_INTEGRAL_ERROR * size, SIGNIFICANT_Z * noise, jump):
+        ratio = float(summed @ x / (x @ x))
+        yield (
+            f"{body}: the velocity is not the derivative of the displacement: its integral differs by "
+            f"{100.0 * off / size:.2g} % (root mean square) and is {ratio:.3f} times as large; check the scales, units "
+            "and zeros of the axes"
+        )
+
+
+def _open_curve(record: xr.Dataset, body: str) -> Iterator[str]:
+    """Compare the step from the last sample of the cycle to the first with the other steps."""
+    if not fills_periods(record):
+        return
+    one = record.sel(body=body)
+    for channel in (c for c in STATE if c in one):
+        values = one[channel].values
+        steps = np.abs(np.diff(values))
+        usual = float(np.quantile(steps, USUAL_STEP_QUANTILE))
+        sigma = standard_uncertainty(record, body, channel)
+        noise = 0.0 if sigma is None else float(np.hypot(sigma[0], sigma[-1]))
+        gap = float(abs(values[0] - values[-1]))
+        if gap > MAX_GAP * usual + SIGNIFICANT_Z * noise and gap > MAX_GAP_OVER_JUMP * float(steps.max()):
+            yield (
+                f"{body}: the phase curve is not closed: {channel} changes by "
+                f"{shown(gap, record[channel].attrs['units'])} from the last sample to the first, "
+                f"{gap / max(usual, 1e-300):.1f} times its usual steps"
+            )
+
+
+def _short_impact(record: xr.Dataset, body: str) -> Iterator[str]:
+    cycle = recorded_cycle(record)
+    if cycle is None or "velocity" not in cycle:
+        return
+    phase = cycle.phase.values
+    impact_phase, _, contact = impact(phase, cycle.velocity.sel(body=body).values)
+    count = contact / (phase[1] - phase[0])
+    if np.isfinite(impact_phase) and count < MIN_CONTACT_SAMPLES:
+        yield (
+            f"{body}: the impact at phase {impact_phase:.3f} lasts {count:.1f} samples: its duration is not resolved, "
+            "and the velocity beside it depends on the instants of the samples"
+        )

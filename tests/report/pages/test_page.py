@@ -1,0 +1,250 @@
+"""Claims about the page: it stands alone, says what was found, and can be shown to a customer."""
+
+import os
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from html.parser import HTMLParser
+from types import SimpleNamespace
+
+import pytest
+
+from calib.objective import CLOCK_RATE, MISFIT
+from calib.report import render
+from calib.report.formatting import measured_number, number
+from calib.report.pages.sections import excitation_text
+from calib.report.pages.verdict import verdict
+from calib.study import CalibrationResult, UndeterminedGroup
+from calib.study.result import ConfirmationSummary, LeaderSummary, MotionSummary, ScoreSummary
+
+LARGEST = 3_000_000  # bytes
+
+
+class Structure(HTMLParser):
+    """Addresses that a page wants, and whether its elements are closed."""
+
+    VOID = frozenset({"meta", "br", "img", "link", "input", "hr"})
+
+    def __init__(self, text):
+        super().__init__()
+        self.wanted, self.open = [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.wanted += [value for name, value in attrs if name in ("href", "src", "xlink:href") and value]
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+@pytest.fixture(scope="session", params=["periodic", "recorded", "hopeless"])
+def page(request):
+    if request.param == "periodic":
+        return request.getfixturevalue("found")
+    return render(*request.getfixturevalue(request.param).arguments)
+
+
+@pytest.fixture(scope="session")
+def found(periodic):
+    return render(*periodic.arguments, command="calib run studies/minimal/study.toml")
+
+
+def test_two_processes_draw_the_same_page(periodic, found):
+    again = render(*periodic.arguments, command="calib run studies/minimal/study.toml", jobs=2)
+    assert without_time(found) == without_time(again)
+
+
+def without_time(page):
+    """A page without the minute at which it was made."""
+    text, count = re.subn(r"\d\d:\d\d UTC", "", page)
+    assert count == 1
+    return text
+
+
+def words(text):
+    return re.sub(
+        r"\s+", " ", re.sub(r"<[^>]+>", " ", re.sub(r"<svg.*?</svg>|<style.*?</style>", " ", text, flags=re.S))
+    )
+
+
+def test_the_page_wants_nothing_from_elsewhere(page):
+    structure = Structure(page)
+    assert structure.open == []
+    assert structure.wanted
+    assert all(address.startswith(("#", "data:")) for address in structure.wanted)
+    assert "<script" not in page
+    assert "@import" not in page
+    assert not re.search(r"url\((?!#)", page)
+
+
+def test_the_page_is_small(page):
+    assert 10_000 < len(page.encode()) < LARGEST
+
+
+def test_an_id_that_is_referred_to_never_means_two_things(found):
+    drawings = re.findall(r"<svg.*?</svg>", found, flags=re.S)
+    defined = [set(re.findall(r'\bid="([^"]+)"', drawing)) for drawing in drawings]
+    wanted = set(re.findall(r'url\(#([^)]+)\)|href="#([^"]+)"', " ".join(drawings)))
+    names = {one or other for one, other in wanted}
+    assert names
+    assert {sum(name in ids for ids in defined) for name in names} == {1}
+
+
+def test_it_says_kind_distance_agreement_and_what_was_not_reached(found):
+    text = words(found)
+    assert "from the measurement; 1 measured feature out of reach of the windows." in text
+    assert "period 1, as measured" in text
+    assert "6 of 8 starts" in text
+    assert "amplitude of q3 in clapping (measured 2.41 mm, nearest 3.02 mm, +25.3 %)" in text
+    assert "louder 2.8 % (period 1)" in text
+    assert MISFIT in text
+    assert "slower failed (diverged)" in text
+
+
+def test_it_says_what_is_at_an_edge_and_what_is_not_determined(found):
+    text = words(found)
+    assert "at the lower edge of its window" in text
+    assert "restitution (low end)" in text
+    assert "damping: not determined inside its window" in text
+    assert "not determined on its own" in text
+
+
+def test_the_instant_at_which_a_record_starts_has_its_unit(found):
+    assert "clapping trigger 12.3 ms" in words(found)
+
+
+def test_records_that_are_not_measured_are_said_to_be_so(found):
+    text = words(found)
+    assert "clapping, louder, slower: not measured: &lt;computed&gt; outside this project" in text
+    assert text.count("not a measurement") == 3
+
+
+def test_failed_trials_are_grouped_with_their_reason(found, periodic):
+    failed = [t for t in periodic.trials if t.status != "ok"]
+    assert re.search(rf"step budget {len(failed)} {failed[0].reason}", words(found))
+
+
+def test_it_says_how_to_make_it_again(found):
+    text = words(found)
+    assert "calib run studies/minimal/study.toml" in text
+    assert "Seed 1" in text
+
+
+def test_lengths_are_shown_in_millimetres(found):
+    assert re.search(r"gap distance of the surfaces at rest 0\.\d+ 0\.06 mm", words(found))
+
+
+def test_another_kind_of_motion_comes_before_any_distance(periodic):
+    said = verdict(replace(periodic.result, motion=MotionSummary("period 2", wrong=("clapping",))))
+    assert said.tone == "bad"
+    assert "another kind of motion" in said.headline
+    assert "period 2, which is not the measured kind in clapping" in said.points[0]
+
+
+def test_a_motion_without_a_period_is_not_said_to_have_an_excitation_without_one():
+    """It may be driven with a period and simulated from rest, or not be driven at all."""
+    said = verdict(CalibrationResult(score=ScoreSummary(0.02), motion=MotionSummary("not periodic")))
+    assert said.points[0].startswith("Kinds of motion do not apply")
+    assert "excitation has no period" not in said.points[0]
+
+
+@pytest.mark.parametrize(("total", "another"), [(9.0, False), (10.37, True)])
+def test_a_distance_that_is_a_penalty_is_said_to_be_that_of_another_kind_of_motion(total, another, periodic, undrawn):
+    leaders = tuple(LeaderSummary(3, searched=0.43, confirmed=c, kind="period 1") for c in (total, 0.4336))
+    confirmation = ConfirmationSummary(leaders, chosen=3, changed=True)
+    scene = replace(periodic, result=replace(periodic.result, confirmation=confirmation))
+    text = words(render(*scene.arguments))
+    assert ("10.37, another kind of motion" in text) == another
+    held = replace(periodic.result.holdout["louder"], score=total)
+    scene = replace(periodic, result=replace(periodic.result, holdout={"louder": held}))
+    text = words(render(*scene.arguments))
+    assert ("Score of the study's terms on this record: 10.37, another kind of motion." in text) == another
+    assert ("times that of the calibrated record" in text) != another
+
+
+def test_an_interval_of_the_parameters_is_called_by_one_definition(found):
+    text = words(found)
+    assert "its interval (two standard errors" not in text
+    assert "95 % interval: from the standard errors by Student's t" in text
+
+
+def test_a_parameter_that_is_nearly_collinear_with_another_is_not_said_to_be_undetermined(periodic, undrawn):
+    group = UndeterminedGroup(("gap", "damping"), text="gap damping is determined better", reason="nearly collinear")
+    scene = replace(periodic, result=replace(periodic.result, undetermined=(group,)))
+    text = words(render(*scene.arguments))
+    assert "nearly collinear with damping" in text
+    assert "not determined on its own" not in text
+
+
+@pytest.mark.parametrize(("total", "tone"), [(0.02, "good"), (0.14, "mind")])
+def test_a_large_distance_is_no_agreement(total, tone):
+    said = verdict(CalibrationResult(score=ScoreSummary(total), motion=MotionSummary("period-1")))
+    assert said.tone == tone
+    assert ("more than 5 %" in " ".join(said.points)) == (tone == "mind")
+
+
+def test_a_study_without_a_score_says_so(hopeless, undrawn):
+    text = words(render(*hopeless.arguments))
+    assert "No trial ended with a score" in text
+    assert "step budget" in text
+
+
+def test_a_study_without_trials_still_has_a_page(hopeless, undrawn):
+    assert "There is no trial yet." in render(hopeless.study, [], {}, hopeless.result)
+
+
+def test_text_of_others_is_escaped(periodic, undrawn):
+    trials = [replace(periodic.trials[3], reason="<script>alert(1)</script>")]
+    study = SimpleNamespace(**{**vars(periodic.study), "name": "<b>bold</b>"})
+    page = render(study, trials, {}, CalibrationResult())
+    assert "<script>alert" not in page
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;" in page
+    assert "<b>bold" not in page
+    assert "&lt;b&gt;bold&lt;/b&gt;" in page
+
+
+def test_versions_and_processor_are_those_of_the_ledger(periodic, undrawn):
+    header = {"versions": {"python": "3.99"}, "processor": "Abacus 7"}
+    text = words(render(*periodic.arguments, header=header))
+    assert "python 3.99" in text
+    assert "Abacus 7" in text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.0, "0"), (0.02, "0.02"), (1234.5678, "1235"), (6e-5, "6·10⁻⁵"), (1.5e7, "1.5·10⁷"), (None, "-"), (7, "7")],
+)
+def test_numbers_are_written_for_a_reader(value, text):
+    assert number(value) == text
+
+
+def test_a_value_keeps_the_digits_that_its_error_leaves_it():
+    assert measured_number(1.234567, 1e-4) == "1.23457"
+    assert measured_number(1.234567, None) == "1.235"
+
+
+def test_it_opens_in_a_browser_without_a_complaint_and_prints(page, tmp_path):
+    browser = shutil.which("chromium") or shutil.which("chromium-browser")
+    if browser is None:
+        if os.environ.get("CALIB_BROWSER_REQUIRED"):
+            pytest.fail("chromium is not installed")
+        pytest.skip("chromium is not installed")
+    (tmp_path / "report.html").write_text(page, encoding="utf-8")
+    options = "--headless --no-sandbox --disable-gpu --no-first-run --disable-background-networking --disable-sync"
+    quiet = f"--disable-component-update --enable-logging=stderr --user-data-dir={tmp_path / 'profile'}"
+    command = [browser, *options.split(), *quiet.split(), f"--print-to-pdf={tmp_path / 'report.pdf'}"]
+    run = subprocess.run([*command, f"file://{tmp_path / 'report.html'}"], capture_output=True, text=True, timeout=120)
+    assert run.returncode == 0
+    assert "CONSOLE" not in run.stderr
+    assert (tmp_path / "report.pdf").read_bytes().startswith(b"%PDF")
+
+
+@pytest.mark.parametrize(("rate", "said"), [(48e-6, "48 ppm slow"), (-5e-5, "50 ppm fast"), (0.0, "")])
+def test_the_page_says_how_far_the_clock_is_off(rate, said):
+    attrs = {"quantity": "force", "place": "mass", CLOCK_RATE: rate}
+    text = excitation_text(SimpleNamespace(attrs=attrs))
+    assert said in text
+    assert ("clock" in text) == bool(rate)

@@ -1,0 +1,52 @@
+"""Numbers as they are written for a reader."""
+
+import numpy as np
+import pytest
+
+from calib.report.formatting import number_beside, quantity, rounded, signed, with_error
+
+
+@pytest.mark.parametrize(
+    ("value", "half", "written"),
+    [
+        (2.4, 0.16, "2.40 ± 0.16"),
+        (3.0, 1e-5, "3.000000 ± 0.000010"),
+        (-94649.3, 90279.0, "−95000 ± 90000"),
+        (1234567.0, 34567.0, "(1.235 ± 0.035)·10⁶"),
+        (0.1234567e-9, 0.034567e-9, "(1.23 ± 0.35)·10⁻¹⁰"),
+        (2.4, None, "2.4"),
+        (-0.00001, 0.0017, "0.0000 ± 0.0017"),
+    ],
+)
+def test_a_value_and_its_interval_have_the_places_of_the_intervals_second_digit(value, half, written):
+    assert with_error(value, half) == written
+
+
+def test_a_value_alone_is_rounded_by_twice_its_error():
+    assert rounded(0.12345, 0.01) == "0.123"
+    assert rounded(94649.0, 4000.0) == "94600"
+
+
+@pytest.mark.parametrize(
+    ("half", "value", "written"),
+    [(315980.0, 3.188e6, "0.32·10⁶"), (0.0604, 1.01, "0.06"), (np.inf, 1.0, "∞"), (123.0, 0.0, "120")],
+)
+def test_a_half_interval_has_two_digits_and_the_power_of_ten_of_its_value(half, value, written):
+    assert number_beside(half, value) == written
+
+
+def test_a_quantity_has_the_unit_of_its_size():
+    assert quantity(-1.2e-3, "m", half=3.4e-4) == "−1.20 ± 0.34 mm"
+    assert quantity(4.8e-6, "m") == "4.8 µm"
+
+
+def test_a_quantity_has_no_more_digits_than_asked_for_before_its_point_either():
+    assert quantity(314667.0, "m/s^2") == "315000 m/s²"
+    assert quantity(21664.0, "1/(m^2 s^2)", 2) == "22000 1/(m² s²)"
+
+
+@pytest.mark.parametrize(
+    ("z", "written"), [(0.04, "0.0"), (-3.14, "−3.1"), (99.9, "+99.9"), (312.6, "> 100"), (-14646.0, "< −100")]
+)
+def test_no_one_counts_hundreds_of_standard_errors(z, written):
+    assert signed(z, "+") == written
