@@ -86,21 +86,3 @@ def test_optimisers_import_nothing_of_calib():
         if name != "optimisers"
     ]
     assert not borrowed, borrowed
-
-
-def test_a_class_has_a_name_of_its_own():
-    named = {}
-    for path in sources():
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.ClassDef):
-                named.setdefault(node.name, []).append(str(path.relative_to(ROOT)))
-    twice = {name: places for name, places in named.items() if len(places) > 1}
-    assert not twice, twice
-
-
-def test_the_root_of_the_package_holds_rooms():
-    entries = {path.name for path in ROOT.iterdir() if path.suffix == ".py" or (path / "__init__.py").exists()}
-    assert len(entries) <= 26
-    assert {name for name in entries if name.endswith(".py")} == {
-        "__init__.py", "__main__.py", "errors.py", "plugins.py", "units.py",
-    }  # fmt: skip
