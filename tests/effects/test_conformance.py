@@ -10,7 +10,7 @@ from calib.modelling.simulator import Request
 from calib.records import record
 from calib.records.excitation import Excitation
 from calib.simulators.delaminated_beam import DelaminatedBeam
-from calib.simulators.delaminated_beam.drive import CentreDisplacement
+from calib.simulators.delaminated_beam.drive import centre_displacement
 from calib.simulators.four_dof import FourDof
 from calib.simulators.oscillator import Oscillator
 from calib.testing import EffectSuite
@@ -333,7 +333,6 @@ def test_a_finer_beam_takes_the_next_level_or_half_the_step():
     full = DelaminatedBeam(fidelity="auto")
     values = {p.name: p.nominal for p in full.parameters}
     steps = [
-        b.confirming._case(values, CentreDisplacement.of(CENTRE), ()).count
-        for b in (full, full.finer("time_step", 2.0))
+        b.confirming._case(values, centre_displacement(CENTRE), ()).count for b in (full, full.finer("time_step", 2.0))
     ]
     assert steps[1] == pytest.approx(2 * steps[0], abs=1)

@@ -15,11 +15,11 @@ from calib.errors import CalibError
 from calib.modelling.laws import BoundLaw
 from calib.modelling.simulator import Request
 from calib.records import STATE, failed, make, prescription
-from calib.records.excitation import Excitation
+from calib.records.excitation import Excitation, Harmonic
 from calib.simulators.delaminated_beam.case import BeamCase, critical_step_of, modes_of, structure_of
 from calib.simulators.delaminated_beam.coefficients import Coefficients
 from calib.simulators.delaminated_beam.contact import clearance, critical_damping, penalty
-from calib.simulators.delaminated_beam.drive import PLACE, QUANTITY, BeamDrive, CentreDisplacement
+from calib.simulators.delaminated_beam.drive import PLACE, QUANTITY, BeamDrive, centre_displacement
 from calib.simulators.delaminated_beam.error_estimate import LEVELS, refined
 from calib.simulators.delaminated_beam.mesh import Geometry, mesh
 from calib.simulators.delaminated_beam.options import SIGNATURE, BeamOptions, Fidelity, described
@@ -128,7 +128,7 @@ class DelaminatedBeam:
         CalibError : an excitation that is not a harmonic displacement of the centre; output times; an initial state of
             the wrong size
         """
-        drive = CentreDisplacement.of(excitation)
+        drive = centre_displacement(excitation)
         if request.times is not None:
             raise CalibError("output times are for excitations without a period; ask for periods and samples instead")
         attrs = self._attrs(values, drive)
@@ -154,8 +154,8 @@ class DelaminatedBeam:
         CalibError : an excitation that is not a harmonic displacement of the centre
         ValueError : these values give no beam, or a step that is not stable
         """
-        CentreDisplacement.of(excitation)
-        drive = CentreDisplacement.of(shifted(excitation, phase))
+        centre_displacement(excitation)
+        drive = centre_displacement(shifted(excitation, phase))
         case = self._case(values, drive, laws)
         if case.step > case.stable:
             raise ValueError(case.why_unstable())
@@ -170,7 +170,7 @@ class DelaminatedBeam:
 
     # --- putting a case together
 
-    def _case(self, values: Mapping[str, float], drive: CentreDisplacement, laws: Sequence[BoundLaw]) -> BeamCase:
+    def _case(self, values: Mapping[str, float], drive: Harmonic, laws: Sequence[BoundLaw]) -> BeamCase:
         for name, value in values.items():
             if not math.isfinite(value):
                 raise ValueError(f"parameter {name} is {value}")
@@ -248,7 +248,7 @@ class DelaminatedBeam:
         )
         return taken.motion, {**_stated(taken.level), "error_estimate": taken.error}
 
-    def _attrs(self, values: Mapping[str, float], drive: CentreDisplacement) -> dict[str, Any]:
+    def _attrs(self, values: Mapping[str, float], drive: Harmonic) -> dict[str, Any]:
         fidelity = "full" if self.fidelity == "full" else "reduced"
         return {
             "source": f"delaminated_beam, {fidelity}",

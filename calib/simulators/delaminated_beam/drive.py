@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -10,7 +9,7 @@ from numba import njit
 
 from calib.errors import CalibError
 from calib.modelling.laws import BoundLaw
-from calib.records.excitation import Excitation
+from calib.records.excitation import Excitation, Harmonic
 from calib.simulators import slots
 from calib.simulators.compilation import COMPILED
 from calib.simulators.slots import fill
@@ -20,38 +19,17 @@ STEPS_AT_START = 1024  # a period, of the differences that give the velocity of 
 MIN_AMPLITUDE = 1e-6  # m, of a drive, where it is the scale of the motion
 
 
-@dataclass(frozen=True)
-class CentreDisplacement:
-    """Harmonic displacement of the middle: amplitude cos(2 pi frequency t + phase).
+def centre_displacement(excitation: Excitation) -> Harmonic:
+    """Return the harmonic displacement of the centre [m] that an excitation is.
 
-    Attributes
-    ----------
-    frequency, amplitude, phase : [Hz], [m], [rad]
+    Raises
+    ------
+    CalibError : it is another one
     """
-
-    frequency: float
-    amplitude: float
-    phase: float
-
-    @classmethod
-    def of(cls, excitation: Excitation) -> "CentreDisplacement":
-        """Read it off an excitation.
-
-        Raises
-        ------
-        CalibError : the excitation is not a harmonic displacement of the centre
-        """
-        frequency, amplitude = excitation.frequency, excitation.amplitude
-        taken = (excitation.quantity, excitation.place) == (QUANTITY, PLACE) and excitation.harmonic
-        if not taken or frequency is None or amplitude is None:
-            given = f"{'recorded ' if excitation.recorded else ''}{excitation.quantity} at {excitation.place!r}"
-            raise CalibError(f"delaminated_beam takes a harmonic {QUANTITY} at {PLACE!r}, got {given}")
-        return cls(frequency, amplitude, excitation.phase)
-
-    @property
-    def period(self) -> float:
-        """Period  [s]."""
-        return 1.0 / self.frequency
+    if (excitation.quantity, excitation.place) != (QUANTITY, PLACE) or not excitation.harmonic:
+        given = f"{'recorded ' if excitation.recorded else ''}{excitation.quantity} at {excitation.place!r}"
+        raise CalibError(f"delaminated_beam takes a harmonic {QUANTITY} at {PLACE!r}, got {given}")
+    return excitation.as_harmonic
 
 
 @njit(**COMPILED)
@@ -83,7 +61,7 @@ class BeamDrive:
     period, amplitude, phase : [s], [m], [rad]
     """
 
-    def __init__(self, excitation: CentreDisplacement, scale: float, alpha: float, laws: Sequence[BoundLaw]) -> None:
+    def __init__(self, excitation: Harmonic, scale: float, alpha: float, laws: Sequence[BoundLaw]) -> None:
         self.period = excitation.period
         self.amplitude = scale * excitation.amplitude
         self.phase = excitation.phase

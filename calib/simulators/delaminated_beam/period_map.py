@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.modelling.orbit import Orbit, Tangent
 from calib.records import OK
-from calib.simulators.delaminated_beam.drive import CentreDisplacement
+from calib.records.excitation import Harmonic
 from calib.simulators.delaminated_beam.modes import Modes
 from calib.simulators.delaminated_beam.stationary import Engine
 from calib.simulators.delaminated_beam.structure import BODIES, MeshedStructure
@@ -62,7 +62,7 @@ class BeamMap:
     impacting: bool = True
 
     @classmethod
-    def of_reduced(cls, engine: EngineAt, basis: Modes, drive: CentreDisplacement, length: float) -> "BeamMap":
+    def of_reduced(cls, engine: EngineAt, basis: Modes, drive: Harmonic, length: float) -> "BeamMap":
         """Map of the reduced kernel; the state is modal coordinates and their rates."""
         n = len(basis.omega)
         largest = np.abs(basis.across[:, :n]).max(axis=0)
@@ -75,9 +75,7 @@ class BeamMap:
         )
 
     @classmethod
-    def of_full(
-        cls, engine: EngineAt, structure: MeshedStructure, drive: CentreDisplacement, length: float
-    ) -> "BeamMap":
+    def of_full(cls, engine: EngineAt, structure: MeshedStructure, drive: Harmonic, length: float) -> "BeamMap":
         """Map of the full kernel; the state is displacements of the free nodes and their velocities."""
         names = [f"node {k // 2} {'xy'[k % 2]}" for k in structure.free]
         return cls._of(engine, names, ("m", "m/s"), np.full(len(names), abs(length)), drive)
@@ -89,7 +87,7 @@ class BeamMap:
         names: Sequence[str],
         units: tuple[str, str],
         length: np.ndarray,
-        drive: CentreDisplacement,
+        drive: Harmonic,
     ) -> "BeamMap":
         n, omega = len(names), 2.0 * np.pi * drive.frequency
         length = np.maximum(length, MIN_LENGTH)

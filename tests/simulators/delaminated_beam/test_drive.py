@@ -1,15 +1,15 @@
 """The prescribed displacement of the middle."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from calib.modelling.laws import BoundLaw, excitation
-from calib.simulators.delaminated_beam.drive import BeamDrive, CentreDisplacement
+from calib.records.excitation import Harmonic
+from calib.simulators.delaminated_beam.drive import BeamDrive
 
-HARMONIC = CentreDisplacement(frequency=25.0, amplitude=1e-3, phase=0.4)
+HARMONIC = Harmonic(frequency=25.0, amplitude=1e-3, phase=0.4)
 
 
 @excitation
@@ -90,4 +90,4 @@ def test_scales_are_of_the_amplitude_and_never_nothing():
     drive = BeamDrive(HARMONIC, -2.0, 0.0, ())
     assert drive.length == pytest.approx(2e-3)
     assert drive.speed == pytest.approx(2e-3 * 50.0 * math.pi)
-    assert BeamDrive(replace(HARMONIC, amplitude=0.0), 1.0, 0.0, ()).speed > 0.0
+    assert BeamDrive(HARMONIC._replace(amplitude=0.0), 1.0, 0.0, ()).speed > 0.0

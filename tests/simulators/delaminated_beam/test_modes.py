@@ -9,7 +9,7 @@ from short_beam import EXCITATION, VALUES, beam, run
 
 from calib.records.excitation import Excitation
 from calib.simulators.delaminated_beam import DelaminatedBeam, reduction
-from calib.simulators.delaminated_beam.drive import CentreDisplacement
+from calib.simulators.delaminated_beam.drive import centre_displacement
 from calib.simulators.delaminated_beam.modes import modes
 from calib.simulators.delaminated_beam.reduced.stepping import drift_modes, membrane_force
 from calib.simulators.delaminated_beam.reduction import Fineness
@@ -24,7 +24,7 @@ def case(**options):
     """Return the numbers of the short beam."""
     made = beam(**options)
     values = {p.name: p.nominal for p in made.parameters}
-    return made._case({**values, **VALUES}, CentreDisplacement.of(EXCITATION), ())
+    return made._case({**values, **VALUES}, centre_displacement(EXCITATION), ())
 
 
 @pytest.fixture(scope="module", params=[{}, {"symmetric": False}, {"layer": "arched"}], ids=["half", "whole", "arched"])
@@ -42,7 +42,7 @@ def paper():
     """Numbers of the paper's beam with a gap too wide for contact."""
     values = {p.name: p.nominal for p in DelaminatedBeam().parameters}
     excitation = Excitation("centre", "displacement", frequency=26.51, amplitude=0.92e-3)
-    return DelaminatedBeam()._case({**values, "s": 5e-3, "dt": 4e-7}, CentreDisplacement.of(excitation), ())
+    return DelaminatedBeam()._case({**values, "s": 5e-3, "dt": 4e-7}, centre_displacement(excitation), ())
 
 
 def opening(structure):

@@ -5,7 +5,7 @@ import pytest
 from short_beam import EXCITATION, VALUES, beam
 
 from calib.simulators.delaminated_beam import reduction
-from calib.simulators.delaminated_beam.drive import CentreDisplacement
+from calib.simulators.delaminated_beam.drive import centre_displacement
 from calib.simulators.delaminated_beam.reduced.contact import apply_contact_forces, find_near_pairs
 from calib.simulators.delaminated_beam.reduced.engine import ReducedEngine
 from calib.simulators.delaminated_beam.reduced.linear_algebra import cholesky_factorise, cholesky_solve
@@ -21,7 +21,7 @@ def engine(fineness=FINENESS, budget=10**9, **changes):
     options = {name: changes.pop(name) for name in ("clipped", "symmetric", "masters") if name in changes}
     sim = beam(**options)
     values = {p.name: p.nominal for p in sim.parameters}
-    return sim._case({**values, **VALUES, **changes}, CentreDisplacement.of(EXCITATION), ()).reduced(
+    return sim._case({**values, **VALUES, **changes}, centre_displacement(EXCITATION), ()).reduced(
         fineness, None, budget
     )
 
