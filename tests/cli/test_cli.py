@@ -328,8 +328,8 @@ def test_an_unfinished_study_can_be_reported(finished, tmp_path):
     calib("report", path)
     assert len(read(out)[1]) == 9  # the torn line is none
     page = " ".join(re.sub(r"<[^>]+>", " ", (out / "report.html").read_text()).split())
-    best = min(read(out)[1], key=lambda trial: trial.total)
-    assert f"Best simulation at a distance of {best.total:.3g} from the measurement" in page
+    best = min(read(out)[1], key=lambda trial: trial.cost)
+    assert f"Best simulation at a distance of {best.cost:.3g} from the measurement" in page
     assert UNFINISHED in page
 
 

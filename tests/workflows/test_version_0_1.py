@@ -86,6 +86,7 @@ def test_the_ledger_is_read_with_its_values_features_and_residuals(sample):
     assert (amplitude["record"], amplitude["body"], amplitude["unit"]) == ("clapping", "q3", "m")
 
 
+@pytest.mark.filterwarnings("ignore:this study was begun with other libraries")
 def test_a_study_goes_on_from_the_ledger(sample):
     ledger = sample.parent / "out" / "trials.jsonl"
     before = ledger.read_bytes()
