@@ -14,11 +14,6 @@ CLAPPING = PLANS[:1]
 TONE = Plan("tone", "calibrate", "harmonic", 8.0, 3.4)  # its third harmonic is near the resonance
 
 
-@pytest.fixture(scope="module")
-def cache(tmp_path_factory):
-    return tmp_path_factory.mktemp("clean")
-
-
 @pytest.mark.parametrize(
     ("simulator", "effect"),
     [

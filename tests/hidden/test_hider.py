@@ -32,11 +32,6 @@ QUICK = [
 ]
 
 
-@pytest.fixture(scope="module")
-def cache(tmp_path_factory):
-    return tmp_path_factory.mktemp("clean")
-
-
 def simulated(at, plan, effects=(), hidden=(), samples=None):
     """What calib's own simulator makes of a plan, and its rows (2 b, n)."""
     system = at.system

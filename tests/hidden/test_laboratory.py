@@ -18,11 +18,6 @@ DRAWN = [Laboratory.drawn(seed, SYSTEM) for seed in range(200)]
 FREE = next(seed for seed, lab in enumerate(DRAWN) if lab.facts["clock"]["free"])
 
 
-@pytest.fixture(scope="module")
-def cache(tmp_path_factory):
-    return tmp_path_factory.mktemp("clean")
-
-
 def autocorrelation(memory, size):
     """Of the noise (size,), by its impulse response."""
     response = lfilter([1.0], np.concatenate([[1.0], -np.array(memory)]), np.eye(1, 4000)[0])

@@ -19,11 +19,6 @@ from calib.records import read
 ALL = [(name, kind) for name, system in SYSTEMS.items() for kind in system().remainders]
 
 
-@pytest.fixture(scope="module")
-def cache(tmp_path_factory):
-    return tmp_path_factory.mktemp("clean")
-
-
 @pytest.mark.parametrize(("simulator", "kind"), ALL)
 def test_a_remainder_makes_the_wanted_share_of_the_motion(simulator, kind, cache):
     at = bench(simulator, cache)
