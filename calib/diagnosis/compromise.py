@@ -55,7 +55,7 @@ def with_best_pair(fitter: Fitter, state: StepwiseState, candidates: Sequence[Ca
         if left.left_out or not left.is_explained:
             return state
     rejected = any_rejected(fitter, null, [cause for cause, _ in causes], final, threshold)
-    reason = "of all pairs this one explains most, and more than what was chosen before"
+    reason = "of all pairs this one explains most, and more than the causes before it"
     return state if rejected else state.with_causes(causes, final, reason)
 
 

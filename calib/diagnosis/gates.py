@@ -17,7 +17,7 @@ from calib.modelling.effect import Effect
 from calib.modelling.model import Model
 from calib.study import Pool
 
-MIN_WRITTEN_Z = 0.01  # [1]
+MIN_WRITTEN_Z = 0.01  # smaller ones are written as below it  [1]
 REFINEMENT = 2.0  # factor by which step and tolerance are divided  [1]
 
 
@@ -72,7 +72,7 @@ def fine_enough(
     for effect, refined in _answers(pool, tried, runs):
         change = max((_change(views[name], view) for name, view in refined.items() if view.usable), default=0.0)
         summary = f"made {REFINEMENT:g} times finer, it changes a channel by {change:.1%}"
-        coarse = f"{summary} of its rms: it may be what makes the motion of the wrong kind; make it finer"
+        coarse = f"{summary} of its rms: it may be the reason for the wrong kind of motion; make it finer"
         passed = change < CRITERIA.max_solver_change
         gates.append(Gate(effect.name, passed, summary if passed else coarse))
     return gates

@@ -57,7 +57,7 @@ def rejection(evidence: Evidence, null: Fit, made: Extension, further: bool) -> 
     """
     cause, test = made.cause, made.prediction
     if further and is_negligible(evidence, null, made.base, cause.chi2_reduction):
-        return "it explains a negligible share of what the calibrated model leaves"
+        return "it explains a negligible share of the excess misfit of the calibrated model"
     if _may_be_absent(made.extended, cause):
         return "its confidence interval beside all other parameters contains the size at which it is absent"
     if test is not None and test.fails:

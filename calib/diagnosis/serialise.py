@@ -127,7 +127,7 @@ def _suspect(suspect: Suspect, excess: float, chosen: Suspect | None) -> dict[st
 def _without_effect(suspect: Suspect) -> str:
     """State that a suspect changes no simulation where it is absent; "" of one that does."""
     none = isinstance(suspect, Scored) and not suspect.derivatives.any()
-    return "it changes nothing in these records: where it is absent no simulation changes with it" if none else ""
+    return "it changes nothing in these records: every derivative where it is absent is zero" if none else ""
 
 
 def _round(outcome: Round) -> dict[str, Any]:
