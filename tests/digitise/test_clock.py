@@ -83,7 +83,7 @@ def test_a_velocity_axis_read_at_the_wrong_place_shows(offset):
 @pytest.mark.parametrize(
     ("damaged", "said"),
     [
-        (np.zeros((20, 2)), "at least 8 points that move"),
+        (np.zeros((20, 2)), "at least 8 points that differ"),
         (points()[:5], "at least 8 points"),
         (points(count=400) + (0.0, 2.0), "one sign only"),
         (np.column_stack([np.linspace(-1, 1, 20), np.linspace(-1, 1, 20)]), "encloses no area"),
