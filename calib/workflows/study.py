@@ -23,6 +23,7 @@ from calib.errors import CalibError, nearest
 from calib.execution.progress import Count
 from calib.modelling.effect import Effect
 from calib.records import read
+from calib.report.formatting import measured_number
 from calib.report.plots.motion import histories, phase_curves
 from calib.report.plots.records import aligned_simulation
 from calib.report.plots.style import png
@@ -30,7 +31,7 @@ from calib.store.record_files import file_of
 from calib.study import result
 from calib.study_file import PythonOrigin, StudyFile, load
 from calib.study_file.references import expanded
-from calib.units import shown
+from calib.units import reading
 from calib.workflows.calibrate import UNFINISHED, calibrate_file, rebuild, summary_so_far
 from calib.workflows.diagnose import diagnose_study
 from calib.workflows.document import (
@@ -387,12 +388,16 @@ class Calibration:
         )
 
     def _cells(self, name: str) -> str:
-        """Value of a parameter and its interval, as cells of a table."""
-        unit, ends = self.summary.units[name], self.intervals.get(name)
-        interval = f"{shown(ends[0], unit)} to {shown(ends[1], unit)}" if ends else ""
-        if name not in self.summary.windows:
-            interval = "fixed"
-        return f"<td>{shown(self.values[name], unit)}</td><td>{interval or 'none'}</td>"
+        """Value of a parameter and its interval, as cells of a table; digits as the standard error justifies them."""
+        value, ends, confidence = self.values[name], self.intervals.get(name), self.summary.confidence
+        factor, unit = reading(self.summary.units[name], value)
+        error = None if confidence is None else confidence.standard_error.get(name)
+        texts = [
+            f"{measured_number(factor * number, None if error is None else factor * error)} {unit}".rstrip()
+            for number in (value, *(ends or ()))
+        ]
+        interval = "fixed" if name not in self.summary.windows else " to ".join(texts[1:]) or "none"
+        return f"<td>{texts[0]}</td><td>{interval}</td>"
 
 
 class Diagnosed:
