@@ -31,8 +31,8 @@ from calib.report.plots.suspects import SuspectOutcome
 from calib.units import shown
 from calib.workflows.diagnose import diagnose_study
 
-MAX_SUSPECTS = 12  # suspects that are printed
-WIDE_COLUMNS = 110  # columns of a terminal in which all that is known of them fits
+MAX_PRINTED_SUSPECTS = 12  # suspects that are printed
+FULL_TABLE_COLUMNS = 110  # columns of a terminal in which all that is known of them fits
 COLOURS = {NAMED: "green", ONE_OF: "yellow", NONE: "green"}
 
 
@@ -128,11 +128,11 @@ def show(diagnosis: DiagnosisResult, folder: Path, extended: Path | None, consol
 def _suspects(diagnosis: DiagnosisResult, width: int) -> Table:
     threshold = "" if diagnosis.threshold is None else f" (threshold |z| = {diagnosis.threshold:.2f})"
     table = Table(title=f"suspects{threshold}", title_justify="left")
-    wide = width >= WIDE_COLUMNS
+    wide = width >= FULL_TABLE_COLUMNS
     table.add_column("effect", no_wrap=True)
     for heading in ("z", "explains", "size, 95 % interval", *(("detectable", "absorbed") if wide else ())):
         table.add_column(heading, justify="right", no_wrap=not heading.startswith("size"))
-    for suspect in sorted(diagnosis.suspects, key=is_absorbed)[:MAX_SUSPECTS]:
+    for suspect in sorted(diagnosis.suspects, key=is_absorbed)[:MAX_PRINTED_SUSPECTS]:
         first, absorbed = next(iter(suspect.size)), is_absorbed(suspect)
         scored = suspect.z is not None and not absorbed and not is_untested(suspect)
         row = (

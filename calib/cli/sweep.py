@@ -23,7 +23,7 @@ from calib.sweep import NONE, Sweep, latin_hypercube, run
 from calib.sweep.plan import Carry
 from calib.units import shown
 
-MAX_LINES = 24  # stretches that are printed
+MAX_PRINTED_STRETCHES = 24  # stretches that are printed
 
 
 def sweep_study(
@@ -97,9 +97,9 @@ def described(motions: xr.Dataset) -> Iterator[str]:
         branch = motions.sel(branch=name) if name else motions
         yield f"{name}:" if name else "found:"
         lines = list(_stretches(branch) if len(parameters(motions)) == 1 else _counted(branch))
-        yield from lines[:MAX_LINES]
-        if len(lines) > MAX_LINES:
-            yield f"  ... and {len(lines) - MAX_LINES} more"
+        yield from lines[:MAX_PRINTED_STRETCHES]
+        if len(lines) > MAX_PRINTED_STRETCHES:
+            yield f"  ... and {len(lines) - MAX_PRINTED_STRETCHES} more"
     if failed:
         reasons = np.unique(motions.status.values[motions.kind.values == FAILED])
         yield f"failed: {failed} of {motions.kind.size} ({', '.join(reasons)})"

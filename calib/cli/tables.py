@@ -16,7 +16,7 @@ from calib.study import CalibrationResult
 from calib.units import reading, shown
 
 MAX_DECIMALS = 6  # beyond, a number is written with a power of ten
-COLUMNS = 120  # columns, where the output is no terminal
+DEFAULT_COLUMNS = 120  # columns, where the output is no terminal
 
 
 def show_result(result: CalibrationResult, folder: Path, console: Console | None = None) -> None:
@@ -40,7 +40,7 @@ def show_result(result: CalibrationResult, folder: Path, console: Console | None
 
 def _console() -> Console:
     console = Console(highlight=False)
-    return console if console.is_terminal else Console(highlight=False, width=COLUMNS)
+    return console if console.is_terminal else Console(highlight=False, width=DEFAULT_COLUMNS)
 
 
 def _parameters(result: CalibrationResult) -> Table:

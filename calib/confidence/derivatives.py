@@ -20,12 +20,12 @@ from calib.records import OK
 from calib.records.cycles import UNDECIDED
 from calib.study import Outcome
 
-FIRST_STEP = 1e-3  # of the window  [1]
-SECOND_STEP_BOUNDS = (1e-6, 5e-2)  # of the window  [1]
+FIRST_WINDOW_STEP = 1e-3  # of the window  [1]
+SECOND_WINDOW_STEP_BOUNDS = (1e-6, 5e-2)  # of the window  [1]
 SECOND_STEP_ERRORS = 0.3  # second step, in standard errors of the parameter  [1]
 MIN_STEP_RATIO = 3.0  # of the two steps, either way  [1]: nearer steps give no independent slopes
 REPLACED_STEP_RATIO = 5.0  # of the two steps where they would be nearer  [1]
-STEP_REDUCTION = 30.0  # of the first step where it leads to another kind of motion  [1]
+MOTION_STEP_REDUCTION = 30.0  # of the first step where it leads to another kind of motion  [1]
 MAX_SLOPE_DIFFERENCE = 0.10  # relative, of slopes by two steps that count as equal  [1]; convention
 MAX_CLAIMED_DIFFERENCE = 0.50  # relative, beyond which no derivative is claimed  [1]; convention
 
@@ -41,15 +41,15 @@ def differentiate(evaluate: Evaluate, names: Sequence[str], u: np.ndarray, centr
     """
     residuals = np.asarray(centre.residuals, dtype=float)
     noise = math.sqrt(residuals @ residuals / max(1, residuals.size - u.size)) or 1e-12
-    first = np.full(u.size, FIRST_STEP)
+    first = np.full(u.size, FIRST_WINDOW_STEP)
     columns, _ = _quotients(evaluate, u, centre, first)
     failed = [k for k in range(u.size) if columns[k] is None]
     sensitivity = np.array([0.0 if column is None else np.linalg.norm(column) for column in columns])
-    second = np.clip(SECOND_STEP_ERRORS * noise / np.maximum(sensitivity, 1e-300), *SECOND_STEP_BOUNDS)
+    second = np.clip(SECOND_STEP_ERRORS * noise / np.maximum(sensitivity, 1e-300), *SECOND_WINDOW_STEP_BOUNDS)
     near = (second > first / MIN_STEP_RATIO) & (second < MIN_STEP_RATIO * first)
     replaced = np.where(second > first, REPLACED_STEP_RATIO * first, first / REPLACED_STEP_RATIO)
     second = np.where(near, replaced, second)
-    second[failed] = first[failed] / STEP_REDUCTION
+    second[failed] = first[failed] / MOTION_STEP_REDUCTION
     others, reasons = _quotients(evaluate, u, centre, second)
     lost = [k for k in failed if others[k] is None]
     if lost:

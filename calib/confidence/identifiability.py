@@ -11,7 +11,7 @@ MAX_WINDOW_SHARE = 0.25  # standard error over the window  [1]: beyond it the 2-
 MAX_ERROR_INFLATION = 4.0  # standard error over the one with the others known  [1]: beyond it nearly collinear
 MIN_VARIANCE_SHARE = 0.5  # of a parameter's variance by one direction, of which it is a member  [1]
 MIN_COMPONENT = 0.1  # of a unit direction, of which a parameter is a member  [1]
-NEAR_ZERO_SHARE = 0.1  # of the larger end of a linear window: relative changes of a smaller value mean little  [1]
+MIN_RELATIVE_VALUE = 0.1  # of the larger end of a linear window: relative changes of a smaller value mean little  [1]
 MAX_POWER_ERROR, MAX_POWER = 0.08, 4.0  # of a half or whole number: its relative error, and its size  [1]
 MIN_UNSWAPPED_POWER = 0.9  # of a combination  [1]: one below is written with its parameters swapped
 WIDE, COLLINEAR = "wider than the window", "nearly collinear"
@@ -103,7 +103,7 @@ def combination(names: Sequence[str], windows: Sequence[Window], u: Sequence[flo
     (a, b), values = names, [w.value(x) for w, x in zip(windows, u, strict=True)]
     moves = [w.slope(v) * shift for w, v, shift in zip(windows, values, shifts, strict=True)]
     if any(
-        w.scale == "linear" and abs(v) < NEAR_ZERO_SHARE * max(abs(w.low), abs(w.high))
+        w.scale == "linear" and abs(v) < MIN_RELATIVE_VALUE * max(abs(w.low), abs(w.high))
         for w, v in zip(windows, values, strict=True)
     ):
         q = moves[0] / moves[1]

@@ -16,7 +16,7 @@ from calib.records import OK
 from calib.store.plain import plain, typed
 from calib.study import ConfidenceSummary, CorrelationSummary, Outcome, UndeterminedGroup
 
-EDGE = 1e-3  # of the window: a value nearer to its end is at its edge  [1]
+MAX_EDGE_DISTANCE = 1e-3  # of the window: a value nearer to its end is at its edge  [1]
 MIN_REPORTED_STEP = 1e-6  # of the window: a search that ends nearer to the minimum has converged  [1]
 INTERVAL_QUANTILE = stats.norm.cdf(2.0)  # probability below +2 standard errors of a normal variable  [1]
 
@@ -122,8 +122,8 @@ def local(
 
 def at_edge(names: Sequence[str], u: np.ndarray) -> dict[str, str]:
     """Name the parameters whose position (dim,) lies at an end of the window, with the end."""
-    low = {name: "low" for name, x in zip(names, u, strict=True) if x <= EDGE}
-    return low | {name: "high" for name, x in zip(names, u, strict=True) if x >= 1.0 - EDGE}
+    low = {name: "low" for name, x in zip(names, u, strict=True) if x <= MAX_EDGE_DISTANCE}
+    return low | {name: "high" for name, x in zip(names, u, strict=True) if x >= 1.0 - MAX_EDGE_DISTANCE}
 
 
 def _assemble(

@@ -9,8 +9,8 @@ from calib.modelling.parameter import Space
 from calib.store import Trial
 
 NEAR_OPTIMAL_RATIO = 1.25  # distance over the best one, up to which a trial fits nearly as well  [1]
-MIN_TRIALS = 12  # that fit nearly as well: fewer describe nothing  [count]
-MAX_SPAN = 0.25  # of the window: a parameter that spans more is not determined  [1]
+MIN_NEAR_OPTIMAL_TRIALS = 12  # that fit nearly as well: fewer describe nothing  [count]
+MAX_WINDOW_SPAN = 0.25  # of the window: a parameter that spans more is not determined  [1]
 
 
 def describe_near_optimal(space: Space, trials: Sequence[Trial], units: dict[str, str]) -> str:
@@ -30,10 +30,10 @@ def describe_near_optimal(space: Space, trials: Sequence[Trial], units: dict[str
     """
     best = min((trial.cost for trial in trials), default=math.inf)
     near = np.array([trial.u for trial in trials if trial.cost <= NEAR_OPTIMAL_RATIO * best < math.inf])
-    if len(near) < MIN_TRIALS:
+    if len(near) < MIN_NEAR_OPTIMAL_TRIALS:
         return ""
     low, high = near.min(axis=0), near.max(axis=0)
-    wide = [name for name, span in zip(space.names, high - low, strict=True) if span > MAX_SPAN]
+    wide = [name for name, span in zip(space.names, high - low, strict=True) if span > MAX_WINDOW_SPAN]
     ends = space.values(low), space.values(high)
     shared = [f"{n} {ends[0][n]:.3g} .. {ends[1][n]:.3g} {units[n]}" for n in space.names if n not in wide]
     parts = []

@@ -9,11 +9,13 @@ import xarray as xr
 from calib.objective import Objective
 from calib.records import channels
 
-DRAWS = 100  # for a standard error of 7 % of each correlation that is estimated from them  [count]
+PROPAGATION_DRAWS = 100  # for a standard error of 7 % of each correlation that is estimated from them  [count]
 UNSTATED_NOISE_SHARE = 0.01  # of a channel's standard deviation: noise where the record states no uncertainty  [1]
 
 
-def noise_draws(objective: Objective, records: Mapping[str, xr.Dataset], seed: int, number: int = DRAWS) -> np.ndarray:
+def noise_draws(
+    objective: Objective, records: Mapping[str, xr.Dataset], seed: int, number: int = PROPAGATION_DRAWS
+) -> np.ndarray:
     """Changes (number, m) of the residuals when white noise is added to the measured records.
 
     Terms that compare one channel share its noise, so their residuals are correlated although they stand in different

@@ -18,7 +18,7 @@ from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.score import Projection, deviate
 
-RANK_TOLERANCE = 1e-9  # singular value over the largest, below which a direction is undetermined  [1]
+CONSTANCY_RANK_TOLERANCE = 1e-9  # singular value over the largest, below which a direction is undetermined  [1]
 CHANNELS, RECORDS = "the channels of the records", "the records"
 MIN_DEGREES_OF_FREEDOM = 4.0  # of a variance  [1]: below 2 the mean of F does not exist
 
@@ -96,7 +96,7 @@ def _constancy(evidence: Evidence, fit: Fit, index: int) -> Constancy:
 
 def _changes(alone: np.ndarray, column: np.ndarray) -> bool:
     """Whether an effect with this derivative (N,) changes a row that has this part of it."""
-    return float(np.linalg.norm(alone)) > RANK_TOLERANCE * float(np.linalg.norm(column))
+    return float(np.linalg.norm(alone)) > CONSTANCY_RANK_TOLERANCE * float(np.linalg.norm(column))
 
 
 def _chi2(fit: Fit, null: Mapping[str, float], names: Sequence[str], columns: np.ndarray) -> float:
@@ -121,7 +121,7 @@ def _unrestricted(
     columns, m = np.column_stack([common, single]), single.shape[1]
     scale = np.linalg.norm(columns, axis=0)
     scale[scale == 0.0] = 1.0
-    step = np.linalg.lstsq(columns / scale, residual, rcond=RANK_TOLERANCE)[0] / scale
+    step = np.linalg.lstsq(columns / scale, residual, rcond=CONSTANCY_RANK_TOLERANCE)[0] / scale
     remainder = residual - columns @ step
     counted = (remainder != 0.0) | columns.any(axis=1)
     covariance, freedom = sandwich(columns[counted], remainder[counted], rows[counted])
@@ -140,7 +140,7 @@ def cochran(sizes: np.ndarray, covariance: np.ndarray, parameter: np.ndarray) ->
     """
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     scales = np.outer(scale, scale)
-    weight = np.linalg.pinv(covariance / scales, rcond=RANK_TOLERANCE, hermitian=True) / scales
+    weight = np.linalg.pinv(covariance / scales, rcond=CONSTANCY_RANK_TOLERANCE, hermitian=True) / scales
     groups = (parameter[:, None] == np.arange(parameter.max() + 1)).astype(float)
     information = groups.T @ weight @ groups
     mean = np.linalg.lstsq(information, groups.T @ weight @ sizes, rcond=None)[0]

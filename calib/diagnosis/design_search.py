@@ -50,7 +50,7 @@ LINE_SHARE = 0.06  # of the affordable points: first ones of a test of one varia
 MIN_LINE, MAX_LINE = 3, 7  # points of a test of one variable  [count]
 GRID_SHARE = 0.55  # of the affordable points: grid over amplitude and frequency  [1]
 GRID_ASPECT = 1.6  # frequencies per amplitude of the grid  [1]
-MAX_ROUNDS = 4  # of a pattern search  [count]
+MAX_PATTERN_ROUNDS = 4  # of a pattern search  [count]
 BATCH_POINTS = 16  # simulated side by side: bounds the memory of their records  [count]
 SIMULATIONS_PER_CHECK = 4  # of a pair: each model from its own motion and from the other's  [count]
 CHECK_SHARE = 0.05  # of the simulations, reserved for these checks  [1]
@@ -138,7 +138,7 @@ class DesignSearch:
     def _refine(self, region: DesignRegion, counts: Sequence[int], test: str) -> None:
         """Pattern search: to the best of the neighbours, with half the step where none is better."""
         steps, best = np.array([0.5 / max(1, count - 1) for count in counts]), None
-        for _ in range(MAX_ROUNDS):
+        for _ in range(MAX_PATTERN_ROUNDS):
             leader = max(self._candidates(test), key=lambda e: e.score, default=None)
             if leader is None:
                 return

@@ -18,7 +18,7 @@ from calib.modelling.model import Model
 from calib.study import Pool
 
 MIN_WRITTEN_Z = 0.01  # smaller ones are written as below it  [1]
-REFINEMENT = 2.0  # factor by which step and tolerance are divided  [1]
+REFINEMENT_FACTOR = 2.0  # factor by which step and tolerance are divided  [1]
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def fine_enough(
     gates = []
     for effect, refined in _answers(pool, tried, runs):
         change = max((_change(views[name], view) for name, view in refined.items() if view.usable), default=0.0)
-        summary = f"made {REFINEMENT:g} times finer, it changes a channel by {change:.1%}"
+        summary = f"made {REFINEMENT_FACTOR:g} times finer, it changes a channel by {change:.1%}"
         coarse = f"{summary} of its rms: it may be the reason for the wrong kind of motion; make it finer"
         passed = change < CRITERIA.max_solver_change
         gates.append(Gate(effect.name, passed, summary if passed else coarse))
@@ -153,13 +153,16 @@ def converged(fitter: Fitter, fit: Fit, effects: Sequence[Effect], threshold: fl
     for effect, views in _answers(fitter.effort, tried, runs):
         bad = next((view for view in views.values() if not view.usable), None)
         if bad is not None:
-            gates.append(Gate(effect.name, False, f"made {REFINEMENT:g} times finer, the simulation ends {bad.status}"))
+            gates.append(
+                Gate(effect.name, False, f"made {REFINEMENT_FACTOR:g} times finer, the simulation ends {bad.status}")
+            )
             continue
         change = fit.projection(fitter.evidence.difference(fit.point.simulated, views))
         size = float(np.linalg.norm(change))
         z = size / np.sqrt(variance_along(change / size, fit.residual, fit.rows)) if size > 0.0 else 0.0
         summary = (
-            f"made {REFINEMENT:g} times finer, it changes the records by z {_written(z)} (threshold {threshold:.2g})"
+            f"made {REFINEMENT_FACTOR:g} times finer, it changes the records by z {_written(z)} "
+            f"(threshold {threshold:.2g})"
         )
         if threshold <= z < tolerated:
             rests = f"the result rests on z = {tolerated / CRITERIA.max_solver_share:.2g}"
@@ -185,4 +188,4 @@ def _written(z: float) -> str:
 
 def _refined(effect: Effect) -> dict[str, float]:
     """Values of the parameters of a numerical effect that make steps and tolerances finer."""
-    return {p.name: REFINEMENT for p in effect.parameters}
+    return {p.name: REFINEMENT_FACTOR for p in effect.parameters}

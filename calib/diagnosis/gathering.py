@@ -10,7 +10,7 @@ from calib.diagnosis.bench import SimulatedRows
 from calib.diagnosis.clock import clock_sensitivity
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.noise import (
-    MIN_CYCLES,
+    MIN_NOISE_CYCLES,
     Noise,
     Remainder,
     Repeating,
@@ -173,7 +173,7 @@ def _repeating(reference: Reference, compared: _ComparedRows, cycle: int) -> dic
     """
     residual, rows, weight = compared.mended - compared.simulated, compared.rows, compared.weight
     period, time = reference.excitation.period, reference.record.time.values
-    if period is None or not rows or time[-1] - time[0] < MIN_CYCLES * cycle * period:
+    if period is None or not rows or time[-1] - time[0] < MIN_NOISE_CYCLES * cycle * period:
         return {}
     mean = mean_cycle(time, residual, period, cycle, weight=weight)
     changes = _slow_changes(time, compared.simulated)

@@ -14,7 +14,7 @@ from calib.objective import FeatureValue
 from calib.records.cycles import harmonics, mean_cycle
 from calib.study import Pool
 
-NOISE_DRAWS = 40  # for the standard errors of the features  [count]
+FEATURE_DRAWS = 40  # for the standard errors of the features  [count]
 MAX_HARMONIC = 12  # order of the residual's harmonics  [1]
 
 
@@ -101,7 +101,7 @@ def feature_deviations(bench: Bench, part: Part, view: SimulatedRows, rng: np.ra
     record = bench.objective.references[part.name].record
     bodies = [str(body) for body in record.body.values]
     drawn: dict[tuple[str, str], list[float]] = {}
-    for _ in range(NOISE_DRAWS):
+    for _ in range(FEATURE_DRAWS):
         predicted = record.copy(deep=True)
         for (body, channel), noise, row in zip(part.rows, part.noise, view.rows, strict=True):
             predicted[channel].values[bodies.index(body)] = row + noise.drawn(rng, part.time.size)
@@ -113,7 +113,7 @@ def feature_deviations(bench: Bench, part: Part, view: SimulatedRows, rng: np.ra
 
 def _deviation(feature: FeatureValue, differences: Sequence[float]) -> Deviation:
     """Compare a feature by the differences of draws of its prediction from the measured value."""
-    error = math.hypot(np.std(differences), feature.resolution) if len(differences) > NOISE_DRAWS // 2 else np.nan
+    error = math.hypot(np.std(differences), feature.resolution) if len(differences) > FEATURE_DRAWS // 2 else np.nan
     z = float(np.mean(differences)) / error if feature.simulated is not None and error > 0.0 else None
     return Deviation(
         feature.label, feature.record, feature.body, feature.unit, feature.measured, feature.simulated, error, z

@@ -30,7 +30,7 @@ from calib.diagnosis.score import Projection
 TIME_FOLDS = 4  # blocks of time of a single record  [count]
 MIN_INFORMATION_SHARE = 0.05  # of the information on a size that the other folds have to hold, to predict by it  [1]
 MAX_GROWTH = 4.0  # of a sum of squares when its data are left out  [1]: more exceeds the range of the linearisation
-RANK_TOLERANCE = 1e-7  # singular value over the largest, below which a direction is not moved  [1]
+PREDICTION_RANK_TOLERANCE = 1e-7  # singular value over the largest, below which a direction is not moved  [1]
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ def _left_out(fit: Fit, left_out: np.ndarray, rows: np.ndarray) -> _LeftOut:
     scale = np.linalg.norm(columns, axis=0)
     columns = columns[:, scale > 0.0] / scale[scale > 0.0]
     _, singular, turn = np.linalg.svd(columns[~left_out], full_matrices=False)
-    determined = singular > RANK_TOLERANCE * singular.max(initial=0.0)
+    determined = singular > PREDICTION_RANK_TOLERANCE * singular.max(initial=0.0)
     columns = columns @ turn[determined].T  # what the others do not determine is not moved
     kept, residual = columns[~left_out], fit.residual[~left_out]
     step = np.linalg.lstsq(kept, residual, rcond=None)[0]

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from calib.confidence.local import EDGE
+from calib.confidence.local import MAX_EDGE_DISTANCE
 from calib.diagnosis.bench import Run, SimulatedRows, Start, simulated
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.effort import Effort
@@ -19,17 +19,19 @@ from calib.modelling.parameter import Parameter, Space
 from calib.objective import INITIAL_STATE
 from calib.study import Pool
 
-MAX_STEPS = 30  # of a fit  [count]
+MAX_FIT_STEPS = 30  # of a fit  [count]
 MIN_STEPS_BEFORE_ABANDONING = 5  # a fit that is predicted to attain no lower chi-square than another  [count]
 MAX_GAIN_RATIO = 2.0  # reduction that a step may bring at most, over the predicted one  [1]
 MIN_REDUCTION = 0.1  # of chi-square, in units of the mean square: a step of a smaller predicted reduction ends a fit
-MIN_GAIN_RATIO = 0.25  # actual over predicted reduction  [1]: below it derivatives are recomputed, not only updated
+MIN_UPDATE_GAIN_RATIO = (
+    0.25  # actual over predicted reduction, below which derivatives are recomputed, not updated  [1]
+)
 MAX_GAIN_ERROR = 0.1  # departure of the gain ratio from 1 beyond which updated derivatives do not end a fit  [1]
 SIMULATIONS_PER_SCORE = 4  # of each record for the derivative by a candidate's parameter, as measured  [count]
 JACOBIANS_PER_FIT, STEPS_PER_FIT = 1, 5  # as measured  [count]
 INITIAL_STATE_SIMULATIONS = 20  # of each record in a fit, where its initial state is a nuisance, as measured  [count]
 INITIAL_RELATIVE_STEP = 1e-3  # change of the rows by a step of the initial state over their norm  [1]
-MAX_HALVINGS = 5  # of a step that does not reduce chi-square  [count]
+MAX_FIT_HALVINGS = 5  # of a step that does not reduce chi-square  [count]
 RIDGE = 1e-10  # added to the unit diagonal of the normal equations: undetermined directions are not moved  [1]
 MIN_ROOM = 1e-12  # of a scaled step on its bound, where the solver needs an open interval  [1]
 
@@ -91,7 +93,7 @@ class Fitter:
             return self._failed(start, candidates)
         fresh, nonlinear = columns is None, False
         now = self.with_derivatives(now) if columns is None else replace(now, columns=columns)
-        for number in range(MAX_STEPS):
+        for number in range(MAX_FIT_STEPS):
             step, predicted = _step(now, x, low, high)
             inferior = number >= MIN_STEPS_BEFORE_ABANDONING and now.chi2 - MAX_GAIN_RATIO * predicted > rival
             converged = predicted < MIN_REDUCTION * max(1.0, now.chi2 / now.residual.size)
@@ -106,15 +108,15 @@ class Fitter:
                 continue
             x_ahead, fit = ahead
             gain_ratio = (now.chi2 - fit.chi2) / predicted
-            fresh = gain_ratio <= MIN_GAIN_RATIO
+            fresh = gain_ratio <= MIN_UPDATE_GAIN_RATIO
             nonlinear = not fresh and (nonlinear or abs(gain_ratio - 1.0) > MAX_GAIN_ERROR)
             now, x = self.with_derivatives(fit) if fresh else _updated(fit, now, x_ahead - x), x_ahead
-        return replace(now, reason=f"no convergence in {MAX_STEPS} steps")
+        return replace(now, reason=f"no convergence in {MAX_FIT_STEPS} steps")
 
     def is_at_an_edge(self, fit: Fit) -> bool:
         """Whether a calibrated value is at an edge of its window."""
         positions = [window.position(fit.value(name)) for name, window in self.space.windows.items()]
-        return min(positions, default=0.5) < EDGE or max(positions, default=0.5) > 1.0 - EDGE
+        return min(positions, default=0.5) < MAX_EDGE_DISTANCE or max(positions, default=0.5) > 1.0 - MAX_EDGE_DISTANCE
 
     def in_the_middle(self, fit: Fit) -> Fit | None:
         """The model of a fit with the calibrated values in the middle of their windows, and the derivatives there.
@@ -166,7 +168,7 @@ class Fitter:
         Where the whole step does not, with predicted initial states, these are solved for once.
         """
         free = any(view.start is not None for view in now.point.simulated.values())
-        tried = [(1.0, False), (1.0, True), *((0.5**k, False) for k in range(1, MAX_HALVINGS))]
+        tried = [(1.0, False), (1.0, True), *((0.5**k, False) for k in range(1, MAX_FIT_HALVINGS))]
         for share, solved in tried if free else [pair for pair in tried if not pair[1]]:
             x_ahead, change = x + share * step, share * (now.columns @ step)
             fit = self._evaluated(now.point, directions, x_ahead, candidates, change, solved)

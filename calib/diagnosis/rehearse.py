@@ -26,8 +26,8 @@ from calib.modelling.effect import Effect
 from calib.objective import Objective, Reference
 from calib.study import CalibrationStudy, Pool
 
-STRENGTHS = (5.0, 10.0, 20.0, 40.0)  # sizes of a hidden effect, as the z that its information predicts  [1]
-SEEDS = 3  # of the noise, for each effect and size  [count]
+HIDDEN_Z = (5.0, 10.0, 20.0, 40.0)  # sizes of a hidden effect, as the z that its information predicts  [1]
+SEEDS_PER_SIZE = 3  # of the noise, for each effect and size  [count]
 MIN_NAMED_SHARE = 0.75  # of the seeds, from which an effect is reliably named  [1]; convention
 NOTHING = "nothing"
 
@@ -150,8 +150,8 @@ def rehearse(
     values: Mapping[str, float],
     effects: Sequence[Effect],
     *,
-    strengths: Sequence[float] = STRENGTHS,
-    seeds: int = SEEDS,
+    strengths: Sequence[float] = HIDDEN_Z,
+    seeds: int = SEEDS_PER_SIZE,
     done: Mapping[str, Rehearsed] | None = None,
     pool: Callable[[Stage], AbstractContextManager[Pool]] | None = None,
     on_case: Callable[[Rehearsed, int, int], None] = lambda rehearsed, number, of: None,

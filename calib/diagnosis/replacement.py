@@ -18,7 +18,7 @@ from calib.diagnosis.screening import KnownDerivatives
 from calib.diagnosis.search import Round, search
 from calib.diagnosis.suspect import Cause, Refitted, Scored, Screened, is_testable
 
-RANK_TOLERANCE = 1e-6  # singular value over the largest, of columns of unit length  [1]
+REPLACEMENT_RANK_TOLERANCE = 1e-6  # singular value over the largest, of columns of unit length  [1]
 MAX_REDUCTION_DIFFERENCE = 1e-6  # relative, of reductions of chi-square by pairs that count as equivalent  [1]
 
 
@@ -244,7 +244,7 @@ class _Linear:
         columns = np.column_stack(signatures)
         columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
         score = columns.T @ self._remaining
-        theta = np.linalg.lstsq(columns.T @ columns, score, rcond=RANK_TOLERANCE)[0]
+        theta = np.linalg.lstsq(columns.T @ columns, score, rcond=REPLACEMENT_RANK_TOLERANCE)[0]
         parts = np.split(theta, np.cumsum([own.shape[1] for own in signatures])[:-1])
         admissible = all((c.sign * part >= 0.0).all() for c, part in zip(pair, parts, strict=True))
         return float(score @ theta) if admissible else -np.inf
@@ -256,7 +256,7 @@ class _Linear:
         """
         columns = self.final.free(np.column_stack([self.columns, *(s.derivatives for s in pair)]))
         length = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-        moves = np.linalg.lstsq(columns / length, self.residual, rcond=RANK_TOLERANCE)[0] / length
+        moves = np.linalg.lstsq(columns / length, self.residual, rcond=REPLACEMENT_RANK_TOLERANCE)[0] / length
         values, moved = dict(self.rest), iter(moves)
         sizes: dict[str, float] = {}
         for name in self.names:

@@ -19,12 +19,14 @@ from scipy import stats
 from calib.confidence.covariance import sandwich
 from calib.diagnosis.criteria import CRITERIA
 
-NOISE_DRAWS = 5000  # of which the threshold is a quantile  [count]
+THRESHOLD_DRAWS = 5000  # of which the threshold is a quantile  [count]
 MIN_ERROR_RATIO = 3.0  # of what calibration leaves of a signature over its error: less counts as zero  [1]
 ROUNDING_SHARE = 1e-5  # of a signature that is left by rounding where calibration absorbs it  [1]
 GRAM_RANK_TOLERANCE = 1e-6  # least eigenvalue that counts, of normal equations of columns of unit length  [1]
 MIN_LOG_PROBABILITY = -600.0  # below it a tail probability underflows, and its asymptote is used  [1]
-RANK_TOLERANCE = 1e-7  # singular value, over the largest of the same column set, below which a direction is absorbed
+ABSORPTION_RANK_TOLERANCE = (
+    1e-7  # singular value over the largest of its columns, below which a direction is absorbed  [1]
+)
 
 
 class Projection:
@@ -37,7 +39,7 @@ class Projection:
         self.basis = np.zeros((len(columns), 0))
         if columns.shape[1]:
             left, singular, _ = np.linalg.svd(columns, full_matrices=False)
-            self.basis = left[:, singular > RANK_TOLERANCE * singular[0]]
+            self.basis = left[:, singular > ABSORPTION_RANK_TOLERANCE * singular[0]]
 
     def __call__(self, vectors: np.ndarray) -> np.ndarray:
         """Return vectors (N,) or (N, m) without the part in the span of the columns."""
@@ -193,8 +195,8 @@ def threshold(signatures: Sequence[Signature], segments: np.ndarray, seed: int, 
     parts = _products(whole, whole, segments)
     values, vectors = np.linalg.eigh(parts)
     roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
-    drawn = roots @ rng.standard_normal((*roots.shape[:-1], NOISE_DRAWS))
-    largest, first = np.zeros(NOISE_DRAWS), 0
+    drawn = roots @ rng.standard_normal((*roots.shape[:-1], THRESHOLD_DRAWS))
+    largest, first = np.zeros(THRESHOLD_DRAWS), 0
     for columns, sign in units:
         own = slice(first, first + columns.shape[1])
         first = own.stop

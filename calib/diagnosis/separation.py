@@ -36,7 +36,7 @@ RELATIVE_STEP = 1e-3  # of the largest displacement and velocity: differences by
 SWEEP_SAMPLES_PER_PERIOD = 20  # at the highest frequency of a sweep  [count]
 SWEEP_TAPER = 0.1  # of a sweep's duration: cosine taper at both ends together  [1]
 MIN_NOISE_RATIO = 1e-12  # of the noise to that of the record, for a channel of the new measurement that is at rest  [1]
-RANK_TOLERANCE = 1e-10  # singular value over the largest, columns of unit length  [1]
+SEPARATION_RANK_TOLERANCE = 1e-10  # singular value over the largest, columns of unit length  [1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,7 +229,7 @@ def least_squares(columns: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, 
     """Solution (k,) of columns (n, k) x = target (n,) by least squares, and the norm of its residual."""
     scale = np.linalg.norm(columns, axis=0)
     scale[scale == 0.0] = 1.0
-    move = np.linalg.lstsq(columns / scale, target, rcond=RANK_TOLERANCE)[0]
+    move = np.linalg.lstsq(columns / scale, target, rcond=SEPARATION_RANK_TOLERANCE)[0]
     return move / scale, float(np.linalg.norm(target - (columns / scale) @ move))
 
 

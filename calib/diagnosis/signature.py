@@ -21,12 +21,12 @@ from calib.diagnosis.score import Projection
 from calib.modelling.effect import Effect
 from calib.study import Pool
 
-FIRST_STEP = 1e-4  # of the natural scale  [1]
+FIRST_SCALE_STEP = 1e-4  # of the natural scale  [1]
 TARGET_RESPONSE = 0.3  # norm of the response that a step should make  [standard deviations of the noise]
 MAX_RESPONSE_RATIO = 10.0  # of a response to its target, or of the target to it  [1]
 SECOND_STEP_RATIO = 3.0  # of the second step over the first  [1]
 MIN_RESPONSE = 1e-4  # below it a response is rounding  [standard deviations of the noise]
-STEP_REDUCTION = 10.0  # of a step whose simulation fails  [1]
+FAILURE_STEP_REDUCTION = 10.0  # of a step whose simulation fails  [1]
 MAX_TRIES = 3  # steps until the response is near its target  [count]
 MAX_COMPARISONS = 5  # of the slope by a step with that by its triple  [count]
 STEP_BOUNDS = 1e-9, 0.3  # of the natural scale  [1]
@@ -208,7 +208,7 @@ def _first_responses(
     responses: _Responses, directions: Sequence[Direction], known: Mapping[str, Step]
 ) -> dict[int, tuple[float, np.ndarray]]:
     """Step along each direction whose response is near its target, as far as that can be, and the response (N,)."""
-    usual = {k: known.get(d.name, Step(FIRST_STEP * d.scale, TARGET_RESPONSE)) for k, d in enumerate(directions)}
+    usual = {k: known.get(d.name, Step(FIRST_SCALE_STEP * d.scale, TARGET_RESPONSE)) for k, d in enumerate(directions)}
     sizes = {k: step.size for k, step in usual.items()}
     first: dict[int, tuple[float, np.ndarray]] = {}
     waiting = set(sizes)
@@ -216,7 +216,7 @@ def _first_responses(
         steps = {k: directions[k].step(sizes[k]) for k in sorted(waiting)}
         for k, response in responses(steps).items():
             if response is None:
-                sizes[k] /= STEP_REDUCTION
+                sizes[k] /= FAILURE_STEP_REDUCTION
                 continue
             first[k] = steps[k], response
             length = float(np.linalg.norm(response))

@@ -24,7 +24,7 @@ MAX_BACKWARDS = 0.01  # of the period, for which a curve may run against time wi
 MAX_ZERO_OFFSET = 0.01  # of the greatest speed: velocity at turning points without a warning
 MAX_SCALE_SIGMA = 0.01  # standard uncertainty of a scale above which a study solves for it
 MIN_SHARE_OF_PERIOD = 0.97  # that a diagram over time has to show
-TRIED_STARTS = 400  # instants tried for the start of a loop within a diagram over time
+TRIED_LOOP_STARTS = 400  # instants tried for the start of a loop within a diagram over time
 
 
 @dataclass(frozen=True, eq=False)
@@ -355,9 +355,9 @@ def _start(timed: TimedLoop, diagrams: Sequence[Reading], findings: Findings) ->
     def mean_square(start: float) -> float:
         return float(np.mean((drawn - timed.at(even - start)[row]) ** 2))
 
-    tried = np.arange(TRIED_STARTS) * length / TRIED_STARTS
+    tried = np.arange(TRIED_LOOP_STARTS) * length / TRIED_LOOP_STARTS
     best = float(tried[np.argmin([mean_square(start) for start in tried])])
-    step = length / TRIED_STARTS
+    step = length / TRIED_LOOP_STARTS
     start = float(minimize_scalar(mean_square, bounds=(best - step, best + step), method="bounded").x)
     of_loop = timed.at(even - start)
     scale, offset = np.linalg.lstsq(np.column_stack([of_loop[row], np.ones(even.size)]), drawn, rcond=None)[0]

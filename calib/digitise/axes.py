@@ -7,8 +7,8 @@ import numpy as np
 
 from calib.errors import CalibError
 
-READING = 0.3  # pixels: standard uncertainty of an axis point that is read to a whole pixel (1 / sqrt 12)
-PRIOR_WEIGHT = 4.0  # of READING, in residuals of axis points
+READING_SIGMA_PIXELS = 0.3  # pixels: standard uncertainty of an axis point that is read to a whole pixel (1 / sqrt 12)
+PRIOR_WEIGHT = 4.0  # of READING_SIGMA_PIXELS, in residuals of axis points
 MIN_SPREAD_RATIO = 1e-3  # of axis points: smaller spread over larger, below which they are on one line
 
 
@@ -25,7 +25,7 @@ class AxisCalibration:
     logarithmic : of x and of y
     residual : (m,) distance of the axis points from where the map puts them  [pixels]; zeros where the map is
         determined by as many equations as it has unknowns
-    reading : standard uncertainty of an axis point, from the residuals and `READING`  [pixels]
+    reading : standard uncertainty of an axis point, from the residuals and `READING_SIGMA_PIXELS`  [pixels]
     """
 
     matrix: np.ndarray
@@ -77,7 +77,7 @@ def calibrated(
     x: Sequence[float | None],
     y: Sequence[float | None],
     logarithmic: tuple[bool, bool] = (False, False),
-    reading: float = READING,
+    reading: float = READING_SIGMA_PIXELS,
 ) -> AxisCalibration:
     """Calibrate by least squares from axis points.
 
@@ -131,8 +131,8 @@ def two_points(pixels: np.ndarray, points: np.ndarray) -> AxisCalibration:
     turn = complex(*(end - start)) / apart
     linear = np.array([[turn.real, turn.imag], [turn.imag, -turn.real]])
     matrix = np.column_stack([linear, start - linear @ first])
-    root = READING * abs(turn) / abs(apart) * np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, abs(apart)]])
-    return AxisCalibration(matrix, np.array([root, root]), (False, False), np.zeros(2), READING)
+    root = READING_SIGMA_PIXELS * abs(turn) / abs(apart) * np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, abs(apart)]])
+    return AxisCalibration(matrix, np.array([root, root]), (False, False), np.zeros(2), READING_SIGMA_PIXELS)
 
 
 def _affine(pixels: np.ndarray) -> np.ndarray:

@@ -10,11 +10,11 @@ from scipy.optimize import isotonic_regression, nnls
 from calib.errors import CalibError
 
 LOOP_NODES = 2000  # points that a loop is drawn through
-MIN_POINTS = 8  # of a loop
+MIN_LOOP_POINTS = 8  # of a loop
 TURN_SPEED = 0.6  # of the greatest speed: up to it from rest the slowness of a turning point is fitted
 MAX_KNOTS = 72  # of the slowness dt / dv over that stretch
 DENSE_KNOT_SPEED = 0.25  # of the greatest speed: up to it from rest the knots are dense, beyond ever wider apart
-STIFFNESSES = 10.0 ** np.arange(2.0, -10.0, -1.0)  # weights tried on the bends of the slowness
+BEND_WEIGHTS = 10.0 ** np.arange(2.0, -10.0, -1.0)  # weights tried on the bends of the slowness
 REWEIGHTINGS = 3  # of the bends, by their magnitude
 CORRELATED_NODES = 3.0  # that count as one independent node, since their errors are correlated
 NOISE_SHARE = 0.2  # of the curve's noise: for a residual below it the slowness needs no further bend
@@ -22,7 +22,7 @@ MIN_RESIDUAL = 2e-6  # of the amplitude: the same for a curve without noise
 SHARP_BEND = 0.05  # of the mean slowness: from it on a bend counts as a parameter, and may be sharp
 MAX_TURN_RESIDUAL = 6e-4  # of the extent of a loop: residual of a polynomial at a smooth turning point
 ZERO_FIT_SPEED = 0.4  # of the greatest speed: up to it from rest displacement is fitted to find where it turns
-MIN_DISTANCE = 1e-9  # of the size of a loop: points nearer to each other are one
+MIN_POINT_DISTANCE = 1e-9  # of the size of a loop: points nearer to each other are one
 JUMP_RATIO = 4.0  # of a stretch to its neighbours: from it on the stretch is a straight line of which no point was read
 MIN_SPEED = 1e-9  # of the amplitude: below it the body is at rest
 
@@ -112,16 +112,19 @@ def loop(points: np.ndarray, nodes: int = LOOP_NODES) -> NodeLoop:
     """
     points = np.asarray(points, dtype=float)
     size = np.ptp(points, axis=0)
-    if len(points) < MIN_POINTS or not (size > 0.0).all():
+    if len(points) < MIN_LOOP_POINTS or not (size > 0.0).all():
         raise CalibError(
-            f"a phase curve needs at least {MIN_POINTS} points that differ in displacement and velocity, "
+            f"a phase curve needs at least {MIN_LOOP_POINTS} points that differ in displacement and velocity, "
             f"got {len(points)}"
         )
     given, position = len(points), np.arange(len(points))
     away = np.linalg.norm(np.diff(points, axis=0, append=points[:1]) / size, axis=1)
-    points, position, away = points[away > MIN_DISTANCE], position[away > MIN_DISTANCE], away[away > MIN_DISTANCE]
-    if len(points) < MIN_POINTS:
-        raise CalibError(f"a phase curve needs at least {MIN_POINTS} points at different positions, got {len(points)}")
+    distinct = away > MIN_POINT_DISTANCE
+    points, position, away = points[distinct], position[distinct], away[distinct]
+    if len(points) < MIN_LOOP_POINTS:
+        raise CalibError(
+            f"a phase curve needs at least {MIN_LOOP_POINTS} points at different positions, got {len(points)}"
+        )
     points, position = _filled(points, position, away, given)
     away = np.linalg.norm(np.diff(points, axis=0, append=points[:1]) / size, axis=1)
     around = np.sum(0.5 * (points[:, 1] + np.roll(points[:, 1], -1)) * (np.roll(points[:, 0], -1) - points[:, 0]))
@@ -248,7 +251,7 @@ def _turn(q: np.ndarray, v: np.ndarray, at: int, noise: float) -> Turn:
     root, right = _reduced(design, right)
     fits: list[tuple[float, Turn]] = []
     independent, enough = len(v) / CORRELATED_NODES, (2.0 * NOISE_SHARE * noise / span) ** 2 + MIN_RESIDUAL**2
-    for stiffness in STIFFNESSES:
+    for stiffness in BEND_WEIGHTS:
         slowness, penalty, residual, bends = _bent(design, q, root, right, stiffness)
         criterion = independent * np.log(residual**2 + enough) + bends * np.log(independent)  # Schwarz (1978)
         fits.append((criterion, Turn(first, last, knots, penalty, slowness > 0.0)))

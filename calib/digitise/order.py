@@ -3,10 +3,10 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-MAX_LENGTH_RATIO = 1.4  # of points in order: length of their polygon over that of the shortest tour through them
-MAX_POINTS = 3000  # that are put in order
+MAX_TOUR_RATIO = 1.4  # of points in order: length of their polygon over that of the shortest tour through them
+MAX_ORDERED_POINTS = 3000  # that are put in order
 NEIGHBOURS = 10  # of a point, to which the 2-opt search is limited
-MAX_ROUNDS = 20  # of the 2-opt search
+MAX_TWO_OPT_ROUNDS = 20  # of the 2-opt search
 
 
 def ordered(points: np.ndarray, closed: bool) -> tuple[np.ndarray, list[str]]:
@@ -23,11 +23,11 @@ def ordered(points: np.ndarray, closed: bool) -> tuple[np.ndarray, list[str]]:
         order = np.argsort(points[:, 0], kind="stable")
         return order, []
     size = np.ptp(points, axis=0)
-    if len(points) < 4 or len(points) > MAX_POINTS or not (size > 0.0).all():
+    if len(points) < 4 or len(points) > MAX_ORDERED_POINTS or not (size > 0.0).all():
         return np.arange(len(points)), []
     scaled = points / size
     shortest = _short_tour(scaled)
-    if _length(scaled) <= MAX_LENGTH_RATIO * _length(scaled[shortest]):
+    if _length(scaled) <= MAX_TOUR_RATIO * _length(scaled[shortest]):
         return np.arange(len(points)), []
     return shortest, [
         "its points were not in order along the curve, and were put on the shortest way round; look at the picture"
@@ -51,7 +51,7 @@ def _short_tour(points: np.ndarray) -> np.ndarray:
         open_[visited[-1]] = False
     tour = np.array(visited)
     near = np.atleast_2d(cKDTree(points).query(points, k=min(NEIGHBOURS + 1, size))[1])[:, 1:]
-    for _ in range(MAX_ROUNDS):
+    for _ in range(MAX_TWO_OPT_ROUNDS):
         if not _shortened(tour, points, near):
             break
     return tour

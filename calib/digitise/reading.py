@@ -15,7 +15,7 @@ from calib.digitise.importers import Imported
 from calib.digitise.importers import read as read_export
 from calib.digitise.order import ordered
 from calib.digitise.spec import PERIOD_UNIT, CurveTable, FigureToml, PanelTable
-from calib.digitise.uncertainty import ASSUMED_SIGMA, hats, leaning
+from calib.digitise.uncertainty import ASSUMED_SIGMA_SHARE, hats, leaning
 from calib.errors import CalibError, nearest
 from calib.study_file.mistakes import Mistakes
 from calib.units import to_si
@@ -159,8 +159,10 @@ def _in_si(curve: Curve, entry: CurveTable, units: Sequence[str], period: float 
         stated = [_sigma(sigma, unit, factor, si) for sigma, unit, factor, si in each]
         sigma = np.tile(stated, (len(points), 1))
     if sigma is None:
-        sigma = np.tile(ASSUMED_SIGMA * np.ptp(points, axis=0), (len(points), 1))
-        notes.append(f"its uncertainty is assumed as {ASSUMED_SIGMA:g} of its extent; state sigma where you know it")
+        sigma = np.tile(ASSUMED_SIGMA_SHARE * np.ptp(points, axis=0), (len(points), 1))
+        notes.append(
+            f"its uncertainty is assumed as {ASSUMED_SIGMA_SHARE:g} of its extent; state sigma where you know it"
+        )
     sigma = np.maximum(sigma, 1e-9 * np.ptp(points, axis=0))
     if not (np.abs(points).max() < MAX_NUMBER and sigma.max() < MAX_NUMBER):
         raise CalibError(f"its numbers exceed {MAX_NUMBER:g} in SI; check its units and axes")

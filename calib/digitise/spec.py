@@ -12,7 +12,7 @@ from calib.study_file.schema import Quantity, TomlTable
 
 Kind = Literal["phase curve", "displacement over time", "velocity over time"]
 PERIOD_UNIT = "period"  # a unit of time axes: the period of the excitation
-MIN_SAMPLES = 16
+MIN_RECORD_SAMPLES = 16  # of a digitised record, per period
 
 
 def _number(value: object) -> float:
@@ -123,7 +123,7 @@ class FigureToml(TomlTable):
 
     source: Annotated[str, Field(min_length=1)]
     """Who drew the figure, and where it is printed."""
-    samples: Annotated[int, Field(ge=MIN_SAMPLES, le=100_000)] = 400
+    samples: Annotated[int, Field(ge=MIN_RECORD_SAMPLES, le=100_000)] = 400
     """Samples a period of the record that is made."""
     excitation: PrintedExcitation | None = None
     """How the bodies were driven."""

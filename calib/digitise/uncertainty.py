@@ -4,11 +4,11 @@ import numpy as np
 
 from calib.digitise.clock import LoopClock, NodeLoop, clock
 
-STRETCHES = 24  # stretches along a curve within each of which an error of the trace is taken as one
-ASSUMED_SIGMA = 1e-3  # of a curve's extent: standard uncertainty of points of which nothing is known
+STRETCHES_PER_CURVE = 24  # stretches along a curve within each of which an error of the trace is taken as one
+ASSUMED_SIGMA_SHARE = 1e-3  # of a curve's extent: standard uncertainty of points of which nothing is known
 
 
-def hats(size: int, closed: bool, number: int = STRETCHES) -> np.ndarray:
+def hats(size: int, closed: bool, number: int = STRETCHES_PER_CURVE) -> np.ndarray:
     """Weights (number, size) of points in overlapping stretches; squares sum to 1 at each point."""
     number = max(1, min(number, size // 2))
     position = np.arange(size) / size * number

@@ -13,7 +13,7 @@ from calib.dynamics.exponents import largest_exponent
 from calib.dynamics.irregular import EXPONENT_SIGMAS
 from calib.dynamics.orbit_kind import FAILED, OrbitKind
 from calib.dynamics.pseudo_orbit import pseudo_tangent
-from calib.dynamics.recurrence import SAME_MOTION
+from calib.dynamics.recurrence import SAME_MOTION_DISTANCE
 from calib.dynamics.setting import Setting
 from calib.dynamics.settling import settled_orbit
 from calib.dynamics.single_run import RETRY_FACTOR, kind_of_run
@@ -27,7 +27,7 @@ from calib.store.plain import plain
 
 STATES_PER_CHUNK = 32  # run, and lost by a kill, at a time
 KEPT_CYCLES = 100  # by which the kind of a motion is decided
-TIMEOUT = 600.0  # s, wall clock of a chunk
+BASIN_CHUNK_SECONDS = 600.0  # s, wall clock of a chunk
 EXPONENT_PERIODS = 200  # over which the exponent of a motion that has not returned is taken
 IRREGULAR, LOST = 0, -1  # instead of a period: no return; no motion
 
@@ -93,7 +93,7 @@ def basins(
     plane: Plane,
     path: str | Path,
     jobs: int = 1,
-    timeout: float = TIMEOUT,
+    timeout: float = BASIN_CHUNK_SECONDS,
     fresh: bool = False,
     on_done: Callable[[int, int], None] = lambda done, total: None,
 ) -> xr.Dataset:
@@ -253,4 +253,4 @@ def _padded(rows: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _near(map: PeriodMap, states: np.ndarray, state: np.ndarray, period: int) -> bool:
-    return period == IRREGULAR or bool((np.abs((states - state) / map.scale).max(axis=1) < SAME_MOTION).any())
+    return period == IRREGULAR or bool((np.abs((states - state) / map.scale).max(axis=1) < SAME_MOTION_DISTANCE).any())

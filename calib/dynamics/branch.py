@@ -14,16 +14,16 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicHermiteSpline
 
-from calib.dynamics.orbits import SAME_STATE, Cycle, checked_guess, cycle_at, newton, reduced, shoot
+from calib.dynamics.orbits import SAME_STATE_DISTANCE, Cycle, checked_guess, cycle_at, newton, reduced, shoot
 from calib.dynamics.tangent import jacobian
 from calib.errors import CalibError
 from calib.modelling.orbit import PeriodMap
 from calib.records import OK
 
-FIRST_STEP = 0.01  # along the curve
-MAX_STEP = 0.05  # along the curve
-MIN_STEP = 1e-6  # along the curve; one that cannot be followed with it ends
-PARAMETER_DIFFERENCE = 1e-7  # of the window, for the derivative by the parameter; below MIN_STEP, to stay off a grazing
+FIRST_ARCLENGTH_STEP = 0.01  # along the curve
+MAX_ARCLENGTH_STEP = 0.05  # along the curve
+MIN_ARCLENGTH_STEP = 1e-6  # along the curve; one that cannot be followed with it ends
+PARAMETER_DIFFERENCE = 1e-7  # of the window, for the derivative; below MIN_ARCLENGTH_STEP, to stay off a grazing
 EASY_NEWTON_STEPS = 3  # of the corrector; after no more the step along the curve is lengthened
 MAX_NEWTON_STEPS = 8  # of the corrector
 MIN_TANGENT_COSINE = 0.95  # between neighbouring tangents
@@ -233,7 +233,7 @@ class _Curve:
     def shorter(self, point: _CurvePoint) -> bool:
         """Whether the motion returns after a part of the periods already, as one that a long step reaches may do."""
         parts = [point.cycle.orbit.states[n - 1] for n in range(1, self.periods) if self.periods % n == 0]
-        return any(np.abs(state / self.scale - point.z[:-1]).max() < SAME_STATE for state in parts)
+        return any(np.abs(state / self.scale - point.z[:-1]).max() < SAME_STATE_DISTANCE for state in parts)
 
     def ahead(self, base: _CurvePoint, step: float) -> tuple[_CurvePoint | None, str]:
         """Next point, a step ahead of `base` or on the edge of the window before that; None and why without one."""
@@ -271,7 +271,7 @@ class _Curve:
 
 def _run(curve: _Curve, start: _CurvePoint, most: int) -> tuple[list[_CurvePoint], list[Special], str]:
     """Points from `start` on along its tangent, special points among them, and why they end."""
-    points, specials, step = [start], list[Special](), FIRST_STEP
+    points, specials, step = [start], list[Special](), FIRST_ARCLENGTH_STEP
     while len(points) <= most:
         base = points[-1]
         if base.z[-1] == float(base.tangent[-1] > 0.0):
@@ -280,7 +280,7 @@ def _run(curve: _Curve, start: _CurvePoint, most: int) -> tuple[list[_CurvePoint
         between = _specials_between(curve, base, ahead) if ahead else []
         if ahead is None or between is None:
             step /= 2.0
-            if step < MIN_STEP:
+            if step < MIN_ARCLENGTH_STEP:
                 return _ended(curve, points, specials, reason or "the cycles beside a special point are not found")
             continue
         for kind, point, evidence in between:
@@ -289,7 +289,7 @@ def _run(curve: _Curve, start: _CurvePoint, most: int) -> tuple[list[_CurvePoint
             if evidence == FROM_FLIP:
                 return points, specials, FROM_FLIP
         points.append(ahead)
-        step = min(1.5 * step, MAX_STEP) if len(ahead.cycle.steps) <= EASY_NEWTON_STEPS + 1 else step
+        step = min(1.5 * step, MAX_ARCLENGTH_STEP) if len(ahead.cycle.steps) <= EASY_NEWTON_STEPS + 1 else step
         to_start = start.z - ahead.z
         if np.linalg.norm(to_start) <= step and min(to_start @ ahead.tangent, start.tangent @ ahead.tangent) > 0.0:
             return [*points, start], specials, CLOSED

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from scipy.special import chdtri
 
-CONFIDENCE_LEVEL = 0.95
+CONFIDENCE_LEVEL = 0.95  # of the interval of a mean lifetime  [1]
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,17 +10,17 @@ from calib.dynamics.orbit_kind import CHAOTIC, NEUTRAL_EXPONENT, QUASI_PERIODIC,
 from calib.dynamics.orbits import attracting_cycle
 from calib.dynamics.pseudo_orbit import pseudo_tangent
 from calib.dynamics.recurrence import (
-    BLOCKS,
     MAX_LAG,
     MIN_DRIFT,
-    NEAR_CYCLE,
+    NEAR_CYCLE_DISTANCE,
+    SECTION_BLOCKS,
     block_maxima,
     likely_period,
     recurrence_of,
     returned_after,
     size_of,
 )
-from calib.dynamics.settling import CONTRACTING_RETURN, failed, run, run_irregular
+from calib.dynamics.settling import CONTRACTING_RETURN_DISTANCE, failed, run, run_irregular
 from calib.dynamics.tangent import longest_affordable
 from calib.dynamics.zero_one import zero_one
 from calib.modelling.orbit import PeriodMap
@@ -49,7 +49,7 @@ def kind_of_irregular(map: PeriodMap, motion: OrbitKind) -> OrbitKind:
         visited = np.concatenate([motion.visited, exponent.states, orbit.states])
         evidence = _evidence_of(visited / map.scale, exponent)
         longest = MAX_INTERMITTENT_PERIODS if evidence.interrupted else MAX_EXPONENT_PERIODS
-        long = returned_after(visited / map.scale, CONTRACTING_RETURN)
+        long = returned_after(visited / map.scale, CONTRACTING_RETURN_DISTANCE)
         if long > MAX_LAG and (cycle := _long_cycle(map, motion, visited, long)) is not None:
             return cycle
         if evidence.kind != UNDECIDED or _shrinking(exponent) or len(exponent.logarithms) >= longest:
@@ -75,7 +75,7 @@ def _long_cycle(map: PeriodMap, motion: OrbitKind, visited: np.ndarray, periods:
     end = visited[-1]
     if periods > longest_affordable(map, end):
         return None
-    cycle = attracting_cycle(map, end, periods, NEAR_CYCLE * size_of(visited / map.scale))
+    cycle = attracting_cycle(map, end, periods, NEAR_CYCLE_DISTANCE * size_of(visited / map.scale))
     if cycle is None or cycle.periods != periods:
         return None
     orbit = run(map, cycle.state, len(motion.orbit.states))
@@ -134,7 +134,7 @@ class _Evidence:
         Chaos of a map whose slope is the same everywhere grows steadily too, but its K is near 1.
         """
         value, error = self.exponent.value, self.exponent.error
-        growing = value > EXPONENT_SIGMAS * error and self.recurrence <= NEAR_CYCLE
+        growing = value > EXPONENT_SIGMAS * error and self.recurrence <= NEAR_CYCLE_DISTANCE
         return growing and (self.drifting or (error < MAX_STEADY_ERROR * value and not self.zero_one > MAX_REGULAR_K))
 
     @property
@@ -168,7 +168,7 @@ def _evidence_of(section: np.ndarray, exponent: Exponent) -> _Evidence:
     recurrence = recurrence_of(section)
     lag = int(np.argmin(recurrence)) + 1
     maxima = block_maxima(section, lag)
-    one_way = abs(np.sign(np.diff(maxima)).sum()) == BLOCKS - 1
+    one_way = abs(np.sign(np.diff(maxima)).sum()) == SECTION_BLOCKS - 1
     drifting = bool(one_way and np.ptp(maxima) > MIN_DRIFT * maxima[0])
     settling = _shrinking(exponent) or (drifting and exponent.value <= MIN_CHAOTIC_EXPONENT)
     return _Evidence(

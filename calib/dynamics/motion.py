@@ -11,16 +11,16 @@ from calib.dynamics.irregular import MAX_REGULAR_K, MIN_CHAOTIC_EXPONENT
 from calib.dynamics.orbit_kind import CHAOTIC, FAILED, QUASI_PERIODIC, OrbitKind
 from calib.dynamics.orbits import Cycle, attracting_cycle
 from calib.dynamics.pseudo_orbit import pseudo_orbit
-from calib.dynamics.recurrence import BLOCKS, MIN_DRIFT, NEAR_CYCLE, SAME_MOTION
+from calib.dynamics.recurrence import MIN_DRIFT, NEAR_CYCLE_DISTANCE, SAME_MOTION_DISTANCE, SECTION_BLOCKS
 from calib.dynamics.settling import kind_of_cycle, settled_orbit
 from calib.dynamics.single_run import kind_of_run
 from calib.dynamics.tangent import longest_affordable, tangent
-from calib.dynamics.zero_one import MIN_POINTS, zero_one
+from calib.dynamics.zero_one import MIN_SERIES_POINTS, zero_one
 from calib.modelling.orbit import PeriodMap
 from calib.records import OK
 from calib.records.cycles.motion import UNDECIDED
 
-RUNS = 6  # from starts that differ by `PERTURBATION`, the given one among them
+PERTURBED_RUNS = 6  # from starts that differ by `PERTURBATION`, the given one among them
 PERTURBATION = 1e-6  # by which those starts differ, as a share of the map's scale
 SHORT_LAGS = 6  # periods; the 6 / n closest returns after n of them are guesses of a stable cycle
 PASSAGE_PERIODS = 30  # periods, in which close returns belong to one passage by a cycle
@@ -42,7 +42,7 @@ def kind_of_orbit(
     state: np.ndarray | None = None,
     settle: int = 1000,
     cycles: int = 100,
-    runs: int = RUNS,
+    runs: int = PERTURBED_RUNS,
     explore: bool = True,
 ) -> OrbitKind:
     """Return the kind of the motion that the map settles to from a state, and of those that rounding could lead to.
@@ -183,7 +183,7 @@ def _closest_returns(section: np.ndarray, longest: int = LONG_LAGS) -> list[tupl
 
 def _member(map: PeriodMap, start: np.ndarray, settle: int, cycles: int) -> tuple[OrbitKind, int]:
     """Motion that a further run comes to, undecided where it stays irregular; and how long it was irregular."""
-    cycles = max(cycles, MIN_POINTS)
+    cycles = max(cycles, MIN_SERIES_POINTS)
     motion = settled_orbit(map, start, settle, cycles)
     if motion.kind == FAILED or motion.regular:
         return motion, _arrival(map, start, motion)
@@ -206,7 +206,7 @@ def _arrival(map: PeriodMap, start: np.ndarray, settled: OrbitKind) -> int:
     states = pseudo_orbit(map, start, settled.dropped).states
     returns = settled.orbit.states[-settled.period :]
     apart = np.min([np.abs((states - own) / map.scale).max(axis=1) for own in returns], axis=0)
-    far = np.flatnonzero(apart > NEAR_CYCLE * float(np.abs(returns / map.scale).max()))
+    far = np.flatnonzero(apart > NEAR_CYCLE_DISTANCE * float(np.abs(returns / map.scale).max()))
     return int(far[-1]) + 1 if far.size else 0
 
 
@@ -288,7 +288,7 @@ class CoexistingMotions:
         if one.motion.period != period:
             return False
         apart = np.abs((one.states[-period:] - state) / self.map.scale)
-        return bool(apart.max(axis=1).min() < SAME_MOTION)
+        return bool(apart.max(axis=1).min() < SAME_MOTION_DISTANCE)
 
     def settled_to(self) -> OrbitKind | None:
         """Stable cycle that the first run, which has not returned, comes ever closer to; None where it does not."""
@@ -305,9 +305,9 @@ class CoexistingMotions:
         returns = cycle.orbit.states[-cycle.period :]
         nearest = returns[np.argmin(np.abs((returns - visited[-1]) / self.map.scale).max(axis=1))]
         apart = np.abs((visited[:: -cycle.period] - nearest) / self.map.scale).max(axis=1)
-        if len(apart) < BLOCKS:
+        if len(apart) < SECTION_BLOCKS:
             return False
-        back = np.array([block.max() for block in np.array_split(apart, BLOCKS)])
+        back = np.array([block.max() for block in np.array_split(apart, SECTION_BLOCKS)])
         return bool((np.diff(back) > 0.0).all() and np.ptp(back) > MIN_DRIFT * back.max())
 
     def verdict(self, runs: int, escape: EscapeTime | None) -> OrbitKind:

@@ -13,12 +13,12 @@ from calib.records import OK
 
 RESIDUAL_TOLERANCE = 1e-11  # of the residual, in units of the scale
 ROUNDING_RESIDUAL = 1e-8  # in units of the scale: accepted where rounding does not let the residual fall further
-MAX_HALVINGS = 8  # of a Newton step that does not lower the residual
+MAX_NEWTON_HALVINGS = 8  # of a Newton step that does not lower the residual
 GRAZING_MARGIN = 1e-3  # below it the derivative is not to be trusted: it has a square root singularity at margin 0
 MAX_QUICK_STEPS = 6  # of Newton's method from a close return
 CONVERGING_RESIDUAL = 1e-6  # residual, in units of the scale, from which Newton's method converges
 NEUTRAL_MULTIPLIER = 1e-5  # the multipliers of a cycle that attracts are below 1 by more than this
-SAME_STATE = 1e-7  # in units of the scale: distance of states that count as one
+SAME_STATE_DISTANCE = 1e-7  # in units of the scale: distance of states that count as one
 
 
 @dataclass(frozen=True)
@@ -152,9 +152,12 @@ def _attracts(multipliers: np.ndarray) -> bool:
 def reduced(map: PeriodMap, cycle: Cycle) -> Cycle:
     """Return the cycle with its least period, a divisor of the one it was sought with."""
     for periods in range(1, cycle.periods if cycle.converged else 1):
-        if cycle.periods % periods == 0 and _distance(map, cycle.orbit.states[periods - 1], cycle.state) < SAME_STATE:
+        if (
+            cycle.periods % periods == 0
+            and _distance(map, cycle.orbit.states[periods - 1], cycle.state) < SAME_STATE_DISTANCE
+        ):
             shorter = shoot(map, cycle.state, periods)
-            if shorter.converged and _distance(map, shorter.state, cycle.state) < SAME_STATE:
+            if shorter.converged and _distance(map, shorter.state, cycle.state) < SAME_STATE_DISTANCE:
                 return shorter
     return cycle
 
@@ -194,7 +197,7 @@ def newton(
         if step is None:
             reason = "the derivative is singular, or the motion fails beside the state"
             break
-        for halving in range(MAX_HALVINGS):
+        for halving in range(MAX_NEWTON_HALVINGS):
             ahead = root + 0.5**halving * step
             ahead_value = residual(ahead)
             if np.linalg.norm(ahead_value) < sizes[-1]:  # false for NaN

@@ -4,10 +4,10 @@ import numpy as np
 
 MAX_LAG = 64  # periods: the longest return that is called periodic by its section alone
 RETURN_TOLERANCE = 1e-6  # of the motion's size, within which a periodic motion returns
-NEAR_CYCLE = 1e-2  # of the motion's size: distance to a stable cycle within which a motion may be led to it
-SAME_MOTION = 1e-4  # of the map's scale: distance of a state to a motion that it belongs to
-MIN_SIZE = 1e-6  # of the map's scale: a smaller motion is at rest, and is measured as if it had this size
-BLOCKS = 8  # of a section; that the maxima of so many fall one after the other is hardly chance: 1 in 8!
+NEAR_CYCLE_DISTANCE = 1e-2  # of the motion's size: distance to a stable cycle within which a motion may be led to it
+SAME_MOTION_DISTANCE = 1e-4  # of the map's scale: distance of a state to a motion that it belongs to
+MIN_MOTION_SIZE = 1e-6  # of the map's scale: a smaller motion is at rest, and is measured as if it had this size
+SECTION_BLOCKS = 8  # of a section; that the maxima of so many fall one after the other is hardly chance: 1 in 8!
 MIN_DRIFT = 0.02  # relative fall or rise of these maxima; those of a torus that is all but filled differ by less
 
 
@@ -31,8 +31,8 @@ def returned_after(section: np.ndarray, within: float = RETURN_TOLERANCE) -> int
 
 def block_maxima(section: np.ndarray, lag: int) -> np.ndarray:
     """Largest differences (8,) of states `lag` periods apart in 8 blocks of the section."""
-    count = (len(section) - lag) // BLOCKS
-    return largest(section[lag:] - section[:-lag])[-count * BLOCKS :].reshape(BLOCKS, count).max(axis=1)
+    count = (len(section) - lag) // SECTION_BLOCKS
+    return largest(section[lag:] - section[:-lag])[-count * SECTION_BLOCKS :].reshape(SECTION_BLOCKS, count).max(axis=1)
 
 
 def likely_period(section: np.ndarray, lag: int, exponent: float) -> int:
@@ -42,7 +42,7 @@ def likely_period(section: np.ndarray, lag: int, exponent: float) -> int:
     """
     maxima = np.maximum([block_maxima(section, n) for n in range(1, lag + 1)], np.finfo(float).tiny)
     fall = np.log(maxima[:, -1] / maxima[:, 0])
-    due = exponent * len(section) * (1.0 - 1.0 / BLOCKS)
+    due = exponent * len(section) * (1.0 - 1.0 / SECTION_BLOCKS)
     if not 2.0 * due < fall[-1] < 0.5 * due < 0.0:
         return 0
     return int(np.flatnonzero(fall <= 0.5 * fall[-1])[0]) + 1
@@ -53,7 +53,7 @@ def closing_in(section: np.ndarray, back: np.ndarray) -> int:
 
     back : (n - 1,) difference of the last state from those 1, 2, ... before it, as a share of the motion's size
     """
-    near = np.flatnonzero(back[: len(back) // 3] <= NEAR_CYCLE)
+    near = np.flatnonzero(back[: len(back) // 3] <= NEAR_CYCLE_DISTANCE)
     if not near.size:
         return 0
     lag = int(near[0]) + 1
@@ -77,4 +77,4 @@ def largest(differences: np.ndarray) -> np.ndarray:
 
 def size_of(section: np.ndarray) -> float:
     """Size of a motion: the largest component of its section (n, dimension)  [scale of the map]."""
-    return max(float(np.abs(section).max()), MIN_SIZE)
+    return max(float(np.abs(section).max()), MIN_MOTION_SIZE)

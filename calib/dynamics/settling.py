@@ -10,7 +10,7 @@ from calib.dynamics.orbit_kind import FAILED, NEUTRAL_EXPONENT, OrbitKind, mean_
 from calib.dynamics.orbits import Cycle, attracting_cycle
 from calib.dynamics.pseudo_orbit import pseudo_orbit
 from calib.dynamics.recurrence import (
-    NEAR_CYCLE,
+    NEAR_CYCLE_DISTANCE,
     RETURN_TOLERANCE,
     approaches,
     closing_in,
@@ -23,10 +23,10 @@ from calib.modelling.orbit import Orbit, PeriodMap
 from calib.records import OK
 from calib.records.cycles.motion import NO_CONTACT, UNDECIDED
 
-SETTLING_CHUNK = 64  # periods at once while the motion settles
-CONTRACTING_RETURN = 1e-4  # of the motion's size: one that returns so well forgets its last digits by itself
+SETTLING_CHUNK_PERIODS = 64  # periods at once while the motion settles
+CONTRACTING_RETURN_DISTANCE = 1e-4  # of the motion's size: one that returns so well forgets its last digits by itself
 TAIL_PERIODS = 448  # last ones of a motion that has not settled after twice as many, which count as its own
-CONVERGED_RETURN = 1e-9  # of the motion's size, above a map's rounding: no transient is left
+CONVERGED_RETURN_DISTANCE = 1e-9  # of the motion's size, above a map's rounding: no transient is left
 MAX_REMAINING_MOTION = 0.05  # of a transient, over the distance that tells its period from a shorter one
 
 
@@ -90,15 +90,15 @@ def _converged(map: PeriodMap, state: np.ndarray, periods: int) -> _Settled:
     last: list[np.ndarray] = []
     go_on = run_irregular
     while gone < periods:
-        orbit = go_on(map, state, min(SETTLING_CHUNK, periods - gone))
+        orbit = go_on(map, state, min(SETTLING_CHUNK_PERIODS, periods - gone))
         if orbit.status != OK:
             return _Settled(state, gone, broken=orbit)
         gone += len(orbit.states)
-        last = [*last[-(TAIL_PERIODS // SETTLING_CHUNK) :], orbit.states]
+        last = [*last[-(TAIL_PERIODS // SETTLING_CHUNK_PERIODS) :], orbit.states]
         section = np.vstack([state, orbit.states]) / map.scale
         back = largest(section[:-1] - section[-1])[::-1] / size_of(section)
-        go_on = run if back.min() <= CONTRACTING_RETURN else run_irregular
-        if back.min() <= CONVERGED_RETURN:
+        go_on = run if back.min() <= CONTRACTING_RETURN_DISTANCE else run_irregular
+        if back.min() <= CONVERGED_RETURN_DISTANCE:
             return _Settled(orbit.states[-1], gone)
         if cycle is not None and approaches(section, cycle.state / map.scale, cycle.periods):
             return _Settled(cycle.state, gone)
@@ -114,7 +114,7 @@ def _converged(map: PeriodMap, state: np.ndarray, periods: int) -> _Settled:
 
 def _attracting(map: PeriodMap, section: np.ndarray, lag: int) -> Cycle | None:
     """Stable cycle of `lag` periods beside the end of a section (n, dimension); None where there is none."""
-    return attracting_cycle(map, section[-1] * map.scale, lag, NEAR_CYCLE * size_of(section))
+    return attracting_cycle(map, section[-1] * map.scale, lag, NEAR_CYCLE_DISTANCE * size_of(section))
 
 
 def run(map: PeriodMap, state: np.ndarray, periods: int) -> Orbit:

@@ -5,14 +5,14 @@ import numpy as np
 from calib.dynamics.exponents import ALIGNMENT_PERIODS
 from calib.dynamics.irregular import MAX_INTERMITTENT_PERIODS, kind_of_irregular
 from calib.dynamics.orbit_kind import FAILED, OrbitKind
-from calib.dynamics.recurrence import MAX_LAG, NEAR_CYCLE, recurrence_of, size_of
+from calib.dynamics.recurrence import MAX_LAG, NEAR_CYCLE_DISTANCE, recurrence_of, size_of
 from calib.dynamics.settling import TAIL_PERIODS, settled_orbit
 from calib.dynamics.tangent import tangent
 from calib.errors import CalibError
 from calib.modelling.orbit import PeriodMap
 from calib.records.cycles.motion import UNDECIDED
 
-MIN_CYCLES = 96  # kept: a third of them then see a return after 64 periods
+MIN_SECTION_CYCLES = 96  # kept: a third of them then see a return after 64 periods
 RETRY_FACTOR = 5  # times `settle` that a motion gets to settle before it is given up as undecided
 
 
@@ -45,9 +45,9 @@ def kind_of_run(map: PeriodMap, state: np.ndarray, settle: int = 1000, cycles: i
     ------
     CalibError : fewer than 96 cycles
     """
-    if cycles < MIN_CYCLES:
+    if cycles < MIN_SECTION_CYCLES:
         raise CalibError(
-            f"expected at least {MIN_CYCLES} cycles to keep, got {cycles}; a return after {MAX_LAG} needs them"
+            f"expected at least {MIN_SECTION_CYCLES} cycles to keep, got {cycles}; a return after {MAX_LAG} needs them"
         )
     motion = settled_orbit(map, state, settle, cycles)
     if motion.kind != UNDECIDED:
@@ -78,4 +78,4 @@ def _beyond_laminar_phase(map: PeriodMap, motion: OrbitKind) -> np.ndarray:
         return motion.state
     direction, going = grown.vectors[:, 0], (grown.states[-1] - grown.states[-1 - 2 * lag]) / map.scale
     side = -1.0 if going @ direction < 0.0 else 1.0  # after twice the lag, a cycle that flips is on the same side
-    return grown.states[-1] + side * NEAR_CYCLE * size_of(section) * direction * map.scale
+    return grown.states[-1] + side * NEAR_CYCLE_DISTANCE * size_of(section) * direction * map.scale

@@ -5,7 +5,7 @@ import numpy as np
 from calib.modelling.orbit import PeriodMap, Tangent
 from calib.records import OK
 
-DIFFERENCE_STEP = 1e-6  # of the central differences, in units of the scale
+CENTRAL_DIFFERENCE_STEP = 1e-6  # of the central differences, in units of the scale
 NEWTON_STEPS = 5  # that a close return takes to its cycle, about
 MAX_NEWTON_COST = 2500  # periods of the map that one attempt to find a cycle may take
 
@@ -52,12 +52,12 @@ def _by_differences(map: PeriodMap, state: np.ndarray, vectors: np.ndarray, peri
     states, growth = [], []
     for _ in range(periods):
         after = map.orbit(state, 1)
-        ahead = [map.orbit(state + DIFFERENCE_STEP * map.scale * vector, 1) for vector in vectors.T]
-        behind = [map.orbit(state - DIFFERENCE_STEP * map.scale * vector, 1) for vector in vectors.T]
+        ahead = [map.orbit(state + CENTRAL_DIFFERENCE_STEP * map.scale * vector, 1) for vector in vectors.T]
+        behind = [map.orbit(state - CENTRAL_DIFFERENCE_STEP * map.scale * vector, 1) for vector in vectors.T]
         if any(orbit.status != OK for orbit in (after, *ahead, *behind)):
             break
         image = [
-            (a.states[0] - b.states[0]) / (2.0 * DIFFERENCE_STEP * map.scale)
+            (a.states[0] - b.states[0]) / (2.0 * CENTRAL_DIFFERENCE_STEP * map.scale)
             for a, b in zip(ahead, behind, strict=True)
         ]
         vectors, stretched = _orthonormal(np.array(image).T)

@@ -6,9 +6,9 @@ import numpy as np
 
 from calib.errors import CalibError
 
-FREQUENCIES = 100  # values of c whose median is taken: some of them resonate with a regular series
+TEST_FREQUENCIES = 100  # values of c whose median is taken: some of them resonate with a regular series
 FREQUENCY_PARTS = 10  # that they are taken in: what stays in the processor's cache is done sooner
-MIN_POINTS = 100  # points of a series
+MIN_SERIES_POINTS = 100  # points of a series
 GOLDEN_RATIO = 0.5 * (np.sqrt(5.0) - 1.0)  # its multiples fill an interval evenly
 
 
@@ -33,14 +33,14 @@ def zero_one(series: np.ndarray) -> float:
     Dynamical Systems 8, 129-145 (the correlation method).
     """
     series = np.asarray(series, dtype=float)
-    if series.ndim != 1 or len(series) < MIN_POINTS or not np.isfinite(series).all():
+    if series.ndim != 1 or len(series) < MIN_SERIES_POINTS or not np.isfinite(series).all():
         raise CalibError(
-            f"the 0-1 test needs a series of at least {MIN_POINTS} finite numbers, got shape {series.shape}; "
+            f"the 0-1 test needs a series of at least {MIN_SERIES_POINTS} finite numbers, got shape {series.shape}; "
             "go on for more periods, or drop a motion that fails"
         )
     if np.ptp(series) <= 1e-12 * np.abs(series).max():
         return 0.0  # constant but for rounding, which would look like noise
-    c = np.pi / 5.0 * (1.0 + 3.0 * ((np.arange(1, FREQUENCIES + 1) * GOLDEN_RATIO) % 1.0))
+    c = np.pi / 5.0 * (1.0 + 3.0 * ((np.arange(1, TEST_FREQUENCIES + 1) * GOLDEN_RATIO) % 1.0))
     lags = np.arange(1, len(series) // 10 + 1)
     oscillation = (1.0 - np.cos(np.outer(c, lags))) / (1.0 - np.cos(c))[:, None]
     parts = [_mean_square_displacement(series, part, len(lags)) for part in np.split(c, FREQUENCY_PARTS)]

@@ -9,7 +9,7 @@ from calib.modelling.effect import Effect
 from calib.modelling.laws import sensor
 from calib.modelling.parameter import Parameter
 
-MIN_AMPLITUDE = 1e-300  # a body that stands still is not turned
+MIN_STROKE = 1e-300  # a body that stands still is not turned
 
 
 @sensor
@@ -21,7 +21,7 @@ def turned(record: xr.Dataset, p: Mapping[str, float]) -> xr.Dataset:
     if "velocity" not in record or "displacement" not in record:
         return record
     x, v = record["displacement"].values, record["velocity"].values
-    length, speed = (np.maximum(np.abs(row).max(axis=1, keepdims=True), MIN_AMPLITUDE) for row in (x, v))
+    length, speed = (np.maximum(np.abs(row).max(axis=1, keepdims=True), MIN_STROKE) for row in (x, v))
     return record.assign(
         displacement=record["displacement"].copy(data=x - p["tilt"] * v * length / speed),
         velocity=record["velocity"].copy(data=v + p["tilt"] * x * speed / length),

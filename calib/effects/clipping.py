@@ -10,7 +10,7 @@ from calib.modelling.effect import Effect
 from calib.modelling.laws import sensor
 from calib.modelling.parameter import Parameter
 
-QUANTILES = (1.0, 0.995, 0.98, 0.95)  # of the magnitudes: noise reaches beyond the level
+LEVEL_QUANTILES = (1.0, 0.995, 0.98, 0.95)  # of the magnitudes: noise reaches beyond the level
 
 
 @sensor
@@ -27,7 +27,7 @@ def clipped(record: xr.Dataset, p: Mapping[str, float]) -> xr.Dataset:
 def guess(record: xr.Dataset) -> dict[str, tuple[float, ...]]:
     """Return high quantiles of each channel's magnitude: the highest is the level, where the record is cut off."""
     present = [channel for channel in ("displacement", "velocity") if channel in record]
-    return {f"clip_{c}": tuple(np.nanquantile(np.abs(record[c].values), QUANTILES)) for c in present}
+    return {f"clip_{c}": tuple(np.nanquantile(np.abs(record[c].values), LEVEL_QUANTILES)) for c in present}
 
 
 EFFECT = Effect(

@@ -19,9 +19,9 @@ OVERLAP = np.array(
     [sum(np.convolve(CUBIC[j], CUBIC[j + d]) for j in range(max(0, -d), min(4, 4 - d))) for d in range(-3, 4)]
 )
 SLOPE = CUBIC[:, 1:] * np.arange(1, 4)  # of the weights over f
-QUARTERS = (0.0, 0.25, 0.5, 0.75, 1.0)
+SHIFT_BRACKETS = (0.0, 0.25, 0.5, 0.75, 1.0)  # samples between which a zero of the slope is bracketed
 NO_TRUST_WITHIN, FULL_TRUST_BEYOND = 2.0, 3.0  # samples from a simulated impact, in a velocity
-MAX_STEPS = 25  # of Gauss and Newton
+MAX_ALIGNMENT_STEPS = 25  # of Gauss and Newton
 
 
 class Alignment:
@@ -285,7 +285,7 @@ class _Fit:
         slope = _slope(self, sums, whole)
         for start in (whole, whole - 1) if slope(0.0) < 0.0 else (whole - 1, whole):
             own = slope if start == whole else _slope(self, sums, start)
-            for low, high in zip(QUARTERS[:-1], QUARTERS[1:], strict=True):
+            for low, high in zip(SHIFT_BRACKETS[:-1], SHIFT_BRACKETS[1:], strict=True):
                 if own(low) < 0.0 <= own(high):
                     return start + brentq(own, low, high, xtol=1e-13, rtol=1e-13)
         return float(whole)
@@ -312,7 +312,7 @@ class _Fit:
         samples = np.arange(self.size)
         unknowns = np.array([*theta.values(), 1.0])
         velocity = np.array([channel == "velocity" for _, channel in self.rows])
-        for _ in range(MAX_STEPS):
+        for _ in range(MAX_ALIGNMENT_STEPS):
             trust = _trusted(samples + shift, impacts, self.size)
             weight = np.sqrt(self._weight)[:, None] * np.where(velocity[:, None], trust, 1.0)
             before = int(np.floor(shift))

@@ -22,17 +22,17 @@ from calib.records import OK
 STATE_ATTRIBUTE = "initial_state"  # of a simulated record: the state that was solved for, as JSON [SI]
 COUNT_ATTRIBUTE = "simulations"  # of a simulated record: runs of the simulator that it took
 
-MAX_STEPS = 4
-MAX_HALVINGS = 4  # of a step that does not reduce the squared difference
-DIFFERENCE_STEP = 1e-3  # of a state's scale
-MAX_CONTRACTION = 0.03  # of one predicted reduction to the next: above it, the derivatives are taken anew
-TOLERANCE = 1e-6  # predicted change of the residual, relative to the residual: a smaller one ends the search
-ROUNDING = 1e-11  # the same, relative to the measured channels
-MIN_SINGULAR_VALUE = 1e-9  # over the largest: below it a direction of the state is not determined
+MAX_STATE_STEPS = 4  # of the search for the state, by the method of Gauss and Newton  [count]
+MAX_STATE_HALVINGS = 4  # of a step that does not reduce the squared difference
+STATE_DIFFERENCE_STEP = 1e-3  # of a state's scale
+MAX_REDUCTION_RATIO = 0.03  # of one predicted reduction to the next: above it, the derivatives are taken anew
+RESIDUAL_CHANGE_TOLERANCE = 1e-6  # predicted change of the residual over the residual, which ends the search  [1]
+CHANNEL_ROUNDING = 1e-11  # the same, relative to the measured channels
+STATE_RANK_TOLERANCE = 1e-9  # singular value over the largest: below it a direction of the state is undetermined  [1]
 
 MIN_WINDOW, CUBIC_WINDOW = 6, 12  # samples of the local polynomial: least number, and from which on it is a cubic
 HUBER_THRESHOLD = 1.345  # of Huber's weights, in standard deviations (Holland & Welsch 1977)
-MAX_HUBER_STEPS = 30
+MAX_HUBER_STEPS = 30  # of iteratively reweighted least squares  [count]
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,17 +188,17 @@ class _Search:
         size = float(np.linalg.norm(now.weight * self.compared.measured.ravel()))
         slopes: Slopes = []
         before = np.inf
-        for _ in range(MAX_STEPS):
+        for _ in range(MAX_STATE_STEPS):
             if slopes:
                 step, change = self._step(now, slopes)
-            if not slopes or change > MAX_CONTRACTION * before:
+            if not slopes or change > MAX_REDUCTION_RATIO * before:
                 taken = self._slopes(now, state)
                 if isinstance(taken, View):
                     return self._failed(taken)
                 slopes = taken
                 self._check(now, slopes, size)
                 step, change = self._step(now, slopes)
-            if change <= TOLERANCE * np.linalg.norm(now.residual) + ROUNDING * size:
+            if change <= RESIDUAL_CHANGE_TOLERANCE * np.linalg.norm(now.residual) + CHANNEL_ROUNDING * size:
                 break
             ahead = self._ahead(now, state, step)
             if isinstance(ahead, View):
@@ -219,7 +219,7 @@ class _Search:
         """Forward differences of the aligned channels, backward where the state ahead fails; or the failed view."""
         slopes = []
         for index, unknown in enumerate(self.unknowns):
-            step = DIFFERENCE_STEP * unknown.scale
+            step = STATE_DIFFERENCE_STEP * unknown.scale
             room = (1.0, -1.0) if state[index] + step <= unknown.high else (-1.0,)
             for sign in room:
                 beside = state.copy()
@@ -240,11 +240,11 @@ class _Search:
     def _step(self, now: View, slopes: Slopes) -> tuple[np.ndarray, float]:
         """Step (k,) of the state, and the norm of the change of the residual that it predicts."""
         columns = self._columns(now, slopes)
-        step = np.linalg.lstsq(columns, now.residual, rcond=MIN_SINGULAR_VALUE)[0]
+        step = np.linalg.lstsq(columns, now.residual, rcond=STATE_RANK_TOLERANCE)[0]
         return step * self.scale, float(np.linalg.norm(columns @ step))
 
     def _check(self, now: View, slopes: Slopes, size: float) -> None:
-        if np.linalg.norm(self._columns(now, slopes), axis=0).max() <= ROUNDING * size:
+        if np.linalg.norm(self._columns(now, slopes), axis=0).max() <= CHANNEL_ROUNDING * size:
             names = ", ".join(u.name for u in self.unknowns)
             raise CalibError(
                 f"the initial state ({names}) changes nothing that is compared; drop 'initial_state' from the "
@@ -254,7 +254,7 @@ class _Search:
     def _ahead(self, now: View, state: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, View] | View | None:
         """State and view after the step, halved until it reduces the residual; else a failed view, or None."""
         failed = None
-        for halving in range(MAX_HALVINGS + 1):
+        for halving in range(MAX_STATE_HALVINGS + 1):
             there = np.clip(state + 0.5**halving * step, self.low, self.high)
             view = self._view(there)
             if view.status != OK:

@@ -3,7 +3,7 @@
 import numpy as np
 
 MIN_POPULATION_WIDTH = 1e-4  # of the window: standard deviation along the longest axis that ends a run  [1]
-MAX_ASPECT_RATIO = 1e6  # of the longest to the shortest axis of the covariance  [1]
+MAX_POPULATION_ASPECT_RATIO = 1e6  # of the longest to the shortest axis of the covariance  [1]
 
 
 class Evolution:
@@ -65,4 +65,4 @@ class Evolution:
     def over(self) -> bool:
         """Whether the generation has become too small, or too flat, to find anything new."""
         longest, shortest = float(self.lengths.max()), float(self.lengths.min())
-        return self.sigma * longest < MIN_POPULATION_WIDTH or longest > MAX_ASPECT_RATIO * shortest
+        return self.sigma * longest < MIN_POPULATION_WIDTH or longest > MAX_POPULATION_ASPECT_RATIO * shortest

@@ -5,11 +5,11 @@ from scipy.optimize import lsq_linear
 
 from calib.optimisers.outcome import Asking, OutcomeLike
 
-SMALLEST_STEP = 1e-5  # of the window: a trust region below it ends the search
-LARGEST_DIFFERENCE = 1e-2  # of the window: the widest finite difference
-DIFFERENCE_SHARE = 0.1  # finite difference, over the trust region's radius  [1]
-MIN_PREDICTED_REDUCTION = 1e-4  # of the sum of squares, relative: a step that is predicted to bring less is not tried
-MIN_GAIN_RATIO = 0.5  # actual over predicted reduction, from which the Jacobian is only updated
+MIN_STEP_RADIUS = 1e-5  # of the window: a trust region below it ends the search
+MAX_DIFFERENCE_STEP = 1e-2  # of the window: the widest finite difference
+DIFFERENCE_OVER_RADIUS = 0.1  # finite difference, over the trust region's radius  [1]
+MIN_RELATIVE_REDUCTION = 1e-4  # of the sum of squares, relative: a step that is predicted to bring less is not tried
+MIN_BROYDEN_GAIN_RATIO = 0.5  # actual over predicted reduction, from which the Jacobian is only updated
 
 
 def comparable_residuals(outcome: OutcomeLike, kind: str | None) -> np.ndarray | None:
@@ -29,14 +29,14 @@ def descend(u: np.ndarray, outcome: OutcomeLike, radius: float = 0.1) -> Asking[
     Yields points (n, dim), is sent their n outcomes, returns the last point and its outcome.
     """
     residuals, jacobian, fresh = outcome.residuals, None, False
-    while radius > SMALLEST_STEP and residuals is not None:
+    while radius > MIN_STEP_RADIUS and residuals is not None:
         if jacobian is None:
             jacobian, fresh = (yield from differences(u, residuals, outcome.kind, radius)), True
         step = linear_step(jacobian, residuals, np.maximum(-u, -radius), np.minimum(1 - u, radius))
         new = np.clip(u + step, 0, 1)
         step = new - u
         now, predicted = square(residuals), square(residuals + jacobian @ step)
-        if now - predicted <= MIN_PREDICTED_REDUCTION * now or np.abs(step).max() < SMALLEST_STEP:
+        if now - predicted <= MIN_RELATIVE_REDUCTION * now or np.abs(step).max() < MIN_STEP_RADIUS:
             if fresh:
                 break
             jacobian = None
@@ -51,7 +51,7 @@ def descend(u: np.ndarray, outcome: OutcomeLike, radius: float = 0.1) -> Asking[
         if ahead.cost < outcome.cost:
             u, outcome, residuals = new, ahead, ahead.residuals
             radius = next_radius(radius, ratio, np.abs(step).max())
-            jacobian, fresh = (jacobian if ratio >= MIN_GAIN_RATIO else None), False
+            jacobian, fresh = (jacobian if ratio >= MIN_BROYDEN_GAIN_RATIO else None), False
         else:
             radius = 0.25 * min(radius, np.abs(step).max())
             jacobian = jacobian if fresh else None
@@ -87,7 +87,7 @@ def differences(u: np.ndarray, residuals: np.ndarray, kind: str | None, radius: 
     A column whose point failed or moves in another way than the centre is tried once more on the other side, and is
     zero if that is no better: the search then leaves this parameter alone until the next Jacobian.
     """
-    h = np.clip(DIFFERENCE_SHARE * radius, SMALLEST_STEP, LARGEST_DIFFERENCE)
+    h = np.clip(DIFFERENCE_OVER_RADIUS * radius, MIN_STEP_RADIUS, MAX_DIFFERENCE_STEP)
     side = np.where(u + h > 1, -h, h)
     jacobian = np.zeros((residuals.size, u.size))
     open_columns = np.arange(u.size)

@@ -8,12 +8,14 @@ from calib.optimisers.archive import Archive
 from calib.optimisers.outcome import Asking, OutcomeLike
 from calib.optimisers.quadratic import Quadratic, nearest_model
 
-SMALLEST_RADIUS = 1e-4  # of the window: a trust region below it ends the search
+MIN_TRUST_RADIUS = 1e-4  # of the window: a trust region below it ends the search
 MODEL_RADII = 2.0  # radii: points farther than this do not enter the model
 HESSIAN_STIFFNESS = 1e-6  # penalty of a squared unit change of the hessian, in squared shares of the points' costs
-MIN_SINGULAR_VALUE = 0.1  # radii: of the points' offsets, from which they span all directions
+MIN_OFFSET_RADII = 0.1  # radii: of the points' offsets, from which they span all directions
 MIN_STEP_RADII = 0.05  # radii: where the step is shorter the trust region is made smaller instead
-MIN_PREDICTED_REDUCTION = 1e-7  # of the archive's spread of costs: a step that is predicted to bring less is not tried
+MIN_REDUCTION_OVER_SPREAD = (
+    1e-7  # of the costs of the archive: a step that is predicted to bring less is not tried  [1]
+)
 
 
 def descend(
@@ -32,7 +34,7 @@ def descend(
     hessian = np.zeros((dim, dim))
     first = u + np.diag(np.where(u + radius > 1, -radius, radius))
     u, outcome = better(u, outcome, first, (yield first))
-    while radius > SMALLEST_RADIUS:
+    while radius > MIN_TRUST_RADIUS:
         offsets, costs = archive.near(u, MODEL_RADII * radius, (dim + 1) * (dim + 2))
         z, fall = offsets / radius, costs - outcome.cost
         scale = max(np.abs(fall).max(initial=0.0), 1e-300)
@@ -42,7 +44,7 @@ def descend(
         predicted, flattest = (model.level - model(step)) * scale, flattest_direction(z)
         improved = False
         if (
-            predicted > MIN_PREDICTED_REDUCTION * spread(archive.costs, outcome.cost)
+            predicted > MIN_REDUCTION_OVER_SPREAD * spread(archive.costs, outcome.cost)
             and np.abs(step).max() >= MIN_STEP_RADII
         ):
             new = np.clip(u + radius * step, 0, 1)
@@ -89,7 +91,7 @@ def flattest_direction(z: np.ndarray) -> np.ndarray | None:
     if len(z) == 0:
         return np.eye(z.shape[1])[0]
     _, singular, directions = np.linalg.svd(z, full_matrices=True)
-    spans = len(z) >= z.shape[1] and singular[-1] >= MIN_SINGULAR_VALUE
+    spans = len(z) >= z.shape[1] and singular[-1] >= MIN_OFFSET_RADII
     return None if spans else directions[-1]
 
 

@@ -12,8 +12,8 @@ from calib.optimisers.evolution import Evolution
 from calib.optimisers.outcome import Asking, OutcomeLike
 from calib.optimisers.trend import lowest_of_trend
 
-SAME_POINT = 0.01  # of the window: ends of searches closer than this agree in point
-SAME_COST = 0.01  # relative: ends whose costs differ less agree in cost
+SAME_POINT_DISTANCE = 0.01  # of the window: ends of searches closer than this agree in point
+SAME_COST_DIFFERENCE = 0.01  # relative: ends whose costs differ less agree in cost
 FIRST_RADIUS = 0.1  # of the window: first trust region of a search from a screened point  [1]
 FIRST_RADIUS_NEAR_MINIMUM = 0.02  # of the window: of one from the least point of the trend or from the population  [1]
 MIN_START_DISTANCE = 0.35  # over the mean spacing of the screen: a start nearer to another is not tried  [1]
@@ -321,7 +321,7 @@ class Multistart:
         basins: list[Basin] = []
         for u, cost in sorted(self._ends, key=lambda end: end[1]):
             for i, basin in enumerate(basins):
-                if np.abs(u - basin.point).max() < SAME_POINT and same_cost(cost, basin.cost):
+                if np.abs(u - basin.point).max() < SAME_POINT_DISTANCE and same_cost(cost, basin.cost):
                     basins[i] = Basin(basin.point, basin.cost, basin.searches + 1)
                     break
             else:
@@ -349,4 +349,4 @@ def usable_part(outcome: OutcomeLike) -> UsableOutcome:
 
 def same_cost(cost: float, best: float) -> bool:
     """Whether a cost is that of the best, to one per cent."""
-    return abs(cost - best) <= SAME_COST * abs(best) + 1e-12
+    return abs(cost - best) <= SAME_COST_DIFFERENCE * abs(best) + 1e-12

@@ -9,7 +9,7 @@ from calib.optimisers.outcome import OutcomeLike
 from calib.optimisers.thread import Conversation, Evaluate
 
 COST_OF_FAILED_RUN = 1e12  # for methods that cannot take infinity  [1]
-DIFFERENCE_STEP = 1e-4  # of the window: one-sided differences of the method least_squares  [1]
+ONE_SIDED_DIFFERENCE_STEP = 1e-4  # of the window: one-sided differences of the method least_squares  [1]
 
 
 class Scipy:
@@ -122,7 +122,7 @@ class Scipy:
             return latest[u.tobytes()]
 
         def jacobian(u: np.ndarray) -> np.ndarray:
-            centre, h = fun(u), np.where(u > 0.5, -DIFFERENCE_STEP, DIFFERENCE_STEP)
+            centre, h = fun(u), np.where(u > 0.5, -ONE_SIDED_DIFFERENCE_STEP, ONE_SIDED_DIFFERENCE_STEP)
             columns = [residuals(outcome) for outcome in evaluate(u + np.diag(h))]
             return np.array(
                 [

@@ -6,7 +6,7 @@ from scipy.stats import rankdata
 
 from calib.optimisers.quadratic import monomials, unpack
 
-STIFFNESSES = (1e-3, 1e-2, 1e-1, 1.0)  # penalties of the hessian's anisotropy, per point, of which the best is chosen
+ANISOTROPY_PENALTIES = (1e-3, 1e-2, 1e-1, 1.0)  # of the hessian, per point; the best of them is chosen  [1]
 
 
 def lowest_of_trend(points: np.ndarray, costs: np.ndarray) -> np.ndarray | None:
@@ -23,7 +23,9 @@ def lowest_of_trend(points: np.ndarray, costs: np.ndarray) -> np.ndarray | None:
     if len(points) < 2 * (dim + 2):
         return None
     z, scores = 2 * points - 1, ndtri((rankdata(costs) - 0.5) / len(costs))
-    _, coefficients = min((isotropic_fit(z, scores, stiffness) for stiffness in STIFFNESSES), key=lambda fit: fit[0])
+    _, coefficients = min(
+        (isotropic_fit(z, scores, stiffness) for stiffness in ANISOTROPY_PENALTIES), key=lambda fit: fit[0]
+    )
     return (unpack(coefficients, dim).lowest(-np.ones(dim), np.ones(dim)) + 1) / 2
 
 

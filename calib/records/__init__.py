@@ -3,8 +3,8 @@
 from calib.records.record import (
     CHANNELS,
     INTERVAL,
+    MIN_SECTION_PERIODS,
     OK,
-    SECTION,
     STATE,
     channels,
     check,
@@ -25,7 +25,7 @@ __all__ = [
     "CHANNELS",
     "INTERVAL",
     "OK",
-    "SECTION",
+    "MIN_SECTION_PERIODS",
     "STATE",
     "channels",
     "check",

@@ -14,7 +14,7 @@ from calib.execution.files import read_dataset, write_dataset
 
 CHANNELS = {"displacement": "m", "velocity": "m/s", "force": "N"}  # the usual ones; others state their own unit
 STATE = ("displacement", "velocity")  # what a phase curve and a section are made of
-SECTION = 64  # periods that the section of a simulated record holds, at least
+MIN_SECTION_PERIODS = 64  # periods that the section of a simulated record holds, at least
 OK = "ok"
 INTERVAL = "recorded_interval"  # attribute: between the samples of the instruments that see a simulated motion [s]
 

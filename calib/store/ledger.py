@@ -19,7 +19,7 @@ from calib.store.environment import environment
 from calib.store.trial import Trial, line, trial_of
 
 TRIALS, RESIDUALS = "trials.jsonl", "residuals.f64"
-FORMAT = 1
+FORMAT_VERSION = 1  # of the ledger: a log of another is not read
 Header = dict[str, Any]  # of a segment, as JSON has it; its keys stand at `Ledger`
 BYTES_PER_RESIDUAL = 8  # float64
 
@@ -88,7 +88,7 @@ class Ledger:
         canonical = json.dumps(definition, separators=(",", ":"))
         self._write_header(
             {
-                "format": FORMAT,
+                "format": FORMAT_VERSION,
                 "id": uuid.uuid4().hex,
                 "segment": 0,
                 "name": header["name"],
@@ -262,8 +262,10 @@ def _damaged(path: Path, index: int) -> CalibError:
 
 
 def _known(header: Header, path: Path) -> Header:
-    if header["format"] != FORMAT:
-        raise CalibError(f"{path}: format {header['format']}, this calib reads {FORMAT}; use the calib that wrote it")
+    if header["format"] != FORMAT_VERSION:
+        raise CalibError(
+            f"{path}: format {header['format']}, this calib reads {FORMAT_VERSION}; use the calib that wrote it"
+        )
     return header
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.dynamics.orbit_kind import OrbitKind
 from calib.dynamics.orbits import attracting_cycle
-from calib.dynamics.recurrence import SAME_MOTION
+from calib.dynamics.recurrence import SAME_MOTION_DISTANCE
 from calib.dynamics.settling import kind_of_cycle
 from calib.dynamics.single_run import kind_of_run
 from calib.dynamics.tangent import longest_affordable
@@ -18,9 +18,7 @@ from calib.sweep.compute import begun, motion_arrays, no_motion, stacked
 from calib.sweep.plan import Sweep
 
 MAX_STATE_CHANGE = 0.2  # of a motion from one value to the next, over its largest component
-SAME_BRANCH = (
-    0.05  # relative distance of sections of one motion at neighbouring values, its period and impacts the same
-)
+SAME_BRANCH_DISTANCE = 0.05  # relative, of sections of one motion at neighbouring values; period and impacts are equal
 
 
 class Regular(NamedTuple):
@@ -188,9 +186,9 @@ def _next(sweep: Sweep, map: PeriodMap, one: Regular, settled: bool) -> OrbitKin
 def _same_branch(one: Regular, other: Regular) -> bool:
     """Whether two motions of neighbouring values lie on one branch, as far as their sections show."""
     same_return = (one.period, one.impacts) == (other.period, other.impacts)
-    return same_return and (not one.period or one.apart(other) <= SAME_BRANCH)
+    return same_return and (not one.period or one.apart(other) <= SAME_BRANCH_DISTANCE)
 
 
 def _same(one: Regular, other: Regular) -> bool:
     """Whether two motions of one value are the same; the sections of two tori cannot be distinguished."""
-    return one.period == other.period and (not one.period or one.apart(other) < SAME_MOTION)
+    return one.period == other.period and (not one.period or one.apart(other) < SAME_MOTION_DISTANCE)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from calib.dynamics.setting import Setting
-from calib.dynamics.single_run import MIN_CYCLES
+from calib.dynamics.single_run import MIN_SECTION_CYCLES
 from calib.errors import CalibError, nearest
 from calib.modelling.orbit import PeriodMap
 from calib.modelling.parameter import Window
@@ -166,8 +166,8 @@ def _check(sweep: Sweep) -> None:
         raise CalibError("a state is carried along a grid; a list of points has no order")
     if sweep.settle < 0:
         raise CalibError(f"expected settle >= 0 periods, got {sweep.settle}")
-    if sweep.cycles < MIN_CYCLES:
-        raise CalibError(f"expected at least {MIN_CYCLES} cycles to keep, got {sweep.cycles}")
+    if sweep.cycles < MIN_SECTION_CYCLES:
+        raise CalibError(f"expected at least {MIN_SECTION_CYCLES} cycles to keep, got {sweep.cycles}")
     if sweep.runs < 1:
         raise CalibError(f"expected at least 1 run per value, got {sweep.runs}")
     if not sweep.starts:

@@ -16,7 +16,7 @@ from calib.sweep.plan import Sweep, Track
 from calib.sweep.verdict import Rows, arrivals, judged, known, regular_at_end
 
 POINTS_PER_CHUNK = 8  # points run, and lost by a kill, at a time
-TIMEOUT = 600.0  # s, wall clock of that many points
+SWEEP_CHUNK_SECONDS = 600.0  # s, wall clock of that many points
 UNITS = {"displacement": "m", "velocity": "m/s", "impact_speed": "m/s"} | dict.fromkeys(
     (
         "impact_phase",
@@ -67,7 +67,7 @@ def run(
     sweep: Sweep,
     path: str | Path,
     jobs: int = 1,
-    timeout: float = TIMEOUT,
+    timeout: float = SWEEP_CHUNK_SECONDS,
     fresh: bool = False,
     on_done: Callable[[int, int], None] = lambda done, total: None,
 ) -> xr.Dataset:

@@ -7,7 +7,7 @@ import numpy as np
 
 from calib.dynamics.motion import gives_kind
 from calib.dynamics.orbit_kind import FAILED, NEUTRAL_EXPONENT, QUASI_PERIODIC
-from calib.dynamics.recurrence import SAME_MOTION
+from calib.dynamics.recurrence import SAME_MOTION_DISTANCE
 from calib.sweep.compute import OTHER, no_motion, stacked
 from calib.sweep.continuation import Known, Regular, supported
 from calib.sweep.plan import NONE, Sweep
@@ -176,4 +176,4 @@ def _same(one: Motion, other: Motion) -> bool:
     """Whether two rows are of one motion: sections do not distinguish two tori, or two irregular motions."""
     if one["kind"] != other["kind"] or one["impacts"] != other["impacts"]:
         return False
-    return not one["period"] or _as_regular(one, NO_NAMES).apart(_as_regular(other, NO_NAMES)) < SAME_MOTION
+    return not one["period"] or _as_regular(one, NO_NAMES).apart(_as_regular(other, NO_NAMES)) < SAME_MOTION_DISTANCE

@@ -27,7 +27,7 @@ from calib.modelling.model import Model
 from calib.modelling.orbit import PeriodMap
 from calib.modelling.parameter import Parameter
 from calib.modelling.simulator import Request, Simulator
-from calib.records import OK, SECTION, STATE, channels, check
+from calib.records import MIN_SECTION_PERIODS, OK, STATE, channels, check
 from calib.records.excitation import Excitation
 
 
@@ -123,7 +123,7 @@ class SimulatorSuite:
         for channel in STATE:
             section = record[f"section_{channel}"]
             assert section.dims == ("body", "period")
-            assert section.sizes["period"] >= SECTION
+            assert section.sizes["period"] >= MIN_SECTION_PERIODS
 
     # --- the period map, where the simulator offers one
 

@@ -22,7 +22,7 @@ EXTENDED = "extended"
 HALF_WIDTH_ERRORS = 4.0  # in standard errors of the size
 HALF_WIDTH_INTERVALS = 2.0  # in half widths of its 95 % interval
 HALF_WIDTH_DEPARTURES = 0.1  # in departures from null: the study's terms weigh records otherwise than the diagnosis
-EDGE_MARGIN = 0.1  # of a window: a value nearer to its end may be at its edge
+WINDOW_END_MARGIN = 0.1  # of a window: a value nearer to its end may be at its edge
 
 
 def extended_study(file: StudyFile, selection: Selection, transfers: Sequence[Transfer]) -> Path:
@@ -138,7 +138,7 @@ def _widened_end(window: Window, end: float, bound: float, final: Fit, name: str
     edge, value = window.value(end), final.value(name)
     near = (
         abs(value - edge) <= HALF_WIDTH_ERRORS * float(final.error([name])[0])
-        and abs(window.position(value) - end) <= EDGE_MARGIN
+        and abs(window.position(value) - end) <= WINDOW_END_MARGIN
     )
     if not near:
         return edge

@@ -14,7 +14,7 @@ from calib.execution.files import whole
 
 KINDS = ("simulator", "effect", "study")
 STIFFNESS, DAMPING, MASS, DRIVE_FREQUENCY = 4000.0, 5.0, 1.0, 9.0  # N/m, N s/m, kg, Hz: of the record that is made up
-NOISE = 2e-6  # m, and over the angular frequency m/s: of its noise
+NOISE_STD = 2e-6  # m, and over the angular frequency m/s: of its noise
 CYCLES, SAMPLES = 6, 100  # of it; samples a cycle
 
 
@@ -80,7 +80,7 @@ def _made_up() -> str:
     omega, rng = 2.0 * np.pi * DRIVE_FREQUENCY, np.random.default_rng(1)
     time = np.arange(CYCLES * SAMPLES) / (SAMPLES * DRIVE_FREQUENCY)
     x = np.exp(1j * omega * time) / (STIFFNESS - MASS * omega**2 + 1j * omega * DAMPING)
-    rows = np.column_stack([x.real, (1j * omega * x).real]) + NOISE * np.array([1.0, omega]) * rng.standard_normal(
+    rows = np.column_stack([x.real, (1j * omega * x).real]) + NOISE_STD * np.array([1.0, omega]) * rng.standard_normal(
         (time.size, 2)
     )
     lines = [f"{t:.6f},{1e3 * a:.6f},{1e3 * b:.4f}" for t, (a, b) in zip(time, rows, strict=True)]

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from calib.diagnosis.rehearse import SEEDS, STRENGTHS, RehearsalCase, Rehearsed, rehearse
+from calib.diagnosis.rehearse import HIDDEN_Z, SEEDS_PER_SIZE, RehearsalCase, Rehearsed, rehearse
 from calib.store.plain import plain
 from calib.study_file import load
 from calib.workflows.calibrated import calibrated_values
@@ -18,8 +18,8 @@ def rehearse_study(
     path: str | Path,
     out: str | Path | None = None,
     *,
-    seeds: int = SEEDS,
-    strengths: Sequence[float] = STRENGTHS,
+    seeds: int = SEEDS_PER_SIZE,
+    strengths: Sequence[float] = HIDDEN_Z,
     jobs: int | None = None,
     fresh: bool = False,
     on_case: Callable[[int, int], None] = lambda done, of: None,

@@ -209,7 +209,7 @@ def test_nothing_is_written_beside_an_archive(tmp_path):
 
 
 def test_a_member_that_claims_to_be_huge_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(wpd, "MAX_BYTES", 1000)
+    monkeypatch.setattr(wpd, "MAX_CONTENT_BYTES", 1000)
     members = [("p/info.json", b'{"json": "wpd.json"}'), ("p/wpd.json", b" " * 2000)]
     with pytest.raises(CalibError, match="larger than the 1000 bytes"):
         read(archive(tmp_path / "p.tar", members))
@@ -223,7 +223,7 @@ def test_a_compressed_archive_is_not_unpacked(tmp_path):
 
 
 def test_a_file_that_is_too_large_is_not_read(tmp_path, monkeypatch):
-    monkeypatch.setattr(content, "MAX_BYTES", 10)
+    monkeypatch.setattr(content, "MAX_CONTENT_BYTES", 10)
     (tmp_path / "t.csv").write_text("x,y\n1,2\n3,4\n")
     with pytest.raises(CalibError, match="12 bytes are more than the 10 that are read"):
         read(tmp_path / "t.csv")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from benchmarks.optimiser_problems import Outcome, root_mean_square
 
-from calib.optimisers.least_squares import LARGEST_DIFFERENCE, descend, linear_step
+from calib.optimisers.least_squares import MAX_DIFFERENCE_STEP, descend, linear_step
 
 
 def finish(search, outcome):
@@ -57,7 +57,7 @@ def test_a_least_point_on_the_bound_is_reached_exactly(corner):
 def test_the_first_differences_are_wide_enough_for_a_rough_cost():
     rough = of_residuals(lambda u: (u - CENTRE) + 1e-3 * np.sin(3e3 * u))
     start = np.full(3, 0.5)
-    assert np.ptp(next(descend(start, rough(start))), axis=0).max() == pytest.approx(LARGEST_DIFFERENCE)
+    assert np.ptp(next(descend(start, rough(start))), axis=0).max() == pytest.approx(MAX_DIFFERENCE_STEP)
     u, _ = finish(descend(start, rough(start)), rough)
     assert np.abs(u - CENTRE).max() < 0.01
 

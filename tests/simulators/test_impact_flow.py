@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from calib.simulators.impact.flow import SERIES_REACH, impulse_response, load_motion
-from calib.simulators.impact.polynomial import BETWEEN, FIT, INTEGRAL, NODES, POINTS, PROBE
+from calib.simulators.impact.flow import MAX_SERIES_ARGUMENT, impulse_response, load_motion
+from calib.simulators.impact.polynomial import BETWEEN, FIT, INTEGRAL, NODES, POINTS, PROBE_INDEX
 
 EPSILON = np.finfo(float).eps
 
@@ -23,7 +23,7 @@ def test_a_mode_flows_as_the_matrix_exponential(stiffness, rate, tau):
 @pytest.mark.parametrize(("stiffness", "rate"), MODES)
 @pytest.mark.parametrize("share", [1e-6, 0.1, 1.0])
 def test_a_polynomial_load_moves_a_mode_as_the_matrix_exponential_of_its_jet(stiffness, rate, share):
-    tau = share * SERIES_REACH / max(np.sqrt(abs(stiffness)), 2.0 * rate, 1.0)
+    tau = share * MAX_SERIES_ARGUMENT / max(np.sqrt(abs(stiffness)), 2.0 * rate, 1.0)
     load = np.array([0.7, -1.1, 0.4, 2.0, -1.5])
     step = tau / 0.8
     # y, y' and the load with its four derivatives make one linear system
@@ -40,7 +40,7 @@ def test_the_nodes_integrate_polynomials_of_degree_seven_exactly():
     for degree in range(5):
         rounding = 10 * EPSILON * (np.abs(INTEGRAL) @ NODES**degree)
         assert (np.abs(INTEGRAL @ NODES**degree - POINTS ** (degree + 1) / (degree + 1)) <= rounding).all()
-        assert BETWEEN @ NODES**degree == pytest.approx(POINTS[PROBE] ** degree)
+        assert BETWEEN @ NODES**degree == pytest.approx(POINTS[PROBE_INDEX] ** degree)
         assert FIT @ NODES**degree == pytest.approx(np.eye(5)[degree], abs=1e-13)
     for degree in range(8):
         assert INTEGRAL[4] @ NODES**degree == pytest.approx(1.0 / (degree + 1))

@@ -12,7 +12,7 @@ from calib.errors import CalibError
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 FORMATS = ("PNG", "JPEG", "TIFF", "BMP")
-MAX_PIXELS = 60_000_000  # pixels: a page at 600 dots per inch has 35 million
+MAX_PICTURE_PIXELS = 60_000_000  # pixels: a page at 600 dots per inch has 35 million
 
 
 def read_picture(path: str | Path) -> np.ndarray:
@@ -30,9 +30,9 @@ def read_picture(path: str | Path) -> np.ndarray:
             warnings.simplefilter("error")  # Pillow warns of what it may be bombed with, or cannot make out
             with Image.open(path, formats=FORMATS) as picture:
                 columns, rows = picture.size
-                if columns * rows > MAX_PIXELS:
+                if columns * rows > MAX_PICTURE_PIXELS:
                     raise CalibError(
-                        f"{path}: {columns} x {rows} pixels are more than the {MAX_PIXELS} that are read; "
+                        f"{path}: {columns} x {rows} pixels are more than the {MAX_PICTURE_PIXELS} that are read; "
                         "cut out the figure"
                     )
                 if picture.mode.startswith("I") or picture.mode == "F":

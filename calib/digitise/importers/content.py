@@ -6,7 +6,7 @@ from typing import Any
 
 from calib.errors import CalibError
 
-MAX_BYTES = 64 * 2**20  # bytes of a file or of a member of an archive; a project with its image has a few millions
+MAX_CONTENT_BYTES = 64 * 2**20  # bytes of a file or a member of an archive; a project with its image has a few millions
 
 
 def content(path: Path) -> bytes:
@@ -14,13 +14,15 @@ def content(path: Path) -> bytes:
 
     Raises
     ------
-    CalibError : no such file, or larger than `MAX_BYTES`
+    CalibError : no such file, or larger than `MAX_CONTENT_BYTES`
     """
     if not path.is_file():
         raise CalibError(f"{path}: no such file")
     size = path.stat().st_size
-    if size > MAX_BYTES:
-        raise CalibError(f"{path}: {size} bytes are more than the {MAX_BYTES} that are read; is it the right file?")
+    if size > MAX_CONTENT_BYTES:
+        raise CalibError(
+            f"{path}: {size} bytes are more than the {MAX_CONTENT_BYTES} that are read; is it the right file?"
+        )
     return path.read_bytes()
 
 

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from calib.digitise.axes import AxisCalibration, calibrated
 from calib.digitise.curve import Curve
-from calib.digitise.importers.content import MAX_BYTES, content, parsed
+from calib.digitise.importers.content import MAX_CONTENT_BYTES, content, parsed
 from calib.digitise.importers.imported import CLICK_SIGMA, Imported, clicked
 from calib.errors import CalibError
 
@@ -131,13 +131,15 @@ def _members(path: Path, archive: tarfile.TarFile) -> dict[str, tarfile.TarInfo]
 
 
 def _member(path: Path, archive: tarfile.TarFile, member: tarfile.TarInfo) -> bytes:
-    if member.size > MAX_BYTES:
-        raise CalibError(f"{path}: its member {member.name!r} is larger than the {MAX_BYTES} bytes that are read")
+    if member.size > MAX_CONTENT_BYTES:
+        raise CalibError(
+            f"{path}: its member {member.name!r} is larger than the {MAX_CONTENT_BYTES} bytes that are read"
+        )
     file = archive.extractfile(member)
     if file is None:
         raise CalibError(f"{path}: its member {member.name!r} is no file; save the project again")
     with file:
-        return file.read(MAX_BYTES + 1)
+        return file.read(MAX_CONTENT_BYTES + 1)
 
 
 Shape = TypeVar("Shape", bound=_Part)

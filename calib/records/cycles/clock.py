@@ -8,9 +8,9 @@ from calib.records.cycles.loop import cycles_in, period_of, sampled
 from calib.records.cycles.mean_cycle import IN_STEP_TOLERANCE, mean_cycle
 from calib.records.record import channels
 
-MIN_CYCLES = 10  # for a rate; over fewer even a rate of 1e-3 shifts no cycle by more than a hundredth of it
+MIN_RATE_CYCLES = 10  # for a rate; over fewer even a rate of 1e-3 shifts no cycle by more than a hundredth of it
 TAIL_PROBABILITY = 1e-4  # of Student's t, two-sided: of a rate where the clocks agree, and of its change  [1]
-MAX_STEPS = 20  # of the search for the rate, by the method of Gauss and Newton
+MAX_RATE_STEPS = 20  # of the search for the rate, by the method of Gauss and Newton
 
 
 def clock_rate(record: xr.Dataset, periods: int = 1) -> float:
@@ -35,14 +35,14 @@ def clock_rate(record: xr.Dataset, periods: int = 1) -> float:
     CalibError : no period
     """
     period, time = period_of(record), record.time.values
-    if time[-1] - time[0] < MIN_CYCLES * period * periods:
+    if time[-1] - time[0] < MIN_RATE_CYCLES * period * periods:
         return 0.0
     number, samples, _ = cycles_in(time, period, periods)
     rows = np.concatenate([sampled(record, channel) for channel in channels(record)])
     rows, rate = rows[np.ptp(rows, axis=1) > 0.0], 0.0
     if not rows.size:
         return 0.0
-    for _ in range(MAX_STEPS):
+    for _ in range(MAX_RATE_STEPS):
         centre, shift = _shifts((1.0 + rate) * time, rows, period, periods, number)
         line = stats.linregress(centre, shift)
         if abs(line.slope) <= 0.1 * line.stderr or abs(line.slope * time[-1]) <= 1e-6 * period:

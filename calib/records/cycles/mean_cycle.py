@@ -20,8 +20,8 @@ from calib.records.cycles.loop import cycles_in, period_of, sampled, samples_in_
 from calib.records.record import channels as channels_of
 
 IN_STEP_TOLERANCE = 1e-3  # of a sample interval, by which samples of one phase may lie apart
-SPLINE_DEGREE = 3
-REFINEMENTS = (1, 2, 4)  # knots per sample of a cycle
+MEAN_CYCLE_SPLINE_DEGREE = 3  # of the periodic spline of a mean cycle
+KNOTS_PER_SAMPLE = (1, 2, 4)  # knots per sample of a cycle
 SAMPLES_PER_KNOT = 4  # at least, where knots are nearer than samples of a cycle
 MAX_CACHED_SPLINES = 16  # most recent ones, of a clock and a number of knots each
 MAX_CACHED_SAMPLES = 100_000  # of such a clock: of longer records, 50 bytes a sample would add up
@@ -107,7 +107,7 @@ def mean_cycle(
     else:
         phase = np.arange((samples or own) * periods) / (samples or own)
         nearest = np.round(time / (period * periods) * phase.size).astype(int) % phase.size
-        sizes = [own * periods * refinement for refinement in (REFINEMENTS if refined else REFINEMENTS[:1])]
+        sizes = [own * periods * refinement for refinement in (KNOTS_PER_SAMPLE if refined else KNOTS_PER_SAMPLE[:1])]
         loop, fitted, parameters = _of_spline(time / (period * periods), values, weight, sizes, phase / periods)
     return MeanCycle(phase, loop, values - fitted, weight, nearest, parameters, length)
 
@@ -194,9 +194,11 @@ def _basis(turn: np.ndarray, knots: int) -> sparse.csr_array:
     """Periodic cubic B-splines (n, knots) at positions `turn` (n,), counted in cycles from a knot."""
     position = np.minimum((turn % 1.0) * knots, np.nextafter(knots, 0.0))
     spread = BSpline.design_matrix(
-        position, np.arange(-SPLINE_DEGREE, knots + SPLINE_DEGREE + 1, dtype=float), SPLINE_DEGREE
+        position,
+        np.arange(-MEAN_CYCLE_SPLINE_DEGREE, knots + MEAN_CYCLE_SPLINE_DEGREE + 1, dtype=float),
+        MEAN_CYCLE_SPLINE_DEGREE,
     )
-    index = np.arange(knots + SPLINE_DEGREE)
+    index = np.arange(knots + MEAN_CYCLE_SPLINE_DEGREE)
     wrapped = sparse.csr_array((np.ones(index.size), (index, index % knots)), shape=(index.size, knots))
     return sparse.csr_array(spread) @ wrapped
 

@@ -11,10 +11,10 @@ from calib.records.cycles.impacts import MAD_PER_STD, impacts_per_period
 from calib.records.cycles.loop import cut, cycles_in, period_of, sampled, samples_in_step
 from calib.records.cycles.mean_cycle import IN_STEP_TOLERANCE, mean_cycle
 from calib.records.cycles.stroboscopic import section
-from calib.records.record import SECTION, STATE
+from calib.records.record import MIN_SECTION_PERIODS, STATE
 
 MAX_PERIOD = 16  # periods of the excitation: the longest return that is distinguishable from irregular motion
-RETURN_TOLERANCE = 1e-3  # of the amplitude, within which a periodic motion returns
+CYCLE_RETURN_TOLERANCE = 1e-3  # of the amplitude, within which a periodic motion returns
 MAX_NOISE_RATIO = 1.5  # of the difference of a measured cycle that returns to its noise, in standard deviations
 MIN_CYCLES_OF_MEAN = 4  # for each period tried on freely sampled cycles
 MAX_RESIDUAL = 0.01  # of the amplitude: residual about a mean cycle of few samples
@@ -50,8 +50,8 @@ def kind_of_motion(record: xr.Dataset) -> MotionKind:
     """Return the kind of a motion: after how many periods of the excitation it returns.
 
     From the section (64 periods or more, every body and channel): the largest difference of states n = 1..16 periods
-    apart, over the later half of the section, as a share of the channel's amplitude, against `RETURN_TOLERANCE`. A
-    difference that shrinks steadily, or falls to half from the first to the last third, belongs to a motion that still
+    apart, over the later half of the section, as a share of the channel's amplitude, against `CYCLE_RETURN_TOLERANCE`.
+    A difference that shrinks steadily, or halves from the first to the last third, belongs to a motion that still
     settles: undecided. Without a section the cycles of the record are compared with its noise (its sigma, otherwise
     estimated from the second differences of its samples): that distinguishes a returning motion from one that does not
     return, but a short record is never called irregular. A record that was read from a closed curve states after how
@@ -69,7 +69,7 @@ def kind_of_motion(record: xr.Dataset) -> MotionKind:
         return MotionKind(NOT_PERIODIC, None, "the excitation has no period")
     sections = section(record)
     impacts = impacts_per_period(record)
-    if sections and next(iter(sections.values())).shape[1] >= SECTION:
+    if sections and next(iter(sections.values())).shape[1] >= MIN_SECTION_PERIODS:
         motion = _from_section(record, sections)
     else:
         motion = _from_cycles(record)
@@ -98,12 +98,12 @@ def _from_section(record: xr.Dataset, sections: Mapping[str, np.ndarray]) -> Mot
         difference = np.abs(states[:, lag:] - states[:, :-lag]).max(axis=0)
         differences.append(difference)
         recurrence.append(float(difference[difference.size // 2 :].max()))
-        if recurrence[-1] <= RETURN_TOLERANCE:
+        if recurrence[-1] <= CYCLE_RETURN_TOLERANCE:
             break
-    settled = recurrence[-1] <= RETURN_TOLERANCE
-    shrinking = [n for n, d in enumerate(differences, 1) if recurrence[n - 1] > RETURN_TOLERANCE and _shrinks(d)]
+    settled = recurrence[-1] <= CYCLE_RETURN_TOLERANCE
+    shrinking = [n for n, d in enumerate(differences, 1) if recurrence[n - 1] > CYCLE_RETURN_TOLERANCE and _shrinks(d)]
     shrinking = [n for n in shrinking if not settled or (n < lag and lag % n == 0)]
-    sentence = f"over {size} periods the state {{}} of the amplitude (tolerance {RETURN_TOLERANCE:.0e})"
+    sentence = f"over {size} periods the state {{}} of the amplitude (tolerance {CYCLE_RETURN_TOLERANCE:.0e})"
     if shrinking:
         n = shrinking[0]
         text = f"still settles towards period-{n}: {n} period(s) apart it differs by {recurrence[n - 1]:.1e}, falling,"
@@ -153,7 +153,7 @@ def _from_cycles(record: xr.Dataset) -> MotionKind:
             text = f"{count} cycles of the record return after {lag} period(s) within {MAX_NOISE_RATIO} of their noise"
             return MotionKind(f"period-{lag}", lag, text, tuple(recurrence))
     text = f"{count} cycles of the record do not return within {len(recurrence)} period(s)"
-    if count >= SECTION:
+    if count >= MIN_SECTION_PERIODS:
         return MotionKind(IRREGULAR, None, text + LIMITS_OF_RECORD, tuple(recurrence))
     return MotionKind(UNDECIDED, None, f"{text}, and are too few to call it irregular", tuple(recurrence))
 
@@ -176,11 +176,11 @@ def _from_mean_cycles(record: xr.Dataset, period: float, count: int) -> MotionKi
         mean = mean_cycle(time, stacked, period, lag, refined=False)
         free = max(0.1, 1.0 - mean.parameters / time.size)
         sizes.append(np.median(np.abs(mean.residual), axis=1) / (MAD_PER_STD * np.sqrt(free)))
-        if (sizes[-1] <= MAX_NOISE_RATIO * np.maximum(noise, RETURN_TOLERANCE)).all():
+        if (sizes[-1] <= MAX_NOISE_RATIO * np.maximum(noise, CYCLE_RETURN_TOLERANCE)).all():
             break
     deviations = np.array(sizes)
     steps = np.concatenate([_steps(v) for v in values]) / (4.0 * MAD_PER_STD * amplitude)  # median: a fourth
-    least = np.maximum(np.maximum(deviations.min(axis=0), RETURN_TOLERANCE), steps)
+    least = np.maximum(np.maximum(deviations.min(axis=0), CYCLE_RETURN_TOLERANCE), steps)
     limit = MAX_NOISE_RATIO * np.minimum(least, np.maximum(noise, MAX_RESIDUAL))
     returning = np.flatnonzero((deviations <= limit).all(axis=1))
     recurrence = tuple(float(np.sqrt(2.0) * d.max()) for d in deviations)
@@ -210,7 +210,7 @@ def _normalised_cycles(record: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
         cycles.append(cut(time, values, period)[0] / amplitude)
         noise.append(_noise(record, channel, values) / amplitude)
     return np.concatenate(cycles), np.maximum(
-        np.concatenate(noise), RETURN_TOLERANCE / (np.sqrt(2.0) * MAX_NOISE_RATIO)
+        np.concatenate(noise), CYCLE_RETURN_TOLERANCE / (np.sqrt(2.0) * MAX_NOISE_RATIO)
     )
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from markupsafe import Markup
 
 from calib.confidence.identifiability import COLLINEAR
-from calib.confidence.local import EDGE
+from calib.confidence.local import MAX_EDGE_DISTANCE
 from calib.modelling.parameter import Window
 from calib.records import OK
 from calib.report.formatting import measured_number, number, number_beside
@@ -18,7 +18,7 @@ from calib.store import Trial
 from calib.study import CalibrationResult, CalibrationStudy, UndeterminedGroup, UnreachableFeature
 from calib.units import MILLI, shown
 
-MAX_TRIALS = 8  # numbers of failed trials that a row lists
+MAX_LISTED_TRIALS = 8  # numbers of failed trials that a row lists
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ def _parameter(study: CalibrationStudy, result: CalibrationResult, name: str, wi
     error = None if result.confidence is None else result.confidence.standard_error.get(name)
     position = window.position(value)
     remarks = []
-    if name in result.at_edge or min(position, 1.0 - position) <= EDGE:
+    if name in result.at_edge or min(position, 1.0 - position) <= MAX_EDGE_DISTANCE:
         remarks.append(f"at the {'lower' if position < 0.5 else 'upper'} edge of its window")
     remarks += [_undetermined(name, group) for group in result.undetermined if name in group.members]
     scale, unit = shown_unit(parameter.unit if parameter else "1", max(abs(window.low), abs(window.high)))
@@ -238,7 +238,7 @@ def failures(trials: Sequence[Trial]) -> list[FailureRow]:
             groups.setdefault((trial.status, reason), []).append(trial)
     ordered = sorted(groups.items(), key=lambda item: -len(item[1]))
     return [
-        FailureRow(status, own[0].reason or "", len(own), tuple(t.number for t in own[:MAX_TRIALS]))
+        FailureRow(status, own[0].reason or "", len(own), tuple(t.number for t in own[:MAX_LISTED_TRIALS]))
         for (status, _), own in ordered
     ]
 

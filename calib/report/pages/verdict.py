@@ -11,8 +11,8 @@ from calib.report.pages.tables import unreachable
 from calib.study import CalibrationResult
 from calib.study.result import MotionSummary
 
-LARGE_DISTANCE = 0.05  # from which the simulation does not agree, 0.10 being a curve 10 % too large  [1]
-MAX_FEATURES = 4  # out of reach that a sentence lists
+MAX_AGREEMENT_DISTANCE = 0.05  # from which the simulation does not agree, 0.10 being a curve 10 % too large  [1]
+MAX_LISTED_FEATURES = 4  # out of reach that a sentence lists
 
 Tone = Literal["good", "mind", "bad"]  # class of the box that a verdict stands in
 
@@ -35,7 +35,7 @@ def verdict(result: CalibrationResult) -> Verdict:
     lost = any(held.status != OK for held in result.holdout.values())
     unconfirmed = result.confirmation is not None and not result.confirmed
     tone: Tone = "good"
-    if result.unreachable or result.at_edge or lost or result.remarks or total > LARGE_DISTANCE:
+    if result.unreachable or result.at_edge or lost or result.remarks or total > MAX_AGREEMENT_DISTANCE:
         tone = "mind"
     if result.motion.wrong or unconfirmed:
         tone = "bad"
@@ -61,10 +61,10 @@ def _points(result: CalibrationResult, total: float) -> list[str]:
             "A better value may lie outside."
         )
     points += [f"{group.text}." for group in result.undetermined]
-    if total > LARGE_DISTANCE:
+    if total > MAX_AGREEMENT_DISTANCE:
         points.append(
-            f"The distance is more than {100.0 * LARGE_DISTANCE:.0f} %; the residuals below show where the motions "
-            "differ."
+            f"The distance is more than {100.0 * MAX_AGREEMENT_DISTANCE:.0f} %; "
+            "the residuals below show where the motions differ."
         )
     points += [f"{capitalised(remark)}." for remark in result.remarks]
     confidence = result.confidence
@@ -118,8 +118,8 @@ def _out_of_reach(result: CalibrationResult) -> list[str]:
     missed = result.unreachable
     if not missed:
         return []
-    listed = "; ".join(unreachable(feature).sentence for feature in missed[:MAX_FEATURES])
-    more = f"; and {len(missed) - MAX_FEATURES} more" if len(missed) > MAX_FEATURES else ""
+    listed = "; ".join(unreachable(feature).sentence for feature in missed[:MAX_LISTED_FEATURES])
+    more = f"; and {len(missed) - MAX_LISTED_FEATURES} more" if len(missed) > MAX_LISTED_FEATURES else ""
     return [
         f"No trial reaches {count(len(missed), 'measured feature')}: {listed}{more}. "
         "Either the windows are too narrow or the model lacks an effect."

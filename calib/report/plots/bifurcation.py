@@ -16,7 +16,7 @@ from calib.report.plots.sweeps import (
     COEXISTING,
     FAILED,
     UNCERTAIN,
-    WIDE,
+    WIDE_FIGURE_WIDTH,
     SweptParameter,
     along_one,
     branch_colour,
@@ -41,7 +41,7 @@ from calib.report.plots.sweeps import (
 GAP = "#e2e2e2"  # where simulations failed
 ROW_SPACING = 9.0  # pt: of the rows of period labels
 LETTER_WIDTH = 0.065  # inch: of a period label
-PANEL_WIDTH = WIDE - 2.3  # inch, about
+PANEL_WIDTH = WIDE_FIGURE_WIDTH - 2.3  # inch, about
 MIN_EXPONENT_AXIS = 0.3  # 1/period: least positive end of the axis from which its negative end is derived
 
 
@@ -68,7 +68,7 @@ def bifurcation_diagram(sweep: xr.Dataset, bodies: Sequence[str] | None = None) 
     shown = known_bodies(sweep, bodies)
     height = (3.4, 2.7, 2.2)[min(len(shown), 3) - 1]
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(WIDE, height * len(shown) + 2.0), layout="constrained")
+        figure = Figure(figsize=(WIDE_FIGURE_WIDTH, height * len(shown) + 2.0), layout="constrained")
         rows = figure.subplots(len(shown) + 1, 1, sharex=True, height_ratios=[height] * len(shown) + [1.4])
         for body, axes in zip(shown, rows, strict=False):
             values = ordered.displacement.sel(body=body)
@@ -99,7 +99,7 @@ def impact_diagram(sweep: xr.Dataset) -> Figure | None:
     if not np.isfinite(sweep.impact_phase.values).any():
         return None
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(WIDE, 5.4), layout="constrained")
+        figure = Figure(figsize=(WIDE_FIGURE_WIDTH, 5.4), layout="constrained")
         rows = figure.subplots(2, 1, sharex=True)
         _draw_coexisting(rows[0], ordered, "impact_phase", over)
         _draw_points(rows[0], ordered.impact_phase, over)

@@ -13,7 +13,7 @@ from calib.errors import CalibError
 from calib.report.plots.style import KINDS, LINE, MEASURED, OTHER, SIMULATED, STYLE, Look
 from calib.report.plots.sweeps import (
     BESIDE,
-    WIDE,
+    WIDE_FIGURE_WIDTH,
     SweptParameter,
     along_one,
     branches,
@@ -26,7 +26,7 @@ from calib.report.plots.sweeps import (
 )
 
 FAINT = "#b5b5b5"  # dots of a sweep behind a branch
-DASHED = (0.0, (3.0, 1.5))
+DASHED = (0.0, (3.0, 1.5))  # line style: offset, then dash and gap, in line widths
 SPECIAL = {  # marker and colour of the bifurcation and grazing points of a branch
     "fold": ("s", KINDS[1]),
     "flip": ("D", KINDS[2]),
@@ -62,7 +62,7 @@ def branch_diagram(followed: Sequence[xr.Dataset], body: str, sweep: xr.Dataset 
     parameters = [own._replace(ratio=grid is not None and grid.ratio) for own in parameters]
     scale, unit = channel_scale(followed[0].displacement.sel(body=body))
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(WIDE, 5.6), layout="constrained")
+        figure = Figure(figsize=(WIDE_FIGURE_WIDTH, 5.6), layout="constrained")
         rows = upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[3.6, 1.6])
         handles = [
             Line2D([], [], color=SIMULATED, linewidth=1.5, label="stable"),

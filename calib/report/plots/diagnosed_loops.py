@@ -14,11 +14,11 @@ from matplotlib.figure import Figure
 
 from calib.report.plots.diagnosed_cycles import ComparedCycle, compared_cycle, state_rows
 from calib.report.plots.diagnosed_residuals import dot_entry, line_entry
-from calib.report.plots.style import EXTENDED, MEASURED, SIMULATED, STYLE, WIDTH, Look, shown_unit
+from calib.report.plots.style import EXTENDED, MEASURED, SIMULATED, STYLE, TEXT_WIDTH, Look, shown_unit
 
-MAX_LEVEL = 8.0  # standard deviations at which the colour of a loop is darkest, at most
+MAX_COLOUR_SIGMAS = 8.0  # standard deviations at which the colour of a loop is darkest, at most
 SHADES = LinearSegmentedColormap.from_list("misfit", ["#d9d9d9", "#F0C44B", "#D55E00", "#7a1f00"])
-WINDOWS = 30  # intervals of a cycle over each of which a residual is averaged
+AVERAGING_INTERVALS = 30  # intervals of a cycle over each of which a residual is averaged
 
 
 class Panel(NamedTuple):
@@ -38,7 +38,7 @@ def misfit_loops(motions: Mapping[str, xr.Dataset]) -> Figure | None:
     with mpl.rc_context(STYLE):
         figure, grid, used = _grid(panels)
         levels = [_level(panel) for panel in panels]
-        top = float(np.clip(max(np.quantile(level, 0.99) for level in levels), 4.0, MAX_LEVEL))
+        top = float(np.clip(max(np.quantile(level, 0.99) for level in levels), 4.0, MAX_COLOUR_SIGMAS))
         look: Look = {"norm": Normalize(0.0, top), "cmap": SHADES}
         for panel, level, axes in zip(panels, levels, used, strict=True):
             x, v = _cycles(panel)
@@ -74,7 +74,7 @@ def _level(panel: Panel) -> np.ndarray:
 
 def _window(cycle: ComparedCycle) -> int:
     """Number of samples, odd, over which a residual is averaged."""
-    return 2 * (cycle.abscissa.size // (2 * WINDOWS)) + 1
+    return 2 * (cycle.abscissa.size // (2 * AVERAGING_INTERVALS)) + 1
 
 
 def _running(values: np.ndarray, width: int, closed: bool) -> np.ndarray:
@@ -161,7 +161,7 @@ def _grid(panels: Sequence[Panel]) -> tuple[Figure, np.ndarray, list[Axes]]:
     """Figure with two panels side by side, or four where there are more than four; all axes, and those used."""
     columns = min(len(panels), 4 if len(panels) > 4 else 2)
     count = math.ceil(len(panels) / columns)
-    figure = Figure(figsize=(WIDTH, (2.0 if columns > 2 else 3.0) * count + 0.4), layout="constrained")
+    figure = Figure(figsize=(TEXT_WIDTH, (2.0 if columns > 2 else 3.0) * count + 0.4), layout="constrained")
     grid = figure.subplots(count, columns, squeeze=False)
     for axes in grid.flat[len(panels) :]:
         axes.set_visible(False)

@@ -20,7 +20,7 @@ from calib.report.plots.style import (
     OTHER,
     SIMULATED,
     STYLE,
-    WIDTH,
+    TEXT_WIDTH,
     Look,
     line,
     shown_unit,
@@ -29,7 +29,7 @@ from calib.report.plots.style import (
 )
 
 NOISE, NOISE_OF_MEAN = "#e4e4e4", "#c2c2c2"  # bands of the noise of a sample, and of the mean of the cycles
-MAX_DOTS = 1500  # samples drawn as dots in one panel
+MAX_RESIDUAL_DOTS = 1500  # samples drawn as dots in one panel
 HIGHEST_ORDER = 12  # of the harmonics drawn, in multiples of the excitation frequency
 NOISE_PROBABILITY = 0.05  # that the amplitude of a harmonic of noise exceeds the grey bar
 
@@ -44,7 +44,7 @@ def residual_figure(motion: xr.Dataset, label: str = "") -> Figure | None:
         return None
     periodic = "period" in motion.attrs
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH, 1.55 * len(compared) + 0.75), layout="constrained")
+        figure = Figure(figsize=(TEXT_WIDTH, 1.55 * len(compared) + 0.75), layout="constrained")
         ratios: Look = {"width_ratios": (1.9, 1.0)} if periodic else {}
         grid = figure.subplots(len(compared), 1 + periodic, squeeze=False, sharex="col", gridspec_kw=ratios)
         for (row, body, channel, unit), panels in zip(compared, grid, strict=True):
@@ -82,7 +82,7 @@ def _residual(axes: Axes, motion: xr.Dataset, row: int, cycle: ComparedCycle, fa
     if "period" in motion.attrs:
         time = motion.time.values / float(motion.attrs["period"]) % int(motion.attrs["cycle"])
     place, residual = time[counts], residual[counts]
-    keep = thin(place.size, MAX_DOTS)
+    keep = thin(place.size, MAX_RESIDUAL_DOTS)
     look: Look = {"markersize": spot(keep.size), "markeredgewidth": 0, "alpha": 0.7, "rasterized": True}
     axes.plot(place[keep], residual[keep], ".", color="#777777", zorder=2, **look)
     if "period" in motion.attrs:

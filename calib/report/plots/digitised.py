@@ -13,8 +13,8 @@ from calib.errors import CalibError
 from calib.execution.files import whole
 from calib.report.plots.style import DPI, KINDS, MARK, STYLE, png
 
-MAX_PIXELS = 2400  # of the longer side of the picture as it is drawn
-FADING = 0.45  # share of its contrast that the original picture keeps
+MAX_SIDE_PIXELS = 2400  # of the longer side of the picture as it is drawn
+FADED_CONTRAST = 0.45  # share of its contrast that the original picture keeps
 
 
 def overlay(figure: DigitisedFigure, path: str | Path) -> None:
@@ -29,11 +29,11 @@ def overlay(figure: DigitisedFigure, path: str | Path) -> None:
     if figure.light is None:
         raise CalibError(f"a figure of the form {figure.form!r} has no picture to draw on; digitise a picture instead")
     rows, columns = figure.light.shape[:2]
-    step = max(1, int(np.ceil(max(rows, columns) / MAX_PIXELS)))
+    step = max(1, int(np.ceil(max(rows, columns) / MAX_SIDE_PIXELS)))
     with mpl.rc_context({**STYLE, "axes.grid": False}):
         page = Figure(figsize=(columns / step / DPI, rows / step / DPI), dpi=2 * DPI)
         axes = page.add_axes((0.0, 0.0, 1.0, 1.0))
-        faded = 1.0 - FADING * (1.0 - figure.light[::step, ::step])
+        faded = 1.0 - FADED_CONTRAST * (1.0 - figure.light[::step, ::step])
         axes.imshow(faded, extent=(-0.5, columns - 0.5, rows - 0.5, -0.5), interpolation="nearest")
         for number, curve in enumerate(figure.shown):
             _draw_curve(axes, curve, KINDS[(number + 1) % len(KINDS)] if number else MARK)

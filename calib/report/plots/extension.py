@@ -13,12 +13,23 @@ from matplotlib.ticker import NullFormatter, NullLocator
 
 from calib.diagnosis.document import GainResult, ShiftResult
 from calib.report.formatting import signed
-from calib.report.plots.style import EXTENDED, LINE, MARK, MEASURED, OTHER, SIMULATED, STYLE, WIDTH, Look, shown_unit
+from calib.report.plots.style import (
+    EXTENDED,
+    LINE,
+    MARK,
+    MEASURED,
+    OTHER,
+    SIMULATED,
+    STYLE,
+    TEXT_WIDTH,
+    Look,
+    shown_unit,
+)
 
 MAX_LINEAR_SHIFT = 200.0  # largest shift up to which the axis is linear  [standard errors]
 MARGIN, LOGARITHMIC_MARGIN = 1.3, 40.0  # end of that axis over the largest shift: room for the labels  [1]
-LARGE_SHIFT = 2.0  # that is highlighted  [standard errors]
-NARROW = 0.62 * WIDTH  # inch: of a figure of one panel
+HIGHLIGHTED_SHIFT = 2.0  # that is highlighted  [standard errors]
+NARROW_FIGURE_WIDTH = 0.62 * TEXT_WIDTH  # inch: of a figure of one panel
 
 
 class RecordSize(NamedTuple):
@@ -59,7 +70,7 @@ def misfit_change(gain: GainResult) -> Figure | None:
     if not lines:
         return None
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH, 0.32 * len(lines) + 0.95), layout="constrained")
+        figure = Figure(figsize=(TEXT_WIDTH, 0.32 * len(lines) + 0.95), layout="constrained")
         axes = figure.subplots()
         band: Look = {"color": EXTENDED, "linewidth": 5.0, "alpha": 0.35}
         for k, (_, before, after, interval) in enumerate(reversed(lines)):
@@ -110,7 +121,7 @@ def sizes_by_record(
     columns = min(2, len(names))
     count = math.ceil(len(names) / columns)
     with mpl.rc_context(STYLE):
-        size = (WIDTH if columns > 1 else NARROW + 0.8, count * (0.27 * len(records) + 0.75) + 0.35)
+        size = (TEXT_WIDTH if columns > 1 else NARROW_FIGURE_WIDTH + 0.8, count * (0.27 * len(records) + 0.75) + 0.35)
         figure = Figure(figsize=size, layout="constrained")
         grid = figure.subplots(count, columns, squeeze=False)
         for name, axes in zip(names, grid.flat, strict=False):
@@ -174,12 +185,12 @@ def value_shifts(shifts: Sequence[ShiftResult]) -> Figure | None:
     if not known:
         return None
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(NARROW + 0.8, 0.24 * len(known) + 0.65), layout="constrained")
+        figure = Figure(figsize=(NARROW_FIGURE_WIDTH + 0.8, 0.24 * len(known) + 0.65), layout="constrained")
         axes = figure.subplots()
         largest = max(abs(errors) for _, errors in known)
-        axes.axvspan(-LARGE_SHIFT, LARGE_SHIFT, color="#e8e8e8", linewidth=0, zorder=0)
+        axes.axvspan(-HIGHLIGHTED_SHIFT, HIGHLIGHTED_SHIFT, color="#e8e8e8", linewidth=0, zorder=0)
         for k, (_, moved) in enumerate(reversed(known)):
-            axes.barh(k, moved, height=0.5, color=MARK if abs(moved) > LARGE_SHIFT else OTHER, zorder=3)
+            axes.barh(k, moved, height=0.5, color=MARK if abs(moved) > HIGHLIGHTED_SHIFT else OTHER, zorder=3)
             side = 1 if moved >= 0.0 else -1
             place: Look = {"textcoords": "offset points", "ha": "left" if side > 0 else "right", "va": "center"}
             axes.annotate(signed(moved, "+"), (moved, k), (3 * side, 0), fontsize=7.5, **place)
@@ -189,7 +200,7 @@ def value_shifts(shifts: Sequence[ShiftResult]) -> Figure | None:
         reach = (LOGARITHMIC_MARGIN if logarithmic else MARGIN) * max(largest, 2.5)
         axes.set_xlim(-reach, reach)
         if logarithmic:
-            axes.set_xscale("symlog", linthresh=LARGE_SHIFT)
+            axes.set_xscale("symlog", linthresh=HIGHLIGHTED_SHIFT)
             axes.xaxis.set_minor_locator(NullLocator())
             axes.xaxis.set_minor_formatter(NullFormatter())
         axes.axvline(0.0, color=LINE, linewidth=0.7)

@@ -18,7 +18,7 @@ from calib.report.plots.style import LINE, STYLE, Look
 from calib.report.plots.sweeps import (
     FAILED,
     UNCERTAIN,
-    WIDE,
+    WIDE_FIGURE_WIDTH,
     SweptParameter,
     binned_kind,
     branches,
@@ -71,7 +71,7 @@ def kind_map(sweep: xr.Dataset) -> Figure:
     shared = Panels(plane, in_order(binned_kind(sweep.kind).ravel()), _half_range(sweep.exponent.values), scattered)
     parts = branches(ordered)
     with mpl.rc_context({**STYLE, "axes.grid": False}):
-        figure = Figure(figsize=(WIDE, 3.4 * len(parts) + 1.0), layout="constrained")
+        figure = Figure(figsize=(WIDE_FIGURE_WIDTH, 3.4 * len(parts) + 1.0), layout="constrained")
         grid = figure.subplots(len(parts), 2, squeeze=False, sharex=True, sharey=True)
         for row, (name, part) in zip(grid, parts, strict=True):
             row[0].set_title(f"{name}: kind of motion" if name else "kind of motion")

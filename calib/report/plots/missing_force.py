@@ -15,11 +15,11 @@ from matplotlib.figure import Figure
 from scipy.signal import savgol_coeffs
 
 from calib.report.plots.diagnosed_cycles import compared_cycle, state_rows
-from calib.report.plots.diagnosed_residuals import MAX_DOTS
-from calib.report.plots.style import KINDS, LINE, STYLE, WIDTH, Look, shown_unit, thin
+from calib.report.plots.diagnosed_residuals import MAX_RESIDUAL_DOTS
+from calib.report.plots.style import KINDS, LINE, STYLE, TEXT_WIDTH, Look, shown_unit, thin
 
-BINS = 10  # of displacement and velocity
-SIGNIFICANT_Z = 4.0  # from which the mean over a bin is significant  [standard errors]
+STATE_BINS = 10  # of displacement and velocity
+SIGNIFICANT_FORCE_Z = 4.0  # from which the mean over a bin is significant  [standard errors]
 SIGNS = LinearSegmentedColormap.from_list("signs", ["#0072B2", "#b9d4e6", "#efefef", "#f2c9a8", "#D55E00"])
 
 
@@ -80,7 +80,7 @@ def missing_accelerations(motions: Mapping[str, xr.Dataset], body: str) -> dict[
 def is_significant(force: MissingAcceleration) -> bool:
     """Whether the mean over a bin of displacement or velocity differs significantly from zero."""
     parts = [binned(values, force) for values in (force.x, force.v)]
-    return any((np.abs(mean) > SIGNIFICANT_Z * error).any() for _, mean, error in parts)
+    return any((np.abs(mean) > SIGNIFICANT_FORCE_Z * error).any() for _, mean, error in parts)
 
 
 def missing_force_figure(known: Mapping[str, MissingAcceleration]) -> Figure | None:
@@ -89,12 +89,12 @@ def missing_force_figure(known: Mapping[str, MissingAcceleration]) -> Figure | N
         return None
     factor, unit = shown_unit("m", max(np.abs(force.x).max() for force in known.values()))
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH, 2.75), layout="constrained")
+        figure = Figure(figsize=(TEXT_WIDTH, 2.75), layout="constrained")
         plane, over_x, over_v = figure.subplots(1, 3, gridspec_kw={"width_ratios": (1.25, 1.0, 1.0)})
         top = max(np.quantile(np.abs(force.value), 0.97) for force in known.values()) or 1.0
         look: Look = {"norm": Normalize(-top, top), "cmap": SIGNS}
         for (name, force), colour in zip(known.items(), (KINDS * 9)[: len(known)], strict=True):
-            keep = thin(force.x.size, MAX_DOTS)
+            keep = thin(force.x.size, MAX_RESIDUAL_DOTS)
             plane.scatter(
                 factor * force.x[keep], force.v[keep], c=force.value[keep], s=6.0,
                 linewidths=0, rasterized=True, zorder=3, **look,
@@ -119,10 +119,10 @@ def missing_force_figure(known: Mapping[str, MissingAcceleration]) -> Figure | N
 
 def binned(values: np.ndarray, force: MissingAcceleration) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Centre, mean of a missing acceleration and its standard error in bins of equal width of `values` (n,)."""
-    edges = np.linspace(values.min(), values.max(), BINS + 1)
-    which = np.clip(np.digitize(values, edges) - 1, 0, BINS - 1)
-    number = np.bincount(which, minlength=BINS)
+    edges = np.linspace(values.min(), values.max(), STATE_BINS + 1)
+    which = np.clip(np.digitize(values, edges) - 1, 0, STATE_BINS - 1)
+    number = np.bincount(which, minlength=STATE_BINS)
     some = number > 0
-    mean = np.bincount(which, force.value, BINS)[some] / number[some]
+    mean = np.bincount(which, force.value, STATE_BINS)[some] / number[some]
     error = force.error * np.sqrt(np.minimum(1.0, force.width / number[some]))
     return (0.5 * (edges[1:] + edges[:-1]))[some], mean, error

@@ -30,7 +30,7 @@ from calib.report.plots.style import (
     MAX_LINE_SAMPLES,
     MEASURED,
     STYLE,
-    WIDTH,
+    TEXT_WIDTH,
     band,
     dots,
     legend,
@@ -56,7 +56,7 @@ def phase_curves(measured: xr.Dataset, simulated: xr.Dataset | None) -> Figure |
     with mpl.rc_context(STYLE):
         columns = min(len(bodies), 2)
         rows = math.ceil(len(bodies) / columns)
-        figure = Figure(figsize=(WIDTH if columns > 1 else 0.62 * WIDTH, 3.5 * rows), layout="constrained")
+        figure = Figure(figsize=(TEXT_WIDTH if columns > 1 else 0.62 * TEXT_WIDTH, 3.5 * rows), layout="constrained")
         grid = figure.subplots(rows, columns, squeeze=False)
         for body, axes in zip(bodies, grid.flat, strict=False):
             _loop(axes, measured, simulated, body)
@@ -115,7 +115,7 @@ def histories(measured: xr.Dataset, simulated: xr.Dataset | None) -> Figure:
     compared = 1 if simulated is None else 2
     rows, columns = (len(bodies), len(channels(measured))) if period else (max(1, len(pairs)), compared)
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH, 1.75 * rows + 0.45), layout="constrained")
+        figure = Figure(figsize=(TEXT_WIDTH, 1.75 * rows + 0.45), layout="constrained")
         grid = figure.subplots(rows, columns, squeeze=False, sharex="all" if period else "none")
         if period:
             for (body, channel), axes in zip(pairs, grid.flat, strict=True):
@@ -196,7 +196,7 @@ def simulation_picture(record: xr.Dataset, path: str | Path) -> None:
     loops = set(STATE) <= set(shown)
     factor, unit_of_time = time_axis(record)
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH * 1.2, 2.3 * len(bodies)), dpi=DPI, layout="constrained")
+        figure = Figure(figsize=(TEXT_WIDTH * 1.2, 2.3 * len(bodies)), dpi=DPI, layout="constrained")
         grid = figure.subplots(len(bodies), len(shown) + loops, squeeze=False)
         times = factor * (record.time.values - float(record.time[0]))
         for body, row in zip(bodies, grid, strict=True):

@@ -13,10 +13,10 @@ from calib.execution.files import whole
 from calib.records import STATE, channels, prescribed, stated_period
 from calib.records.cycles import impact
 from calib.report.plots.records import channel_axis, time_axis, two_periods
-from calib.report.plots.style import DPI, MARK, MEASURED, STYLE, WIDTH, line, png, thin
+from calib.report.plots.style import DPI, MARK, MEASURED, STYLE, TEXT_WIDTH, line, png, thin
 from calib.report.record_description import recorded_cycle, standard_uncertainty
 
-BAND = 2.0  # standard uncertainties on either side of a curve
+BAND_SIGMAS = 2.0  # standard uncertainties on either side of a curve
 MAX_ELLIPSES = 300  # that show the uncertainty of a phase curve
 
 
@@ -32,7 +32,7 @@ def reference_picture(record: xr.Dataset, path: str | Path) -> None:
     loops = set(STATE) <= set(names)
     columns = len(names) + loops + (cycle is not None)
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(0.55 * WIDTH * columns, 2.5 * len(bodies)), dpi=DPI, layout="constrained")
+        figure = Figure(figsize=(0.55 * TEXT_WIDTH * columns, 2.5 * len(bodies)), dpi=DPI, layout="constrained")
         grid = figure.subplots(len(bodies), columns, squeeze=False)
         for body, row in zip(bodies, grid, strict=True):
             if loops:
@@ -56,7 +56,8 @@ def _loop(axes: Axes, record: xr.Dataset, body: str) -> None:
     if sigma_x is not None and sigma_v is not None:
         keep = thin(x.size, MAX_ELLIPSES)
         band = EllipseCollection(
-            2.0 * BAND * scale * sigma_x[keep], 2.0 * BAND * sigma_v[keep], np.zeros(keep.size), units="xy",
+            2.0 * BAND_SIGMAS * scale * sigma_x[keep], 2.0 * BAND_SIGMAS * sigma_v[keep], np.zeros(keep.size),
+            units="xy",
             offsets=np.column_stack([x[keep], v[keep]]), offset_transform=axes.transData,
             facecolors=MEASURED, alpha=0.25, linewidths=0.0,
         )  # fmt: skip
@@ -77,7 +78,7 @@ def _history(axes: Axes, record: xr.Dataset, body: str, channel: str) -> None:
     times, values = factor * (time[shown] - time[0]), scale * record[channel].sel(body=body).values[shown]
     sigma = standard_uncertainty(record, body, channel)
     if sigma is not None:
-        half = BAND * scale * sigma[shown]
+        half = BAND_SIGMAS * scale * sigma[shown]
         axes.fill_between(times, values - half, values + half, color=MEASURED, alpha=0.45, linewidth=0.0)
     line(axes, times, values)
     axes.margins(x=0.01)

@@ -19,7 +19,7 @@ from calib.report.plots.style import (
     OTHER,
     SIMULATED,
     STYLE,
-    WIDTH,
+    TEXT_WIDTH,
     Look,
     line,
     mark_impacts,
@@ -28,10 +28,10 @@ from calib.report.plots.style import (
     thin,
 )
 
-MAX_DOTS = 6000  # samples drawn as a (rasterised) cloud of dots
+MAX_CLOUD_DOTS = 6000  # samples drawn as a (rasterised) cloud of dots
 MIN_TOLERANCE = 1e-4  # 1 - R^2 of a function regressed on 1, x and v, below which it counts as linear in them  [1]; the
 # tolerance of a regressor, with its default in SPSS (REGRESSION, CRITERIA TOLERANCE)
-BINS = 25  # of displacement or velocity
+PROFILE_BINS = 25  # of displacement or velocity
 PREVIOUS_SAMPLE = "previous sample"  # what the lag-1 autocorrelation correlates the residual with
 
 
@@ -55,7 +55,7 @@ def residual_over_phase(measured: xr.Dataset, simulated: xr.Dataset) -> Figure |
     with mpl.rc_context(STYLE):
         columns = min(2, len(pairs))
         rows = math.ceil(len(pairs) / columns)
-        figure = Figure(figsize=(WIDTH, 1.9 * rows + 0.2), layout="constrained")
+        figure = Figure(figsize=(TEXT_WIDTH, 1.9 * rows + 0.2), layout="constrained")
         grid = figure.subplots(rows, columns, squeeze=False, sharex=True)
         for (body, channel), axes in zip(pairs, grid.flat, strict=False):
             label, scale, unit = channel_axis(measured, body, channel)
@@ -106,7 +106,7 @@ def residual_structure(
     time = measured.time.values - float(measured.time[0])
     motion = _motion(measured, (simulated, simulated if motions is None else motions), body)
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH, 6.4), layout="constrained")
+        figure = Figure(figsize=(TEXT_WIDTH, 6.4), layout="constrained")
         upper, middle, lower = figure.subfigures(3, 1, squeeze=False, height_ratios=(1.0, 1.25, 1.0))[:, 0]
         axes = upper.subplots()
         line(axes, time, residual, width=0.6)
@@ -159,7 +159,7 @@ def _against(axes: Axes, regressor: Regressor, residual: np.ndarray, channel: st
     """Draw the residual over a motion as dots, with its mean in bins of equal width."""
     factor, x_unit = shown_unit(regressor.unit, np.max(np.abs(regressor.values)))
     x = factor * regressor.values
-    keep = thin(x.size, MAX_DOTS)
+    keep = thin(x.size, MAX_CLOUD_DOTS)
     cloud: Look = {
         "color": MEASURED,
         "markersize": spot(keep.size),
@@ -169,9 +169,9 @@ def _against(axes: Axes, regressor: Regressor, residual: np.ndarray, channel: st
     }
     axes.plot(x[keep], residual[keep], ".", **cloud)
     low, high = np.quantile(x, [0.002, 0.998])
-    edges = np.linspace(low, high, BINS + 1)
+    edges = np.linspace(low, high, PROFILE_BINS + 1)
     which = np.digitize(x, edges) - 1
-    bins = np.array([i for i in range(BINS) if np.sum(which == i) > 4], dtype=int)  # none where nothing moves
+    bins = np.array([i for i in range(PROFILE_BINS) if np.sum(which == i) > 4], dtype=int)  # none where nothing moves
     means = [np.mean(residual[which == i]) for i in bins]
     axes.plot(0.5 * (edges[bins] + edges[bins + 1]), means, "o-", color=SIMULATED, markersize=2.8, linewidth=1.2)
     axes.axhline(0.0, color=LINE, linewidth=0.7)

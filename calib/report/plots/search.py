@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from calib.modelling.parameter import Parameter, Space, Window
-from calib.report.plots.style import FAILED, KINDS, LINE, MARK, OTHER, STYLE, WIDTH, Look, logarithmic, shown_unit
+from calib.report.plots.style import FAILED, KINDS, LINE, MARK, OTHER, STYLE, TEXT_WIDTH, Look, logarithmic, shown_unit
 from calib.store import Trial
 
 MAX_VECTOR_DOTS = 400  # dots in one panel beyond which they are rasterised
@@ -22,7 +22,7 @@ def score_history(trials: Sequence[Trial]) -> Figure:
     good = [t for t in trials if t.scored]
     failed = [t.number for t in trials if not t.scored]
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH, 2.9), layout="constrained")
+        figure = Figure(figsize=(TEXT_WIDTH, 2.9), layout="constrained")
         axes = figure.subplots()
         for kind, colour in kind_colours(trials).items():
             mine = [t for t in good if (t.kind or "") == kind]
@@ -50,7 +50,7 @@ def kinds_of_motion(
     columns = min(3, space.dim)
     rows = math.ceil(space.dim / columns)
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH, 2.0 * rows + 0.45), layout="constrained")
+        figure = Figure(figsize=(TEXT_WIDTH, 2.0 * rows + 0.45), layout="constrained")
         grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
         for k, axes in enumerate(grid.flat[: space.dim]):
             name = space.names[k]

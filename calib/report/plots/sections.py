@@ -15,7 +15,7 @@ from calib.report.plots.style import LINE, OTHER, STYLE, Look
 from calib.report.plots.sweeps import (
     COEXISTING,
     FAILED,
-    WIDE,
+    WIDE_FIGURE_WIDTH,
     SweptParameter,
     branch_colour,
     branch_entries,
@@ -33,7 +33,7 @@ from calib.report.plots.sweeps import (
     title,
 )
 
-COLUMNS = 3  # panels side by side
+PANELS_PER_ROW = 3  # panels side by side
 BASIN_COLOURS = (
     "#9ecae8",
     "#f6c667",
@@ -71,9 +71,9 @@ def sections(sweep: xr.Dataset, max_panels: int = 6) -> Figure | None:
     drawn = sweep[[name for name in wanted if name in sweep and sweep[name].size]]  # empty arrays cannot be stacked
     runs = drawn.sortby([d for d in dims if d != "point"]).stack(run=dims, create_index=False)
     bodies = [str(body) for body in sweep.body.values]
-    columns, blocks = min(count, COLUMNS), math.ceil(count / COLUMNS)
+    columns, blocks = min(count, PANELS_PER_ROW), math.ceil(count / PANELS_PER_ROW)
     with mpl.rc_context(STYLE):
-        size = (WIDE if columns > 1 else 0.62 * WIDE, 2.3 * blocks * len(bodies) + 0.5)
+        size = (WIDE_FIGURE_WIDTH if columns > 1 else 0.62 * WIDE_FIGURE_WIDTH, 2.3 * blocks * len(bodies) + 0.5)
         figure = Figure(figsize=size, layout="constrained")
         grid = figure.subplots(blocks * len(bodies), columns, squeeze=False)
         for b, body in enumerate(bodies):
@@ -113,7 +113,7 @@ def _panels(panels: Sequence[Axes], runs: xr.Dataset, body: str) -> None:
             look = {"markersize": size, "markeredgewidth": 0, "rasterized": True, "zorder": 2 + 0.01 * i}
             axes.plot(x[finite], v[finite], "o", color=branch_colour(i), **look)
         axes.set(xlabel=f"Displacement of {body} [{unit}]", xlim=ends.x, ylim=ends.y)
-        if k % COLUMNS == 0:
+        if k % PANELS_PER_ROW == 0:
             axes.set_ylabel("Velocity [m/s]")
 
 
@@ -149,7 +149,7 @@ def basin_map(basins: xr.Dataset) -> Figure:
     labels = [*(f"{k}: {kind}" for k, kind in enumerate(kinds)), FAILED]
     colours = [*(BASIN_COLOURS[k] if k < len(BASIN_COLOURS) else OTHER for k in range(kinds.size)), kind_colour(FAILED)]
     with mpl.rc_context({**STYLE, "axes.grid": False}):
-        figure = Figure(figsize=(WIDE, 5.6), layout="constrained")
+        figure = Figure(figsize=(WIDE_FIGURE_WIDTH, 5.6), layout="constrained")
         axes = figure.subplots()
         cells(axes, x.edges(), y.edges(), codes, colours)
         shares = [float(np.mean(codes == k)) for k in range(len(labels))]

@@ -20,17 +20,17 @@ from calib.diagnosis.document import DesignPointResult, DesignResult, Measuremen
 from calib.diagnosis.laboratory import FREE_DECAY, RECORDED_INPUT, STEADY_TONE, SWEEP, WITHOUT_CONTACT
 from calib.diagnosis.measurement import FAILED, GRID, IRREGULAR, OK
 from calib.report.formatting import number
-from calib.report.plots.style import LINE, MARK, MEASURED, SIMULATED, STYLE, WIDTH, Look, logarithmic, shown_unit
+from calib.report.plots.style import LINE, MARK, MEASURED, SIMULATED, STYLE, TEXT_WIDTH, Look, logarithmic, shown_unit
 
 COLOURS = "cividis"  # from least to most separation; suits colour-blind readers
-LEAST_Z = 0.1  # lower end of the scale; smaller values are marked as below it  [standard deviations]
-HEADROOM = 1.5  # upper end of the scale over the decisive z, where no point reaches that  [1]
+MIN_AXIS_Z = 0.1  # lower end of the scale; smaller values are marked as below it  [standard deviations]
+HEADROOM_RATIO = 1.5  # upper end of the scale over the decisive z, where no point reaches that  [1]
 EXCLUDED = "#e8e8e8"
 STARS = {STEADY_TONE: ("*", 15.0), WITHOUT_CONTACT: ("D", 7.0)}  # marker and size [points] of the best
 SETTING = {SWEEP: "amplitude", RECORDED_INPUT: "amplitude", FREE_DECAY: "release"}  # that a test is searched over
 MAX_RATIO_WITH_STEPS = 20.0  # of the ends of the scale, below which it has ticks within decades  [1]
-EDGE_MARGIN = 0.02  # beyond the bounds of the search, as a share of the logarithmic range  [1]
-MAX_NAMES = 6  # records that are named in the map
+BOUNDS_MARGIN = 0.02  # beyond the bounds of the search, as a share of the logarithmic range  [1]
+MAX_NAMED_RECORDS = 6  # records that are named in the map
 SETTINGS = ("amplitude", "frequency", "release")
 
 
@@ -55,7 +55,7 @@ def separation_map(design: DesignResult, measurements: Sequence[MeasurementResul
         return None
     factor, unit = _amplitude_unit(design)
     with mpl.rc_context({**STYLE, "axes.grid": False}):
-        figure = Figure(figsize=(WIDTH, 4.1), layout="constrained")
+        figure = Figure(figsize=(TEXT_WIDTH, 4.1), layout="constrained")
         axes = figure.subplots()
         frequencies, amplitudes, z = _on_grid(tones, factor, "z")
         low, high = _z_limits([point.z for point in tones], design.decisive_z)
@@ -84,7 +84,7 @@ def separation_lines(design: DesignResult, measurements: Sequence[MeasurementRes
     if not lines:
         return None
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH, 2.5), layout="constrained")
+        figure = Figure(figsize=(TEXT_WIDTH, 2.5), layout="constrained")
         panels = figure.subplots(1, max(2, len(lines)), squeeze=False, sharey=True)[0]
         for axes in panels[len(lines) :]:
             axes.set_visible(False)
@@ -96,9 +96,9 @@ def separation_lines(design: DesignResult, measurements: Sequence[MeasurementRes
             best = _best(measurements, test)
             if best is not None:
                 look: Look = {"color": MARK, "markersize": 11, "zorder": 5}
-                look |= {"markerfacecolor": "white"} if best.z < LEAST_Z else {}
+                look |= {"markerfacecolor": "white"} if best.z < MIN_AXIS_Z else {}
                 place = setting.factor * setting_of(best, setting.name)
-                axes.plot(place, max(best.z, LEAST_Z), "*", **look)
+                axes.plot(place, max(best.z, MIN_AXIS_Z), "*", **look)
         low, high = panels[0].get_ylim()
         panels[0].set_ylim(min(low, 0.5 * design.decisive_z), max(high, 2.0 * design.decisive_z))
         panels[0].set_ylabel("Predicted separation z [1]")
@@ -121,8 +121,8 @@ def _amplitude_unit(design: DesignResult) -> tuple[float, str]:
 def _z_limits(z: Sequence[float | None], decisive: float) -> tuple[float, float]:
     """Ends of the colour scale, between which the decisive z lies."""
     known = [value for value in z if value is not None] or [decisive]
-    high = max(*known, HEADROOM * decisive)
-    return max(LEAST_Z, min(*known, 0.5 * decisive)), high
+    high = max(*known, HEADROOM_RATIO * decisive)
+    return max(MIN_AXIS_Z, min(*known, 0.5 * decisive)), high
 
 
 def _by_status(
@@ -144,7 +144,7 @@ def _edges(centres: np.ndarray) -> np.ndarray:
     The outermost cells reach no further than their centres, which lie on the bounds of the search, and a margin.
     """
     log = np.log(centres)
-    margin = EDGE_MARGIN * (log[-1] - log[0])
+    margin = BOUNDS_MARGIN * (log[-1] - log[0])
     return np.exp(np.concatenate([[log[0] - margin], 0.5 * (log[1:] + log[:-1]), [log[-1] + margin]]))
 
 
@@ -198,7 +198,7 @@ def _contours(axes: Axes, tones: Sequence[DesignPointResult], factor: float, dec
         frequencies, amplitudes, values = _on_grid(tones, factor, key)
         if min(values.shape) < 2 or not np.nanmin(values, initial=np.inf) < level < np.nanmax(values, initial=-np.inf):
             continue
-        values = np.log(np.maximum(values, LEAST_Z)) if key == "z" else values
+        values = np.log(np.maximum(values, MIN_AXIS_Z)) if key == "z" else values
         level = math.log(level) if key == "z" else level
         look: Look = {"linestyles": style, "linewidths": 1.6}
         if key == "z":
@@ -216,7 +216,7 @@ def _mark_refinement(axes: Axes, tones: Sequence[DesignPointResult], factor: flo
     axes.scatter(
         [setting_of(point, "frequency") for point, _ in good],
         [factor * setting_of(point, "amplitude") for point, _ in good],
-        c=[max(z, float(norm.vmin or LEAST_Z)) for _, z in good],
+        c=[max(z, float(norm.vmin or MIN_AXIS_Z)) for _, z in good],
         s=14.0, norm=norm, cmap=COLOURS, edgecolors="white", linewidths=0.5, zorder=4,
     )  # fmt: skip
     look: Look = {"color": LINE, "markersize": 3.5, "markeredgewidth": 0.8, "zorder": 4}
@@ -247,7 +247,7 @@ def _mark_records(axes: Axes, known: Sequence[RecordSetting], factor: float) -> 
     ]
     look: Look = {"color": "white", "markeredgecolor": LINE, "markersize": 7.0, "linestyle": "none", "marker": "P"}
     axes.plot([x for _, x, _ in own], [y for *_, y in own], zorder=5, **look)
-    for name, x, y in own if len(own) <= MAX_NAMES else ():
+    for name, x, y in own if len(own) <= MAX_NAMED_RECORDS else ():
         label: Look = {"boxstyle": "square,pad=0.15", "facecolor": "white", "alpha": 0.8, "linewidth": 0.0}
         axes.annotate(name, (x, y), (6, 5), textcoords="offset points", fontsize=7.5, zorder=6, bbox=label)
     return [Line2D([], [], label="existing records", **look)] if own else []
@@ -292,11 +292,11 @@ def _draw_line(axes: Axes, design: DesignResult, test: str, setting: SearchedSet
 
     own = sorted((p for p in design.points if p.test == test), key=place)
     good, bad = _by_status(own)
-    shown = [z if z >= LEAST_Z else math.nan for _, z in good]
+    shown = [z if z >= MIN_AXIS_Z else math.nan for _, z in good]
     axes.plot([place(p) for p, _ in good], shown, "o-", color=SIMULATED, markersize=3.5, linewidth=1.0)
-    below = [place(p) for p, z in good if z < LEAST_Z]
-    axes.plot(below, [LEAST_Z] * len(below), "v", color=SIMULATED, markersize=4.5, markerfacecolor="white")
-    axes.plot([place(p) for p in bad], [LEAST_Z] * len(bad), "x", color=LINE, markersize=4.0)
+    below = [place(p) for p, z in good if z < MIN_AXIS_Z]
+    axes.plot(below, [MIN_AXIS_Z] * len(below), "v", color=SIMULATED, markersize=4.5, markerfacecolor="white")
+    axes.plot([place(p) for p in bad], [MIN_AXIS_Z] * len(bad), "x", color=LINE, markersize=4.0)
     axes.axhline(design.decisive_z, color=MEASURED, linestyle="--", linewidth=1.0)
     axes.annotate(
         f"z = {design.decisive_z:g}",

@@ -29,8 +29,8 @@ EXTENDED = "#009E73"  # the extended model: the calibrated one with the effects 
 KINDS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#F0E442")
 FAILED, OTHER = "#000000", "#999999"
 DPI = 150  # dots per inch of figures in files of their own
-WIDTH = 7.4  # inch: the text width of an A4 page
-MAX_DOTS = 700  # measured samples drawn as dots in one panel
+TEXT_WIDTH = 7.4  # inch: the text width of an A4 page
+MAX_SAMPLE_DOTS = 700  # measured samples drawn as dots in one panel
 MAX_LINE_SAMPLES = 1500  # points of a drawn line
 STYLE: "dict[RcKeyType, Any]" = {
     "font.family": "sans-serif",
@@ -72,8 +72,8 @@ def shown_unit(unit: str, largest: float) -> tuple[float, str]:
 
 
 def dots(axes: Axes, x: np.ndarray, y: np.ndarray) -> None:
-    """Draw measured samples as grey dots, at most MAX_DOTS of them."""
-    keep = thin(x.size, MAX_DOTS)
+    """Draw measured samples as grey dots, at most MAX_SAMPLE_DOTS of them."""
+    keep = thin(x.size, MAX_SAMPLE_DOTS)
     look: Look = {"color": MEASURED, "markersize": spot(keep.size, 5.0), "markeredgewidth": 0, "alpha": 0.7}
     axes.plot(x[keep], y[keep], ".", zorder=2, **look)
 

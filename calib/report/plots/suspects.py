@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from calib.report.plots.style import EXTENDED, MARK, SIMULATED, STYLE, WIDTH, Look
+from calib.report.plots.style import EXTENDED, MARK, SIMULATED, STYLE, TEXT_WIDTH, Look
 
 MAX_LINEAR_RATIO = 12.0  # largest |z| over the threshold up to which the axis is linear  [1]
-LEAST_RATIO = 0.1  # lower end of a logarithmic axis over the threshold  [1]
+MIN_AXIS_RATIO = 0.1  # lower end of a logarithmic axis over the threshold  [1]
 
 
 class SuspectOutcome(StrEnum):
@@ -62,7 +62,7 @@ def suspect_strengths(strengths: Sequence[Strength], threshold: float) -> Figure
         return None
     ordered = sorted(strengths, key=lambda s: s.z)
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH, 0.165 * len(ordered) + 1.1), layout="constrained")
+        figure = Figure(figsize=(TEXT_WIDTH, 0.165 * len(ordered) + 1.1), layout="constrained")
         axes = figure.subplots()
         _draw_bars(axes, ordered, threshold)
         dashes: Look = {"color": MARK, "linewidth": 1.2, "linestyle": (0, (4, 2))}
@@ -82,7 +82,7 @@ def _draw_bars(axes: Axes, ordered: Sequence[Strength], threshold: float) -> Non
     """Draw a bar for each strength with its number; the axis is logarithmic where they differ much."""
     largest = ordered[-1].z
     logarithmic = largest > MAX_LINEAR_RATIO * threshold
-    least = LEAST_RATIO * threshold
+    least = MIN_AXIS_RATIO * threshold
     values = [max(s.z, 1.15 * least) if logarithmic else s.z for s in ordered]
     axes.barh(range(len(ordered)), values, color=[COLOURS[s.outcome] for s in ordered], height=0.68, zorder=3)
     axes.set_yticks(range(len(ordered)), [s.effect for s in ordered], fontsize=7.5)

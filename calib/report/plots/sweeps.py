@@ -16,9 +16,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from calib.errors import CalibError, nearest
-from calib.report.plots.style import LINE, OTHER, WIDTH, Look, logarithmic, shown_unit
+from calib.report.plots.style import LINE, OTHER, TEXT_WIDTH, Look, logarithmic, shown_unit
 
-WIDE = 1.2 * WIDTH  # inch: of a figure in a file of its own
+WIDE_FIGURE_WIDTH = 1.2 * TEXT_WIDTH  # inch: of a figure in a file of its own
 FAILED = "failed"
 KIND_COLOURS = {  # in the order of a legend: from regular to irregular, then unknown kinds
     "no contact": "#bbbbbb",

@@ -18,8 +18,8 @@ from calib.simulators.delaminated_beam.reduced.engine import ReducedEngine
 from calib.simulators.delaminated_beam.reduction import Fineness
 from calib.simulators.delaminated_beam.structure import MeshedStructure, assemble
 
-MAX_SPEED_RATIO = 100.0  # of a velocity over the drive's, beyond which the full kernel's step is unstable  [1]
-MAX_LENGTH_RATIO = 100.0  # of a displacement over the drive's, beyond which the reduced motion diverges  [1]
+MAX_VELOCITY_RATIO = 100.0  # of a velocity over the drive's, beyond which the full kernel's step is unstable  [1]
+MAX_DISPLACEMENT_RATIO = 100.0  # of a displacement over the drive's, beyond which the reduced motion diverges  [1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,7 @@ class BeamCase:
         """Return the full kernel, at rest on the static shape unless a state is given."""
         built, drive = self.structure, self.drive
         places = Layout(built.mesh)
-        limit = MAX_SPEED_RATIO * drive.speed
+        limit = MAX_VELOCITY_RATIO * drive.speed
         plan = layout.plan(built, places, self.coefficients, step=self.step, limit=limit)
         free, shape = built.free, built.static_shape().ravel()
         x, v = drive.at_start()
@@ -94,7 +94,7 @@ class BeamCase:
                 f"{fineness.modes} modes of a mesh with {len(built.free)} freedoms; take fewer modes or a finer mesh"
             )
         basis = modes_of(built, fineness.modes)
-        limit = MAX_LENGTH_RATIO * drive.length
+        limit = MAX_DISPLACEMENT_RATIO * drive.length
         plan = reduction.plan(built, basis, fineness, self.coefficients, period=drive.period, limit=limit)
         if state is None:
             state = np.zeros(2 * fineness.modes)

@@ -16,7 +16,7 @@ from calib.simulators.slots import fill
 
 PLACE, QUANTITY = "centre", "displacement"  # of the excitation that the simulator takes
 STEPS_AT_START = 1024  # a period, of the differences that give the velocity of laws at time 0
-MIN_AMPLITUDE = 1e-6  # m, of a drive, where it is the scale of the motion
+MIN_DRIVE_AMPLITUDE = 1e-6  # m, of a drive, where it is the scale of the motion
 
 
 def centre_displacement(excitation: Excitation) -> Harmonic:
@@ -72,7 +72,7 @@ class BeamDrive:
     @property
     def length(self) -> float:
         """Scale of the motion  [m]."""
-        return max(abs(self.amplitude), MIN_AMPLITUDE)
+        return max(abs(self.amplitude), MIN_DRIVE_AMPLITUDE)
 
     @property
     def speed(self) -> float:

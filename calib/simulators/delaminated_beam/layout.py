@@ -3,15 +3,22 @@
 import numpy as np
 
 from calib.simulators.delaminated_beam.coefficients import Coefficients
-from calib.simulators.delaminated_beam.explicit.elements import SHAPE, elastic
-from calib.simulators.delaminated_beam.explicit.plan import FACTORS, FORCES, LANES, ROW, ExplicitPlan, ExplicitState
+from calib.simulators.delaminated_beam.explicit.elements import SHAPE_ROW, elastic
+from calib.simulators.delaminated_beam.explicit.plan import (
+    COEFFICIENT_ROWS,
+    FORCE_ROWS,
+    ROW_LENGTH,
+    VECTOR_LANES,
+    ExplicitPlan,
+    ExplicitState,
+)
 from calib.simulators.delaminated_beam.mesh import Mesh
 from calib.simulators.delaminated_beam.plane_stress import Elements
 from calib.simulators.delaminated_beam.structure import BODIES, MeshedStructure
 from calib.simulators.slots import acting, fill
 
-MAX_LINE_NODES = ROW - 2 * LANES
-NEVER = -(10**15)  # step of the last contact where there was none
+MAX_LINE_NODES = ROW_LENGTH - 2 * VECTOR_LANES
+NO_CONTACT_STEP = -(10**15)  # step of the last contact where there was none
 
 
 class Layout:
@@ -28,7 +35,7 @@ class Layout:
         padded = [_padded(len(line)) for line in mesh.lines]
         if max(padded) > MAX_LINE_NODES:
             raise ValueError(f"a line of {max(map(len, mesh.lines))} nodes; at most {MAX_LINE_NODES} can be")
-        self.starts = np.concatenate([[0], np.cumsum(np.array(padded) + LANES)])
+        self.starts = np.concatenate([[0], np.cumsum(np.array(padded) + VECTOR_LANES)])
         self.size = int(self.starts[-1])
         self.lengths = padded
         self.place = np.full(len(mesh.nodes), -1)
@@ -122,7 +129,7 @@ def plan(
 
 def _padded(count: int) -> int:
     """Round up to whole vectors."""
-    return -(-count // LANES) * LANES
+    return -(-count // VECTOR_LANES) * VECTOR_LANES
 
 
 def _inverse_mass(structure: MeshedStructure, layout: Layout) -> np.ndarray:
@@ -136,8 +143,8 @@ def _inverse_mass(structure: MeshedStructure, layout: Layout) -> np.ndarray:
 
 
 def _factors(e: Elements) -> np.ndarray:
-    """Coefficients (FACTORS * ROW,) of the elements of a strip; see `explicit.elements.forces_of_strip`."""
-    rows = np.zeros((FACTORS, ROW))
+    """Coefficients (COEFFICIENT_ROWS * ROW_LENGTH,) of a strip's elements; see `explicit.elements.forces_of_strip`."""
+    rows = np.zeros((COEFFICIENT_ROWS, ROW_LENGTH))
     tx, ty = e.twist
     for row, values in zip(
         rows,
@@ -157,7 +164,7 @@ def _factors(e: Elements) -> np.ndarray:
         strict=True,
     ):
         row[: len(values)] = values
-    rows[SHAPE, len(e.along) :] = 2.0  # padding is at rest
+    rows[SHAPE_ROW, len(e.along) :] = 2.0  # padding is at rest
     return rows.ravel()
 
 
@@ -181,22 +188,24 @@ def begin(plan: ExplicitPlan, layout: Layout, displacement: np.ndarray, velocity
     return ExplicitState(
         w=layout.spread(displacement) + plan.beta * v,
         v=v,
-        elastic=np.zeros(len(plan.strips) * FORCES * ROW),
+        elastic=np.zeros(len(plan.strips) * FORCE_ROWS * ROW_LENGTH),
         active=np.zeros(pairs, dtype=np.int64),
         gap=np.zeros(pairs),
         rate=np.zeros(pairs),
         push=np.zeros(pairs),
         mobility=np.zeros(pairs),
         pair_weights=np.zeros(2 * layout.size),
-        counters=np.array([0, 0, NEVER, NEVER]),
+        counters=np.array([0, 0, NO_CONTACT_STEP, NO_CONTACT_STEP]),
     )
 
 
 def internal_force(plan: ExplicitPlan, layout: Layout, displacement: np.ndarray) -> np.ndarray:
     """Nodal forces (n, 2) of the elements at nodal displacements (n, 2)  [N]."""
-    out = np.zeros(len(plan.strips) * FORCES * ROW)
+    out = np.zeros(len(plan.strips) * FORCE_ROWS * ROW_LENGTH)
     elastic(plan, layout.spread(displacement), out)
-    rows = out.reshape(len(plan.strips), 2, 2, 2, ROW)  # strip; lower, upper; x, y; from the right, from the left
+    rows = out.reshape(
+        len(plan.strips), 2, 2, 2, ROW_LENGTH
+    )  # strip; lower, upper; x, y; from the right, from the left
     force = np.zeros((2, layout.size))
     for first, count, below, above in plan.lines:
         total = np.zeros((2, count))

@@ -14,7 +14,7 @@ from calib.simulators.delaminated_beam.stationary import Engine
 from calib.simulators.delaminated_beam.structure import BODIES, MeshedStructure
 
 MAX_NEAR_MISSES = 256  # minima of the clearance in a period
-MAX_STEPS = 2_000_000  # a period
+MAX_TIME_STEPS_PER_PERIOD = 2_000_000  # a period
 MIN_LENGTH = 1e-12  # m or m kg^(1/2), scale of a coordinate that the drive does not move
 MIN_OPENING_RATIO = 1e-3  # of a mode's largest opening over that of all modes, below which it sets no scale  [1]
 
@@ -102,7 +102,7 @@ class BeamMap:
 
     def orbit(self, state: np.ndarray, periods: int) -> Orbit:
         """Go on from `state` by whole periods."""
-        engine = self.engine(np.asarray(state, dtype=float), MAX_STEPS * periods)
+        engine = self.engine(np.asarray(state, dtype=float), MAX_TIME_STEPS_PER_PERIOD * periods)
         states, rows, status, reason = [], [], OK, ""
         for _ in range(periods):
             period = engine.period(1)
@@ -131,7 +131,7 @@ class BeamMap:
 
     def misses(self, state: np.ndarray) -> np.ndarray:
         """Local minima of the clearance over one period [m]."""
-        engine = self.engine(np.asarray(state, dtype=float), MAX_STEPS)
+        engine = self.engine(np.asarray(state, dtype=float), MAX_TIME_STEPS_PER_PERIOD)
         minima = np.zeros(MAX_NEAR_MISSES)
         count = engine.near_misses(minima)
         return minima[:count]

@@ -18,7 +18,7 @@ from calib.simulators.delaminated_beam.mesh import Mesh
 ALONG = np.array([-0.5, 0.5, 0.5, -0.5])  # of the nodes lower left, lower right, upper right, upper left
 ACROSS = np.array([-0.5, -0.5, 0.5, 0.5])
 PRODUCT = np.array([0.25, -0.25, 0.25, -0.25])
-MAX_ASPECT_RATIO = 1e4  # of an element: beyond, bending is lost in the rounding of the stretch
+MAX_ELEMENT_ASPECT_RATIO = 1e4  # of an element: beyond, bending is lost in the rounding of the stretch
 
 
 @dataclass(frozen=True)
@@ -97,14 +97,14 @@ def elements(
 
     Raises
     ------
-    ValueError : an element without area, or one whose sides differ by more than MAX_ASPECT_RATIO
+    ValueError : an element without area, or one whose sides differ by more than MAX_ELEMENT_ASPECT_RATIO
     """
     corner = nodes[quadrilaterals]
     xi, eta, product = (np.einsum("i,mic->cm", pattern, corner) for pattern in (ALONG, ACROSS, PRODUCT))
     if not (xi[0] * eta[1] > xi[1] * eta[0]).all():
         raise ValueError("an element has no area")
     along, across = np.hypot(*xi), float(np.hypot(*eta).mean())
-    if not 1.0 / MAX_ASPECT_RATIO < along.min() / across <= along.max() / across < MAX_ASPECT_RATIO:
+    if not 1.0 / MAX_ELEMENT_ASPECT_RATIO < along.min() / across <= along.max() / across < MAX_ELEMENT_ASPECT_RATIO:
         raise ValueError(f"elements of {along.max():.3g} m by {across:.3g} m are too slender to compute with")
     cosine, sine = turn(np.array([xi / along, eta / across]))
     if np.ptp(nodes[quadrilaterals[:, :2], 1]) == 0.0:  # what is left is rounding

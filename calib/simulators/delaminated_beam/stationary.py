@@ -5,7 +5,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from calib.records import OK, SECTION
+from calib.records import MIN_SECTION_PERIODS, OK
 from calib.simulators.delaminated_beam.impacts import (
     CENTRAL_IMPACTS,
     CONTACT_TIME,
@@ -17,7 +17,7 @@ from calib.simulators.delaminated_beam.impacts import (
 
 MAX_RETURN_PERIODS = 16  # after which a state can return
 MAX_IMPACTS = 4096  # recorded
-RETURN_TOLERANCE = 1e-6  # of a change of the state over its largest displacement or velocity  [1]
+STATE_RETURN_TOLERANCE = 1e-6  # of a change of the state over its largest displacement or velocity  [1]
 MIN_SCALE = 1e-300  # m or m/s, of a state at rest
 
 
@@ -123,7 +123,7 @@ class StationaryMotion:
     ----------
     samples : (periods * samples, 4), see `Period`
     force : (periods * samples,)  [N]
-    sections : (SECTION or more, 4) the samples at phase zero of the last periods
+    sections : (MIN_SECTION_PERIODS or more, 4) the samples at phase zero of the last periods
     settled : periods before the recorded ones
     returns : after how many periods the state returns; None where it did not
     contact : over the recorded periods
@@ -145,7 +145,7 @@ def normalised(displacement: np.ndarray, velocity: np.ndarray) -> np.ndarray:
 def return_period(states: list[np.ndarray]) -> int | None:
     """Periods after which the last of the states returned, at most MAX_RETURN_PERIODS; None if it did not."""
     for lag in range(1, min(MAX_RETURN_PERIODS, len(states) - 1) + 1):
-        if np.abs(states[-1] - states[-1 - lag]).max() < RETURN_TOLERANCE:
+        if np.abs(states[-1] - states[-1 - lag]).max() < STATE_RETURN_TOLERANCE:
             return lag
     return None
 
@@ -188,19 +188,19 @@ def stationary(
         returns = return_period(states)
     contact = engine.contact_recorded(periods)
     sections = np.concatenate([*dropped, *(rows[:1] for rows in recorded)])
-    while returns is None and len(sections) < SECTION:
+    while returns is None and len(sections) < MIN_SECTION_PERIODS:
         period = engine.period(1)
         if period.status != OK:
             return FailedMotion(period.status, period.reason, len(dropped))
         sections = np.concatenate([sections, period.samples[:1]])
         states = [*states[-MAX_RETURN_PERIODS:], engine.state()]
         returns = return_period(states)
-    if returns is not None and periods < SECTION:
-        sections = np.resize(sections[-returns:], (SECTION, 4))  # what was before is on the way there
+    if returns is not None and periods < MIN_SECTION_PERIODS:
+        sections = np.resize(sections[-returns:], (MIN_SECTION_PERIODS, 4))  # what was before is on the way there
     return StationaryMotion(
         samples=np.concatenate(recorded),
         force=np.concatenate(force),
-        sections=sections[-max(SECTION, periods) :],
+        sections=sections[-max(MIN_SECTION_PERIODS, periods) :],
         settled=len(dropped),
         returns=returns,
         contact=contact,

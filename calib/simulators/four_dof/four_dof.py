@@ -13,7 +13,7 @@ from calib.errors import CalibError, nearest
 from calib.modelling.laws import BoundLaw, at_site
 from calib.modelling.parameter import Parameter
 from calib.modelling.simulator import Request
-from calib.records import OK, SECTION, STATE, failed, make, prescription
+from calib.records import MIN_SECTION_PERIODS, OK, STATE, failed, make, prescription
 from calib.records.excitation import Excitation
 from calib.simulators.four_dof.drives import BODIES, DRIVES, LAYER, structure
 from calib.simulators.four_dof.lumped import lumped
@@ -142,7 +142,7 @@ class FourDof:
             times,
             periods=request.periods if harmonic else 1,
             settle=request.settle if harmonic else 0,
-            sections=SECTION if harmonic else 0,
+            sections=MIN_SECTION_PERIODS if harmonic else 0,
             budget=request.step_budget,
             near=harmonic and request.near,
         )

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.modelling.laws import BoundLaw, at_site
-from calib.simulators.impact.flow import SERIES_REACH
+from calib.simulators.impact.flow import MAX_SERIES_ARGUMENT
 from calib.simulators.impact.modes import LinearStructure, regimes
 from calib.simulators.impact.problem import PORT, Problem, Regimes
 from calib.simulators.impact.refinement import UNREFINED, Refinement
@@ -123,7 +123,7 @@ def _longest_step(drive: ImpactDrive, step: float | None, collocated: bool, fixe
     if step is None:
         step = drive.period / STEPS_PER_PERIOD if drive.omega else np.inf
     if collocated:
-        return min(step, SERIES_REACH / fastest)
+        return min(step, MAX_SERIES_ARGUMENT / fastest)
     return step if fixed_step else np.inf
 
 

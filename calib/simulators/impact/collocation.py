@@ -16,7 +16,7 @@ from calib.modelling.laws import STATES
 from calib.simulators.compilation import WITHIN
 from calib.simulators.impact.coordinates import to_coordinates
 from calib.simulators.impact.flow import impulse_response, load_responses
-from calib.simulators.impact.polynomial import BETWEEN, FIT, INTEGRAL, NODES, POINTS, PROBE, polynomial, slope
+from calib.simulators.impact.polynomial import BETWEEN, FIT, INTEGRAL, NODES, POINTS, PROBE_INDEX, polynomial, slope
 from calib.simulators.impact.problem import (
     AT_PERIOD,
     CONTACT,
@@ -33,7 +33,7 @@ from calib.simulators.impact.scratch import Scratch
 from calib.simulators.slots import excitation, force
 
 MAX_SWEEPS = 15  # of the fixed point
-MAX_CONTRACTION = 0.5  # change of the loads over that two sweeps before; above it so many sweeps do not suffice
+MAX_LOAD_CONTRACTION = 0.5  # change of the loads over that two sweeps before; above it so many sweeps do not suffice
 LOAD_TOLERANCE = 1e-13  # relative change of the loads at which the iteration has converged
 # error of a polynomial between the nodes, as a change of velocity over the step and a share of the velocities; laws on
 # bodies are mostly smooth, and their loads then are accurate at the ends of steps before they are in between
@@ -276,25 +276,25 @@ def _is_resolved(
     problem: Problem, r: int, state: ImpactState, time: float, start: float, step: float, speed: float, w: Scratch
 ) -> bool:
     """Whether the polynomials through the nodes hold between them: of the laws, and of the rates of their states."""
-    _set_responses(problem, r, state, time, step, PROBE, PROBE + 1, w)
+    _set_responses(problem, r, state, time, step, PROBE_INDEX, PROBE_INDEX + 1, w)
     if problem.counts[LAW_STATES] > 0:
-        _integrate_states(problem, state.z, step, PROBE, PROBE + 1, w)
-    _laws_at(problem, r, start, step, PROBE, w)
+        _integrate_states(problem, state.z, step, PROBE_INDEX, PROBE_INDEX + 1, w)
+    _laws_at(problem, r, start, step, PROBE_INDEX, w)
     share = MAX_ERROR_AT_PORT if problem.counts[PORT_LAWS] > 0 else MAX_ERROR_ON_BODIES
     for b in range(w.q.size):
         for j in range(5):
-            w.law[b, PROBE] -= BETWEEN[j] * w.law[b, j]
+            w.law[b, PROBE_INDEX] -= BETWEEN[j] * w.law[b, j]
     for i in range(w.y.size):
         error = 0.0
         for b in range(w.q.size):
-            error += problem.regimes.project[r, i, b] * w.law[b, PROBE]
+            error += problem.regimes.project[r, i, b] * w.law[b, PROBE_INDEX]
         if abs(error) * step > share * speed:
             return False
     if problem.counts[LAW_STATES] > 0:
         for i in range(problem.counts[FORCE_LAWS]):
             for b in range(w.dz.shape[1]):
                 for k in range(STATES):
-                    error, size = w.dz[i, b, k, PROBE], 0.0
+                    error, size = w.dz[i, b, k, PROBE_INDEX], 0.0
                     for j in range(5):
                         error -= BETWEEN[j] * w.dz[i, b, k, j]
                         size = max(size, abs(w.z[i, b, k, j]))
@@ -311,7 +311,7 @@ def collocate(problem: Problem, r: int, state: ImpactState, time: float, step: f
     converged = True
     if problem.counts[FORCE_LAWS] > 0:
         start = state.counters[AT_PERIOD] * problem.period + time
-        _set_responses(problem, r, state, time, step, 0, PROBE, w)
+        _set_responses(problem, r, state, time, step, 0, PROBE_INDEX, w)
         if problem.counts[LAW_STATES] > 0:
             _hold_states(state.z, w)
         speed = _modal_speed(problem.regimes, r, state.y, state.v)
@@ -324,12 +324,12 @@ def collocate(problem: Problem, r: int, state: ImpactState, time: float, step: f
                 _repeat_first(w)
             change, size = _refit(problem.regimes, r, w)
             if problem.counts[LAW_STATES] > 0:
-                _integrate_states(problem, state.z, step, 0, PROBE, w)
+                _integrate_states(problem, state.z, step, 0, PROBE_INDEX, w)
             close = sweep > 0 and (change <= LOAD_TOLERANCE * size or change * step <= NEGLIGIBLE_CHANGE * speed)
             # the loads follow internal states one sweep late, so with those they have to hold twice
             converged = close and (problem.counts[LAW_STATES] == 0 or held)
             held = close
-            if converged or (sweep > 2 and not close and change > MAX_CONTRACTION * earlier):
+            if converged or (sweep > 2 and not close and change > MAX_LOAD_CONTRACTION * earlier):
                 break
             before, earlier = change, before
         if converged and problem.exact:

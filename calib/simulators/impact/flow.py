@@ -9,7 +9,7 @@ from calib.simulators.compilation import WITHIN
 from calib.simulators.impact.problem import Regimes
 
 SERIES_TERMS = 26  # of the series for polynomial loads; reaches rounding for max(sqrt(stiffness), 2 rate) tau <= 2
-SERIES_REACH = 2.0  # that limit
+MAX_SERIES_ARGUMENT = 2.0  # that limit
 _INVERSE_FACTORIAL = np.array([1.0 / math.factorial(i) for i in range(SERIES_TERMS + 6)])
 
 

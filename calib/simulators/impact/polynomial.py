@@ -8,7 +8,7 @@ from numba import njit
 
 from calib.simulators.compilation import WITHIN
 
-PROBE = 5  # index of a point between the nodes, where a polynomial through them is held against what it stands for
+PROBE_INDEX = 5  # of a point between the nodes, where a polynomial through them is held against what it stands for
 DECIMAL_DIGITS = 50  # in which nodes and weights are computed, so that every processor has the same ones
 
 
@@ -25,7 +25,7 @@ def _tables() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         fit = list(zip(*bases, strict=True))  # coefficient, node
         integrals = [[Decimal(0), *(c / (j + 1) for j, c in enumerate(basis))] for basis in bases]
         integral = [[_value(basis, point) for basis in integrals] for point in points]
-        between = [_value(basis, points[PROBE]) for basis in bases]
+        between = [_value(basis, points[PROBE_INDEX]) for basis in bases]
         return _rounded(points), _rounded(fit), _rounded(integral), _rounded(between)
 
 
@@ -52,7 +52,7 @@ def _value(coefficients: list[Decimal], x: Decimal) -> Decimal:
 # FIT: values at the nodes -> coefficients; INTEGRAL: -> integrals up to each point, for a step of 1; BETWEEN: -> value
 # at the probe
 POINTS, FIT, INTEGRAL, BETWEEN = _tables()
-NODES = POINTS[:PROBE].copy()
+NODES = POINTS[:PROBE_INDEX].copy()
 
 
 @njit(**WITHIN)

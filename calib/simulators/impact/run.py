@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.records import OK, SECTION
+from calib.records import MIN_SECTION_PERIODS, OK
 from calib.simulators.impact import kernel
 from calib.simulators.impact.problem import AT_PERIOD, IMPACTS, LAW_STATES, SECTIONS, STEPS, ImpactState, Problem
 from calib.simulators.impact.scratch import Scratch, scratch
@@ -24,7 +24,7 @@ class SimulatedMotion(NamedTuple):
     status, reason : "ok", "diverged" or "step budget"
     settled : periods dropped before the recorded ones
     samples : (k, 2 n + 2) q [m], q' [m/s], U, U' at the requested times; U without its harmonic part
-    sections : (SECTION or more, 2 n + 2) the same at the end of each of the last periods
+    sections : (MIN_SECTION_PERIODS or more, 2 n + 2) the same at the end of each of the last periods
     impacts : (k, 2 + 2 n) of the recorded periods: time since their start [s], closing speed [m/s], (q, q') before
     contact : share of the recorded time in permanent contact  [1]
     steps : that the run took
@@ -84,7 +84,7 @@ def simulate(
     times: np.ndarray,
     periods: int = 1,
     settle: int | None = None,
-    sections: int = SECTION,
+    sections: int = MIN_SECTION_PERIODS,
     budget: int = 50_000_000,
     capacity: int = 4096,
     near: bool = False,

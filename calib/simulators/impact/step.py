@@ -28,7 +28,7 @@ from calib.simulators.impact.problem import (
 from calib.simulators.impact.scratch import Scratch
 from calib.simulators.impact.witness import EVENT, NO_EVENT, first_zero, witness
 
-SHORTEST_STEP = 1.0 / 2048.0  # of the longest step: shorter ones are not halved, whether their loads hold or not
+MIN_STEP_FRACTION = 1.0 / 2048.0  # of the longest step: shorter ones are not halved, whether their loads hold or not
 MAX_RETAKES = 6  # times a step is taken anew up to the event in it
 
 
@@ -79,7 +79,7 @@ def next_step(
         state.counters[STEPS] += 1
         if problem.collocated:
             converged = collocate(problem, r, state, time, step, w)
-            if not converged and problem.exact and step > SHORTEST_STEP * problem.step:
+            if not converged and problem.exact and step > MIN_STEP_FRACTION * problem.step:
                 halved, unresolved = True, unresolved or retakes > 0
                 retakes = 0
                 step *= 0.5

@@ -332,7 +332,7 @@ def _inverse_dynamics(
     laws = [law for law in laws if law.site != "force" or law.bodies is None or BODY in law.bodies]  # none at the stop
     evaluated = times  # [s]
     if not excitation.recorded:  # internal states of laws settle, and the section fills, before time 0
-        before = max(records.SECTION, request.settle or 0) * request.samples
+        before = max(records.MIN_SECTION_PERIODS, request.settle or 0) * request.samples
         evaluated = np.arange(-before, times.size + 1) / (excitation.as_harmonic.frequency * request.samples)
     motion = prescribed_motion(excitation, values["amplitude"], laws, evaluated)
     accelerations = law_accelerations(motion, laws, request.step_budget)
@@ -353,7 +353,8 @@ def _inverse_dynamics(
         return records.make(times, (BODY,), channels, **attrs)
     whole = np.searchsorted(
         motion.time,
-        np.arange(request.periods - records.SECTION + 1, request.periods + 1) / excitation.as_harmonic.frequency
+        np.arange(request.periods - records.MIN_SECTION_PERIODS + 1, request.periods + 1)
+        / excitation.as_harmonic.frequency
         - 0.5 * (motion.time[1] - motion.time[0]),
     )
     section = {"displacement": motion.x[None, whole], "velocity": motion.v[None, whole]}

@@ -17,7 +17,7 @@ from calib.simulators.slots import excitation as excitation_law
 from calib.simulators.slots import fill
 from calib.simulators.slots import force as force_law
 
-SPLINE_DEGREE = 5  # of the spline through the samples: the acceleration is then a cubic
+EXCITATION_SPLINE_DEGREE = 5  # of the spline through the samples: the acceleration is then a cubic
 MIN_SAMPLES_PER_PERIOD = 200  # of a harmonic motion that laws of the excitation change
 STATE_TOLERANCE = 1e-6  # of the internal states of laws, relative to the largest value so far  [1]
 MIN_STATE_ERROR = 1e-300  # added to the tolerance of a state, for one that is zero
@@ -67,7 +67,7 @@ def _harmonic_motion(
     omega = 2.0 * math.pi * tone.frequency
     amplitude = scale * tone.amplitude
     finer = max(1, math.ceil(MIN_SAMPLES_PER_PERIOD * tone.frequency * (times[1] - times[0])))
-    before = 2 * SPLINE_DEGREE  # samples beyond both ends keep the spline's ends away
+    before = 2 * EXCITATION_SPLINE_DEGREE  # samples beyond both ends keep the spline's ends away
     count = finer * (times.size - 1) + 1
     step = (times[-1] - times[0]) / (count - 1)
     grid = times[0] + step * np.arange(-before, count + before)
@@ -82,7 +82,7 @@ def _harmonic_motion(
 
 
 def _differentiated(time: np.ndarray, x: np.ndarray, at: np.ndarray) -> PrescribedMotion:
-    spline = make_interp_spline(time, x, k=SPLINE_DEGREE)
+    spline = make_interp_spline(time, x, k=EXCITATION_SPLINE_DEGREE)
     return PrescribedMotion(at, spline(at), spline.derivative(1)(at), spline.derivative(2)(at))
 
 

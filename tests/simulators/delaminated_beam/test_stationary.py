@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from calib.records import SECTION
+from calib.records import MIN_SECTION_PERIODS
 from calib.simulators.delaminated_beam.stationary import (
     MAX_RETURN_PERIODS,
-    RETURN_TOLERANCE,
+    STATE_RETURN_TOLERANCE,
     Contact,
     FailedMotion,
     Period,
@@ -98,12 +98,12 @@ def test_a_number_of_periods_to_drop_is_kept_to(settle):
 def test_sections_that_are_not_simulated_are_those_that_would_be(length, periods):
     engine = Clockwork([3.0 * k for k in range(length)], transient=3)
     motion = stationary(engine, periods, 4, None, 100)
-    assert len(motion.sections) == max(SECTION, periods)
+    assert len(motion.sections) == max(MIN_SECTION_PERIODS, periods)
     simulated = engine.done
     assert simulated < motion.settled + periods + 2 * MAX_RETURN_PERIODS
-    whole = np.array([engine.at(k) for k in range(simulated + SECTION + MAX_RETURN_PERIODS)])
+    whole = np.array([engine.at(k) for k in range(simulated + MIN_SECTION_PERIODS + MAX_RETURN_PERIODS)])
     assert any(
-        np.array_equal(whole[k : k + SECTION], motion.sections[-SECTION:, 0])
+        np.array_equal(whole[k : k + MIN_SECTION_PERIODS], motion.sections[-MIN_SECTION_PERIODS:, 0])
         for k in range(simulated + MAX_RETURN_PERIODS)
     )
 
@@ -111,8 +111,8 @@ def test_sections_that_are_not_simulated_are_those_that_would_be(length, periods
 def test_sections_of_a_motion_that_does_not_return_are_simulated():
     engine = Wanderer([0])
     motion = stationary(engine, 2, 4, 5, 100)
-    np.testing.assert_array_equal(motion.sections[:, 0], [engine.at(k) for k in range(SECTION)])
-    assert engine.done == SECTION
+    np.testing.assert_array_equal(motion.sections[:, 0], [engine.at(k) for k in range(MIN_SECTION_PERIODS)])
+    assert engine.done == MIN_SECTION_PERIODS
 
 
 @pytest.mark.parametrize(("fails", "dropped"), [(0, 0), (3, 3), (6, 6), (7, 6), (30, 6)])
@@ -126,6 +126,6 @@ def test_the_shortest_return_counts():
     states = [np.array([float(x)]) for x in (0, 1, 0, 1, 0)]
     assert return_period(states) == 2
     assert return_period([*states, np.array([0.0])]) == 1
-    assert return_period([np.array([0.0]), np.array([0.9 * RETURN_TOLERANCE])]) == 1
-    assert return_period([np.array([0.0]), np.array([1.1 * RETURN_TOLERANCE])]) is None
+    assert return_period([np.array([0.0]), np.array([0.9 * STATE_RETURN_TOLERANCE])]) == 1
+    assert return_period([np.array([0.0]), np.array([1.1 * STATE_RETURN_TOLERANCE])]) is None
     assert return_period(states[:1]) is None

@@ -17,8 +17,8 @@ from calib.report.plots.missing_force import is_significant, missing_acceleratio
 from calib.units import reading
 
 MIN_SHOWN_Z = 3.0  # of a feature that is shown at once  [standard errors]
-MAX_FEATURES = 12  # shown at once
-MIN_FEATURES = 3  # shown at once where none deviates
+MAX_SHOWN_FEATURES = 12  # shown at once
+MIN_SHOWN_FEATURES = 3  # shown at once where none deviates
 RESIDUALS = (
     "Residual, measured minus simulated: dots are samples, the blue line is the mean of the cycles{extended}, the "
     "grey band two standard deviations of the noise, the darker band two of the mean{impacts}. Bars: amplitudes of "
@@ -164,7 +164,7 @@ def _span(motions: Mapping[str, xr.Dataset]) -> str:
 def feature_rows(diagnosis: DiagnosisResult) -> FeatureRows:
     """Rows of the table of features."""
     rows = [] if diagnosis.misfit is None else [_feature(feature) for feature in diagnosis.misfit.features]
-    marked = [row for row in rows if row.marked][:MAX_FEATURES] or rows[:MIN_FEATURES]
+    marked = [row for row in rows if row.marked][:MAX_SHOWN_FEATURES] or rows[:MIN_SHOWN_FEATURES]
     return FeatureRows(tuple(marked), tuple(rows[len(marked) :]))
 
 

@@ -9,7 +9,7 @@ from calib.report.formatting import count, number, quantity, signed
 from calib.report.pages.picture import Picture, pictured
 from calib.report.plots.separation import separation_lines, separation_map
 
-SMALL_Z = 1.0  # of a predicted separation, below which it is written to two digits  [standard deviations]
+MIN_ROUNDED_Z = 1.0  # of a predicted separation, below which it is written to two digits  [standard deviations]
 SEPARATION_MAP = (
     "Predicted separation of the two least distinguishable explanations by a steady tone, over its frequency and "
     "amplitude: by how many standard deviations of the noise their records would differ once each is refitted to that "
@@ -87,7 +87,7 @@ def _row(measurement: MeasurementResult) -> MeasurementRow:
 
 def separation_text(z: float) -> str:
     """Write a predicted separation; a small one to two digits, as sentences about it do."""
-    return number(z, 2) if abs(z) < SMALL_Z else signed(z)
+    return number(z, 2) if abs(z) < MIN_ROUNDED_Z else signed(z)
 
 
 def _bounds(variable: DesignVariableResult) -> str:

@@ -16,7 +16,7 @@ from calib.diagnosis.document import (
 from calib.diagnosis.verdict import joined
 from calib.report.formatting import quantity
 
-HALF_WIDTH = 1.96  # of a 95 % interval of a normal distribution  [standard errors]
+HALF_WIDTH_ERRORS_95 = 1.96  # of a 95 % interval of a normal distribution  [standard errors]
 SHIFT_ERRORS = 2.0  # written with calibrated values, and beyond which they count as moved  [standard errors]
 MAX_ABSORBED = 0.995  # share of a signature that calibration absorbs, above which its score gives no size  [1]
 MAX_LISTED = 4  # records whose own sizes a sentence gives
@@ -70,17 +70,17 @@ def _at_limit(size: float, limits: Ends) -> bool:
 
 def size_text(joint: JointSize, name: str, bias: float) -> str:
     """Write the bias of a size that is not exceeded in 95 % of cases, from its standard deviation."""
-    return quantity(HALF_WIDTH * bias, joint.units.get(name), 2)
+    return quantity(HALF_WIDTH_ERRORS_95 * bias, joint.units.get(name), 2)
 
 
 def half_width(transfer: TransferResult) -> float:
     """Half width of the 95 % interval of the size that a record alone has [SI]; 0 where it has none."""
-    return transfer.half_width or HALF_WIDTH * (transfer.error or 0.0)
+    return transfer.half_width or HALF_WIDTH_ERRORS_95 * (transfer.error or 0.0)
 
 
 def biased_half_width(transfer: TransferResult) -> float:
     """The same, wider by the bias that what the model leaves in the record may cause."""
-    return math.hypot(half_width(transfer), HALF_WIDTH * (transfer.bias or 0.0))
+    return math.hypot(half_width(transfer), HALF_WIDTH_ERRORS_95 * (transfer.bias or 0.0))
 
 
 def disagreements(diagnosis: DiagnosisResult) -> list[str]:

@@ -12,9 +12,9 @@ import numpy as np
 from numba import njit, uintp
 
 from calib.simulators.compilation import INLINED, WITHIN
-from calib.simulators.delaminated_beam.explicit.plan import FACTORS, FORCES, ROW, ExplicitPlan
+from calib.simulators.delaminated_beam.explicit.plan import COEFFICIENT_ROWS, FORCE_ROWS, ROW_LENGTH, ExplicitPlan
 
-SHAPE = 5  # row of coefficients from which on they are of the stress-free shape
+SHAPE_ROW = 5  # row of coefficients from which on they are of the stress-free shape
 VECTOR = {**WITHIN, "fastmath": {"contract"}}
 
 
@@ -27,14 +27,14 @@ def spread(at: int, fx: float, fy: float, ax: float, ay: float, cx: float, cy: f
     """
     plus, minus = ax + cx, ax - cx
     out[at] = fx - plus
-    out[at + uintp(ROW + 1)] = minus - fx
-    out[at + uintp(4 * ROW)] = -minus - fx
-    out[at + uintp(5 * ROW + 1)] = fx + plus
+    out[at + uintp(ROW_LENGTH + 1)] = minus - fx
+    out[at + uintp(4 * ROW_LENGTH)] = -minus - fx
+    out[at + uintp(5 * ROW_LENGTH + 1)] = fx + plus
     plus, minus = ay + cy, ay - cy
-    out[at + uintp(2 * ROW)] = fy - plus
-    out[at + uintp(3 * ROW + 1)] = minus - fy
-    out[at + uintp(6 * ROW)] = -minus - fy
-    out[at + uintp(7 * ROW + 1)] = fy + plus
+    out[at + uintp(2 * ROW_LENGTH)] = fy - plus
+    out[at + uintp(3 * ROW_LENGTH + 1)] = minus - fy
+    out[at + uintp(6 * ROW_LENGTH)] = -minus - fy
+    out[at + uintp(7 * ROW_LENGTH + 1)] = fy + plus
 
 
 @njit(**VECTOR)
@@ -74,25 +74,25 @@ def forces_of_strip(
         px, qx, rx = w[xl + uintp(1) + j] - w[xl + j], w[xu + uintp(1) + j] - w[xu + j], w[xu + j] - w[xl + j]
         py, qy, ry = w[yl + uintp(1) + j] - w[yl + j], w[yu + uintp(1) + j] - w[yu + j], w[yu + j] - w[yl + j]
         hx, hy = qx - px, qy - py
-        along, end, side = k[at + j], k[at + uintp(ROW) + j], k[at + uintp(2 * ROW) + j]
+        along, end, side = k[at + j], k[at + uintp(ROW_LENGTH) + j], k[at + uintp(2 * ROW_LENGTH) + j]
         g11, g21 = along * (px + qx), along * (py + qy)
         g12, g22 = across * (2.0 * rx + hx), across * (2.0 * ry + hy)
         if turned is None:
             a, b = 2.0 + (g11 + g22), g21 - g12
         else:
-            a, b = k[turned + j] + (g11 + g22), k[turned + uintp(ROW) + j] + (g21 - g12)
+            a, b = k[turned + j] + (g11 + g22), k[turned + uintp(ROW_LENGTH) + j] + (g21 - g12)
         q = 1.0 / np.sqrt(a * a + b * b)
         c, s = a * q, b * q
         pressure = mean - 2.0 * mean * q
         pa, pb, pd, ps = pressure * a, pressure * b, shear * (g11 - g22), shear * (g21 + g12)
         if turned is not None:
-            hx, hy = hx + k[turned + uintp(2 * ROW) + j], hy + k[turned + uintp(3 * ROW) + j]
+            hx, hy = hx + k[turned + uintp(2 * ROW_LENGTH) + j], hy + k[turned + uintp(3 * ROW_LENGTH) + j]
         tx, ty = c * hx + s * hy, c * hy - s * hx
         if turned is None:
-            bx, by = k[at + uintp(3 * ROW) + j] * tx, k[at + uintp(4 * ROW) + j] * ty
+            bx, by = k[at + uintp(3 * ROW_LENGTH) + j] * tx, k[at + uintp(4 * ROW_LENGTH) + j] * ty
         else:
-            tx0, ty0 = k[turned + uintp(4 * ROW) + j], k[turned + uintp(5 * ROW) + j]
-            bx, by = k[at + uintp(3 * ROW) + j] * (tx - tx0), k[at + uintp(4 * ROW) + j] * (ty - ty0)
+            tx0, ty0 = k[turned + uintp(4 * ROW_LENGTH) + j], k[turned + uintp(5 * ROW_LENGTH) + j]
+            bx, by = k[at + uintp(3 * ROW_LENGTH) + j] * (tx - tx0), k[at + uintp(4 * ROW_LENGTH) + j] * (ty - ty0)
         moment = (bx * ty - by * tx) * q
         mc, ms = moment * c, moment * s
         ax, ay = end * (pa + pd) - ms * along, end * (ps + pb) + mc * along
@@ -104,23 +104,23 @@ def forces_of_strip(
 def elastic(plan: ExplicitPlan, w: np.ndarray, out: np.ndarray) -> None:
     """Nodal forces of all elements at the displacements w, those of common nodes added up on the layer's line.
 
-    out : (strips * FORCES * ROW,) see `spread`; written  [N]
+    out : (strips * FORCE_ROWS * ROW_LENGTH,) see `spread`; written  [N]
     """
     size = plan.size
     k, mean, shear = plan.factors, plan.mean, plan.shear
     for strip in range(len(plan.strips)):
         low, up, count = uintp(plan.strips[strip, 0]), uintp(plan.strips[strip, 1]), uintp(plan.strips[strip, 2])
         yl, yu, across = low + uintp(size), up + uintp(size), plan.across[strip]
-        at, to = uintp(strip * FACTORS * ROW), uintp(strip * FORCES * ROW)
+        at, to = uintp(strip * COEFFICIENT_ROWS * ROW_LENGTH), uintp(strip * FORCE_ROWS * ROW_LENGTH)
         if plan.turned[strip]:
-            turned = at + uintp(SHAPE * ROW)
+            turned = at + uintp(SHAPE_ROW * ROW_LENGTH)
             forces_of_strip(count, w, low, yl, up, yu, k, at, turned, across, mean, shear, out, to)
         else:
             forces_of_strip(count, w, low, yl, up, yu, k, at, None, across, mean, shear, out, to)
-    below, above = plan.joint[0] * FORCES * ROW, plan.joint[1] * FORCES * ROW
+    below, above = plan.joint[0] * FORCE_ROWS * ROW_LENGTH, plan.joint[1] * FORCE_ROWS * ROW_LENGTH
     for stretch in range(len(plan.shared)):
         layer, beam, count = plan.shared[stretch, 0], plan.shared[stretch, 1], plan.shared[stretch, 2]
         for row in (0, 2):
-            mine, other = uintp(above + row * ROW + layer), uintp(below + (row + 4) * ROW + beam)
+            mine, other = uintp(above + row * ROW_LENGTH + layer), uintp(below + (row + 4) * ROW_LENGTH + beam)
             for j in range(uintp(count)):
-                out[mine + j] += out[other + j] + out[other + uintp(ROW) + j]
+                out[mine + j] += out[other + j] + out[other + uintp(ROW_LENGTH) + j]

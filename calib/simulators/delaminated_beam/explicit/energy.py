@@ -5,7 +5,7 @@ from numba import njit
 
 from calib.simulators.compilation import COMPILED
 from calib.simulators.delaminated_beam.explicit.elements import elastic
-from calib.simulators.delaminated_beam.explicit.plan import FORCES, ROW, ExplicitPlan, ExplicitState
+from calib.simulators.delaminated_beam.explicit.plan import FORCE_ROWS, ROW_LENGTH, ExplicitPlan, ExplicitState
 from calib.simulators.delaminated_beam.explicit.stepping import step
 
 
@@ -16,16 +16,16 @@ def power(plan: ExplicitPlan, elastic: np.ndarray, velocity: np.ndarray) -> tupl
     for k in range(len(plan.lines)):
         first, count, below, above = plan.lines[k]
         for component in range(2):
-            row = 2 * component * ROW
+            row = 2 * component * ROW_LENGTH
             for j in range(count):
                 node = first + component * plan.size + j
                 force = 0.0
                 if above >= 0:
-                    upper = above * FORCES * ROW + row + j
-                    force += elastic[upper] + elastic[upper + ROW]
+                    upper = above * FORCE_ROWS * ROW_LENGTH + row + j
+                    force += elastic[upper] + elastic[upper + ROW_LENGTH]
                 if below >= 0:
-                    lower = (below * FORCES + 4) * ROW + row + j
-                    force += elastic[lower] + elastic[lower + ROW]
+                    lower = (below * FORCE_ROWS + 4) * ROW_LENGTH + row + j
+                    force += elastic[lower] + elastic[lower + ROW_LENGTH]
                 if node == plan.driven:
                     driven += force * velocity[node]
                 elif plan.inverse_mass[node] > 0.0:

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-ROW = 1032  # numbers from one row of a strip's coefficients or forces to the next
-LANES = 8  # numbers of a vector, to whole ones of which rows are padded
-FACTORS = 11  # rows of coefficients of a strip
-FORCES = 8  # rows of nodal forces of a strip
+ROW_LENGTH = 1032  # numbers from one row of a strip's coefficients or forces to the next
+VECTOR_LANES = 8  # numbers of a vector, to whole ones of which rows are padded
+COEFFICIENT_ROWS = 11  # rows of coefficients of a strip
+FORCE_ROWS = 8  # rows of nodal forces of a strip
 STEPS_DONE, NEXT_SEARCH, LAST_CONTACT, LAST_CENTRAL_CONTACT = range(4)  # places in `counters`
 
 
@@ -24,7 +24,7 @@ class ExplicitPlan(NamedTuple):
     size : of a component
     strips : (k, 3) first node of the lower and of the upper line, elements (padded)
     turned : (k,) whether a strip's stress-free elements are not rectangles along x
-    factors : (k * FACTORS * ROW,) coefficients of the elements, see `elements.forces_of_strip`
+    factors : (k * COEFFICIENT_ROWS * ROW_LENGTH,) coefficients of the elements, see `elements.forces_of_strip`
     across : (k,) 0.5 / height of the elements  [1/m]
     shear, mean : G, K2, see `elements`  [Pa]
     lines : (l, 4) first node, nodes (padded), strip below, strip above (-1: none)
@@ -95,7 +95,7 @@ class ExplicitState(NamedTuple):
     Attributes
     ----------
     w, v : (2 * size,) displacement + beta velocity [m], velocity half a step back [m/s]
-    elastic : (k * FORCES * ROW,) nodal forces of each strip's elements, see `elements.spread`  [N]
+    elastic : (k * FORCE_ROWS * ROW_LENGTH,) nodal forces of each strip's elements, see `elements.spread`  [N]
     active : (m,) pairs that are closed
     gap, rate, push : (m,) clearance [m], its rate [m/s] half a step back, force [N] of the closed pairs
     mobility, pair_weights : (m,) of the closed pairs with all the others [1/kg]; (2 * size,) sum of

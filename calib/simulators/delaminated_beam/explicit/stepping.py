@@ -8,9 +8,9 @@ from calib.simulators.compilation import COMPILED, INLINED
 from calib.simulators.delaminated_beam.explicit.contact import apply_contact_forces, find_contact, record_contact
 from calib.simulators.delaminated_beam.explicit.elements import VECTOR, elastic
 from calib.simulators.delaminated_beam.explicit.plan import (
-    FORCES,
+    FORCE_ROWS,
     NEXT_SEARCH,
-    ROW,
+    ROW_LENGTH,
     STEPS_DONE,
     ExplicitPlan,
     ExplicitState,
@@ -44,9 +44,9 @@ def advance_line(
     """
     for j in range(count):
         old = v[at + j]
-        force = forces[row + j] + forces[row + uintp(ROW) + j]
+        force = forces[row + j] + forces[row + uintp(ROW_LENGTH) + j]
         if other is not None:
-            force = force + forces[other + j] + forces[other + uintp(ROW) + j]
+            force = force + forces[other + j] + forces[other + uintp(ROW_LENGTH) + j]
         new = keep * old - gain * inverse_mass[at + j] * force
         v[at + j] = new
         w[at + j] += ahead * new - back * old
@@ -63,8 +63,8 @@ def advance_nodes(plan: ExplicitPlan, state: ExplicitState) -> None:
         first, count, below, above = plan.lines[k, 0], plan.lines[k, 1], plan.lines[k, 2], plan.lines[k, 3]
         for component in range(2):
             at = uintp(first + component * plan.size)
-            lower = uintp((below * FORCES + 4 + 2 * component) * ROW)
-            upper = uintp((above * FORCES + 2 * component) * ROW)
+            lower = uintp((below * FORCE_ROWS + 4 + 2 * component) * ROW_LENGTH)
+            upper = uintp((above * FORCE_ROWS + 2 * component) * ROW_LENGTH)
             if below >= 0 and above >= 0:
                 advance_line(uintp(count), at, forces, lower, upper, w, v, mass, keep, gain, ahead, back)
             else:
