@@ -1,5 +1,6 @@
 """What an outsider measures on the package holds (`python tests/measures.py` prints it)."""
 
+from collections import Counter
 from statistics import median
 
 import measures
@@ -26,6 +27,17 @@ def test_public_functions_are_fully_annotated():
     assert [
         f"{path}:{f.name}" for path, f in measures.functions() if measures.public(f) and measures.unannotated(f)
     ] == []
+
+
+def test_numeric_constants_state_their_quantity():
+    constants = measures.constants()
+    assert len(constants) > 500
+    assert [f"{c.path}:{c.name}" for c in constants if not c.comment] == []
+
+
+def test_a_constant_has_its_name_alone():
+    times = Counter(c.name for c in measures.constants())
+    assert {name for name, number in times.items() if number > 1} <= {"DONE", "DIVERGED"}  # codes of three kernels
 
 
 def test_no_class_has_the_name_of_another():

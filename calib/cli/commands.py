@@ -12,17 +12,17 @@ import click
 from calib.cli.options import (
     BEST,
     BODIES,
-    DONE,
+    EXIT_DONE,
+    EXIT_NOTHING,
+    EXIT_STOPPED,
     FRESH,
     JOBS,
     JSON,
-    NOTHING,
     OUT,
     PHASE,
     RECORD,
     SET,
     SETTLE,
-    STOPPED,
     STUDY,
     Commands,
     output_option,
@@ -82,12 +82,12 @@ def run(
         given = [("--out", out), ("--budget", budget), ("--jobs", jobs)]
         again = shlex.join(["calib", "run", str(study), *(str(x) for pair in given if pair[1] for x in pair)])
         click.echo(f"\nstopped; every finished trial is kept. Go on with:  {again}", err=True)
-        sys.exit(STOPPED)
+        sys.exit(EXIT_STOPPED)
     if as_json:
         click.echo(json.dumps(result.as_dict(), indent=2, allow_nan=False))
     elif not quiet:
         show_result(result, folder_of(study, out))
-    sys.exit(DONE if result.status == OK else NOTHING)
+    sys.exit(EXIT_DONE if result.status == OK else EXIT_NOTHING)
 
 
 @main.command(short_help="How far a study is.")
@@ -123,7 +123,7 @@ def simulate(study: Path, settings: tuple[str, ...], record: str | None, output:
     """
     from calib.cli.simulate import simulate_once  # see above
 
-    sys.exit(DONE if simulate_once(study, settings, record, output) else NOTHING)
+    sys.exit(EXIT_DONE if simulate_once(study, settings, record, output) else EXIT_NOTHING)
 
 
 @main.command(short_help="Motions over one or two parameters: file and bifurcation diagram.")
@@ -164,7 +164,7 @@ def sweep(study: Path, over: tuple[str, ...], **options: Any) -> None:
     """
     from calib.cli.sweep import sweep_study  # see above
 
-    sys.exit(DONE if sweep_study(study, over, **options) else NOTHING)
+    sys.exit(EXIT_DONE if sweep_study(study, over, **options) else EXIT_NOTHING)
 
 
 @main.command(short_help="Follow a periodic motion over a parameter, stable or not.")
@@ -193,7 +193,7 @@ def branch(study: Path, over: str, **options: Any) -> None:
     """
     from calib.cli.branch import follow_branch  # see above
 
-    sys.exit(DONE if follow_branch(study, over, **options) else NOTHING)
+    sys.exit(EXIT_DONE if follow_branch(study, over, **options) else EXIT_NOTHING)
 
 
 @main.command(short_help="Which states lead to which motion: basins of attraction.")
@@ -223,7 +223,7 @@ def basins(study: Path, x: str, y: str, **options: Any) -> None:
     """
     from calib.cli.basins import map_basins  # see above
 
-    sys.exit(DONE if map_basins(study, x, y, **options) else NOTHING)
+    sys.exit(EXIT_DONE if map_basins(study, x, y, **options) else EXIT_NOTHING)
 
 
 @main.command(short_help="What the simulation gets wrong, which effect is missing, what it would bring.")

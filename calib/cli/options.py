@@ -11,7 +11,7 @@ import click
 
 from calib.errors import CalibError, nearest
 
-DONE, MISTAKE, STOPPED, NOTHING = 0, 1, 3, 4  # exit codes; 2 is click's: wrong usage
+EXIT_DONE, EXIT_MISTAKE, EXIT_STOPPED, EXIT_NOTHING = 0, 1, 3, 4  # exit codes; 2 is click's: wrong usage
 
 STUDY = click.argument("study", type=click.Path(path_type=Path))
 OUT = click.option(
@@ -68,13 +68,13 @@ def reporting_mistakes(command: Callable[..., Any]) -> Callable[..., Any]:
                 return command(*args, **options)
             except KeyboardInterrupt:
                 click.echo("\nstopped", err=True)
-                sys.exit(STOPPED)
+                sys.exit(EXIT_STOPPED)
             except CalibError as error:
                 click.echo(f"calib: {error}", err=True)
             except OSError as error:
                 at = f" ({error.filename})" if error.filename else ""
                 click.echo(f"calib: {error.strerror or error}{at}; what was written before is kept", err=True)
-            sys.exit(MISTAKE)
+            sys.exit(EXIT_MISTAKE)
 
     return safe
 

@@ -47,7 +47,7 @@ from calib.diagnosis.separation import (
 from calib.study import Pool
 
 LINE_SHARE = 0.06  # of the affordable points: first ones of a test of one variable  [1]
-MIN_LINE, MAX_LINE = 3, 7  # points of a test of one variable  [count]
+MIN_LINE_POINTS, MAX_LINE_POINTS = 3, 7  # points of a test of one variable  [count]
 GRID_SHARE = 0.55  # of the affordable points: grid over amplitude and frequency  [1]
 GRID_ASPECT = 1.6  # frequencies per amplitude of the grid  [1]
 MAX_PATTERN_ROUNDS = 4  # of a pattern search  [count]
@@ -115,7 +115,7 @@ class DesignSearch:
         for test, region in searched.items():
             if test in (SWEEP, FREE_DECAY) or (test == REPEATED_RECORD and self.additional):
                 count = LINE_SHARE * self._affordable(region)
-                self._explore(region, [round(np.clip(count, MIN_LINE, MAX_LINE))])
+                self._explore(region, [round(np.clip(count, MIN_LINE_POINTS, MAX_LINE_POINTS))])
         tests = [test for test in (STEADY_TONE, RECORDED_INPUT, WITHOUT_CONTACT) if test in searched]
         if tests:
             region = _driven(searched[tests[0]])
@@ -347,9 +347,9 @@ def _grid_shape(region: DesignRegion, count: float) -> list[int]:
     """Number of values of each variable for a grid of about so many points."""
     free = [not v.is_fixed for v in region.variables]
     if sum(free) < 2:
-        return [round(np.clip(count, MIN_LINE, 2 * MAX_LINE)) for _ in free]
-    amplitudes = max(MIN_LINE, round(math.sqrt(count / GRID_ASPECT)))
-    return [amplitudes, max(MIN_LINE, int(count // amplitudes))]
+        return [round(np.clip(count, MIN_LINE_POINTS, 2 * MAX_LINE_POINTS)) for _ in free]
+    amplitudes = max(MIN_LINE_POINTS, round(math.sqrt(count / GRID_ASPECT)))
+    return [amplitudes, max(MIN_LINE_POINTS, int(count // amplitudes))]
 
 
 def _rounded(point: DesignPoint) -> tuple[str | None, ...]:

@@ -23,9 +23,7 @@ MAX_FIT_STEPS = 30  # of a fit  [count]
 MIN_STEPS_BEFORE_ABANDONING = 5  # a fit that is predicted to attain no lower chi-square than another  [count]
 MAX_GAIN_RATIO = 2.0  # reduction that a step may bring at most, over the predicted one  [1]
 MIN_REDUCTION = 0.1  # of chi-square, in units of the mean square: a step of a smaller predicted reduction ends a fit
-MIN_UPDATE_GAIN_RATIO = (
-    0.25  # actual over predicted reduction, below which derivatives are recomputed, not updated  [1]
-)
+MIN_UPDATE_GAIN_RATIO = 0.25  # actual over predicted reduction: below it derivatives are taken anew, not updated  [1]
 MAX_GAIN_ERROR = 0.1  # departure of the gain ratio from 1 beyond which updated derivatives do not end a fit  [1]
 SIMULATIONS_PER_SCORE = 4  # of each record for the derivative by a candidate's parameter, as measured  [count]
 JACOBIANS_PER_FIT, STEPS_PER_FIT = 1, 5  # as measured  [count]

@@ -24,9 +24,7 @@ MIN_ERROR_RATIO = 3.0  # of what calibration leaves of a signature over its erro
 ROUNDING_SHARE = 1e-5  # of a signature that is left by rounding where calibration absorbs it  [1]
 GRAM_RANK_TOLERANCE = 1e-6  # least eigenvalue that counts, of normal equations of columns of unit length  [1]
 MIN_LOG_PROBABILITY = -600.0  # below it a tail probability underflows, and its asymptote is used  [1]
-ABSORPTION_RANK_TOLERANCE = (
-    1e-7  # singular value over the largest of its columns, below which a direction is absorbed  [1]
-)
+ABSORPTION_RANK_TOLERANCE = 1e-7  # singular value over the largest, below which a direction is not absorbed  [1]
 
 
 class Projection:

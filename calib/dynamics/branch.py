@@ -24,7 +24,7 @@ FIRST_ARCLENGTH_STEP = 0.01  # along the curve
 MAX_ARCLENGTH_STEP = 0.05  # along the curve
 MIN_ARCLENGTH_STEP = 1e-6  # along the curve; one that cannot be followed with it ends
 PARAMETER_DIFFERENCE = 1e-7  # of the window, for the derivative; below MIN_ARCLENGTH_STEP, to stay off a grazing
-EASY_NEWTON_STEPS = 3  # of the corrector; after no more the step along the curve is lengthened
+MAX_QUICK_CORRECTIONS = 3  # of the corrector; after no more the step along the curve is lengthened
 MAX_NEWTON_STEPS = 8  # of the corrector
 MIN_TANGENT_COSINE = 0.95  # between neighbouring tangents
 ARCLENGTH_TOLERANCE = 1e-11  # of the position of a special point along the curve
@@ -289,7 +289,7 @@ def _run(curve: _Curve, start: _CurvePoint, most: int) -> tuple[list[_CurvePoint
             if evidence == FROM_FLIP:
                 return points, specials, FROM_FLIP
         points.append(ahead)
-        step = min(1.5 * step, MAX_ARCLENGTH_STEP) if len(ahead.cycle.steps) <= EASY_NEWTON_STEPS + 1 else step
+        step = min(1.5 * step, MAX_ARCLENGTH_STEP) if len(ahead.cycle.steps) <= MAX_QUICK_CORRECTIONS + 1 else step
         to_start = start.z - ahead.z
         if np.linalg.norm(to_start) <= step and min(to_start @ ahead.tangent, start.tangent @ ahead.tangent) > 0.0:
             return [*points, start], specials, CLOSED

@@ -10,7 +10,7 @@ from calib.dynamics.orbit_kind import CHAOTIC, NEUTRAL_EXPONENT, QUASI_PERIODIC,
 from calib.dynamics.orbits import attracting_cycle
 from calib.dynamics.pseudo_orbit import pseudo_tangent
 from calib.dynamics.recurrence import (
-    MAX_LAG,
+    MAX_LAG_PERIODS,
     MIN_DRIFT,
     NEAR_CYCLE_DISTANCE,
     SECTION_BLOCKS,
@@ -50,7 +50,7 @@ def kind_of_irregular(map: PeriodMap, motion: OrbitKind) -> OrbitKind:
         evidence = _evidence_of(visited / map.scale, exponent)
         longest = MAX_INTERMITTENT_PERIODS if evidence.interrupted else MAX_EXPONENT_PERIODS
         long = returned_after(visited / map.scale, CONTRACTING_RETURN_DISTANCE)
-        if long > MAX_LAG and (cycle := _long_cycle(map, motion, visited, long)) is not None:
+        if long > MAX_LAG_PERIODS and (cycle := _long_cycle(map, motion, visited, long)) is not None:
             return cycle
         if evidence.kind != UNDECIDED or _shrinking(exponent) or len(exponent.logarithms) >= longest:
             return replace(
@@ -153,7 +153,10 @@ class _Evidence:
         text = f"exponent {e.value:.3g} +- {e.error:.1g} a period over {len(e.logarithms)} periods"
         if not math.isnan(self.zero_one):
             text += f", K = {self.zero_one:.2f} in the 0-1 test"
-        text += f"; best return within {MAX_LAG} periods after {self.lag}: {self.recurrence:.1e} of the motion's size"
+        text += (
+            f"; best return within {MAX_LAG_PERIODS} periods after {self.lag}: "
+            f"{self.recurrence:.1e} of the motion's size"
+        )
         if self.drifting:
             text += ", still settling"
         if self.likely:

@@ -22,9 +22,9 @@ from calib.records.cycles.motion import UNDECIDED
 
 PERTURBED_RUNS = 6  # from starts that differ by `PERTURBATION`, the given one among them
 PERTURBATION = 1e-6  # by which those starts differ, as a share of the map's scale
-SHORT_LAGS = 6  # periods; the 6 / n closest returns after n of them are guesses of a stable cycle
+MAX_SHORT_LAG = 6  # periods; the 6 / n closest returns after n of them are guesses of a stable cycle
 PASSAGE_PERIODS = 30  # periods, in which close returns belong to one passage by a cycle
-LONG_LAGS, LONG_GUESSES = 64, 3  # longer lags, in periods, of whose closest returns the best three are guesses too
+MAX_LONG_LAG, MAX_LONG_LAG_GUESSES = 64, 3  # periods, count: the best three of the returns after longer lags
 MAX_RETURN_RATIO = 0.5  # of the distance after a lag to that after a part of the lag, for a return after the lag
 MAX_SHIFT = 0.15  # of a close return by Newton's method, over the extent of the motion
 MIN_SHIFT = 1e-6  # over the size of the motion: allowed where it has all but returned, and has no extent
@@ -152,17 +152,17 @@ def stable_cycles(map: PeriodMap, visited: np.ndarray) -> Iterator[Cycle]:
 
     Source: Auerbach et al., Physical Review Letters 58 (1987) 2387-2389 (close returns as guesses of cycles).
     """
-    if len(visited) <= LONG_LAGS:
+    if len(visited) <= MAX_LONG_LAG:
         return
     section = visited / map.scale
     reach = max(MAX_SHIFT * float(np.ptp(section, axis=0).max()), MIN_SHIFT * float(np.abs(section).max()))
-    for lag, at in _closest_returns(section, min(LONG_LAGS, longest_affordable(map, visited[-1]))):
+    for lag, at in _closest_returns(section, min(MAX_LONG_LAG, longest_affordable(map, visited[-1]))):
         cycle = attracting_cycle(map, visited[at], lag, reach)
         if cycle is not None:
             yield cycle
 
 
-def _closest_returns(section: np.ndarray, longest: int = LONG_LAGS) -> list[tuple[int, int]]:
+def _closest_returns(section: np.ndarray, longest: int = MAX_LONG_LAG) -> list[tuple[int, int]]:
     """Lag and index of the returns of a section (n, dimension) that Newton's method starts from.
 
     A state beside a cycle of a part of the lag returns after that part already, and is no guess of a longer one.
@@ -173,12 +173,12 @@ def _closest_returns(section: np.ndarray, longest: int = LONG_LAGS) -> list[tupl
         parts = [apart[part - 1][: distance.size] for part in range(1, lag) if lag % part == 0]
         later = np.any([distance >= MAX_RETURN_RATIO * part for part in parts], axis=0) if parts else False
         distance = np.where(later, np.inf, distance)
-        for _ in range(max(1, SHORT_LAGS // lag)):  # so that each lag costs alike
+        for _ in range(max(1, MAX_SHORT_LAG // lag)):  # so that each lag costs alike
             at = int(np.argmin(distance))
             if distance[at] < np.inf:
-                (short if lag <= SHORT_LAGS else long).append((float(distance[at]), lag, at))
+                (short if lag <= MAX_SHORT_LAG else long).append((float(distance[at]), lag, at))
                 distance[max(0, at - PASSAGE_PERIODS) : at + PASSAGE_PERIODS] = np.inf
-    return [(lag, at) for _, lag, at in (*short, *sorted(long)[:LONG_GUESSES])]
+    return [(lag, at) for _, lag, at in (*short, *sorted(long)[:MAX_LONG_LAG_GUESSES])]
 
 
 def _member(map: PeriodMap, start: np.ndarray, settle: int, cycles: int) -> tuple[OrbitKind, int]:

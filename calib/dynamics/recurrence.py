@@ -2,7 +2,7 @@
 
 import numpy as np
 
-MAX_LAG = 64  # periods: the longest return that is called periodic by its section alone
+MAX_LAG_PERIODS = 64  # periods: the longest return that is called periodic by its section alone
 RETURN_TOLERANCE = 1e-6  # of the motion's size, within which a periodic motion returns
 NEAR_CYCLE_DISTANCE = 1e-2  # of the motion's size: distance to a stable cycle within which a motion may be led to it
 SAME_MOTION_DISTANCE = 1e-4  # of the map's scale: distance of a state to a motion that it belongs to
@@ -13,7 +13,9 @@ MIN_DRIFT = 0.02  # relative fall or rise of these maxima; those of a torus that
 
 def recurrence_of(section: np.ndarray) -> np.ndarray:
     """Differences (64,) of the states (n, dimension) 1..64 periods apart, the largest, as a share of the size."""
-    return np.array([np.abs(section[n:] - section[:-n]).max() for n in range(1, MAX_LAG + 1)]) / size_of(section)
+    return np.array([np.abs(section[n:] - section[:-n]).max() for n in range(1, MAX_LAG_PERIODS + 1)]) / size_of(
+        section
+    )
 
 
 def returned_after(section: np.ndarray, within: float = RETURN_TOLERANCE) -> int:

@@ -5,7 +5,7 @@ import numpy as np
 from calib.dynamics.exponents import ALIGNMENT_PERIODS
 from calib.dynamics.irregular import MAX_INTERMITTENT_PERIODS, kind_of_irregular
 from calib.dynamics.orbit_kind import FAILED, OrbitKind
-from calib.dynamics.recurrence import MAX_LAG, NEAR_CYCLE_DISTANCE, recurrence_of, size_of
+from calib.dynamics.recurrence import MAX_LAG_PERIODS, NEAR_CYCLE_DISTANCE, recurrence_of, size_of
 from calib.dynamics.settling import TAIL_PERIODS, settled_orbit
 from calib.dynamics.tangent import tangent
 from calib.errors import CalibError
@@ -47,7 +47,8 @@ def kind_of_run(map: PeriodMap, state: np.ndarray, settle: int = 1000, cycles: i
     """
     if cycles < MIN_SECTION_CYCLES:
         raise CalibError(
-            f"expected at least {MIN_SECTION_CYCLES} cycles to keep, got {cycles}; a return after {MAX_LAG} needs them"
+            f"expected at least {MIN_SECTION_CYCLES} cycles to keep, got {cycles}; "
+            f"a return after {MAX_LAG_PERIODS} needs them"
         )
     motion = settled_orbit(map, state, settle, cycles)
     if motion.kind != UNDECIDED:

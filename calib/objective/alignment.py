@@ -20,7 +20,7 @@ OVERLAP = np.array(
 )
 SLOPE = CUBIC[:, 1:] * np.arange(1, 4)  # of the weights over f
 SHIFT_BRACKETS = (0.0, 0.25, 0.5, 0.75, 1.0)  # samples between which a zero of the slope is bracketed
-NO_TRUST_WITHIN, FULL_TRUST_BEYOND = 2.0, 3.0  # samples from a simulated impact, in a velocity
+MAX_UNTRUSTED_SAMPLES, MIN_TRUSTED_SAMPLES = 2.0, 3.0  # samples from a simulated impact, in a velocity
 MAX_ALIGNMENT_STEPS = 25  # of Gauss and Newton
 
 
@@ -212,7 +212,7 @@ def _trusted(time: np.ndarray, impacts: np.ndarray, length: float | None = None)
     after = np.clip(np.searchsorted(impacts, instants), 1, impacts.size - 1) if impacts.size > 1 else 0
     nearest = np.minimum(np.abs(impacts[after] - instants), np.abs(impacts[after - 1] - instants))
     nearest = nearest * (time.size - 1) / (time[-1] - time[0])  # in samples
-    share = np.clip((nearest - NO_TRUST_WITHIN) / (FULL_TRUST_BEYOND - NO_TRUST_WITHIN), 0.0, 1.0)
+    share = np.clip((nearest - MAX_UNTRUSTED_SAMPLES) / (MIN_TRUSTED_SAMPLES - MAX_UNTRUSTED_SAMPLES), 0.0, 1.0)
     return share**2 * (3.0 - 2.0 * share)
 
 

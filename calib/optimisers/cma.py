@@ -6,10 +6,10 @@ from typing import Any
 import cma
 import numpy as np
 
+from calib.optimisers.evolution import MIN_POPULATION_WIDTH
 from calib.optimisers.outcome import OutcomeLike
 
 MAX_FAILED_GENERATIONS = 3  # in a row, after which the run is begun elsewhere  [count]
-MIN_POPULATION_WIDTH = 1e-4  # of the window: a narrower population ends the run  [1]
 
 
 class CmaEs:

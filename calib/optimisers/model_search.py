@@ -13,9 +13,7 @@ MODEL_RADII = 2.0  # radii: points farther than this do not enter the model
 HESSIAN_STIFFNESS = 1e-6  # penalty of a squared unit change of the hessian, in squared shares of the points' costs
 MIN_OFFSET_RADII = 0.1  # radii: of the points' offsets, from which they span all directions
 MIN_STEP_RADII = 0.05  # radii: where the step is shorter the trust region is made smaller instead
-MIN_REDUCTION_OVER_SPREAD = (
-    1e-7  # of the costs of the archive: a step that is predicted to bring less is not tried  [1]
-)
+MIN_REDUCTION_OVER_SPREAD = 1e-7  # predicted, over the spread of the costs: below it no step is tried  [1]
 
 
 def descend(

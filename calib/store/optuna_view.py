@@ -26,7 +26,7 @@ from calib.store.plain import plain
 from calib.store.trial import Trial
 
 JOURNAL, ARTIFACTS = "optuna.log", "artifacts"
-MAX_LAG, MAX_LAG_SECONDS = 16, 2.0  # trials, s: by which the view may be behind the ledger
+MAX_LAG_TRIALS, MAX_LAG_SECONDS = 16, 2.0  # trials, s: by which the view may be behind the ledger
 PASSWORD = re.compile(r"(?<=:)[^:/@]+(?=@)")  # of a URL
 STALE_LOCK_AGE = 2.0  # s, at which a journal's lock can only be that of a dead process
 
@@ -122,7 +122,7 @@ class OptunaView:
     def add(self, trial: Trial, picture: bytes | None = None) -> None:
         """Take a finished trial, with a picture of it (PNG)."""
         self._waiting.append(self._frozen(trial, picture))
-        if len(self._waiting) >= MAX_LAG or time.monotonic() - self._flushed > MAX_LAG_SECONDS:
+        if len(self._waiting) >= MAX_LAG_TRIALS or time.monotonic() - self._flushed > MAX_LAG_SECONDS:
             self.flush()
 
     def flush(self) -> None:

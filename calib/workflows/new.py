@@ -15,7 +15,7 @@ from calib.execution.files import whole
 KINDS = ("simulator", "effect", "study")
 STIFFNESS, DAMPING, MASS, DRIVE_FREQUENCY = 4000.0, 5.0, 1.0, 9.0  # N/m, N s/m, kg, Hz: of the record that is made up
 NOISE_STD = 2e-6  # m, and over the angular frequency m/s: of its noise
-CYCLES, SAMPLES = 6, 100  # of it; samples a cycle
+RECORD_CYCLES, SAMPLES_PER_CYCLE = 6, 100  # of it; samples a cycle
 
 
 def new(kind: str, name: str, folder: str | Path = ".") -> list[Path]:
@@ -78,7 +78,7 @@ def _text(template: str, words: dict[str, str]) -> str:
 def _made_up() -> str:
     """Table of a record that is made up: a mass on a spring and a damper under a force, and noise."""
     omega, rng = 2.0 * np.pi * DRIVE_FREQUENCY, np.random.default_rng(1)
-    time = np.arange(CYCLES * SAMPLES) / (SAMPLES * DRIVE_FREQUENCY)
+    time = np.arange(RECORD_CYCLES * SAMPLES_PER_CYCLE) / (SAMPLES_PER_CYCLE * DRIVE_FREQUENCY)
     x = np.exp(1j * omega * time) / (STIFFNESS - MASS * omega**2 + 1j * omega * DAMPING)
     rows = np.column_stack([x.real, (1j * omega * x).real]) + NOISE_STD * np.array([1.0, omega]) * rng.standard_normal(
         (time.size, 2)

@@ -439,7 +439,7 @@ def test_a_view_that_fails_in_the_middle_is_mended_at_the_next_opening(tmp_path,
         raise TimeoutError("database is locked")
 
     with monkeypatch.context() as patch:
-        patch.setattr(view_room, "MAX_LAG", 1)
+        patch.setattr(view_room, "MAX_LAG_TRIALS", 1)
         patch.setattr(optuna.storages.JournalStorage, "create_new_trial", locked)
         with pytest.warns(UserWarning, match="database is locked"):
             store.append(trial(0))

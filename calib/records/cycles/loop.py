@@ -10,7 +10,7 @@ from calib.errors import CalibError
 from calib.records.record import channels as channels_of
 from calib.records.record import stated_period
 
-UNIFORM_TOLERANCE = 0.05  # of a sample interval, by which samples may miss a common grid of phases
+PHASE_GRID_TOLERANCE = 0.05  # of a sample interval, by which samples may miss a common grid of phases
 
 
 def period_of(record: xr.Dataset) -> float:
@@ -73,7 +73,7 @@ def cut(
     CalibError : the record is shorter than one cycle
     """
     count, own, _ = cycles_in(time, period, periods)
-    if samples in (None, own) and samples_in_step(time, period, own, count * periods, UNIFORM_TOLERANCE):
+    if samples in (None, own) and samples_in_step(time, period, own, count * periods, PHASE_GRID_TOLERANCE):
         offset = time[0] / period * own
         if samples is None or abs(offset - round(offset)) < 0.01:
             return _as_sampled(values, offset, own, periods, count)

@@ -30,7 +30,7 @@ from calib.report.plots.style import (
 
 NOISE, NOISE_OF_MEAN = "#e4e4e4", "#c2c2c2"  # bands of the noise of a sample, and of the mean of the cycles
 MAX_RESIDUAL_DOTS = 1500  # samples drawn as dots in one panel
-HIGHEST_ORDER = 12  # of the harmonics drawn, in multiples of the excitation frequency
+MAX_DRAWN_ORDER = 12  # of the harmonics drawn, in multiples of the excitation frequency
 NOISE_PROBABILITY = 0.05  # that the amplitude of a harmonic of noise exceeds the grey bar
 
 
@@ -113,7 +113,7 @@ def _orders(axes: Axes, cycle: ComparedCycle, factor: float, unit: str, periods:
     """Draw the amplitudes of the residual's harmonics; noise alone stays below the grey bars in 95 of 100 cases."""
     residual = (cycle.measured - cycle.calibrated) * cycle.weight
     amplitudes = factor * np.concatenate(
-        [[abs(residual.mean())], np.abs(harmonics(residual, int(HIGHEST_ORDER * periods)))]
+        [[abs(residual.mean())], np.abs(harmonics(residual, int(MAX_DRAWN_ORDER * periods)))]
     )
     order = np.arange(amplitudes.size) / periods
     turns = np.exp(-2j * np.pi * np.outer(np.arange(amplitudes.size), np.arange(IMPULSE_SAMPLES)) / residual.size)
@@ -123,7 +123,7 @@ def _orders(axes: Axes, cycle: ComparedCycle, factor: float, unit: str, periods:
     axes.bar(order, amplitudes, width=0.62 / periods, color=colours, zorder=3)
     axes.grid(axis="x", visible=False)
     axes.set_ylabel(f"Amplitude [{unit}]")
-    axes.set_xticks(range(0, HIGHEST_ORDER + 1, 2))
+    axes.set_xticks(range(0, MAX_DRAWN_ORDER + 1, 2))
     axes.set_ylim(0.0, 1.12 * max(floor.max(), amplitudes.max()))
 
 

@@ -27,7 +27,7 @@ from calib.report.plots.style import (
 )
 
 MAX_LINEAR_SHIFT = 200.0  # largest shift up to which the axis is linear  [standard errors]
-MARGIN, LOGARITHMIC_MARGIN = 1.3, 40.0  # end of that axis over the largest shift: room for the labels  [1]
+LINEAR_HEADROOM_RATIO, LOGARITHMIC_HEADROOM_RATIO = 1.3, 40.0  # end of an axis over the largest shift  [1]
 HIGHLIGHTED_SHIFT = 2.0  # that is highlighted  [standard errors]
 NARROW_FIGURE_WIDTH = 0.62 * TEXT_WIDTH  # inch: of a figure of one panel
 
@@ -197,7 +197,7 @@ def value_shifts(shifts: Sequence[ShiftResult]) -> Figure | None:
         axes.set_yticks(range(len(known)), [name for name, _ in reversed(known)])
         axes.set_ylim(-0.6, len(known) - 0.4)
         logarithmic = largest > MAX_LINEAR_SHIFT
-        reach = (LOGARITHMIC_MARGIN if logarithmic else MARGIN) * max(largest, 2.5)
+        reach = (LOGARITHMIC_HEADROOM_RATIO if logarithmic else LINEAR_HEADROOM_RATIO) * max(largest, 2.5)
         axes.set_xlim(-reach, reach)
         if logarithmic:
             axes.set_xscale("symlog", linthresh=HIGHLIGHTED_SHIFT)

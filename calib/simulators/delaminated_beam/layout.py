@@ -17,7 +17,7 @@ from calib.simulators.delaminated_beam.plane_stress import Elements
 from calib.simulators.delaminated_beam.structure import BODIES, MeshedStructure
 from calib.simulators.slots import acting, fill
 
-MAX_LINE_NODES = ROW_LENGTH - 2 * VECTOR_LANES
+MAX_LINE_NODES = ROW_LENGTH - 2 * VECTOR_LANES  # nodes of a line, its padding at both ends apart
 NO_CONTACT_STEP = -(10**15)  # step of the last contact where there was none
 
 

@@ -126,8 +126,8 @@ class ImpactState(NamedTuple):
     counters: np.ndarray
 
 
-FREE, CONTACT = 0, 1
+FREE, CONTACT = 0, 1  # entry REGIME of the counters
 PORT = "interface"  # the body's name by which a force law acts between the two that meet
 AT_PERIOD, REGIME, STEPS, PIECE, TOUCH, IMPACTS, SECTIONS = range(7)  # entries of `ImpactState.counters`
-HIT, RELEASED = 1, 2
+HIT, RELEASED = 1, 2  # entry TOUCH of the counters, 0 otherwise
 FORCE_LAWS, EXCITATION_LAWS, RESTITUTION_LAWS, LAW_STATES, PORT_LAWS = range(5)  # entries of `Problem.counts`

@@ -12,7 +12,7 @@ from calib.report.formatting import capitalised, number, percent
 from calib.report.pages.diagnosis.sizes import disagreements, moved_sizes, moved_values, size_text, sizes
 from calib.study import CalibrationResult
 
-LEAST_SHARE = CRITERIA.min_over_remainder / (1.0 + CRITERIA.min_over_remainder)  # of a remainder, by a cause  [1]
+MIN_EXPLAINED_SHARE = CRITERIA.min_over_remainder / (1.0 + CRITERIA.min_over_remainder)  # of a remainder  [1]
 MAX_RELATIVE_CHANGE = 1e-9  # of values that count as unchanged  [1]
 REFITTED = "before, the calibrated model is refitted to the records as weighted by the diagnosis"
 REMEDIES = {
@@ -174,7 +174,9 @@ def left_out(diagnosis: DiagnosisResult) -> list[str]:
     """Say which effects explain part of what the named ones leave, and why they are not named."""
     if diagnosis.verdict not in (NAMED, ONE_OF, UNEXPLAINED):
         return []
-    small = f"an effect that explains less than {percent(LEAST_SHARE)} of a remainder may only resemble its cause."
+    small = (
+        f"an effect that explains less than {percent(MIN_EXPLAINED_SHARE)} of a remainder may only resemble its cause."
+    )
     found = []
     for one in diagnosis.left_out:
         decide = f"{small} A record in which {one.effect} acts more strongly would decide."
