@@ -100,11 +100,11 @@ def status(study: Path, out: Path | None, as_json: bool) -> None:
     from calib.cli.status import study_status  # see above
     from calib.cli.tables import show_status
 
-    found = study_status(study, out)
+    status = study_status(study, out)
     if as_json:
-        click.echo(json.dumps(found.as_dict(), indent=2, allow_nan=False))
+        click.echo(json.dumps(status.as_dict(), indent=2, allow_nan=False))
     else:
-        show_status(found)
+        show_status(status)
 
 
 @main.command(short_help="One run at values given by hand: record and picture.")
@@ -151,7 +151,7 @@ def simulate(study: Path, settings: tuple[str, ...], record: str | None, output:
 def sweep(study: Path, over: tuple[str, ...], **options: Any) -> None:
     """Find the motion of STUDY's simulator over one or two parameters, and draw its bifurcation diagram.
 
-    Each value's transient is dropped, its stroboscopic section kept, and its kind of motion told with the largest
+    Each value's transient is dropped, its stroboscopic section kept, and its kind of motion identified by the largest
     Lyapunov exponent. Up to six values are drawn as sections in the phase plane, two parameters as a map of the kinds
     of motion. A sweep that was stopped or killed goes on with the same command.
 
@@ -325,7 +325,7 @@ def reference() -> None:
 def show(record: Path, output: Path | None) -> None:
     """Draw RECORD with its units and bands of two standard uncertainties, and say what it holds.
 
-    Said are its source, its kind of motion, the energy over its cycle, and what to be wary of: a velocity that is not
+    Printed are its source, its kind of motion, the energy over its cycle, and warnings: a velocity that is not
     the derivative of the displacement, a loop that does not close, an impact that the samples do not resolve.
 
     \b

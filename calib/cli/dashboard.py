@@ -27,7 +27,7 @@ from calib.store.optuna_view import address_without_password
 HOST = "127.0.0.1"
 PORT = 8080  # of TCP, unless the command states another
 ALLOWED_METHODS = ("GET", "HEAD")
-HEAD_BYTES = 256  # bytes by which a journal is known again: its first log names its writer
+HEAD_BYTES = 256  # bytes that identify a journal: its first log names its writer
 SECURITY_HEADER = ("X-Content-Type-Options", "nosniff")
 
 

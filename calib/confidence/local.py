@@ -45,7 +45,7 @@ class Confidence:
 
     def summary(self) -> ConfidenceSummary:
         """Return the same for the result of a calibration: None for what is not finite."""
-        found = ConfidenceSummary(
+        summary = ConfidenceSummary(
             status=self.status,
             reason=self.reason,
             standard_error=self.standard_error,
@@ -56,7 +56,7 @@ class Confidence:
             degrees_of_freedom=self.degrees_of_freedom,
             evaluations=self.evaluations,
         )
-        return typed(ConfidenceSummary, plain(found))
+        return typed(ConfidenceSummary, plain(summary))
 
 
 def local(

@@ -17,7 +17,7 @@ class Criteria:
         alone  [1]; three-sigma rule
     dominant_excess : excess chi-square from which a misfit is mostly error of the model, relative to the variance 2 N
         of the noise's chi-square  [1]; 0.5 is a reduced chi-square of 2
-    negligible_share : reduction of chi-square that says nothing of a further cause, relative to the excess chi-square
+    negligible_share : reduction of chi-square that is no evidence of a further cause, relative to the excess chi-square
         of the calibrated model  [1]; convention
     min_over_remainder : rise of chi-square without a cause that is named, relative to the excess chi-square that all
         causes leave where that is a misfit  [1]; convention: at 2 the angle between what the cause changes and what the

@@ -38,7 +38,7 @@ class SuspectResult:
     detectable : smallest size that would pass the threshold
     chi2_reduction : of the whitened residuals by the effect alone  [1]
     refitted : whether share and size are from a fit, not estimated from the score test
-    alike : cosine of the angle between its signature and that of the effect chosen in the first round  [1]
+    cosine : of the angle between its signature and that of the effect chosen in the first round  [1]
     reason : why it was not tested or not fitted, "" where it was
     """
 
@@ -58,7 +58,7 @@ class SuspectResult:
     chi2_reduction: float = 0.0
     refitted: bool = False
     null: Mapping[str, float | None] = field(default_factory=dict)
-    alike: float | None = None
+    cosine: float | None = None
     reason: str = ""
 
 
@@ -98,7 +98,7 @@ class RoundResult:
     rivals : names of the effects that are indistinguishable from it, itself included
     prediction : of left-out data
     rejected, rejection : the effect that explains most where none was added, and why it was not
-    alike : rival -> cosine of the angle between its signature and that of the chosen effect  [1]
+    cosines : rival -> cosine of the angle between its signature and that of the chosen effect  [1]
     """
 
     threshold: float
@@ -108,7 +108,7 @@ class RoundResult:
     prediction: PredictionResult | None = None
     rejected: str | None = None
     rejection: str = ""
-    alike: Mapping[str, float | None] = field(default_factory=dict)
+    cosines: Mapping[str, float | None] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -249,7 +249,7 @@ class ShiftResult:
 
 @dataclass(frozen=True)
 class GainResult:
-    """Misfit of what had no part in the diagnosis, before and after the extension.
+    """Misfit of data that the diagnosis did not use, before and after the extension.
 
     Attributes
     ----------
@@ -421,7 +421,11 @@ class DiagnosisResult:
         names = {"summary": "said", "classes": "class", "remainder": "remains"}
         fields = {**document, **{field: document.get(key) for field, key in names.items()}}
         fields["gates"] = [{**gate, "summary": gate["said"]} for gate in document.get("gates", ())]
-        fields["suspects"] = [{**one, "chi2_reduction": one.get("drop")} for one in document.get("suspects", ())]
+        fields["suspects"] = [
+            {**one, "chi2_reduction": one.get("drop"), "cosine": one.get("alike")}
+            for one in document.get("suspects", ())
+        ]
+        fields["rounds"] = [{**one, "cosines": one.get("alike", {})} for one in document.get("rounds", ())]
         fields["misfit"] = None
         if misfit:
             names = {"excess_chi2": "excess", "remaining_chi2": "left", "chi2_std": "blur"}

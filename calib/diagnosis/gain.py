@@ -217,10 +217,10 @@ def _squares(parts: Sequence[tuple[Part, SimulatedRows, SimulatedRows]]) -> tupl
     """Squares of one record, of which each part has some segments, before and after."""
     squares = [[_by_segment(part, view) for view in views] for part, *views in parts]
     counted = [(one.count + other.count).sum(axis=0) > 0.0 for one, other in squares]
-    kept = [[s.drawn(c) for s in pair] for pair, c in zip(squares, counted, strict=True)]
+    drawn = [[s.drawn(c) for s in pair] for pair, c in zip(squares, counted, strict=True)]
     before, after = (
         Squares(np.hstack([s.total for s in side]), np.hstack([s.count for s in side]))
-        for side in zip(*kept, strict=True)
+        for side in zip(*drawn, strict=True)
     )
     return before, after
 

@@ -146,8 +146,8 @@ def converged(fitter: Fitter, fit: Fit, effects: Sequence[Effect], threshold: fl
     margin : reduction of chi-square on which the result rests  [1]
     """
     tolerated = CRITERIA.max_solver_share * float(np.sqrt(margin))
-    simulator_lacks = {effect.name: effect.refusal(fitter.model.simulator) for effect in effects}
-    tried = [effect for effect in effects if not simulator_lacks[effect.name]]
+    refusals = {effect.name: effect.refusal(fitter.model.simulator) for effect in effects}
+    tried = [effect for effect in effects if not refusals[effect.name]]
     runs = [fit.point.runs(fitter.evidence.names, _refined(effect), (effect,)) for effect in tried]
     gates = []
     for effect, views in _answers(fitter.effort, tried, runs):
@@ -168,7 +168,7 @@ def converged(fitter: Fitter, fit: Fit, effects: Sequence[Effect], threshold: fl
             rests = f"the result rests on z = {tolerated / CRITERIA.max_solver_share:.2g}"
             summary += f"; sizes may be biased by as many standard errors, but {rests}"
         gates.append(Gate(effect.name, z < max(threshold, tolerated), summary, z))
-    gates += [Gate(name, True, reason, tried=False) for name, reason in simulator_lacks.items() if reason]
+    gates += [Gate(name, True, reason, tried=False) for name, reason in refusals.items() if reason]
     return gates
 
 

@@ -139,21 +139,21 @@ def _left_out(fit: Fit, left_out: np.ndarray, rows: np.ndarray) -> _LeftOut:
     _, singular, turn = np.linalg.svd(columns[~left_out], full_matrices=False)
     determined = singular > PREDICTION_RANK_TOLERANCE * singular.max(initial=0.0)
     columns = columns @ turn[determined].T  # what the others do not determine is not moved
-    kept, residual = columns[~left_out], fit.residual[~left_out]
-    step = np.linalg.lstsq(kept, residual, rcond=None)[0]
-    residual = residual - kept @ step
-    counted = (residual != 0.0) | kept.any(axis=1)
-    covariance, _ = sandwich(kept[counted], residual[counted], rows[~left_out][counted])
+    training, residual = columns[~left_out], fit.residual[~left_out]
+    step = np.linalg.lstsq(training, residual, rcond=None)[0]
+    residual = residual - training @ step
+    counted = (residual != 0.0) | training.any(axis=1)
+    covariance, _ = sandwich(training[counted], residual[counted], rows[~left_out][counted])
     there = columns[left_out]
     return _LeftOut(fit.residual[left_out] - there @ step, float(np.sum((there @ covariance) * there)))
 
 
-def _information(fit: Fit, own: Sequence[str], kept: np.ndarray) -> float:
-    """Share of the information on the own parameters, beside all others, that the kept data hold  [1]."""
+def _information(fit: Fit, own: Sequence[str], training: np.ndarray) -> float:
+    """Share of the information on the own parameters, beside all others, that the training data hold  [1]."""
     columns = fit.free(fit.columns)
     mine = np.array([name in own for name in fit.names])
     shares = []
-    for data in (np.ones_like(kept), kept):
+    for data in (np.ones_like(training), training):
         alone = Projection(columns[data][:, ~mine])(columns[data][:, mine])
         shares.append(np.linalg.norm(alone, axis=0) ** 2)
     whole, part = shares

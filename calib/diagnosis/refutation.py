@@ -71,14 +71,14 @@ def _with_rivals_that_stand(
     stands = _stands if selection.differing_by_record else _stands_in_each_record
     several = zip(selection.causes, selection.alternatives, strict=True)
     for cause, rivals in [(c, own) for c, own in several if len(own) > 1 and selection.remainder_is_significant]:
-        standing = [rival for rival in rivals if rival.name == cause.name]
+        tenable = [rival for rival in rivals if rival.name == cause.name]
         for rival in (rival for rival in rivals if rival.name != cause.name):
             if pool.spent:
                 return replace(selection, cut_short=True), gain
             outcome = _in_its_place(pool, bench, fitter, selection, cause, rival, "as a rival", seed)
             if outcome and stands(*outcome) and _predicts_as_well(outcome[1], gain):
-                standing.append(rival)
-        selection = selection.with_rivals(standing)
+                tenable.append(rival)
+        selection = selection.with_rivals(tenable)
     return selection, gain
 
 

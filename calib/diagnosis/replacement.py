@@ -39,16 +39,16 @@ def replaced(
     much without it, and replaced where another explains more beside them; the last is then searched for again as well,
     or in any case.
     """
-    kept, again, latest = list(causes), last_too, causes[-1][0]
+    pairs, again, latest = list(causes), last_too, causes[-1][0]
     for cause, rivals in causes:
         if cause is latest and not again:
             break
-        index = [c is cause for c, _ in kept].index(True)
+        index = [c is cause for c, _ in pairs].index(True)
         unchanged: Cause = cause, rivals if cause is latest else (cause,)
-        others = tuple(c.candidate for c, _ in kept if c is not cause)
+        others = tuple(c.candidate for c, _ in pairs if c is not cause)
         without = without_cause(fitter, null, final, cause, others)
         if not without.names:  # it cannot be simulated without it
-            kept[index] = unchanged
+            pairs[index] = unchanged
             continue
         outcome = _search_beside(fitter, without, others, candidates, seed, known, final.chi2)
         chi2_increase = without.chi2 - final.chi2
@@ -56,12 +56,12 @@ def replaced(
         if chosen is not None and _replaces(chosen, cause, outcome, chi2_increase):
             again = again or chosen.name != cause.name
             final = fitter.with_derivatives(chosen.fit)
-            kept[index] = chosen, outcome.rivals
+            pairs[index] = chosen, outcome.rivals
         elif chi2_increase < outcome.threshold**2:
-            kept, final = [pair for pair in kept if pair[0] is not cause], without
+            pairs, final = [pair for pair in pairs if pair[0] is not cause], without
         else:
-            kept[index] = unchanged
-    return kept, final
+            pairs[index] = unchanged
+    return pairs, final
 
 
 def without_cause(fitter: Fitter, null: Fit, final: Fit, cause: Refitted, others: Sequence[Candidate]) -> Fit:

@@ -227,13 +227,13 @@ def _zero(q: np.ndarray, v: np.ndarray, turns: Sequence[Turn]) -> float:
 
 def _distinct(turns: Sequence[Turn], size: int) -> list[Turn]:
     """Turning points of which none lies inside another."""
-    kept, taken = [], np.zeros(size, dtype=bool)
+    distinct, taken = [], np.zeros(size, dtype=bool)
     for turn in sorted(turns, key=lambda t: t.first - t.last):
         nodes = np.arange(turn.first, turn.last) % size
         if not taken[nodes].any():
-            kept.append(turn)
+            distinct.append(turn)
             taken[nodes] = True
-    return kept
+    return distinct
 
 
 def _turn(q: np.ndarray, v: np.ndarray, at: int, noise: float) -> Turn:
@@ -252,13 +252,13 @@ def _turn(q: np.ndarray, v: np.ndarray, at: int, noise: float) -> Turn:
     fits: list[tuple[float, Turn]] = []
     independent, enough = len(v) / CORRELATED_NODES, (2.0 * NOISE_SHARE * noise / span) ** 2 + MIN_RESIDUAL**2
     for stiffness in BEND_WEIGHTS:
-        slowness, penalty, residual, bends = _bent(design, q, root, right, stiffness)
+        slowness, penalty, residual, bends = _fitted_slowness(design, q, root, right, stiffness)
         criterion = independent * np.log(residual**2 + enough) + bends * np.log(independent)  # Schwarz (1978)
         fits.append((criterion, Turn(first, last, knots, penalty, slowness > 0.0)))
     return min(fits, key=lambda fit: fit[0])[1]
 
 
-def _bent(
+def _fitted_slowness(
     design: np.ndarray, q: np.ndarray, root: np.ndarray, right: np.ndarray, stiffness: float
 ) -> tuple[np.ndarray, np.ndarray, float, int]:
     """Slowness (m,) at the knots, its penalty (k, m), root mean square residual of q, and number of bends."""

@@ -100,7 +100,7 @@ class CurveTable(TomlTable):
     colour: Annotated[str, AfterValidator(_colour)] | None = None
     """Colour of the line in a picture: "black", or "#0072B2" as a picture viewer picks it in its middle."""
     dashed: bool | None = None
-    """Whether the line is dashed, where two of one colour are told apart by it."""
+    """Whether the line is dashed, where that distinguishes two of one colour."""
     through: list[Pair] = []
     """Points that this curve alone passes through, in the units of the axes."""
 

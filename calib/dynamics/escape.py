@@ -12,7 +12,7 @@ CONFIDENCE_LEVEL = 0.95  # of the interval of a mean lifetime  [1]
 class EscapeTime:
     """Mean lifetime of transient chaos, estimated from runs of which some are broken off.
 
-    Lifetimes on a chaotic saddle are exponentially distributed, so that with `escapes` of them seen in `observed`
+    Lifetimes on a chaotic saddle are exponentially distributed, so that with `escapes` of them in `observed`
     periods the mean is observed / escapes, and 2 observed / mean has bounds from the chi-square distribution.
 
     Attributes

@@ -103,7 +103,7 @@ class _Evidence:
     lag, recurrence : the return that is best, and the largest difference there as a share of the motion's size
     returned : periods after which the end of the section does return, 0 where it does not
     drifting : whether returns become better, or worse, all along the section: the motion is still settling
-    likely : period that it is settling to, 0 where that cannot be seen
+    likely : period that it is settling to, 0 where it is not identified
     """
 
     exponent: Exponent

@@ -173,7 +173,7 @@ def _closest_returns(section: np.ndarray, longest: int = MAX_LONG_LAG) -> list[t
         parts = [apart[part - 1][: distance.size] for part in range(1, lag) if lag % part == 0]
         later = np.any([distance >= MAX_RETURN_RATIO * part for part in parts], axis=0) if parts else False
         distance = np.where(later, np.inf, distance)
-        for _ in range(max(1, MAX_SHORT_LAG // lag)):  # so that each lag costs alike
+        for _ in range(max(1, MAX_SHORT_LAG // lag)):  # so that each lag costs as much
             at = int(np.argmin(distance))
             if distance[at] < np.inf:
                 (short if lag <= MAX_SHORT_LAG else long).append((float(distance[at]), lag, at))

@@ -33,11 +33,11 @@ class Cycle:
         attempt failed
     steps : distance between the state and its return before and after each Newton step, in units of the scale
     orbit : one return; its `displacement` and `velocity` (body, periods)  [m], [m/s]
-    misses : (k,) local minima of the clearance over one return  [m]
+    near_misses : (k,) local minima of the clearance over one return  [m]
     margin : how far the motion is from grazing [1]: the smaller of the nearest miss over the scale of displacements and
         the slowest closing speed over the fastest (over the scale of velocities, if that is larger); inf where there
         is neither. A motion with permanent contact has chatter, which slows down to nothing without grazing: there
-        only the misses count.
+        only the near misses count.
     reason : why the attempt failed, empty for a periodic motion
     """
 
@@ -46,7 +46,7 @@ class Cycle:
     multipliers: np.ndarray
     steps: tuple[float, ...]
     orbit: Orbit
-    misses: np.ndarray
+    near_misses: np.ndarray
     margin: float
     reason: str = ""
 
@@ -83,8 +83,8 @@ class Cycle:
 
     @property
     def nearest(self) -> float:
-        """Least clearance that an impact was missed by [m], inf without misses."""
-        return float(self.misses.min(initial=math.inf))
+        """Least clearance that an impact was missed by [m], inf without near misses."""
+        return float(self.near_misses.min(initial=math.inf))
 
     @property
     def grazing(self) -> bool:
@@ -98,8 +98,8 @@ class Cycle:
 def shoot(map: PeriodMap, guess: np.ndarray, periods: int = 1, most: int = 20) -> Cycle:
     """Periodic motion near `guess` (dimension,), by damped Newton steps on P^periods(x) - x in units of the scale.
 
-    Where there is none to be found the cycle says so in `reason`. Its period may be a divisor of `periods`; see
-    `reduced`.
+    Where Newton's method converges to none, `reason` of the cycle states why. Its period may be a divisor of
+    `periods`; see `reduced`.
 
     Raises
     ------
@@ -224,8 +224,8 @@ def cycle_at(
         return Cycle(state, periods, unknown, steps, orbit, np.zeros(0), math.inf, reason)
     multipliers = np.linalg.eigvals(derivative).astype(complex)
     multipliers = multipliers[np.argsort(-np.abs(multipliers), kind="stable")]  # stable: pairs stay side by side
-    misses = np.concatenate([map.misses(x) for x in (state, *orbit.states[:-1])])
-    return Cycle(state, periods, multipliers, steps, orbit, misses, _margin(map, orbit, misses))
+    near_misses = np.concatenate([map.near_misses(x) for x in (state, *orbit.states[:-1])])
+    return Cycle(state, periods, multipliers, steps, orbit, near_misses, _margin(map, orbit, near_misses))
 
 
 def _newton_step(matrix: np.ndarray, value: np.ndarray) -> np.ndarray | None:
@@ -247,8 +247,8 @@ def _distance(map: PeriodMap, one: np.ndarray, other: np.ndarray) -> float:
     return float(np.abs((one - other) / map.scale).max())
 
 
-def _margin(map: PeriodMap, orbit: Orbit, misses: np.ndarray) -> float:
-    margin = float(misses.min(initial=math.inf)) / _scale(map, "m")
+def _margin(map: PeriodMap, orbit: Orbit, near_misses: np.ndarray) -> float:
+    margin = float(near_misses.min(initial=math.inf)) / _scale(map, "m")
     speeds = orbit.impacts[:, 2]
     if speeds.size and orbit.contact == 0.0:
         margin = min(margin, float(speeds.min() / max(speeds.max(), _scale(map, "m/s"))))

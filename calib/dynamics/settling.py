@@ -27,7 +27,7 @@ SETTLING_CHUNK_PERIODS = 64  # periods at once while the motion settles
 CONTRACTING_RETURN_DISTANCE = 1e-4  # of the motion's size: one that returns so well forgets its last digits by itself
 TAIL_PERIODS = 448  # last ones of a motion that has not settled after twice as many, which count as its own
 CONVERGED_RETURN_DISTANCE = 1e-9  # of the motion's size, above a map's rounding: no transient is left
-MAX_REMAINING_MOTION = 0.05  # of a transient, over the distance that tells its period from a shorter one
+MAX_REMAINING_MOTION = 0.05  # of a transient, over the distance that distinguishes its period from a shorter one
 
 
 def settled_orbit(

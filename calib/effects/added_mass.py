@@ -1,4 +1,4 @@
-"""Mass that the model does not know of."""
+"""Mass that the model does not include."""
 
 from collections.abc import Mapping
 

@@ -38,8 +38,8 @@ class Effect:
     borrowed : parameters of the simulator, whose values follow the effect's own in the law's p
     changes : of a law of the structure, alternatives of parameters of the simulator that it changes, of which the first
         that the simulator has entirely is taken; of a numerical law, alternatives of what it refines
-    transient : whether the law is explicit in time: no motion under it is periodic. It acts on motions that begin; one
-        that has settled under a harmonic excitation knows no beginning, and the law has no part in it
+    transient : whether the law is explicit in time: no motion under it is periodic. It acts on motions that begin:
+        a motion that has settled under a harmonic excitation has no initial instant, and the law does not change it
     differentiable : whether the record has a usable derivative by the parameters at their null
     noise : whether the effect belongs to the noise of a record, so that the simulated record does not change
     natural : parameter -> multiples of its natural scale: by dimensional analysis from the displacement amplitude and

@@ -115,7 +115,7 @@ class Model:
     def period_map(self, values: Mapping[str, float], excitation: Excitation, phase: float = 0.0) -> PeriodMap:
         """Map of one period of a harmonic excitation at `values`; see `calib.modelling.orbit.PeriodMap`.
 
-        Effects on sensors have no part in it: it is of the motion itself.
+        Effects on sensors do not change it: it maps the motion, not its record.
 
         Parameters
         ----------

@@ -64,8 +64,8 @@ class PeriodMap(Protocol):
        included.
     4. `tangent` carries small differences along (saltation at impacts included), or is None for a map that does not
        know its derivative; central differences of `orbit` are taken then.
-    5. `misses` gives the local minima of the clearance [m] between the impacts of one period from `state` on: where one
-       comes to zero, an impact is about to appear. Without a stop: empty.
+    5. `near_misses` gives the local minima of the clearance [m] between the impacts of one period from `state` on:
+       where one comes to zero, an impact is about to appear. Without a stop: empty.
 
     `calib.testing.SimulatorSuite` checks this where the simulator offers a map.
     """
@@ -113,6 +113,6 @@ class PeriodMap(Protocol):
         """Carry `vectors` (dimension, m), in units of the scale, along the orbit from `state`."""
         ...
 
-    def misses(self, state: np.ndarray) -> np.ndarray:
+    def near_misses(self, state: np.ndarray) -> np.ndarray:
         """Local minima (k,) of the clearance over one period  [m]."""
         ...

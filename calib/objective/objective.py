@@ -25,10 +25,10 @@ class Objective:
     """Compare simulated records with references, term by term.
 
     The distance of a term is the root of the mean squared difference of its feature, in units of the feature's scale,
-    over the samples of each channel and body and then over channels, bodies and records alike: 10 % too large is 0.10.
-    Where the reference states how its uncertainty varies within a channel, samples are weighted by 1 / sigma, of unit
-    mean square. D, the root of the weighted mean of the squared distances of all terms, is the root of the summed
-    squares of the residuals.
+    over the samples of each channel and body and then over channels, bodies and records with equal weights: 10 % too
+    large is 0.10. Where the reference states how its uncertainty varies within a channel, samples are weighted by 1 /
+    sigma, of unit mean square. D, the root of the weighted mean of the squared distances of all terms, is the root of
+    the summed squares of the residuals.
 
     The kind of motion comes first. Where a reference is period-n and the simulation of its record is not, the cost is
     at least 10, more than any cost of the right kind (at most 9): 10 (1 + r / (1 + r)) averaged over the wrong records

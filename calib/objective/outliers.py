@@ -26,7 +26,7 @@ def deviations(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def isolated_outliers(rows: np.ndarray) -> np.ndarray:
-    """Whether a sample (row, n) stands alone far from the median of those about it, as a lost echo does.
+    """Whether a sample (row, n) stands alone far from the median of those about it, as a dropout of a vibrometer does.
 
     At a turning point or a jump of the motion itself the samples beside it are far too.
     """

@@ -22,7 +22,7 @@ class FeatureValue:
     label, record, body, unit : what, of which record and body, in which unit
     measured, simulated : values; simulated is None where the simulation does not show the feature (no impact)  [unit]
     tolerance : 2 % of the measured value, or twice its standard uncertainty where that is more  [unit]
-    resolution : standard uncertainty of a difference that the samples leave, of both records alike  [unit]
+    resolution : standard uncertainty of a difference due to sampling, the same for both records  [unit]
     """
 
     label: str

@@ -139,15 +139,15 @@ def read(table: Table) -> tuple[xr.Dataset, Excitation | None]:
     checksum = verified(table.path, table.sha256, table.origin)
     sheet = _sheet(table, table.path.read_bytes())
     time = _time(table, sheet)
-    kept = np.arange(table.first, sheet.last, table.decimate) - sheet.begin
+    selected = np.arange(table.first, sheet.last, table.decimate) - sheet.begin
     bodies = list(dict.fromkeys(c.body for c in table.channels))
     units = {c.channel: _channel_unit(table.path, c) for c in table.channels}
 
     channels = _channels(table, sheet, time, bodies, units)
     record = records.make(
-        time[kept],
+        time[selected],
         bodies,
-        {name: rows[:, kept] for name, rows in channels.items()} | _sigmas(table, bodies, units),
+        {name: rows[:, selected] for name, rows in channels.items()} | _sigmas(table, bodies, units),
         units,
         source=f"{table.path.name}, samples {table.first} to {sheet.last}, sha256 {checksum}",
     )
@@ -155,7 +155,7 @@ def read(table: Table) -> tuple[xr.Dataset, Excitation | None]:
         return records.check(record, str(table.path)), None
     value = _si(table.drive, sheet, EXCITATION_UNITS[table.drive.quantity])
     excitation = _excitation(table.drive, time, value)
-    record["excitation"] = ("time", value[kept], {"units": excitation.unit})
+    record["excitation"] = ("time", value[selected], {"units": excitation.unit})
     record.attrs |= {"place": excitation.place, "quantity": excitation.quantity}
     if excitation.cutoff is not None:
         record.attrs["cutoff"] = excitation.cutoff

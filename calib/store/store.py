@@ -106,15 +106,15 @@ class Store:
         CalibError : disk full or not writable; the trials logged before are safe
         """
         improves = trial.scored and (self.best is None or trial.rank < self.best.rank)
-        kept = records if records and trial.scored and self._record_files.wants(improves) else None
-        if kept is not None:  # before the line: a logged trial is never evaluated again
-            self._record_files.write(trial.number, kept, self._provenance(trial))
+        artifacts = records if records and trial.scored and self._record_files.wants(improves) else None
+        if artifacts is not None:  # before the line: a logged trial is never evaluated again
+            self._record_files.write(trial.number, artifacts, self._provenance(trial))
         self._ledger.append(trial)
         if improves:
             self.best = trial
             self._record_files.promote(trial.number)
         if (view := self._view) is not None:
-            png = None if kept is None else self._picture_of(trial, kept)
+            png = None if artifacts is None else self._picture_of(trial, artifacts)
             self._update_view(lambda: view.add(trial, png))
 
     @contextmanager

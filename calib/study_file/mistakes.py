@@ -1,4 +1,4 @@
-"""What is wrong in a study file, or another one in TOML: every mistake with its line, told at once."""
+"""What is wrong in a study file, or another one in TOML: every mistake with its line, reported at once."""
 
 import tomllib
 from collections.abc import Iterator, Sequence
@@ -185,4 +185,4 @@ def _table(key: Sequence[str | int], table: type[BaseModel]) -> type[BaseModel]:
 def _inside(annotation: object) -> type[BaseModel] | None:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
-    return next((found for part in get_args(annotation) if (found := _inside(part))), None)
+    return next((model for part in get_args(annotation) if (model := _inside(part))), None)

@@ -167,7 +167,7 @@ class SimulatorSuite:
         assert ((impacts[:, 1] >= 0.0) & (impacts[:, 1] < 1.0)).all()
         assert (impacts[:, 2] >= 0.0).all()
         assert map.impacting or not len(impacts)
-        assert map.impacting or not len(map.misses(map.initial))
+        assert map.impacting or not len(map.near_misses(map.initial))
 
     def test_the_map_s_derivative_is_that_of_its_orbit(self) -> None:
         map = self.period_map()

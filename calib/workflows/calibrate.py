@@ -163,7 +163,7 @@ def _calibrate(file: StudyFile, folder: Path, progress: Progress, fresh: bool) -
 
 
 def _earlier(folder: Path) -> list[Trial]:
-    """Trials of earlier runs, as far as they can be told: what is wrong there, the store says when it is opened."""
+    """Trials of earlier runs, as far as they are readable: the store reports what is wrong when it is opened."""
     with suppress(CalibError), warnings.catch_warnings(action="ignore"):
         return read(folder)[1]
     return []

@@ -46,7 +46,7 @@ class PlainMap:
             growth.append(r)
         return Tangent(np.array(states), vectors, np.array(growth))
 
-    def misses(self, state):
+    def near_misses(self, state):
         return np.zeros(0)
 
 
@@ -113,7 +113,7 @@ class GrazingMap:
             growth.append(r)
         return Tangent(states, vectors, np.array(growth))
 
-    def misses(self, state):
+    def near_misses(self, state):
         return np.array([self.gap - state[0]] if state[0] <= self.gap else [])
 
     def speed(self, u):

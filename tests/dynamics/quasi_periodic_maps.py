@@ -39,7 +39,7 @@ class Struck:
     def __init__(self, map, strikes):
         self.map, self.strikes = map, strikes
         self.period, self.bodies, self.names, self.units = map.period, map.bodies, map.names, map.units
-        self.scale, self.initial, self.tangent, self.misses = map.scale, map.initial, map.tangent, map.misses
+        self.scale, self.initial, self.tangent, self.near_misses = map.scale, map.initial, map.tangent, map.near_misses
 
     def orbit(self, state, periods):
         orbit = self.map.orbit(state, periods)

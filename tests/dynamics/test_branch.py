@@ -336,7 +336,7 @@ def test_where_the_motion_fails_the_branch_is_lost_and_says_so():
 def test_a_miss_that_would_not_come_to_zero_at_the_end_is_no_grazing(size, rate):
     def maps(a):
         map = failing_below(1.5)(a)
-        map.misses = lambda state: np.array([size * 4.0 ** ((a - 1.5) / rate)])
+        map.near_misses = lambda state: np.array([size * 4.0 ** ((a - 1.5) / rate)])
         return map
 
     branch = follow(maps, [0.4, 0.4], 1.8, (1.1, 1.9))

@@ -43,7 +43,7 @@ def random_orbits(count):
         map = Model(FourDof()).period_map({"restitution": e, "gap": gap}, SHAKER, rng.uniform(0.0, 1.0))
         state = map.orbit(rng.normal(size=8) * 0.5 * map.scale, 40).states[-1]
         orbit = map.orbit(state, 1)
-        near = min([*orbit.impacts[:, 2] / 0.5, *np.abs(map.misses(state)) / 1e-4], default=0.0)
+        near = min([*orbit.impacts[:, 2] / 0.5, *np.abs(map.near_misses(state)) / 1e-4], default=0.0)
         if orbit.contact == 0.0 and len(orbit.impacts) and near > 0.2 and orbit.impacts[:, 1].max() < 0.99:
             count -= 1
             yield e, map, state, len(orbit.impacts)
@@ -184,7 +184,7 @@ def test_prescribed_bodies_stand_in_the_section():
 @pytest.mark.parametrize(("e", "expected"), [(0.0, 421e-6), (0.05, 328e-6), (0.10, 208e-6), (0.168, 5e-6)])
 def test_the_second_minimum_of_the_gap_falls_as_restitution_grows(e, expected):
     map = Model(FourDof()).period_map({"restitution": e}, SHAKER)  # figures of PHYSICS, section 2
-    [miss] = map.misses(map.orbit(map.initial, 400).states[-1])
+    [miss] = map.near_misses(map.orbit(map.initial, 400).states[-1])
     assert miss == pytest.approx(expected, abs=1e-6)
 
 
@@ -193,7 +193,7 @@ def test_a_miss_is_the_least_clearance_between_impacts(extra):
     effects = [effect("force", lagging, **dict.fromkeys(extra, 0.0))] if extra else []
     model, values = Model(FourDof(), effects), {"restitution": 0.05, **extra}
     map = model.period_map(values, SHAKER)
-    [miss] = map.misses(map.orbit(map.initial, 300).states[-1])
+    [miss] = map.near_misses(map.orbit(map.initial, 300).states[-1])
     record = model.run(values, SHAKER, Request(periods=1, samples=20_000))
     r = 1e-3 + record.displacement.values[2] - record.displacement.values[1]
     inner = (r[1:-1] < r[:-2]) & (r[1:-1] < r[2:]) & (r[1:-1] > 1e-5)  # not the impact itself
@@ -204,10 +204,10 @@ def test_a_stop_that_is_never_touched_has_its_miss_above_zero_and_none_without_a
     map = Model(FourDof()).period_map({"gap": 10e-3}, SHAKER)
     state = map.orbit(map.initial, 100).states[-1]
     assert not len(map.orbit(state, 1).impacts)
-    assert (map.misses(state) > 1e-3).all()
+    assert (map.near_misses(state) > 1e-3).all()
     free = Model(Oscillator()).period_map({}, Excitation("mass", "force", frequency=5.0, amplitude=1.0))
     assert not free.impacting
-    assert free.misses(free.initial).size == 0
+    assert free.near_misses(free.initial).size == 0
 
 
 def test_chatter_ends_within_its_budget_of_steps():

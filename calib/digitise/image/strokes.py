@@ -28,8 +28,8 @@ def strokes(ink: np.ndarray) -> tuple[list[Stroke], float]:
         return [], 0.0
     thin = skeletonize(ink)
     width = _width(ink, thin)
-    kept = remove_small_objects(ink, max_size=max(0, int(MIN_SPOT_AREA * width**2) - 1), connectivity=2)
-    thin = _pruned(thin & kept, width)
+    large = remove_small_objects(ink, max_size=max(0, int(MIN_SPOT_AREA * width**2) - 1), connectivity=2)
+    thin = _pruned(thin & large, width)
     crossings = thin & (_neighbours(thin) > 2)
     around = isotropic_dilation(crossings, max(1.0, CROSSING_WIDTHS * width)) if crossings.any() else crossings
     paths = []

@@ -88,7 +88,7 @@ def mean_cycle(
     period : of the excitation  [s]
     periods : length of a cycle, in periods
     samples : of the loop, per period; None takes the record's own number, rounded
-    weight : (row, n) of the samples, 0 where one does not count; None: all count alike
+    weight : (row, n) of the samples, 0 where one does not count; None: all have weight 1
     refined : whether knots may be nearer than the samples of a cycle
 
     Raises

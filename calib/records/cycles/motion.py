@@ -34,7 +34,7 @@ class MotionKind:
     period : periods of the excitation after which the motion returns, None where that is not known
     evidence : one sentence with the numbers on which the kind was decided
     recurrence : difference of the states n = 1, 2, ... periods apart, as a share of the amplitude; up to the period
-    likely : of an undecided motion, the period that it is settling to, where that can be seen
+    likely : of an undecided motion, the period that it is settling to, where it is identified
     impacts : impacts per period, NaN where the record does not list them; reported, not part of the kind
     """
 

@@ -109,11 +109,11 @@ def distance(total: float | None) -> str:
 
 def _warnings(study: CalibrationStudy) -> list[RecordWarning]:
     """Warnings of the records, each once with the records that it stands in."""
-    found: dict[str, list[str]] = {}
+    names_by_text: dict[str, list[str]] = {}
     for name, reference in study.objective.references.items():
         if reference.record.attrs.get("warning"):
-            found.setdefault(str(reference.record.attrs["warning"]), []).append(name)
-    return [RecordWarning(text, tuple(names)) for text, names in found.items()]
+            names_by_text.setdefault(str(reference.record.attrs["warning"]), []).append(name)
+    return [RecordWarning(text, tuple(names)) for text, names in names_by_text.items()]
 
 
 def _search(study: CalibrationStudy, trials: Sequence[Trial], best: Trial | None) -> list[Picture | None]:

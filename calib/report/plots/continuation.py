@@ -58,7 +58,7 @@ def branch_diagram(followed: Sequence[xr.Dataset], body: str, sweep: xr.Dataset 
     if sweep is not None:
         known_bodies(sweep, [body])
         grid = _in_unit_of(along_one(sweep, "the background of a branch diagram")[1], widest, "the sweep")
-    # the spacing of steps along a branch says nothing of the scale of the axis
+    # the scale of the axis cannot be inferred from the spacing of steps along a branch
     parameters = [own._replace(ratio=grid is not None and grid.ratio) for own in parameters]
     scale, unit = channel_scale(followed[0].displacement.sel(body=body))
     with mpl.rc_context(STYLE):

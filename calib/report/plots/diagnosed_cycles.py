@@ -80,14 +80,14 @@ def state_rows(motion: xr.Dataset) -> dict[str, tuple[int, int]]:
     known = {(str(body), str(channel)): k for k, (body, channel) in enumerate(named)}
     bodies = dict.fromkeys(body for body, _ in known)
     x, v = STATE
-    found = {b: (known[b, x], known[b, v]) for b in bodies if (b, x) in known and (b, v) in known}
-    return {b: two for b, two in found.items() if motion.weight.values[list(two)].any()}
+    rows = {b: (known[b, x], known[b, v]) for b in bodies if (b, x) in known and (b, v) in known}
+    return {b: two for b, two in rows.items() if motion.weight.values[list(two)].any()}
 
 
 def rms_over_noise(motion: xr.Dataset) -> float:
     """Root mean square of the residual of the mean cycles over its noise, over all compared rows  [1]."""
-    found = [(own.weight * ((own.measured - own.calibrated) / own.sigma) ** 2, own.weight) for own in _cycles(motion)]
-    return math.sqrt(sum(s.sum() for s, _ in found) / max(1.0, sum(w.sum() for _, w in found)))
+    squares = [(own.weight * ((own.measured - own.calibrated) / own.sigma) ** 2, own.weight) for own in _cycles(motion)]
+    return math.sqrt(sum(s.sum() for s, _ in squares) / max(1.0, sum(w.sum() for _, w in squares)))
 
 
 def _cycles(motion: xr.Dataset) -> list[ComparedCycle]:

@@ -61,20 +61,20 @@ def missing_acceleration(motion: xr.Dataset, rows: tuple[int, int]) -> MissingAc
     half = width // 2
     mode: Literal["wrap", "edge"] = "wrap" if "period" in motion.attrs else "edge"
     spread = np.lib.stride_tricks.sliding_window_view(np.pad(residual, half, mode=mode), width)
-    kept = np.asarray(np.lib.stride_tricks.sliding_window_view(np.pad(fine, half, mode=mode), width).all(axis=1))
+    inside = np.asarray(np.lib.stride_tricks.sliding_window_view(np.pad(fine, half, mode=mode), width).all(axis=1))
     if mode == "edge":
-        kept[:half] = kept[-half:] = False
-    if not kept.any():
+        inside[:half] = inside[-half:] = False
+    if not inside.any():
         return None
     error = float(np.linalg.norm(np.convolve(v.response, taps)))
-    return MissingAcceleration(x.measured[kept], v.measured[kept], (spread @ taps)[kept], error, width)
+    return MissingAcceleration(x.measured[inside], v.measured[inside], (spread @ taps)[inside], error, width)
 
 
 def missing_accelerations(motions: Mapping[str, xr.Dataset], body: str) -> dict[str, MissingAcceleration]:
     """Missing acceleration of a body by record, of those records from which it can be computed."""
     rows = {name: state_rows(motion) for name, motion in motions.items()}
-    found = {name: missing_acceleration(motions[name], own[body]) for name, own in rows.items() if body in own}
-    return {name: force for name, force in found.items() if force is not None}
+    forces = {name: missing_acceleration(motions[name], own[body]) for name, own in rows.items() if body in own}
+    return {name: force for name, force in forces.items() if force is not None}
 
 
 def is_significant(force: MissingAcceleration) -> bool:

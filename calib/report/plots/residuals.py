@@ -143,12 +143,12 @@ def correlations(residual: np.ndarray, motion: Mapping[str, np.ndarray]) -> dict
         parts = {name: (f - np.mean(f), without_linear_part(f)) for name, f in functions.items()}
         return {n: _correlation(rest, b) for n, (f, b) in parts.items() if b @ b > MIN_TOLERANCE * (f @ f)}
 
-    found: dict[str, float] = {}
+    by_function: dict[str, float] = {}
     if v is not None:
-        found |= {"v": _correlation(residual, v)} | partial({**_shapes("v", v), "sign v": np.sign(v)})
+        by_function |= {"v": _correlation(residual, v)} | partial({**_shapes("v", v), "sign v": np.sign(v)})
     if x is not None:
-        found |= {"x": _correlation(residual, x)} | partial(_shapes("x", x))
-    return found
+        by_function |= {"x": _correlation(residual, x)} | partial(_shapes("x", x))
+    return by_function
 
 
 def _shapes(name: str, m: np.ndarray) -> dict[str, np.ndarray]:
@@ -216,12 +216,12 @@ def _motion(measured: xr.Dataset, simulations: Sequence[xr.Dataset], body: str) 
     if not any(has_channels(record, body, c) for c in channels):
         record = measured
     given = () if record is measured else prescribed(record)
-    found = {}
+    regressors = {}
     for c in (c for c in channels if has_channels(record, body, c)):
         values = np.interp(measured.time.values, record.time.values, record[c].sel(body=body).values)
         origin = "measured" if record is measured else "prescribed" if (body, c) in given else "simulated"
-        found[c] = Regressor(values, origin, record[c].attrs.get("units", "1"))
-    return found
+        regressors[c] = Regressor(values, origin, record[c].attrs.get("units", "1"))
+    return regressors
 
 
 def _correlation(a: np.ndarray, b: np.ndarray) -> float:

@@ -175,7 +175,7 @@ def branch_colour(index: int) -> str:
 def branch_size(index: int, count: int) -> float:
     """Size of a branch's dots as a share of the first one's.
 
-    Later ones are smaller and lie on top, so that where branches coincide each is seen around the next.
+    Later ones are smaller and lie on top, so that where branches coincide each is visible around the next.
     """
     return 1.0 if index == 0 else 1.0 - 0.5 * index / (count - 1)
 

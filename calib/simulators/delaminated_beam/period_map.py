@@ -129,7 +129,7 @@ class BeamMap:
         """None: contact that begins and ends within steps has no derivative at hand."""
         return None
 
-    def misses(self, state: np.ndarray) -> np.ndarray:
+    def near_misses(self, state: np.ndarray) -> np.ndarray:
         """Local minima of the clearance over one period [m]."""
         engine = self.engine(np.asarray(state, dtype=float), MAX_TIME_STEPS_PER_PERIOD)
         minima = np.zeros(MAX_NEAR_MISSES)

@@ -103,7 +103,7 @@ class ImpactMap:
         _, done = carry(self.problem, begin, scratch(n), periods, budget, self.scale, rows, vectors, growth)
         return Tangent(rows[:done, : 2 * n], vectors, growth[:done])
 
-    def misses(self, state: np.ndarray) -> np.ndarray:
+    def near_misses(self, state: np.ndarray) -> np.ndarray:
         """Local minima of the clearance over one period [m]."""
         n = len(self.problem.hit)
         minima = np.zeros(MAX_MINIMA)

@@ -52,7 +52,7 @@ def test_impacts_of_the_map_are_those_of_the_record(fidelity):
 def test_misses_shrink_as_the_gap_narrows(fidelity):
     wide, narrow = (made(fidelity, s=s) for s in (8e-3, 6e-3))
     states = [map.orbit(map.initial, 15).states[-1] for map in (wide, narrow)]
-    nearest = [map.misses(state).min() for map, state in zip((wide, narrow), states, strict=True)]
+    nearest = [map.near_misses(state).min() for map, state in zip((wide, narrow), states, strict=True)]
     assert nearest[0] - nearest[1] == pytest.approx(2e-3, rel=1e-6)
     assert not len(wide.orbit(wide.initial, 15).impacts)
 

@@ -70,33 +70,36 @@ def points(diagnosis: DiagnosisResult, with_force_plots: bool = True) -> list[st
     with_force_plots : whether the page shows the missing acceleration
     """
     failed = [gate for gate in diagnosis.gates if not gate.passed]
-    found = [f"{capitalised(gate.name)}: {gate.summary}. What to do: {remedy(gate)}." for gate in failed]
+    sentences = [f"{capitalised(gate.name)}: {gate.summary}. What to do: {remedy(gate)}." for gate in failed]
     if diagnosis.misfit is not None and not failed:
-        found.append(_excess(diagnosis.misfit, diagnosis))
-    found += [*_remainder(diagnosis), *left_out(diagnosis)]
+        sentences.append(_excess(diagnosis.misfit, diagnosis))
+    sentences += [*_remainder(diagnosis), *left_out(diagnosis)]
     if diagnosis.verdict == NONE and diagnosis.suspects:
-        found.append("An effect of the smallest detectable size in the table below, or larger, would have been found.")
+        sentences.append(
+            "An effect of the smallest detectable size in the table below, or larger, would have been found."
+        )
     if diagnosis.verdict == UNEXPLAINED:
         own = "an effect of your own is one file (calib list shows the existing ones)."
         figures = "The figures of the missing acceleration show the form that a law would need"
-        found.append(f"{figures}; {own}" if with_force_plots else capitalised(own))
-    found += [*_faults(diagnosis), *_extension(diagnosis)]
+        sentences.append(f"{figures}; {own}" if with_force_plots else capitalised(own))
+    sentences += [*_faults(diagnosis), *_extension(diagnosis)]
     if diagnosis.verdict == ONE_OF and diagnosis.design is not None:
-        found.append(f"{proposal(diagnosis.measurements)}.")
-    return found
+        sentences.append(f"{proposal(diagnosis.measurements)}.")
+    return sentences
 
 
 def _faults(diagnosis: DiagnosisResult) -> list[str]:
     """Sentences on faults of the records: outliers and quantisation."""
-    found = []
+    sentences = []
     if diagnosis.outliers:
-        found.append(f"{percent(diagnosis.outliers)} of the samples are outliers; they were removed before every fit.")
+        outliers = percent(diagnosis.outliers)
+        sentences.append(f"{outliers} of the samples are outliers; they were removed before every fit.")
     if diagnosis.rounding:
-        found.append(
+        sentences.append(
             f"The samples of a channel lie on the steps of its converter, which make {percent(diagnosis.rounding)} of "
             "its noise: measure with a finer range; the model needs no change for it."
         )
-    return found
+    return sentences
 
 
 def _extension(diagnosis: DiagnosisResult) -> list[str]:
@@ -104,16 +107,16 @@ def _extension(diagnosis: DiagnosisResult) -> list[str]:
     gain = diagnosis.gain
     if gain is None:
         return []
-    found = [] if gain.before is None else [_misfit_change(gain)]
+    sentences = [] if gain.before is None else [_misfit_change(gain)]
     if diagnosis.verdict in (NAMED, ONE_OF) or diagnosis.stand_ins:
-        found += [*disagreements(diagnosis), *moved_sizes(diagnosis)]
+        sentences += [*disagreements(diagnosis), *moved_sizes(diagnosis)]
         if moved_values(gain):
-            found.append(
+            sentences.append(
                 f"With {joined(added(diagnosis)) or 'the extension'}, calibrated values move by more than two standard "
                 "errors of this diagnosis (±: two standard errors): "
                 f"{'; '.join(moved_values(gain))}."
             )
-    return found
+    return sentences
 
 
 def proposal(measurements: Sequence[MeasurementResult]) -> str:
@@ -177,15 +180,15 @@ def left_out(diagnosis: DiagnosisResult) -> list[str]:
     small = (
         f"an effect that explains less than {percent(MIN_EXPLAINED_SHARE)} of a remainder may only resemble its cause."
     )
-    found = []
+    sentences = []
     for one in diagnosis.left_out:
         decide = f"{small} A record in which {one.effect} acts more strongly would decide."
         reason = f"{one.reason}, so that it stands in for another cause." if one.reason else decide
-        found.append(
+        sentences.append(
             f"Of the excess that {joined(one.beside)} may leave, {one.effect} explains {percent(one.share)}. "
             f"It is not named: {reason}"
         )
-    return found
+    return sentences
 
 
 def is_heterogeneous(diagnosis: DiagnosisResult) -> bool:
@@ -212,7 +215,7 @@ def named_extension(diagnosis: DiagnosisResult) -> str:
 
 
 def _misfit_change(gain: GainResult) -> str:
-    """Say how the misfit changes on what had no part in the diagnosis."""
+    """Say how the misfit changes on data that the diagnosis did not use."""
     where = f"records held out ({', '.join(gain.records)})"
     if not gain.kind.startswith("records"):
         where = f"{gain.kind} (weak evidence: no record was held out)"

@@ -14,8 +14,8 @@ from calib.report.plots.extension import CommonSize, RecordSize, misfit_change, 
 from calib.report.plots.style import shown_unit
 
 GAIN = (
-    "Misfit of data that had no part in finding the cause, before and after; only nuisances of those records were "
-    "solved for."
+    "Misfit of data that the search for the cause did not use, before and after; only nuisances of those records "
+    "were estimated."
 )
 SIZES = (
     "Size of the effect refitted to each record alone, all other parameters free, with its 95\u00a0% interval by "
@@ -83,13 +83,13 @@ def _record_sizes(gain: GainResult) -> list[RecordSize]:
 
 def _common_sizes(diagnosis: DiagnosisResult) -> dict[str, CommonSize]:
     """Size that the fitted records together have, by parameter, of those that they determine."""
-    found = {}
+    sizes = {}
     for joint in diagnosis.joint_sizes.values():
         for name, size in joint.size.items():
             low, high = joint.interval.get(name) or (None, None)
             if size is not None and low is not None and high is not None:
-                found[name] = CommonSize(size, low, high)
-    return found
+                sizes[name] = CommonSize(size, low, high)
+    return sizes
 
 
 def _shift(shift: ShiftResult, parameters: Mapping[str, Parameter]) -> ShiftRow:

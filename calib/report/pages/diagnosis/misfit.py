@@ -121,7 +121,7 @@ def _noise_levels(motions: Mapping[str, xr.Dataset]) -> str:
 
 def record_residuals(motions: Mapping[str, xr.Dataset], label: str) -> list[RecordResidual]:
     """Figures of the residual of each record, the worst record first; `label` names the extended model."""
-    found = []
+    residuals = []
     for name in sorted(motions, key=lambda name: -rms_over_noise(motions[name])):
         motion = motions[name]
         skipped = any(not motion.weight.values[row].all() for row, *_ in compared_rows(motion))
@@ -129,13 +129,13 @@ def record_residuals(motions: Mapping[str, xr.Dataset], label: str) -> list[Reco
         caption = caption.format(impacts=IMPACTS if skipped else "", extended=GREEN if "extended" in motion else "")
         picture = pictured(residual_figure(motion, label), f"diagnosed-{name}", caption)
         if picture is not None:
-            found.append(RecordResidual(name, picture))
-    return found
+            residuals.append(RecordResidual(name, picture))
+    return residuals
 
 
 def body_forces(motions: Mapping[str, xr.Dataset]) -> list[BodyForce]:
     """Figure of the missing acceleration of each body: of the records where it is significant, or else of all."""
-    found = []
+    forces = []
     for body in dict.fromkeys(body for motion in motions.values() for body in state_rows(motion)):
         known = missing_accelerations(motions, body)
         significant = {name: force for name, force in known.items() if is_significant(force)}
@@ -146,8 +146,8 @@ def body_forces(motions: Mapping[str, xr.Dataset]) -> list[BodyForce]:
             caption += f" {', '.join(others)}: {INSIGNIFICANT}"
         picture = pictured(missing_force_figure(significant or known), f"force-{body}", caption)
         if picture is not None:
-            found.append(BodyForce(body, bool(significant), picture))
-    return found
+            forces.append(BodyForce(body, bool(significant), picture))
+    return forces
 
 
 def misfit_picture(motions: Mapping[str, xr.Dataset]) -> Picture | None:

@@ -112,26 +112,26 @@ def distinction(diagnosis: DiagnosisResult, outcomes: Mapping[str, SuspectOutcom
     last = next((r for r in reversed(diagnosis.rounds) if r.chosen and r.chosen not in left_out), None)
     if last is None:
         return []
-    found = []
-    alike = [f"{name} {percent(cosine, 3)}" for name, cosine in last.alike.items() if cosine is not None]
-    if alike:
-        found.append(
+    sentences = []
+    cosines = [f"{name} {percent(cosine, 3)}" for name, cosine in last.cosines.items() if cosine is not None]
+    if cosines:
+        sentences.append(
             f"Cosine of the angle between the signature of {last.chosen}, the change it makes in these records beyond "
-            f"what calibration absorbs, and the signatures of others: {', '.join(alike)}."
+            f"what calibration absorbs, and the signatures of others: {', '.join(cosines)}."
         )
     if diagnosis.verdict == ONE_OF and len(diagnosis.classes) == 1:
-        found.append(
+        sentences.append(
             "One steady tone repeats the effect of whatever the model lacks in every cycle, so leaving cycles out "
             "proves nothing, and no held-out record shows whether the cause predicts. A record at another amplitude "
             "or frequency would."
         )
     elif diagnosis.verdict == ONE_OF:
-        found.append("With any one of them fitted, chi-square differs too little: these records do not decide.")
+        sentences.append("With any one of them fitted, chi-square differs too little: these records do not decide.")
     if diagnosis.misfit is not None and added(diagnosis):
-        found += [*_closest(diagnosis), *_constancy(diagnosis)]
+        sentences += [*_closest(diagnosis), *_constancy(diagnosis)]
     if diagnosis.verdict == NAMED:
-        found.append(_best_of_others(diagnosis, outcomes))
-    return found
+        sentences.append(_best_of_others(diagnosis, outcomes))
+    return sentences
 
 
 def _closest(diagnosis: DiagnosisResult) -> list[str]:
@@ -157,20 +157,20 @@ def _best_of_others(diagnosis: DiagnosisResult, outcomes: Mapping[str, SuspectOu
         return "No other effect is above the threshold with a size of the right sign."
     share, best = max(others, key=lambda pair: pair[0])
     chosen = diagnosis.rounds[0].chosen
-    known = best.alike is not None and chosen in diagnosis.causes
-    alike = f"; the cosine of its signature with that of {chosen} is {percent(best.alike)}" if known else ""
+    known = best.cosine is not None and chosen in diagnosis.causes
+    resemblance = f"; the cosine of its signature with that of {chosen} is {percent(best.cosine)}" if known else ""
     left_out = best.effect in {one.effect for one in diagnosis.left_out}
     beside = f" Beside {joined(added(diagnosis))} it is left out." if left_out else ""
     return (
         f"Of the effects that are not named, {best.effect} explains most on its own: "
-        f"{explained(share)} of the excess{'' if best.refitted else ' (estimate)'}{alike}.{beside}"
+        f"{explained(share)} of the excess{'' if best.refitted else ' (estimate)'}{resemblance}.{beside}"
     )
 
 
 def _constancy(diagnosis: DiagnosisResult) -> list[str]:
     """Say whether the sizes of the causes differ among the channels of the records.
 
-    It is not said that they do not differ where those of whole records disagree.
+    No sentence states that they agree where those of whole records disagree.
     """
     misfit, threshold = diagnosis.misfit, diagnosis.threshold
     if misfit is None or threshold is None or not misfit.heterogeneity_z:

@@ -91,10 +91,10 @@ def disagreements(diagnosis: DiagnosisResult) -> list[str]:
     names = [name for name, joint in diagnosis.joint_sizes.items() if set(joint.size) & set(apart)]
     if not names:
         return []
-    found = [_sizes_by_record(parameter, diagnosis.gain, diagnosis) for parameter in apart]
+    sizes = [_sizes_by_record(parameter, diagnosis.gain, diagnosis) for parameter in apart]
     return [
-        f"The records, each alone, disagree on the size of {joined(names)} ({'; '.join(found)}; 95\u00a0% intervals by "
-        "Student's t): an effect that acts alike and is not modelled changes it, or is the cause; the interval of "
+        f"The records, each alone, disagree on the size of {joined(names)} ({'; '.join(sizes)}; 95\u00a0% intervals by "
+        "Student's t): an unmodelled effect with a similar signature changes it, or is the cause; the interval of "
         f"{_fitted_size(diagnosis.gain.transfers, apart)} does not allow for that{_biases(diagnosis, apart)}."
     ]
 
@@ -110,13 +110,13 @@ def _sizes_by_record(parameter: str, gain: GainResult, diagnosis: DiagnosisResul
 
 def _biases(diagnosis: DiagnosisResult, parameters: Sequence[str]) -> str:
     """Write by how much the sizes on which the records disagree may be biased, as the end of a sentence."""
-    found = [
+    biases = [
         f"{name} by no more than {size_text(joint, name, bias)}"
         for joint in diagnosis.joint_sizes.values()
         for name in parameters
         if (bias := joint.bias.get(name))
     ]
-    return f"; in 95\u00a0% of cases it biases {joined(found)}" if found else ""
+    return f"; in 95\u00a0% of cases it biases {joined(biases)}" if biases else ""
 
 
 def _fitted_size(transfers: Sequence[TransferResult], parameters: Sequence[str]) -> str:
@@ -131,23 +131,23 @@ def moved_sizes(diagnosis: DiagnosisResult) -> list[str]:
     if len(fitted) < 2:
         return []
     alone = {suspect.effect: suspect for suspect in diagnosis.suspects if suspect.refitted}
-    found = [text for name, joint in fitted.items() if name in alone for text in _moved(alone[name], joint)]
-    if not found:
+    changes = [text for name, joint in fitted.items() if name in alone for text in _moved(alone[name], joint)]
+    if not changes:
         return []
-    return [f"Causes fitted together change each other's sizes by more than their intervals: {'; '.join(found)}."]
+    return [f"Causes fitted together change each other's sizes by more than their intervals: {'; '.join(changes)}."]
 
 
 def _moved(alone: SuspectResult, joint: JointSize) -> list[str]:
     """Write the sizes of a cause that the others move out of its interval, before and after."""
-    found = []
+    changes = []
     for name, size in joint.size.items():
         low, high = alone.interval.get(name) or (None, None)
         if low is None or high is None or size is None or low <= size <= high:
             continue
         if not _at_limit(size, joint.limits.get(name) or (None, None)):
             beside = _written(joint, name).removeprefix(f"{name} = ")
-            found.append(f"{_written(alone, name)} alone and {beside} beside the others")
-    return found
+            changes.append(f"{_written(alone, name)} alone and {beside} beside the others")
+    return changes
 
 
 def _written(known: SuspectResult | JointSize, name: str) -> str:

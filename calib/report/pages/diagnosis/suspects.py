@@ -172,10 +172,10 @@ def _explains_less(suspect: SuspectResult, diagnosis: DiagnosisResult) -> str:
     if suspect.effect in {one.effect for one in diagnosis.left_out}:
         return "explains too little beside what is named, or stands in for another effect"
     first = diagnosis.rounds[0].chosen if diagnosis.rounds else None
-    if first is None or suspect.alike is None or not suspect.alike > MIN_COSINE:
+    if first is None or suspect.cosine is None or not suspect.cosine > MIN_COSINE:
         return "explains less"
     exchanged = ", the choice of round 1" if first not in added(diagnosis) else ""
-    return f"explains less; {percent(suspect.alike)} like {first}{exchanged}"
+    return f"explains less; {percent(suspect.cosine)} like {first}{exchanged}"
 
 
 def _absorbed_reason(suspect: SuspectResult, diagnosis: DiagnosisResult) -> str:

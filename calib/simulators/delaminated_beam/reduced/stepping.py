@@ -23,16 +23,16 @@ def membrane_force(plan: ReducedPlan, state: ReducedState) -> None:
     """Compute the force of the stretched layer on the modes."""
     n = len(state.kick)
     q, kick = state.q, state.kick
-    bent, tension = 0.0, 0.0
+    quadratic_stretch, tension = 0.0, 0.0
     for k in range(n):
         kick[k] = dot(plan.quadratic, k, q)
-        bent += 0.5 * q[k] * kick[k]
+        quadratic_stretch += 0.5 * q[k] * kick[k]
         tension += plan.tension[k] * q[k]
-    bent += 0.5 * q[n] * dot(plan.quadratic, n, q)
+    quadratic_stretch += 0.5 * q[n] * dot(plan.quadratic, n, q)
     tension += plan.tension[n] * q[n]
-    pull = tension + plan.kappa * bent
+    pull = tension + plan.kappa * quadratic_stretch
     for k in range(n):
-        kick[k] = -pull * kick[k] - bent * plan.stretch[k]
+        kick[k] = -pull * kick[k] - quadratic_stretch * plan.stretch[k]
 
 
 @njit(**VECTOR)
