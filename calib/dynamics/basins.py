@@ -26,7 +26,7 @@ from calib.store.environment import environment
 from calib.store.plain import plain
 
 STATES_PER_CHUNK = 32  # run, and lost by a kill, at a time
-KEPT_CYCLES = 100  # by which the kind of a motion is decided
+SECTION_CYCLES = 100  # by which the kind of a motion is decided
 BASIN_CHUNK_SECONDS = 600.0  # s, wall clock of a chunk
 EXPONENT_PERIODS = 200  # over which the exponent of a motion that has not returned is taken
 IRREGULAR, LOST = 0, -1  # instead of a period: no return; no motion
@@ -195,13 +195,13 @@ def _motions(plane: Plane, points: Sequence[int]) -> dict[str, np.ndarray]:
 
 def _motion(map: PeriodMap, state: np.ndarray, settle: int) -> OrbitKind:
     """Motion that a state leads to; one that does not return has a growing difference or got all the time to settle."""
-    motion = settled_orbit(map, state, settle, KEPT_CYCLES)
+    motion = settled_orbit(map, state, settle, SECTION_CYCLES)
     if motion.kind != UNDECIDED:
         return motion
     exponent = largest_exponent(map, motion.state, EXPONENT_PERIODS, pseudo_tangent)
     if exponent.value > EXPONENT_SIGMAS * exponent.error:
         return motion
-    return settled_orbit(map, motion.state, RETRY_FACTOR * settle, KEPT_CYCLES, motion.dropped + KEPT_CYCLES)
+    return settled_orbit(map, motion.state, RETRY_FACTOR * settle, SECTION_CYCLES, motion.dropped + SECTION_CYCLES)
 
 
 def _dataset(plane: Plane, motions: Mapping[str, np.ndarray]) -> xr.Dataset:

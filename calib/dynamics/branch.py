@@ -20,9 +20,9 @@ from calib.errors import CalibError
 from calib.modelling.orbit import PeriodMap
 from calib.records import OK
 
-FIRST_ARCLENGTH_STEP = 0.01  # along the curve
-MAX_ARCLENGTH_STEP = 0.05  # along the curve
-MIN_ARCLENGTH_STEP = 1e-6  # along the curve; one that cannot be followed with it ends
+FIRST_ARCLENGTH_STEP = 0.01  # along the curve, in scaled coordinates z
+MAX_ARCLENGTH_STEP = 0.05  # the same
+MIN_ARCLENGTH_STEP = 1e-6  # the same; a curve that cannot be followed with it ends
 PARAMETER_DIFFERENCE = 1e-7  # of the window, for the derivative; below MIN_ARCLENGTH_STEP, to stay off a grazing
 MAX_QUICK_CORRECTIONS = 3  # of the corrector; after no more the step along the curve is lengthened
 MAX_NEWTON_STEPS = 8  # of the corrector

@@ -27,7 +27,7 @@ from calib.records import OK, prescribed
 from calib.records import channels as channels_of
 from calib.records.cycles import NO_CONTACT, UNDECIDED, MotionKind, clock_rate, kind_of_motion, sampled
 
-DRIFTING_PERIODS = (1, 2, 3, 4)  # tried for a motion that on its recorder's clock does not return at all
+DRIFTING_PERIODS = (1, 2, 3, 4)  # periods, tried for a motion that never returns on its recorder's clock
 CLOCK_RATE = "clock_rate"  # attribute of a record: by how much the drive's clock is faster than the recorder's  [1]
 
 

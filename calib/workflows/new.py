@@ -15,7 +15,7 @@ from calib.execution.files import whole
 KINDS = ("simulator", "effect", "study")
 STIFFNESS, DAMPING, MASS, DRIVE_FREQUENCY = 4000.0, 5.0, 1.0, 9.0  # N/m, N s/m, kg, Hz: of the record that is made up
 NOISE_STD = 2e-6  # m, and over the angular frequency m/s: of its noise
-RECORD_CYCLES, SAMPLES_PER_CYCLE = 6, 100  # of it; samples a cycle
+RECORD_CYCLES, SAMPLES_PER_CYCLE = 6, 100  # of that record; samples a cycle
 
 
 def new(kind: str, name: str, folder: str | Path = ".") -> list[Path]:
