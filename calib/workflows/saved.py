@@ -67,7 +67,10 @@ def _check_free(
     """Refuse to write where something else is: the budget, the processes and the time-out may differ."""
     hint = "choose another folder, or overwrite it"
     if path.is_file():
-        there = tomllib.loads(path.read_text(encoding="utf-8"))
+        try:
+            there = tomllib.loads(path.read_text(encoding="utf-8"))
+        except ValueError as error:
+            raise CalibError(f"{path} is no study ({error}); {hint}") from error
         changes = differences(_without_run_keys(there), _without_run_keys(document))
         if changes:
             raise CalibError(f"{path} is another study: it differs in {changes[0]}; {hint}")

@@ -283,6 +283,14 @@ def test_a_folder_of_another_study_is_left_as_it_is(tmp_path):
     assert other.summary.windows["gain"].low == 0.6
 
 
+@pytest.mark.parametrize("content", [b"name = [", b"\xff"])
+def test_a_file_that_is_no_study_is_left_as_it_is(content, tmp_path):
+    (tmp_path / "study.toml").write_bytes(content)
+    with pytest.raises(calib.CalibError, match=r"study\.toml is no study .*; choose another folder, or overwrite it"):
+        study(budget=10).save(tmp_path)
+    assert (tmp_path / "study.toml").read_bytes() == content
+
+
 def test_a_study_with_a_module_beside_it_takes_it_along(tmp_path):
     text = "from tiny_simulators import Echo\n\n\nclass Own(Echo):\n    name = 'own'\n"
     (tmp_path / "echo_of_a_study.py").write_text(text)
