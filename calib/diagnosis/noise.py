@@ -55,11 +55,6 @@ class Noise:
     repeated: bool = False
 
     @property
-    def is_independent(self) -> bool:
-        """Whether it is known otherwise than from what a fit leaves: then a fit can be tested for leaving more."""
-        return self.source != RESIDUAL or self.repeated
-
-    @property
     def innovation(self) -> float:
         """Standard deviation of the innovation of each sample, over that of the noise  [1]."""
         return math.sqrt(max(1e-12, 1.0 - float(self.ar @ _correlations(self.ar))))
