@@ -52,9 +52,7 @@ def read(folder: Path) -> DiagnosisResult | None:
     try:
         return DiagnosisResult.from_dict(json.loads(path.read_text(encoding="utf-8")))
     except ValueError as error:
-        raise CalibError(
-            f"{path} is not a JSON document ({error}); delete it and run `calib diagnose` again"
-        ) from error
+        raise CalibError(f"{path} holds no diagnosis ({error}); delete it and run `calib diagnose` again") from error
 
 
 def read_motions(folder: Path) -> dict[str, xr.Dataset]:

@@ -8,6 +8,9 @@ from calib.errors import CalibError
 from calib.store.plain import typed
 
 Ends = tuple[float | None, float | None]  # of an interval or a range; None where there is no end
+MISFIT_KEYS = {  # field -> key of diagnosis.json
+    "excess_chi2": "excess", "remaining_chi2": "left", "chi2_std": "blur", "heterogeneity_z": "inconstancy",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -416,19 +419,25 @@ class DiagnosisResult:
 
     @classmethod
     def from_dict(cls, document: Mapping[str, Any]) -> "DiagnosisResult":
-        """Return the diagnosis that the object of diagnosis.json describes; what it does not say takes its default."""
-        misfit = document.get("misfit")
-        names = {"summary": "said", "classes": "class", "remainder": "remains"}
-        fields = {**document, **{field: document.get(key) for field, key in names.items()}}
-        fields["gates"] = [{**gate, "summary": gate["said"]} for gate in document.get("gates", ())]
-        fields["suspects"] = [
-            {**one, "chi2_reduction": one.get("drop"), "cosine": one.get("alike")}
-            for one in document.get("suspects", ())
-        ]
-        fields["rounds"] = [{**one, "cosines": one.get("alike", {})} for one in document.get("rounds", ())]
-        fields["misfit"] = None
-        if misfit:
-            names = {"excess_chi2": "excess", "remaining_chi2": "left", "chi2_std": "blur"}
-            names["heterogeneity_z"] = "inconstancy"
-            fields["misfit"] = {**misfit, **{field: misfit.get(key) for field, key in names.items()}}
+        """Return the diagnosis that the object of diagnosis.json describes; what it does not say takes its default.
+
+        Raises
+        ------
+        ValueError : the object is no diagnosis
+        """
+        fields = _renamed(document, {"summary": "said", "classes": "class", "remainder": "remains"})
+        if isinstance(document, Mapping):
+            fields["gates"] = _each_renamed(document.get("gates"), {"summary": "said"})
+            fields["suspects"] = _each_renamed(document.get("suspects"), {"chi2_reduction": "drop", "cosine": "alike"})
+            fields["rounds"] = _each_renamed(document.get("rounds"), {"cosines": "alike"})
+            fields["misfit"] = _renamed(document.get("misfit") or None, MISFIT_KEYS)
         return typed(cls, fields)
+
+
+def _renamed(entry: Any, keys: Mapping[str, str]) -> Any:
+    """Return a JSON object with its fields by the names that they have here (field -> key), another value as it is."""
+    return {**entry, **{field: entry.get(key) for field, key in keys.items()}} if isinstance(entry, Mapping) else entry
+
+
+def _each_renamed(entries: Any, keys: Mapping[str, str]) -> Any:
+    return [_renamed(entry, keys) for entry in entries] if isinstance(entries, list | tuple) else entries

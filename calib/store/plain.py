@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
+from inspect import signature
 from types import NoneType, UnionType
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
@@ -28,7 +29,15 @@ def typed(kind: type[T], document: Mapping[str, Any]) -> T:
     """Return the dataclass `kind` that a JSON object describes, with the dataclasses that its fields declare.
 
     A field that is missing or null takes its default; a key that is no field is left out.
+
+    Raises
+    ------
+    ValueError : no such object: a field without a default is missing, or a value has another shape
     """
+    document = _as(Mapping, document, kind.__name__)
+    for name, field in signature(kind).parameters.items():
+        if field.default is field.empty and document.get(name) is None:
+            raise ValueError(f"{kind.__name__} has no {name}")
     known = {name: hint for name, hint in get_type_hints(kind).items() if document.get(name) is not None}
     return kind(**{name: _value(hint, document[name]) for name, hint in known.items()})
 
@@ -42,7 +51,13 @@ def _value(hint: Any, value: Any) -> Any:
     if isinstance(hint, type) and is_dataclass(hint):
         return typed(hint, value)
     if get_origin(hint) is Mapping:
-        return {key: _value(get_args(hint)[1], one) for key, one in value.items()}
+        return {key: _value(get_args(hint)[1], one) for key, one in _as(Mapping, value, "a mapping").items()}
     if get_origin(hint) is tuple:
-        return tuple(_value(get_args(hint)[0], one) for one in value)
+        return tuple(_value(get_args(hint)[0], one) for one in _as(list | tuple, value, "a list"))
+    return value
+
+
+def _as(shape: Any, value: Any, what: str) -> Any:
+    if not isinstance(value, shape):
+        raise ValueError(f"expected {what}, got {value!r:.60}")
     return value

@@ -237,7 +237,7 @@ def read(folder: Path) -> CalibrationResult | None:
 
     Raises
     ------
-    CalibError : `result.json` is not JSON
+    CalibError : `result.json` is not JSON, or no result of a calibration
     """
     path = folder / FILE_NAME
     try:
@@ -245,4 +245,4 @@ def read(folder: Path) -> CalibrationResult | None:
     except FileNotFoundError:
         return None
     except ValueError as error:
-        raise CalibError(f"{path}: not JSON ({error}); delete it and run the study again") from error
+        raise CalibError(f"{path}: no result of a calibration ({error}); delete it and run the study again") from error

@@ -105,10 +105,17 @@ def test_what_an_older_result_does_not_say_takes_its_default():
     assert found == CalibrationResult(values={"gap": 7e-4})
 
 
-def test_no_result_is_none_and_an_unreadable_one_is_refused(tmp_path):
+UNREADABLE = (
+    "{", "[]", "null", '{"motion": "x"}', '{"confidence": {}}', '{"windows": {"gap": {"low": 1}}}', '{"holdout": []}',
+    '{"remarks": "x"}',
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("text", UNREADABLE)
+def test_no_result_is_none_and_an_unreadable_one_is_refused(text, tmp_path):
     assert result.read(tmp_path) is None
-    (tmp_path / "result.json").write_text("{")
-    with pytest.raises(CalibError, match="not JSON"):
+    (tmp_path / "result.json").write_text(text)
+    with pytest.raises(CalibError, match="no result of a calibration"):
         result.read(tmp_path)
 
 

@@ -20,6 +20,7 @@ from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.noise import Noise
 from calib.diagnosis.part import Part
 from calib.diagnosis.suspect import Scored
+from calib.errors import CalibError
 from calib.report import render
 from calib.report.pages.diagnosis.chapter import chapter
 from calib.report.pages.diagnosis.conclusion import headline, left_out, points, stale
@@ -592,3 +593,12 @@ def test_a_caption_tells_of_green_where_it_is_drawn(extended, study):
     told = chapter(result(document("named", VALUES)), {"clapping": record}, CALIBRATED, study)
     assert all(("green by the extended one" in picture.picture.caption) == extended for picture in told.residuals)
     assert told.residuals
+
+
+@pytest.mark.parametrize(
+    "text", ["{", "[]", "{}", '{"verdict": "none", "gates": [1]}', '{"verdict": "none", "gates": [{"name": "noise"}]}']
+)
+def test_a_file_that_is_no_diagnosis_is_refused(text, tmp_path):
+    (tmp_path / "diagnosis.json").write_text(text)
+    with pytest.raises(CalibError, match="holds no diagnosis"):
+        artifacts.read(tmp_path)
