@@ -218,7 +218,7 @@ def table(found: dict[int, Obtained]) -> str:
 def nearest(number: int, geometry: Geometry) -> float:
     """Smallest clearance [m] of beam and layer in the motion without contact that the reduced kernel settles to."""
     map = setting(number, geometry).map()
-    return float(map.misses(map.orbit(map.initial, 20 if number in SETTLES else 300).states[-1]).min())
+    return float(map.near_misses(map.orbit(map.initial, 20 if number in SETTLES else 300).states[-1]).min())
 
 
 def influence(found: dict[str, dict[int, Obtained]]) -> str:
