@@ -3,7 +3,8 @@
 import csv
 import io
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -141,7 +142,8 @@ def read(table: Table) -> tuple[xr.Dataset, Excitation | None]:
     time = _time(table, sheet)
     selected = np.arange(table.first, sheet.last, table.decimate) - sheet.begin
     bodies = list(dict.fromkeys(c.body for c in table.channels))
-    units = {c.channel: _channel_unit(table.path, c) for c in table.channels}
+    with _naming(table.path):
+        units = {c.channel: si_unit(c) for c in table.channels}
 
     channels = _channels(table, sheet, time, bodies, units)
     record = records.make(
@@ -153,7 +155,7 @@ def read(table: Table) -> tuple[xr.Dataset, Excitation | None]:
     )
     if table.drive is None:
         return records.check(record, str(table.path)), None
-    value = _si(table.drive, sheet, EXCITATION_UNITS[table.drive.quantity])
+    value = _si(table.drive, sheet)
     excitation = _excitation(table.drive, time, value)
     record["excitation"] = ("time", value[selected], {"units": excitation.unit})
     record.attrs |= {"place": excitation.place, "quantity": excitation.quantity}
@@ -313,25 +315,51 @@ def _time(table: Table, sheet: _Sheet) -> np.ndarray:
     return time - time[table.first - sheet.begin]
 
 
-def _channel_unit(path: Path, channel: Channel) -> str:
-    """SI unit in which the record holds the channel."""
-    unit = records.CHANNELS.get(channel.channel, channel.unit)
+def si_unit(column: Channel | ExcitationColumn) -> str:
+    """SI unit in which a record holds the column.
+
+    Raises
+    ------
+    CalibError : a channel that is none of the usual ones, in a unit with a factor
+    """
+    if isinstance(column, ExcitationColumn):
+        return EXCITATION_UNITS[column.quantity]
+    unit = records.CHANNELS.get(column.channel, column.unit)
     if not is_si(unit):
         raise CalibError(
-            f"{path}, column {channel.column!r}: {channel.channel!r} is none of {sorted(records.CHANNELS)}, so its "
+            f"column {column.column!r}: {column.channel!r} is none of {sorted(records.CHANNELS)}, so its "
             f"unit is kept and must be one of SI without a factor, got {unit!r}; put the factor into scale"
         )
     return unit
 
 
-def _si(column: Channel | ExcitationColumn, sheet: _Sheet, unit: str) -> np.ndarray:
-    """Numbers (end - begin,) of the column in `unit`."""
+def si_factor(column: Channel | ExcitationColumn) -> float:
+    """Factor from the numbers of the column to SI.
+
+    Raises
+    ------
+    CalibError : its unit is none of the channel or of the excitation's quantity
+    """
+    unit = si_unit(column)
     try:
-        factor = to_si(f"({column.scale}) * (1 {column.unit})", unit)
+        return to_si(f"({column.scale}) * (1 {column.unit})", unit)
     except CalibError as error:
-        raise CalibError(
-            f"{sheet.path}, column {column.column!r}: unit times scale must be in {unit!r}: {error}"
-        ) from error
+        raise CalibError(f"column {column.column!r}: unit times scale must be in {unit!r}: {error}") from error
+
+
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Put the file before the message of a refusal that does not name it."""
+    try:
+        yield
+    except CalibError as error:
+        raise CalibError(f"{path}, {error}") from error
+
+
+def _si(column: Channel | ExcitationColumn, sheet: _Sheet) -> np.ndarray:
+    """Numbers (end - begin,) of the column in SI."""
+    with _naming(sheet.path):
+        factor = si_factor(column)
     return factor * sheet.numbers(column.column)
 
 
@@ -343,7 +371,7 @@ def _channels(
     for c in table.channels:
         if (c.channel, c.body) in columns:
             raise CalibError(f"{table.path}: two columns are {c.channel} of body {c.body!r}; keep one")
-        columns[c.channel, c.body] = _si(c, sheet, units[c.channel])
+        columns[c.channel, c.body] = _si(c, sheet)
     rows = {name: _rows(table.path, name, columns, bodies) for name in units}
     return rows if table.cutoff is None else {name: low_pass(x, time, table.cutoff) for name, x in rows.items()}
 

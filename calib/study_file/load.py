@@ -18,7 +18,7 @@ from calib.store.plain import plain
 from calib.store.record_files import Keep
 from calib.study import CalibrationStudy, Optimiser, check_searched, check_stated
 from calib.study_file.laboratory import read_laboratory
-from calib.study_file.mistakes import Mistakes, PythonOrigin, located, read_toml
+from calib.study_file.mistakes import Mistakes, PythonOrigin, located, read_study
 from calib.study_file.references import REQUEST_KEYS, digest, references
 from calib.study_file.schema import OptimiserTable, StudyToml, TermTable
 from calib.units import to_si
@@ -129,26 +129,27 @@ def load(
     CalibError : every mistake of the file with its line and key, what was expected, and the nearest right name
     """
     path = located(path)
-    shape, mistakes = read_toml(StudyToml, path, origin)
+    shape, mistakes = read_study(path, origin)
     model = _model(shape, mistakes)
     known = references(shape, model, mistakes)
     calibrated = {name: reference for name, reference in known.items() if reference and reference.use == "calibrate"}
     space = _space(shape, model, known, mistakes) if model is not None else None
-    terms = _terms(shape, calibrated, mistakes) if all(known.values()) else []
+    complete = bool(calibrated) and all(known.values())
+    terms = _terms(shape, calibrated if complete else None, mistakes)
     optimiser = _optimiser(shape, mistakes)
     timeout = _seconds(shape, mistakes)
+    candidates = _candidates(shape, mistakes)
     most = budget or shape.study.budget
-    started = any(window.start is not None for window in shape.windows.values())
-    if shape.study.screen is not None and shape.study.screen + started >= most:
-        mistakes.add(("study", "screen"), f"the screen of {shape.study.screen} leaves nothing of the {most} trials")
+    _check_screen(shape, most, mistakes)
+    every = {name: reference for name, reference in known.items() if reference is not None}
+    bench = shape.diagnosis.bench
+    laboratory = read_laboratory(bench, every, model, mistakes) if complete and model is not None else None
     mistakes.tell()
     with mistakes.at("term"):
         objective = Objective(calibrated, terms)
-    if model is None or space is None or optimiser is None:
-        raise AssertionError("a part of the study is missing, and no mistake says why")
-    every = {name: reference for name, reference in known.items() if reference is not None}
-    laboratory = read_laboratory(shape.diagnosis.bench, every, model, mistakes)
     mistakes.tell()
+    if model is None or space is None or optimiser is None or laboratory is None:
+        raise AssertionError("a part of the study is missing, and no mistake says why")
     head = shape.study
     study = CalibrationStudy(
         name=head.name,
@@ -171,7 +172,7 @@ def load(
         folder=results_folder(path),
         view=shape.store.view,
         keep=shape.store.keep,
-        candidates=_candidates(shape, mistakes),
+        candidates=candidates,
         laboratory=laboratory,
     )
 
@@ -187,6 +188,8 @@ def results_folder(path: Path) -> Path:
 
 def _model(shape: StudyToml, mistakes: Mistakes) -> Model | None:
     model: Model | None = None
+    if mistakes.within("model"):
+        return None
     with mistakes.at("model", "simulator"):
         maker = plugins.load("calib.simulators", shape.model.simulator, mistakes.modules)
         simulator = _made(maker, shape.model.options, shape.model.simulator, mistakes, ("model", "options"))
@@ -213,7 +216,6 @@ def _candidates(shape: StudyToml, mistakes: Mistakes) -> tuple[tuple[str, tuple[
     for index, entry in enumerate(asked):
         with mistakes.at("diagnosis", "candidates", index):
             _effect(entry.name, entry.bodies, mistakes.modules)
-    mistakes.tell()
     return tuple((entry.name, None if entry.bodies is None else tuple(entry.bodies)) for entry in asked)
 
 
@@ -291,7 +293,7 @@ def _parameter(name: str, model: Model, records: list[str]) -> Parameter:
         raise CalibError(
             f"unknown parameter {base!r}{nearest(base, model.parameters)}; this model has {', '.join(model.parameters)}"
         )
-    if at and record not in records:
+    if at and record not in records and all(records):  # "" is a record whose name could not be read
         known = ", ".join(records)
         raise CalibError(f"no record {record!r} to bind {base!r} to{nearest(record, records)}; known are {known}")
     return model.parameters[base]
@@ -308,15 +310,18 @@ def _outside(parameter: Parameter, came: str) -> str:
     return f"expected values of {parameter.name!r} in {allowed}, got {came}"
 
 
-def _terms(shape: StudyToml, calibrated: Mapping[str, Reference], mistakes: Mistakes) -> list[Term]:
+def _terms(shape: StudyToml, calibrated: Mapping[str, Reference] | None, mistakes: Mistakes) -> list[Term]:
+    """Make every [[term]]; None for `calibrated` where records have mistakes, against which no term can be checked."""
     terms = []
     for index, entry in enumerate(shape.term):
         key = ("term", index)
+        if mistakes.within(*key):
+            continue
         feature = None
         with mistakes.at(*key, "feature"):
             maker = plugins.load("calib.features", entry.feature, mistakes.modules)
             feature = _made(maker, entry.options, entry.feature, mistakes, key)
-        if feature is None:
+        if feature is None or calibrated is None:
             continue
         term = Term(
             feature=feature,
@@ -347,11 +352,20 @@ class OptimiserMaker:
 
 
 def _optimiser(shape: StudyToml, mistakes: Mistakes) -> OptimiserMaker | None:
+    if mistakes.within("optimiser"):
+        return None
     with mistakes.at("optimiser", "name"):
         maker = plugins.load("calib.optimisers", shape.optimiser.name, mistakes.modules)
         _made(maker, shape.optimiser.options, shape.optimiser.name, mistakes, ("optimiser",), given=CONTRACT_ARGUMENTS)
         return OptimiserMaker(maker, shape.optimiser.options, mistakes.place("optimiser"))
     return None
+
+
+def _check_screen(shape: StudyToml, budget: int, mistakes: Mistakes) -> None:
+    screen = shape.study.screen
+    started = any(window.start is not None for window in shape.windows.values())
+    if screen is not None and not mistakes.within("study", "budget") and screen + started >= budget:
+        mistakes.add(("study", "screen"), f"the screen of {screen} leaves nothing of the {budget} trials")
 
 
 def _seconds(shape: StudyToml, mistakes: Mistakes) -> float:

@@ -5,13 +5,14 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar, get_args
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from calib.errors import CalibError, nearest
 from calib.study_file.lines import dotted, line_of, lines
+from calib.study_file.remainder import without_mistakes
 from calib.study_file.schema import StudyToml
 
 Tables = TypeVar("Tables", bound=BaseModel)
@@ -53,6 +54,7 @@ class Mistakes:
         self._lines = lines(text)
         self._origin = origin
         self._messages: list[str] = []
+        self._keys: list[tuple[str | int, ...]] = []
 
     @property
     def modules(self) -> Path | None:
@@ -69,6 +71,11 @@ class Mistakes:
     def add(self, key: Sequence[str | int], message: str) -> None:
         """Note a mistake at `key`."""
         self._messages.append(f"{self.place(*key)}: {message}")
+        self._keys.append(tuple(key))
+
+    def within(self, *key: str | int) -> bool:
+        """Whether a mistake was noted at `key` or below it."""
+        return any(noted[: len(key)] == key for noted in self._keys)
 
     @contextmanager
     def at(self, *key: str | int) -> Iterator[None]:
@@ -117,11 +124,7 @@ def read_toml(schema: type[Tables], path: Path, origin: PythonOrigin | None = No
     ------
     CalibError : no UTF-8, no TOML, unknown or missing keys, values of another kind; each with file, line and key
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise CalibError(f"{path}: not a text in UTF-8 (byte {error.start}); save it as UTF-8") from error
-    return read_as(schema, path, text, origin)
+    return read_as(schema, path, _text(path), origin)
 
 
 def read_as(schema: type[Tables], path: Path, text: str, origin: PythonOrigin | None = None) -> tuple[Tables, Mistakes]:
@@ -140,18 +143,55 @@ def read_as(schema: type[Tables], path: Path, text: str, origin: PythonOrigin | 
     ------
     CalibError : no TOML, unknown or missing keys, values of another kind; each with file, line and key
     """
+    tables = _parsed(path, text)
+    mistakes = Mistakes(path, text, schema, origin)
+    shape = _validated(schema, tables, mistakes)
+    if shape is None:
+        mistakes.tell()
+        raise AssertionError("the schema refuses the text, and no mistake says why")
+    return shape, mistakes
+
+
+def read_study(path: Path, origin: PythonOrigin | None = None) -> tuple[StudyToml, Mistakes]:
+    """Read a study file whose values may be mistaken, so that what does not depend on those can be checked too.
+
+    Returns
+    -------
+    its tables, with stand-ins where a mistake is noted (see `calib.study_file.remainder`), and the mistakes so far
+
+    Raises
+    ------
+    CalibError : no UTF-8, no TOML
+    """
+    text = _text(path)
+    tables = _parsed(path, text)
+    mistakes = Mistakes(path, text, StudyToml, origin)
+    shape = _validated(StudyToml, tables, mistakes)
+    return without_mistakes(tables, mistakes.within) if shape is None else shape, mistakes
+
+
+def _text(path: Path) -> str:
     try:
-        tables = tomllib.loads(text)
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise CalibError(f"{path}: not a text in UTF-8 (byte {error.start}); save it as UTF-8") from error
+
+
+def _parsed(path: Path, text: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise CalibError(f"{path}:{_line_of_error(str(error), text)}: this is not TOML: {error}") from error
-    mistakes = Mistakes(path, text, schema, origin)
+
+
+def _validated(schema: type[Tables], tables: dict[str, Any], mistakes: Mistakes) -> Tables | None:
+    """Check tables against a schema; what does not fit is noted, and leaves None."""
     try:
-        return schema.model_validate(tables), mistakes
+        return schema.model_validate(tables)
     except ValidationError as invalid:
         for detail in invalid.errors():
             mistakes.add(detail["loc"], _phrase(detail, schema))
-        mistakes.tell()
-        raise
+    return None
 
 
 def _line_of_error(message: str, text: str) -> int:

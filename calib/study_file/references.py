@@ -26,12 +26,15 @@ def references(shape: StudyToml, model: Model | None, mistakes: Mistakes) -> dic
     """Read every [[record]]; what is wrong is noted, and leaves None."""
     known: dict[str, Reference | None] = {}
     for index, entry in enumerate(shape.record):
+        if mistakes.within("record", index):
+            known[entry.name] = None
+            continue
         if entry.name in known:
             mistakes.add(("record", index, "name"), f"a second record {entry.name!r}; give each its own name")
             continue
         with mistakes.at("record", index):
             known[entry.name] = _reference(shape, index, entry, model, mistakes)
-    if not any(entry.use == "calibrate" for entry in shape.record):
+    if not mistakes.within("record") and not any(entry.use == "calibrate" for entry in shape.record):
         mistakes.add(("record",), 'no record to calibrate on; set use = "calibrate" for one of them at least')
     return known
 
@@ -40,13 +43,18 @@ def _reference(
     shape: StudyToml, index: int, entry: RecordTable, model: Model | None, mistakes: Mistakes
 ) -> Reference | None:
     key = ("record", index)
-    record, excitation = None, None
+    record, excitation, drive = None, None, None
+    if entry.table is not None:
+        with mistakes.at(*key, "excitation"):
+            drive = _drive(entry.excitation)
+        _check_units(entry.table, drive, key, mistakes)
+    readable = not mistakes.within(*key)
     with mistakes.at(*key, "path"):
         file = _file(entry, mistakes.path.parent)
         if entry.table is None:
             record = read(file)
-        else:
-            record, excitation = table.read(_table(entry.table, entry.excitation, file))
+        elif readable:
+            record, excitation = table.read(_table(entry.table, drive, file))
     if record is None:
         return None
     with mistakes.at(*key, "excitation"):
@@ -114,11 +122,34 @@ def digest(entry: RecordTable, folder: Path) -> str:
     return checksum(folder / expanded(entry.path, folder))
 
 
-def _table(how: TableTable, drive: ExcitationTable | None, file: Path) -> table.Table:
+def _check_units(
+    how: TableTable, drive: table.ExcitationColumn | None, key: tuple[str | int, ...], mistakes: Mistakes
+) -> None:
+    """Check the units of the columns of a table, each noted with its own key."""
+    for index, channel in enumerate(_channels(how)):
+        place = (*key, "table", "channels", index)
+        with mistakes.at(*place, "unit"):
+            table.si_factor(channel)
+        if channel.sigma is not None and not mistakes.within(*place):
+            with mistakes.at(*place, "sigma"):
+                to_si(channel.sigma, table.si_unit(channel))
+    if how.time is not None:
+        with mistakes.at(*key, "table", "time", "unit"):
+            to_si(f"1 {how.time.unit}", "s")
+    if drive is not None:
+        with mistakes.at(*key, "excitation", "unit"):
+            table.si_factor(drive)
+
+
+def _channels(how: TableTable) -> tuple[table.Channel, ...]:
+    return tuple(table.Channel(**channel.model_dump()) for channel in how.channels)
+
+
+def _table(how: TableTable, drive: table.ExcitationColumn | None, file: Path) -> table.Table:
     return table.Table(
         path=file,
-        channels=tuple(table.Channel(**channel.model_dump()) for channel in how.channels),
-        drive=None if drive is None or drive.column is None else _drive(drive, drive.column),
+        channels=_channels(how),
+        drive=drive,
         time=None if how.time is None else table.TimeColumn(**how.time.model_dump()),
         rate=None if how.rate is None else to_si(how.rate, "Hz"),
         first=how.first,
@@ -129,13 +160,16 @@ def _table(how: TableTable, drive: ExcitationTable | None, file: Path) -> table.
     )
 
 
-def _drive(how: ExcitationTable, column: int | str) -> table.ExcitationColumn:
+def _drive(how: ExcitationTable | None) -> table.ExcitationColumn | None:
+    """Return the column that is the excitation, if one is."""
+    if how is None or how.column is None:
+        return None
     if how.place is None or how.unit is None:
         raise CalibError("an excitation read from a column needs place and unit in [record.excitation]")
     if how.amplitude is not None or how.phase != 0.0:
         raise CalibError("an excitation read from a column has its own amplitude and phase; drop these two keys")
     return table.ExcitationColumn(
-        column=column,
+        column=how.column,
         place=how.place,
         quantity=_quantity(how),
         unit=how.unit,

@@ -336,6 +336,41 @@ def test_all_mistakes_are_told_at_once(tmp_path):
     assert len(str(raised.value).splitlines()) == 4
 
 
+def test_mistakes_of_the_schema_hide_no_others(tmp_path):
+    path = write_study(
+        tmp_path,
+        ("seed = 1\n", ""),
+        ("budget = 24", "budget = 0"),
+        ("gain = {", "gian = {"),
+        ('low = "-1 mm"', 'lwo = "-1 mm"'),
+        ("phase_curve", "phase_kurve"),
+        ("multistart", "multistrat"),
+        ("[model]", "[diagnosis]\ncandidates = ['gap_ofset']\n[model]"),
+    )
+    with pytest.raises(CalibError) as raised:
+        load(path)
+    heading, *told = str(raised.value).splitlines()
+    keys = ["seed", "budget", "gian", "harmonic.low", "harmonic.lwo", "feature", "optimiser.name", "candidates[1]"]
+    assert heading.endswith("8 mistakes:")
+    assert all(sum(f"{key}: " in mistake for mistake in told) == 1 for key in keys)
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ([("nuisance", "nuissance")], 1),
+        ([('name = "bench"\n', ""), ("gain = {", "'gain@bench' = {")], 1),
+        ([('simulator = "tiny', 'simulater = "tiny')], 2),  # the known key is missing too
+        ([('feature = "phase_curve"', 'feature = "phase_curve"\nweight = 0.0')], 1),
+        ([("budget = 24", 'budget = "24"')], 1),
+    ],
+)
+def test_what_depends_on_a_mistake_is_not_told_as_another(tmp_path, changes, told):
+    with pytest.raises(CalibError) as raised:
+        load(write_study(tmp_path, *changes))
+    assert len(str(raised.value).splitlines()) == (1 if told == 1 else told + 1)
+
+
 def test_a_missing_table_is_named(tmp_path):
     path = write_study(tmp_path, text=TEXT.partition("[[term]]")[0])
     with pytest.raises(CalibError, match=r"the table \[term\] is missing"):
@@ -391,6 +426,24 @@ def test_a_recorded_excitation_may_have_a_period(tmp_path):
 def test_what_a_column_says_is_not_said_twice(tmp_path, more):
     with pytest.raises(CalibError, match="has its own amplitude and phase"):
         load(recorded(tmp_path, more))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "at"),
+    [
+        ('unit = "mm" }', 'unit = "mm/s" }', "record[1].table.channels[1].unit", "channels ="),
+        ('unit = "mm" }', 'unit = "mm", sigma = "1 s" }', "record[1].table.channels[1].sigma", "channels ="),
+        ('unit = "s" }', 'unit = "mm" }', "record[1].table.time.unit", "time ="),
+        ('unit = "mm"\n', 'unit = "N"\n', "record[1].excitation.unit", 'unit = "N"'),
+        ('place = "base"\n', "", "record[1].excitation", "[record.excitation]"),
+    ],
+)
+def test_a_wrong_unit_of_a_column_is_told_at_its_own_line(tmp_path, old, new, key, at):
+    path = recorded(tmp_path, "")
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(CalibError) as raised:
+        load(path)
+    assert str(raised.value).startswith(f"{path}:{line(path.read_text(), at)}: {key}: ")
 
 
 @pytest.mark.parametrize("stated", ["amplitude = 1.0", "amplitude = '1 mm'", "amplitude = '0.001 m'"])
