@@ -112,5 +112,5 @@ def signed(z: float, plus: str = "") -> str:
 
 
 def raised(unit: str) -> str:
-    """Write the powers of a unit: ``"m/s²"`` for ``"m/s^2"``."""
-    return re.sub(r"\^(-?\d+)", lambda m: m[1].translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")), unit)
+    """Write the powers of a unit: ``"m/s²"`` for ``"m/s^2"``; ``"m^-0.5"`` stays, for there is no raised point."""
+    return re.sub(r"\^(-?\d+)(?![.\d])", lambda m: m[1].translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")), unit)

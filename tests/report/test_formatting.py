@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calib.report.formatting import number_beside, quantity, rounded, signed, with_error
+from calib.report.formatting import number_beside, quantity, raised, rounded, signed, with_error
 
 
 @pytest.mark.parametrize(
@@ -50,3 +50,11 @@ def test_a_quantity_has_no_more_digits_than_asked_for_before_its_point_either():
 )
 def test_no_one_counts_hundreds_of_standard_errors(z, written):
     assert signed(z, "+") == written
+
+
+@pytest.mark.parametrize(
+    ("unit", "written"),
+    [("m/s^2", "m/s²"), ("m^-10 s", "m⁻¹⁰ s"), ("m^-0.5 s^-0.5", "m^-0.5 s^-0.5"), ("N/m^1.5", "N/m^1.5")],
+)
+def test_whole_powers_of_a_unit_are_raised_and_others_stay(unit, written):
+    assert raised(unit) == written
