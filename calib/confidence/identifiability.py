@@ -1,6 +1,6 @@
 """Parameters of which the measurement determines only a combination, and that combination in words."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -26,12 +26,12 @@ def undetermined_combinations(space: Space, u: np.ndarray, covariance: np.ndarra
     0.99 between two).
     """
     wide = _wide(covariance, MAX_WINDOW_SHARE**2)
-    groups = [_group(space, u, own, directions, WIDE) for own, directions in _merged(wide)]
+    groups = [_group(space, u, covariance, own, directions, WIDE) for own, directions in _merged(wide)]
     named = {name for group in groups for name in group.members}
     # what moves with a direction that is another parameter's nearly alone is no member of its group
     beyond = [k for k, variance in enumerate(np.diag(covariance)) if variance > MAX_WINDOW_SHARE**2]
     axes = np.eye(len(space.names))
-    groups += [_group(space, u, (k,), [axes[k]], WIDE) for k in beyond if space.names[k] not in named]
+    groups += [_group(space, u, covariance, (k,), [axes[k]], WIDE) for k in beyond if space.names[k] not in named]
     named |= {space.names[k] for k in beyond}
     eigenvalues, vectors = np.linalg.eigh(covariance)
     precision = vectors**2 @ (1.0 / np.maximum(eigenvalues, 1e-300 + 1e-15 * eigenvalues[-1]))
@@ -41,7 +41,8 @@ def undetermined_combinations(space: Space, u: np.ndarray, covariance: np.ndarra
         for own, direction in _wide(covariance / np.outer(alone, alone), MAX_ERROR_INFLATION**2)
         if own.size > 1 and not named & {space.names[k] for k in own}
     ]
-    return (*groups, *(_group(space, u, own, directions, COLLINEAR) for own, directions in _merged(near)))
+    collinear = (_group(space, u, covariance, own, directions, COLLINEAR) for own, directions in _merged(near))
+    return (*groups, *collinear)
 
 
 def _wide(covariance: np.ndarray, limit: float) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -73,7 +74,12 @@ def _merged(directions: list[tuple[np.ndarray, np.ndarray]]) -> list[tuple[tuple
 
 
 def _group(
-    space: Space, u: np.ndarray, members: tuple[int, ...], directions: list[np.ndarray], reason: str
+    space: Space,
+    u: np.ndarray,
+    covariance: np.ndarray,
+    members: tuple[int, ...],
+    directions: list[np.ndarray],
+    reason: str,
 ) -> UndeterminedGroup:
     names = tuple(space.names[k] for k in members)
     direction = {name: float(directions[-1][k]) for name, k in zip(names, members, strict=True)}
@@ -86,12 +92,21 @@ def _group(
         if reason == COLLINEAR:
             text = f"{' and '.join(names)}: {relation} is determined much better than either alone"
     else:
-        shifts = ", ".join(f"{name} {shift:+.2f}" for name, shift in direction.items())
-        text = (
-            f"{', '.join(names)}: only combinations are determined; moving them together "
-            f"({shifts} of their windows) changes little that is measured"
-        )
+        text = f"{', '.join(names)}: {_correlated(names, covariance[np.ix_(members, members)], direction, reason)}"
     return UndeterminedGroup(names, direction, text, reason)
+
+
+def _correlated(names: Sequence[str], covariance: np.ndarray, direction: Mapping[str, float], reason: str) -> str:
+    """Say of several parameters which two are correlated most, and how much better they are known together."""
+    shifts = ", ".join(f"{name} {shift:+.2f}" for name, shift in direction.items())
+    together = f"moving them together ({shifts} of their windows) changes little that is measured"
+    errors = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    correlation = np.clip(covariance / np.outer(errors, errors), -1.0, 1.0)
+    i, j = divmod(int(np.argmax(np.abs(np.triu(correlation, 1)))), len(names))
+    pair = f"their estimates are correlated ({names[i]} with {names[j]} by {correlation[i, j]:+.3f})"
+    if reason == COLLINEAR:
+        return f"{pair}; each is determined within its interval, combinations of them much better: {together}"
+    return f"{pair}; combinations of them are determined much better than all of them alone: {together}"
 
 
 def combination(names: Sequence[str], windows: Sequence[Window], u: Sequence[float], shifts: Sequence[float]) -> str:

@@ -1,5 +1,6 @@
 """Claims about standard errors, intervals and what is not determined."""
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -164,6 +165,16 @@ def test_nearly_collinear_parameters_are_named_though_their_errors_are_small():
     assert set(group.members) == {"a", "b"}
     assert group.reason == "nearly collinear"
     assert max(c.standard_error.values()) < MAX_WINDOW_SHARE
+
+
+def test_three_nearly_collinear_parameters_with_narrow_intervals_are_said_to_be_correlated():
+    precision = np.eye(3) - (1.0 - 1e-3) * np.ones((3, 3)) / 3.0
+    covariance = 1e-6 * np.linalg.inv(precision)
+    (group,) = undetermined_combinations(cube("a", "b", "c"), np.full(3, 0.5), covariance)
+    assert group.members == ("a", "b", "c")
+    assert group.reason == "nearly collinear"
+    assert re.match(r"a, b, c: their estimates are correlated \(\w with \w by \+0\.99", group.text)
+    assert "each is determined within its interval" in group.text
 
 
 def test_a_parameter_without_influence_is_not_determined():
