@@ -93,7 +93,7 @@ class ConfirmationSummary:
 
 @dataclass(frozen=True)
 class UndeterminedGroup:
-    """Parameters of which the measurement determines only a combination.
+    """Parameters of which the measurement determines a combination much better than each alone, or one not at all.
 
     Attributes
     ----------
