@@ -106,7 +106,7 @@ def _correlated(names: Sequence[str], covariance: np.ndarray, direction: Mapping
     pair = f"their estimates are correlated ({names[i]} with {names[j]} by {correlation[i, j]:+.3f})"
     if reason == COLLINEAR:
         return f"{pair}; each is determined within its interval, combinations of them much better: {together}"
-    return f"{pair}; combinations of them are determined much better than all of them alone: {together}"
+    return f"{pair}; only combinations of them are well determined: {together}"
 
 
 def combination(names: Sequence[str], windows: Sequence[Window], u: Sequence[float], shifts: Sequence[float]) -> str:
