@@ -142,8 +142,7 @@ def load(
     most = budget or shape.study.budget
     _check_screen(shape, most, mistakes)
     every = {name: reference for name, reference in known.items() if reference is not None}
-    bench = shape.diagnosis.bench
-    laboratory = read_laboratory(bench, every, model, mistakes) if complete and model is not None else None
+    laboratory = read_laboratory(shape.diagnosis.bench, every, model, mistakes) if complete and model else None
     mistakes.tell()
     with mistakes.at("term"):
         objective = Objective(calibrated, terms)

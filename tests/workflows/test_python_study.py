@@ -161,8 +161,8 @@ def test_several_mistakes_are_said_at_once_and_no_file_is_named():
     with pytest.raises(calib.CalibError) as refused:
         study(windows={"gian": (0.5, 2.0)}, simulator="nowhere:Echo2", budget=0, seed=-1)
     first, *others = str(refused.value).splitlines()
-    assert first == "the study has 2 mistakes:"
-    assert [line.partition(":")[0] for line in others] == ["study.seed", "study.budget"]
+    assert first == "the study has 3 mistakes:"
+    assert [line.partition(":")[0] for line in others] == ["study.seed", "study.budget", "model.simulator"]
     with pytest.raises(calib.CalibError, match="^model.simulator: .*there is no module 'nowhere' in Python's path$"):
         study(simulator="nowhere:Echo2")
 
