@@ -21,7 +21,7 @@ import xarray as xr
 
 from calib.errors import CalibError
 from calib.modelling.effect import Effect
-from calib.modelling.laws import contact, force, gap, restitution
+from calib.modelling.laws import STATES, contact, force, gap, restitution
 from calib.modelling.laws import excitation as excitation_law
 from calib.modelling.model import Model
 from calib.modelling.orbit import PeriodMap
@@ -35,6 +35,13 @@ from calib.records.excitation import Excitation
 def steady_force(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
     """Return a constant force per unit mass [m/s^2]."""
     return p[0]
+
+
+@force(states=1)
+def maxwell_element(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
+    """Return the force of a spring in series with a damper, per unit mass [m/s^2]; z[0] is the spring's length [m]."""
+    dz[0] = v - z[0] / p[1]
+    return -p[0] * z[0]
 
 
 @gap
@@ -68,6 +75,17 @@ PROBES = {
     "restitution": (livelier, 0.05),
     "excitation": (second_harmonic, 0.05),
 }  # law and a size that shows
+MAXWELL = Effect(
+    "maxwell_element",
+    "force",
+    maxwell_element,
+    (
+        Parameter("maxwell_stiffness", "1/s^2", 0.0, "stiffness of the spring per unit mass", null=0.0),
+        Parameter("maxwell_time", "s", 0.1, "time in which the spring relaxes"),
+    ),
+    meaning="a spring in series with a damper",
+)
+MAXWELL_STIFFNESS = 1.0  # 1/s^2, that shows
 
 
 class SimulatorSuite:
@@ -278,3 +296,18 @@ class SimulatorSuite:
             np.testing.assert_array_equal(null[channel].values, plain[channel].values)
         assert present.attrs["status"] == OK
         assert any((present[c].values != plain[c].values).any() for c in channels(plain))
+
+    def test_internal_states_of_a_force_law_are_integrated(self) -> None:
+        simulator = self.make()
+        if "force" not in simulator.sites:
+            pytest.skip("the simulator takes no laws at 'force'")
+        if not getattr(simulator, "law_states", STATES):
+            with pytest.raises(CalibError, match="no force laws with internal states"):
+                self.run(MAXWELL)
+            return
+        plain, present = self.run(), self.run(MAXWELL, maxwell_stiffness=MAXWELL_STIFFNESS)
+        assert present.attrs["status"] == OK
+        assert any((present[c].values != plain[c].values).any() for c in channels(plain)), (
+            "a force law with an internal state leaves the record as it was: integrate the rates that laws write to dz "
+            "beside the simulator's own state (docs/reference/contracts.md), or declare law_states = 0"
+        )

@@ -67,3 +67,9 @@ def test_its_links_outside_the_site_lead_somewhere(page):
     named = re.findall(r"`((?:studies|experiments_ref|tests|docs)/[\w./-]+)`", page.read_text(encoding="utf-8"))
     missing = [name for name in named if not (ROOT / name).exists() and "/out/" not in name]
     assert not missing
+
+
+def test_the_kernel_of_the_contracts_integrates_internal_states(desk, capsys):
+    play(ROOT / "docs" / "reference" / "contracts.md", desk)
+    without, friction = (float(line.split()[0]) for line in capsys.readouterr().out.splitlines())
+    assert abs(friction - without) > 1e-5  # m, of 1e-3
