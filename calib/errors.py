@@ -10,5 +10,8 @@ class CalibError(Exception):
 
 def nearest(name: str, known: Iterable[str]) -> str:
     """Return ``" (did you mean 'alpha'?)"`` for the known name most like `name`, or an empty string."""
-    close = difflib.get_close_matches(str(name), list(known), n=1)
+    known = list(known)
+    close = [one for one in known if str(one).lower() == str(name).lower()] or difflib.get_close_matches(
+        str(name), known, 1
+    )
     return f" (did you mean {close[0]!r}?)" if close else ""

@@ -10,7 +10,9 @@ from calib.errors import CalibError, nearest
 from calib.modelling.effect import Effect, places_of
 from calib.modelling.laws import PYTHON_SITES, SLOTS, BoundLaw
 from calib.modelling.orbit import PeriodMap
+from calib.modelling.parameter import Parameter
 from calib.modelling.simulator import MappedSimulator, Request, Simulator
+from calib.modelling.simulator_check import as_record, check_simulator
 from calib.records import INTERVAL, OK
 from calib.records.excitation import Excitation
 
@@ -19,6 +21,7 @@ class Model:
     """A simulator with the effects it is extended by; immutable."""
 
     def __init__(self, simulator: Simulator, effects: Sequence[Effect] = ()) -> None:
+        check_simulator(simulator)
         self.simulator = simulator
         self.effects = tuple(effects)
         self.parameters = {p.name: p for p in simulator.parameters}
@@ -88,6 +91,18 @@ class Model:
         """Nominal value of every parameter, in SI."""
         return {name: parameter.nominal for name, parameter in self.parameters.items()}
 
+    def parameter(self, name: str) -> Parameter:
+        """Return a parameter by its name.
+
+        Raises
+        ------
+        CalibError : there is no such parameter
+        """
+        if name not in self.parameters:
+            known = ", ".join(self.parameters) or "no parameters"
+            raise CalibError(f"unknown parameter {name!r}{nearest(name, self.parameters)}; this model has {known}")
+        return self.parameters[name]
+
     def extended(self, *effects: Effect) -> "Model":
         """Return the model with more effects."""
         return Model(self.simulator, (*self.effects, *effects))
@@ -103,7 +118,8 @@ class Model:
         own = self._own(values)
         begins = not excitation.harmonic or request.settle == 0
         laws = self._laws(values, own, begins)
-        record = self._refined(values).run(own, excitation, laws, request)
+        simulator = self._refined(values)
+        record = as_record(simulator.run(own, excitation, laws, request), simulator)
         if record.attrs["status"] == OK:
             for effect in self._acting(values):
                 if effect.site == "sensor":
@@ -142,11 +158,7 @@ class Model:
     def _complete(self, values: Mapping[str, float]) -> dict[str, float]:
         """Fill `values` up with nominal ones."""
         for name in values:
-            if name not in self.parameters:
-                raise CalibError(
-                    f"unknown parameter {name!r}; this model has {', '.join(self.parameters)}"
-                    f"{nearest(name, self.parameters)}"
-                )
+            self.parameter(name)
         return {**self.nominal, **{name: float(value) for name, value in values.items()}}
 
     def _own(self, values: Mapping[str, float]) -> dict[str, float]:

@@ -227,6 +227,8 @@ def _made(
     given: tuple[str, ...] = (),
 ) -> Any:
     """Return ``maker(**options)``, or None with the mistakes noted; only looked at where names are yet `given`."""
+    if not callable(maker):
+        raise CalibError(f"{name!r} is an instance of {type(maker).__name__}; name the class, not an instance")
     signature = inspect.signature(maker).parameters.values()
     free = any(p.kind is p.VAR_KEYWORD for p in signature)
     known = {p.name: p for p in signature if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD)}
@@ -288,14 +290,11 @@ def _space(shape: StudyToml, model: Model, known: Mapping[str, Reference | None]
 
 def _parameter(name: str, model: Model, records: list[str]) -> Parameter:
     base, at, record = name.partition("@")
-    if base not in model.parameters:
-        raise CalibError(
-            f"unknown parameter {base!r}{nearest(base, model.parameters)}; this model has {', '.join(model.parameters)}"
-        )
+    parameter = model.parameter(base)
     if at and record not in records and all(records):  # "" is a record whose name could not be read
         known = ", ".join(records)
         raise CalibError(f"no record {record!r} to bind {base!r} to{nearest(record, records)}; known are {known}")
-    return model.parameters[base]
+    return parameter
 
 
 def _inside(window: Window, parameter: Parameter) -> Window:

@@ -57,6 +57,11 @@ class Mistakes:
         self._keys: list[tuple[str | int, ...]] = []
 
     @property
+    def from_python(self) -> bool:
+        """Whether the study was stated in Python, so that remedies are in Python's form."""
+        return self._origin is not None
+
+    @property
     def modules(self) -> Path | None:
         """Folder in which modules of the study lie beside Python's path."""
         return self.path.parent if self._origin is None else self._origin.modules
@@ -209,10 +214,17 @@ def _phrase(error: ErrorDetails, schema: type[BaseModel]) -> str:
         return f"this is required in [{dotted(above)}]" if above else f"the table [{name}] is missing"
     got = repr(error["input"])
     message = error["msg"].removeprefix("Value error, ").replace("Input should be", "expected")
+    if error["type"] == "too_short":
+        return _too_short(error)
     text = _EXPECTED.get(error["type"], message)
     expected = error.get("ctx", {}).get("expected", "")
     hint = nearest(error["input"], expected.split("'")[1::2]) if error["type"] == "literal_error" else ""
     return f"{text}, got {got if len(got) < 60 else got[:57] + '...'}{hint}"
+
+
+def _too_short(error: ErrorDetails) -> str:
+    least, came = error["ctx"]["min_length"], error["ctx"]["actual_length"]
+    return f"expected at least {least} {'entry' if least == 1 else 'entries'}, got {came or 'none'}"
 
 
 def _table(key: Sequence[str | int], table: type[BaseModel]) -> type[BaseModel]:

@@ -67,7 +67,7 @@ def _reference(
             record = rename_bodies(record, entry.bodies, entry.name)
     if model is not None:
         with mistakes.at(*key, "bodies"):
-            _check_bodies(record, model)
+            _check_bodies(record, model, mistakes.from_python)
         with mistakes.at(*key, "excitation"):
             _check_excitation(excitation, model.simulator)
             if model.confirming is not None:
@@ -202,13 +202,15 @@ def _quantity(how: ExcitationTable) -> Quantity:
     return cast(Quantity, how.quantity)
 
 
-def _check_bodies(record: xr.Dataset, model: Model) -> None:
+def _check_bodies(record: xr.Dataset, model: Model, from_python: bool) -> None:
     for body in (str(b) for b in record.body.values):
         if body not in model.bodies:
+            pair = "{%r: 'simulator body'}" if from_python else '{ "%s" = "simulator body" }'
+            key = "bodies=" if from_python else "bodies = "
             raise CalibError(
                 f"the record's body {body!r} is none of simulator {model.simulator.name!r}"
                 f"{nearest(body, model.bodies)}, which has {', '.join(model.bodies)}; "
-                'say which is which: bodies = { "record body" = "simulator body" }'
+                f"say which is which: {key}{pair % body}{' in calib.Record' if from_python else ''}"
             )
 
 
@@ -217,9 +219,11 @@ def _check_excitation(excitation: Excitation | None, simulator: Simulator) -> No
     if excitation is None or takes is None or (excitation.quantity, excitation.place) in takes:
         return
     known = [f"{quantity} at {place!r}" for quantity, place in sorted(takes)]
+    places = {place for _, place in takes}
+    hint = "" if excitation.place in places else nearest(excitation.place, sorted(places))
     raise CalibError(
         f"the record is driven by {excitation.quantity} at {excitation.place!r}; simulator {simulator.name!r} takes "
-        f"{', '.join(known)}; mend [record.excitation], or choose another simulator or other [model] options"
+        f"{', '.join(known)}{hint}; mend [record.excitation], or choose another simulator or other [model] options"
     )
 
 

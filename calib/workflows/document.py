@@ -39,6 +39,11 @@ def reference_of(component: Any, group: str) -> Any:
             known = [name for name, other in plugins.load_all(group).items() if other is component]
         if known:
             return known[0]
+    if callable(getattr(component, "run", None)) and not isinstance(component, type):
+        thing = type(component).__name__
+        raise CalibError(
+            f"simulator: got an instance of {thing}; pass the class, {thing}, and its arguments as options"
+        )
     if isinstance(component, type) and "<locals>" not in component.__qualname__:
         return f"{module}:{component.__qualname__}"
     if isinstance(component, Effect):

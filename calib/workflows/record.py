@@ -164,7 +164,10 @@ def _stacked(rows: Mapping[str, Any], bodies: Sequence[str], channel: str, size:
     """Array (body, time) of a channel, in the unit that it has."""
     missing = [body for body in bodies if body not in rows]
     if missing:
-        raise CalibError(f"{channel}: body {missing[0]!r} is missing, of which there are other channels")
+        raise CalibError(
+            f"{channel}: no array for body {missing[0]!r}, which another channel has; "
+            f"every channel needs one for each of {', '.join(bodies)}"
+        )
     return np.stack([_row(rows[body], channel, body, size) for body in bodies])
 
 

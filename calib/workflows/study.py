@@ -103,8 +103,11 @@ class Study:
         unknown = [key for key in more if key not in ("study", "store", "diagnosis")]
         if unknown:
             raise CalibError(f"unknown keyword {unknown[0]!r}; further tables are study, store and diagnosis")
-        if not isinstance(windows, Mapping):
-            raise CalibError(f"windows: expected a mapping such as {{'gain': (0.5, 2.0)}}, got {windows!r:.60}")
+        if not isinstance(windows, Mapping) or not windows:
+            raise CalibError(
+                "windows: expected a mapping with at least one parameter, such as {'gain': (0.5, 2.0)}, "
+                f"got {windows!r:.60}"
+            )
         records = listed(records)
         for record in records:
             if not isinstance(record, Record):
@@ -239,6 +242,12 @@ class Study:
                     raise KeyboardInterrupt from None
             calibration = Calibration(path, passing=out is None)
             undo.pop_all()
+        failures = calibration.summary.failures
+        if failures and not calibration.values:
+            warnings.warn(
+                f"none of {calibration.summary.trials} trials ended ok ({failures[0].status}): {failures[0].reason}",
+                stacklevel=2,
+            )
         return calibration
 
     def _repr_html_(self) -> str:

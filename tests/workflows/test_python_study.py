@@ -144,10 +144,15 @@ def test_an_effect_is_given_as_the_thing_itself(tmp_path):
         ({"simulator": "fuor_dof"}, r"^model\.simulator: unknown simulator 'fuor_dof' \(did you mean 'four_dof'"),
         ({"terms": ["phase_curv"]}, r"^term\[1\]\.feature: unknown feature 'phase_curv' \(did you mean 'phase_cu"),
         ({"records": [1.0]}, "records: expected calib.Record, got float"),
-        ({"records": []}, r"record: .*at least 1"),
+        ({"records": []}, r"^record: expected at least 1 entry, got none$"),
         ({"windowz": {}}, "unknown keyword 'windowz'"),
         ({"options": {"gate": object()}}, r"model\.options\.gate: expected a number, a text"),
         ({"windows": [0.5, 2.0]}, "windows: expected a mapping"),
+        ({"windows": {}}, "windows: expected a mapping with at least one parameter, .* got {}"),
+        (
+            {"simulator": Echo()},
+            "simulator: got an instance of Echo; pass the class, Echo, and its arguments as options",
+        ),
         ({"effects": [3.0]}, "got 3.0"),
         ({"options": {"falt": ""}}, r"^model\.options\.falt: unknown option of '.*Echo' \(did you mean 'fault'"),
     ],
@@ -195,6 +200,10 @@ def test_saving_what_only_this_session_defines_warns(tmp_path, monkeypatch):
         ({"displacement": {"mass": ["a"] * 400}}, "displacement of 'mass': expected an array of numbers"),
         ({"displacement": {}, "velocity": {}}, "a record needs a channel"),
         ({"channels": {"acceleration": {"mass": np.zeros(400)}}}, "units of acceleration: expected an SI unit"),
+        (
+            {"velocity": {"base": np.zeros(400)}},
+            "displacement: no array for body 'base', which another channel has; .* each of mass, base",
+        ),
         ({"time": BENCH.time.values[::-1]}, "time must increase"),
     ],
 )  # fmt: skip
@@ -204,8 +213,10 @@ def test_a_mistake_in_a_record_is_said(mistake, said):
 
 
 def test_a_body_that_the_simulator_has_not_got_is_refused():
-    with pytest.raises(calib.CalibError, match=r"record\[1\]\.bodies: the record's body 'beam' is none of"):
-        study(records=[record(displacement={"beam": np.zeros(400)}, velocity={"beam": np.zeros(400)})])
+    with pytest.raises(calib.CalibError, match=r"record\[1\]\.bodies: the record's body 'Mass' is none of") as refused:
+        study(records=[record(displacement={"Mass": np.zeros(400)}, velocity={"Mass": np.zeros(400)})])
+    assert "(did you mean 'mass'?)" in str(refused.value)
+    assert "bodies={'Mass': 'simulator body'} in calib.Record" in str(refused.value)
 
 
 def test_a_recorded_input_and_further_channels_come_through():
@@ -217,6 +228,48 @@ def test_a_recorded_input_and_further_channels_come_through():
     ).dataset
     np.testing.assert_allclose(made.excitation.values, force)
     assert made.strain.attrs["units"] == "1"
+
+
+class Runless:
+    name, bodies, sites = "runless", ("mass",), frozenset()
+    parameters = Echo.parameters
+
+
+class Bare(Echo):
+    parameters = property(lambda self: self.nothing)
+
+
+class Mute(Echo):
+    def run(self, values, excitation, laws, request):
+        super().run(values, excitation, laws, request)
+
+
+class Short(Echo):
+    def run(self, values, excitation):
+        return super().run(values, excitation, (), None)
+
+
+@pytest.mark.parametrize(
+    ("simulator", "message"),
+    [
+        (
+            Runless,
+            r"model\.simulator: simulator Runless lacks run, the method run\(values, excitation, laws, request\)",
+        ),
+        (Bare, r"model\.simulator: simulator Bare lacks parameters, a tuple of calib.Parameter, such as "),
+        (Short, r"simulator Short: expected run\(values, excitation, laws, request\), got run\(values, excitation\)"),
+    ],
+)
+def test_a_simulator_that_lacks_a_part_of_its_contract_is_refused_before_any_trial(simulator, message):
+    with pytest.raises(calib.CalibError, match=message):
+        study(simulator=simulator)
+
+
+def test_a_study_of_which_every_trial_fails_warns_with_the_reason():
+    with pytest.warns(UserWarning, match="none of 4 trials ended ok .*Mute.run returned None; expected a record"):
+        found = study(simulator=Mute, budget=4, study={"screen": 2}).run(quiet=True)
+    assert not found.values
+    assert found.summary.failures[0].status == "no record"
 
 
 def test_importing_calib_imports_nothing_heavy():

@@ -1,0 +1,61 @@
+"""Checks of a simulator against its contract, with messages for whoever writes one."""
+
+import inspect
+
+import xarray as xr
+
+from calib.errors import CalibError
+from calib.modelling.parameter import Parameter
+from calib.modelling.simulator import Simulator
+from calib.records import failed
+
+GUIDE = "see the guide in calib.modelling.simulator.Simulator"
+RUN = "run(values, excitation, laws, request)"
+EXPECTED = {
+    "name": 'its name, such as "pendulum"',
+    "bodies": 'a tuple of names, such as ("mass",)',
+    "parameters": 'a tuple of calib.Parameter, such as (Parameter("stiffness", "N/m", 4000.0, "of the spring"),)',
+    "sites": 'the sites at which it takes laws, such as frozenset() or frozenset({"force"})',
+    "run": f"the method {RUN}",
+}  # attribute -> what it is
+NO_RECORD = "no record"  # status of a run that returned something else
+
+
+def check_simulator(simulator: Simulator) -> None:
+    """Check that a simulator has what its contract requires.
+
+    Raises
+    ------
+    CalibError : an attribute or `run` is missing, or is something else
+    """
+    if isinstance(simulator, type):
+        raise CalibError(f"expected a simulator, got the class {simulator.__name__}; make one: {simulator.__name__}()")
+    who = f"simulator {type(simulator).__name__}"
+    missing = [f"{name}, {what}" for name, what in EXPECTED.items() if not hasattr(simulator, name)]
+    if missing:
+        raise CalibError(f"{who} lacks {'; '.join(missing)}; {GUIDE}")
+    for name, kind in (("bodies", str), ("parameters", Parameter)):
+        value = getattr(simulator, name)
+        if isinstance(value, str) or not all(isinstance(entry, kind) for entry in value):
+            raise CalibError(f"{who}: {name}: expected {EXPECTED[name]}, got {value!r:.60}")
+    if not callable(simulator.run):
+        raise CalibError(f"{who}: run: expected {EXPECTED['run']}, got {simulator.run!r:.60}")
+    try:
+        inspect.signature(simulator.run).bind("values", "excitation", "laws", "request")
+    except TypeError as error:
+        raise CalibError(f"{who}: expected {RUN}, got run{inspect.signature(simulator.run)}") from error
+
+
+def as_record(returned: object, simulator: Simulator) -> xr.Dataset:
+    """Return what `run` has returned where it is a record, else the record of a failed run that says what it is."""
+    if not isinstance(returned, xr.Dataset):
+        got = "None" if returned is None else f"an object of type {type(returned).__name__}"
+    elif "status" not in returned.attrs:
+        got = "a dataset without the attribute status"
+    else:
+        missing = [name for name in ("body", "time") if name not in returned.coords]
+        if not missing:
+            return returned
+        got = f"a dataset without the coordinate {missing[0]}"
+    expected = "expected a record, as calib.records.make or calib.records.failed builds it"
+    return failed(simulator.bodies, NO_RECORD, f"{type(simulator).__name__}.run returned {got}; {expected}")
