@@ -12,7 +12,7 @@ from pydantic_core import ErrorDetails
 
 from calib.errors import CalibError, nearest
 from calib.study_file.lines import dotted, line_of, lines
-from calib.study_file.remainder import without_mistakes
+from calib.study_file.partial_check import without_mistakes
 from calib.study_file.schema import StudyToml
 
 Tables = TypeVar("Tables", bound=BaseModel)
@@ -162,7 +162,7 @@ def read_study(path: Path, origin: PythonOrigin | None = None) -> tuple[StudyTom
 
     Returns
     -------
-    its tables, with stand-ins where a mistake is noted (see `calib.study_file.remainder`), and the mistakes so far
+    its tables, with stand-ins where a mistake is noted (see `calib.study_file.partial_check`), and the mistakes so far
 
     Raises
     ------
