@@ -10,7 +10,8 @@ import xarray as xr
 
 from calib.cli.given import settings
 from calib.errors import CalibError
-from calib.execution.pool import REFUSED, Failure, workers
+from calib.execution.pool import REFUSED, Failure
+from calib.execution.workers import workers
 from calib.modelling.model import Model
 from calib.modelling.parameter import values_for
 from calib.objective import INITIAL_STATE, Objective, Reference

@@ -21,7 +21,7 @@ from calib.diagnosis.refit import Fitter
 from calib.diagnosis.refutation import revised_by_records
 from calib.diagnosis.selection import Selection
 from calib.diagnosis.verdict import NAMED, NOT_DIAGNOSABLE, ONE_OF, UNEXPLAINED, failures, untried, verdict_of
-from calib.execution.pool import workers
+from calib.execution.workers import workers
 from calib.modelling.effect import Effect
 from calib.objective import Reference
 from calib.study import CalibrationStudy, Pool

@@ -21,7 +21,8 @@ from calib.diagnosis.screening import screened
 from calib.diagnosis.suspect import Screened, Untestable, leading_variants
 from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED, failures
 from calib.errors import CalibError
-from calib.execution.pool import Failure, InProcess, workers
+from calib.execution.pool import Failure, InProcess
+from calib.execution.workers import workers
 from calib.modelling.effect import Effect
 from calib.objective import Objective, Reference
 from calib.study import CalibrationStudy, Pool

@@ -18,7 +18,8 @@ from calib.dynamics.setting import Setting
 from calib.dynamics.settling import settled_orbit
 from calib.dynamics.single_run import RETRY_FACTOR, kind_of_run
 from calib.errors import CalibError, nearest
-from calib.execution.pool import REFUSED, Failure, Pool, workers
+from calib.execution.pool import REFUSED, Failure, Pool
+from calib.execution.workers import workers
 from calib.modelling.orbit import PeriodMap
 from calib.records.cycles.motion import UNDECIDED
 from calib.store.chunks import Chunks, join, joined

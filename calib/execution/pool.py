@@ -5,11 +5,9 @@ import os
 import pickle
 import queue
 import signal
-import sys
 import threading
 import time
 import traceback
-import warnings
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
@@ -129,11 +127,11 @@ class LocalPool:
             raise CalibError(f"jobs is the number of child processes, an integer of at least 1; got {jobs!r}")
         if timeout is not None and not timeout > 0.0:
             raise CalibError(f"timeout must be positive [s], got {timeout!r}; leave it out for no limit")
-        pickled, modules = _pickled(function)
+        code, modules = pickled(function)
         self._modules = sorted(modules - {"__main__"})
         context = get_context("forkserver") if "__main__" in modules else _WithoutMain()
         allowances: dict[str, _Allowance] = defaultdict(partial(_Allowance, startup))
-        self._slots = [_Slot(pickled, context, timeout, allowances) for _ in range(jobs)]
+        self._slots = [_Slot(code, context, timeout, allowances) for _ in range(jobs)]
 
     def map(self, payloads: Iterable[Any], stage: str = "") -> Iterator[tuple[int, Any]]:
         """Yield (index, result or Failure) as the calls end; leaving the loop early kills the calls under way.
@@ -183,25 +181,6 @@ class LocalPool:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
-
-
-def workers(function: Callable[[Any], Any], jobs: int = 1, timeout: float | None = None) -> LocalPool | InProcess:
-    """Child processes for a function; this process where the function needs what is defined in a notebook.
-
-    Child processes import what they need, and nothing can import the cells of a notebook or an interactive session.
-
-    Parameters
-    ----------
-    function, jobs, timeout : as in `LocalPool`
-    """
-    if hasattr(sys.modules["__main__"], "__file__") or "__main__" not in _pickled(function)[1]:
-        return LocalPool(function, jobs, timeout)
-    warnings.warn(
-        "what is simulated is defined in this session, where child processes cannot import it: all runs in this "
-        f"process, one after the other and without a time-out; move it into a module to use {jobs} processes",
-        stacklevel=2,
-    )
-    return InProcess(function)
 
 
 def _tell(done: queue.SimpleQueue[int], index: int, _: Future[bytes]) -> None:
@@ -336,7 +315,7 @@ class _Modules(pickle.Pickler):
         return NotImplemented
 
 
-def _pickled(function: Callable[[Any], Any]) -> tuple[bytes, set[str]]:
+def pickled(function: Callable[[Any], Any]) -> tuple[bytes, set[str]]:
     """Pickle `function`; also the modules that a process needs to call it."""
     file = _Buffer()
     pickler = _Modules(file)

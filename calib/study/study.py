@@ -6,7 +6,8 @@ from functools import partial
 from typing import Any
 
 from calib.errors import CalibError, nearest
-from calib.execution.pool import InProcess, LocalPool, Pool, workers
+from calib.execution.pool import InProcess, LocalPool, Pool
+from calib.execution.workers import workers
 from calib.modelling.model import Model
 from calib.modelling.parameter import Space
 from calib.objective import Objective

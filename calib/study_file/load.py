@@ -6,6 +6,8 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import tomlkit
+
 from calib import plugins
 from calib.diagnosis.laboratory import Laboratory
 from calib.dynamics.setting import Setting
@@ -18,11 +20,12 @@ from calib.store.plain import plain
 from calib.store.record_files import Keep
 from calib.study import CalibrationStudy, Optimiser, check_searched, check_stated
 from calib.study_file.laboratory import read_laboratory
-from calib.study_file.mistakes import Mistakes, PythonOrigin, located, read_study
+from calib.study_file.mistakes import Mistakes, PythonOrigin, located, read_as, read_study
 from calib.study_file.references import REQUEST_KEYS, digest, references
-from calib.study_file.schema import OptimiserTable, StudyToml, TermTable
+from calib.study_file.schema import DiagnosisTable, EffectTable, OptimiserTable, StudyToml, TermTable
 from calib.units import to_si
 
+Candidates = tuple[tuple[str, tuple[str, ...] | None], ...]  # effects, with the bodies they act on
 CONTRACT_ARGUMENTS = ("dim", "seed", "budget", "batch")  # of an optimiser; the rest are options of the user
 
 
@@ -48,7 +51,7 @@ class StudyFile:
     folder: Path
     view: str
     keep: Keep
-    candidates: tuple[tuple[str, tuple[str, ...] | None], ...] | None
+    candidates: Candidates | None
     laboratory: Laboratory
 
     def reference(self, record: str | None = None) -> Reference:
@@ -138,7 +141,7 @@ def load(
     terms = _terms(shape, calibrated if complete else None, mistakes)
     optimiser = _optimiser(shape, mistakes)
     timeout = _seconds(shape, mistakes)
-    candidates = _candidates(shape, mistakes)
+    candidates = _candidates(shape.diagnosis.candidates, mistakes, "diagnosis", "candidates")
     most = budget or shape.study.budget
     _check_screen(shape, most, mistakes)
     every = {name: reference for name, reference in known.items() if reference is not None}
@@ -208,12 +211,30 @@ def _effect(name: str, bodies: Sequence[str] | None, folder: Path | None) -> Eff
     return effect if bodies is None else replace(effect, bodies=tuple(bodies))
 
 
-def _candidates(shape: StudyToml, mistakes: Mistakes) -> tuple[tuple[str, tuple[str, ...] | None], ...] | None:
-    asked = shape.diagnosis.candidates
+def stated_candidates(stated: str | Sequence[Any], folder: Path) -> Candidates | None:
+    """Candidates of a diagnosis that are stated in Python, as [diagnosis] of a study file has them.
+
+    Parameters
+    ----------
+    stated : "all", or names of effects and mappings with name and bodies
+    folder : in which modules of the study lie
+
+    Raises
+    ------
+    CalibError : every mistake with its key
+    """
+    text = tomlkit.dumps({"candidates": stated})
+    table, mistakes = read_as(DiagnosisTable, folder, text, PythonOrigin(folder))
+    candidates = _candidates(table.candidates, mistakes, "candidates")
+    mistakes.tell()
+    return candidates
+
+
+def _candidates(asked: Sequence[EffectTable] | None, mistakes: Mistakes, *key: str) -> Candidates | None:
     if asked is None:
         return None
     for index, entry in enumerate(asked):
-        with mistakes.at("diagnosis", "candidates", index):
+        with mistakes.at(*key, index):
             _effect(entry.name, entry.bodies, mistakes.modules)
     return tuple((entry.name, None if entry.bodies is None else tuple(entry.bodies)) for entry in asked)
 

@@ -8,7 +8,8 @@ import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError
-from calib.execution.pool import REFUSED, Failure, Pool, workers
+from calib.execution.pool import REFUSED, Failure, Pool
+from calib.execution.workers import workers
 from calib.store.chunks import Chunks, join, joined
 from calib.sweep.compute import OTHER, SweepTask, failed_row, motions, stacked
 from calib.sweep.continuation import ContinuationChain, Known, continued, nothing_continued

@@ -1,6 +1,7 @@
 """The diagnosis of a study: its calibrated values, the search for what is missing, the files that say so."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,7 @@ from calib.diagnosis.artifacts import write
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effort import Budget
 from calib.diagnosis.verdict import NAMED, ONE_OF
-from calib.study_file import load
+from calib.study_file import load, stated_candidates
 from calib.workflows.calibrate import rebuild
 from calib.workflows.calibrated import calibrated_values
 from calib.workflows.extension import extended_study
@@ -24,6 +25,7 @@ def diagnose_study(
     on_stage: Callable[[str], None] = lambda text: None,
     on_progress: Callable[[int, int], None] = lambda done, foreseen: None,
     budget: str | None = None,
+    candidates: str | Sequence[str | Mapping[str, Any]] | None = None,
 ) -> tuple[dict[str, Any], Path | None]:
     """Diagnose a calibrated study: `calib diagnose` from Python.
 
@@ -37,6 +39,7 @@ def diagnose_study(
     on_stage : called with what is being done
     on_progress : called with the simulations that are done, and those that are foreseen in all
     budget : a number of simulations, or a time such as "10 min", after which no further fit begins; None: any
+    candidates : effects that may be the cause, as [diagnosis] candidates has them; None: the study's
 
     Returns
     -------
@@ -44,10 +47,12 @@ def diagnose_study(
 
     Raises
     ------
-    CalibError : a mistake in the study file or the budget, or the study has not been calibrated
+    CalibError : a mistake in the study file, the candidates or the budget, or the study has not been calibrated
     """
     limit = Budget.of(budget)
     file = load(path, jobs=jobs)
+    if candidates is not None:
+        file = replace(file, candidates=stated_candidates(candidates, file.path.parent))
     folder = file.folder if out is None else Path(out)
     values = calibrated_values(file, folder)
     diagnosis = diagnose(

@@ -12,6 +12,7 @@ import xarray as xr
 from calib.errors import CalibError
 from calib.objective.terms import Use
 from calib.records import CHANNELS, check, make, read
+from calib.records import channels as channel_names
 from calib.records.excitation import Excitation, unit_of
 from calib.units import is_si, to_si
 
@@ -136,6 +137,18 @@ class Record:
         """Entry [[record]] of a study file for this record, whose data lie in a file at `path`."""
         optional = {"bodies": None if self.bodies is None else dict(self.bodies), "nuisance": list(self.nuisance)}
         return {"name": self.name, "path": path, "use": self.use, **{k: v for k, v in optional.items() if v}}
+
+    def __repr__(self) -> str:
+        data = self.dataset
+        attrs = data.attrs
+        channels = ", ".join(f"{name} [{data[name].attrs.get('units', '?')}]" for name in channel_names(data))
+        bodies = ", ".join(str(body) for body in data.body.values)
+        drive = f"{attrs.get('quantity', 'no excitation stated')} at {attrs.get('place', '?')!r}"
+        drive += f", {attrs['frequency']:.6g} Hz" if "frequency" in attrs else ""
+        return (
+            f"record {self.name!r} ({self.use}): {channels} of {bodies}\n"
+            f"  {data.time.size} samples from {float(data.time[0]):.6g} s to {float(data.time[-1]):.6g} s; {drive}"
+        )
 
     def _repr_html_(self) -> str:
         return f"<b>{html.escape(self.name)}</b> ({self.use}){self.dataset._repr_html_()}"

@@ -17,21 +17,17 @@ from typing import Any
 
 import tomlkit
 import xarray as xr
-from matplotlib.figure import Figure
 
 from calib.errors import CalibError, nearest
 from calib.execution.progress import Count
 from calib.modelling.effect import Effect
 from calib.records import read
-from calib.report.formatting import measured_number
 from calib.report.plots.motion import histories, phase_curves
 from calib.report.plots.records import aligned_simulation
-from calib.report.plots.style import png
 from calib.store.record_files import file_of
 from calib.study import result
 from calib.study_file import PythonOrigin, StudyFile, load
 from calib.study_file.references import expanded
-from calib.units import reading
 from calib.workflows.calibrate import UNFINISHED, calibrate_file, rebuild, summary_so_far
 from calib.workflows.diagnose import diagnose_study
 from calib.workflows.document import (
@@ -44,8 +40,10 @@ from calib.workflows.document import (
     table_of,
     window_table,
 )
+from calib.workflows.plot import Plot
 from calib.workflows.record import Record, listed
 from calib.workflows.saved import save_study
+from calib.workflows.shown import calibration_text, diagnosis_text, headline, parameter_rows, study_text
 
 FILE = "study.toml"
 
@@ -250,32 +248,12 @@ class Study:
             )
         return calibration
 
+    def __repr__(self) -> str:
+        return study_text(self._document)
+
     def _repr_html_(self) -> str:
         name, text = html.escape(self._document["study"]["name"]), html.escape(tomlkit.dumps(self._document))
         return f"<details><summary><b>{name}</b>, as a study file</summary><pre>{text}</pre></details>"
-
-
-class Plot:
-    """A figure that shows itself in a notebook.
-
-    Attributes
-    ----------
-    figure : of matplotlib
-    """
-
-    def __init__(self, figure: Figure):
-        self.figure = figure
-
-    def save(self, path: str | Path) -> Path:
-        """Write the figure as PNG, SVG or PDF, by the suffix."""
-        try:
-            self.figure.savefig(path)
-        except (OSError, ValueError) as error:
-            raise CalibError(f"{path} cannot be written: {error}") from error
-        return Path(path)
-
-    def _repr_png_(self) -> bytes:
-        return png(self.figure)
 
 
 class Calibration:
@@ -356,12 +334,20 @@ class Calibration:
         return Path(path)
 
     def diagnose(
-        self, *, jobs: int | None = None, budget: int | str | None = None, seed: int | None = None, quiet: bool = False
+        self,
+        *,
+        candidates: str | Sequence[str | Mapping[str, Any] | Effect] | None = None,
+        jobs: int | None = None,
+        budget: int | str | None = None,
+        seed: int | None = None,
+        quiet: bool = False,
     ) -> "Diagnosed":
         """Look for what the model lacks: `calib diagnose`.
 
         Parameters
         ----------
+        candidates : effects that may be the cause, in the place of the study's `diagnosis` candidates: "all", or by
+            name, as {"name": ..., "bodies": [...]}, "package.module:THING" or `calib.Effect`
         jobs : takes the place of the study's
         budget : a number of simulations, or a time such as "10 min", after which no further fit begins
         seed : of the noise that is drawn; None: the study's
@@ -369,44 +355,37 @@ class Calibration:
 
         Raises
         ------
-        CalibError : there are no calibrated values, or a mistake in the budget
+        CalibError : there are no calibrated values, or a mistake in the candidates or the budget
         """
         if not self.values or self.summary.stopped == UNFINISHED:
             raise CalibError("the search has not ended with values: run the study to its end, then diagnose it")
+        stated = None if candidates is None else [reference_of(one, "calib.effects") for one in listed(candidates)]
         with Count("simulations", quiet) as count:
             summary, extended = diagnose_study(
                 self.path, jobs=jobs, budget=None if budget is None else str(budget), seed=seed, apply=True,
-                on_progress=count,
+                on_progress=count, candidates="all" if candidates == "all" else stated,
             )  # fmt: skip
         return Diagnosed(summary, None if extended is None else Study.read(extended), self)
 
+    def __repr__(self) -> str:
+        return calibration_text(self.summary)
+
     def _repr_html_(self) -> str:
-        rows = "".join(f"<tr><td>{html.escape(name)}</td>{self._cells(name)}</tr>" for name in self.values)
-        total, kind = self.summary.score.total, self.kind or self.summary.status
-        score = "" if total is None else f", score {total:.4g}"
+        rows = "".join(
+            f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>"
+            for row in parameter_rows(self.summary)
+        )
         notes = [
             *(["the search has not ended"] if self.summary.stopped == UNFINISHED else []),
             *self.summary.remarks,
         ]
         picture = base64.b64encode(self.plot()._repr_png_()).decode() if self.values else ""
         return (
-            f"<b>{html.escape(self.summary.name)}</b>: {html.escape(kind)}{score}"
+            f"<b>{html.escape(self.summary.name)}</b>: {html.escape(headline(self.summary))}"
             f"<table><tr><th>parameter</th><th>value</th><th>95 % interval</th></tr>{rows}</table>"
             + "".join(f"<p>{html.escape(note)}</p>" for note in notes)
             + (f'<img alt="measured and simulated" src="data:image/png;base64,{picture}">' if picture else "")
         )
-
-    def _cells(self, name: str) -> str:
-        """Value of a parameter and its interval, as cells of a table; digits as the standard error justifies them."""
-        value, ends, confidence = self.values[name], self.intervals.get(name), self.summary.confidence
-        factor, unit = reading(self.summary.units[name], value)
-        error = None if confidence is None else confidence.standard_error.get(name)
-        texts = [
-            f"{measured_number(factor * number, None if error is None else factor * error)} {unit}".rstrip()
-            for number in (value, *(ends or ()))
-        ]
-        interval = "fixed" if name not in self.summary.windows else " to ".join(texts[1:]) or "none"
-        return f"<td>{texts[0]}</td><td>{interval}</td>"
 
 
 class Diagnosed:
@@ -447,6 +426,9 @@ class Diagnosed:
     def report(self, path: str | Path) -> Path:
         """Write the page of the study, the diagnosis in it."""
         return self.calibration.report(path)
+
+    def __repr__(self) -> str:
+        return diagnosis_text(self.calibration.summary.name, self.verdict, self.causes, self.summary["said"])
 
     def _repr_html_(self) -> str:
         causes = f": {html.escape(', '.join(self.causes))}" if self.causes else ""

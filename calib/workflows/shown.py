@@ -1,0 +1,62 @@
+"""Studies, results and diagnoses as text, for the prompt and for print."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from calib.report.formatting import count, measured_number
+from calib.study.result import CalibrationResult
+from calib.units import reading
+
+
+def study_text(document: Mapping[str, Any]) -> str:
+    """Write what is simulated, compared and searched, a line each."""
+    study, model = document["study"], document["model"]
+    effects = [entry if isinstance(entry, str) else entry["name"] for entry in model.get("effects", ())]
+    windows = [
+        f"{name} from {window.get('low')} to {window.get('high')}" for name, window in document["windows"].items()
+    ]
+    return "\n".join(
+        [
+            f"study {study['name']!r}, {count(study['budget'], 'trial')}",
+            f"  model: {' + '.join([model['simulator'], *effects])}",
+            f"  records: {', '.join(entry['name'] for entry in document['record'])}",
+            f"  searched: {', '.join(windows)}",
+        ]
+    )
+
+
+def calibration_text(summary: CalibrationResult) -> str:
+    """Write kind and score of the best motion, and each parameter with its interval."""
+    lines = [f"calibration of {summary.name!r}: {headline(summary)}"]
+    for name, value, interval in parameter_rows(summary):
+        lines.append(f"  {name} = {value} ({interval if interval == 'fixed' else f'95 % interval: {interval}'})")
+    if not summary.values:
+        lines += [
+            f"  {count(failure.trials, 'trial')} {failure.status}: {failure.reason}" for failure in summary.failures
+        ]
+    return "\n".join(lines)
+
+
+def diagnosis_text(name: str, verdict: str, causes: list[str], summary: str) -> str:
+    """Write the verdict on a study, the causes, and what is said of them."""
+    named = f": {', '.join(causes)}" if causes else ""
+    return f"diagnosis of {name!r}: {verdict}{named}\n  {summary}"
+
+
+def headline(summary: CalibrationResult) -> str:
+    """Write the kind of the best motion, or that there is none, and its score."""
+    total = summary.score.total
+    return f"{summary.motion.kind or summary.status}{'' if total is None else f', score {total:.4g}'}"
+
+
+def parameter_rows(summary: CalibrationResult) -> Iterator[tuple[str, str, str]]:
+    """Name, value and 95 % interval of each parameter; digits as the standard error justifies them."""
+    for name, value in summary.values.items():
+        ends, confidence = summary.intervals.get(name), summary.confidence
+        factor, unit = reading(summary.units[name], value)
+        error = None if confidence is None else confidence.standard_error.get(name)
+        texts = [
+            f"{measured_number(factor * number, None if error is None else factor * error)} {unit}".rstrip()
+            for number in (value, *(ends or ()))
+        ]
+        yield name, texts[0], "fixed" if name not in summary.windows else " to ".join(texts[1:]) or "none"
