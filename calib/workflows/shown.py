@@ -31,16 +31,14 @@ def calibration_text(summary: CalibrationResult) -> str:
     for name, value, interval in parameter_rows(summary):
         lines.append(f"  {name} = {value} ({interval if interval == 'fixed' else f'95 % interval: {interval}'})")
     if not summary.values:
-        lines += [
-            f"  {count(failure.trials, 'trial')} {failure.status}: {failure.reason}" for failure in summary.failures
-        ]
+        lines += [f"  {count(kind.trials, 'trial')} {kind.status}: {kind.reason}" for kind in summary.failures]
     return "\n".join(lines)
 
 
-def diagnosis_text(name: str, verdict: str, causes: list[str], summary: str) -> str:
-    """Write the verdict on a study, the causes, and what is said of them."""
-    named = f": {', '.join(causes)}" if causes else ""
-    return f"diagnosis of {name!r}: {verdict}{named}\n  {summary}"
+def diagnosis_text(name: str, document: Mapping[str, Any]) -> str:
+    """Write the verdict of a diagnosis on a study, the causes, and the reason."""
+    causes = ", ".join(document["causes"]) or " or ".join(" + ".join(names) for names in document["class"])
+    return f"diagnosis of {name!r}: {document['verdict']}{f': {causes}' if causes else ''}\n  {document['said']}"
 
 
 def headline(summary: CalibrationResult) -> str:

@@ -428,7 +428,7 @@ class Diagnosed:
         return self.calibration.report(path)
 
     def __repr__(self) -> str:
-        return diagnosis_text(self.calibration.summary.name, self.verdict, self.causes, self.summary["said"])
+        return diagnosis_text(self.calibration.summary.name, self.summary)
 
     def _repr_html_(self) -> str:
         causes = f": {html.escape(', '.join(self.causes))}" if self.causes else ""

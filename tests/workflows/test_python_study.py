@@ -83,6 +83,32 @@ def test_a_result_shows_itself(calibrated, tmp_path):
         calibrated.plot("bnch")
 
 
+def test_what_python_holds_prints_as_a_few_lines(calibrated):
+    assert str(study()).splitlines()[1:] == [
+        "  model: tiny_simulators:Echo",
+        "  records: bench",
+        "  searched: gain from 0.5 to 2.0, harmonic from -1 mm to 1 mm",
+    ]
+    assert repr(record(name="bench")).splitlines() == [
+        "record 'bench' (calibrate): displacement [m], velocity [m/s] of mass",
+        "  400 samples from 0 s to 0.399 s; base motion at 'base', 10 Hz",
+    ]
+    headline, *parameters = str(calibrated).splitlines()
+    assert re.fullmatch(r"calibration of 'echo': period-1, score 0\.\d+", headline)
+    assert re.fullmatch(r"  gain = 1\.\d+ \(95 % interval: 1\.\d+ to 1\.\d+\)", parameters[0])
+    assert len(parameters) == 2
+    assert repr(calibrated.plot()).startswith("plot of ")
+
+
+def test_candidates_of_a_diagnosis_are_checked_as_in_a_study_file(calibrated):
+    with pytest.raises(
+        calib.CalibError, match=r"^candidates\[1\]: unknown effect 'chanel_gain' \(did you mean 'channel_g"
+    ):
+        calibrated.diagnose(candidates=["chanel_gain"])
+    with pytest.raises(calib.CalibError, match=r"^candidates\[1\]\.bodie: unknown key \(did you mean 'bodies'\?\)"):
+        calibrated.diagnose(candidates={"name": "channel_gain", "bodie": ["mass"]})
+
+
 def test_without_a_folder_nothing_is_left():
     found = study(budget=10).run(quiet=True)
     folder = found.folder
@@ -301,7 +327,7 @@ def test_a_simulator_of_an_interactive_session_runs_in_its_process():
 def applied():
     """A study whose record has an offset that its model lacks, diagnosed, and the cause applied."""
     shifted = record(name="bench", displacement={"mass": 1e3 * BENCH.displacement.values[0] + 0.3})
-    said = study(records=[shifted], diagnosis={"candidates": ["channel_offset"]}).run(quiet=True).diagnose(quiet=True)
+    said = study(records=[shifted]).run(quiet=True).diagnose(candidates=["channel_offset"], quiet=True)
     return said, said.apply()
 
 
@@ -310,6 +336,7 @@ def test_a_cause_is_applied_and_calibrated(applied):
     assert (said.verdict, said.causes) == ("one_of", [])  # one steady tone cannot test a prediction
     assert said.summary["class"] == [["channel_offset"]]
     assert "channel_offset" in said._repr_html_()
+    assert str(said).startswith("diagnosis of 'echo': one_of: channel_offset\n")
     found = extended.run(quiet=True)
     assert found.values["offset_displacement"] == pytest.approx(0.3e-3, rel=0.05)
     assert found.values["gain"] == pytest.approx(TRUTH["gain"], rel=0.02)
