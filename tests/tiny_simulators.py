@@ -86,6 +86,13 @@ class Echo:
             time.sleep(0.02)
 
 
+class Mute(Echo):
+    """An echo that forgets to return its record."""
+
+    def run(self, values, excitation, laws, request):
+        super().run(values, excitation, laws, request)
+
+
 class Sketch(Echo):
     """An echo whose gain comes out too large, with an exact one to confirm it; the faults are those of the exact one.
 

@@ -3,6 +3,7 @@
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -131,20 +132,21 @@ def load(
     ------
     CalibError : every mistake of the file with its line and key, what was expected, and the nearest right name
     """
+    budget, jobs = _counted("budget", budget), _counted("jobs", jobs)
     path = located(path)
     shape, mistakes = read_study(path, origin)
     model = _model(shape, mistakes)
     known = references(shape, model, mistakes)
-    calibrated = {name: reference for name, reference in known.items() if reference and reference.use == "calibrate"}
+    every = {name: reference for name, reference in known.items() if reference is not None}
+    calibrated = {name: reference for name, reference in every.items() if reference.use == "calibrate"}
     space = _space(shape, model, known, mistakes) if model is not None else None
-    complete = bool(calibrated) and all(known.values())
+    complete = bool(calibrated) and len(every) == len(known)
     terms = _terms(shape, calibrated if complete else None, mistakes)
     optimiser = _optimiser(shape, mistakes)
     timeout = _seconds(shape, mistakes)
     candidates = _candidates(shape.diagnosis.candidates, mistakes, "diagnosis", "candidates")
-    most = budget or shape.study.budget
+    most = shape.study.budget if budget is None else budget
     _check_screen(shape, most, mistakes)
-    every = {name: reference for name, reference in known.items() if reference is not None}
     laboratory = read_laboratory(shape.diagnosis.bench, every, model, mistakes) if complete and model else None
     mistakes.tell()
     with mistakes.at("term"):
@@ -152,19 +154,18 @@ def load(
     mistakes.tell()
     if model is None or space is None or optimiser is None or laboratory is None:
         raise AssertionError("a part of the study is missing, and no mistake says why")
-    head = shape.study
     study = CalibrationStudy(
-        name=head.name,
+        name=shape.study.name,
         model=model,
         space=space,
         objective=objective,
         optimiser=optimiser,
         budget=most,
-        seed=head.seed,
+        seed=shape.study.seed,
         batch=shape.optimiser.batch,
-        jobs=jobs or head.jobs,
+        jobs=shape.study.jobs if jobs is None else jobs,
         timeout=timeout,
-        screen=head.screen,
+        screen=shape.study.screen,
         definition=_definition(shape, model, space, path.parent),
     )
     return StudyFile(
@@ -378,6 +379,13 @@ def _optimiser(shape: StudyToml, mistakes: Mistakes) -> OptimiserMaker | None:
         _made(maker, shape.optimiser.options, shape.optimiser.name, mistakes, ("optimiser",), given=CONTRACT_ARGUMENTS)
         return OptimiserMaker(maker, shape.optimiser.options, mistakes.place("optimiser"))
     return None
+
+
+def _counted(name: str, number: int | None) -> int | None:
+    """Refuse what is no whole number from 1 on; None is the study's own."""
+    if number is not None and (not isinstance(number, Integral) or number < 1):
+        raise CalibError(f"{name}: expected a whole number from 1 on, got {number!r}")
+    return number
 
 
 def _check_screen(shape: StudyToml, budget: int, mistakes: Mistakes) -> None:

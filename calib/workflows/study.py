@@ -110,7 +110,13 @@ class Study:
         for record in records:
             if not isinstance(record, Record):
                 raise CalibError(f"records: expected calib.Record, got {type(record).__name__}; see Record.from_arrays")
-        head = {"name": name, "seed": seed, "budget": budget, "jobs": jobs or os.cpu_count() or 1, "timeout": timeout}
+        head = {
+            "name": name,
+            "seed": seed,
+            "budget": budget,
+            "jobs": (os.cpu_count() or 1) if jobs is None else jobs,
+            "timeout": timeout,
+        }
         model = {
             "simulator": reference_of(simulator, "calib.simulators"),
             "effects": [reference_of(effect, "calib.effects") for effect in listed(effects)],

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from child_environment import environment
 from echo_study import TRUTH
-from tiny_simulators import MEMORY, Echo
+from tiny_simulators import MEMORY, Echo, Mute
 
 import calib
 from calib.effects.channel_gain import EFFECT
@@ -265,11 +265,6 @@ class Bare(Echo):
     parameters = property(lambda self: self.nothing)
 
 
-class Mute(Echo):
-    def run(self, values, excitation, laws, request):
-        super().run(values, excitation, laws, request)
-
-
 class Short(Echo):
     def run(self, values, excitation):
         return super().run(values, excitation, (), None)
@@ -427,3 +422,11 @@ def test_an_effect_of_an_interactive_session_runs_in_its_process():
 
 def test_an_effect_of_a_module_is_known_by_that_module():
     assert reference_of(MEMORY, "calib.effects") == "tiny_simulators:MEMORY"
+
+
+@pytest.mark.parametrize(("name", "given"), [("budget", 0), ("jobs", 0), ("budget", -3), ("jobs", 1.5)])
+def test_a_budget_or_jobs_that_count_nothing_are_refused(name, given):
+    with pytest.raises(calib.CalibError, match=f"^{name}: expected a whole number from 1 on, got {given}$"):
+        study().run(**{name: given}, quiet=True)
+    with pytest.raises(calib.CalibError, match=f"{name}.*got {given}"):
+        study(**{name: given}).run(quiet=True)
