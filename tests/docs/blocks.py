@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tomllib
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from child_environment import environment
@@ -76,10 +77,14 @@ def run(line: str, folder: Path, where: str) -> None:
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     options = {"cwd": folder, "env": {**environment(), "PATH": path}, "text": True}
     if line.startswith("calib dashboard"):
-        served = subprocess.Popen(shlex.split(line), stdout=subprocess.PIPE, **options)
-        assert served.stdout.readline().startswith("http://127.0.0.1"), where
-        served.send_signal(signal.SIGINT)
-        served.communicate(timeout=60)
+        heeding = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # a job in the background ignores it otherwise
+        with subprocess.Popen(shlex.split(line), stdout=subprocess.PIPE, preexec_fn=heeding, **options) as served:
+            try:
+                assert served.stdout.readline().startswith("http://127.0.0.1"), where
+                served.send_signal(signal.SIGINT)
+                served.communicate(timeout=60)
+            finally:
+                served.kill()
         return
     done = subprocess.run(["bash", "-ec", line], capture_output=True, check=False, **options)
     assert done.returncode == 0, f"{where}: {line}\n{done.stdout[-2000:]}\n{done.stderr[-4000:]}"

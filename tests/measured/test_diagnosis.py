@@ -146,5 +146,5 @@ def test_that_the_upper_tank_spills_comes_closest_and_half_as_much_again_remains
     assert found.stand_ins == ()
     assert "overflow" in {cause.name for cause in found.selection.causes}
     assert 0.5 < found.selection.explained_share < 0.7
-    assert "but not each of them at least 2 times what remains" in found.summary
+    assert "but not each of them at least 2 times the remaining misfit" in found.summary
     assert found.gain.proven
