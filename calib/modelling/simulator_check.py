@@ -1,6 +1,7 @@
 """Checks of a simulator against its contract, with messages for whoever writes one."""
 
 import inspect
+from collections.abc import Iterable
 
 import xarray as xr
 
@@ -36,7 +37,8 @@ def check_simulator(simulator: Simulator) -> None:
         raise CalibError(f"{who} lacks {'; '.join(missing)}; {GUIDE}")
     for name, kind in (("bodies", str), ("parameters", Parameter)):
         value = getattr(simulator, name)
-        if isinstance(value, str) or not all(isinstance(entry, kind) for entry in value):
+        several = isinstance(value, Iterable) and not isinstance(value, str)
+        if not several or not all(isinstance(entry, kind) for entry in value):
             raise CalibError(f"{who}: {name}: expected {EXPECTED[name]}, got {value!r:.60}")
     if not callable(simulator.run):
         raise CalibError(f"{who}: run: expected {EXPECTED['run']}, got {simulator.run!r:.60}")

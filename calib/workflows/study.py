@@ -18,6 +18,7 @@ from typing import Any
 import tomlkit
 import xarray as xr
 
+from calib.diagnosis.document import DiagnosisResult
 from calib.errors import CalibError, nearest
 from calib.execution.progress import Count
 from calib.modelling.effect import Effect
@@ -43,7 +44,7 @@ from calib.workflows.document import (
 from calib.workflows.plot import Plot
 from calib.workflows.record import Record, listed
 from calib.workflows.saved import save_study
-from calib.workflows.shown import calibration_text, diagnosis_text, headline, parameter_rows, study_text
+from calib.workflows.texts import calibration_text, diagnosis_text, headline, parameter_rows, study_text
 
 FILE = "study.toml"
 
@@ -405,16 +406,17 @@ class Diagnosed:
 
     def __init__(self, summary: dict[str, Any], extended: Study | None, calibration: Calibration):
         self.summary, self._extended, self.calibration = summary, extended, calibration
+        self._result = DiagnosisResult.from_dict(summary)
 
     @property
     def verdict(self) -> str:
         """Return "named", "one_of", "none", "unexplained" or "not_diagnosable"."""
-        return self.summary["verdict"]
+        return self._result.verdict
 
     @property
     def causes(self) -> list[str]:
         """Names of the effects that are named; empty where none is, or one of several (`summary["class"]`)."""
-        return self.summary["causes"]
+        return list(self._result.causes)
 
     def apply(self) -> Study:
         """Return the study with the causes, of several the simplest, in its model.
@@ -434,8 +436,8 @@ class Diagnosed:
         return self.calibration.report(path)
 
     def __repr__(self) -> str:
-        return diagnosis_text(self.calibration.summary.name, self.summary)
+        return diagnosis_text(self.calibration.summary.name, self._result)
 
     def _repr_html_(self) -> str:
         causes = f": {html.escape(', '.join(self.causes))}" if self.causes else ""
-        return f"<b>{html.escape(self.verdict)}</b>{causes}<p>{html.escape(self.summary['said'])}</p>"
+        return f"<b>{html.escape(self.verdict)}</b>{causes}<p>{html.escape(self._result.summary)}</p>"

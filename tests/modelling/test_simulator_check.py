@@ -23,7 +23,7 @@ def test_the_class_in_the_place_of_a_simulator_is_told():
         Model(Echo)
 
 
-@pytest.mark.parametrize(("name", "value"), [("bodies", "mass"), ("parameters", ("gain",))])
+@pytest.mark.parametrize(("name", "value"), [("bodies", "mass"), ("bodies", 1), ("parameters", ("gain",))])
 def test_an_attribute_of_another_kind_is_refused(name, value):
     simulator = Echo()
     setattr(simulator, name, value)

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from calib.diagnosis.document import DiagnosisResult
 from calib.report.formatting import count, measured_number
 from calib.study.result import CalibrationResult
 from calib.units import reading
@@ -35,10 +36,10 @@ def calibration_text(summary: CalibrationResult) -> str:
     return "\n".join(lines)
 
 
-def diagnosis_text(name: str, document: Mapping[str, Any]) -> str:
+def diagnosis_text(name: str, diagnosis: DiagnosisResult) -> str:
     """Write the verdict of a diagnosis on a study, the causes, and the reason."""
-    causes = ", ".join(document["causes"]) or " or ".join(" + ".join(names) for names in document["class"])
-    return f"diagnosis of {name!r}: {document['verdict']}{f': {causes}' if causes else ''}\n  {document['said']}"
+    causes = ", ".join(diagnosis.causes) or " or ".join(" + ".join(names) for names in diagnosis.classes)
+    return f"diagnosis of {name!r}: {diagnosis.verdict}{f': {causes}' if causes else ''}\n  {diagnosis.summary}"
 
 
 def headline(summary: CalibrationResult) -> str:
