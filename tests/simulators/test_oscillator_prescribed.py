@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from calib.effects.backlash import EFFECT as BACKLASH
+from calib.effects.backlash import SLIDING_RANGE
 from calib.effects.quadratic_drag import EFFECT as AIR_DRAG
 from calib.errors import CalibError
 from calib.modelling.effect import Effect
@@ -107,6 +109,47 @@ def test_internal_states_of_a_law_follow_the_motion():
     start, end = TIME[0], ASKED[-1]
     peer = solve_ivp(rate, (start, end), [0.0], "LSODA", ASKED, rtol=1e-9, atol=1e-14, max_step=1e-3)
     np.testing.assert_allclose(rubbed - plain, 2e4 * peer.y[0], rtol=0, atol=0.5e-3)
+
+
+def test_a_state_that_sets_out_from_zero_where_its_law_begins_to_slide_costs_few_steps():
+    stiffness, width, limit = 476.0, 2e-3, 2.0  # 1/s^2, m, m/s^2: slides from 6.2 mm on, which the motion reaches late
+    mount = {"backlash_stiffness": stiffness, "backlash_width": width, "backlash_force": limit}
+    values = {"mass": 1.0, "damping": 0.0, "stiffness": 0.0}
+    plain = force_of(values, prescribed()).force.values[0]
+    request = Request(times=ASKED, step_budget=20 * TIME.size)
+    moved = force_of(values | mount, prescribed(), [BACKLASH], request).force.values[0]
+
+    def pull(t, z):
+        u = slow(np.array([t]))[0][0] - z[0]
+        return stiffness * np.sign(u) * max(0.0, abs(u) - width)
+
+    def rate(t, z):
+        v = slow(np.array([t]))[1][0]
+        over = (abs(pull(t, z)) - limit) / (SLIDING_RANGE * limit)
+        return [v * min(1.0, max(0.0, over)) if pull(t, z) * v > 0.0 else 0.0]
+
+    peer = solve_ivp(rate, (TIME[0], ASKED[-1]), [0.0], "RK45", ASKED, rtol=1e-8, atol=1e-12, max_step=1e-3)
+    expected = [pull(t, z) for t, z in zip(ASKED, peer.y.T, strict=True)]
+    assert max(np.abs(peer.y[0])) > 1e-3  # m: it slides
+    np.testing.assert_allclose(moved - plain, expected, rtol=0, atol=1e-3)
+
+
+@force_law(states=1)
+def imploding(t, x, v, p, z, dz):
+    """Return z, whose rate is no number from 0.2 s on."""
+    dz[0] = p[0] * np.sqrt(0.2 - t)
+    return z[0]
+
+
+IMPLODING = Effect(
+    "imploding", "force", imploding, (Parameter("i0", "m/s^2", 0.0, "size", null=0.0),), meaning="a law that breaks"
+)
+
+
+def test_a_state_that_is_no_number_is_a_status_at_once():
+    request = Request(times=ASKED, step_budget=20 * TIME.size)
+    record = Model(Oscillator(), [IMPLODING]).run(VALUES | {"i0": 1.0}, prescribed(), request)
+    assert record.attrs["status"] == "diverged"
 
 
 def test_states_too_quick_for_the_step_budget_are_a_status():

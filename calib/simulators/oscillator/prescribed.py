@@ -21,6 +21,7 @@ EXCITATION_SPLINE_DEGREE = 5  # of the spline through the samples: the accelerat
 MIN_SAMPLES_PER_PERIOD = 200  # of a harmonic motion that laws of the excitation change
 STATE_TOLERANCE = 1e-6  # of the internal states of laws, relative to the largest value so far  [1]
 MIN_STATE_ERROR = 1e-300  # added to the tolerance of a state, for one that is zero
+MIN_PART = 1e-9  # of the interval between two samples: where a rate sets in or jumps, no step is shorter  [1]
 
 
 class PrescribedMotion(NamedTuple):
@@ -152,7 +153,7 @@ def _rates(
     force_law(function, start[0] + s * h, x, v, p, z, dz)
 
 
-@njit(**COMPILED)
+@njit(**WITHIN)
 def _advance_states(
     function: int,
     p: np.ndarray,
@@ -162,29 +163,43 @@ def _advance_states(
     size: np.ndarray,
     part: float,
     allowed: int,
+    stages: np.ndarray,
+    new: np.ndarray,
 ) -> tuple[int, float]:
-    """Carry the internal states z (STATES,) of a law from `start` to `end`, (t, x, v) each.
+    """Carry the internal states z (m,) of a law from `start` to `end`, (t, x, v) each.
 
-    The pair of orders 3 and 2 of Bogacki and Shampine (1989) chooses its steps, parts of the interval; `size` (STATES,)
-    holds the largest value of each state so far. Returns the steps spent (more than `allowed`: given up) and the part
-    that the next interval should begin with.
+    The pair of orders 3 and 2 of Bogacki and Shampine (1989) chooses its steps, parts of the interval; `size` (m,)
+    holds the largest value of each state so far, `stages` (4, m) and `new` (m,) are scratch. A state that sets out from
+    zero has no size to which its error could be small: the step over its onset is the shortest, whatever its error.
+    Returns the steps spent (more than `allowed`: given up) and the part that the next interval should begin with.
     """
     h = end[0] - start[0]
-    k1, k2, k3, k4 = np.zeros(STATES), np.zeros(STATES), np.zeros(STATES), np.zeros(STATES)
+    k1, k2, k3, k4 = stages[0], stages[1], stages[2], stages[3]
     s, spent = 0.0, 0
     while s < 1.0 and spent <= allowed:
         spent += 1
-        step = min(part, 1.0 - s)
+        step = min(max(part, MIN_PART), 1.0 - s)
         _rates(function, p, start, end, s, z, k1)
-        _rates(function, p, start, end, s + 0.5 * step, z + 0.5 * step * h * k1, k2)
-        _rates(function, p, start, end, s + 0.75 * step, z + 0.75 * step * h * k2, k3)
-        new = z + step * h * (2.0 * k1 + 3.0 * k2 + 4.0 * k3) / 9.0
+        for i in range(z.size):
+            new[i] = z[i] + 0.5 * step * h * k1[i]
+        _rates(function, p, start, end, s + 0.5 * step, new, k2)
+        for i in range(z.size):
+            new[i] = z[i] + 0.75 * step * h * k2[i]
+        _rates(function, p, start, end, s + 0.75 * step, new, k3)
+        for i in range(z.size):
+            new[i] = z[i] + step * h * (2.0 * k1[i] + 3.0 * k2[i] + 4.0 * k3[i]) / 9.0
         _rates(function, p, start, end, s + step, new, k4)
-        off = step * h * np.abs(-5.0 * k1 / 72.0 + k2 / 12.0 + k3 / 9.0 - k4 / 8.0)
-        error = np.max(off / (STATE_TOLERANCE * np.maximum(size, np.abs(new)) + MIN_STATE_ERROR))
-        if error <= 1.0:
-            z[:] = new
-            size[:] = np.maximum(size, np.abs(new))
+        error = 0.0
+        for i in range(z.size):
+            off = step * h * abs(-5.0 * k1[i] / 72.0 + k2[i] / 12.0 + k3[i] / 9.0 - k4[i] / 8.0)
+            off = off / (STATE_TOLERANCE * max(size[i], abs(new[i])) + MIN_STATE_ERROR)
+            error = max(error, math.inf if math.isnan(off) else off)
+        if error <= 1.0 or step <= MIN_PART:
+            for i in range(z.size):
+                z[i] = new[i]
+                size[i] = max(size[i], abs(new[i]))
+            if error == math.inf:  # a state that is no number, or infinite, remains so
+                return spent, 1.0
             s = 1.0 if step >= 1.0 - s else s + step
         part = step * min(4.0, max(0.2, 0.9 * (error + 1e-3) ** (-1.0 / 3.0)))
     return spent, part
@@ -204,15 +219,17 @@ def _along(
 ) -> int:
     """Add the laws' accelerations to `total` (n,); return the steps that their states took."""
     spent = 0
-    rates = np.zeros(STATES)
+    stages, new = np.zeros((4, STATES)), np.zeros(STATES)
     for i in range(count):
         z, size, part = np.zeros(STATES), np.zeros(STATES), 1.0
         for j in range(time.size):
             if j > 0 and states[i] > 0:
                 start, end = (time[j - 1], x[j - 1], v[j - 1]), (time[j], x[j], v[j])
-                steps, part = _advance_states(functions[i], p[i], start, end, z, size, part, budget - spent)
+                steps, part = _advance_states(
+                    functions[i], p[i], start, end, z, size, part, budget - spent, stages, new
+                )
                 spent += steps
                 if spent > budget:
                     return spent
-            total[j] += force_law(functions[i], time[j], x[j], v[j], p[i], z, rates)
+            total[j] += force_law(functions[i], time[j], x[j], v[j], p[i], z, new)
     return spent
