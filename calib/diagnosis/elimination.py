@@ -5,7 +5,7 @@ the other causes leave, W + R, makes an angle with it whose cosine is sqrt(W / (
 fitted size by the share sqrt(R / W) at most (the inequality of Cauchy and Schwarz). An effect that is distinguishable
 from the remainder therefore explains much more than that. The excess chi-square estimates the remainder, to its
 standard error; what was eliminated is part of it in any case. Source of the procedure: Miller, Subset Selection in
-Regression, 2002, section 3.
+Regression, 2002, chapter 3.
 """
 
 from collections.abc import Sequence

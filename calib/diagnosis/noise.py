@@ -73,7 +73,7 @@ class Noise:
         """Standard deviation of the mean square of so many samples, relative to the variance.
 
         For Gaussian noise of the autocorrelations rho_k it is sqrt(2 / n times the sum of rho_k^2 over all lags)
-        (Priestley, Spectral Analysis and Time Series, 1981, section 5.3.3).
+        (Priestley, Spectral Analysis and Time Series, 1981, section 5.3).
         """
         squares = self.autocorrelation(max(1, int(counted))) ** 2
         return math.sqrt(2.0 / max(counted, 1.0) * float(2.0 * squares.sum() - squares[0]))
@@ -181,7 +181,7 @@ def absorbed_by(basis: np.ndarray) -> np.ndarray:
     With D_j the matrix of ones between samples j apart, the products of residuals l apart are e' D_l e / 2 and their
     expectation per unit of the autocovariance at lag j is tr(D_l (1 - P) D_j (1 - P)) / 2; less that without P. What a
     shift moves beyond the ends of the row is omitted from tr(P D_l D_j). Source: Worsley et al., NeuroImage 15
-    (2002) 1, section 2.3.
+    (2002) 1 (reduction of the bias of autoregressive coefficients).
     """
     n, lags = len(basis), np.arange(min(MAX_ORDER, (len(basis) - 1) // 2) + 1)
     shifted = [basis[lag:].T @ basis[: n - lag] for lag in range(2 * lags.size)]
@@ -323,7 +323,7 @@ def _autoregression(series: np.ndarray, weight: np.ndarray, absorbed: np.ndarray
 
     A fit leaves residuals that are correlated though the noise is white. What its projection absorbs of the products of
     residuals is added to them: that of white noise at first, then that of the estimated noise (the correction of
-    Worsley et al., NeuroImage 15 (2002) 1, section 2.3, by fixed-point iteration: a direct solution would fill the
+    Worsley et al., NeuroImage 15 (2002) 1, by fixed-point iteration: a direct solution would fill the
     frequencies that a fit removes completely). Only the remaining degrees of freedom count.
     """
     n, total = series.size, float((weight**2).sum())

@@ -35,7 +35,7 @@ def replaced(
     """Remove each cause but the last in turn and search again: one that stood for two is replaced by one of them.
 
     The first cause was chosen while the later ones were missing, and may have explained part of theirs (sequential
-    replacement: Miller, Subset Selection in Regression, 2002, section 3). It is dropped where the others explain as
+    replacement: Miller, Subset Selection in Regression, 2002, chapter 3). It is dropped where the others explain as
     much without it, and replaced where another explains more beside them; the last is then searched for again as well,
     or in any case.
     """

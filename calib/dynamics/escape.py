@@ -21,7 +21,7 @@ class EscapeTime:
     escapes : runs that left it for a regular motion
 
     Source: Tel and Lai, Physics Reports 460 (2008) 245-275 (lifetimes); Lawless, Statistical Models and Methods for
-    Lifetime Data, 2nd ed. (2003), section 4.1 (bounds).
+    Lifetime Data, 2nd ed. (2003), chapter 4 (bounds).
     """
 
     observed: int

@@ -48,7 +48,7 @@ def largest_exponent(map: PeriodMap, state: np.ndarray, periods: int, carry: Car
     state : (dimension,) to start from, on the attractor
     carry : along which orbit: `calib.dynamics.pseudo_orbit.pseudo_tangent` for one that is the same on all processors
 
-    Source: Benettin et al. (1980), Meccanica 15, 9-20.
+    Source: Benettin et al. (1980), Meccanica 15, 9-20 (theory) and 21-30 (numerical application).
     """
     size = len(state)
     aligned = carry(map, state, _start(size, 1), ALIGNMENT_PERIODS)

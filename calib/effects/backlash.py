@@ -42,5 +42,5 @@ EFFECT = Effect(
     equation="-backlash_stiffness d, d = dead zone of x - z; z' = v where the spring's force reaches backlash_force",
     confused=("gap_offset", "presliding"),
     natural={"backlash_width": (0.1, 0.3, 0.6), "backlash_force": (10.0,)},
-    cite="Kerschen et al., Mechanical Systems and Signal Processing 20 (2006) 505",
+    cite="Worden & Tomlinson, Nonlinearity in Structural Dynamics (2001), section 2.3.3",
 )

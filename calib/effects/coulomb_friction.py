@@ -27,5 +27,5 @@ EFFECT = Effect(
     equation="-friction tanh(v / friction_slip)",
     confused=("linear_drag", "presliding"),
     natural={"friction_slip": (0.01, 0.05)},
-    cite="Worden & Tomlinson, Nonlinearity in Structural Dynamics (2001), section 2",
+    cite="Worden & Tomlinson, Nonlinearity in Structural Dynamics (2001), section 2.3.5",
 )

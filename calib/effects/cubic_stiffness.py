@@ -21,5 +21,5 @@ EFFECT = Effect(
     meaning="stretching of a bent body: the frequency rises with the amplitude squared, third harmonic",
     equation="-k3 x^3",
     confused=("softening", "detuning_drift", "presliding"),
-    cite="Worden & Tomlinson, Nonlinearity in Structural Dynamics (2001), sections 2 and 3",
+    cite="Worden & Tomlinson, Nonlinearity in Structural Dynamics (2001), section 2.3.1 and chapter 3",
 )

@@ -22,5 +22,4 @@ EFFECT = Effect(
     equation="-detuning t x",
     confused=("softening", "cubic_stiffness", "frequency_drift"),
     transient=True,
-    cite="Kerschen et al., Mechanical Systems and Signal Processing 20 (2006) 505",
 )

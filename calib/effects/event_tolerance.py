@@ -27,5 +27,5 @@ EFFECT = Effect(
     changes=(("event_tolerance",),),
     differentiable=False,
     natural={"tolerance_refinement": (1.0, 3.0)},
-    cite="Hairer, Norsett & Wanner, Solving Ordinary Differential Equations I (1993), chapter II",
+    cite="Hairer, Norsett & Wanner, Solving Ordinary Differential Equations I (1993), section II.6",
 )

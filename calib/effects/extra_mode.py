@@ -35,5 +35,5 @@ EFFECT = Effect(
     equation="+mode_mass (w^2 (u - x) + 2 mode_damping w (u' - v)), u'' = -w^2 (u - x) - 2 mode_damping w (u' - v)",
     confused=("channel_lag", "velocity_lowpass", "backlash"),
     natural={"mode_frequency": (0.3, 0.8, 1.6)},
-    cite="Kerschen et al., Mechanical Systems and Signal Processing 20 (2006) 505",
+    cite="Den Hartog, Mechanical Vibrations (1956), chapter 3: the damped vibration absorber",
 )

@@ -23,5 +23,4 @@ EFFECT = Effect(
     equation="layer_stiffness (1 + bond)",
     confused=("added_mass", "cubic_stiffness"),
     changes=(("layer_stiffness",),),
-    cite="Kerschen et al., Mechanical Systems and Signal Processing 20 (2006) 505",
 )

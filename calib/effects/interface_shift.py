@@ -23,5 +23,6 @@ EFFECT = Effect(
     equation="g_max - interface_shift, s + interface_shift",
     confused=("gap_offset", "squeeze_film", "linear_drag", "coulomb_friction"),
     changes=(("g_max", "s"),),
-    cite="paper, section 4 and Fig. 8",
+    cite="Parameter estimation for finite element analyses of stationary oscillations "
+    "of a vibro-impacting system, section 4 and Fig. 8",
 )

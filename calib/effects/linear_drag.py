@@ -21,5 +21,5 @@ EFFECT = Effect(
     meaning="a damper between a body and its surroundings: loss per cycle ~ amplitude^2, also without contact",
     equation="-c1 v",
     confused=("quadratic_drag", "coulomb_friction", "squeeze_film"),
-    cite="Worden & Tomlinson, Nonlinearity in Structural Dynamics (2001), section 1",
+    cite="Worden & Tomlinson, Nonlinearity in Structural Dynamics (2001), chapter 1",
 )

@@ -21,5 +21,5 @@ EFFECT = Effect(
     meaning="weight, a pretensioned mount or glue: the body rests beside where it is thought to",
     equation="+preload",
     confused=("gap_offset", "channel_offset", "quadratic_stiffness"),
-    cite="Worden & Tomlinson, Nonlinearity in Structural Dynamics (2001), section 2",
+    cite="Worden & Tomlinson, Nonlinearity in Structural Dynamics (2001)",
 )

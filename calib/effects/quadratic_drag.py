@@ -21,5 +21,5 @@ EFFECT = Effect(
     meaning="resistance of the air, growing with the velocity squared: loss per cycle ~ amplitude^3, odd harmonics",
     equation="-c2 v |v|",
     confused=("linear_drag", "coulomb_friction"),
-    cite="Worden & Tomlinson, Nonlinearity in Structural Dynamics (2001), section 2",
+    cite="Worden & Tomlinson, Nonlinearity in Structural Dynamics (2001), section 2.3.4",
 )

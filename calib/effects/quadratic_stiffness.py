@@ -21,5 +21,5 @@ EFFECT = Effect(
     meaning="curvature or a one-sided mount: even harmonics, and the mean moves with the amplitude squared",
     equation="-k2 x^2",
     confused=("preload", "drive_harmonic_2", "channel_offset"),
-    cite="Worden & Tomlinson, Nonlinearity in Structural Dynamics (2001), section 2",
+    cite="Worden & Tomlinson, Nonlinearity in Structural Dynamics (2001), chapter 3",
 )

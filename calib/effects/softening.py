@@ -21,5 +21,5 @@ EFFECT = Effect(
     meaning="joints that loosen or harden: the frequency moves in proportion to the amplitude, odd harmonics",
     equation="-kx x |x|",
     confused=("cubic_stiffness", "detuning_drift"),
-    cite="Worden & Tomlinson, Nonlinearity in Structural Dynamics (2001), section 2",
+    cite="Worden & Tomlinson, Nonlinearity in Structural Dynamics (2001)",
 )

@@ -23,8 +23,8 @@ def descend(
 
     The model is the quadratic nearest to its predecessor through the evaluated points around u, also those of other
     searches (`archive`, to which the caller adds every answer before sending it). Where a step fails and the points
-    lie flat, the next one is spent on the flattest direction. After Powell (2009, BOBYQA, report NA2009/06) and Conn,
-    Scheinberg & Vicente (2009, ch. 10), much simplified.
+    lie flat, the next one is spent on the flattest direction. After Powell (2009, BOBYQA, report DAMTP 2009/NA06) and
+    Conn, Scheinberg & Vicente (2009, Introduction to Derivative-Free Optimization, ch. 10), much simplified.
 
     Yields points (n, dim), is sent their n outcomes, returns the last point and its outcome.
     """

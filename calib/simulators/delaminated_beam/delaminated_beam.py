@@ -35,7 +35,10 @@ IMPACT_SEPARATION_PERIODS = 0.01  # without contact, between two impacts
 
 
 class DelaminatedBeam:
-    """A beam with a delaminated layer in its middle: plane stress, large rotations, penalty contact (paper, section 4).
+    """A beam with a delaminated layer in its middle: plane stress, large rotations, penalty contact.
+
+    Source ("the paper"): section 4 of Parameter estimation for finite element analyses of stationary oscillations of a
+    vibro-impacting system.
 
     Two kernels take the same parameters and give the same record. "full" is the explicit finite-element code: central
     differences over corotational quadrilaterals with incompatible modes, contact of nodes with segments. "reduced"

@@ -47,7 +47,10 @@ PARAMETERS = (
 
 
 class FourDof:
-    """The paper's minimal model of a clapping beam with a delaminated layer (Fig. 3, eqs. (1), (2)).
+    """A minimal model of a clapping beam with a delaminated layer.
+
+    Source ("the paper"): section 3 of Parameter estimation for finite element analyses of stationary oscillations of a
+    vibro-impacting system (Fig. 3, eqs. (1), (2)).
 
     Three states: free flight, impact (Newton, the beam infinitely heavy), permanent contact. The flow between events
     is exact; events are located to 1e-11 over the highest angular frequency and none is passed over. Force laws, laws

@@ -5,7 +5,8 @@ regime that ends. With the reset x+ = g(x-, t) and the rates f- and f+ of the st
 
     dx+ = g_x dx- + (g_x f- + g_t - f+) dt
 
-(Mueller 1995; Leine and Nijmeijer 2004, section 7). Force laws depend on the motion and have no place here.
+(Mueller, Chaos, Solitons & Fractals 5 (1995) 1671; Leine and Nijmeijer, Dynamics and Bifurcations of Non-Smooth
+Mechanical Systems, 2004). Force laws depend on the motion and have no place here.
 """
 
 import math
