@@ -39,6 +39,7 @@ from calib.study.progress import Progress
 from calib.study.result import HeldOutSummary
 from calib.study.summary import held_out, not_simulated, summarised
 from calib.study_file import StudyFile, load
+from calib.workflows.amplitudes import implausible_amplitudes
 from calib.workflows.evaluations import CALIBRATED, CONFIRM, SEARCH, Case, Evaluations, held_out_references
 
 MAX_FREE_TRIGGER_SHARE = 0.5  # of the distance: a free trigger is recommended where it leaves less
@@ -310,8 +311,8 @@ def _read_back(file: StudyFile, folder: Path) -> Calibrated:
     confirming = summary is not None and summary.confirmed
     if confirming and study.model.confirming is None:
         raise CalibError(
-            f"what was found here was confirmed with another simulator, which {study.model.simulator.name!r} now "
-            "lacks; run the study again"
+            f"the best trial was confirmed by another simulator, and {study.model.simulator.name!r} no longer names "
+            "one; run the study again"
         )
     point, predictions = (None, {}) if top is None else _evaluated_again(file, top, confirming)
     if summary is None:
@@ -377,10 +378,10 @@ def _in_the_place_of_intervals(
 
 
 def _remarks(objective: Objective, point: BestPoint | None) -> list[str]:
-    """Name the records that fit far better when it is left open at which instant they start."""
+    """Name records of an implausible amplitude, and those that fit far better if their start is left open."""
     if point is None or not isinstance(point.evaluation, Evaluation) or point.evaluation.score.status != OK:
         return []
-    remarks, cost = [], point.evaluation.score.cost
+    remarks, cost = implausible_amplitudes(objective, point.evaluation.records), point.evaluation.score.cost
     for name in objective.scored:
         reference = objective.references[name]
         if reference.excitation.periodic and "trigger" not in reference.nuisance:

@@ -23,7 +23,7 @@ from calib.errors import CalibError, nearest
 from calib.execution.progress import Count
 from calib.modelling.effect import Effect
 from calib.records import read
-from calib.report.plots.motion import histories, phase_curves
+from calib.report.plots.motion import motions_of_records
 from calib.report.plots.records import aligned_simulation
 from calib.store.record_files import file_of
 from calib.study import result
@@ -319,17 +319,18 @@ class Calibration:
         return read(self.folder / file_of("best", record, record == names[0]))
 
     def plot(self, record: str | None = None) -> Plot:
-        """Measured and simulated phase curves of a record; time histories where it has none.
+        """Measured and simulated phase curves of a record, of all where none is named; time histories without them.
 
         Raises
         ------
         CalibError : there is no such record, or no trial ended well
         """
-        simulated, objective = self.simulated(record), self._file.study.objective
-        name = record or next(iter(objective.references))
-        measured = objective.references[name].record
-        aligned = aligned_simulation(objective, name, simulated)
-        return Plot(phase_curves(measured, aligned) or histories(measured, aligned))
+        objective = self._file.study.objective
+        motions = {}
+        for name in [record] if record else objective.references:
+            simulated = self.simulated(name)
+            motions[name] = objective.references[name].record, aligned_simulation(objective, name, simulated)
+        return Plot(motions_of_records(motions))
 
     def report(self, path: str | Path) -> Path:
         """Write the page of the study, which needs no other file."""
@@ -349,7 +350,7 @@ class Calibration:
         seed: int | None = None,
         quiet: bool = False,
     ) -> "Diagnosed":
-        """Look for what the model lacks: `calib diagnose`.
+        """Search for effects that are missing in the model: `calib diagnose`.
 
         Parameters
         ----------

@@ -83,6 +83,25 @@ def test_a_result_shows_itself(calibrated, tmp_path):
         calibrated.plot("bnch")
 
 
+def test_of_several_records_all_are_drawn_unless_one_is_named():
+    both = study(records=[record(name="first"), record(name="second", velocity=None, sigma=None)], budget=10)
+    found = both.run(quiet=True)
+    parts = found.plot().figure.subfigs
+    assert [part.get_suptitle() for part in parts] == ["first", "second"]
+    assert [part.axes[0].get_xlabel().partition(" ")[0] for part in parts] == ["Displacement", "Time"]
+    assert [len(found.plot(name).figure.subfigs) for name in ("first", "second")] == [1, 1]
+    assert found.plot()._repr_png_().startswith(b"\x89PNG")
+
+
+def test_numbers_in_mm_that_state_no_unit_are_remarked_on(calibrated):
+    bare = study(records=[record(name="bench", units={"time": "ms"}, sigma=None)], budget=10).run(quiet=True)
+    [remark] = [text for text in bare.summary.remarks if "unit" in text]
+    assert re.match(r"in bench the measured displacement of mass is \d+ times as large as", remark), remark
+    assert remark.endswith("check its unit; numbers without a unit are taken as m")
+    assert "taken as m" in bare._repr_html_()
+    assert not any("unit" in text for text in calibrated.summary.remarks)
+
+
 def test_what_python_holds_prints_as_a_few_lines(calibrated):
     assert str(study()).splitlines()[1:] == [
         "  model: tiny_simulators:Echo",

@@ -8,7 +8,7 @@ import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 
 from calib.objective import Objective
 from calib.records import STATE, channels, prescribed, stated_period
@@ -48,23 +48,37 @@ def phase_curves(measured: xr.Dataset, simulated: xr.Dataset | None) -> Figure |
 
     Both records hold displacement (body, time) [m] and velocity (body, time) [m/s] on one time base.
     """
-    if not set(STATE) <= set(channels(measured)):
-        return None
-    bodies = [str(b) for b in measured.body.values]
-    if simulated is not None and not any(channel in STATE for _, channel in compared_channels(measured, simulated)):
+    if not _has_phase_curves(measured, simulated):
         return None
     with mpl.rc_context(STYLE):
-        columns = min(len(bodies), 2)
-        rows = math.ceil(len(bodies) / columns)
-        figure = Figure(figsize=(TEXT_WIDTH if columns > 1 else 0.62 * TEXT_WIDTH, 3.5 * rows), layout="constrained")
-        grid = figure.subplots(rows, columns, squeeze=False)
-        for body, axes in zip(bodies, grid.flat, strict=False):
-            _loop(axes, measured, simulated, body)
-            axes.set_title(_title(body, simulated, STATE))
-        for axes in grid.flat[len(bodies) :]:
-            axes.set_visible(False)
-        legend(figure, simulated is not None)
+        figure = Figure(figsize=_phase_curves_size(measured), layout="constrained")
+        _phase_curves_on(figure, measured, simulated)
     return figure
+
+
+def _has_phase_curves(measured: xr.Dataset, simulated: xr.Dataset | None) -> bool:
+    """Whether a record has both channels of a phase curve, and one of them is compared."""
+    if not set(STATE) <= set(channels(measured)):
+        return False
+    return simulated is None or any(channel in STATE for _, channel in compared_channels(measured, simulated))
+
+
+def _phase_curves_size(measured: xr.Dataset) -> tuple[float, float]:
+    """Width and height of the phase curves of a record [in]."""
+    count = measured.body.size
+    return TEXT_WIDTH if count > 1 else 0.62 * TEXT_WIDTH, 3.5 * math.ceil(count / 2)
+
+
+def _phase_curves_on(figure: Figure | SubFigure, measured: xr.Dataset, simulated: xr.Dataset | None) -> None:
+    bodies = [str(b) for b in measured.body.values]
+    columns = min(len(bodies), 2)
+    grid = figure.subplots(math.ceil(len(bodies) / columns), columns, squeeze=False)
+    for body, axes in zip(bodies, grid.flat, strict=False):
+        _loop(axes, measured, simulated, body)
+        axes.set_title(_title(body, simulated, STATE))
+    for axes in grid.flat[len(bodies) :]:
+        axes.set_visible(False)
+    legend(figure, simulated is not None)
 
 
 def _loop(axes: Axes, measured: xr.Dataset, simulated: xr.Dataset | None, body: str, impacts: bool = True) -> None:
@@ -109,29 +123,67 @@ def histories(measured: xr.Dataset, simulated: xr.Dataset | None) -> Figure:
     body and one column for each channel; of an aperiodic record only the compared channels are shown, one row each.
     Without a simulation there is no interval of worst fit.
     """
-    period = stated_period(measured)
-    pairs = compared_channels(measured, simulated) if simulated is not None and not period else channel_pairs(measured)
-    bodies = [str(b) for b in measured.body.values]
-    compared = 1 if simulated is None else 2
-    rows, columns = (len(bodies), len(channels(measured))) if period else (max(1, len(pairs)), compared)
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(TEXT_WIDTH, 1.75 * rows + 0.45), layout="constrained")
-        grid = figure.subplots(rows, columns, squeeze=False, sharex="all" if period else "none")
-        if period:
-            for (body, channel), axes in zip(pairs, grid.flat, strict=True):
-                _history(axes, measured, simulated, body, channel, two_periods(measured, period))
-                axes.set_title(_title(body, simulated, (channel,)))
-        else:
-            for (body, channel), row in zip(pairs, grid, strict=False):
-                panels = [(slice(None), body)]
-                if simulated is not None:
-                    panels.append((_worst_interval(measured, simulated, body, channel), "largest residual"))
-                for axes, (span, title) in zip(row, panels, strict=True):
-                    _history(axes, measured, simulated, body, channel, span)
-                    axes.set_title(title)
-        for axes in grid[-1]:
-            axes.set_xlabel(f"Time [{time_axis(measured)[1]}]")
-        legend(figure, simulated is not None)
+        figure = Figure(figsize=_histories_size(measured, simulated), layout="constrained")
+        _histories_on(figure, measured, simulated)
+    return figure
+
+
+def _histories_grid(measured: xr.Dataset, simulated: xr.Dataset | None) -> tuple[list[tuple[str, str]], int, int]:
+    """(body, channel) pairs that are drawn over time; rows and columns of their panels."""
+    if stated_period(measured):
+        return channel_pairs(measured), measured.body.size, len(channels(measured))
+    if simulated is None:
+        pairs = channel_pairs(measured)
+        return pairs, max(1, len(pairs)), 1
+    pairs = compared_channels(measured, simulated)
+    return pairs, max(1, len(pairs)), 2
+
+
+def _histories_size(measured: xr.Dataset, simulated: xr.Dataset | None) -> tuple[float, float]:
+    """Width and height of the time histories of a record [in]."""
+    return TEXT_WIDTH, 1.75 * _histories_grid(measured, simulated)[1] + 0.45
+
+
+def _histories_on(figure: Figure | SubFigure, measured: xr.Dataset, simulated: xr.Dataset | None) -> None:
+    period = stated_period(measured)
+    pairs, rows, columns = _histories_grid(measured, simulated)
+    grid = figure.subplots(rows, columns, squeeze=False, sharex="all" if period else "none")
+    if period:
+        for (body, channel), axes in zip(pairs, grid.flat, strict=True):
+            _history(axes, measured, simulated, body, channel, two_periods(measured, period))
+            axes.set_title(_title(body, simulated, (channel,)))
+    else:
+        for (body, channel), row in zip(pairs, grid, strict=False):
+            panels = [(slice(None), body)]
+            if simulated is not None:
+                panels.append((_worst_interval(measured, simulated, body, channel), "largest residual"))
+            for axes, (span, title) in zip(row, panels, strict=True):
+                _history(axes, measured, simulated, body, channel, span)
+                axes.set_title(title)
+    for axes in grid[-1]:
+        axes.set_xlabel(f"Time [{time_axis(measured)[1]}]")
+    legend(figure, simulated is not None)
+
+
+def motions_of_records(motions: Mapping[str, tuple[xr.Dataset, xr.Dataset]]) -> Figure:
+    """Phase curves of each record, or time histories of one that has none; several stand below each other, named.
+
+    motions : name -> measured record and simulated one on the same time base
+    """
+    loops = {name: _has_phase_curves(*pair) for name, pair in motions.items()}
+    sizes = [
+        _phase_curves_size(measured) if loops[name] else _histories_size(measured, simulated)
+        for name, (measured, simulated) in motions.items()
+    ]
+    size = max(width for width, _ in sizes), sum(height for _, height in sizes)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=size, layout="constrained")
+        parts = figure.subfigures(len(sizes), 1, squeeze=False, height_ratios=[height for _, height in sizes])
+        for part, (name, pair) in zip(parts[:, 0], motions.items(), strict=True):
+            (_phase_curves_on if loops[name] else _histories_on)(part, *pair)
+            if len(motions) > 1:
+                part.suptitle(name, x=0.02, horizontalalignment="left")
     return figure
 
 

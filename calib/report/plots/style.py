@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
@@ -122,7 +122,7 @@ def thin(size: int, max_count: int) -> np.ndarray:
     return np.unique(np.linspace(0, size - 1, min(size, max_count)).round().astype(int))
 
 
-def legend(figure: Figure, simulated: bool) -> None:
+def legend(figure: Figure | SubFigure, simulated: bool) -> None:
     """Draw the legend of measured and simulated data above the panels."""
     handles = [Line2D([], [], color=MEASURED, marker=".", markersize=6, linestyle="none", label="measured")]
     if simulated:

@@ -1,0 +1,48 @@
+"""Channels whose measured amplitude is implausible beside the simulated one, as where a unit is not stated."""
+
+import math
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+import xarray as xr
+
+from calib.objective import Objective
+from calib.records import CHANNELS, channels, prescribed
+from calib.report.formatting import number
+
+MAX_AMPLITUDE_RATIO = 100.0  # of measured to simulated rms, or its inverse: beyond, a unit is suspected  [1]
+
+
+def implausible_amplitudes(objective: Objective, simulated: Mapping[str, xr.Dataset]) -> list[str]:
+    """Name the channel of each record whose amplitude differs most from the simulated one, if beyond all plausibility.
+
+    simulated : name -> record of the calibrated model, before nuisances are solved for
+    """
+    remarks = []
+    for name in objective.scored:
+        measured = objective.references[name].record
+        ratios = dict(_amplitude_ratios(measured, simulated[name]))
+        if not ratios:
+            continue
+        (body, channel), ratio = max(ratios.items(), key=lambda item: abs(math.log(item[1])))
+        if not 1.0 / MAX_AMPLITUDE_RATIO <= ratio <= MAX_AMPLITUDE_RATIO:
+            unit = CHANNELS.get(channel, measured[channel].attrs.get("units", "1"))
+            remarks.append(
+                f"in {name} the measured {channel} of {body} is {number(ratio, 2)} times as large as the simulated one "
+                f"(root mean square about the mean): check its unit; numbers without a unit are taken as {unit}"
+            )
+    return remarks
+
+
+def _amplitude_ratios(measured: xr.Dataset, simulated: xr.Dataset) -> Iterator[tuple[tuple[str, str], float]]:
+    """Measured over simulated rms about the mean [1] by (body, channel), of channels that move in both."""
+    given = prescribed(simulated)
+    for channel in channels(measured):
+        if channel not in simulated:
+            continue
+        for body in (str(b) for b in measured.body.values):
+            if body not in simulated.body.values or (body, channel) in given:
+                continue
+            one, other = (float(np.std(record[channel].sel(body=body).values)) for record in (measured, simulated))
+            if one > 0.0 and other > 0.0:
+                yield (body, channel), one / other
