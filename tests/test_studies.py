@@ -65,7 +65,7 @@ def test_with_the_drive_as_stated_the_gap_alone_stands_in(tmp_path):
     ran(study, tmp_path / "out")
     found = diagnosed(study, tmp_path / "out")
     assert found["stand_ins"] == ["gap_offset"]
-    assert found["said"].startswith("gap_offset comes closest")
+    assert found["said"].startswith("gap_offset explains most")
     assert found["parameters"]["dg"]["after"] == pytest.approx(4.8e-5, rel=0.05)
 
 

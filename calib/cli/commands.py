@@ -237,7 +237,7 @@ def basins(study: Path, x: str, y: str, **options: Any) -> None:
 @JSON
 @reporting_mistakes
 def diagnose(study: Path, **options: Any) -> None:
-    """Say what the calibrated STUDY gets wrong, name the cause, and measure the gain - or say that it cannot be told.
+    """Say what the calibrated STUDY gets wrong, name the cause, and measure the gain, or say why no cause can be named.
 
     Needs what `calib run` has found. Records of use "name" take part in the search for the cause, records of use
     "holdout" only in the measurement of the gain.
@@ -267,7 +267,7 @@ def diagnose(study: Path, **options: Any) -> None:
 def rehearse(study: Path, **options: Any) -> None:
     """Hide each candidate in data of STUDY's own model, noise and records, and seek it.
 
-    Says which effects this experiment could show, from which size on, and which it cannot tell apart. Needs what
+    Says which effects this experiment can detect, from which size on, and which it cannot distinguish. Needs what
     `calib run` has found. A rehearsal that was stopped or killed goes on with the same command.
 
     \b

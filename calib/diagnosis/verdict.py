@@ -44,7 +44,7 @@ def _leading(selection: Selection) -> str:
     if not selection.causes:
         return ""
     names, s, share = _closest_ways(selection)
-    return f"; apart from that {names} come{s} closest and explain{s} {share}"
+    return f"; {names} explain{s} most: {share}"
 
 
 def _differing(selection: Selection) -> str:
@@ -100,11 +100,11 @@ def _without_causes(selection: Selection, ready: Prepared) -> tuple[str, str]:
 
 
 def _closest(selection: Selection) -> str:
-    """Which suspect comes closest where none is a cause, as the end of a sentence."""
+    """Which suspect explains most where none is a cause, as the end of a sentence."""
     first = selection.rounds[0]
     if first.rejected is not None:
-        return f"; {first.rejected.name} comes closest, but {first.rejection}"
-    return f"; {first.suspects[0].name} comes closest" if first.suspects else ""
+        return f"; {first.rejected.name} explains most, but {first.rejection}"
+    return f"; {first.suspects[0].name} explains most" if first.suspects else ""
 
 
 def _insufficient(selection: Selection) -> str:
@@ -113,22 +113,22 @@ def _insufficient(selection: Selection) -> str:
     if not selection.is_explained:
         less, it = ("less than", "it") if s else ("not each of them at least", "them")
         return (
-            f"{names} come{s} closest and explain{s} {share}, but {less} {CRITERIA.min_over_remainder:g} times the "
+            f"{names} explain{s} most, {share}, but {less} {CRITERIA.min_over_remainder:g} times the "
             f"remaining misfit: the missing effect may only resemble {it}"
         )
-    explain = f" and explain{s} {share}" if selection.is_significant else ""
+    most = f" most, {share}," if selection.is_significant else " most,"
     largest = max(selection.heterogeneous, key=lambda c: c.z)
     differ = f"the size of {largest.effect} differs among {largest.among} (z = {largest.z:.2g})"
-    return f"{names} come{s} closest{explain}, but {differ}: it changes, or stands for another cause"
+    return f"{names} explain{s}{most} but {differ}: it is not constant, or imitates another cause"
 
 
 def _refuted(selection: Selection, gain: Gain) -> str:
     """The rise of the misfit of records held out, which the causes do not predict."""
     names, s, share = _closest_ways(selection)
-    explain = f" and explain{s} {share}" if selection.is_significant else ""
+    most = f" most, {share}," if selection.is_significant else " most,"
     change = f"rises from {100.0 * gain.before:.3g} to {100.0 * gain.after:.3g} %"
     where = ", ".join(gain.records)
-    return f"{names} come{s} closest{explain}, but in the records held out ({where}) the misfit {change}"
+    return f"{names} explain{s}{most} but in the records held out ({where}) the misfit {change}"
 
 
 def joined(names: Sequence[str]) -> str:

@@ -67,7 +67,7 @@ def kind_of_irregular(map: PeriodMap, motion: OrbitKind) -> OrbitKind:
     orbit = run(map, motion.state, len(exponent.states) + 1)
     if orbit.status != OK:
         return failed(orbit, motion.state, motion.dropped + len(motion.orbit.states))
-    return replace(motion, evidence="small differences from the orbit fail: no exponent to tell its kind by")
+    return replace(motion, evidence="kind unknown: no Lyapunov exponent, because small differences fail")
 
 
 def _long_cycle(map: PeriodMap, motion: OrbitKind, visited: np.ndarray, periods: int) -> OrbitKind | None:
@@ -83,8 +83,8 @@ def _long_cycle(map: PeriodMap, motion: OrbitKind, visited: np.ndarray, periods:
         return None
     text = (
         f"returns after {periods} period(s), by Newton's method to {cycle.residual:.0e} of the scale, {len(visited)} "
-        f"periods seen after {motion.dropped}; {cycle.impacts} impact(s) a return; exponent {cycle.exponent:.3g} a "
-        "period"
+        f"periods evaluated after {motion.dropped}; {cycle.impacts} impact(s) a return; exponent {cycle.exponent:.3g} "
+        "a period"
     )
     dropped = motion.dropped + len(visited)
     return OrbitKind(

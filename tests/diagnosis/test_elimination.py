@@ -66,7 +66,7 @@ def names(found):
 def test_each_cause_explains_twice_what_all_may_leave_or_goes_the_weakest_first(own, remaining, kept, monkeypatch):
     found = left(own, remaining, monkeypatch)
     assert found.is_explained == bool(kept)
-    if not kept:  # all stay as what comes closest
+    if not kept:  # all stay as what explains most
         assert (names(found), found.left_out) == (tuple(own), ())
         return
     assert names(found) == kept

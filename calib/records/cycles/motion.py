@@ -18,7 +18,7 @@ CYCLE_RETURN_TOLERANCE = 1e-3  # of the amplitude, within which a periodic motio
 MAX_NOISE_RATIO = 1.5  # of the difference of a measured cycle that returns to its noise, in standard deviations
 MIN_CYCLES_OF_MEAN = 4  # for each period tried on freely sampled cycles
 MAX_RESIDUAL = 0.01  # of the amplitude: residual about a mean cycle of few samples
-LIMITS_OF_RECORD = "; a record alone does not tell chaotic from quasi-periodic motion or a period beyond that"
+LIMITS_OF_RECORD = "; a record alone does not distinguish chaotic from quasi-periodic motion, or from a longer period"
 BESIDE_ATTRIBUTE = "beside"  # attribute of a simulated record: what is known of other motions at the same parameters
 IRREGULAR, UNDECIDED, NO_CONTACT, NOT_PERIODIC = "irregular", "undecided", "no contact", "not periodic"
 

@@ -25,9 +25,9 @@ STRUCTURE = (
     "Residual, measured minus simulated: over time; against the motion (blue: means in bins); correlation with "
     "functions of displacement x and velocity v, which are simulated, or prescribed where the record prescribes them "
     "(blue bars: partial correlations, without the part that is linear in x and v; a function that is linear in them "
-    "has no bar); and spectrum. A pattern or a long blue bar points to an effect that the model lacks. Near a "
-    "resonance the response to a missing force lags it by a quarter of a period: that to a missing spring correlates "
-    "with the velocity."
+    "has no bar); and spectrum. A pattern or a long blue bar points to an effect that is missing in the model. "
+    "Near a resonance the response to a missing force lags it by a quarter of a period: that to a missing spring "
+    "correlates with the velocity."
 )
 
 

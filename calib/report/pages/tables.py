@@ -149,11 +149,11 @@ def _parameter(study: CalibrationStudy, result: CalibrationResult, name: str, wi
 
 
 def _undetermined(name: str, group: UndeterminedGroup) -> str:
-    """Say how a parameter is undetermined: alone, or because it is nearly collinear with others."""
+    """Say how a parameter is undetermined: alone, only in combination with others, or nearly collinear with them."""
     others = [other for other in group.members if other != name]
     if others and group.reason == COLLINEAR:
         return f"nearly collinear with {', '.join(others)}"
-    return "not determined on its own"
+    return f"determined only in combination with {', '.join(others)}" if others else "not determined inside its window"
 
 
 def _bar(window: Window, value: float, interval: tuple[float, float] | None) -> Markup:

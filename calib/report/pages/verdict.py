@@ -83,7 +83,7 @@ def _kind_of_motion(motion: MotionSummary) -> list[str]:
     if motion.wrong:
         return [
             f"The best simulated motion is {motion.kind}, which is not the measured kind in {', '.join(motion.wrong)}: "
-            "as long as the kinds differ, the distance between the curves says little."
+            "as long as the kinds differ, the distance between the curves does not measure agreement."
         ]
     return [f"Kind of motion of the best simulation: {motion.kind}, as measured."]
 
@@ -122,7 +122,7 @@ def _out_of_reach(result: CalibrationResult) -> list[str]:
     more = f"; and {len(missed) - MAX_LISTED_FEATURES} more" if len(missed) > MAX_LISTED_FEATURES else ""
     return [
         f"No trial reaches {count(len(missed), 'measured feature')}: {listed}{more}. "
-        "Either the windows are too narrow or the model lacks an effect."
+        "Either the windows are too narrow or an effect is missing in the model."
     ]
 
 

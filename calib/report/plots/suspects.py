@@ -21,7 +21,7 @@ class SuspectOutcome(StrEnum):
 
     NAMED = "named"
     INDISTINGUISHABLE = "in the class"
-    CLOSEST = "comes closest"
+    CLOSEST = "explains most"
     EXPLAINS_LESS = "explains less"
     WRONG_SIGN = "wrong sign"
     BELOW = "below"
@@ -40,7 +40,7 @@ COLOURS = {
 LEGEND = {
     SuspectOutcome.NAMED: "named",
     SuspectOutcome.INDISTINGUISHABLE: "indistinguishable alternatives",
-    SuspectOutcome.CLOSEST: "comes closest",
+    SuspectOutcome.CLOSEST: "explains most, but cannot be named",
     SuspectOutcome.EXPLAINS_LESS: "above the threshold, explains less",
     SuspectOutcome.WRONG_SIGN: "above the threshold, size of the wrong sign",
     SuspectOutcome.BELOW: "below the threshold",

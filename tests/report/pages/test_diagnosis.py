@@ -142,7 +142,7 @@ def test_an_outlier_does_not_take_part_in_the_mean_cycle():
 
 def test_a_class_is_told_with_its_likeness_and_the_measurement_that_would_decide(page):
     text = words(page)
-    assert "these records do not distinguish the alternatives: one of quadratic_drag, linear_drag; they explain" in text
+    assert "these records do not distinguish the candidates: one of quadratic_drag, linear_drag; they explain" in text
     assert "Cosine of the angle between the signature of quadratic_drag" in text
     assert "and the signatures of others: linear_drag 97 %." in text
     assert "a steady tone of 0.375 mm at 20 Hz, without impacts, would distinguish them (z = 8.4)" in text
@@ -263,9 +263,9 @@ def test_what_became_of_each_suspect():
         "clipping": "below",
     }
     said = document("unexplained", VALUES)
-    assert outcomes(said)["quadratic_drag"] == "comes closest"
+    assert outcomes(said)["quadratic_drag"] == "explains most"
     rivals = [found | {"rivals": [suspect["effect"] for suspect in said["suspects"][:2]]} for found in said["rounds"]]
-    assert [*outcomes(said | {"rounds": rivals}).values()].count("comes closest") == 2
+    assert [*outcomes(said | {"rounds": rivals}).values()].count("explains most") == 2
 
 
 def test_the_strongest_rival_is_told_also_where_it_was_left_out_later(study):
@@ -286,7 +286,7 @@ def test_a_likeness_to_a_choice_that_was_exchanged_is_said_to_be_that(study):
     said |= {"verdict": "one_of", "causes": [], "class": [["lag", "scale"], ["lag", "gain"]], "exchanges": [exchange]}
     found = chapter(result(said), {}, CALIBRATED, study)
     [row] = [row for row in found.suspects.shown if row.effect == "linear_drag"]
-    assert row.reason == "explains less; 90\u00a0% like quadratic_drag, the choice of round 1"
+    assert row.reason == "explains less; cosine 90\u00a0% with quadratic_drag, the choice of round 1"
     last = found.rounds[-1]
     assert (last.share, last.predicts, last.rivals) == ("all", "not tested", "gain")
     assert found.explained == "lag and scale, refitted at the end, explain all"
@@ -395,8 +395,8 @@ def test_what_calibration_absorbs_has_no_score(study):
 def test_whether_several_causes_have_one_size_everywhere_is_said(z, differ, study):
     said = document("unexplained", VALUES)
     said |= {"closest": ["quadratic_drag", "channel_lag"], "misfit": said["misfit"] | {"inconstancy": z}}
-    said |= {"stand_ins": ["channel_lag"] if differ else [], "said": "both come closest, but why not"}
-    assert headline(result(said)) == "No known effect can be named as the cause: both come closest, but why not."
+    said |= {"stand_ins": ["channel_lag"] if differ else [], "said": "both explain most, but why not"}
+    assert headline(result(said)) == "No known effect can be named as the cause: both explain most, but why not."
     [told] = [text for text in chapter(result(said), {}, CALIBRATED, study).why if "threshold" in text]
     how = "differ" if differ else "do not differ"
     assert told.startswith(f"The sizes of quadratic_drag and channel_lag {how} among the channels of the records")
@@ -408,11 +408,11 @@ def test_by_how_much_what_remains_may_bias_a_size_is_told():
     said["remains"] = {"above_noise": True, "rows": [row]}
     joint = {"size": {"c2": 6.0}, "interval": {"c2": [5.0, 7.0]}, "units": {"c2": "1/m"}}
     said["joint_sizes"] = {"quadratic_drag": joint}
-    [told] = [point for point in points(result(said)) if point.startswith("What remains")]
-    assert told.endswith("can bias sizes beyond them.")
+    [told] = [point for point in points(result(said)) if point.startswith("The remaining misfit is more than noise")]
+    assert told.endswith("can bias sizes by more.")
     joint["bias"] = {"c2": 0.5}
-    [told] = [point for point in points(result(said)) if point.startswith("What remains")]
-    assert told.endswith("can bias sizes beyond them, in 95\u00a0% of cases by no more than this: c2 by 0.98 1/m.")
+    [told] = [point for point in points(result(said)) if point.startswith("The remaining misfit is more than noise")]
+    assert told.endswith("can bias sizes by more, in 95\u00a0% of cases by no more than this: c2 by 0.98 1/m.")
 
 
 def test_what_explains_too_little_of_a_remainder_is_told_and_not_named(study):
@@ -420,13 +420,16 @@ def test_what_explains_too_little_of_a_remainder_is_told_and_not_named(study):
     assert not left_out(result(said))
     said["left_out"] = [{"effect": "preload", "share": 0.637, "beside": ["quadratic_drag"]}]
     [sentence] = left_out(result(said))
-    assert sentence.startswith("Of the excess that quadratic_drag may leave, preload explains 64\u00a0%. It is not ")
+    start = "Of the excess chi-square that may remain beside quadratic_drag, preload explains 64\u00a0%. It is not "
+    assert sentence.startswith(start)
     assert sentence in points(result(said))
     beside = ["quadratic_drag", "preload"]
     said["left_out"].insert(0, {"effect": "coulomb_friction", "share": 0.4, "beside": beside})
-    assert "quadratic_drag and preload may leave, coulomb_friction explains 40\u00a0%" in left_out(result(said))[0]
+    assert "beside quadratic_drag and preload, coulomb_friction explains 40\u00a0%" in left_out(result(said))[0]
     last = chapter(result(said), {}, CALIBRATED, study).rounds[-1]
-    assert last.chosen == "without preload: it explains 64 % of the excess that the others may leave: too little"
+    assert (
+        last.chosen == "without preload: it explains 64 % of the excess that may remain beside the others: too little"
+    )
     assert last.share == "-"
 
 
@@ -579,9 +582,9 @@ def test_a_class_of_one_is_not_said_to_have_others(study):
     said |= {"class": [["quadratic_drag"]], "said": "quadratic_drag: explains all; or what acts alike"}
     told = chapter(result(said), {}, CALIBRATED, study)
     [row] = [row for row in told.suspects.shown if row.effect == "quadratic_drag"]
-    assert row.reason == "one steady tone shows it"
-    assert "one record is not enough: quadratic_drag" in told.headline
-    assert any("leaving cycles out proves nothing" in text for text in told.why)
+    assert row.reason == "one steady tone alone does not confirm it"
+    assert "one record does not confirm it: quadratic_drag" in told.headline
+    assert any("cross-validation over its cycles tests no prediction" in text for text in told.why)
     assert not any("the best of them" in point for point in told.points)
 
 

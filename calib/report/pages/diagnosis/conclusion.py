@@ -37,8 +37,8 @@ def headline(diagnosis: DiagnosisResult) -> str:
         return f"{'Missing in the model' if added(diagnosis) else 'In the records'}: {causes}."
     if verdict == ONE_OF:
         several = len(diagnosis.classes) > 1
-        reason = "these records do not distinguish the alternatives" if several else "one record is not enough"
-        return f"Something is missing, and {reason}: {diagnosis.summary}."
+        reason = "these records do not distinguish the candidates" if several else "one record does not confirm it"
+        return f"An effect is missing in the model, and {reason}: {diagnosis.summary}."
     if verdict == UNEXPLAINED:
         if diagnosis.closest:
             return f"No known effect can be named as the cause: {diagnosis.summary}."
@@ -158,11 +158,11 @@ def _remainder(diagnosis: DiagnosisResult) -> list[str]:
     if not whole > 0.0:
         return []
     most = max(remainder.rows, key=lambda row: row.beyond_noise)
-    text = "What remains is more than noise"
+    text = "The remaining misfit is more than noise"
     if len(remainder.rows) > 1:
         where = f"{most.channel} of {most.body} in {most.record}"
         text += f"; {percent(most.beyond_noise / whole)} of it is in the {where}"
-    text += ". Standard errors allow for it, but an unmodelled remainder can bias sizes beyond them"
+    text += ". Standard errors allow for it, but unmodelled effects can bias sizes by more"
     biases = [
         f"{name} by {size_text(joint, name, bias)}"
         for joint in diagnosis.joint_sizes.values()
@@ -178,14 +178,16 @@ def left_out(diagnosis: DiagnosisResult) -> list[str]:
     if diagnosis.verdict not in (NAMED, ONE_OF, UNEXPLAINED):
         return []
     small = (
-        f"an effect that explains less than {percent(MIN_EXPLAINED_SHARE)} of a remainder may only resemble its cause."
+        f"an effect that explains less than {percent(MIN_EXPLAINED_SHARE)} of the remaining misfit may only resemble "
+        "its cause."
     )
     sentences = []
     for one in diagnosis.left_out:
         decide = f"{small} A record in which {one.effect} acts more strongly would decide."
-        reason = f"{one.reason}, so that it stands in for another cause." if one.reason else decide
+        reason = f"{one.reason}, so that it imitates another cause (a stand-in)." if one.reason else decide
         sentences.append(
-            f"Of the excess that {joined(one.beside)} may leave, {one.effect} explains {percent(one.share)}. "
+            f"Of the excess chi-square that may remain beside {joined(one.beside)}, {one.effect} explains "
+            f"{percent(one.share)}. "
             f"It is not named: {reason}"
         )
     return sentences

@@ -19,16 +19,16 @@ GAIN = (
 )
 SIZES = (
     "Size of the effect refitted to each record alone, all other parameters free, with its 95\u00a0% interval by "
-    "Student's t; a record that does not distinguish it from these parameters has none. What the model leaves in a "
+    "Student's t; a record that does not distinguish it from these parameters has none. The remaining misfit of a "
     "record may bias its size: the pale bar includes that. A law of nature has one size in all records: an effect "
-    f"whose sizes differ by more than {percent(CRITERIA.max_variation)} (standard deviation over mean) stands in for "
-    "another cause. Up to that, unmodelled effects may have made them differ, where the fit shows that there are "
-    "some: it leaves more than noise, or its own records disagree."
+    f"whose sizes differ by more than {percent(CRITERIA.max_variation)} (standard deviation over mean) imitates "
+    "another cause (a stand-in). A smaller difference may come from unmodelled effects, where the fit indicates them: "
+    "its remaining misfit is more than noise, or the records it was fitted to disagree."
 )
 SHIFTS = (
     "Shift of the calibrated parameters once the cause is in the model, in their standard errors as this diagnosis "
-    "weights the records; grey band: two standard errors. A parameter that moves further may have compensated for what "
-    "was missing, or the cause takes over its part."
+    "weights the records; grey band: two standard errors. A parameter that moves further may have compensated for the "
+    "missing effect, or the effect takes over its part."
 )
 
 

@@ -51,7 +51,7 @@ def round_rows(diagnosis: DiagnosisResult) -> list[RoundRow]:
         known += [one.chosen] if one.chosen else []
     rows += _exchanges(diagnosis)
     for left_out in diagnosis.left_out:
-        little = f"it explains {explained(left_out.share)} of the excess that the others may leave: too little"
+        little = f"it explains {explained(left_out.share)} of the excess that may remain beside the others: too little"
         model = " + ".join(["calibrated", *left_out.beside, left_out.effect])
         rows.append(RoundRow(model, f"without {left_out.effect}: {left_out.reason or little}"))
     return rows
@@ -121,12 +121,11 @@ def distinction(diagnosis: DiagnosisResult, outcomes: Mapping[str, SuspectOutcom
         )
     if diagnosis.verdict == ONE_OF and len(diagnosis.classes) == 1:
         sentences.append(
-            "One steady tone repeats the effect of whatever the model lacks in every cycle, so leaving cycles out "
-            "proves nothing, and no held-out record shows whether the cause predicts. A record at another amplitude "
-            "or frequency would."
+            "One steady tone repeats any model error in every cycle, so that cross-validation over its cycles tests "
+            "no prediction, and no held-out record tests it. Measure a record at another amplitude or frequency."
         )
     elif diagnosis.verdict == ONE_OF:
-        sentences.append("With any one of them fitted, chi-square differs too little: these records do not decide.")
+        sentences.append("Whichever of them is fitted, chi-square differs too little to distinguish them.")
     if diagnosis.misfit is not None and added(diagnosis):
         sentences += [*_closest(diagnosis), *_constancy(diagnosis)]
     if diagnosis.verdict == NAMED:
@@ -141,8 +140,8 @@ def _closest(diagnosis: DiagnosisResult) -> list[str]:
     return [
         f"{joined(diagnosis.closest)} explain{'' if len(diagnosis.closest) > 1 else 's'} "
         f"{explained(max(0.0, diagnosis.misfit.share))} of the excess. A cause is named if it predicts left-out data, "
-        "has one size in all records (of several causes, each in all their channels too), and leaves no more than "
-        f"noise or explains at least {CRITERIA.min_over_remainder:g} times what remains (of several, each)."
+        "has one size in all records (of several causes, each in all their channels too), and if the remaining "
+        f"misfit is noise or it explains at least {CRITERIA.min_over_remainder:g} times as much (of several, each)."
     ]
 
 

@@ -68,7 +68,7 @@ def outcome(suspect: SuspectResult, diagnosis: DiagnosisResult) -> SuspectOutcom
 
 
 def _rivals_of_closest(diagnosis: DiagnosisResult) -> set[str]:
-    """Names of suspects that are indistinguishable from those that come closest."""
+    """Names of suspects that are indistinguishable from those that explain most."""
     return {name for one in diagnosis.rounds if one.chosen in diagnosis.closest for name in one.rivals}
 
 
@@ -150,7 +150,7 @@ def _reason(suspect: SuspectResult, outcome: SuspectOutcome, diagnosis: Diagnosi
         return f"named in round {rounds[0]}" if rounds and len(diagnosis.causes) > 1 else "named"
     if outcome == SuspectOutcome.INDISTINGUISHABLE:
         several = len(diagnosis.classes) > 1
-        return "not distinguishable from the alternatives" if several else "one steady tone shows it"
+        return "not distinguishable from the alternatives" if several else "one steady tone alone does not confirm it"
     if outcome == SuspectOutcome.WRONG_SIGN:
         [name] = suspect.null
         low, _ = suspect.limits[name]
@@ -161,21 +161,21 @@ def _reason(suspect: SuspectResult, outcome: SuspectOutcome, diagnosis: Diagnosi
     if outcome == SuspectOutcome.ABSORBED:
         return _absorbed_reason(suspect, diagnosis)
     if is_untested(suspect):
-        return "calibration absorbs it except for what may be the error of its derivative"
+        return "absorbed by calibration, to within the error of its derivative"
     if outcome == SuspectOutcome.CLOSEST:
-        return "comes closest" if suspect.effect in diagnosis.closest else "comes as close"
+        return "explains most" if suspect.effect in diagnosis.closest else "explains as much"
     return "below the threshold"
 
 
 def _explains_less(suspect: SuspectResult, diagnosis: DiagnosisResult) -> str:
     """Why a significant suspect is not named: it explains too little, or less than the effect of the first round."""
     if suspect.effect in {one.effect for one in diagnosis.left_out}:
-        return "explains too little beside what is named, or stands in for another effect"
+        return "explains too little beside the named effects, or imitates another effect (stand-in)"
     first = diagnosis.rounds[0].chosen if diagnosis.rounds else None
     if first is None or suspect.cosine is None or not suspect.cosine > MIN_COSINE:
         return "explains less"
     exchanged = ", the choice of round 1" if first not in added(diagnosis) else ""
-    return f"explains less; {percent(suspect.cosine)} like {first}{exchanged}"
+    return f"explains less; cosine {percent(suspect.cosine)} with {first}{exchanged}"
 
 
 def _absorbed_reason(suspect: SuspectResult, diagnosis: DiagnosisResult) -> str:
@@ -183,4 +183,4 @@ def _absorbed_reason(suspect: SuspectResult, diagnosis: DiagnosisResult) -> str:
     later = [k for k, one in enumerate(diagnosis.rounds, 1) if suspect.effect in (one.chosen, one.rejected)]
     if later:
         return f"absorbed by calibration as long as no cause is in the model; see round {later[0]}"
-    return "absorbed by calibration: these records hardly show it"
+    return "absorbed by calibration: hardly identifiable from these records"
