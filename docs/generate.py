@@ -3,6 +3,7 @@
 import base64
 import html
 import json
+import textwrap
 import types
 import typing
 from collections.abc import Iterator
@@ -163,12 +164,48 @@ def _member(name: str, item: Any) -> str:
     lead, _, rest = dict(facts(item))["meaning"].partition("\n\n")
     lines = [f"### {name}", "", f"{lead[:1].upper()}{lead[1:]}", ""]
     if rest:
-        lines += ["```text", rest, "```", ""]
+        lines += [prose(rest), ""]
     lines += [f"- {key}: {_marked(key, value)}" for key, value in facts(item) if key != "meaning" and value]
     rows = [f"| `{p.name}` | {p.unit} | {p.nominal:g} | {p.meaning} |" for p in parameters(item)]
     if rows:
         lines += ["", "| parameter | unit | nominal | meaning |", "|---|---|---|---|", *rows]
     return "\n".join(lines)
+
+
+def prose(docstring: str) -> str:
+    """Return a docstring as Markdown: paragraphs, sections with their items; formulas and tables as they are set."""
+    parts = []
+    for block in docstring.split("\n\n"):
+        lines = block.strip("\n").splitlines()
+        if len(lines) > 1 and set(lines[1]) == {"-"}:
+            parts.append(f"**{lines[0]}**")
+            lines = lines[2:]
+        if all(line.startswith("    ") for line in lines) or lines[0].startswith("==="):
+            parts.append("\n".join(["```text", textwrap.dedent("\n".join(lines)), "```"]))
+        elif " : " in lines[0]:
+            parts.append(_items(lines))
+        else:
+            parts.append(_escaped(" ".join(lines)))
+    return "\n\n".join(parts)
+
+
+def _items(lines: list[str]) -> str:
+    """Return the items "name : what it is" of a section as a list; indented lines continue an item."""
+    items: list[str] = []
+    for line in lines:
+        if line.startswith(" "):
+            items[-1] += f" {line.strip()}"
+        else:
+            names, _, meaning = line.partition(" : ")
+            items.append(f"{', '.join(f'`{name}`' for name in names.split(', '))}: {meaning}")
+    return "\n".join(f"- {_escaped(item)}" for item in items)
+
+
+def _escaped(text: str) -> str:
+    """Escape what Markdown would read as emphasis or HTML, outside code."""
+    parts = text.split("`")
+    parts[::2] = [part.replace("*", "\\*").replace("<", "&lt;") for part in parts[::2]]
+    return "`".join(parts)
 
 
 def _marked(key: str, value: str) -> str:
@@ -203,7 +240,7 @@ def _output(output: dict[str, Any]) -> str:
         return f'<img alt="output" src="data:image/png;base64,{picture}">'
     if "text/html" in data and "<style" not in "".join(data["text/html"]):
         return f'<div class="output">\n{"".join(data["text/html"])}\n</div>'
-    return f"<pre>{html.escape(''.join(data['text/plain']))}</pre>"
+    return f'<div class="output"><pre>{html.escape("".join(data["text/plain"]))}</pre></div>'
 
 
 GENERATED = {
