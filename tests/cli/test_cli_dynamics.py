@@ -142,10 +142,11 @@ def test_values_may_have_units_and_equal_ratios(study, tmp_path):
                                                    "--set", "b=0.1").stdout  # fmt: skip
 
 
-def test_quiet_says_nothing(study):
-    for command in (("sweep", "--over", "a=0.2,0.3"), ("basins", *PLANE)):
-        ended = calib(command[0], study, *command[1:], "--quiet")
-        assert (ended.stdout, ended.stderr) == ("", "")
+@pytest.mark.parametrize("command", [("sweep", "--over", "a=0.2,0.3"), ("basins", *PLANE)])
+def test_quiet_says_nothing_and_leaves_its_file(study, tmp_path, command):
+    ended = calib(command[0], study, *command[1:], "--quiet")
+    assert (ended.stdout, ended.stderr) == ("", "")
+    assert (tmp_path / "out" / f"{command[0]}.nc").is_file()
 
 
 def test_more_stretches_than_anybody_reads_are_left_out(tmp_path):
@@ -198,13 +199,14 @@ def test_a_branch_says_its_special_points_and_ends(study, tmp_path):
         assert branch.special_kind.values.tolist() == ["fold", "flip"]
 
 
-def test_the_branch_from_a_start_is_the_one_of_its_motion(tmp_path):
+@pytest.mark.parametrize("x", [1.0, -1.0])
+def test_the_branch_from_a_start_is_the_one_of_its_motion(tmp_path, x):
     path = write_map_study(tmp_path, BISTABLE)
-    for x in (1.0, -1.0):
-        calib("branch", path, "--over", "push=-0.3:0.3", "--at", "0", "--start", f"body.displacement={x}")
-        with xr.open_dataset(tmp_path / "out" / "branch.nc") as branch:
-            assert (np.sign(branch.displacement) == x).all()
-            assert branch.stable.all()
+    calib("branch", path, "--over", "push=-0.3:0.3", "--at", "0", "--start", f"body.displacement={x}")
+    with xr.open_dataset(tmp_path / "out" / "branch.nc") as branch:
+        assert branch.displacement.size > 0
+        assert (np.sign(branch.displacement) == x).all()
+        assert branch.stable.all()
 
 
 def test_a_chaotic_motion_is_not_followed(study, tmp_path):
@@ -304,19 +306,31 @@ def test_a_plane_that_makes_no_sense_is_refused_by_the_option_s_name(study, tmp_
     assert sorted(os.listdir(tmp_path)) == ["bench.nc", "study.toml"]
 
 
+IMPOSSIBLE = ("[windows]", "options = { faults = { impossible = [0.2] } }\n[windows]")
+
+
+def test_a_sweep_over_values_that_let_nothing_move_fails_with_that_status(tmp_path):
+    path = write_map_study(tmp_path, IMPOSSIBLE)
+    said = calib("sweep", path, "--over", "push=0,1", code=4).stdout.splitlines()
+    assert said[:3] == ["found:", "  push 0 N .. 1 N: failed", "failed: 2 of 2 (impossible value)"]
+    swept = read_joined(tmp_path / "out" / "sweep.nc")
+    assert swept.status.values.tolist() == ["impossible value"] * 2
+    assert swept.reason.values.tolist() == ["a mass of 0 kg"] * 2
+
+
 @pytest.mark.parametrize(
     ("command", "said"),
     [
-        (["sweep", "--over", "push=0,1"], ""),
         (["branch", "--over", "push=0:1", "--at", "0.5"], "--over: push = 0 N: "),
-        (["basins", *PLANE], "study.toml: "),
+        (["basins", *PLANE], "{study}: "),
         (["basins", *PLANE, "--set", "a=0.2"], "--set: "),
     ],
 )
 def test_values_that_let_nothing_move_are_no_traceback(tmp_path, command, said):
-    path = write_map_study(tmp_path, ("[windows]", "options = { faults = { impossible = [0.2] } }\n[windows]"))
-    ended = calib(command[0], path, *command[1:], code=4 if command[0] == "sweep" else 1)
-    assert f"{said}a mass of 0 kg" in ended.stderr or "impossible value" in ended.stdout
+    path = write_map_study(tmp_path, IMPOSSIBLE)
+    ended = calib(command[0], path, *command[1:], code=1)
+    assert (ended.stdout, ended.stderr) == ("", f"calib: {said.format(study=path)}a mass of 0 kg\n")
+    assert sorted(os.listdir(tmp_path)) == ["bench.nc", "study.toml"]
 
 
 COMMANDS = [["sweep", "--over", "{0}=0.2,0.3"], ["branch", "--over", "{0}=0.2:0.3", "--at", "0.2"], ["basins", *PLANE]]
@@ -351,8 +365,9 @@ def test_a_recorded_excitation_is_refused(tmp_path, command):
     record["excitation"] = ("time", np.cos(record.time.values), {"units": "m"})
     del record.attrs["amplitude"]
     record.to_netcdf(tmp_path / "bench.nc")
-    said = calib(command[0], path, *(text.format("a") for text in command[1:]), code=1).stderr
-    assert "harmonic excitation" in said
+    ended = calib(command[0], path, *(text.format("a") for text in command[1:]), code=1)
+    assert (ended.stdout, ended.stderr) == ("", "calib: the map is of a harmonic excitation\n")
+    assert sorted(os.listdir(tmp_path)) == ["bench.nc", "study.toml"]
 
 
 @pytest.mark.parametrize("command", ["sweep", "branch", "basins"])
@@ -436,8 +451,10 @@ def test_a_disk_without_room_for_the_file_ends_with_a_message_and_the_pieces_are
     assert not [name for name in os.listdir(tmp_path) if name.startswith(".")]
 
 
-def test_a_folder_that_cannot_be_written_is_named(study, tmp_path):
-    (tmp_path / "file").touch()
-    for command in (["sweep", "--over", "a=0.2,0.3"], ["basins", *PLANE], ["branch", "--over", "a=0:1", "--at", 0.2]):
-        said = calib(command[0], study, *command[1:], "-o", tmp_path / "file" / "x.nc", code=1).stderr
-        assert str(tmp_path / "file") in said
+@pytest.mark.parametrize("command", [[text.format("a") for text in command] for command in COMMANDS])
+def test_a_folder_that_cannot_be_written_is_named(study, tmp_path, command):
+    (tmp_path / "file").write_text("kept")
+    said = calib(command[0], study, *command[1:], "-o", tmp_path / "file" / "x.nc", code=1).stderr
+    assert str(tmp_path / "file") in said
+    assert (tmp_path / "file").read_text() == "kept"
+    assert sorted(os.listdir(tmp_path)) == ["bench.nc", "file", "study.toml"]

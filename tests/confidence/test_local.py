@@ -188,6 +188,16 @@ def test_a_parameter_without_influence_is_not_determined():
     assert c.interval["idle"] == (0.0, 1.0)
 
 
+@pytest.mark.parametrize(("least", "reported"), [(0.7, 0.7), (2.0, np.inf)])
+def test_a_standard_error_beyond_the_window_is_infinite(least, reported):
+    matrix, noise = waves(np.random.default_rng(4), 1), white(np.random.default_rng(5))
+    noise -= matrix[:, 0] * (matrix[:, 0] @ noise) / (matrix[:, 0] @ matrix[:, 0])  # the point is the minimum
+    [textbook] = ordinary(matrix, noise)
+    c = local(linear(matrix, np.full(1, 0.5), noise * least / textbook), cube("a"), np.full(1, 0.5))
+    assert c.standard_error["a"] == pytest.approx(reported, rel=0.15)
+    assert c.interval["a"] == (0.0, 1.0)
+
+
 def test_what_moves_along_with_an_idle_parameter_is_not_determined_either():
     space = cube("a", "idle", "follower")
     errors, together = np.array([0.01, 300.0, 0.6]), 0.9  # the follower's part in that direction is 0.2 %
@@ -230,12 +240,18 @@ def test_a_parameter_at_its_edge_is_said_and_judged_from_inside():
     assert np.min(asked) >= 0.0
 
 
-def test_a_search_that_stopped_early_widens_its_interval_and_says_so():
+def test_a_search_that_stopped_early_widens_its_interval_by_the_distance_to_the_minimum_and_says_so():
     rng = np.random.default_rng(10)
     matrix, noise = waves(rng, 2), 0.1 * white(rng)
-    c = local(linear(matrix, np.full(2, 0.5), noise), cube("a", "b"), np.array([0.45, 0.5]))
-    assert "ended before" in c.reason
+    evaluate, minimum = linear(matrix, np.full(2, 0.5), noise), 0.5 - np.linalg.lstsq(matrix, noise, rcond=None)[0]
+    there = local(evaluate, cube("a", "b"), minimum)
+    c = local(evaluate, cube("a", "b"), minimum - [0.05, 0.0])
+    assert c.reason == (
+        "the search ended before the best value of a was reached; the intervals were widened by the distance to it"
+    )
     assert c.interval["a"][1] > 0.5
+    assert 0.05 < c.standard_error["a"] < 0.06  # the error by the residuals is added in quadrature
+    assert (there.reason, there.standard_error["a"] < 0.01) == ("", True)
 
 
 @pytest.mark.parametrize("bad", [{"status": "timeout"}, {"kind": "period 2"}])

@@ -43,12 +43,17 @@ def test_without_a_frequency_the_period_is_that_of_the_curve(tmp_path):
     assert "no frequency" in digitised.record.attrs["warning"]
 
 
+@pytest.mark.parametrize(
+    ("name", "wanted"),
+    [("dpi", {150, 300}), ("form", {"png", "jpg"}), ("grid", {True, False}), ("turn", {0.0, 1.0, -1.0})],
+)
+def test_the_cases_have_every_look_that_was_asked_for(name, wanted):
+    assert {getattr(case.look, name) for case in CASES} == wanted
+
+
 def test_the_cases_are_what_was_asked_for():
     looks = [case.look for case in CASES]
     assert len(CASES) == 30
-    for name, wanted in (("dpi", {150, 300}), ("form", {"png", "jpg"}), ("grid", {True, False}),
-                         ("turn", {0.0, 1.0, -1.0})):  # fmt: skip
-        assert {getattr(look, name) for look in looks} == wanted
     assert sum(look.colours[0] == look.colours[1] for look in looks) == 10
     assert sum(case.beam is not None for case in CASES) >= 20
     assert motion(CASES[0]).sizes["time"] == 4000

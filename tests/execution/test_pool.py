@@ -1,6 +1,8 @@
 """Evaluations in child processes: a call fails alone, and nothing outlives the parent."""
 
+import inspect
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -60,9 +62,13 @@ def test_a_call_fails_alone_with_status_and_reason(how, status, reason):
 
 def test_an_exception_is_reported_with_the_line_that_raised_it():
     with InProcess(f.misbehave) as pool:
-        ((_, failure),) = pool.map(["raise"])
-    assert 'raise ValueError("the beam is too long")' in failure.reason
-    assert "pool_functions.py" in failure.reason
+        ((index, failure),) = pool.map(["raise"])
+    assert index == 0
+    assert isinstance(failure, Failure)
+    assert failure.status == "exception"
+    line = next(n for n, text in enumerate(inspect.getsourcelines(f)[0], 1) if "raise ValueError" in text)
+    assert re.search(rf'pool_functions.py", line {line}, in misbehave\n +raise ValueError\("the beam', failure.reason)
+    assert failure.reason.splitlines()[-1] == "ValueError: the beam is too long"
 
 
 @pytest.mark.parametrize("how", ["hang", "hang with a deaf interpreter"])
