@@ -175,6 +175,18 @@ def test_what_changes_slowly_from_cycle_to_cycle_is_no_noise(ar, stated):
     np.testing.assert_array_equal(none.ar, same.ar)  # where nothing changes none is taken out
 
 
+@pytest.mark.parametrize(("gain", "taken_out"), [(0.7, False), (1.4, True)])
+def test_a_slow_change_is_taken_out_where_that_lowers_schwarz_s_criterion(gain, taken_out):
+    """By n ln(S / S'), of the sums of squares with the change and without it, of which ln n is the price."""
+    n = 2000
+    slow = np.linspace(-1.0, 1.0, n)[:, None]
+    white, slow = Projection(slow)(series([], n)), slow / np.linalg.norm(slow)
+    row = white + slow[:, 0] * np.sqrt((n ** (gain / n) - 1.0) * (white @ white))
+    noise = from_cycles(row, np.ones(n), row, 0, None, (slow,))
+    assert noise.ar.size == 0
+    assert noise.sigma**2 == pytest.approx(white @ white / (n - 1) if taken_out else row @ row / n, rel=1e-6)
+
+
 @pytest.mark.parametrize("ar", [[], [0.8]])
 def test_noise_that_is_judged_by_a_residual_does_not_exceed_it(ar):
     row, weight = series(ar, 4000), np.ones(4000)

@@ -52,10 +52,10 @@ def succeeds(prediction):
     return prediction is not None and prediction.reduction > prediction.error
 
 
+@pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("count", [1, 2])
-def test_a_cause_that_is_there_predicts(count):
-    for seed in range(5):
-        assert succeeds(predicted(*case(seed, 1.0, count), CAUSE))
+def test_a_cause_that_is_there_predicts(count, seed):
+    assert succeeds(predicted(*case(seed, 1.0, count), CAUSE))
 
 
 @pytest.mark.parametrize("count", [1, 2])

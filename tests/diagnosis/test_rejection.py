@@ -39,6 +39,8 @@ def test_a_further_cause_explains_a_share_of_the_whole_and_of_what_is_left(left,
         (900.0, 100.0, False),  # 0.8 % of the misfit: it corrects the form of the cause that explains the rest
         (3000.0, 0.0, True),
         (3000.0, 2500.0, False),
+        (3000.0, 1200.0, False),  # 1.5 times what it leaves itself
+        (3000.0, 900.0, True),
         (50.0, 45.0, False),  # a tie in AIC
     ],
 )

@@ -8,6 +8,7 @@ from straight_line import MODEL, START, TIME, TRUE, WINDOWS, Evidence, straight
 
 from calib.diagnosis.bench import SimulatedRows
 from calib.diagnosis.candidate import Candidate
+from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.excess import significant
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.replacement import _Linear, best_pair, is_pair_significant
@@ -80,6 +81,21 @@ def test_a_cause_that_imitates_two_is_seen_through_by_a_test_of_two_where_no_sum
     cause = own.refitted(final, null.chi2 - final.chi2)
     known = {key: value for key, value in known.items() if key != id(CANDIDATES[2])}  # `soft` is all that is hidden
     assert is_pair_significant(null, [(cause, (cause,))], final, [mix, *CANDIDATES], known) == shows
+
+
+@pytest.mark.parametrize(("share", "significant"), [(0.99, False), (1.01, True)])
+def test_the_best_of_many_pairs_has_to_explain_more_than_the_best_would_by_chance(share, significant):
+    """Of ten orthogonal candidates there are 45 pairs: the probability of each is divided among them (Bonferroni)."""
+    number = 10
+    candidates = [SimpleNamespace(name=f"c{k}", free=("size",), sign=0) for k in range(number)]
+    known = {id(c): SimpleNamespace(columns=np.eye(number)[:, [k]]) for k, c in enumerate(candidates)}
+    limit = -2.0 * np.log((1.0 - CRITERIA.confidence_level) / 45)  # chi-square of two degrees of freedom: exponential
+    residual = np.full(number, np.sqrt(0.5 * share * limit))
+    none = np.zeros((number, 0))
+    final = SimpleNamespace(
+        names=(), columns=none, nuisances=none, residual=residual, chi2=residual @ residual, point=Point({}, (), {})
+    )
+    assert is_pair_significant(SimpleNamespace(names=()), (), final, candidates, known) == significant
 
 
 def test_a_cause_that_is_absent_at_infinity_stays_in_what_is_predicted_without_causes():

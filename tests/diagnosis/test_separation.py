@@ -8,6 +8,7 @@ import pytest
 
 from calib import records
 from calib.diagnosis.bench import Bench, Run
+from calib.diagnosis.design_search import GRID_ASPECT
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.laboratory import DesignPoint, Laboratory, inapplicable_tests
@@ -196,6 +197,15 @@ def test_every_separation_that_is_drawn_is_the_known_one():
     for evaluated in design.points:
         known = expected(evaluated.point.amplitude, evaluated.point.frequency, 120.0)
         assert evaluated.z == pytest.approx(known, rel=0.02, abs=1e-6)
+
+
+def test_the_grid_has_more_frequencies_than_amplitudes():
+    design, _ = designed(BENCH)
+    grid = [(e.point.amplitude, e.point.frequency) for e in design.points if e.stage == "grid"]
+    amplitudes, frequencies = (sorted(set(values)) for values in zip(*grid, strict=True))
+    assert len(grid) == len(set(grid)) == len(amplitudes) * len(frequencies)
+    assert len(frequencies) / len(amplitudes) == pytest.approx(GRID_ASPECT, abs=0.15)
+    assert (amplitudes[0], amplitudes[-1], frequencies[0], frequencies[-1]) == pytest.approx((2e-4, 3e-3, 5.0, 40.0))
 
 
 def test_the_simulations_are_bounded_and_handed_out_in_batches():

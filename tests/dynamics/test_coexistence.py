@@ -39,10 +39,9 @@ def leaky(rate):
 @pytest.mark.parametrize(("a", "period"), WINDOWS)
 def test_transient_chaos_has_the_kind_of_the_stable_cycle_from_every_start(a, period):
     map = logistic(a)
-    for start in np.linspace(0.05, 0.95, 13):
-        found = kind_of_orbit(map, np.array([start]), settle=100)
-        assert found.period == period
-        assert found.exponent < 0.0
+    found = {start: kind_of_orbit(map, np.array([start]), settle=100) for start in np.linspace(0.05, 0.95, 13)}
+    assert {start: one.period for start, one in found.items()} == dict.fromkeys(found, period)
+    assert [start for start, one in found.items() if not one.exponent < 0.0] == []
 
 
 def test_from_states_that_only_pass_by_the_stable_cycle_is_found_by_their_close_returns():
@@ -88,15 +87,15 @@ def test_chaos_beside_a_stable_motion_is_told_with_the_share_of_the_runs(rate):
     assert f"{round(24 * found.share)} of 24 runs lead to it" in found.evidence
 
 
-def test_a_regular_motion_that_a_run_comes_to_after_chaos_is_met_again_before_it_is_certain():
-    for start in np.linspace(0.21, 0.29, 9):
-        map = leaky(1.0 / 2000.0)
-        state = np.array([start, 0.0])
-        one, found = kind_of_run(map, state), kind_of_orbit(map, state)
-        assert (found.runs == 1) == (bool(one.period) and not rounding_decides(map, state, one.dropped))
-        sightings = [one.sightings for one in (found, *found.coexisting) if one.period]
-        assert found.certain == (not sightings or sightings[0] >= 3)
-        assert (found.period == 1) == bool(sightings and (sightings[0] >= 3 or not found.coexisting))
+@pytest.mark.parametrize("start", np.linspace(0.21, 0.29, 9))
+def test_a_regular_motion_that_a_run_comes_to_after_chaos_is_met_again_before_it_is_certain(start):
+    map = leaky(1.0 / 2000.0)
+    state = np.array([start, 0.0])
+    one, found = kind_of_run(map, state), kind_of_orbit(map, state)
+    assert (found.runs == 1) == (bool(one.period) and not rounding_decides(map, state, one.dropped))
+    sightings = [one.sightings for one in (found, *found.coexisting) if one.period]
+    assert found.certain == (not sightings or sightings[0] >= 3)
+    assert (found.period == 1) == bool(sightings and (sightings[0] >= 3 or not found.coexisting))
 
 
 def test_the_start_of_a_run_is_no_part_of_the_chaos_that_it_was_on():

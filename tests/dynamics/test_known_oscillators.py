@@ -261,12 +261,12 @@ def edge(grid, hit):
     return 0.5 * (grid[last] + grid[last + 1])
 
 
-def test_the_impacting_motion_has_the_closing_speed_of_the_closed_form():
+@pytest.mark.parametrize("w", [1.0, 1.1, 1.17])
+def test_the_impacting_motion_has_the_closing_speed_of_the_closed_form(w):
     known = Impacting()
-    for w in (1.0, 1.1, 1.17):
-        kind = kind_of_orbit(known.map(w), known.map(1.0).orbit(np.zeros(2), 100).states[-1])
-        assert kind.label == "1/1"
-        assert kind.orbit.impacts[-1, 2] == pytest.approx(known.impact(w), rel=1e-9)
+    kind = kind_of_orbit(known.map(w), known.map(1.0).orbit(np.zeros(2), 100).states[-1])
+    assert kind.label == "1/1"
+    assert kind.orbit.impacts[-1, 2] == pytest.approx(known.impact(w), rel=1e-9)
 
 
 def test_the_branch_of_impacts_grazes_folds_and_grazes_at_the_frequencies_of_the_closed_form():
@@ -300,8 +300,8 @@ def test_the_sweep_s_jumps_are_at_the_fold_forward_and_at_the_grazing_backward(t
     hit = swept.impacts == 1
     assert set(swept.kind.values[hit.values]) == {"period-1"}
     assert set(swept.kind.values[~hit.values]) == {NO_CONTACT}
-    for way, exact in (("forward", known.fold), ("backward", known.grazing[1])):
-        assert edge(grid * TURN, hit.sel(branch=way).values) == pytest.approx(exact, rel=1e-3)
+    edges = {way: edge(grid * TURN, hit.sel(branch=way).values) for way in ("forward", "backward")}
+    assert edges == pytest.approx({"forward": known.fold, "backward": known.grazing[1]}, rel=1e-3)
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """Pseudo-orbits: what rounding does not part."""
 
 import numpy as np
+import pytest
 from dynamics.plain_maps import PlainMap, henon, logistic
 
 from calib.dynamics.motion import kind_of_orbit
@@ -66,6 +67,24 @@ def test_impacts_are_counted_from_its_beginning():
 
     map = Struck(logistic(3.9))
     assert pseudo_orbit(map, map.initial, 100).impacts[:, 0].tolist() == list(range(100))
+
+
+def test_the_share_of_contact_is_of_all_periods_however_long_the_pieces():
+    class Touching:
+        """In contact for the whole of a period that ends above 0.5."""
+
+        def __init__(self, map):
+            self.map, self.scale, self.initial = map, map.scale, map.initial
+
+        def orbit(self, state, periods):
+            orbit = self.map.orbit(state, periods)
+            return orbit._replace(contact=float((orbit.states > 0.5).mean()))
+
+    map, periods = Touching(logistic(3.9)), PERIODS_PER_PIECE + 8
+    orbit = pseudo_orbit(map, map.initial, periods)
+    touching = orbit.states[:, 0] > 0.5
+    assert orbit.contact == pytest.approx(touching.mean(), abs=1e-12)
+    assert touching[:PERIODS_PER_PIECE].mean() != pytest.approx(touching[PERIODS_PER_PIECE:].mean(), abs=0.05)
 
 
 def test_starts_that_differ_by_rounding_have_one_verdict():

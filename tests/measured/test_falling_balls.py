@@ -55,8 +55,8 @@ def fitted(measured, file, drop, *drag):
     ],
 )
 def test_a_light_ball_needs_drag(measured, file, drop, none, linear, quadratic):
-    for drag, expected in (((), none), (("c1",), linear), (("c2",), quadratic)):
-        assert fitted(measured, file, drop, *drag)[0] == pytest.approx(expected, abs=0.006)
+    found = [fitted(measured, file, drop, *drag)[0] for drag in ((), ("c1",), ("c2",))]
+    assert found == pytest.approx([none, linear, quadratic], abs=0.006)
 
 
 def test_drag_of_the_bowling_ball_has_another_sign_in_each_drop(measured):

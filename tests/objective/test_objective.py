@@ -56,14 +56,14 @@ def test_ten_per_cent_larger_scores_a_tenth(jump):
     assert cost(simulated(jump=jump), simulated(jump=jump, size=1.1)) == pytest.approx(0.1, rel=0.02)
 
 
-def test_a_shifted_start_costs_no_more_than_the_noise():
+@pytest.mark.parametrize("trigger", [0.0, 0.0123, 0.0387])
+def test_a_shifted_start_costs_no_more_than_the_noise(trigger):
     truth = clapping(jump=0.0)
     noise = [SIGMA[c] / np.sqrt(6) / phase_curve(truth)[c].std("phase").values for c in ("displacement", "velocity")]
     level = float(np.sqrt(np.mean(np.square(noise))))
-    for trigger in (0.0, 0.0123, 0.0387):
-        found = cost(noisy(clapping(jump=0.0, trigger=trigger)), simulated(jump=0.0))
-        assert found == pytest.approx(level, rel=0.1)
-        assert found < 0.01
+    found = cost(noisy(clapping(jump=0.0, trigger=trigger)), simulated(jump=0.0))
+    assert found == pytest.approx(level, rel=0.1)
+    assert found < 0.01
 
 
 def test_the_trigger_is_found_with_its_sign():
@@ -85,10 +85,11 @@ def test_one_trigger_is_common_to_all_bodies():
     assert cost(record, run) > 0.1
 
 
-def test_records_that_start_late_or_are_sampled_otherwise_are_aligned_too():
-    run = simulated(jump=0.0)
-    for how in ({"start": 0.0173}, {"samples": 173}, {"samples": 500, "start": -0.3}, {"periods": 2}, {"periods": 9}):
-        assert cost(clapping(jump=0.0, trigger=0.007, **how), run) < 2e-3
+@pytest.mark.parametrize(
+    "how", [{"start": 0.0173}, {"samples": 173}, {"samples": 500, "start": -0.3}, {"periods": 2}, {"periods": 9}]
+)
+def test_records_that_start_late_or_are_sampled_otherwise_are_aligned_too(how):
+    assert cost(clapping(jump=0.0, trigger=0.007, **how), simulated(jump=0.0)) < 2e-3
 
 
 def test_samples_that_do_not_divide_the_period_are_aligned_too():
@@ -231,9 +232,9 @@ def test_residuals_are_smooth_in_a_parameter(nuisance):
         return compared({"run": simulated(impact=impact)}).residuals
 
     at = 0.3012345  # not at a sample
-    slopes = [(residuals(at + h) - residuals(at - h)) / (2 * h) for h in (1e-7, 1e-6, 1e-5)]
-    for slope in slopes[1:]:
-        assert np.linalg.norm(slope - slopes[0]) < 1e-3 * np.linalg.norm(slopes[0])
+    slope, *others = [(residuals(at + h) - residuals(at - h)) / (2 * h) for h in (1e-7, 1e-6, 1e-5)]
+    differences = np.linalg.norm(np.array(others) - slope, axis=1)
+    assert differences.max() < 1e-3 * np.linalg.norm(slope)
 
 
 def test_nothing_jumps_where_the_trigger_passes_a_sample():
@@ -276,15 +277,22 @@ def test_a_failed_record_fails_all():
         Objective(references, [Term(PhaseCurve())])({"one": simulated()})
 
 
-def test_the_right_kind_beats_any_wrong_kind():
+@pytest.mark.parametrize(
+    ("motion", "kind"),
+    [
+        ({"subharmonic": 0.003}, "period-2"),
+        ({"wander": chaotic(64)}, "irregular"),
+        ({"wander": [1.0, 1.01, 1.03]}, "period-3"),
+    ],
+)
+def test_the_right_kind_beats_any_wrong_kind(motion, kind):
     compared = objective(noisy(clapping()))
     worst = compared({"run": simulated(size=1e6)}).cost
-    for run in (simulated(subharmonic=0.003), simulated(wander=chaotic(64)), simulated(wander=[1.0, 1.01, 1.03])):
-        score = compared({"run": run})
-        assert score.cost > worst
-        assert score.wrong == ("run",)
-        assert "the reference is period-1" in score.evidence
-        assert score.residuals is not None
+    score = compared({"run": simulated(**motion)})
+    assert score.cost > worst
+    assert (score.wrong, score.kind) == (("run",), kind)
+    assert "the reference is period-1" in score.evidence
+    assert score.residuals is not None
 
 
 def test_the_penalty_falls_towards_the_right_kind():
@@ -328,9 +336,9 @@ def test_the_difference_of_impact_phases_goes_around_the_circle():
     assert cost(early, late, Term(ImpactPhase(), bodies=["layer"]), nuisance=()) == pytest.approx(expected, rel=0.1)
 
 
-def test_no_impact_where_one_was_measured_scores_one():
-    for feature in (ImpactPhase(), ContactTime()):
-        assert cost(clapping(), simulated(jump=0.0), Term(feature)) == pytest.approx(1.0)
+@pytest.mark.parametrize("feature", [ImpactPhase(), ContactTime()], ids=lambda feature: feature.name)
+def test_no_impact_where_one_was_measured_scores_one(feature):
+    assert cost(clapping(), simulated(jump=0.0), Term(feature)) == pytest.approx(1.0)
 
 
 def test_a_body_without_impact_is_left_out_or_refused_by_name():

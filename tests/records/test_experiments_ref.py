@@ -19,8 +19,9 @@ def test_the_script_of_a_folder_makes_its_records(folder, tmp_path):
     for source in [*(ROOT / folder).glob("*.csv"), ROOT / folder / "make_records.py"]:
         shutil.copy(source, here)
     runpy.run_path(str(here / "make_records.py"))
-    for name in NAMES:
-        assert read(here / f"{name}.nc").identical(read(ROOT / folder / f"{name}.nc"))
+    assert sorted(path.stem for path in here.glob("*.nc")) == sorted(NAMES)
+    same = {name: read(here / f"{name}.nc").identical(read(ROOT / folder / f"{name}.nc")) for name in NAMES}
+    assert same == dict.fromkeys(NAMES, True)
 
 
 @pytest.mark.parametrize("folder", ["clapping_minimal", "clapping_beam"])

@@ -96,12 +96,12 @@ def test_a_refusal_is_the_caller_s_mistake(tmp_path):
     assert hidden(tmp_path) == []
 
 
-def test_other_work_has_other_pieces(tmp_path):
+@pytest.mark.parametrize(("path", "definition"), [("x.nc", OTHER), ("y.nc", ONE)], ids=["definition", "path"])
+def test_other_work_has_other_pieces(tmp_path, path, definition):
     with Chunks(tmp_path / "x.nc", ONE) as chunks:
         made(chunks, {"a": 3})
-    for path, definition in (("x.nc", OTHER), ("y.nc", ONE)):
-        with Chunks(tmp_path / path, definition) as chunks:
-            assert chunks.finished(["a"]) == {}
+    with Chunks(tmp_path / path, definition) as chunks:
+        assert chunks.finished(["a"]) == {}
 
 
 def test_the_hidden_folder_goes_with_the_last_piece(tmp_path):

@@ -244,11 +244,13 @@ def test_a_study_killed_while_it_confirms_and_run_again_finds_the_same(confirmed
 def test_the_page_shows_the_leaders(confirmed):
     page = (confirmed[0].parent / "out" / "report.html").read_text()
     table = page[page.index("Leading trials, confirmed") : page.index("<h2>The search")]
-    rows = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in re.findall(r"<tr>(.*?)</tr>", table, re.S)]
-    leaders = confirmed[1].confirmation.leaders
-    assert len(leaders) > 1
-    shown = [[number(one) for one in (leader.trial, leader.searched, leader.confirmed)] for leader in leaders]
+    plain = re.sub("</?strong>", "", table)
+    rows = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in re.findall(r"<tr>(.*?)</tr>", plain, re.S)]
+    found = confirmed[1].confirmation
+    assert len(found.leaders) > 1
+    shown = [[number(one) for one in (leader.trial, leader.searched, leader.confirmed)] for leader in found.leaders]
     assert [row[:3] for row in rows if row] == shown
+    assert f"<strong>{number(found.chosen)}</strong>" in table
     assert "the best point of the search is another one" in page
 
 

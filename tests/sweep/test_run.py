@@ -192,6 +192,7 @@ def test_what_is_returned_is_what_the_file_holds(tmp_path):
     found = run(plan({"a": A}), path)
     with xr.open_dataset(path) as stored:
         assert stored.attrs == found.attrs
+        assert set(stored.variables) == set(found.variables)
         for name, variable in found.variables.items():
             assert stored[name].attrs == variable.attrs
             np.testing.assert_array_equal(stored[name].values, variable.values)

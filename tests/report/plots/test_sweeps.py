@@ -266,10 +266,13 @@ def test_pictures_know_one_value(single, grid):
     assert len(drawn(sections(single.isel(drive_gain=[3]))).axes) == 2
 
 
-def test_another_number_of_parameters_is_refused(single, grid):
-    for picture in (bifurcation_diagram, impact_diagram):
-        with pytest.raises(CalibError, match="has one parameter, but this sweep has 2: gain, offset"):
-            picture(grid)
+@pytest.mark.parametrize("picture", [bifurcation_diagram, impact_diagram])
+def test_of_two_parameters_no_diagram_is_drawn(grid, picture):
+    with pytest.raises(CalibError, match="has one parameter, but this sweep has 2: gain, offset"):
+        picture(grid)
+
+
+def test_of_one_parameter_no_map_is_drawn(single):
     with pytest.raises(CalibError, match="has two parameters, but this sweep has 1: drive_gain"):
         kind_map(single)
 
@@ -277,15 +280,16 @@ def test_another_number_of_parameters_is_refused(single, grid):
 # --- over one parameter --------------------------------------------------------------------------------------------
 
 
-def test_each_finite_section_point_is_drawn_and_nothing_else(single, hysteresis):
-    for sweep in (single, hysteresis):
-        figure = bifurcation_diagram(sweep)
-        assert sweep.sizes["body"] == 2
-        for body, axes in zip(sweep.body.values, figure.axes[:2], strict=True):
-            values = sweep.displacement.sel(body=body).values
-            got = np.concatenate(clouds(axes))
-            assert np.isfinite(values).sum() < values.size
-            np.testing.assert_allclose(np.sort(got[:, 1]), np.sort(1e3 * values[np.isfinite(values)]))
+@pytest.mark.parametrize("name", ["single", "hysteresis"])
+def test_each_finite_section_point_is_drawn_and_nothing_else(name, request):
+    sweep = request.getfixturevalue(name)
+    figure = bifurcation_diagram(sweep)
+    assert sweep.sizes["body"] == 2
+    for body, axes in zip(sweep.body.values, figure.axes[:2], strict=True):
+        values = sweep.displacement.sel(body=body).values
+        got = np.concatenate(clouds(axes))
+        assert np.isfinite(values).sum() < values.size
+        np.testing.assert_allclose(np.sort(got[:, 1]), np.sort(1e3 * values[np.isfinite(values)]))
 
 
 def test_a_point_stands_over_its_value_of_the_parameter(hysteresis):
@@ -399,12 +403,17 @@ def test_without_impacts_there_is_no_impact_diagram(single):
 # --- the axis of a parameter ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_the_axis_has_the_scale_on_which_values_are_even(seed):
-    u = (np.random.default_rng(seed).permutation(50) + 0.5) / 50
-    for even in (u, np.linspace(0.0, 1.0, 50)):
-        assert swept(coordinate("point", 10.0 ** (3.0 * even), "stiffness", "N/m")).ratio
-        assert not swept(coordinate("point", 1.0 + 1000.0 * even, "stiffness", "N/m")).ratio
+STRETCHES = (np.arange(50) + 0.5) / 50
+
+
+@pytest.mark.parametrize(
+    "even",
+    [*(np.random.default_rng(seed).permutation(STRETCHES) for seed in (0, 1)), np.linspace(0.0, 1.0, 50)],
+    ids=["drawn", "drawn otherwise", "grid"],
+)
+def test_the_axis_has_the_scale_on_which_values_are_even(even):
+    assert swept(coordinate("point", 10.0 ** (3.0 * even), "stiffness", "N/m")).ratio
+    assert not swept(coordinate("point", 1.0 + 1000.0 * even, "stiffness", "N/m")).ratio
 
 
 def test_a_logarithmic_parameter_has_cells_of_equal_ratio(single):
