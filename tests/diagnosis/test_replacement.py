@@ -83,6 +83,15 @@ def test_a_cause_that_imitates_two_is_seen_through_by_a_test_of_two_where_no_sum
     assert is_pair_significant(null, [(cause, (cause,))], final, [mix, *CANDIDATES], known) == shows
 
 
+def noise_of(squares):
+    """Stand in for a calibrated model without parameters that leaves residuals of these squares."""
+    residual = np.sqrt(squares)
+    none = np.zeros((residual.size, 0))
+    return SimpleNamespace(
+        names=(), columns=none, nuisances=none, residual=residual, chi2=residual @ residual, point=Point({}, (), {})
+    )
+
+
 @pytest.mark.parametrize(("share", "significant"), [(0.99, False), (1.01, True)])
 def test_the_best_of_many_pairs_has_to_explain_more_than_the_best_would_by_chance(share, significant):
     """Of ten orthogonal candidates there are 45 pairs: the probability of each is divided among them (Bonferroni)."""
@@ -90,12 +99,17 @@ def test_the_best_of_many_pairs_has_to_explain_more_than_the_best_would_by_chanc
     candidates = [SimpleNamespace(name=f"c{k}", free=("size",), sign=0) for k in range(number)]
     known = {id(c): SimpleNamespace(columns=np.eye(number)[:, [k]]) for k, c in enumerate(candidates)}
     limit = -2.0 * np.log((1.0 - CRITERIA.confidence_level) / 45)  # chi-square of two degrees of freedom: exponential
-    residual = np.full(number, np.sqrt(0.5 * share * limit))
-    none = np.zeros((number, 0))
-    final = SimpleNamespace(
-        names=(), columns=none, nuisances=none, residual=residual, chi2=residual @ residual, point=Point({}, (), {})
-    )
+    final = noise_of([0.5 * share * limit] * number)
     assert is_pair_significant(SimpleNamespace(names=()), (), final, candidates, known) == significant
+
+
+@pytest.mark.parametrize(("reduction", "predicted"), [(3.9, 0), (4.1, 1)])
+def test_a_pair_has_to_lower_akaike_s_criterion(reduction, predicted):
+    candidates = [SimpleNamespace(name=name, sign=0) for name in ("one", "other")]
+    pairs = _Linear.without_causes(SimpleNamespace(names=()), (), noise_of([0.5 * reduction] * 2)).pairs(
+        candidates, [np.eye(2)[:, :1], np.eye(2)[:, 1:]]
+    )
+    assert [explained for explained, _ in pairs] == pytest.approx([reduction] * predicted)
 
 
 def test_a_cause_that_is_absent_at_infinity_stays_in_what_is_predicted_without_causes():
