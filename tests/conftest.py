@@ -1,8 +1,15 @@
-"""What all tests share: the fork server from which their child processes start."""
+"""What all tests share: one thread a process for linear algebra, and the fork server of their child processes."""
 
+import os
 from functools import partial
 
 import pytest
+
+from calib.execution.pool import THREAD_VARIABLES
+
+# before numpy is imported: as in the child processes of a pool, for the processes of the tests share the cores, and a
+# BLAS whose threads wait for one another takes several times as long
+os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
 
 
 @pytest.fixture(scope="session", autouse=True)
