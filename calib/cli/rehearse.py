@@ -1,16 +1,15 @@
 """`calib rehearse` from the command line: the cases, the picture, and the table."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import click
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from calib.diagnosis.rehearse import NOTHING, Rehearsed, rates, smallest
+from calib.diagnosis.rehearse import NOTHING, RehearsalRates, Rehearsed, rates, smallest
 from calib.errors import CalibError
 from calib.execution.progress import Count
 from calib.report.plots.rehearsal import rehearsal
@@ -41,17 +40,19 @@ def print_rehearsal(
 def show(played: Sequence[Rehearsed], console: Console) -> None:
     """Print detection, naming and coverage by effect, and the smallest size that is reliably named."""
     least = smallest(played)
-    groups: dict[str, list[Mapping[str, Any]]] = {}
+    groups: dict[str, list[RehearsalRates]] = {}
     for row in rates(played):
-        groups.setdefault(row["effect"], []).append(row)
+        groups.setdefault(row.hidden.effect, []).append(row)
     table = Table(title="rehearsal", title_justify="left")
     table.add_column("hidden", no_wrap=True, min_width=20)
     for heading in ("cases", "detected", "named", "in the class", "reliably named from"):
         table.add_column(heading, justify="right")
     for effect, rows in groups.items():
-        cases = sum(row["cases"] for row in rows)
-        mean = {key: sum(row[key] * row["cases"] for row in rows) / cases for key in ("detected", "named", "covered")}
-        right = [f"{mean[key]:.0%}" for key in ("detected", "named", "covered")]
+        cases = sum(row.cases for row in rows)
+        detected = sum(row.detected * row.cases for row in rows) / cases
+        named = sum(row.named * row.cases for row in rows) / cases
+        covered = sum(row.covered * row.cases for row in rows) / cases
+        right = [f"{share:.0%}" for share in (detected, named, covered)]
         if effect == NOTHING:
             right[1:] = ["-", "-"]
         table.add_row(escape(effect), str(cases), *right, _from(least.get(effect)))
@@ -61,9 +62,10 @@ def show(played: Sequence[Rehearsed], console: Console) -> None:
         console.print(f"{len(failed)} cases failed, such as {escape(failed[0].case.key)}: {escape(failed[0].reason)}")
 
 
-def _from(row: Mapping[str, Any] | None) -> str:
+def _from(row: RehearsalRates | None) -> str:
     if row is None:
         return "-"
-    name, value = next((n, v) for n, v in row["values"].items() if v)
-    z = "" if math.isnan(row["strength"]) else f" (z = {row['strength']:g})"
-    return f"{name} = {shown(value, row['units'].get(name, ''))}{z}"
+    name, value = next((n, v) for n, v in row.hidden.values.items() if v)
+    strength = row.hidden.strength
+    z = "" if math.isnan(strength) else f" (z = {strength:g})"
+    return f"{name} = {shown(value, row.hidden.units.get(name, ''))}{z}"

@@ -7,7 +7,6 @@ as the search, so that the shares of correct verdicts are upper bounds.
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -97,6 +96,24 @@ class Rehearsed:
         if self.verdict == NAMED:
             return " + ".join(self.causes)
         return {ONE_OF: "class", NONE: NOTHING}.get(self.verdict, self.verdict)
+
+
+@dataclass(frozen=True)
+class RehearsalRates:
+    """Shares of the cases of one hidden size that were diagnosed well.
+
+    Attributes
+    ----------
+    hidden : effect and size, as the first of the cases has them
+    cases : how many there are
+    detected, named, covered : share of them of which `Rehearsed` says so; named ones are covered  [1]
+    """
+
+    hidden: RehearsalCase
+    cases: int
+    detected: float
+    named: float
+    covered: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,40 +235,37 @@ def _sizes(suspect: Screened, strengths: Sequence[float]) -> list[tuple[float, n
     return hidden
 
 
-def rates(rehearsed: Sequence[Rehearsed]) -> list[dict[str, Any]]:
-    """Share of the cases of each effect and strength that were detected, named, and covered by the alternatives."""
+def rates(rehearsed: Sequence[Rehearsed]) -> list[RehearsalRates]:
+    """Share of the cases of each effect and size that were detected, named, and covered by the alternatives."""
     groups: dict[tuple[str, tuple[float, ...]], list[Rehearsed]] = {}
     for one in rehearsed:
         groups.setdefault((one.case.effect, tuple(one.case.values.values())), []).append(one)
     return [
-        {
-            "effect": effect,
-            "strength": members[0].case.strength,
-            "values": dict(members[0].case.values),
-            "units": dict(members[0].case.units),
-            "cases": len(members),
-            "detected": sum(one.detected for one in members) / len(members),
-            "named": sum(one.named for one in members) / len(members),
-            "covered": sum(one.covered or one.named for one in members) / len(members),
-        }
-        for (effect, _), members in groups.items()
+        RehearsalRates(
+            members[0].case,
+            cases=len(members),
+            detected=sum(one.detected for one in members) / len(members),
+            named=sum(one.named for one in members) / len(members),
+            covered=sum(one.covered or one.named for one in members) / len(members),
+        )
+        for members in groups.values()
     ]
 
 
-def smallest(rehearsed: Sequence[Rehearsed]) -> dict[str, dict[str, Any] | None]:
+def smallest(rehearsed: Sequence[Rehearsed]) -> dict[str, RehearsalRates | None]:
     """Smallest rehearsed size from which on each effect is reliably named; None where there is none."""
-    rows: dict[str, dict[str, Any] | None] = {}
+    smallest_sizes: dict[str, RehearsalRates | None] = {}
     unreliable: set[str] = set()
     for row in reversed(rates(rehearsed)):  # sizes rise
-        effect = row["effect"]
+        effect = row.hidden.effect
         if effect == NOTHING or effect in unreliable:
             continue
-        if row["named"] >= MIN_NAMED_SHARE:
-            rows[effect] = row
+        if row.named >= MIN_NAMED_SHARE:
+            smallest_sizes[effect] = row
         else:
             unreliable.add(effect)
-            rows.setdefault(effect, None)
-    return rows
+            smallest_sizes.setdefault(effect, None)
+    return smallest_sizes
 
 
 def confusion(rehearsed: Sequence[Rehearsed]) -> tuple[list[str], list[str], np.ndarray]:

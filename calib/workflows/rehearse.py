@@ -3,7 +3,6 @@
 import json
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
 from pathlib import Path
 
 from calib.diagnosis.rehearse import HIDDEN_Z, SEEDS_PER_SIZE, RehearsalCase, Rehearsed, rehearse
@@ -49,7 +48,7 @@ def rehearse_study(
     with ledger.open("a", encoding="utf-8") as lines:
 
         def keep(one: Rehearsed, number: int, of: int) -> None:
-            lines.write(json.dumps(plain(asdict(one))) + "\n")
+            lines.write(json.dumps(plain(one)) + "\n")
             lines.flush()
             on_case(number, of)
 

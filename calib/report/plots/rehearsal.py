@@ -23,7 +23,7 @@ def rehearsal(played: Sequence[Rehearsed]) -> Figure:
     shown = [k for k in range(len(answers)) if shares[:, k].any() or answers[k] in hidden]
     answers, shares = [answers[k] for k in shown], shares[:, shown]
     table = rates(played)
-    known = {row["strength"] for row in table if row["effect"] != NOTHING}
+    known = {row.hidden.strength for row in table if row.hidden.effect != NOTHING}
     strengths = sorted(strength for strength in known if not math.isnan(strength))
     with mpl.rc_context(STYLE):
         width, height = 2.4 + CELL_SIZE * len(answers), 1.9 + CELL_SIZE * len(hidden)
@@ -36,8 +36,8 @@ def rehearsal(played: Sequence[Rehearsed]) -> Figure:
         left.set(xlabel="diagnosed effect", ylabel="hidden effect", title="Share of the diagnoses [%]")
         named = np.full((len(hidden), len(strengths)), np.nan)
         for row in table:
-            if row["strength"] in strengths and row["effect"] in hidden:
-                named[hidden.index(row["effect"]), strengths.index(row["strength"])] = row["named"]
+            if row.hidden.strength in strengths and row.hidden.effect in hidden:
+                named[hidden.index(row.hidden.effect), strengths.index(row.hidden.strength)] = row.named
         _cells(right, named)
         right.set_xticks(range(len(strengths)), [f"{z:g}" for z in strengths])
         right.set(xlabel="predicted z\nof the size [1]", title="Named [%]")
