@@ -53,9 +53,9 @@ def print_diagnosis(
             budget=budget,
         )  # fmt: skip
     if as_json:
-        click.echo(json.dumps(diagnosis, indent=2, allow_nan=False))
+        click.echo(json.dumps(diagnosis.as_dict(), indent=2, allow_nan=False))
     elif not quiet:
-        show(DiagnosisResult.from_dict(diagnosis), folder_of(study, out), extended)
+        show(diagnosis, folder_of(study, out), extended)
 
 
 class DiagnosisProgress:

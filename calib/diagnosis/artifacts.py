@@ -3,7 +3,6 @@
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import netCDF4
 import numpy as np
@@ -13,7 +12,7 @@ from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.document import DiagnosisResult
 from calib.diagnosis.part import Part
 from calib.diagnosis.selection import Selection
-from calib.diagnosis.serialise import as_dict
+from calib.diagnosis.serialise import diagnosis_result
 from calib.errors import CalibError
 from calib.execution.files import whole
 from calib.execution.interrupt import uninterrupted
@@ -25,13 +24,13 @@ MOTIONS = "diagnosis.nc"
 
 def write(
     diagnosis: Diagnosis, folder: Path, values: Mapping[str, float], references: Mapping[str, Reference]
-) -> dict[str, Any]:
-    """Write both files of a diagnosis of the calibrated `values`, and return the first document."""
-    document = {**as_dict(diagnosis), "values": dict(values)}
+) -> DiagnosisResult:
+    """Write both files of a diagnosis of the calibrated `values`, and return what `read` reads of the first."""
+    document = diagnosis_result(diagnosis, values).as_dict()
     write_motions(motions(diagnosis, references), folder)
     with whole(folder / NAME) as temporary:
         temporary.write_text(json.dumps(document, indent=2, allow_nan=False), encoding="utf-8")
-    return document
+    return DiagnosisResult.from_dict(document)
 
 
 def write_motions(views: Mapping[str, xr.Dataset], folder: Path) -> None:

@@ -1,16 +1,13 @@
-"""The result of a diagnosis: what diagnosis.json holds, typed."""
+"""The result of a diagnosis: the objects of diagnosis.json, their fields in the order of its keys."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from calib.errors import CalibError
-from calib.store.plain import typed
+from calib.diagnosis.design_document import DesignResult, MeasurementResult
+from calib.store.plain import plain, typed
 
 Ends = tuple[float | None, float | None]  # of an interval or a range; None where there is no end
-MISFIT_KEYS = {  # field -> key of diagnosis.json
-    "excess_chi2": "excess", "remaining_chi2": "left", "chi2_std": "blur", "heterogeneity_z": "inconstancy",
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -19,7 +16,7 @@ class GateResult:
 
     name: str
     passed: bool
-    summary: str
+    summary: str = field(metadata={"key": "said"})
     z: float | None = None
     tried: bool = True
 
@@ -58,10 +55,10 @@ class SuspectResult:
     share: float | None = None
     absorbed: float = 0.0
     detectable: Mapping[str, float | None] = field(default_factory=dict)
-    chi2_reduction: float = 0.0
+    chi2_reduction: float = field(default=0.0, metadata={"key": "drop"})
     refitted: bool = False
     null: Mapping[str, float | None] = field(default_factory=dict)
-    cosine: float | None = None
+    cosine: float | None = field(default=None, metadata={"key": "alike"})
     reason: str = ""
 
 
@@ -77,16 +74,25 @@ class JointSize:
     bias: Mapping[str, float | None] = field(default_factory=dict)
     limits: Mapping[str, Ends] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
-    null: Mapping[str, float | None] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class PredictionResult:
-    """Reduction of chi-square on left-out data with its standard error, and chi-square there without the cause."""
+    """Reduction of chi-square on left-out data by a cause.
+
+    Attributes
+    ----------
+    reduction, error : of chi-square, with its standard error  [1]
+    without : chi-square of the left-out data without the cause  [1]
+    folds : that were left out in turn
+    uncertainty : expected increase of chi-square by the errors of the refitted parameters  [1]
+    """
 
     reduction: float | None = None
     error: float | None = None
     without: float | None = None
+    folds: tuple[str, ...] = ()
+    uncertainty: float | None = None
 
 
 @dataclass(frozen=True)
@@ -101,17 +107,19 @@ class RoundResult:
     rivals : names of the effects that are indistinguishable from it, itself included
     prediction : of left-out data
     rejected, rejection : the effect that explains most where none was added, and why it was not
+    untried : effects that were to be refitted when the budget was spent
     cosines : rival -> cosine of the angle between its signature and that of the chosen effect  [1]
     """
 
-    threshold: float
+    threshold: float | None
     chosen: str | None = None
     share: float | None = None
     rivals: tuple[str, ...] = ()
     prediction: PredictionResult | None = None
     rejected: str | None = None
     rejection: str = ""
-    cosines: Mapping[str, float | None] = field(default_factory=dict)
+    untried: tuple[str, ...] = ()
+    cosines: Mapping[str, float | None] = field(default_factory=dict, metadata={"key": "alike"})
 
 
 @dataclass(frozen=True)
@@ -128,7 +136,7 @@ class LeftOutResult:
     """An effect that is not named although it explains a share of the excess that the causes beside it may leave."""
 
     effect: str
-    share: float
+    share: float | None
     beside: tuple[str, ...]
     reason: str = ""
 
@@ -149,21 +157,45 @@ class DeviationResult:
 
 @dataclass(frozen=True)
 class ConstancyResult:
-    """Whether an effect has the same size everywhere: normal deviate z, and relative variation of the size  [1]."""
+    """Whether an effect has the same size everywhere: normal deviate z, and relative variation of the size  [1].
+
+    `chi2` is that by which the sum of squares would rise without the effect; `among` says what is compared.
+    """
 
     effect: str
-    z: float
-    variation: float
+    z: float | None
+    variation: float | None
+    chi2: float | None = None
     among: str | None = None
 
 
 @dataclass(frozen=True)
 class ChannelResult:
-    """A channel that is compared."""
+    """A channel that is compared: residual and noise in its unit.
+
+    Attributes
+    ----------
+    record, body, channel : whose
+    rms, noise : root mean square of the residual, and of the noise
+    orders : amplitudes of the residual's harmonics, from order 0
+    floor : amplitude of noise in a harmonic, on average
+    """
 
     record: str
     body: str
     channel: str
+    rms: float | None = None
+    noise: float | None = None
+    orders: tuple[float | None, ...] = ()
+    floor: float | None = None
+
+
+@dataclass(frozen=True)
+class ParameterResult:
+    """Value of a parameter in the calibrated model, None where that has none, and in the extended one  [SI]."""
+
+    before: float | None = None
+    after: float | None = None
 
 
 @dataclass(frozen=True)
@@ -181,11 +213,11 @@ class MisfitResult:
     channels : that are compared
     """
 
-    excess_chi2: float = 0.0
-    remaining_chi2: float = 0.0
-    chi2_std: float = 1.0
+    excess_chi2: float = field(default=0.0, metadata={"key": "excess"})
+    remaining_chi2: float = field(default=0.0, metadata={"key": "left"})
+    chi2_std: float = field(default=1.0, metadata={"key": "blur"})
     share: float = 0.0
-    heterogeneity_z: float | None = None
+    heterogeneity_z: float | None = field(default=None, metadata={"key": "inconstancy"})
     constancy: tuple[ConstancyResult, ...] = ()
     features: tuple[DeviationResult, ...] = ()
     channels: tuple[ChannelResult, ...] = ()
@@ -214,7 +246,8 @@ class RemainderResult:
 class TransferResult:
     """Size of a parameter refitted to one record alone, with standard error and half width of its 95 % interval; in SI.
 
-    `held` says whether the record was held out; `bias` is the standard deviation of what the model leaves there.
+    `held` says whether the record was held out; `freedom` is the number of degrees of freedom of the error, None where
+    infinite; `bias` is the standard deviation of what the model leaves there.
     """
 
     record: str
@@ -222,19 +255,33 @@ class TransferResult:
     size: float | None = None
     error: float | None = None
     held: bool = False
+    freedom: float | None = None
     bias: float | None = None
     half_width: float | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class AgreementResult:
-    """Whether the records agree on the size of a parameter: chi-square, degrees of freedom, normal deviate."""
+    """Whether the records, each alone, agree on the size of a parameter.
+
+    Attributes
+    ----------
+    parameter : name
+    chi2, degrees, z : chi-square of the sizes about their mean, its degrees of freedom, and its normal deviate
+    variation : of the sizes beyond their errors, relative to their mean  [1]
+    agree : whether z is not above the threshold
+    detectable : variation above which they would not agree  [1]
+    records : that have such a size
+    """
 
     parameter: str
-    chi2: float
+    chi2: float | None
     degrees: int
-    z: float
+    z: float | None
+    variation: float | None = None
     agree: bool
+    detectable: float | None = None
+    records: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -264,6 +311,7 @@ class GainResult:
     proven : whether that interval lies above zero
     each : record -> misfit before and after  [1]
     failed : record -> why it could not be simulated
+    unaffected : records that no cause changes
     """
 
     metric: str = ""
@@ -275,95 +323,10 @@ class GainResult:
     proven: bool = False
     each: Mapping[str, Ends] = field(default_factory=dict)
     failed: Mapping[str, str] = field(default_factory=dict)
+    unaffected: tuple[str, ...] = ()
     transfers: tuple[TransferResult, ...] = ()
     agreements: tuple[AgreementResult, ...] = ()
     shifts: tuple[ShiftResult, ...] = ()
-
-
-@dataclass(frozen=True)
-class DesignPointResult:
-    """A measurement that was simulated, and the predicted separation z of the two least distinguishable models.
-
-    Amplitudes are in the unit of the excitation, frequencies in Hz, displacements of release in m.
-    """
-
-    test: str
-    stage: str
-    status: str
-    amplitude: float | None = None
-    frequency: float | None = None
-    release: float | None = None
-    impacts: bool | None = None
-    z: float | None = None
-
-
-@dataclass(frozen=True)
-class DesignVariableResult:
-    """A setting of the next measurement with its bounds, stated in the study file or derived from the records."""
-
-    name: str
-    unit: str
-    low: float
-    high: float
-    stated: bool = False
-
-
-@dataclass(frozen=True)
-class RecordSetting:
-    """Amplitude and frequency [Hz] of the excitation of a record that exists."""
-
-    record: str
-    amplitude: float | None = None
-    frequency: float | None = None
-
-
-@dataclass(frozen=True)
-class DesignResult:
-    """The search for a next measurement: its models, variables, simulated points, and what it cost."""
-
-    models: tuple[str, ...] = ()
-    variables: tuple[DesignVariableResult, ...] = ()
-    points: tuple[DesignPointResult, ...] = ()
-    unavailable: Mapping[str, str] = field(default_factory=dict)
-    known: tuple[RecordSetting, ...] = ()
-    simulations: int = 0
-    max_simulations: int = 0
-    decisive_z: float = 3.0
-
-
-@dataclass(frozen=True)
-class MeasurementResult:
-    """The best measurement of a kind of test.
-
-    `z` and `z_max` are the predicted separations of the two least and the two most distinguishable models, `z_refit`
-    that of the two least from simulations at refitted parameters; `channel` names one that would be measured too.
-    """
-
-    kind: str
-    description: str
-    prediction: str = ""
-    channel: str = ""
-    amplitude: float | None = None
-    frequency: float | None = None
-    release: float | None = None
-    z: float = 0.0
-    z_max: float = 0.0
-    z_refit: float | None = None
-    confirmed: bool = False
-
-
-def setting_of(measurement: DesignPointResult | MeasurementResult, name: str) -> float:
-    """Return the "amplitude", "frequency" or "release" of a measurement that has one.
-
-    Raises
-    ------
-    CalibError : it has none
-    """
-    settings = {"amplitude": measurement.amplitude, "frequency": measurement.frequency, "release": measurement.release}
-    value = settings[name]
-    if value is None:
-        raise CalibError(f"diagnosis.json: a measurement that needs a {name} has none; run `calib diagnose` again")
-    return value
 
 
 @dataclass(frozen=True)
@@ -384,20 +347,23 @@ class DiagnosisResult:
     outliers : share of the samples  [1]
     rounding : share of the noise of a channel that is quantisation  [1]
     misfit : None where the records could not be compared
+    parameters : calibrated ones, and those of the causes
     joint_sizes : cause -> its sizes
     gain : None where nothing was added to the model
-    measurements, design : best next measurements, and the search for them
+    next_measurement, measurements : the best next measurement, and that of each kind of test
+    design : the search for them
     threshold : of |z| in the first round
+    cut_short : whether the budget was spent before all was tried
     simulations, seconds : cost; wall-clock time  [s]
     values : calibrated values that were diagnosed
     """
 
     verdict: str
-    summary: str = ""
+    summary: str = field(default="", metadata={"key": "said"})
     causes: tuple[str, ...] = ()
-    classes: tuple[tuple[str, ...], ...] = ()
+    classes: tuple[tuple[str, ...], ...] = field(default=(), metadata={"key": "class"})
     stand_ins: tuple[str, ...] = ()
-    remainder: RemainderResult | None = None
+    remainder: RemainderResult | None = field(default=None, metadata={"key": "remains"})
     closest: tuple[str, ...] = ()
     suspects: tuple[SuspectResult, ...] = ()
     rounds: tuple[RoundResult, ...] = ()
@@ -408,11 +374,14 @@ class DiagnosisResult:
     outliers: float = 0.0
     rounding: float = 0.0
     misfit: MisfitResult | None = None
+    parameters: Mapping[str, ParameterResult] = field(default_factory=dict)
     joint_sizes: Mapping[str, JointSize] = field(default_factory=dict)
     gain: GainResult | None = None
+    next_measurement: MeasurementResult | None = None
     measurements: tuple[MeasurementResult, ...] = ()
     design: DesignResult | None = None
     threshold: float | None = None
+    cut_short: bool = False
     simulations: int = 0
     seconds: float = 0.0
     values: Mapping[str, float] = field(default_factory=dict)
@@ -425,19 +394,11 @@ class DiagnosisResult:
         ------
         ValueError : the object is no diagnosis
         """
-        fields = _renamed(document, {"summary": "said", "classes": "class", "remainder": "remains"})
         if isinstance(document, Mapping):
-            fields["gates"] = _each_renamed(document.get("gates"), {"summary": "said"})
-            fields["suspects"] = _each_renamed(document.get("suspects"), {"chi2_reduction": "drop", "cosine": "alike"})
-            fields["rounds"] = _each_renamed(document.get("rounds"), {"cosines": "alike"})
-            fields["misfit"] = _renamed(document.get("misfit") or None, MISFIT_KEYS)
-        return typed(cls, fields)
+            document = {**document, "misfit": document.get("misfit") or None}
+        return typed(cls, document)
 
-
-def _renamed(entry: Any, keys: Mapping[str, str]) -> Any:
-    """Return a JSON object with its fields by the names that they have here (field -> key), another value as it is."""
-    return {**entry, **{field: entry.get(key) for field, key in keys.items()}} if isinstance(entry, Mapping) else entry
-
-
-def _each_renamed(entries: Any, keys: Mapping[str, str]) -> Any:
-    return [_renamed(entry, keys) for entry in entries] if isinstance(entries, list | tuple) else entries
+    def as_dict(self) -> dict[str, Any]:
+        """Return the object of diagnosis.json, which `json.dumps(..., allow_nan=False)` takes."""
+        document = plain(self)
+        return {**document, "misfit": document["misfit"] or {}}

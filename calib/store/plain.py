@@ -1,13 +1,19 @@
-"""Conversion of values to JSON types, and of JSON to dataclasses."""
+"""Conversion of values to JSON types, and of JSON to dataclasses.
+
+A field of a dataclass stands in JSON under its name, or under the key that its metadata state:
+`field(metadata={"key": "class"})`.
+"""
 
 import math
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
-from inspect import signature
+from dataclasses import MISSING, Field, fields, is_dataclass
 from types import NoneType, UnionType
-from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin, get_type_hints
 
-T = TypeVar("T")
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+T = TypeVar("T", bound="DataclassInstance")
 
 
 def plain(value: Any) -> Any:
@@ -19,7 +25,7 @@ def plain(value: Any) -> Any:
     if isinstance(value, list | tuple | set | frozenset):
         return [plain(entry) for entry in value]
     if is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+        return {_key(field): plain(getattr(value, field.name)) for field in fields(value)}
     if hasattr(value, "tolist"):  # arrays and scalars of numpy
         return plain(value.tolist())
     return value
@@ -28,18 +34,28 @@ def plain(value: Any) -> Any:
 def typed(kind: type[T], document: Mapping[str, Any]) -> T:
     """Return the dataclass `kind` that a JSON object describes, with the dataclasses that its fields declare.
 
-    A field that is missing or null takes its default; a key that is no field is left out.
+    A field that is missing or null takes its default, or None where it has none and may be None; a key that is no field
+    is left out.
 
     Raises
     ------
     ValueError : no such object: a field without a default is missing, or a value has another shape
     """
-    document = _as(Mapping, document, kind.__name__)
-    for name, field in signature(kind).parameters.items():
-        if field.default is field.empty and document.get(name) is None:
-            raise ValueError(f"{kind.__name__} has no {name}")
-    known = {name: hint for name, hint in get_type_hints(kind).items() if document.get(name) is not None}
-    return kind(**{name: _value(hint, document[name]) for name, hint in known.items()})
+    document, hints = _as(Mapping, document, kind.__name__), get_type_hints(kind)
+    given = {}
+    for field in fields(kind):
+        key, hint = _key(field), hints[field.name]
+        required = field.default is MISSING and field.default_factory is MISSING
+        value = document.get(key)
+        if value is not None or required and key in document and NoneType in get_args(hint):
+            given[field.name] = _value(hint, value)
+        elif required:
+            raise ValueError(f"{kind.__name__} has no {key}")
+    return kind(**given)
+
+
+def _key(field: Field[Any]) -> str:
+    return field.metadata.get("key", field.name)
 
 
 def _value(hint: Any, value: Any) -> Any:

@@ -7,6 +7,7 @@ from typing import Any
 
 from calib.diagnosis.artifacts import write
 from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.document import DiagnosisResult
 from calib.diagnosis.effort import Budget
 from calib.diagnosis.verdict import NAMED, ONE_OF
 from calib.study_file import load, stated_candidates
@@ -26,7 +27,7 @@ def diagnose_study(
     on_progress: Callable[[int, int], None] = lambda done, foreseen: None,
     budget: str | None = None,
     candidates: str | Sequence[str | Mapping[str, Any]] | None = None,
-) -> tuple[dict[str, Any], Path | None]:
+) -> tuple[DiagnosisResult, Path | None]:
     """Diagnose a calibrated study: `calib diagnose` from Python.
 
     Parameters
@@ -59,9 +60,9 @@ def diagnose_study(
         file.study, file.others, values, file.suspects(), seed=file.study.seed if seed is None else seed,
         on_stage=on_stage, on_progress=on_progress, budget=limit, laboratory=file.laboratory,
     )  # fmt: skip
-    document = write(diagnosis, folder, values, {**file.study.objective.references, **file.others})
+    result = write(diagnosis, folder, values, {**file.study.objective.references, **file.others})
     rebuild(path, out, jobs)
     selection, extended = diagnosis.selection, None
     if apply and diagnosis.verdict in (NAMED, ONE_OF) and selection is not None and selection.causes:
         extended = extended_study(file, selection, () if diagnosis.gain is None else diagnosis.gain.transfers)
-    return document, extended
+    return result, extended

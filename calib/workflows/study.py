@@ -401,23 +401,22 @@ class Diagnosed:
 
     Attributes
     ----------
-    summary : what diagnosis.json says
+    summary : the `DiagnosisResult` of diagnosis.json
     calibration : that was diagnosed
     """
 
-    def __init__(self, summary: dict[str, Any], extended: Study | None, calibration: Calibration):
+    def __init__(self, summary: DiagnosisResult, extended: Study | None, calibration: Calibration):
         self.summary, self._extended, self.calibration = summary, extended, calibration
-        self._result = DiagnosisResult.from_dict(summary)
 
     @property
     def verdict(self) -> str:
         """Return "named", "one_of", "none", "unexplained" or "not_diagnosable"."""
-        return self._result.verdict
+        return self.summary.verdict
 
     @property
     def causes(self) -> list[str]:
-        """Names of the effects that are named; empty where none is, or one of several (`summary["class"]`)."""
-        return list(self._result.causes)
+        """Names of the effects that are named; empty where none is, or one of several (`summary.classes`)."""
+        return list(self.summary.causes)
 
     def apply(self) -> Study:
         """Return the study with the causes, of several the simplest, in its model.
@@ -437,8 +436,8 @@ class Diagnosed:
         return self.calibration.report(path)
 
     def __repr__(self) -> str:
-        return diagnosis_text(self.calibration.summary.name, self._result)
+        return diagnosis_text(self.calibration.summary.name, self.summary)
 
     def _repr_html_(self) -> str:
         causes = f": {html.escape(', '.join(self.causes))}" if self.causes else ""
-        return f"<b>{html.escape(self.verdict)}</b>{causes}<p>{html.escape(self._result.summary)}</p>"
+        return f"<b>{html.escape(self.verdict)}</b>{causes}<p>{html.escape(self.summary.summary)}</p>"

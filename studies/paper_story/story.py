@@ -43,9 +43,9 @@ def tell(path: Path) -> None:
     for missed in first.unreachable:
         print(f"    not reached: {missed.feature}, {missed.percent:.3g} % off")
     found, extended = diagnose_study(path, apply=True, on_stage=lambda stage: print(f"    {stage}", flush=True))
-    print(f"diagnosed: {found['said']}")
+    print(f"diagnosed: {found.summary}")
     if extended is None:
-        raise SystemExit(f"the diagnosis came to {found['verdict']!r}: there is nothing to extend the model by")
+        raise SystemExit(f"the diagnosis came to {found.verdict!r}: there is nothing to extend the model by")
     second = calibrate(extended)
     print(f"extended: distance {second.score.total:.3g}, {second.motion.kind}")
     for name, before in first.holdout.items():

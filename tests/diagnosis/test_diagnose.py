@@ -1,6 +1,8 @@
 """The whole way: a small study with something missing, or nothing."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,13 +11,14 @@ import pytest
 from calib.diagnosis.candidate import candidates
 from calib.diagnosis.constancy import CHANNELS, RECORDS
 from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.document import DiagnosisResult
 from calib.diagnosis.effort import Budget, Effort
 from calib.diagnosis.gain import BLOCKS, Gain
 from calib.diagnosis.gain import RECORDS as RECORDS_HELD_OUT
 from calib.diagnosis.model_selection import select
 from calib.diagnosis.preparation import bench_of, prepared
 from calib.diagnosis.revision import exchanged
-from calib.diagnosis.serialise import as_dict
+from calib.diagnosis.serialise import diagnosis_result
 from calib.diagnosis.suspect import Scored
 from calib.diagnosis.transfer import Agreement
 from calib.diagnosis.verdict import _alternatives, joined, verdict_of
@@ -107,6 +110,11 @@ def diagnosed(known, library=LIBRARY, model=OSCILLATOR, budget=None, on_progress
     return diagnose(made, others, values, effects(*library), **options)
 
 
+def as_dict(found):
+    """Return what diagnosis.json holds of a diagnosis."""
+    return diagnosis_result(found, {**TRUTH}).as_dict()
+
+
 @pytest.fixture(scope="module")
 def cubic():
     return diagnosed(references(["cubic_stiffness"], k3=3e5))
@@ -141,8 +149,6 @@ def test_the_bias_of_the_calibrated_values_is_told(cubic):
 
 
 def test_the_document_says_all_that_and_is_plain_json(cubic):
-    import json
-
     said = json.loads(json.dumps(as_dict(cubic), allow_nan=False))
     assert said["verdict"] == "named"
     assert said["suspects"][0]["effect"] == "cubic_stiffness"
@@ -150,6 +156,30 @@ def test_the_document_says_all_that_and_is_plain_json(cubic):
     assert said["gain"]["interval"][0] > 0.0
     assert said["misfit"]["features"][0]["z"] is not None
     assert said["joint_sizes"]["cubic_stiffness"]["bias"] == {"k3": 0.0}  # nothing but noise remains
+    assert json.dumps(DiagnosisResult.from_dict(said).as_dict()) == json.dumps(said)
+
+
+def keys(value):
+    """Keys of a nest of objects, in order; of a list those of its first entry, of objects by names those of one."""
+    if isinstance(value, list):
+        return keys(value[0]) if value else None
+    if not isinstance(value, dict):
+        return None
+    by_name = {"parameters", "joint_sizes", "size", "interval", "bias", "limits", "units", "held", "detectable", "null"}
+    by_name |= {"alike", "refused", "each", "failed", "unavailable", "values"}
+    return {
+        key: keys(next(iter(one.values()), None)) if key in by_name and isinstance(one, dict) else keys(one)
+        for key, one in value.items()
+    }
+
+
+def test_the_document_has_the_keys_of_version_0_1_in_their_order(cubic):
+    sample = Path(__file__).parents[1] / "samples" / "v0_1" / "sample" / "results" / "diagnosis.json"
+    before = json.loads(sample.read_text())
+    now = as_dict(cubic)
+    now["rounds"][0]["prediction"] = now["exchanges"] = before["exchanges"] = None  # which the sample has none of
+    before["rounds"][0]["prediction"] = None
+    assert json.dumps(keys(now)) == json.dumps(keys(before))
 
 
 @pytest.mark.parametrize("seed", range(4))

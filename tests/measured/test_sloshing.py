@@ -79,11 +79,11 @@ def diagnosis(measured, tmp_path_factory):
 @pytest.mark.slow
 def test_a_spring_that_softens_with_the_square_of_the_displacement_is_named(diagnosis):
     summary, _, _ = diagnosis
-    assert summary["verdict"] == "named"
-    assert summary["causes"] == ["cubic_stiffness"]
-    assert summary["parameters"]["k3"]["after"] == pytest.approx(-3756, rel=0.03)
-    assert [(a["parameter"], a["agree"]) for a in summary["gain"]["agreements"]] == [("k3", True)]
-    assert summary["gain"]["proven"]
+    assert summary.verdict == "named"
+    assert summary.causes == ("cubic_stiffness",)
+    assert summary.parameters["k3"].after == pytest.approx(-3756, rel=0.03)
+    assert [(a.parameter, a.agree) for a in summary.gain.agreements] == [("k3", True)]
+    assert summary.gain.proven
 
 
 @pytest.mark.slow

@@ -42,19 +42,19 @@ def test_no_point_of_the_box_reaches_the_record(told):
 @pytest.mark.slow
 def test_the_shape_of_the_gap_is_named(told):
     _, found, _ = told
-    assert found["verdict"] == "named"
-    assert found["causes"] == ["interface_shift"]
-    [shift] = [s for s in found["suspects"] if s["effect"] == "interface_shift"]
-    assert 0.7e-3 < shift["size"]["interface_shift"] < 0.95e-3  # m; the record has 0.8
-    assert shift["share"] > 0.95
-    assert all(s["share"] is None or s["share"] < 0.75 for s in found["suspects"] if s is not shift)
+    assert found.verdict == "named"
+    assert found.causes == ("interface_shift",)
+    [shift] = [s for s in found.suspects if s.effect == "interface_shift"]
+    assert 0.7e-3 < shift.size["interface_shift"] < 0.95e-3  # m; the record has 0.8
+    assert shift.share > 0.95
+    assert all(s.share is None or s.share < 0.75 for s in found.suspects if s is not shift)
 
 
 @pytest.mark.slow
 def test_the_extended_model_fits_and_predicts_the_records_held_out(told):
     first, found, second = told
     assert second.score.terms[TERM] < 0.05
-    assert found["gain"]["kind"] == "records held out"
-    assert found["gain"]["proven"]
+    assert found.gain.kind == "records held out"
+    assert found.gain.proven
     for name, limit in (("louder", 0.1), ("slower", 0.05)):
         assert second.holdout[name].terms[TERM] < limit < 0.5 < first.holdout[name].terms[TERM]

@@ -7,7 +7,7 @@ from calib.diagnosis.laboratory import DesignPoint, DesignVariable
 from calib.diagnosis.measurement import EvaluatedPoint, Measurement
 from calib.diagnosis.next_measurement import Design, RecordedPoint
 from calib.diagnosis.noise import CYCLIC
-from calib.diagnosis.serialise import design_as_dict, measurement_as_dict
+from calib.diagnosis.serialise import design_result, measurement_result
 from calib.store.plain import plain
 
 CYCLES, SAMPLES, PERIOD = 6, 200, 0.04  # periods of the records; samples a period; s
@@ -245,8 +245,8 @@ def design():
     )
 
 
-DESIGN = plain(design_as_dict(design()))
-MEASUREMENTS = plain([measurement_as_dict(m) for m in design().measurements])
+DESIGN = plain(design_result(design()))
+MEASUREMENTS = plain([measurement_result(m) for m in design().measurements])
 LEFT = MISFIT | {"excess": 30.0, "left": 30.0, "share": 0.0, "features": MISFIT["features"][3:]}
 FAILED = [
     GATES[0],

@@ -348,7 +348,7 @@ def applied():
 def test_a_cause_is_applied_and_calibrated(applied):
     said, extended = applied
     assert (said.verdict, said.causes) == ("one_of", [])  # one steady tone cannot test a prediction
-    assert said.summary["class"] == [["channel_offset"]]
+    assert said.summary.classes == (("channel_offset",),)
     assert "channel_offset" in said._repr_html_()
     assert str(said).startswith("diagnosis of 'echo': one_of: channel_offset\n")
     found = extended.run(quiet=True)

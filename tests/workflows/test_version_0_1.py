@@ -143,6 +143,11 @@ def test_the_diagnosis_is_read_and_printed():
     ]
 
 
+def test_the_diagnosis_is_written_as_0_1_wrote_it():
+    folder = SAMPLES / "sample" / "results"
+    assert json.dumps(artifacts.read(folder).as_dict(), indent=2) == (folder / artifacts.NAME).read_text()
+
+
 def test_the_motions_of_the_diagnosis_are_read():
     [(name, motion)] = artifacts.read_motions(SAMPLES / "sample" / "results").items()
     assert name == "clapping"

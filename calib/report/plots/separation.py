@@ -16,7 +16,13 @@ from matplotlib.patches import Patch, Rectangle
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import NullFormatter, StrMethodFormatter
 
-from calib.diagnosis.document import DesignPointResult, DesignResult, MeasurementResult, RecordSetting, setting_of
+from calib.diagnosis.design_document import (
+    DesignPointResult,
+    DesignResult,
+    MeasurementResult,
+    RecordSetting,
+    setting_of,
+)
 from calib.diagnosis.laboratory import FREE_DECAY, RECORDED_INPUT, STEADY_TONE, SWEEP, WITHOUT_CONTACT
 from calib.diagnosis.measurement import FAILED, GRID, IRREGULAR, OK
 from calib.report.formatting import number

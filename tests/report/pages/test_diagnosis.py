@@ -590,9 +590,8 @@ def test_what_a_diagnosis_leaves_in_its_folder_can_be_read_again(tmp_path):
     found = Diagnosis("not_diagnosable", "", (), evidence=Evidence((part,)))
     reference = SimpleNamespace(record={c: SimpleNamespace(attrs={"units": "m"}) for c in ("displacement", "velocity")})
     assert artifacts.read(tmp_path) is None
-    said = artifacts.write(found, tmp_path, VALUES, {})
-    assert artifacts.read(tmp_path) == result(said)
-    assert said["values"] == VALUES
+    assert artifacts.write(found, tmp_path, VALUES, {}) == artifacts.read(tmp_path)
+    assert artifacts.read(tmp_path).values == VALUES
     assert artifacts.read_motions(tmp_path) == {}
     views = artifacts.motions(SimpleNamespace(selection=selection, evidence=found.evidence), {"clapping": reference})
     assert set(views) == {"clapping"}

@@ -4,7 +4,8 @@ import math
 from collections.abc import Sequence
 
 from calib.diagnosis.criteria import CRITERIA
-from calib.diagnosis.document import DiagnosisResult, GainResult, GateResult, MeasurementResult, MisfitResult
+from calib.diagnosis.design_document import MeasurementResult
+from calib.diagnosis.document import DiagnosisResult, GainResult, GateResult, MisfitResult
 from calib.diagnosis.measurement import DECISIVE_Z
 from calib.diagnosis.preparation import OUTLIERS, QUANTISATION
 from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED, explained, joined
@@ -185,9 +186,9 @@ def left_out(diagnosis: DiagnosisResult) -> list[str]:
     for one in diagnosis.left_out:
         decide = f"{small} A record in which {one.effect} acts more strongly would decide."
         reason = f"{one.reason}, so that it imitates another cause (a stand-in)." if one.reason else decide
+        share = "an unknown share" if one.share is None else percent(one.share)
         sentences.append(
-            f"Of the excess chi-square that may remain beside {joined(one.beside)}, {one.effect} explains "
-            f"{percent(one.share)}. "
+            f"Of the excess chi-square that may remain beside {joined(one.beside)}, {one.effect} explains {share}. "
             f"It is not named: {reason}"
         )
     return sentences

@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from calib.diagnosis.document import DesignVariableResult, DiagnosisResult, MeasurementResult
+from calib.diagnosis.design_document import DesignVariableResult, MeasurementResult
+from calib.diagnosis.document import DiagnosisResult
 from calib.diagnosis.laboratory import AMPLITUDE_RANGE, FREQUENCY_RANGE, RELEASE_RANGE
 from calib.diagnosis.measurement import DECISIVE_Z
 from calib.report.formatting import count, number, quantity, signed

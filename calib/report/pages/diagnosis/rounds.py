@@ -41,7 +41,7 @@ def round_rows(diagnosis: DiagnosisResult) -> list[RoundRow]:
         rows.append(
             RoundRow(
                 model=" + ".join(known),
-                threshold=f"{one.threshold:.2f}",
+                threshold="-" if one.threshold is None else f"{one.threshold:.2f}",
                 chosen=one.chosen or _none(one),
                 share="-" if one.share is None else explained(one.share),
                 predicts=_predicts(one),
@@ -51,7 +51,8 @@ def round_rows(diagnosis: DiagnosisResult) -> list[RoundRow]:
         known += [one.chosen] if one.chosen else []
     rows += _exchanges(diagnosis)
     for left_out in diagnosis.left_out:
-        little = f"it explains {explained(left_out.share)} of the excess that may remain beside the others: too little"
+        share = "an unknown share" if left_out.share is None else explained(left_out.share)
+        little = f"it explains {share} of the excess that may remain beside the others: too little"
         model = " + ".join(["calibrated", *left_out.beside, left_out.effect])
         rows.append(RoundRow(model, f"without {left_out.effect}: {left_out.reason or little}"))
     return rows
@@ -183,7 +184,7 @@ def _constancy(diagnosis: DiagnosisResult) -> list[str]:
         how, end = "differ", " An effect may imitate another one, but hardly with one size everywhere."
     elif z > threshold:
         own = [one for one in misfit.constancy if one.among in (None, CHANNELS)]
-        most = max(own, key=lambda one: one.z, default=None)
+        most = max(own, key=lambda one: one.z or 0.0, default=None)
         which = f", most those of {most.effect}," if most and len(names) > 1 else ""
         how = f"differ{which} by {percent(most.variation)}" if most else "differ"
         if diagnosis.remainder is not None and diagnosis.remainder.above_noise:

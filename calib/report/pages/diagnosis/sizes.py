@@ -59,7 +59,8 @@ def _with_intervals(known: SuspectResult | JointSize) -> list[str]:
 
 def _without_intervals(known: SuspectResult | JointSize) -> list[str]:
     """Write the sizes of an effect in the model whose intervals are unknown, for want of a derivative."""
-    present = {n: x for n, x in known.size.items() if x is not None and x != known.null.get(n)}
+    absent = known.null if isinstance(known, SuspectResult) else {}
+    present = {n: x for n, x in known.size.items() if x is not None and x != absent.get(n)}
     return [f"{name} = {quantity(size, known.units.get(name))}" for name, size in present.items()]
 
 
