@@ -81,12 +81,12 @@ def study_status(study: Path, out: Path | None) -> StudyStatus:
     calibration = result.read(folder)
     finished = calibration is not None and calibration.trials == len(trials)
     return StudyStatus(
-        name=header["name"],
+        name=header.name,
         state="running" if is_locked(folder) else "finished" if finished else "unfinished",
         trials=len(trials),
-        budget=header["budget"],
+        budget=header.budget,
         best=_best(trials) if calibration is None or not finished else _calibrated(calibration),
-        units={name: window["unit"] for name, window in header["definition"]["windows"].items()},
+        units={name: window["unit"] for name, window in header.definition["windows"].items()},
         failed=Counter(trial.status for trial in trials if trial.status != OK),
         seconds=_mean(trials),
         folder=str(folder),

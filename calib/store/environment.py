@@ -1,10 +1,11 @@
 """Versions of libraries, processor and linear algebra: what decides whether a run can be repeated bit for bit."""
 
 import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
 
 import numpy.linalg  # noqa: F401 - threadpoolctl sees the linear algebra that is loaded, and each brings its own
 import scipy.linalg  # noqa: F401
@@ -14,9 +15,27 @@ from threadpoolctl import threadpool_info
 LIBRARIES = ("calib", "numpy", "scipy", "numba", "llvmlite", "cma", "optuna")
 
 
+@dataclass(frozen=True)
+class Environment:
+    """What decides whether a run can be repeated bit for bit.
+
+    Attributes
+    ----------
+    versions : library -> version
+    processor : its name
+    cpu : the name that numba compiles for
+    blas : folder of a linear algebra -> its kernel and threads
+    """
+
+    versions: Mapping[str, str]
+    processor: str
+    cpu: str
+    blas: Mapping[str, str]
+
+
 @cache
-def environment() -> dict[str, Any]:
-    """Versions by name, the processor, the name numba compiles for, and the kernels and threads of each BLAS.
+def environment() -> Environment:
+    """Return the environment of this process.
 
     The kernel that a BLAS picks by the processor, or by a variable such as OPENBLAS_CORETYPE, and its number of threads
     change the last digits of what passes through it.
@@ -27,7 +46,7 @@ def environment() -> dict[str, Any]:
             versions[name] = version(name)
         except PackageNotFoundError:
             versions[name] = "not installed"
-    return {"versions": versions, "processor": _processor(), "cpu": get_host_cpu_name(), "blas": _blas()}
+    return Environment(versions, _processor(), get_host_cpu_name(), _blas())
 
 
 def _blas() -> dict[str, str]:

@@ -15,12 +15,13 @@ from typing import Any
 import numpy as np
 
 from calib.errors import CalibError
-from calib.store.environment import environment
+from calib.store.environment import Environment, environment
+from calib.store.header import Header, StudyHeader
+from calib.store.plain import plain
 from calib.store.trial import Trial, line, trial_of
 
 TRIALS, RESIDUALS = "trials.jsonl", "residuals.f64"
 FORMAT_VERSION = 1  # of the ledger: a log of another is not read
-Header = dict[str, Any]  # of a segment, as JSON has it; its keys stand at `Ledger`
 BYTES_PER_RESIDUAL = 8  # float64
 
 
@@ -35,7 +36,7 @@ def read(folder: str | Path, definition: Mapping[str, Any] | None = None) -> tup
     if not content.headers:
         raise CalibError(f"{folder}: no study was run here (no {TRIALS} with a header)")
     if definition is not None:
-        _compare(Path(folder) / TRIALS, content.headers[0]["definition"], json.loads(json.dumps(definition)))
+        _compare(Path(folder) / TRIALS, content.headers[0].definition, json.loads(json.dumps(definition)))
     return content.headers[-1], content.trials
 
 
@@ -43,11 +44,7 @@ class Ledger:
     """`trials.jsonl` and `residuals.f64` of one folder, open for one writer.
 
     `trials.jsonl` holds a header line, then one line a trial. A later header line begins a new segment (other
-    libraries, another processor or BLAS kernel) or states a new budget. Keys of a header:
-
-    format, id (of this ledger), segment (from 0), name, definition, digest (of the definition), screen (points of the
-    screen), first (number of the segment's first search trial), hint (budget when the segment began), budget, versions,
-    processor, cpu, blas, time.
+    libraries, another processor or BLAS kernel) or states a new budget.
 
     A line counts when its line end is there. Residuals are synced before the line that points at them, and the line
     before the call returns.
@@ -58,9 +55,21 @@ class Ledger:
         self._file = self._side = -1
         self._end = self._side_end = 0
         self._next = 0
-        self.header: Header = {}
+        self._header: Header | None = None
 
-    def open(self, header: Mapping[str, Any]) -> list[Trial]:
+    @property
+    def header(self) -> Header:
+        """Header of the segment now in force.
+
+        Raises
+        ------
+        RuntimeError : the ledger was not opened
+        """
+        if self._header is None:
+            raise RuntimeError(f"{self._path} was not opened; call open first")
+        return self._header
+
+    def open(self, header: StudyHeader) -> list[Trial]:
         """Cut off an unfinished line, compare the header, and return the trials logged so far.
 
         Raises
@@ -68,10 +77,10 @@ class Ledger:
         CalibError : another study's ledger; unreadable; not writable
         """
         here = environment()
-        definition = json.loads(json.dumps(header["definition"]))
+        definition = json.loads(json.dumps(header.definition))
         content = _parse(self._path)
         if content.headers:
-            _compare(self._path, content.headers[0]["definition"], definition)
+            _compare(self._path, content.headers[0].definition, definition)
         with write_errors_reported(self._path):
             self._file = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o644)
             self._side = os.open(self._side_path, os.O_RDWR | os.O_CREAT, 0o644)
@@ -84,33 +93,31 @@ class Ledger:
             self._begin(header, definition, here)
         return content.trials
 
-    def _begin(self, header: Mapping[str, Any], definition: dict[str, Any], here: Mapping[str, Any]) -> None:
+    def _begin(self, header: StudyHeader, definition: dict[str, Any], here: Environment) -> None:
         canonical = json.dumps(definition, separators=(",", ":"))
-        self._write_header(
-            {
-                "format": FORMAT_VERSION,
-                "id": uuid.uuid4().hex,
-                "segment": 0,
-                "name": header["name"],
-                "definition": definition,
-                "digest": hashlib.sha256(canonical.encode()).hexdigest(),
-                "screen": header["screen"],
-                "first": header["screen"],
-                "hint": header["budget"],
-                "budget": header["budget"],
-                **here,
-            }
+        own = Header(
+            format=FORMAT_VERSION,
+            id=uuid.uuid4().hex,
+            segment=0,
+            name=header.name,
+            definition=definition,
+            digest=hashlib.sha256(canonical.encode()).hexdigest(),
+            screen=header.screen,
+            first=header.screen,
+            hint=header.budget,
+            budget=header.budget,
         )
+        self._write_header(own.within(here))
         folder = os.open(self._path.parent, os.O_RDONLY)  # the names of the two files have to last, too
         os.fsync(folder)
         os.close(folder)
 
-    def _resume(self, content: "_Content", header: Mapping[str, Any], here: dict[str, Any]) -> None:
+    def _resume(self, content: "_Content", header: StudyHeader, here: Environment) -> None:
         """Continue the last segment, or begin a new one where libraries, processor or BLAS have changed."""
         last = content.headers[-1]
-        self.header = last
+        self._header = last
         self._next = max((trial.number for trial in content.trials), default=-1) + 1
-        changes = differences({key: last.get(key, {}) for key in here}, here)
+        changes = differences(plain(last.environment), plain(here))
         if changes:
             warnings.warn(
                 "this study was begun with other libraries, or on another processor or BLAS kernel:\n  "
@@ -118,16 +125,16 @@ class Ledger:
                 + f"\nthe {len(content.trials)} trials logged stay valid; a new segment continues from them",
                 stacklevel=4,
             )
-            self.begin_segment(header["budget"])
-        elif header["budget"] != last["budget"]:
-            self._write_header({**last, "budget": header["budget"]})
+            self.begin_segment(header.budget)
+        elif header.budget != last.budget:
+            self._write_header(replace(last, budget=header.budget))
 
     def begin_segment(self, budget: int) -> None:
         """Begin a new segment: the trials so far stay valid, but are not asked for again when the study is resumed."""
         last = self.header
-        first = max(last["screen"], self._next)
-        segment = {"segment": last["segment"] + 1, "first": first, "hint": budget, "budget": budget}
-        self._write_header({**last, **segment, **environment()})
+        first = max(last.screen, self._next)
+        segment = replace(last, segment=last.segment + 1, first=first, hint=budget, budget=budget)
+        self._write_header(segment.within(environment()))
 
     def append(self, trial: Trial) -> None:
         """Log a trial; when this returns, it outlives a power failure.
@@ -149,8 +156,8 @@ class Ledger:
             self._side_end += BYTES_PER_RESIDUAL * place[1]
 
     def _write_header(self, header: Header) -> None:
-        self.header = {**header, "time": datetime.now(UTC).isoformat(timespec="seconds")}
-        text = (json.dumps(self.header, allow_nan=False, separators=(",", ":")) + "\n").encode()
+        self._header = replace(header, time=datetime.now(UTC).isoformat(timespec="seconds"))
+        text = (json.dumps(self._header.as_dict(), allow_nan=False, separators=(",", ":")) + "\n").encode()
         self._write(self._file, self._path, text, self._end)
         self._end += len(text)
 
@@ -221,13 +228,13 @@ def _parse(path: Path) -> _Content:
                 break
             raise _damaged(path, index)
         if "format" in content:
-            headers.append(_known(content, path))
+            headers.append(_header(content, path, index))
         elif not headers:
             raise CalibError(f"{path}: not a ledger of calib (no header in line 1); choose another folder")
         else:
             try:
                 offset, length = content["residuals"] or (0, 0)
-                trial = trial_of(content, None, headers[-1]["segment"])
+                trial = trial_of(content, None, headers[-1].segment)
             except (KeyError, TypeError, ValueError, AttributeError) as error:
                 raise _damaged(path, index) from error
             if offset + length > residuals.size:
@@ -244,7 +251,7 @@ def _parse(path: Path) -> _Content:
     return _Content(headers, trials, end, side_end)
 
 
-def _compare(path: Path, old: dict[str, Any], new: dict[str, Any]) -> None:
+def _compare(path: Path, old: Mapping[str, Any], new: Mapping[str, Any]) -> None:
     changes = differences(old, new)
     if changes:
         raise CalibError(
@@ -261,12 +268,15 @@ def _damaged(path: Path, index: int) -> CalibError:
     )
 
 
-def _known(header: Header, path: Path) -> Header:
-    if header["format"] != FORMAT_VERSION:
+def _header(content: Mapping[str, Any], path: Path, index: int) -> Header:
+    if content["format"] != FORMAT_VERSION:
         raise CalibError(
-            f"{path}: format {header['format']}, this calib reads {FORMAT_VERSION}; use the calib that wrote it"
+            f"{path}: format {content['format']}, this calib reads {FORMAT_VERSION}; use the calib that wrote it"
         )
-    return header
+    try:
+        return Header.from_dict(content)
+    except ValueError as error:
+        raise _damaged(path, index) from error
 
 
 def differences(old: Any, new: Any, where: str = "") -> list[str]:

@@ -7,7 +7,7 @@ import re
 import time
 import uuid
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -22,6 +22,7 @@ from optuna.storages.journal import JournalFileBackend, JournalFileSymlinkLock
 from optuna.study import StudyDirection
 from optuna.trial import FrozenTrial, TrialState
 
+from calib.store.header import Header
 from calib.store.plain import plain
 from calib.store.trial import Trial
 
@@ -74,19 +75,19 @@ class OptunaView:
     header : of the ledger; its definition's `windows` give the parameters, {name: {"low", "high", "scale"}}
     """
 
-    def __init__(self, folder: Path, view: str, header: Mapping[str, Any]):
+    def __init__(self, folder: Path, view: str, header: Header):
         if view == "journal":
             _mend_journal(folder / JOURNAL)
         optuna.logging.set_verbosity(optuna.logging.WARNING)
-        self._ledger = header["id"]
+        self._ledger = header.id
         self._windows: dict[str, FloatDistribution] = {
             name: FloatDistribution(w["low"], w["high"], log=w["scale"] == "log")
-            for name, w in header["definition"]["windows"].items()
+            for name, w in header.definition["windows"].items()
         }
         self._pictures = FileSystemArtifactStore(folder / ARTIFACTS)
         (folder / ARTIFACTS).mkdir(exist_ok=True)
         self._storage = storage(folder, view)
-        self._study = self._own_study(header["name"])
+        self._study = self._own_study(header.name)
         self._waiting: list[FrozenTrial] = []
         self._flushed = time.monotonic()
 

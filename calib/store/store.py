@@ -9,13 +9,15 @@ from typing import Any, Self
 
 import xarray as xr
 
-from calib.store.ledger import RESIDUALS, TRIALS, Header, Ledger, write_errors_reported
+from calib.store.header import Header, StudyHeader
+from calib.store.ledger import RESIDUALS, TRIALS, Ledger, write_errors_reported
 from calib.store.lock import Lock
 from calib.store.optuna_view import ARTIFACTS, JOURNAL, OptunaView, address_without_password
 from calib.store.record_files import Keep, RecordFiles
 from calib.store.trial import Trial, best
 
 RESULT_FILES = ("result.json", "report.html")  # that `calib.workflows.calibrate` makes of the trials
+PROVENANCE = ("name", "digest", "id", "versions", "processor", "cpu", "blas")  # of the header, in a record file
 Picture = Callable[[Trial, Mapping[str, xr.Dataset]], bytes]
 
 
@@ -51,15 +53,14 @@ class Store:
 
     @property
     def header(self) -> Header:
-        """Header of the segment now in force; see `calib.store.ledger.Ledger`."""
+        """Header of the segment now in force."""
         return self._ledger.header
 
-    def open(self, header: Mapping[str, Any], fresh: bool = False) -> list[Trial]:
+    def open(self, header: StudyHeader, fresh: bool = False) -> list[Trial]:
         """Open the folder for the study of `header` and return its trials, in the order they ended.
 
         Parameters
         ----------
-        header : name; definition (a JSON dict, with `windows`); screen (points of the screen); budget (trials)
         fresh : begin anew; present files are moved to a folder `before-<date>` inside
 
         Raises
@@ -146,7 +147,7 @@ class Store:
         self._ledger.begin_segment(budget)
 
     def _provenance(self, trial: Trial) -> dict[str, Any]:
-        header = {key: self.header[key] for key in ("name", "digest", "id", "versions", "processor", "cpu", "blas")}
+        header = {key: getattr(self.header, key) for key in PROVENANCE}
         score = {"total": trial.cost, "terms": {k: v for k, v in trial.terms.items() if v < float("inf")}}
         return {"trial": trial.number, "values": trial.values, "score": score, "kind": trial.kind, "study": header}
 

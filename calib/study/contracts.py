@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import xarray as xr
 
-from calib.store import Trial
+from calib.store import Header, StudyHeader, Trial
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,11 +82,11 @@ class StoreContract(Protocol):
     """
 
     @property
-    def header(self) -> Mapping[str, Any]:
+    def header(self) -> Header:
         """The header in force."""
         ...
 
-    def open(self, header: Mapping[str, Any], fresh: bool = False) -> list[Trial]:
+    def open(self, header: StudyHeader, fresh: bool = False) -> list[Trial]:
         """Return the trials there; with `fresh`, set them aside and return none."""
         ...
 

@@ -68,18 +68,18 @@ class Search:
         self._screen()
         while True:
             stopped = self._segment()
-            if not self._store.header["hint"] <= len(self.trials) < self._study.budget:
+            if not self._store.header.hint <= len(self.trials) < self._study.budget:
                 return stopped
             self._store.begin_segment(self._study.budget)  # it ended for want of the budget that there is now
 
     def _screen(self) -> None:
-        points = _screen_points(self._study.space, self._study.seed, self._store.header["screen"])
+        points = _screen_points(self._study.space, self._study.seed, self._store.header.screen)
         room = max(0, self._study.budget - len(self.trials))
         self._evaluate(0, points[: self._study.budget], "screen", room)
 
     def _segment(self) -> str:
         """Search with one optimiser from the segment's first number on."""
-        first = self._store.header["first"]
+        first = self._store.header.first
         earlier = [trial for _, trial in sorted(self.trials.items()) if trial.number < first]
         end = first + self._study.budget - len(earlier)
         if end <= first:
@@ -93,7 +93,7 @@ class Search:
     def _searching(self) -> Iterator[Optimiser]:
         study = self._study
         optimiser = study.optimiser(
-            dim=study.space.dim, seed=study.seed, budget=self._store.header["hint"], batch=study.batch
+            dim=study.space.dim, seed=study.seed, budget=self._store.header.hint, batch=study.batch
         )
         try:
             yield optimiser
@@ -144,7 +144,7 @@ class Search:
             if isinstance(result, Failure) and result.status == REFUSED and not self.trials:
                 raise CalibError(result.reason)
             number, u = todo[index]
-            trial = as_trial(number, u.tolist(), values[index], result, phase, self._store.header["segment"])
+            trial = as_trial(number, u.tolist(), values[index], result, phase, self._store.header.segment)
             with uninterrupted():
                 self._store.append(trial, None if isinstance(result, Failure) else result.records)
             self.trials[trial.number] = trial

@@ -11,7 +11,7 @@ from calib.execution.workers import workers
 from calib.modelling.model import Model
 from calib.modelling.parameter import Space
 from calib.objective import Objective
-from calib.store import Trial
+from calib.store import StudyHeader, Trial
 from calib.store.trial import best
 from calib.study.contracts import Optimiser, StoreContract
 from calib.study.evaluation import evaluate
@@ -96,8 +96,8 @@ class CalibrationStudy:
                 raise CalibError(f"{name!r} belongs to an unknown record{nearest(record, known)}; there are {known}")
 
     @property
-    def header(self) -> dict[str, Any]:
-        """What a store is opened with: name, definition, screen and budget.
+    def header(self) -> StudyHeader:
+        """What a store is opened with.
 
         Budget, jobs, time-out and what concerns the store are not part of the definition.
         """
@@ -111,7 +111,7 @@ class CalibrationStudy:
         if self.space.start:
             own["start"] = dict(self.space.start)
         definition = {**own, "fixed": dict(self.space.fixed), **self.definition}
-        return {"name": self.name, "definition": definition, "screen": min(screen, self.budget), "budget": self.budget}
+        return StudyHeader(self.name, definition, min(screen, self.budget), self.budget)
 
     def run(
         self,

@@ -8,7 +8,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import xarray as xr
 
@@ -21,7 +20,7 @@ from calib.objective import Objective, record_misfit
 from calib.records import OK, failed
 from calib.report import render
 from calib.report.plots.motion import trial_picture
-from calib.store import Store, Trial, read
+from calib.store import Header, Store, Trial, read
 from calib.store.trial import best
 from calib.study import (
     INTERRUPTED,
@@ -76,7 +75,7 @@ class Calibrated:
     result : what result.json holds
     """
 
-    header: Mapping[str, Any]
+    header: Header
     trials: Sequence[Trial]
     point: BestPoint | None
     predictions: Mapping[str, Evaluation | Failure]
@@ -302,7 +301,7 @@ def _read_back(file: StudyFile, folder: Path) -> Calibrated:
     CalibError : there are no trials, or they are of another study; the confirming simulator is there no longer
     """
     study = file.study
-    header, trials = read(folder, study.header["definition"])
+    header, trials = read(folder, study.header.definition)
     trials.sort(key=lambda trial: trial.number)
     top = best(trials)
     summary = _finished(folder, trials, top)

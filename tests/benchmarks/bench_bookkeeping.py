@@ -14,13 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.store import Store, Trial
+from calib.store import Store, StudyHeader, Trial
 
 TRIALS = 2000
 LIMIT = 5e-3  # s of CPU a trial, ledger and view together
 NAMES = [f"parameter_{i}" for i in range(8)]
 WINDOWS = {name: {"low": 1e-3, "high": 1.0, "scale": "log"} for name in NAMES}
-HEADER = {"name": "bookkeeping", "definition": {"windows": WINDOWS}, "screen": 0, "budget": TRIALS}
+HEADER = StudyHeader("bookkeeping", {"windows": WINDOWS}, screen=0, budget=TRIALS)
 
 
 def trial(number: int) -> Trial:

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import warnings
 from contextlib import closing
+from dataclasses import replace
 
 import numpy as np
 import optuna
@@ -18,7 +19,7 @@ from child_environment import environment
 
 from calib.errors import CalibError
 from calib.records import record
-from calib.store import Store, Trial, read
+from calib.store import Store, StudyHeader, Trial, read
 from calib.store import optuna_view as view_room
 from calib.store.ledger import differences
 from calib.store.lock import is_locked
@@ -26,7 +27,7 @@ from calib.store.optuna_view import storage
 
 WINDOWS = {"x": {"low": 0.1, "high": 2.0, "scale": "log"}, "y": {"low": -1.0, "high": 1.0, "scale": "linear"}}
 TIME = np.linspace(0.0, 1.0, 41)
-HEADER = {"name": "demo", "definition": {"seed": 1, "windows": WINDOWS}, "screen": 2, "budget": 20}
+HEADER = StudyHeader("demo", {"seed": 1, "windows": WINDOWS}, screen=2, budget=20)
 
 
 def picture(trial, records):
@@ -77,7 +78,7 @@ def test_trials_are_read_as_they_were_logged(tmp_path):
     written = [trial(0), failed(1), trial(2, features=[{"label": "amplitude", "simulated": 0.3, "measured": 0.4}])]
     filled(tmp_path, written)
     header, got = read(tmp_path)
-    assert header["name"] == "demo"
+    assert header.name == "demo"
     assert got == written
     assert [None if t.residuals is None else t.residuals.tolist() for t in got] == [
         None if t.residuals is None else t.residuals.tolist() for t in written
@@ -97,11 +98,11 @@ def test_every_line_is_json_without_infinity(tmp_path):
 
 def test_the_header_says_what_the_numbers_came_from(tmp_path):
     header, _ = read(filled(tmp_path, []))
-    assert {"calib", "numpy", "numba", "python"} <= set(header["versions"])
-    assert header["processor"]
-    assert header["cpu"]
-    assert len(header["digest"]) == 64
-    assert header["definition"] == HEADER["definition"]
+    assert {"calib", "numpy", "numba", "python"} <= set(header.versions)
+    assert header.processor
+    assert header.cpu
+    assert len(header.digest) == 64
+    assert header.definition == HEADER.definition
 
 
 def test_a_folder_without_a_study_is_said(tmp_path):
@@ -140,7 +141,7 @@ def test_a_killed_writer_leaves_the_folder_free(tmp_path):
 def test_a_changed_study_is_refused_and_every_change_is_named(tmp_path):
     filled(tmp_path, [trial(0)])
     windows = {"x": {**WINDOWS["x"], "high": 3.0}, "z": WINDOWS["y"]}
-    changed = {**HEADER, "definition": {"seed": 2, "windows": windows}}
+    changed = replace(HEADER, definition={"seed": 2, "windows": windows})
     with pytest.raises(CalibError) as caught:
         Store(tmp_path, view=None).open(changed)
     message = str(caught.value)
@@ -165,7 +166,7 @@ def test_fresh_sets_everything_aside_and_deletes_nothing(tmp_path):
     ledger = (tmp_path / "trials.jsonl").read_bytes()
     for said in ("result.json", "report.html"):
         (tmp_path / said).write_text("of the trials before")
-    changed = {**HEADER, "definition": {**HEADER["definition"], "seed": 2}}
+    changed = replace(HEADER, definition={**HEADER.definition, "seed": 2})
     with Store(tmp_path) as store:
         assert store.open(changed, fresh=True) == []
         assert store.best is None
@@ -178,9 +179,9 @@ def test_fresh_sets_everything_aside_and_deletes_nothing(tmp_path):
 
 def test_a_larger_budget_is_noted_and_the_hint_stays(tmp_path):
     filled(tmp_path, [trial(0)])
-    filled(tmp_path, [], header={**HEADER, "budget": 50})
+    filled(tmp_path, [], header=replace(HEADER, budget=50))
     header, trials = read(tmp_path)
-    assert (header["budget"], header["hint"], header["segment"]) == (50, 20, 0)
+    assert (header.budget, header.hint, header.segment) == (50, 20, 0)
     assert len(trials) == 1
 
 
@@ -191,6 +192,26 @@ def test_a_damaged_line_in_the_middle_is_an_error_with_its_number(tmp_path):
     path.write_text("".join([*text[:2], text[2][:40] + "\n", text[3]]))
     with pytest.raises(CalibError, match="line 3: not readable"):
         Store(tmp_path, view=None).open(HEADER)
+
+
+def test_keys_of_a_later_version_stay_in_the_header(tmp_path):
+    filled(tmp_path, [trial(0)])
+    path = tmp_path / "trials.jsonl"
+    first, *rest = path.read_text().splitlines(keepends=True)
+    path.write_text("".join([json.dumps({**json.loads(first), "machine": [1, None]}) + "\n", *rest]))
+    filled(tmp_path, [], header=replace(HEADER, budget=50))
+    header, trials = read(tmp_path)
+    assert (header.budget, header.further, trials) == (50, {"machine": [1, None]}, [trial(0)])
+    assert json.loads(path.read_text().splitlines()[-1])["machine"] == [1, None]
+
+
+def test_a_header_without_a_definition_is_damage(tmp_path):
+    filled(tmp_path, [])
+    path = tmp_path / "trials.jsonl"
+    header = json.loads(path.read_text())
+    path.write_text(json.dumps({key: value for key, value in header.items() if key != "definition"}) + "\n")
+    with pytest.raises(CalibError, match="line 1: not readable"):
+        read(tmp_path)
 
 
 @pytest.mark.parametrize("line", ['{"number": 3}', '{"number": 3, "residuals": 7}'])

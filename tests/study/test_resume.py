@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -78,7 +79,7 @@ def killed_and_resumed(tmp_path, jobs, kills, seed):
 def assert_same(tmp_path):
     header, trials = read(tmp_path / "out")
     expected = whole(tmp_path / "whole")
-    assert header["segment"] == 0
+    assert header.segment == 0
     assert lines(trials) == lines(expected.trials)
     with Store(tmp_path / "out") as store:
         store.open(study(BUDGET, trouble="diverge").header)
@@ -228,7 +229,7 @@ def other_machine(monkeypatch):
     """Switch to another processor from now on."""
 
     def switch(name="abacus"):
-        elsewhere = {**ledger_room.environment(), "processor": name}
+        elsewhere = replace(ledger_room.environment(), processor=name)
         monkeypatch.setattr(ledger_room, "environment", lambda: elsewhere)
 
     return switch

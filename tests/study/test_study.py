@@ -41,7 +41,7 @@ def test_of_equals_the_earliest_is_best(tmp_path):
 
 @pytest.mark.parametrize(("budget", "size"), [(600, 64), (256, 64), (100, 16), (4, 1), (3, 0)])
 def test_the_default_screen_is_a_power_of_two_within_a_quarter_of_the_budget(budget, size):
-    assert study(budget, screen=None).header["screen"] == size
+    assert study(budget, screen=None).header.screen == size
 
 
 @pytest.mark.parametrize("size", [1, 5, 8])

@@ -25,7 +25,7 @@ def test_a_simulator_beside_the_study_file_is_found_from_anywhere(tmp_path, monk
     ended = CliRunner().invoke(main, ["run", str(path), "--budget", "10", "--quiet"])
     assert ended.exit_code == 0, ended.output
     header, trials = read(tmp_path / "bench" / "out")
-    assert header["definition"]["model"]["simulator"] == "own_spring:Spring"
+    assert header.definition["model"]["simulator"] == "own_spring:Spring"
     assert [trial.status for trial in trials] == 10 * ["ok"]
 
 

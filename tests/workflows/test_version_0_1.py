@@ -18,7 +18,7 @@ from calib.cli import main
 from calib.cli.diagnose import show
 from calib.cli.sweep import described, pictures
 from calib.diagnosis import artifacts
-from calib.store import read
+from calib.store import Header, read
 from calib.store.chunks import read_joined
 from calib.study import result
 from calib.study_file import load
@@ -63,11 +63,20 @@ def test_a_study_file_of_0_1_defines_the_study_that_it_defined(tmp_path, name):
         header = json.loads(ledger.readline())
     study = load(folder / "study.toml").study
     assert (header["versions"]["calib"], header["format"]) == ("0.1.0", 1)
-    assert study.header["definition"] == header["definition"]
+    assert study.header.definition == header["definition"]
     assert len(header["definition"]["records"]) == {"sample": 2, "minimal": 3}[name]
 
 
 # --- the ledger
+
+
+@pytest.mark.parametrize("name", ["sample", "minimal"])
+def test_a_header_is_written_as_0_1_wrote_it(name):
+    with open(SAMPLES / name / "results" / "trials.jsonl", encoding="utf-8") as ledger:
+        line = ledger.readline()
+    header = Header.from_dict(json.loads(line))
+    assert json.dumps(header.as_dict(), separators=(",", ":")) + "\n" == line
+    assert header.further == {}
 
 
 def test_the_ledger_is_read_with_its_values_features_and_residuals(sample):
@@ -79,7 +88,7 @@ def test_the_ledger_is_read_with_its_values_features_and_residuals(sample):
     assert {t.status for t in trials} == {"ok"}
     best = min(trials, key=lambda t: t.cost)
     assert (best.number, best.cost, best.values) == (11, TOTAL, FOUND)
-    assert header["definition"]["windows"]["restitution"] == {"low": 0.0, "high": 0.6, "scale": "linear", "unit": "1"}
+    assert header.definition["windows"]["restitution"] == {"low": 0.0, "high": 0.6, "scale": "linear", "unit": "1"}
     assert all(t.residuals.shape == (128,) for t in trials)  # 64 samples a period, displacement and velocity
     assert best.cost == pytest.approx(float(np.linalg.norm(best.residuals)), rel=1e-12)
     [amplitude] = [f for f in best.features if f["label"] == "displacement amplitude"]
@@ -95,7 +104,7 @@ def test_a_study_goes_on_from_the_ledger(sample):
     said = json.loads(calib("run", sample, "--budget", TRIALS + 2, "--json"))
     assert ledger.read_bytes().startswith(before)
     header, trials = read(ledger.parent)
-    assert (len(trials), said["trials"], header["budget"]) == (TRIALS + 2, TRIALS + 2, TRIALS + 2)
+    assert (len(trials), said["trials"], header.budget) == (TRIALS + 2, TRIALS + 2, TRIALS + 2)
     assert said["score"]["total"] <= TOTAL
 
 

@@ -3,7 +3,6 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import xarray as xr
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
@@ -18,7 +17,7 @@ from calib.report.pages.picture import Picture, drawn, pictured
 from calib.report.pages.sections import record_section
 from calib.report.pages.verdict import verdict
 from calib.report.plots.search import kinds_of_motion, score_history
-from calib.store import Trial
+from calib.store import Header, Trial
 from calib.study import CalibrationResult, CalibrationStudy
 
 SCORE_HISTORY = "Score of every trial in the order of the search, coloured by the kind of motion."
@@ -39,7 +38,7 @@ def render(
     records: Mapping[str, xr.Dataset],
     result: CalibrationResult,
     command: str = "calib run study.toml",
-    header: Mapping[str, Any] | None = None,
+    header: Header | None = None,
     diagnosis: DiagnosisResult | None = None,
     motions: Mapping[str, xr.Dataset] | None = None,
     jobs: int = 1,
@@ -82,7 +81,7 @@ def render(
         leaders=tables.leaders(result),
         failures=tables.failures(trials),
         nuisances=tables.nuisances(result),
-        provenance=tables.provenance(study, result, command, header or {}),
+        provenance=tables.provenance(study, result, command, header),
         misfit=MISFIT,
         wrong=MIN_COST_OF_WRONG_KIND,
         definition=json.dumps(study.definition, indent=2, default=str, ensure_ascii=False),

@@ -1,10 +1,9 @@
 """The rows of the tables of a page, as text."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any
 
 from markupsafe import Markup
 
@@ -14,7 +13,7 @@ from calib.modelling.parameter import Window
 from calib.records import OK
 from calib.report.formatting import measured_number, number, number_beside
 from calib.report.plots.style import shown_unit
-from calib.store import Trial
+from calib.store import Header, Trial
 from calib.study import CalibrationResult, CalibrationStudy, UndeterminedGroup, UnreachableFeature
 from calib.units import MILLI, shown
 
@@ -259,7 +258,7 @@ def _with_unit(value: float, unit: str | None) -> str:
 
 
 def provenance(
-    study: CalibrationStudy, result: CalibrationResult, command: str, header: Mapping[str, Any]
+    study: CalibrationStudy, result: CalibrationResult, command: str, header: Header | None
 ) -> dict[str, str]:
     """Everything that is needed to make the page again, by its heading."""
     rows = {
@@ -275,8 +274,8 @@ def provenance(
         rows["Wall-clock time"] = f"{result.seconds:.1f} s"
     if result.stopped:
         rows["Search ended"] = result.stopped
-    if header:
-        rows["Versions"] = ", ".join(f"{name} {version}" for name, version in header["versions"].items())
-        rows["Processor"] = str(header["processor"])
+    if header is not None:
+        rows["Versions"] = ", ".join(f"{name} {version}" for name, version in header.versions.items())
+        rows["Processor"] = header.processor
     rows["Page written"] = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
     return rows

@@ -15,6 +15,8 @@ from calib.report import render
 from calib.report.formatting import measured_number, number
 from calib.report.pages.sections import excitation_text
 from calib.report.pages.verdict import verdict
+from calib.store import Header
+from calib.store.environment import Environment
 from calib.study import CalibrationResult, UndeterminedGroup
 from calib.study.result import ConfirmationSummary, LeaderSummary, MotionSummary, ScoreSummary
 
@@ -226,7 +228,8 @@ def test_text_of_others_is_escaped(periodic, undrawn):
 
 
 def test_versions_and_processor_are_those_of_the_ledger(periodic, undrawn):
-    header = {"versions": {"python": "3.99"}, "processor": "Abacus 7"}
+    environment = Environment({"python": "3.99"}, "Abacus 7", "", {})
+    header = Header(1, "", 0, "demo", {}, "", 2, 2, 20, 20).within(environment)
     text = words(render(*periodic.arguments, header=header))
     assert "Versions python 3.99 Processor Abacus 7 Page written" in text
 
