@@ -2,12 +2,16 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from functools import cached_property
 from typing import Any
+
+import numpy as np
 
 from calib.errors import CalibError, nearest
 from calib.modelling.model import Model
 from calib.modelling.orbit import PeriodMap
+from calib.modelling.simulator import Simulator
 from calib.records.excitation import Excitation
 from calib.store.plain import plain
 
@@ -89,7 +93,7 @@ class Setting:
         return plain(
             {
                 "simulator": simulator.name,
-                "options": {name: value for name, value in vars(simulator).items() if _option(value)},
+                "options": _options(simulator),
                 "effects": [[effect.name, effect.bodies] for effect in self.model.effects],
                 "values": {**self.model.nominal, **self.values},
                 "excitation": {k: getattr(drive, k) for k in ("place", "quantity", "frequency", "amplitude", "phase")},
@@ -98,10 +102,21 @@ class Setting:
         )
 
 
+def _options(simulator: Simulator) -> dict[str, Any]:
+    """What a simulator has of its options; neither its parameters, whose values stand beside, nor what it caches."""
+    own = {name: value for name, value in vars(simulator).items() if name != "parameters" and _option(value)}
+    kind = type(simulator)
+    return {name: value for name, value in own.items() if not isinstance(getattr(kind, name, None), cached_property)}
+
+
 def _option(value: Any) -> bool:
-    """Whether an attribute of a simulator can be an option of a study file, rather than something made of those."""
+    """Whether an attribute of a simulator holds options of a study file: as they are, in arrays or in dataclasses."""
     if isinstance(value, Mapping):
         return all(_option(part) for part in value.values())
     if isinstance(value, list | tuple):
         return all(_option(part) for part in value)
-    return isinstance(value, str | int | float | bool)
+    if is_dataclass(value) and not isinstance(value, type):
+        return all(_option(getattr(value, part.name)) for part in fields(value))
+    if isinstance(value, np.ndarray | np.generic):
+        return value.dtype.kind in "biufU"
+    return value is None or isinstance(value, str | int | float | bool)

@@ -18,6 +18,7 @@ from calib.execution.pool import REFUSED, Failure, Pool
 from calib.store.lock import Lock
 
 DEFINITION = "definition"  # attribute of the joined file
+ENVIRONMENT, OPTIONS = "environment", "options"  # keys of a definition: where it was made, options of the simulator
 DIGEST_DIGITS = 12  # of the definition's digest, which is the folder's name
 
 
@@ -76,16 +77,28 @@ def joined(path: Path, definition: Mapping[str, Any], fresh: bool = False) -> xr
     if fresh:
         return None
     stored = json.loads(dataset.attrs[DEFINITION])
-    different = sorted(k for k in definition if k != "environment" and stored.get(k) != definition[k])
+    different = _changed(stored, definition)
     if different:
         raise CalibError(
             f"{path} holds something else (it differs in {', '.join(different)}); give another file, or --fresh "
             "to replace it"
         )
-    if stored.get("environment") != definition.get("environment"):
+    if stored.get(ENVIRONMENT) != definition.get(ENVIRONMENT):
         warnings.warn(f"{path} was made with other library versions or on another processor; --fresh makes it anew",
                       stacklevel=2)  # fmt: skip
     return dataset
+
+
+def _changed(stored: Mapping[str, Any], definition: Mapping[str, Any]) -> list[str]:
+    """Keys of a definition that say something else than the stored one; the environment may differ.
+
+    Of the options of the simulator those are compared that both state: another version may have others.
+    """
+    compared = {key: value for key, value in definition.items() if key not in (ENVIRONMENT, OPTIONS)}
+    changed = [key for key, value in compared.items() if stored.get(key) != value]
+    before, now = stored.get(OPTIONS, {}), definition.get(OPTIONS, {})
+    changed += [f"{OPTIONS}.{name}" for name, value in now.items() if name in before and before[name] != value]
+    return sorted(changed)
 
 
 class Chunks:

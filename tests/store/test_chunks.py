@@ -155,6 +155,14 @@ def test_a_file_of_other_work_is_refused_and_says_in_what_it_differs(tmp_path):
     assert joined(tmp_path / "x.nc", OTHER, fresh=True) is None
 
 
+def test_of_the_options_of_a_simulator_those_are_compared_that_both_versions_state(tmp_path):
+    write_joined(JOINED, {**ONE, "options": {"drive": "spring", "old": 1}}, tmp_path / "x.nc")
+    same = {**ONE, "options": {"drive": "spring", "counts": {"masters": 56}}}
+    assert joined(tmp_path / "x.nc", same) is not None
+    with pytest.raises(CalibError, match=r"it differs in options\.drive\)"):
+        joined(tmp_path / "x.nc", {**same, "options": {"drive": "rigid"}})
+
+
 def test_without_a_file_nothing_is_joined(tmp_path):
     assert joined(tmp_path / "x.nc", ONE) is None
 

@@ -174,3 +174,22 @@ def test_the_sweep_is_read_told_and_drawn():
     sweep = read_joined(SAMPLES / "sample" / "results" / "sweep.nc")
     assert list(described(sweep)) == ["found:", "  restitution 0.05 .. 0.15: period-1, 1 impact(s) a return"]
     assert [name for name, _ in pictures(sweep, ["q3"])] == ["", "_impacts"]
+
+
+SWEPT = ("--over", "restitution=0.05,0.15", "--settle", 20, "--cycles", 96)
+
+
+@pytest.mark.filterwarnings("ignore:.*was made with other library versions")
+def test_the_same_sweep_is_not_run_again(sample):
+    path = sample.parent / "out" / "sweep.nc"
+    before = path.read_bytes()
+    assert "restitution 0.05 .. 0.15: period-1" in calib("sweep", sample, *SWEPT, "-o", path)
+    assert path.read_bytes() == before
+
+
+def test_a_sweep_by_another_drive_is_refused(sample):
+    path = sample.parent / "out" / "sweep.nc"
+    sample.write_text(sample.read_text().replace('drive = "spring"', 'drive = "rigid"'))
+    refused = CliRunner().invoke(main, ["sweep", str(sample), *map(str, SWEPT), "-o", str(path)])
+    assert refused.exit_code == 1
+    assert "it differs in options.drive" in refused.output
