@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.errors import CalibError
 from calib.modelling.parameter import values_for
 from calib.study import result
 from calib.study_file import load
@@ -18,7 +19,10 @@ from calib.study_file import load
 def errors(study: Path, out: Path | None = None) -> dict[str, np.ndarray]:
     """Error (n,) [m] of the simulated displacement in each record, at the values in the folder `out` of the results."""
     file = load(study)
-    found = result.read(out or file.folder)
+    folder = out or file.folder
+    found = result.read(folder)
+    if found is None:
+        raise CalibError(f"{folder}: no result.json; run `calib run {study}` first")
     simulated = {}
     for name in [*file.study.objective.references, *file.others]:
         reference = file.reference(name)

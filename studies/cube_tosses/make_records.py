@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import xarray as xr
 
 from calib.execution.files import verified
 from calib.records import make, write
@@ -15,13 +16,13 @@ ORIGIN = "https://github.com/DAIRLab/contact-nets (commit c3dc21c9, data/tosses_
 CORNERS = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])  # half widths
 
 
-def lowest(w, x, y, z):
+def lowest(w: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
     """Height (n,) of the lowest corner below the centre for unit quaternions, in half widths."""
     upwards = np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x**2 + y**2)])
     return -(CORNERS @ upwards).min(axis=0)
 
 
-def toss(rows):
+def toss(rows: np.ndarray) -> xr.Dataset:
     """Record of the centre's vertical motion, driven by what the rotation makes of the table."""
     record = make(
         rows["t_s"],
@@ -29,8 +30,8 @@ def toss(rows):
         {
             "displacement": UNIT * rows["pz"][None],
             "velocity": UNIT * rows["vz"][None],
-            "displacement_sigma": [2e-5],  # departure of the flight from a parabola
-            "velocity_sigma": [4e-3],  # of a difference of two such
+            "displacement_sigma": np.array([2e-5]),  # departure of the flight from a parabola
+            "velocity_sigma": np.array([4e-3]),  # of a difference of two such
         },
         place="table",
         quantity="base motion",
@@ -40,7 +41,7 @@ def toss(rows):
     return record.assign(excitation=("time", floor, {"units": "m"}))
 
 
-def make_records(file, folder):
+def make_records(file: str | Path, folder: str | Path) -> None:
     """Write the records of `TOSSES` into the folder."""
     verified(Path(file), SHA256, ORIGIN)
     table = np.genfromtxt(file, delimiter=",", names=True)

@@ -7,12 +7,15 @@ velocities before and after the step. Full fidelity; each motion starts from res
 """
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from calib.dynamics.setting import Setting
@@ -20,6 +23,7 @@ from calib.modelling.model import Model
 from calib.records import OK
 from calib.report.plots.style import STYLE
 from calib.simulators.delaminated_beam import DelaminatedBeam
+from calib.simulators.delaminated_beam.period_map import BeamMap
 from calib.study_file import load
 
 HERE = Path(__file__).parent
@@ -57,10 +61,15 @@ class Loop:
     closed: float
 
 
+Loops = dict[tuple[str, float], Loop]  # (damper, step [s]) -> its motion
+
+
 def loop(number: int, c_con: float, damper: str, step: float, settle: int = SETTLE) -> Loop:
     """One period of a figure's set with this damper and step [s], after `settle` periods from rest."""
     held = load(HERE / f"fig{number:02d}.toml").setting({"c_con": c_con, "dt": step})
     map = Setting(Model(DelaminatedBeam(fidelity="full", damper=damper)), held.excitation, held.values).map()
+    if not isinstance(map, BeamMap):
+        raise TypeError(f"expected the map of a beam, got {type(map).__name__}")
     engine, began = map.engine(map.initial, BUDGET), time.process_time()
     for _ in range(settle):
         period = engine.period(1)
@@ -87,7 +96,7 @@ def distance(one: Loop, reference: Loop) -> float:
     return float(np.sqrt((((one.samples - reference.samples) / reference.samples.std(axis=0)) ** 2).mean()))
 
 
-def row(number: int, c_con: float, loops: dict) -> str:
+def row(number: int, c_con: float, loops: Loops) -> str:
     """One line of the table: force and distance, or the status, of each damper and step."""
     reference, cells = loops["semi_implicit", STEPS[0]], []
     for one in loops.values():
@@ -95,7 +104,7 @@ def row(number: int, c_con: float, loops: dict) -> str:
     return f"| {number} | {c_con:g} | " + " | ".join(cells) + " |"
 
 
-def picture(found: dict) -> Figure:
+def picture(found: dict[tuple[int, float], Loops]) -> Figure:
     """Velocity of the layer and contact force around the strongest contact, a column a case."""
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(15.0, 6.6), layout="constrained")
@@ -115,10 +124,10 @@ def picture(found: dict) -> Figure:
     return figure
 
 
-def _around(column, one, peak, colour, line, width, label):
+def _around(column: Sequence[Axes], one: Loop, peak: int, colour: str, line: str, width: float, label: str) -> None:
     spacing = 1e3 / (26.51 * SAMPLES)  # ms
     part = np.arange(-round(1.0 / spacing), round(3.0 / spacing))
-    look = {"color": colour, "linestyle": line, "linewidth": width, "label": label}
+    look: dict[str, Any] = {"color": colour, "linestyle": line, "linewidth": width, "label": label}
     column[0].plot(spacing * part, one.samples[(peak + part) % SAMPLES, 1], **look)
     column[1].plot(spacing * part, one.force[(peak + part) % SAMPLES], **look)
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import xarray as xr
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 
 from calib.dynamics.motion import kind_of_orbit
 from calib.dynamics.orbit_kind import OrbitKind
@@ -27,6 +27,7 @@ from calib.records.cycles import kind_of_motion
 from calib.records.cycles.motion import NO_CONTACT
 from calib.report.plots.style import MARK, MEASURED, SIMULATED, STYLE
 from calib.simulators.delaminated_beam import DelaminatedBeam
+from calib.simulators.delaminated_beam.options import Fidelity
 from calib.study_file import load
 
 HERE = Path(__file__).parent
@@ -95,24 +96,28 @@ GEOMETRIES = (
 )
 
 
-def setting(number: int, geometry: Geometry = GEOMETRIES[0], fidelity: str = "reduced", **values: float) -> Setting:
+def setting(
+    number: int, geometry: Geometry = GEOMETRIES[0], fidelity: Fidelity = "reduced", **values: float
+) -> Setting:
     """Model, excitation and values of a figure; `values` come before those of its study file."""
     held = load(HERE / f"fig{number:02d}.toml").setting({**geometry.values, **values})
     return Setting(Model(DelaminatedBeam(fidelity=fidelity, layer=geometry.layer)), held.excitation, held.values)
 
 
-def motion(number: int, geometry: Geometry = GEOMETRIES[0], fidelity: str = "reduced", **values: float) -> xr.Dataset:
+def motion(
+    number: int, geometry: Geometry = GEOMETRIES[0], fidelity: Fidelity = "reduced", **values: float
+) -> xr.Dataset:
     """Record of the paper's window; of a motion that settles, of two periods after it has."""
     held = setting(number, geometry, fidelity, **values)
     start = SAID[number].start
-    if number in SETTLES:
+    if number in SETTLES or start is None:
         request = Request(periods=2, samples=800)
     else:
-        request = Request(PERIODS, 400, settle=round(start * held.excitation.frequency))
+        request = Request(PERIODS, 400, settle=round(start * held.excitation.as_harmonic.frequency))
     return held.model.run(held.values, held.excitation, request)
 
 
-def kept(number: int, geometry: Geometry, fidelity: str) -> xr.Dataset:
+def kept(number: int, geometry: Geometry, fidelity: Fidelity) -> xr.Dataset:
     """Return the same, from out/ where it is there."""
     path = HERE / "out" / f"fig{number:02d}_{geometry.name}_{fidelity}.nc"
     if not path.exists():
@@ -234,7 +239,7 @@ def influence(found: dict[str, dict[int, Obtained]]) -> str:
     return "\n".join(rows)
 
 
-def _cell(number, geometry, one):
+def _cell(number: int, geometry: Geometry, one: Obtained) -> str:
     if one.kind == NO_CONTACT:
         return f"{one.kind} ({1e6 * nearest(number, geometry):.3g} um)"
     return f"{one.kind} ({100 * one.middle:.2f} %)"
@@ -245,13 +250,15 @@ def picture(records: dict[int, xr.Dataset], found: dict[int, Obtained], title: s
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(13.5, 10.0), layout="constrained")
         figure.suptitle(title, x=0.01, horizontalalignment="left", fontsize=10)
-        blocks = figure.subfigures(2, 3, hspace=0.04, wspace=0.03)
+        blocks = figure.subfigures(2, 3, squeeze=False, hspace=0.04, wspace=0.03)
         for block, (number, record) in zip(blocks.flat, records.items(), strict=True):
             _block(block, number, record, found, AXES[number in SETTLES])
     return figure
 
 
-def _block(block, number, record, found, scale):
+def _block(
+    block: SubFigure, number: int, record: xr.Dataset, found: dict[int, Obtained], scale: tuple[float, float]
+) -> None:
     reach, fastest = scale
     one = found[number]
     told = verdicts(number, one, found[14])

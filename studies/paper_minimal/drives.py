@@ -17,12 +17,13 @@ from calib.modelling.simulator import Request
 from calib.records.excitation import Excitation
 from calib.report.plots.sweeps import in_order, kind_colour, patch, plain_kind
 from calib.simulators.four_dof import FourDof
+from calib.simulators.four_dof.drives import DriveName
 from calib.study_file import load
 from calib.sweep import Sweep, run
 
 HERE = Path(__file__).parent
 END, MIDDLE = 1.5e-3, 2.702e-3  # m, linear amplitudes of q1 and q2
-DRIVES = {
+DRIVES: dict[DriveName, str] = {
     "spring": "displacement of q1 behind a stiff spring (default)",
     "rigid": "displacement of q1",
     "symmetric": "displacement of both ends",
@@ -31,7 +32,7 @@ DRIVES = {
 }
 
 
-def setting(drive: str) -> Setting:
+def setting(drive: DriveName) -> Setting:
     """Model and excitation of one way of driving."""
     model, frequency = Model(FourDof(drive)), load(HERE).setting().excitation.frequency
     if drive == "centre":
@@ -43,7 +44,7 @@ def setting(drive: str) -> Setting:
     return Setting(model, unit.scaled(END / float(linear.displacement.sel(body="q1").max())))
 
 
-def sweep(drive: str, out: Path, values: np.ndarray) -> xr.Dataset:
+def sweep(drive: DriveName, out: Path, values: np.ndarray) -> xr.Dataset:
     """Motions over the coefficient of restitution, from rest."""
     return run(Sweep(setting(drive), {"restitution": values}), out, jobs=2)
 

@@ -16,7 +16,8 @@ from calib.dynamics.branch import Branch, follow
 from calib.report.plots.bifurcation import bifurcation_diagram, impact_diagram
 from calib.report.plots.continuation import branch_diagram
 from calib.study_file import load
-from calib.sweep import Sweep, run
+from calib.sweep import NONE, Sweep, run
+from calib.sweep.plan import Carry
 
 HERE = Path(__file__).parent
 NAME = "restitution"
@@ -30,7 +31,7 @@ SEEDS = {
 }
 
 
-def sweep(out: Path, values: np.ndarray, carry: str = "none") -> xr.Dataset:
+def sweep(out: Path, values: np.ndarray, carry: Carry = NONE) -> xr.Dataset:
     """Motions over the coefficient of restitution, from rest or carried along."""
     setting = load(HERE).setting()
     return run(Sweep(setting, {NAME: values}, carry=carry), out, jobs=2)
@@ -50,7 +51,9 @@ def main() -> None:
     out = HERE / "out"
     diagram = sweep(out / "figure_4.nc", np.linspace(*WINDOW, 401))
     bifurcation_diagram(diagram, ["q2", "q3"]).savefig(out / "figure_4.png", dpi=150)
-    impact_diagram(diagram).savefig(out / "figure_4_impacts.png", dpi=150)
+    impacts = impact_diagram(diagram)
+    if impacts is not None:
+        impacts.savefig(out / "figure_4_impacts.png", dpi=150)
     followed = branches()
     datasets = [branch.dataset(NAME, "1").assign_attrs(model="four_dof", phase=0.0) for branch in followed]
     branch_diagram(datasets, "q3", diagram).savefig(out / "figure_4_branches.png", dpi=150)

@@ -6,6 +6,7 @@ The steps do not divide the period: where they do, the error locks to the grid a
 """
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -22,7 +23,7 @@ REQUEST = Request(periods=100, samples=400, settle=400)
 STEPS = (125.37, 250.37, 500.37, 1000.37)  # per period
 
 
-def motion(**options) -> xr.Dataset:
+def motion(**options: Any) -> xr.Dataset:
     """Record of 100 periods at restitution 0.05, from the simulator with these options."""
     setting = load(HERE).setting({"restitution": 0.05})
     return Model(FourDof(**options)).run(setting.values, setting.excitation, REQUEST)
@@ -42,8 +43,8 @@ def main() -> None:
     figure = Figure(figsize=(12.0, 4.2), layout="constrained")
     panels = figure.subplots(1, 3)
     for axes, record, title in zip(panels, (located, banded), ("impacts located", "fixed step T/250.37"), strict=False):
-        one = record.sel(body="q3")
-        axes.plot(1e3 * one.displacement, one.velocity, color="#0072B2", linewidth=0.4, rasterized=True)
+        layer = record.sel(body="q3")
+        axes.plot(1e3 * layer.displacement, layer.velocity, color="#0072B2", linewidth=0.4, rasterized=True)
         axes.set(title=title, xlabel="q3 displacement [mm]", ylabel="velocity [m/s]")
     steps = 1.0 / np.array(STEPS)
     panels[2].loglog(steps, 1e3 * np.array(kept), "o-", color="#D55E00", label="velocity reset only")

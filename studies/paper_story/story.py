@@ -4,19 +4,25 @@
 and out.extended/.
 """
 
-import json
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
+from calib.diagnosis import artifacts
+from calib.diagnosis.document import DiagnosisResult
+from calib.objective import Objective
 from calib.records import read
 from calib.report.plots.records import aligned_simulation
 from calib.report.plots.style import LINE, MARK, MEASURED, SIMULATED, STYLE, dots, line
-from calib.study import result
+from calib.study import CalibrationResult, result
 from calib.study_file import load
 from calib.units import shown
 from calib.workflows.calibrate import calibrate
@@ -58,8 +64,9 @@ def draw(folder: Path) -> Figure:
     """Draw the three panels from the files of the two studies."""
     file = load(folder)
     objective, told = file.study.objective, [folder / "out", folder / "out.extended"]
-    diagnosis = json.loads((told[0] / "diagnosis.json").read_text())
-    results = [result.read(out) for out in told]
+    diagnosis, results = artifacts.read(told[0]), [found for out in told if (found := result.read(out))]
+    if diagnosis is None or len(results) < len(told):
+        raise SystemExit("the story was not told yet: run without --picture")
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(10.0, 3.9), layout="constrained")
         loop, suspects, held = figure.subplots(1, 3, width_ratios=(1.25, 1.05, 0.75))
@@ -69,7 +76,7 @@ def draw(folder: Path) -> Figure:
     return figure
 
 
-def motions(axes, objective, simulated) -> None:
+def motions(axes: Axes, objective: Objective, simulated: Sequence[xr.Dataset]) -> None:
     """Phase curve of the layer: measured, calibrated without the shift, and extended."""
     measured = objective.references["clapping"].record.sel(body="layer")
     dots(axes, 1e3 * measured.displacement.values, measured.velocity.values)
@@ -81,33 +88,32 @@ def motions(axes, objective, simulated) -> None:
     axes.set_xlabel("Displacement [mm]")
     axes.set_ylabel("Velocity [m/s]")
     known = [
-        mpl.lines.Line2D([], [], color=MEASURED, marker=".", markersize=7, linestyle="none", label="record (stand-in)"),
-        mpl.lines.Line2D([], [], color=BEFORE, linewidth=1.8, label="best of the box"),
-        mpl.lines.Line2D([], [], color=AFTER, linewidth=1.8, label="with the shift"),
+        Line2D([], [], color=MEASURED, marker=".", markersize=7, linestyle="none", label="record (stand-in)"),
+        Line2D([], [], color=BEFORE, linewidth=1.8, label="best of the box"),
+        Line2D([], [], color=AFTER, linewidth=1.8, label="with the shift"),
     ]
     axes.margins(x=0.05, y=0.05)
     axes.set_ylim(top=axes.get_ylim()[1] + 0.045)  # room for the legend
     axes.legend(handles=known, loc="upper left", handlelength=1.4)
 
 
-def explained(axes, diagnosis) -> None:
+def explained(axes: Axes, diagnosis: DiagnosisResult) -> None:
     """Suspects as bars: how much of the excess misfit each explains, everything else calibrated anew."""
-    tried = [s for s in diagnosis["suspects"] if s["refitted"] and (s["share"] or 0.0) > 0.0][:SUSPECTS]
+    explaining = [(s, s.share) for s in diagnosis.suspects if s.refitted and s.share is not None and s.share > 0.0]
+    tried = [suspect for suspect, _ in explaining[:SUSPECTS]]
     places = np.arange(len(tried))[::-1]
-    shares = [100.0 * s["share"] for s in tried]
-    named = {name for causes in diagnosis["class"] for name in causes}
-    colours = [AFTER if s["effect"] in named else MEASURED for s in tried]
+    shares = [100.0 * share for _, share in explaining[:SUSPECTS]]
+    named = {name for causes in diagnosis.classes for name in causes}
+    colours = [AFTER if s.effect in named else MEASURED for s in tried]
     axes.barh(places, shares, color=colours, height=0.62)
-    axes.set_yticks(places, [s["effect"].replace("_", " ") for s in tried])
+    axes.set_yticks(places, [s.effect.replace("_", " ") for s in tried])
     for place, share in zip(places, shares, strict=True):
         axes.annotate(f"{share:.1f} %", (share, place), (4, 0), textcoords="offset points", va="center", fontsize=8)
     for place, suspect in zip(places, tried, strict=True):
-        if suspect["effect"] in named:
-            [(name, size)] = suspect["size"].items()
-            axes.annotate(
-                shown(size, suspect["units"][name], 3), (0.0, place), (6, 0), textcoords="offset points", va="center",
-                color="white",
-            )  # fmt: skip
+        if suspect.effect in named:
+            [(name, size)] = suspect.size.items()
+            text = "" if size is None else shown(size, suspect.units[name], 3)
+            axes.annotate(text, (0.0, place), (6, 0), textcoords="offset points", va="center", color="white")
     axes.set_xlim(0.0, 125.0)
     axes.set_xticks([0, 50, 100])
     axes.set_xlabel("Misfit explained [%]")
@@ -116,11 +122,12 @@ def explained(axes, diagnosis) -> None:
     axes.tick_params(axis="y", length=0)
 
 
-def predicted(axes, results) -> None:
+def predicted(axes: Axes, results: Sequence[CalibrationResult]) -> None:
     """Distance of the layer's phase curve on the records held out, before and after."""
     names, term = list(results[0].holdout), "phase_curve of layer"
     for offset, found, colour in zip((-0.2, 0.2), results, (BEFORE, AFTER), strict=True):
-        heights = [found.holdout[name].terms.get(term, np.nan) for name in names]
+        distances = [found.holdout[name].terms.get(term) for name in names]
+        heights = [np.nan if distance is None else distance for distance in distances]
         axes.bar(np.arange(len(names)) + offset, heights, color=colour, width=0.36)
         for place, height in enumerate(heights):
             axes.annotate(f"{height:.2g}", (place + offset, height), (0, 3), textcoords="offset points", ha="center")

@@ -33,19 +33,19 @@ HELD = {"mass": 1.0, "friction_slip": 0.005, "dahl_distance": 0.0145}  # kg, m/s
 
 
 @force
-def fifth_power(t, x, v, p, z, dz):
+def fifth_power(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
     """Return the force per unit mass [m/s^2] at the displacement x [m]: -k5 x^5."""
     return -p[0] * x * x * x * x * x
 
 
 @force
-def amplitude_damping(t, x, v, p, z, dz):
+def amplitude_damping(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
     """Return the force per unit mass [m/s^2] at the displacement x [m] and the velocity v [m/s]: -cx x^2 v."""
     return -p[0] * x * x * v
 
 
 @force
-def inertia(t, x, v, p, z, dz):
+def inertia(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
     """Return the force per unit mass [m/s^2] at the displacement x [m] and the velocity v [m/s]: -kv x v^2."""
     return -p[0] * x * v * v
 

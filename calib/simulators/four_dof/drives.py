@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -36,7 +37,8 @@ class DriveKind:
         return tuple(i for i in range(len(BODIES)) if i not in self.prescribed)
 
 
-DRIVES = {
+DriveName = Literal["spring", "rigid", "symmetric", "force", "centre"]
+DRIVES: dict[DriveName, DriveKind] = {
     "spring": DriveKind("end", "displacement", (), True, "a prescribed displacement behind a stiff spring at q1"),
     "rigid": DriveKind("end", "displacement", (0,), False, "q1 prescribed"),
     "symmetric": DriveKind("end", "displacement", (0, 3), False, "q1 and q4 prescribed"),

@@ -15,7 +15,7 @@ from calib.modelling.parameter import Parameter
 from calib.modelling.simulator import Request
 from calib.records import MIN_SECTION_PERIODS, OK, STATE, failed, make, prescription
 from calib.records.excitation import Excitation
-from calib.simulators.four_dof.drives import BODIES, DRIVES, LAYER, structure
+from calib.simulators.four_dof.drives import BODIES, DRIVES, LAYER, DriveName, structure
 from calib.simulators.four_dof.lumped import lumped
 from calib.simulators.impact.assembly import STEPS_PER_PERIOD, ImpactDrive, assemble
 from calib.simulators.impact.initial_state import start, with_law_states
@@ -80,7 +80,7 @@ class FourDof:
 
     def __init__(
         self,
-        drive: Literal["spring", "rigid", "symmetric", "force", "centre"] = "spring",
+        drive: DriveName = "spring",
         mode: Literal["exact", "fixed_step"] = "exact",
         steps_per_period: float | None = None,
         onto_surface: bool = False,
