@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 MILLI = {"m": (1e3, "mm"), "s": (1e3, "ms")}  # SI unit -> factor and unit in which people read small values
 MICRO = {"m": (1e6, "um"), "s": (1e6, "us")}  # the same for those below MICRO_BELOW
 MICRO_BELOW = 1e-5  # m, s: smaller values are read in um and us
-SI_FROM = 10.0  # m, s: such and larger values are read in m and s
+SI_FROM = 1.0  # m, s: such and larger values are read in m and s
 # a number, then its unit; a comma is refused because pint drops it: '1,5 mm' would become 15 mm
 QUANTITY = re.compile(r"\s*\(?\s*[+-]?\s*(\d|\.\d|inf|nan)[\w\s.+\-*/^()%°µ]*")
 

@@ -99,7 +99,7 @@ def _group(
 def _correlated(names: Sequence[str], covariance: np.ndarray, direction: Mapping[str, float], reason: str) -> str:
     """Say of several parameters which two are correlated most, and how much better they are known together."""
     shifts = ", ".join(f"{name} {shift:+.2f}" for name, shift in direction.items())
-    together = f"moving them together ({shifts} of their windows) changes little that is measured"
+    together = f"moving them together as {shifts} (shares of their windows) changes little that is measured"
     errors = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     correlation = np.clip(covariance / np.outer(errors, errors), -1.0, 1.0)
     i, j = divmod(int(np.argmax(np.abs(np.triu(correlation, 1)))), len(names))

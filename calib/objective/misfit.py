@@ -10,8 +10,8 @@ from calib.objective.terms import Reference, Term
 from calib.records import channels, prescribed
 
 MISFIT = (
-    "root mean square of measured less simulated over that of the channel about its mean, root mean square over "
-    "channels and records, all samples that count weighted alike"
+    "rms of measured minus simulated over the standard deviation of the measured channel, rms over channels and "
+    "records, with equal weight of all samples that are compared"
 )
 
 Rows = Sequence[tuple[str, str]]  # (body, channel)

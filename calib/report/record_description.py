@@ -8,6 +8,7 @@ import xarray as xr
 from calib.errors import CalibError
 from calib.records import STATE, channels, fills_periods, nuisance_sigma, stated_period
 from calib.records.cycles import impact, kind_of_motion, phase_curve
+from calib.records.excitation import UNITS
 from calib.units import shown
 
 MAX_INTEGRAL_ERROR = 0.02  # of the velocity's integral, over the rms displacement, noise apart  [1]
@@ -45,7 +46,10 @@ def record_description(record: xr.Dataset) -> Iterator[str]:
     yield f"{time.size} samples at intervals of {shown(step, 's')}, {shown(time[-1] - time[0] + step, 's')} in all"
     if period is not None:
         drive = [f"{record.attrs[k]}" for k in ("quantity", "place") if k in record.attrs]
-        size = f", amplitude {record.attrs['amplitude']:.4g} (SI)" if "amplitude" in record.attrs else ""
+        size = ""
+        if "amplitude" in record.attrs:
+            unit = UNITS.get(str(record.attrs.get("quantity", "")), "")
+            size = f", amplitude {shown(float(record.attrs['amplitude']), unit)}"
         yield f"excitation: {' at the '.join(drive) or 'not stated'}, {1.0 / period:.6g} Hz{size}"
     motion = kind_of_motion(record)
     yield f"kind of motion: {motion.kind} ({motion.evidence})"

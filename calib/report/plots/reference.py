@@ -97,4 +97,4 @@ def _energy(axes: Axes, cycle: xr.Dataset, body: str) -> None:
         axes.legend(loc="best")
     axes.margins(x=0.01)
     axes.set_xlabel("Phase [periods]")
-    axes.set_ylabel("Kinetic energy per unit mass [J/kg]")
+    axes.set_ylabel("Kinetic energy\nper unit mass [J/kg]")

@@ -12,6 +12,7 @@ from calib.diagnosis.rehearse import NOTHING, Rehearsed, confusion, rates
 from calib.report.plots.style import LINE, STYLE
 
 CELL_SIZE = 0.22  # inch
+WORDS = {"class": "one of several"}  # of an answer that needs them
 
 
 def rehearsal(played: Sequence[Rehearsed]) -> Figure:
@@ -31,9 +32,11 @@ def rehearsal(played: Sequence[Rehearsed]) -> Figure:
         ratios = len(answers), 1.5 + 2.0 * max(1, len(strengths))
         left, right = figure.subplots(1, 2, width_ratios=ratios, sharey=True)
         _cells(left, shares)
-        left.set_xticks(range(len(answers)), answers, rotation=90)
+        left.set_xticks(range(len(answers)), [WORDS.get(answer, answer) for answer in answers], rotation=90)
         left.set_yticks(range(len(hidden)), hidden)
-        left.set(xlabel="diagnosed effect", ylabel="hidden effect", title="Share of the diagnoses [%]")
+        left.set(
+            xlabel="diagnosed effect", ylabel="hidden effect", title=f"Share of the diagnoses [%], {len(played)} cases"
+        )
         named = np.full((len(hidden), len(strengths)), np.nan)
         for row in table:
             if row.hidden.strength in strengths and row.hidden.effect in hidden:
