@@ -182,7 +182,11 @@ def _suspect(suspect: Suspect, excess: float, chosen: Suspect | None) -> Suspect
 def _without_effect(suspect: Suspect) -> str:
     """State that a suspect changes no simulation where it is absent; "" of one that does."""
     none = isinstance(suspect, Scored) and not suspect.derivatives.any()
-    return "it changes nothing in these records: every derivative where it is absent is zero" if none else ""
+    return (
+        "it changes nothing in these records: their derivative with respect to its size is zero where it is absent"
+        if none
+        else ""
+    )
 
 
 def _round(outcome: Round) -> RoundResult:

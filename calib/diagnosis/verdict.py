@@ -155,7 +155,8 @@ def untried(selection: Selection) -> str:
     if not selection.cut_short:
         return ""
     names = [name for r in selection.rounds for name in r.untried]
-    fits = f"not fitted: {', '.join(names)}; " if names else ""
+    were = "was" if len(names) == 1 else "were"
+    fits = f"{joined(names)} {were} not fitted, and " if names else ""
     return f" (the budget was spent: {fits}not all further causes and exchanges of causes were tried)"
 
 

@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import NullFormatter, NullLocator
 
 from calib.diagnosis.document import GainResult, ShiftResult
-from calib.report.formatting import signed
+from calib.report.formatting import raised, signed
 from calib.report.plots.style import (
     EXTENDED,
     LINE,
@@ -132,7 +132,7 @@ def sizes_by_record(
             axes.set_yticks(range(len(records)), records[::-1])
             axes.set_ylim(-0.6, len(records) - 0.4)
             axes.axvline(0.0, color=MEASURED, linewidth=0.7)
-            axes.set_xlabel(f"{name} [{unit}]")
+            axes.set_xlabel(f"{name} [{raised(unit)}]")
             _limit(axes, own, factor, common.get(name))
         for axes in grid.flat[len(names) :]:
             axes.set_visible(False)

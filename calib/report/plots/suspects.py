@@ -10,9 +10,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from calib.report.formatting import signed
 from calib.report.plots.style import EXTENDED, MARK, SIMULATED, STYLE, TEXT_WIDTH, Look
 
 MAX_LINEAR_RATIO = 12.0  # largest |z| over the threshold up to which the axis is linear  [1]
+PATCH = {"facecolor": "white", "edgecolor": "none", "pad": 0.4}  # behind a number, on which a line may lie
 MIN_AXIS_RATIO = 0.1  # lower end of a logarithmic axis over the threshold  [1]
 
 
@@ -91,7 +93,16 @@ def _draw_bars(axes: Axes, ordered: Sequence[Strength], threshold: float) -> Non
             tick.set_fontweight("bold")
     for k, strength in enumerate(ordered):
         place = (values[k], k)
-        axes.annotate(f"{strength.z:.1f}", place, (3, 0), textcoords="offset points", fontsize=6.8, va="center")
+        axes.annotate(
+            signed(strength.z),
+            place,
+            (3, 0),
+            textcoords="offset points",
+            fontsize=6.8,
+            va="center",
+            zorder=5,
+            bbox=PATCH,
+        )
     if logarithmic:
         axes.set_xscale("log")
         axes.set_xlim(least, 1.8 * largest)

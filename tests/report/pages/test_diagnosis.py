@@ -22,9 +22,11 @@ from calib.diagnosis.noise import Noise
 from calib.diagnosis.part import Part
 from calib.diagnosis.suspect import Scored
 from calib.errors import CalibError
+from calib.records.excitation import Excitation
 from calib.report import render
 from calib.report.pages.diagnosis.chapter import chapter
 from calib.report.pages.diagnosis.conclusion import headline, left_out, points, stale
+from calib.report.pages.diagnosis.misfit import clocks
 from calib.report.pages.diagnosis.next_measurement import separation_text
 from calib.report.pages.diagnosis.sizes import disagreements
 from calib.report.pages.diagnosis.suspects import outcome
@@ -222,7 +224,61 @@ def test_where_nothing_is_found_all_suspects_stand_with_the_sizes_that_would_hav
 def test_what_the_level_of_the_noise_is_known_from_is_said(study):
     found = chapter(result(document("named", VALUES)), motions("named"), CALIBRATED, study)
     [noise] = [gate for gate in found.gates if gate.name == "noise"]
-    assert noise.summary.endswith(" of the standard deviation of the channel, in 8 channels (cycle to cycle)")
+    level, model = noise.summary.split("; ")
+    assert level.endswith(" of the standard deviation of the channel, in 8 channels (cycle to cycle)")
+    assert model == "taken as uncorrelated"
+
+
+def test_the_order_of_correlated_noise_is_said(study):
+    known = motions("named")
+    known["clapping"] = known["clapping"].assign(memory=(("row", "lag"), np.array([[0.5, 0.0, 0.1]] * 4)))
+    found = chapter(result(document("named", VALUES)), known, CALIBRATED, study)
+    [noise] = [gate for gate in found.gates if gate.name == "noise"]
+    assert noise.summary.endswith("; taken as autoregressive of order 0 to 3, 0 being uncorrelated")
+
+
+def test_how_the_rate_of_each_clock_enters_is_said():
+    tone = Excitation("end", "displacement", frequency=26.0, amplitude=1e-3)
+    references = {"tone": SimpleNamespace(excitation=tone)}
+    references["decay"] = SimpleNamespace(excitation=Excitation("mass", "free decay"))
+    assert clocks(references) == (
+        "Rate of the recorder's clock: it is a nuisance, solved for against the steady tone (tone); it is taken as "
+        "uncertain by up to 50 ppm (rectangular distribution), which the standard errors include unless what the model "
+        "leaves masks it (decay)."
+    )
+    assert clocks({}) == ""
+
+
+@pytest.mark.parametrize(
+    ("share", "cosine", "above_noise", "similar"),
+    [(0.98, 0.99, True, True), (0.98, 0.99, False, False), (0.6, 0.99, True, False), (0.98, 0.6, True, False)],
+)
+def test_a_named_effect_that_others_resemble_is_told_with_them(share, cosine, above_noise, similar, study):
+    """Of a ball that falls, linear and quadratic drag explain nearly the same: drag is certain, its form is not."""
+    said = document("named", VALUES)
+    said["remains"] = {"above_noise": above_noise, "rows": []}
+    said["suspects"][1] |= {"share": share, "alike": cosine}
+    told = [text for text in chapter(result(said), {}, CALIBRATED, study).points if "the form of the law" in text]
+    assert bool(told) == similar
+    if told:
+        assert "each on its own: linear_drag 98 %." in told[0]
+        assert "What would decide: a record over another range of displacement and velocity" in told[0]
+
+
+def test_effects_that_resemble_the_closest_one_are_told_with_it(study):
+    said = document("unexplained", VALUES)
+    said |= {"closest": ["quadratic_drag"], "rounds": document("named", VALUES)["rounds"]}
+    said["suspects"][1] |= {"share": 1.0, "alike": 0.99}
+    told = chapter(result(said), {}, CALIBRATED, study).points
+    assert any("As quadratic_drag alone is not the cause, the form of the law" in text for text in told)
+
+
+def test_where_only_sizes_of_the_wrong_sign_would_explain_the_misfit_they_are_told(study):
+    said = document("unexplained", VALUES) | {"closest": [], "stand_ins": []}
+    said["suspects"] = [one | {"z": -abs(one["z"])} for one in said["suspects"] if one["effect"] == "linear_drag"]
+    [told] = [text for text in chapter(result(said), {}, CALIBRATED, study).points if "of a sign" in text]
+    assert "linear_drag would need c1 < 0" in told
+    assert "the noise is larger than it is taken here" in told
 
 
 def test_a_failed_gate_says_what_to_do(told):

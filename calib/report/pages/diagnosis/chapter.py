@@ -16,6 +16,7 @@ from calib.report.pages.diagnosis.misfit import (
     GateRow,
     RecordResidual,
     body_forces,
+    clocks,
     feature_rows,
     gate_row,
     misfit_picture,
@@ -28,8 +29,9 @@ from calib.report.pages.diagnosis.rounds import (
     explained_together,
     magnified_picture,
     round_rows,
+    similar_effects,
 )
-from calib.report.pages.diagnosis.suspects import SuspectRows, outcome, strengths_picture, suspect_rows
+from calib.report.pages.diagnosis.suspects import SuspectRows, outcome, strengths_picture, suspect_rows, wrong_signs
 from calib.report.pages.picture import Picture
 from calib.report.pages.verdict import Tone
 from calib.study import CalibrationResult, CalibrationStudy
@@ -53,6 +55,7 @@ class DiagnosisChapter:
     headline: str
     points: tuple[str, ...]
     gates: tuple[GateRow, ...]
+    clocks: str
     loops: Picture | None
     features: FeatureRows
     residuals: tuple[RecordResidual, ...]
@@ -90,8 +93,13 @@ def chapter(
         tone=TONES.get(diagnosis.verdict, "bad"),
         stale=stale(diagnosis, result),
         headline=headline(diagnosis),
-        points=tuple(points(diagnosis, with_force_plots=any(force.significant for force in forces))),
+        points=(
+            *points(diagnosis, with_force_plots=any(force.significant for force in forces)),
+            *similar_effects(diagnosis, outcomes),
+            *wrong_signs(diagnosis, outcomes),
+        ),
         gates=tuple(gate_row(gate, motions) for gate in diagnosis.gates),
+        clocks=clocks(study.objective.references),
         loops=misfit_picture(motions),
         features=feature_rows(diagnosis),
         residuals=tuple(record_residuals(motions, named_extension(diagnosis))),

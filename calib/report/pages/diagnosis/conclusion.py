@@ -80,7 +80,7 @@ def points(diagnosis: DiagnosisResult, with_force_plots: bool = True) -> list[st
             "An effect of the smallest detectable size in the table below, or larger, would have been found."
         )
     if diagnosis.verdict == UNEXPLAINED:
-        own = "an effect of your own is one file (calib list shows the existing ones)."
+        own = "an effect that is no candidate yet is added as one file (calib new effect)."
         figures = "The figures of the missing acceleration show the form that a law would need"
         sentences.append(f"{figures}; {own}" if with_force_plots else capitalised(own))
     sentences += [*_faults(diagnosis), *_extension(diagnosis)]
@@ -163,6 +163,8 @@ def _remainder(diagnosis: DiagnosisResult) -> list[str]:
     if len(remainder.rows) > 1:
         where = f"{most.channel} of {most.body} in {most.record}"
         text += f"; {percent(most.beyond_noise / whole)} of it is in the {where}"
+    if not added(diagnosis):
+        return [f"{text}."]
     text += ". Standard errors allow for it, but unmodelled effects can bias sizes by more"
     biases = [
         f"{name} by {size_text(joint, name, bias)}"
@@ -184,7 +186,7 @@ def left_out(diagnosis: DiagnosisResult) -> list[str]:
     )
     sentences = []
     for one in diagnosis.left_out:
-        decide = f"{small} A record in which {one.effect} acts more strongly would decide."
+        decide = f"{small} A record in which {one.effect} explains a larger share would decide."
         reason = f"{one.reason}, so that it imitates another cause (a stand-in)." if one.reason else decide
         share = "an unknown share" if one.share is None else percent(one.share)
         sentences.append(
@@ -226,7 +228,7 @@ def _misfit_change(gain: GainResult) -> str:
     low, high = gain.interval
     if low is not None and high is not None:
         change, ends = ("more", (-high, -low)) if high < 0.0 else ("less", (low, high))
-        first, last = (number(100.0 * end, 2) for end in ends)
+        first, last = (number(100.0 * end, 2).replace("-", "−") for end in ends)
         text += f": {change} by {first} to {last} percentage points (95\u00a0% interval)"
         text += ", which includes zero: the gain is not significant" if low <= 0.0 <= high else ""
     return f"{text}. Misfit: {gain.metric}; {REFITTED}."

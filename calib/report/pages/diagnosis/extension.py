@@ -8,7 +8,12 @@ from calib.diagnosis.document import AgreementResult, DiagnosisResult, GainResul
 from calib.modelling.parameter import Parameter
 from calib.report.formatting import count, number, percent, signed, with_error
 from calib.report.pages.diagnosis.conclusion import is_heterogeneous
-from calib.report.pages.diagnosis.sizes import SHIFT_ERRORS, biased_half_width, half_width
+from calib.report.pages.diagnosis.sizes import (
+    SHIFT_ERRORS,
+    biased_half_width,
+    half_width,
+    written_by_record,
+)
 from calib.report.pages.picture import Picture, pictured
 from calib.report.plots.extension import CommonSize, RecordSize, misfit_change, sizes_by_record, value_shifts
 from calib.report.plots.style import shown_unit
@@ -27,9 +32,13 @@ SIZES = (
 )
 SHIFTS = (
     "Shift of the calibrated parameters once the cause is in the model, in their standard errors as this diagnosis "
-    "weights the records; grey band: two standard errors. A parameter that moves further may have compensated for the "
-    "missing effect, or the effect takes over its part."
+    "weights the records (the calibration weighs otherwise, so that its standard errors differ); grey band: two "
+    "standard errors. A parameter that moves further may have compensated for the missing effect, or the effect takes "
+    "over its part."
 )
+
+
+MIN_WRITTEN_STATISTIC = 0.01  # chi-square or z, of which a smaller value says no more  [1]
 
 
 @dataclass(frozen=True)
@@ -111,11 +120,16 @@ def _agreement(agreement: AgreementResult, gain: GainResult, diagnosis: Diagnosi
     within = " within the bias that the remainder of the model may cause" if any(t.bias for t in own) else ""
     text = (
         f"The records, each alone, {'agree' if agreement.agree else 'do not agree'} on {agreement.parameter}{within} "
-        f"(chi-square {number(agreement.chi2, 3)} for {count(agreement.degrees, 'degree')} of freedom, z = "
-        f"{number(agreement.z, 2)}, threshold {number(diagnosis.threshold, 2)})"
+        f"(chi-square {_not_tiny(agreement.chi2)} for {count(agreement.degrees, 'degree')} of freedom, z = "
+        f"{_not_tiny(agreement.z)}, threshold {number(diagnosis.threshold, 3)})"
     )
     z = None if diagnosis.misfit is None else diagnosis.misfit.heterogeneity_z
     channels_differ = z is not None and diagnosis.threshold is not None and z > diagnosis.threshold
     if agreement.agree and is_heterogeneous(diagnosis) and channels_differ:
-        return f"{text}; the channels within them differ."
-    return f"{text}."
+        text += "; the channels within them differ"
+    return f"{text}: {written_by_record(agreement.parameter, gain, diagnosis)} (95\u00a0% intervals by Student's t)."
+
+
+def _not_tiny(x: float | None) -> str:
+    """Write a statistic to three digits; of a small one only the bound."""
+    return f"below {MIN_WRITTEN_STATISTIC:g}" if x is not None and 0.0 < x < MIN_WRITTEN_STATISTIC else number(x, 3)

@@ -1,12 +1,14 @@
 """First part of the chapter: conditions of the diagnosis, misfit of features, residuals and missing accelerations."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
 
+from calib.diagnosis.clock import MAX_CLOCK_RATE
 from calib.diagnosis.document import DeviationResult, DiagnosisResult, GateResult
+from calib.objective import Reference
 from calib.report.formatting import count, percent, raised, rounded, signed, with_error
 from calib.report.pages.diagnosis.conclusion import remedy
 from calib.report.pages.picture import Picture, pictured
@@ -116,7 +118,41 @@ def _noise_levels(motions: Mapping[str, xr.Dataset]) -> str:
     levels = [float(motion.sigma[row]) / float(np.std(motion.measured.values[row])) for motion, row in known]
     ends = dict.fromkeys(percent(x, 2) for x in (min(levels), max(levels)))
     text = f"{' to '.join(ends)} of the standard deviation of the channel, in {count(len(levels), 'channel')}"
-    return f"{text} ({', '.join(dict.fromkeys(sources))})" if sources else text
+    source = f" ({', '.join(dict.fromkeys(sources))})" if sources else ""
+    return f"{text}{source}; {_noise_model([_order(motion, row) for motion, row in known])}"
+
+
+def _order(motion: xr.Dataset, row: int) -> int:
+    """Order of the autoregression that the noise of a channel is taken for, 0 where it is uncorrelated."""
+    return int(np.flatnonzero(motion.memory.values[row]).max(initial=-1)) + 1
+
+
+def _noise_model(orders: Sequence[int]) -> str:
+    """Say how the noise of the channels is taken to be correlated."""
+    low, high = min(orders), max(orders)
+    if high == 0:
+        return "taken as uncorrelated"
+    order = f"{high}" if low == high else f"{low} to {high}, 0 being uncorrelated" if low == 0 else f"{low} to {high}"
+    return f"taken as autoregressive of order {order}"
+
+
+def clocks(references: Mapping[str, Reference]) -> str:
+    """Say how the rate of each recorder's clock enters the diagnosis, record by record."""
+    names: dict[str, list[str]] = {}
+    for name, reference in references.items():
+        excitation = reference.excitation
+        if excitation.harmonic:
+            how = "is a nuisance, solved for against the steady tone"
+        elif excitation.quantity == "free decay" or not excitation.periodic:
+            how = (
+                f"is taken as uncertain by up to {1e6 * MAX_CLOCK_RATE:.0f} ppm (rectangular distribution), which the "
+                "standard errors include unless what the model leaves masks it"
+            )
+        else:
+            how = "is taken as right"
+        names.setdefault(how, []).append(name)
+    texts = [f"{how} ({', '.join(own)})" for how, own in names.items()]
+    return f"Rate of the recorder's clock: it {'; it '.join(texts)}." if texts else ""
 
 
 def record_residuals(motions: Mapping[str, xr.Dataset], label: str) -> list[RecordResidual]:

@@ -15,6 +15,9 @@ from calib.report.pages.picture import Picture, pictured
 from calib.report.plots.diagnosed_loops import magnified_loops
 from calib.report.plots.suspects import SuspectOutcome
 
+MIN_SIMILAR_COSINE = 0.95  # of the angle between signatures, from which effects count as similar  [1]
+MIN_SIMILAR_SHARE = 0.95  # of what the named effect explains, from which they do  [1]
+MAX_SIMILAR = 6  # effects that a sentence lists
 MAGNIFIED = (
     "Phase curves of the extended model (green), and the distances from them of the calibrated model (blue) and of "
     "the measured curve (grey, averaged over a thirtieth of the cycle), magnified as the titles state: where the dots "
@@ -132,6 +135,44 @@ def distinction(diagnosis: DiagnosisResult, outcomes: Mapping[str, SuspectOutcom
     if diagnosis.verdict == NAMED:
         sentences.append(_best_of_others(diagnosis, outcomes))
     return sentences
+
+
+def similar_effects(diagnosis: DiagnosisResult, outcomes: Mapping[str, SuspectOutcome]) -> list[str]:
+    """Say which effects resemble the only named or closest one so much that its form is less certain than its presence.
+
+    Only effects that were refitted are compared. Nothing is said where a named effect leaves no more than noise: the
+    records then decide between it and the others.
+    """
+    first = diagnosis.rounds[0] if diagnosis.rounds else None
+    if first is None or first.share is None or added(diagnosis) != [first.chosen]:
+        return []
+    if diagnosis.verdict == UNEXPLAINED:
+        reason = f"As {first.chosen} alone is not the cause"
+    elif diagnosis.verdict == NAMED and diagnosis.remainder is not None and diagnosis.remainder.above_noise:
+        reason = "As what remains is more than noise"
+    else:
+        return []
+    similar = {
+        suspect.effect: suspect.share
+        for suspect in diagnosis.suspects
+        if outcomes[suspect.effect] == SuspectOutcome.EXPLAINS_LESS
+        and suspect.refitted
+        and suspect.share is not None
+        and suspect.share >= MIN_SIMILAR_SHARE * first.share
+        and suspect.cosine is not None
+        and suspect.cosine >= MIN_SIMILAR_COSINE
+    }
+    if not similar:
+        return []
+    ordered = sorted(similar, key=lambda name: -similar[name])
+    listed = ", ".join(f"{name} {explained(similar[name])}" for name in ordered[:MAX_SIMILAR])
+    more = f" and {len(ordered) - MAX_SIMILAR} more" if len(ordered) > MAX_SIMILAR else ""
+    return [
+        f"{first.chosen} explains {explained(first.share)} of the excess, and effects of nearly the same signature in "
+        f"these records explain nearly as much, each on its own: {listed}{more}. {reason}, "
+        "the form of the law is less certain than that something of this signature is missing. What would decide: a "
+        "record over another range of displacement and velocity, in which these effects differ more."
+    ]
 
 
 def _closest(diagnosis: DiagnosisResult) -> list[str]:

@@ -92,7 +92,7 @@ def disagreements(diagnosis: DiagnosisResult) -> list[str]:
     names = [name for name, joint in diagnosis.joint_sizes.items() if set(joint.size) & set(apart)]
     if not names:
         return []
-    sizes = [_sizes_by_record(parameter, diagnosis.gain, diagnosis) for parameter in apart]
+    sizes = [written_by_record(parameter, diagnosis.gain, diagnosis) for parameter in apart]
     return [
         f"The records, each alone, disagree on the size of {joined(names)} ({'; '.join(sizes)}; 95\u00a0% intervals by "
         "Student's t): an unmodelled effect with a similar signature changes it, or is the cause; the interval of "
@@ -100,7 +100,7 @@ def disagreements(diagnosis: DiagnosisResult) -> list[str]:
     ]
 
 
-def _sizes_by_record(parameter: str, gain: GainResult, diagnosis: DiagnosisResult) -> str:
+def written_by_record(parameter: str, gain: GainResult, diagnosis: DiagnosisResult) -> str:
     """Write the size that each record alone has of a parameter."""
     own = [one for one in gain.transfers if one.parameter == parameter and one.error is not None]
     unit = next((j.units.get(parameter) for j in diagnosis.joint_sizes.values() if parameter in j.size), None)

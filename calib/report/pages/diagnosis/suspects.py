@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from calib.diagnosis.document import DiagnosisResult, SuspectResult
 from calib.diagnosis.excess import significant
-from calib.diagnosis.verdict import NONE, ONE_OF, explained
+from calib.diagnosis.verdict import NONE, ONE_OF, UNEXPLAINED, explained
 from calib.report.formatting import number, percent, quantity, signed
 from calib.report.pages.diagnosis.conclusion import added
 from calib.report.pages.diagnosis.sizes import is_absorbed, is_untested, sizes
@@ -18,7 +18,7 @@ MIN_COSINE = 0.5  # of signatures, from which their likeness is mentioned  [1]
 STRENGTHS = (
     "How strongly each effect shows in the residuals, after the part that calibrated parameters and nuisances absorb "
     "is removed. Above the dashed line an effect is significant: noise alone would make the strongest of them exceed "
-    "it in 1 of 100 cases."
+    "it in 1 of 100 cases. The cause is chosen by what its fit explains and predicts, not by z."
 )
 
 
@@ -70,6 +70,19 @@ def outcome(suspect: SuspectResult, diagnosis: DiagnosisResult) -> SuspectOutcom
 def _rivals_of_closest(diagnosis: DiagnosisResult) -> set[str]:
     """Names of suspects that are indistinguishable from those that explain most."""
     return {name for one in diagnosis.rounds if one.chosen in diagnosis.closest for name in one.rivals}
+
+
+def wrong_signs(diagnosis: DiagnosisResult, outcomes: Mapping[str, SuspectOutcome]) -> list[str]:
+    """Say which significant effects would need a size of the wrong sign, where no effect is named or comes closest."""
+    wrong = [one for one in diagnosis.suspects if outcomes[one.effect] == SuspectOutcome.WRONG_SIGN]
+    if diagnosis.verdict != UNEXPLAINED or diagnosis.closest or not wrong:
+        return []
+    ordered = sorted(wrong, key=lambda one: -abs(one.z or 0.0))
+    listed = "; ".join(f"{one.effect} {_reason(one, SuspectOutcome.WRONG_SIGN, diagnosis)}" for one in ordered)
+    return [
+        f"Above the threshold, but of a sign that makes no sense: {listed}. Either an effect is missing that is no "
+        "candidate, or the noise is larger than it is taken here."
+    ]
 
 
 def _is_one_sided(suspect: SuspectResult) -> bool:
@@ -175,7 +188,12 @@ def _explains_less(suspect: SuspectResult, diagnosis: DiagnosisResult) -> str:
     if first is None or suspect.cosine is None or not suspect.cosine > MIN_COSINE:
         return "explains less"
     exchanged = ", the choice of round 1" if first not in added(diagnosis) else ""
-    return f"explains less; cosine {percent(suspect.cosine)} with {first}{exchanged}"
+    return f"explains less; cosine {_cosine(suspect.cosine)} with {first}{exchanged}"
+
+
+def _cosine(cosine: float) -> str:
+    """Write a cosine of signatures with one decimal place where whole per cent would round it to all."""
+    return percent(cosine, 3 if cosine >= MIN_SHARE_WITH_DECIMAL else 2)
 
 
 def _absorbed_reason(suspect: SuspectResult, diagnosis: DiagnosisResult) -> str:
@@ -183,4 +201,4 @@ def _absorbed_reason(suspect: SuspectResult, diagnosis: DiagnosisResult) -> str:
     later = [k for k, one in enumerate(diagnosis.rounds, 1) if suspect.effect in (one.chosen, one.rejected)]
     if later:
         return f"absorbed by calibration as long as no cause is in the model; see round {later[0]}"
-    return "absorbed by calibration: hardly identifiable from these records"
+    return "absorbed by calibration: in these records the calibrated parameters imitate it"
