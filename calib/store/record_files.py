@@ -23,6 +23,12 @@ def file_of(stem: str, record: str, first: bool) -> str:
     return f"{stem}.nc" if first else f"{stem}-{quote(record, safe='')}.nc"
 
 
+def best_records(folder: Path) -> dict[str, xr.Dataset]:
+    """Records of the best trial of the study in `folder`, by name; empty where there are none."""
+    records = [read(path) for path in (*folder.glob("best.nc"), *sorted(folder.glob("best-*.nc")))]
+    return {record.attrs["record"]: record for record in records}
+
+
 class RecordFiles:
     """`records/` and `best.nc` of a study's folder.
 

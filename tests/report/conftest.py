@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from calib.modelling.parameter import Parameter, Space, Window
+from calib.objective import Reference
 from calib.records import failed, make
+from calib.records.excitation import Excitation
 from calib.store import Trial
 from calib.study import CalibrationResult
 
@@ -124,9 +126,9 @@ def periodic():
         )
     }
     references = {
-        "clapping": SimpleNamespace(record=clapping(rng), use="calibrate"),
-        "louder": SimpleNamespace(record=clapping(rng, 1.1), use="holdout"),
-        "slower": SimpleNamespace(record=clapping(rng, 0.9), use="holdout"),
+        "clapping": Reference("clapping", clapping(rng)),
+        "louder": Reference("louder", clapping(rng, 1.1), use="holdout"),
+        "slower": Reference("slower", clapping(rng, 0.9), use="holdout"),
     }
     trials = search(space, rng)
     best = min(trials, key=lambda t: t.cost)
@@ -183,7 +185,8 @@ def recorded():
         "mass": Parameter("mass", "kg", 95.0, "moving mass"),
         "viscous": Parameter("viscous", "N s/m", 200.0, "viscous friction"),
     }
-    references = {"emps": SimpleNamespace(record=sliding(rng, coulomb=20.0), use="calibrate")}
+    force = Excitation("mass", "force", time=np.arange(8000) / 400.0, value=np.zeros(8000))
+    references = {"emps": Reference("emps", sliding(rng, coulomb=20.0), excitation=force)}
     trials = search(space, rng, 100)
     best = min(trials, key=lambda t: t.cost)
     result = {

@@ -23,6 +23,7 @@ from calib.records.excitation import Excitation
 from calib.simulators.oscillator import Oscillator
 from calib.study import evaluate
 from calib.study_file import load
+from calib.workflows.calibrate import _base as base_of
 from calib.workflows.diagnose import diagnose_study
 from calib.workflows.extension import _widened, _windows
 from calib.workflows.rehearse import REHEARSAL, rehearse_study
@@ -144,6 +145,16 @@ def test_the_extended_study_gives_what_the_diagnosis_gave(folder, answer):
         assert abs(found["values"][name] - said["parameters"][name]["after"]) < 2.0 * error
     assert found["holdout"]["later"]["misfit"] == pytest.approx(said["gain"]["after"], rel=0.03)
     assert found["at_edge"] == []
+    page = (folder / "out.extended" / "report.html").read_text()
+    assert "Without the extension (study spring): distance " in page
+    assert ">without the extension<" in page
+
+
+def test_an_extended_study_knows_the_results_of_the_one_that_it_extends(folder, answer):
+    base = base_of(load(folder / "study.extended.toml"))
+    assert base.result.name == "spring"
+    assert set(base.records) == {"swept"}
+    assert base_of(load(folder / "study.toml")) is None
 
 
 def test_both_commands_say_one_misfit_of_the_record_held_out(folder, answer):

@@ -12,6 +12,7 @@ from calib.objective import MISFIT
 from calib.objective.objective import MIN_COST_OF_WRONG_KIND
 from calib.report.formatting import number
 from calib.report.pages import tables
+from calib.report.pages.base_study import BaseStudy, base_points
 from calib.report.pages.diagnosis.chapter import chapter
 from calib.report.pages.picture import Picture, drawn, pictured
 from calib.report.pages.sections import record_section
@@ -42,6 +43,7 @@ def render(
     diagnosis: DiagnosisResult | None = None,
     motions: Mapping[str, xr.Dataset] | None = None,
     jobs: int = 1,
+    base: BaseStudy | None = None,
 ) -> str:
     """HTML of the report, self-contained.
 
@@ -55,14 +57,17 @@ def render(
     diagnosis : None where there was none
     motions : content of diagnosis.nc (see `calib.report.plots.diagnosed_cycles`)
     jobs : number of processes that draw the figures
+    base : the study that this one extends; None where it extends none, or none is known
     """
     best = next((t for t in trials if t.number == result.best_trial), None)
     names = {name: reference.use for name, reference in study.objective.references.items()}
+    shown = {
+        n: record_section(study, n, records.get(n), result, None if base is None else base.records.get(n))
+        for n in names
+    }
     illustrated = {
-        "sections": [
-            record_section(study, n, records.get(n), result) for n, use in names.items() if use == "calibrate"
-        ],
-        "others": [record_section(study, n, records.get(n), result) for n, use in names.items() if use != "calibrate"],
+        "sections": [shown[n] for n, use in names.items() if use == "calibrate"],
+        "others": [shown[n] for n, use in names.items() if use != "calibrate"],
         "d": None if diagnosis is None else chapter(diagnosis, motions or {}, result, study),
         "search": _search(study, trials, best),
     }
@@ -72,10 +77,11 @@ def render(
         study=study,
         result=result,
         verdict=verdict(result),
+        base_points=base_points(base),
         warnings=_warnings(study),
         terms=tables.terms(study, result),
         parameters=tables.parameters(study, result),
-        fixed=tables.fixed(study),
+        fixed=tables.fixed(study, result),
         groups=[group.text for group in result.undetermined],
         unreachable=[tables.unreachable(feature) for feature in result.unreachable],
         leaders=tables.leaders(result),

@@ -2,15 +2,24 @@
 
 from dataclasses import dataclass
 
+import numpy as np
 import xarray as xr
 
 from calib.objective import CLOCK_RATE, misfit, squares_of
-from calib.records.excitation import UNITS
-from calib.report.formatting import number, percent
+from calib.records.cycles import NOT_PERIODIC
+from calib.records.excitation import Excitation
+from calib.report.formatting import number, percent, quantity
 from calib.report.pages.picture import Picture, pictured
 from calib.report.plots.motion import histories, phase_curves
-from calib.report.plots.records import aligned_simulation, compared_channels, impact_times, is_drawable
+from calib.report.plots.records import (
+    aligned_simulation,
+    channel_pairs,
+    compared_channels,
+    impact_times,
+    is_drawable,
+)
 from calib.report.plots.residuals import residual_over_phase, residual_structure
+from calib.report.record_description import standard_uncertainty
 from calib.study import CalibrationResult, CalibrationStudy
 from calib.units import MILLI
 
@@ -24,10 +33,10 @@ OVER_PHASE = (
 STRUCTURE = (
     "Residual, measured minus simulated: over time; against the motion (blue: means in bins); correlation with "
     "functions of displacement x and velocity v, which are simulated, or prescribed where the record prescribes them "
-    "(blue bars: partial correlations, without the part that is linear in x and v; a function that is linear in them "
-    "has no bar); and spectrum. A pattern or a long blue bar points to an effect that is missing in the model. "
-    "Near a resonance the response to a missing force lags it by a quarter of a period: that to a missing spring "
-    "correlates with the velocity."
+    "(grey bars: with x and v themselves; blue bars: partial correlations, without the part that is linear in x and v; "
+    "a function that is linear in them has no bar) and with the previous sample; and spectrum. A pattern or a long "
+    "blue bar points to an effect that is missing in the model. Near a resonance the response to a missing force lags "
+    "it by a quarter of a period: that to a missing spring correlates with the velocity."
 )
 
 
@@ -46,9 +55,9 @@ class RecordSection:
 
     Attributes
     ----------
-    name, use, source, warning, driven : of the record; the last describes its excitation
+    name, use, source, warning, driven, noise : of the record; the last two describe its excitation and uncertainty
     failed : why its simulation failed, "" where it did not
-    kind, misfit, score : of a record that was held out
+    kind, misfit, score : of a record that was held out; no kind where kinds of motion do not apply
     pictures, residuals : figures of the motion and of the residual
     rms : misfit of each channel
     """
@@ -58,6 +67,7 @@ class RecordSection:
     source: str
     warning: str
     driven: str
+    noise: str
     failed: str
     kind: str | None
     misfit: str
@@ -68,9 +78,19 @@ class RecordSection:
 
 
 def record_section(
-    study: CalibrationStudy, name: str, simulated: xr.Dataset | None, result: CalibrationResult
+    study: CalibrationStudy,
+    name: str,
+    simulated: xr.Dataset | None,
+    result: CalibrationResult,
+    base: xr.Dataset | None = None,
 ) -> RecordSection:
-    """Everything that a page shows of the record `name`; `simulated` at the best values, None where it was not."""
+    """Everything that a page shows of the record `name`.
+
+    Parameters
+    ----------
+    simulated : at the best values, None where it was not
+    base : simulated by the study that this one extends, None where there is none
+    """
     reference, held = study.objective.references[name], result.holdout.get(name)
     measured = reference.record
     failed, aligned = "", None
@@ -78,10 +98,11 @@ def record_section(
         aligned = aligned_simulation(study.objective, name, simulated)
     elif simulated is not None:
         failed = f"{simulated.attrs.get('status')}: {simulated.attrs.get('reason', 'no reason stated')}"
+    without = None if base is None or not is_drawable(base) else aligned_simulation(study.objective, name, base)
     impacts = IMPACTS if aligned is not None and impact_times(aligned).size else ""
     figures = [
-        pictured(phase_curves(measured, aligned), f"loop-{name}", PHASE_CURVE + impacts),
-        pictured(histories(measured, aligned), f"history-{name}", HISTORY + impacts),
+        pictured(phase_curves(measured, aligned, without), f"loop-{name}", PHASE_CURVE + impacts),
+        pictured(histories(measured, aligned, without), f"history-{name}", HISTORY + impacts),
     ]
     residuals: list[Picture | None] = []
     if reference.use == "calibrate" and aligned is not None and simulated is not None:
@@ -91,9 +112,10 @@ def record_section(
         use=reference.use,
         source=str(measured.attrs.get("source", "")),
         warning=str(measured.attrs.get("warning", "")),
-        driven=excitation_text(measured),
+        driven=excitation_text(reference.excitation, float(measured.attrs.get(CLOCK_RATE, 0.0))),
+        noise=noise_text(measured),
         failed=failed,
-        kind=None if held is None else held.kind,
+        kind=None if held is None or held.kind == NOT_PERIODIC else held.kind,
         misfit=percent(None if held is None else held.misfit, 3),
         score=None if held is None else held.score,
         pictures=tuple(picture for picture in figures if picture is not None),
@@ -129,20 +151,28 @@ def _misfit_by_channel(measured: xr.Dataset, aligned: xr.Dataset) -> list[Channe
     return rows
 
 
-def excitation_text(record: xr.Dataset) -> str:
-    """Describe the excitation of a record: quantity, place, amplitude, frequency, clock; "" where none is stated."""
-    attrs = record.attrs
-    quantity, place = attrs.get("quantity", ""), attrs.get("place", "")
-    if not quantity:
-        return ""
-    amplitude = ""
-    if attrs.get("amplitude") is not None and attrs.get("frequency"):
-        unit = UNITS.get(quantity, "m")
-        scale, shown = MILLI.get(unit, (1.0, unit))
-        amplitude = f", {number(scale * float(attrs['amplitude']))} {shown}"
-    frequency = f" at {number(float(attrs['frequency']))} Hz" if attrs.get("frequency") else ""
-    where = f" of the {place}" if place else ""
-    return f"excited by {quantity}{where}{amplitude}{frequency}{_clock(float(attrs.get(CLOCK_RATE, 0.0)))}"
+def excitation_text(excitation: Excitation, clock_rate: float = 0.0) -> str:
+    """Describe an excitation: quantity, place, amplitude, frequency, deviation of the recorder's clock from its own."""
+    if excitation.quantity == "free decay":
+        return f"free motion of the {excitation.place}, no excitation"
+    recorded, size = "the recorded " if excitation.recorded else "", ""
+    if excitation.amplitude is not None and not excitation.recorded:
+        scale, unit = MILLI.get(excitation.unit, (1.0, excitation.unit))
+        size = f", {number(scale * excitation.amplitude)} {unit}"
+    frequency = "" if excitation.frequency is None else f" at {number(excitation.frequency)} Hz"
+    where = f" of the {excitation.place}" if excitation.place else ""
+    return f"excited by {recorded}{excitation.quantity}{where}{size}{frequency}{_clock(clock_rate)}"
+
+
+def noise_text(record: xr.Dataset) -> str:
+    """Write the standard uncertainty that a record states of each channel (median over its samples); "" without any."""
+    stated = []
+    for body, channel in channel_pairs(record):
+        sigma = standard_uncertainty(record, body, channel)
+        if sigma is not None:
+            size = quantity(float(np.median(sigma)), record[channel].attrs.get("units", "1"), 2)
+            stated.append(f"{channel} of {body} {size}")
+    return f"stated standard uncertainty: {', '.join(stated)}" if stated else "no uncertainty stated"
 
 
 def _clock(rate: float) -> str:

@@ -11,7 +11,7 @@ from calib.confidence.identifiability import COLLINEAR
 from calib.confidence.local import MAX_EDGE_DISTANCE
 from calib.modelling.parameter import Window
 from calib.records import OK
-from calib.report.formatting import measured_number, number, number_beside
+from calib.report.formatting import measured_number, number, number_beside, raised
 from calib.report.plots.style import shown_unit
 from calib.store import Header, Trial
 from calib.study import CalibrationResult, CalibrationStudy, UndeterminedGroup, UnreachableFeature
@@ -134,7 +134,7 @@ def _parameter(study: CalibrationStudy, result: CalibrationResult, name: str, wi
         name=name,
         meaning=parameter.meaning if parameter else "",
         numerical=parameter is not None and parameter.kind == "numerical",
-        unit=unit,
+        unit=raised(unit),
         value=measured_number(scale * value, scaled),
         error=None if scaled is None else number_beside(2.0 * scaled, scale * value),
         interval=None
@@ -176,15 +176,23 @@ def _bar(window: Window, value: float, interval: tuple[float, float] | None) -> 
     )
 
 
-def fixed(study: CalibrationStudy) -> list[FixedRow]:
-    """Parameters that are not searched, with the value that the study fixes or the nominal one."""
+def fixed(study: CalibrationStudy, result: CalibrationResult) -> list[FixedRow]:
+    """Parameters that are not searched, with the value that the study fixes or the nominal one.
+
+    Those that are solved for with records as their nuisances have no value of the study.
+    """
+    solved = _solved(result)
     searched = {name.partition("@")[0] for name in study.space.windows if "@" not in name}
     rows = []
     for name, parameter in study.model.parameters.items():
         if name not in searched:
             value = study.space.fixed.get(name, parameter.nominal)
             how = "fixed by the study" if name in study.space.fixed else "nominal"
-            rows.append(FixedRow(name, number(value), parameter.unit or "1", how, parameter.meaning))
+            own = [record for record, nuisances in solved.items() if name in nuisances]
+            if own:
+                how = f"nuisance, solved for in {', '.join(own)}"
+            shown_value, unit = "-" if own else number(value), raised(parameter.unit or "1")
+            rows.append(FixedRow(name, shown_value, unit, how, parameter.meaning))
     return rows
 
 
@@ -244,13 +252,17 @@ def failures(trials: Sequence[Trial]) -> list[FailureRow]:
 
 def nuisances(result: CalibrationResult) -> list[NuisanceRow]:
     """Value of each nuisance that was solved for, record by record."""
-    solved = {**result.nuisances, **{name: held.nuisances for name, held in result.holdout.items()}}
     units = result.nuisance_units
     return [
         NuisanceRow(record, name, _with_unit(value, units.get(name)))
-        for record, own in solved.items()
+        for record, own in _solved(result).items()
         for name, value in own.items()
     ]
+
+
+def _solved(result: CalibrationResult) -> dict[str, Mapping[str, float]]:
+    """Nuisances that were solved for, by record."""
+    return {**result.nuisances, **{name: held.nuisances for name, held in result.holdout.items()}}
 
 
 def _with_unit(value: float, unit: str | None) -> str:

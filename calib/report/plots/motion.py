@@ -32,6 +32,7 @@ from calib.report.plots.style import (
     STYLE,
     TEXT_WIDTH,
     band,
+    base_line,
     dots,
     legend,
     line,
@@ -40,19 +41,21 @@ from calib.report.plots.style import (
 )
 from calib.store import Trial
 
+MIN_INTERVAL_SAMPLES = 200  # of the interval of worst fit
 MAX_LOOP_SAMPLES = 4 * MAX_LINE_SAMPLES  # samples of a record that are drawn as a phase curve
 
 
-def phase_curves(measured: xr.Dataset, simulated: xr.Dataset | None) -> Figure | None:
+def phase_curves(measured: xr.Dataset, simulated: xr.Dataset | None, base: xr.Dataset | None = None) -> Figure | None:
     """Velocity over displacement, one panel for each body; None where a channel is missing or all are prescribed.
 
-    Both records hold displacement (body, time) [m] and velocity (body, time) [m/s] on one time base.
+    All records hold displacement (body, time) [m] and velocity (body, time) [m/s] on one time base; `base` is of the
+    model without its extension.
     """
     if not _has_phase_curves(measured, simulated):
         return None
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=_phase_curves_size(measured), layout="constrained")
-        _phase_curves_on(figure, measured, simulated)
+        _phase_curves_on(figure, measured, simulated, base)
     return figure
 
 
@@ -69,22 +72,34 @@ def _phase_curves_size(measured: xr.Dataset) -> tuple[float, float]:
     return TEXT_WIDTH if count > 1 else 0.62 * TEXT_WIDTH, 3.5 * math.ceil(count / 2)
 
 
-def _phase_curves_on(figure: Figure | SubFigure, measured: xr.Dataset, simulated: xr.Dataset | None) -> None:
+def _phase_curves_on(
+    figure: Figure | SubFigure, measured: xr.Dataset, simulated: xr.Dataset | None, base: xr.Dataset | None = None
+) -> None:
     bodies = [str(b) for b in measured.body.values]
     columns = min(len(bodies), 2)
     grid = figure.subplots(math.ceil(len(bodies) / columns), columns, squeeze=False)
     for body, axes in zip(bodies, grid.flat, strict=False):
-        _loop(axes, measured, simulated, body)
+        _loop(axes, measured, simulated, body, base=base)
         axes.set_title(_title(body, simulated, STATE))
     for axes in grid.flat[len(bodies) :]:
         axes.set_visible(False)
-    legend(figure, simulated is not None)
+    legend(figure, simulated is not None, base is not None)
 
 
-def _loop(axes: Axes, measured: xr.Dataset, simulated: xr.Dataset | None, body: str, impacts: bool = True) -> None:
+def _loop(
+    axes: Axes,
+    measured: xr.Dataset,
+    simulated: xr.Dataset | None,
+    body: str,
+    impacts: bool = True,
+    base: xr.Dataset | None = None,
+) -> None:
     label, scale, unit = channel_axis(measured, body, "displacement")
     one = measured.sel(body=body)
     dots(axes, scale * one.displacement.values, one.velocity.values)
+    if base is not None and has_channels(base, body, *STATE):
+        one = base.sel(body=body)
+        base_line(axes, scale * one.displacement.values[:MAX_LOOP_SAMPLES], one.velocity.values[:MAX_LOOP_SAMPLES])
     if simulated is not None and has_channels(simulated, body, *STATE):
         one = simulated.sel(body=body)
         line(axes, scale * one.displacement.values[:MAX_LOOP_SAMPLES], one.velocity.values[:MAX_LOOP_SAMPLES])
@@ -116,16 +131,17 @@ def _uncertainty_cross(axes: Axes, measured: xr.Dataset, body: str, scale: float
         axes.annotate("±2 s.u.", (x, y), (7, 0), textcoords="offset points", fontsize=7, color=LINE, va="center")
 
 
-def histories(measured: xr.Dataset, simulated: xr.Dataset | None) -> Figure:
+def histories(measured: xr.Dataset, simulated: xr.Dataset | None, base: xr.Dataset | None = None) -> Figure:
     """Channels over time: two periods of a periodic record; else the whole record beside the interval of worst fit.
 
-    Both records hold their channels over (body, time) on one time base [s]. A periodic record has one row for each
-    body and one column for each channel; of an aperiodic record only the compared channels are shown, one row each.
-    Without a simulation there is no interval of worst fit.
+    All records hold their channels over (body, time) on one time base [s]; `base` is of the model without its
+    extension. A periodic record has one row for each body and one column for each channel; of an aperiodic record only
+    the compared channels are shown, one row each. There is no interval of worst fit without a simulation, nor in a
+    record that is hardly longer than it.
     """
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=_histories_size(measured, simulated), layout="constrained")
-        _histories_on(figure, measured, simulated)
+        _histories_on(figure, measured, simulated, base)
     return figure
 
 
@@ -133,11 +149,9 @@ def _histories_grid(measured: xr.Dataset, simulated: xr.Dataset | None) -> tuple
     """(body, channel) pairs that are drawn over time; rows and columns of their panels."""
     if stated_period(measured):
         return channel_pairs(measured), measured.body.size, len(channels(measured))
-    if simulated is None:
-        pairs = channel_pairs(measured)
-        return pairs, max(1, len(pairs)), 1
-    pairs = compared_channels(measured, simulated)
-    return pairs, max(1, len(pairs)), 2
+    pairs = channel_pairs(measured) if simulated is None else compared_channels(measured, simulated)
+    is_whole = simulated is None or measured.time.size <= 2 * MIN_INTERVAL_SAMPLES
+    return pairs, max(1, len(pairs)), 1 if is_whole else 2
 
 
 def _histories_size(measured: xr.Dataset, simulated: xr.Dataset | None) -> tuple[float, float]:
@@ -145,25 +159,27 @@ def _histories_size(measured: xr.Dataset, simulated: xr.Dataset | None) -> tuple
     return TEXT_WIDTH, 1.75 * _histories_grid(measured, simulated)[1] + 0.45
 
 
-def _histories_on(figure: Figure | SubFigure, measured: xr.Dataset, simulated: xr.Dataset | None) -> None:
+def _histories_on(
+    figure: Figure | SubFigure, measured: xr.Dataset, simulated: xr.Dataset | None, base: xr.Dataset | None = None
+) -> None:
     period = stated_period(measured)
     pairs, rows, columns = _histories_grid(measured, simulated)
     grid = figure.subplots(rows, columns, squeeze=False, sharex="all" if period else "none")
     if period:
         for (body, channel), axes in zip(pairs, grid.flat, strict=True):
-            _history(axes, measured, simulated, body, channel, two_periods(measured, period))
+            _history(axes, measured, simulated, body, channel, two_periods(measured, period), base)
             axes.set_title(_title(body, simulated, (channel,)))
     else:
         for (body, channel), row in zip(pairs, grid, strict=False):
             panels = [(slice(None), body)]
-            if simulated is not None:
+            if columns > 1:
                 panels.append((_worst_interval(measured, simulated, body, channel), "largest residual"))
             for axes, (span, title) in zip(row, panels, strict=True):
-                _history(axes, measured, simulated, body, channel, span)
+                _history(axes, measured, simulated, body, channel, span, base)
                 axes.set_title(title)
     for axes in grid[-1]:
         axes.set_xlabel(f"Time [{time_axis(measured)[1]}]")
-    legend(figure, simulated is not None)
+    legend(figure, simulated is not None, base is not None)
 
 
 def motions_of_records(motions: Mapping[str, tuple[xr.Dataset, xr.Dataset]]) -> Figure:
@@ -188,7 +204,13 @@ def motions_of_records(motions: Mapping[str, tuple[xr.Dataset, xr.Dataset]]) -> 
 
 
 def _history(
-    axes: Axes, measured: xr.Dataset, simulated: xr.Dataset | None, body: str, channel: str, span: slice
+    axes: Axes,
+    measured: xr.Dataset,
+    simulated: xr.Dataset | None,
+    body: str,
+    channel: str,
+    span: slice,
+    base: xr.Dataset | None = None,
 ) -> None:
     label, scale, unit = channel_axis(measured, body, channel)
     factor = time_axis(measured)[0]
@@ -200,6 +222,8 @@ def _history(
         band(axes, times, scale * one[channel].values, MEASURED, 0.9)
     else:
         dots(axes, times, scale * one[channel].values)
+    if base is not None and has_channels(base, body, channel):
+        base_line(axes, times, scale * base[channel].sel(body=body).values[span])
     if simulated is not None and has_channels(simulated, body, channel):
         one = simulated.sel(body=body).isel(time=span)
         line(axes, times, scale * one[channel].values)
@@ -274,9 +298,9 @@ def _title(body: str, simulated: xr.Dataset | None, shown: Sequence[str]) -> str
 
 
 def _worst_interval(measured: xr.Dataset, simulated: xr.Dataset | None, body: str, channel: str) -> slice:
-    """Samples of the fortieth of the record, at least 200 of them, where the residual is largest."""
+    """Samples of the fortieth of the record, at least MIN_INTERVAL_SAMPLES, where the residual is largest."""
     size = measured.time.size
-    length = min(size, max(200, size // 40))
+    length = min(size, max(MIN_INTERVAL_SAMPLES, size // 40))
     values = measured[channel].sel(body=body).values
     if simulated is not None and has_channels(simulated, body, channel):
         values = values - simulated[channel].sel(body=body).values

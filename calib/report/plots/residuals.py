@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from scipy import signal
 
 from calib.records import prescribed, stated_period
+from calib.report.formatting import number
 from calib.report.plots.records import channel_axis, compared_channels, has_channels, impact_times
 from calib.report.plots.style import (
     LINE,
@@ -22,6 +23,7 @@ from calib.report.plots.style import (
     TEXT_WIDTH,
     Look,
     line,
+    logarithmic,
     mark_impacts,
     shown_unit,
     spot,
@@ -112,7 +114,7 @@ def residual_structure(
         line(axes, time, residual, width=0.6)
         axes.set(xlabel="Time [s]", ylabel=f"Residual [{unit}]")
         rms = math.sqrt(np.mean(residual**2))
-        axes.set_title(f"{body}: {label.lower()}, measured minus simulated; rms {rms:.3g} {unit}")
+        axes.set_title(f"{body}: {label.lower()}, measured minus simulated; rms {number(rms, 3)} {unit}")
         axes.margins(x=0.01)
         *clouds, bars = middle.subplots(1, len(motion) + 1, squeeze=False)[0]
         for (c, regressor), axes in zip(motion.items(), clouds, strict=True):
@@ -201,9 +203,10 @@ def _spectra(axes: Axes, time: np.ndarray, measured: np.ndarray, residual: np.nd
         frequency, power = signal.welch(values, rate, nperseg=length, detrend="linear")
         keep = thin(frequency.size - 1, 1500) + 1
         axes.loglog(frequency[keep], np.sqrt(power[keep]), color=colour, linewidth=1.0, label=label)
-    axes.set(xlabel="Frequency [Hz]", ylabel=f"Spectral density [{unit}/√Hz]")
-    axes.set_title("spectrum")
-    axes.legend(loc="lower left")
+    logarithmic(axes.xaxis, frequency[1], frequency[-1])
+    axes.set(xlabel="Frequency [Hz]", ylabel=f"[{unit}/√Hz]")
+    axes.set_title("amplitude spectral density")
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.0)
 
 
 def _motion(measured: xr.Dataset, simulations: Sequence[xr.Dataset], body: str) -> dict[str, Regressor]:

@@ -28,6 +28,7 @@ MEASURED, SIMULATED, MARK, LINE = "#8a8a8a", "#0072B2", "#D55E00", "#333333"
 EXTENDED = "#009E73"  # the extended model: the calibrated one with the effects that the diagnosis added
 KINDS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#F0E442")
 FAILED, OTHER = "#000000", "#999999"
+BASE_LOOK: Look = {"color": "#E69F00", "linewidth": 1.0, "linestyle": (0, (4, 1.5))}  # of a model without its extension
 DPI = 150  # dots per inch of figures in files of their own
 TEXT_WIDTH = 7.4  # inch: the text width of an A4 page
 MAX_SAMPLE_DOTS = 700  # measured samples drawn as dots in one panel
@@ -122,12 +123,20 @@ def thin(size: int, max_count: int) -> np.ndarray:
     return np.unique(np.linspace(0, size - 1, min(size, max_count)).round().astype(int))
 
 
-def legend(figure: Figure | SubFigure, simulated: bool) -> None:
-    """Draw the legend of measured and simulated data above the panels."""
+def base_line(axes: Axes, x: np.ndarray, y: np.ndarray) -> None:
+    """Draw the curve of the model without its extension."""
+    keep = thin(x.size, 2 * MAX_LINE_SAMPLES)
+    axes.plot(x[keep], y[keep], zorder=2.5, **BASE_LOOK)
+
+
+def legend(figure: Figure | SubFigure, simulated: bool, base: bool = False) -> None:
+    """Draw the legend of measured and simulated data above the panels, and of a model without its extension."""
     handles = [Line2D([], [], color=MEASURED, marker=".", markersize=6, linestyle="none", label="measured")]
     if simulated:
         handles.append(Line2D([], [], color=SIMULATED, linewidth=1.5, label="simulated"))
-    figure.legend(handles=handles, loc="outside upper right", ncols=2, columnspacing=1.2, handletextpad=0.5)
+    if base:
+        handles.append(Line2D([], [], label="without the extension", **BASE_LOOK))
+    figure.legend(handles=handles, loc="outside upper right", ncols=3, columnspacing=1.2, handletextpad=0.5)
 
 
 def svg(figure: Figure, name: str) -> str:

@@ -8,12 +8,16 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
-from calib.objective import CLOCK_RATE, MISFIT
+from calib.objective import MISFIT
+from calib.records.excitation import Excitation
 from calib.report import render
 from calib.report.formatting import measured_number, number
-from calib.report.pages.sections import excitation_text
+from calib.report.pages.base_study import BaseStudy
+from calib.report.pages.sections import excitation_text, noise_text
+from calib.report.pages.tables import fixed
 from calib.report.pages.verdict import verdict
 from calib.store import Header
 from calib.store.environment import Environment
@@ -265,7 +269,47 @@ def test_it_opens_in_a_browser_without_a_complaint_and_prints(page, tmp_path):
 
 @pytest.mark.parametrize(("rate", "said"), [(48e-6, "48 ppm slow"), (-5e-5, "50 ppm fast"), (0.0, "")])
 def test_the_page_says_how_far_the_clock_is_off(rate, said):
-    attrs = {"quantity": "force", "place": "mass", CLOCK_RATE: rate}
-    text = excitation_text(SimpleNamespace(attrs=attrs))
+    text = excitation_text(Excitation("mass", "force", frequency=20.0, amplitude=1.0), rate)
     assert said in text
     assert ("clock" in text) == bool(rate)
+
+
+@pytest.mark.parametrize(
+    ("excitation", "said"),
+    [
+        (
+            Excitation("end", "displacement", frequency=26.24, amplitude=1.5e-3),
+            "displacement of the end, 1.5 mm at 26.24 Hz",
+        ),
+        (
+            Excitation("mass", "force", time=np.arange(4.0), value=np.ones(4)),
+            "excited by the recorded force of the mass",
+        ),
+        (Excitation("mass", "free decay"), "free motion of the mass, no excitation"),
+    ],
+)
+def test_the_page_says_how_a_record_was_excited(excitation, said):
+    assert said in excitation_text(excitation)
+
+
+def test_the_page_states_the_uncertainty_of_a_record(periodic):
+    record = periodic.study.objective.references["clapping"].record
+    assert noise_text(record).startswith("stated standard uncertainty: displacement of q2 0.02 mm, velocity of q2 0.00")
+    silent = record.drop_vars(["displacement_sigma", "velocity_sigma"])
+    assert noise_text(silent) == "no uncertainty stated"
+
+
+def test_the_page_of_an_extended_study_says_how_near_the_model_without_it_comes(periodic):
+    base = BaseStudy(replace(periodic.result, name="plain"), periodic.records)
+    page = render(*periodic.arguments, base=base)
+    assert "Without the extension (study plain): distance " in page
+    assert "misfit of the records held out: louder " in page
+    assert "without the extension" in page
+    assert "ithout the extension" not in render(*periodic.arguments)
+
+
+def test_a_parameter_that_is_solved_for_has_no_value_of_the_study(periodic):
+    name = next(iter(row.name for row in fixed(periodic.study, periodic.result)))
+    solved = replace(periodic.result, nuisances={"clapping": {name: 0.1}})
+    [row] = [row for row in fixed(periodic.study, solved) if row.name == name]
+    assert (row.value, row.how) == ("-", "nuisance, solved for in clapping")

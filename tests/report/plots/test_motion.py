@@ -135,6 +135,19 @@ def test_in_a_free_fall_noise_is_correlated_with_no_function_of_the_motion(seed)
     assert "Displacement, simulated [m]" in labels(figure)
 
 
+def test_a_short_record_is_drawn_once(recorded):
+    record, simulated = (one.isel(time=slice(0, 150)) for one in measured(recorded))
+    assert len(histories(record, simulated).axes) == 1
+
+
+def test_the_curve_without_the_extension_is_drawn_beside_the_extended_one(periodic):
+    record, simulated = measured(periodic)
+    for draw in (phase_curves, histories):
+        alone, beside = draw(record, simulated), draw(record, simulated, simulated)
+        assert len(beside.axes[0].lines) == len(alone.axes[0].lines) + 1
+        assert [text.get_text() for text in beside.legends[0].get_texts()][-1] == "without the extension"
+
+
 def test_what_is_not_simulated_differs_nowhere_most(recorded):
     record, simulated = measured(recorded)
     assert len(histories(record, None).axes) == 3
