@@ -559,7 +559,10 @@ def test_a_gain_that_may_be_none_is_said_to_be():
     said = document("named", VALUES)
     said["gain"] = said["gain"] | {"interval": [-0.001, 0.02], "proven": False}
     [told] = [point for point in points(result(said)) if point.startswith("On records held out (louder, slower) ")]
-    assert "3.1\u00a0% to 1.04\u00a0%: less by -0.1 to 2 percentage points (95\u00a0% interval), which " in told
+    assert (
+        "3.1\u00a0% to 1.04\u00a0%: between 0.1 more and 2 less, in percentage points (95\u00a0% interval), which "
+        in told
+    )
     assert "which includes zero: the gain is not significant." in told
 
 

@@ -227,11 +227,20 @@ def _misfit_change(gain: GainResult) -> str:
     text = f"On {where} the misfit changes from {percent(gain.before, 3)} to {percent(gain.after, 3)}"
     low, high = gain.interval
     if low is not None and high is not None:
-        change, ends = ("more", (-high, -low)) if high < 0.0 else ("less", (low, high))
-        first, last = (number(100.0 * end, 2).replace("-", "−") for end in ends)
-        text += f": {change} by {first} to {last} percentage points (95\u00a0% interval)"
+        text += f": {_interval_of_change(100.0 * low, 100.0 * high)} percentage points (95\u00a0% interval)"
         text += ", which includes zero: the gain is not significant" if low <= 0.0 <= high else ""
     return f"{text}. Misfit: {gain.metric}; {REFITTED}."
+
+
+def _interval_of_change(low: float, high: float) -> str:
+    """Interval of a reduction as an engineer says it: the direction in words, the numbers positive."""
+    if low <= 0.0 <= high:
+        return f"between {number(-low, 2)} more and {number(high, 2)} less, in"
+    return (
+        f"less by {number(low, 2)} to {number(high, 2)}"
+        if low > 0.0
+        else f"more by {number(-high, 2)} to {number(-low, 2)}"
+    )
 
 
 def stale(diagnosis: DiagnosisResult, result: CalibrationResult) -> bool:
