@@ -76,7 +76,7 @@ def test_the_picture_and_the_words_of_a_record(tmp_path):
     described = [*record_description(noisy(clapping())), *map("warning: {}".format, record_warnings(noisy(clapping())))]
     assert text == [*described, f"picture: {tmp_path / 'r.png'}"]
     assert text[0] == "2400 samples at intervals of 0.1 ms, 240 ms in all"
-    assert text[1] == "excitation: displacement at the end, 25 Hz, amplitude 0.0015 (SI)"
+    assert text[1] == "excitation: displacement at the end, 25 Hz, amplitude 1.5 mm"
     assert text[2].startswith("kind of motion: period-1 (6 cycles of the record")
     with Image.open(tmp_path / "r.png") as picture:
         assert np.asarray(picture.convert("L")).std() > 10.0
