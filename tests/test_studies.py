@@ -50,7 +50,7 @@ def test_a_wider_gap_or_a_larger_scale_of_the_records_stands_in_for_the_complian
     found = diagnosed(STUDIES / "minimal", minimal)
     assert (found["verdict"], found["class"]) == ("unexplained", [])
     assert found["stand_ins"] == ["gap_offset"]
-    assert found["said"].startswith("one of channel_gain, gap_offset, plot_scale come")  # one size fits all lengths
+    assert found["said"].startswith("one of channel_gain, gap_offset, plot_scale explains")  # one size fits all lengths
     assert found["misfit"]["share"] > 0.99
     sizes = {t["record"]: t["size"] for t in found["gain"]["transfers"] if t["parameter"] == "dg"}
     assert sizes == pytest.approx({"clapping": 4.80e-5, "slower": 4.47e-5, "louder": 5.22e-5}, rel=0.02)
