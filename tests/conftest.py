@@ -1,6 +1,7 @@
-"""What all tests share: one thread a process for linear algebra, and the fork server of their child processes."""
+"""What all tests share: one thread a process for linear algebra, the fork server of child processes, and the order."""
 
 import os
+from collections import Counter
 from functools import partial
 
 import pytest
@@ -10,6 +11,17 @@ from calib.execution.pool import THREAD_VARIABLES
 # before numpy is imported: as in the child processes of a pool, for the processes of the tests share the cores, and a
 # BLAS whose threads wait for one another takes several times as long
 os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
+
+LONG_FILES = (  # few tests, and more than a minute
+    "hidden/test_foreign_beam.py", "measured/test_spring_disc.py", "paper/test_story.py", "study/test_killed.py",
+    "sweep/test_killed_sweep.py",
+)  # fmt: skip
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Let the files that take longest begin first, lest one of them runs alone in the end: then those of many tests."""
+    files = Counter(item.path for item in items)
+    items.sort(key=lambda item: (not str(item.path).endswith(LONG_FILES), -files[item.path]))
 
 
 @pytest.fixture(scope="session", autouse=True)
