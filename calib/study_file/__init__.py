@@ -1,10 +1,11 @@
 """study.toml -> CalibrationStudy: the only room where names become things; no logic."""
 
-from calib.study_file.load import StudyFile, load, results_folder, stated_candidates
+from calib.study_file.load import EXTENDED, StudyFile, load, results_folder, stated_candidates
 from calib.study_file.mistakes import PythonOrigin, located, read_toml
 from calib.study_file.schema import StudyToml
 
 __all__ = [
+    "EXTENDED",
     "PythonOrigin",
     "StudyFile",
     "StudyToml",

@@ -27,6 +27,7 @@ from calib.study_file.schema import DiagnosisTable, EffectTable, OptimiserTable,
 from calib.units import to_si
 
 Candidates = tuple[tuple[str, tuple[str, ...] | None], ...]  # effects, with the bodies they act on
+EXTENDED = "extended"  # last part of the name of the study that a diagnosis extends, and of its file
 CONTRACT_ARGUMENTS = ("dim", "seed", "budget", "batch")  # of an optimiser; the rest are options of the user
 
 
@@ -181,9 +182,12 @@ def load(
 
 
 def results_folder(path: Path) -> Path:
-    """Folder of the results of a study file, beside it: ``out``, and ``out.extended`` of a study.extended.toml."""
-    kind = path.stem.removeprefix("study.")
-    return path.parent / ("out" if kind == path.stem else f"out.{kind}")
+    """Folder of the results of a study file: ``out``, ``out.loud`` of a study.loud.toml, ``out.extended`` if extended."""
+    base, extended = path.stem, ""
+    while base.endswith(f".{EXTENDED}"):
+        base, extended = base.removesuffix(f".{EXTENDED}"), f"{extended}.{EXTENDED}"
+    variant = base.removeprefix("study.")
+    return path.parent / (("out" if variant == base else f"out.{variant}") + extended)
 
 
 # --- the model -------------------------------------------------------------------------------------------------------

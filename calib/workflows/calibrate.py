@@ -39,10 +39,9 @@ from calib.study import (
 from calib.study.progress import Progress
 from calib.study.result import HeldOutSummary
 from calib.study.summary import held_out, not_simulated, summarised
-from calib.study_file import StudyFile, load, results_folder
+from calib.study_file import EXTENDED, StudyFile, load, results_folder
 from calib.workflows.amplitudes import implausible_amplitudes
 from calib.workflows.evaluations import CALIBRATED, CONFIRM, SEARCH, Case, Evaluations, held_out_references
-from calib.workflows.extension import EXTENDED
 
 MAX_FREE_TRIGGER_SHARE = 0.5  # of the distance: a free trigger is recommended where it leaves less
 UNFINISHED = "not finished"  # why a search ended that has not

@@ -15,9 +15,8 @@ from calib.diagnosis.suspect import Refitted
 from calib.diagnosis.transfer import Transfer
 from calib.execution.files import whole
 from calib.modelling.parameter import Parameter, Space, Window
-from calib.study_file import StudyFile
+from calib.study_file import EXTENDED, StudyFile
 
-EXTENDED = "extended"
 # half width of the window in which the extended study searches a size; the largest of the three counts:
 HALF_WIDTH_ERRORS = 4.0  # in standard errors of the size
 HALF_WIDTH_INTERVALS = 2.0  # in half widths of its 95 % interval

@@ -281,7 +281,14 @@ def test_where_no_leader_is_confirmed_the_best_of_the_search_stays(tmp_path, dra
     assert (verdict(found).tone, "not confirmed" in verdict(found).headline) == ("bad", True)
 
 
-@pytest.mark.parametrize(("name", "folder"), [("study.toml", "out"), ("study.extended.toml", "out.extended")])
+@pytest.mark.parametrize(
+    ("name", "folder"),
+    [
+        ("study.toml", "out"), ("study.extended.toml", "out.extended"), ("study.loud.toml", "out.loud"),
+        ("study.loud.extended.toml", "out.loud.extended"), ("tennis.toml", "out"),
+        ("tennis.extended.toml", "out.extended"), ("tennis.extended.extended.toml", "out.extended.extended"),
+    ],
+)  # fmt: skip
 def test_the_commands_look_for_results_where_a_run_leaves_them(tmp_path, name, folder):
     path = tmp_path / name
     path.write_text("")
