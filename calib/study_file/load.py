@@ -182,7 +182,7 @@ def load(
 
 
 def results_folder(path: Path) -> Path:
-    """Folder of the results of a study file: ``out``, ``out.loud`` of a study.loud.toml, ``out.extended`` if extended."""
+    """Folder of the results of a study: ``out``, ``out.loud`` of a study.loud.toml, ``out.extended`` if extended."""
     base, extended = path.stem, ""
     while base.endswith(f".{EXTENDED}"):
         base, extended = base.removesuffix(f".{EXTENDED}"), f"{extended}.{EXTENDED}"
