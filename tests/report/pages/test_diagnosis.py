@@ -555,8 +555,9 @@ def test_features_stand_worst_first_in_the_units_of_a_reader(told):
     assert first.z == "+15.0"
 
 
-def test_a_gain_that_may_be_none_is_said_to_be():
+def test_a_gain_that_may_be_none_is_said_to_be(study):
     said = document("named", VALUES)
+    assert chapter(result(said), {}, CALIBRATED, study).tone == "good"
     said["gain"] = said["gain"] | {"interval": [-0.001, 0.02], "proven": False}
     [told] = [point for point in points(result(said)) if point.startswith("On records held out (louder, slower) ")]
     assert (
@@ -564,6 +565,7 @@ def test_a_gain_that_may_be_none_is_said_to_be():
         in told
     )
     assert "which includes zero: the gain is not significant." in told
+    assert chapter(result(said), {}, CALIBRATED, study).tone == "mind"
 
 
 def test_a_diagnosis_of_other_values_is_out_of_date():

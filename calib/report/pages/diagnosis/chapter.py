@@ -90,7 +90,7 @@ def chapter(
     forces = body_forces(motions)
     return DiagnosisChapter(
         verdict=diagnosis.verdict.replace("_", " "),
-        tone=TONES.get(diagnosis.verdict, "bad"),
+        tone=_tone(diagnosis),
         stale=stale(diagnosis, result),
         headline=headline(diagnosis),
         points=(
@@ -116,3 +116,9 @@ def chapter(
         extension=extension(diagnosis, study.model.parameters),
         effort=f"{count(diagnosis.simulations, 'simulation')} in {diagnosis.seconds:.0f} s",
     )
+
+
+def _tone(diagnosis: DiagnosisResult) -> Tone:
+    """Good only where a named cause also reduces the misfit of data that the diagnosis did not use."""
+    doubtful = diagnosis.verdict == NAMED and diagnosis.gain is not None and not diagnosis.gain.proven
+    return "mind" if doubtful else TONES.get(diagnosis.verdict, "bad")
