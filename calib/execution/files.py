@@ -3,7 +3,7 @@
 import errno
 import hashlib
 import os
-import tempfile
+import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,28 +13,29 @@ import xarray as xr
 from calib.errors import CalibError
 from calib.execution.interrupt import uninterrupted
 
+PERMISSIONS = 0o666  # of a new file, less those that the umask takes away
+TEMPORARY_NAME_DIGITS = 8  # hexadecimal, at random
+
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
     """Yield a temporary file beside `path`; when the block ends without an exception, it is synced and renamed to it.
 
-    So the file is either whole or absent, whenever the program or the machine stops.
+    So the file is either whole or absent, whenever the program or the machine stops. Its permissions follow the umask.
 
     Raises
     ------
     OSError : the folder is missing or cannot be written, or the disk is full; it names `path`
     """
+    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex[:TEMPORARY_NAME_DIGITS]}")
     try:
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, PERMISSIONS))
     except OSError as error:
         raise OSError(error.errno, error.strerror, str(path)) from error
-    os.close(handle)
-    temporary = Path(name)
     try:
         yield temporary
         with open(temporary, "rb") as written:
             os.fsync(written.fileno())
-        temporary.chmod(0o644)  # mkstemp's files are for their owner alone
         temporary.replace(path)
     except BaseException as error:
         temporary.unlink(missing_ok=True)  # Ctrl-C may come just after the file has taken its name

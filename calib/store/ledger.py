@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import mmap
 import os
 import uuid
 import warnings
@@ -15,10 +16,13 @@ from typing import Any
 import numpy as np
 
 from calib.errors import CalibError
+from calib.execution.files import PERMISSIONS
+from calib.modelling.parameter import Window
+from calib.store import checksum
 from calib.store.environment import Environment, environment
 from calib.store.header import Header, StudyHeader
 from calib.store.plain import plain
-from calib.store.trial import Trial, line, trial_of
+from calib.store.trial import KEYS, Trial, line, trial_of
 
 TRIALS, RESIDUALS = "trials.jsonl", "residuals.f64"
 FORMAT_VERSION = 1  # of the ledger: a log of another is not read
@@ -46,8 +50,8 @@ class Ledger:
     `trials.jsonl` holds a header line, then one line a trial. A later header line begins a new segment (other
     libraries, another processor or BLAS kernel) or states a new budget.
 
-    A line counts when its line end is there. Residuals are synced before the line that points at them, and the line
-    before the call returns.
+    A line counts when its line end is there, and a trial's line ends with its check sum. Residuals are synced before the
+    line that points at them, and the line before the call returns.
     """
 
     def __init__(self, folder: Path):
@@ -82,8 +86,8 @@ class Ledger:
         if content.headers:
             _compare(self._path, content.headers[0].definition, definition)
         with write_errors_reported(self._path):
-            self._file = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o644)
-            self._side = os.open(self._side_path, os.O_RDWR | os.O_CREAT, 0o644)
+            self._file = os.open(self._path, os.O_RDWR | os.O_CREAT, PERMISSIONS)
+            self._side = os.open(self._side_path, os.O_RDWR | os.O_CREAT, PERMISSIONS)
             os.ftruncate(self._file, content.end)
             os.ftruncate(self._side, content.side_end)
         self._end, self._side_end = content.end, content.side_end
@@ -148,7 +152,7 @@ class Ledger:
             data = np.ascontiguousarray(trial.residuals, dtype="<f8")
             place = (self._side_end // BYTES_PER_RESIDUAL, data.size)
             self._write(self._side, self._side_path, data.tobytes(), self._side_end)
-        text = (line(trial, place) + "\n").encode()
+        text = checksum.sealed(line(trial, place))
         self._write(self._file, self._path, text, self._end)
         self._end += len(text)
         self._next = max(self._next, trial.number + 1)
@@ -203,52 +207,130 @@ class _Content:
     side_end: int
 
 
+class _Damage(ValueError):
+    """What is wrong with a line that can be read."""
+
+
+DAMAGE = (AttributeError, KeyError, OverflowError, RecursionError, TypeError, ValueError)  # by a line that is no trial
+
+
 def _parse(path: Path) -> _Content:
     """Read the complete lines of the ledger at `path`, whose side file lies beside it.
 
     An unfinished last line is left out, and with a warning also lines whose residuals are missing.
     """
-    try:
-        raw = path.read_bytes() if path.exists() else b""
-        side = path.with_name(RESIDUALS)
-        residuals = np.frombuffer(side.read_bytes() if side.exists() else b"", dtype=np.uint8)
-    except OSError as error:
-        raise CalibError(f"cannot read {path}: {error.strerror}") from error
-    residuals = residuals[: residuals.size // BYTES_PER_RESIDUAL * BYTES_PER_RESIDUAL].view("<f8")
     headers, trials = list[Header](), list[Trial]()
+    windows: dict[str, Window] = {}
     end, side_end = 0, 0
-    lines = raw.splitlines(keepends=True)
+    lines, size, residuals = _files(path)
     for index, text in enumerate(lines):
         try:
-            content = json.loads(text) if text.endswith(b"\n") else None
-        except ValueError:
-            content = None
-        if not isinstance(content, dict):
-            if index == len(lines) - 1:
+            content = _object(text, is_last=end + len(text) == size)
+            if content is None:
                 break
-            raise _damaged(path, index)
-        if "format" in content:
-            headers.append(_header(content, path, index))
-        elif not headers:
-            raise CalibError(f"{path}: not a ledger of calib (no header in line 1); choose another folder")
-        else:
-            try:
-                offset, length = content["residuals"] or (0, 0)
-                trial = trial_of(content, None, headers[-1].segment)
-            except (KeyError, TypeError, ValueError, AttributeError) as error:
-                raise _damaged(path, index) from error
-            if offset + length > residuals.size:
-                warnings.warn(
-                    f"{path}: {len(lines) - index} trials from line {index + 1} on have lost their residuals and are "
-                    "evaluated again",
-                    stacklevel=4,
-                )
-                break
-            own = None if content["residuals"] is None else residuals[offset : offset + length]
-            trials.append(replace(trial, residuals=own))
-            side_end = max(side_end, BYTES_PER_RESIDUAL * (offset + length))
+            if "format" in content:
+                headers.append(_header(content, path))
+                windows = _windows(headers[-1])
+            elif not headers:
+                raise CalibError(f"{path}: not a ledger of calib (no header in line 1); choose another folder")
+            else:
+                offset, length = _checked(text, content)["residuals"] or (0, 0)
+                trial = _trial(content, headers[-1].segment, windows)
+                if offset + length > residuals.size:
+                    _warn_of_lost_residuals(path, index, 1 + sum(1 for _ in lines))
+                    break
+                if content["residuals"] is not None:
+                    trial = replace(trial, residuals=residuals[offset : offset + length])
+                trials.append(trial)
+                side_end = max(side_end, BYTES_PER_RESIDUAL * (offset + length))
+        except DAMAGE as error:
+            raise _damaged(path, index, error) from error
         end += len(text)
     return _Content(headers, trials, end, side_end)
+
+
+def _files(path: Path) -> tuple[Iterator[bytes], int, np.ndarray]:
+    """Lines of the ledger at `path`, its size  [bytes], and the residuals beside it, which stay on disk until used.
+
+    The size is taken first: a study that goes on there writes residuals before the lines that point at them.
+    """
+    try:
+        size = path.stat().st_size if path.exists() else 0
+        side = path.with_name(RESIDUALS)
+        count = side.stat().st_size // BYTES_PER_RESIDUAL if side.exists() else 0
+        residuals = np.empty(0)
+        if count:
+            with open(side, "rb") as file:
+                length = count * BYTES_PER_RESIDUAL
+                residuals = np.frombuffer(mmap.mmap(file.fileno(), length, access=mmap.ACCESS_READ), dtype="<f8")
+        return _lines(path, size), size, residuals
+    except OSError as error:
+        raise CalibError(f"cannot read {path}: {error.strerror}") from error
+
+
+def _lines(path: Path, size: int) -> Iterator[bytes]:
+    """Lines of the first `size` bytes of a file, with their line ends."""
+    if not size:
+        return
+    try:
+        with open(path, "rb") as file:
+            while size and (text := file.readline(size)):
+                size -= len(text)
+                yield text
+    except OSError as error:
+        raise CalibError(f"cannot read {path}: {error.strerror}") from error
+
+
+def _object(text: bytes, is_last: bool) -> dict[str, Any] | None:
+    """Return the JSON object of a line; None where it is the last one and unfinished."""
+    try:
+        content = json.loads(text) if text.endswith(b"\n") else None
+    except RecursionError as error:
+        raise _Damage("its brackets are nested too deeply") from error
+    except ValueError:
+        content = None
+    if isinstance(content, dict):
+        return content
+    if is_last:
+        return None
+    raise ValueError("no JSON object")
+
+
+def _checked(text: bytes, content: dict[str, Any]) -> dict[str, Any]:
+    """Return the content of a trial's line, refused where its check sum is wrong.
+
+    A line without one, as version 0.1 wrote it, has no key but those of that version: another one is a damaged name.
+    """
+    if content.keys() - KEYS and not checksum.is_intact(text, content):
+        raise _Damage("its check sum does not fit its content")
+    offset, length = content["residuals"] or (0, 0)
+    if offset < 0 or length < 0:
+        raise ValueError("no place in the side file")
+    return content
+
+
+def _trial(content: dict[str, Any], segment: int, windows: Mapping[str, Window]) -> Trial:
+    """Trial of a line without its residuals, refused where its values contradict its point."""
+    trial = trial_of(content, None, segment)
+    if windows and (contradiction := trial.contradiction(windows)):
+        raise _Damage(f"the values of trial {trial.number} contradict its point: {contradiction}")
+    return trial
+
+
+def _windows(header: Header) -> dict[str, Window]:
+    """Windows of the searched parameters; none where the definition states none."""
+    stated = header.definition.get("windows", {})
+    try:
+        return {name: Window(window["low"], window["high"], window["scale"]) for name, window in stated.items()}
+    except CalibError as error:
+        raise _Damage(f"a window of the study is none ({error})") from error
+
+
+def _warn_of_lost_residuals(path: Path, index: int, count: int) -> None:
+    warnings.warn(
+        f"{path}: {count} trials from line {index + 1} on have lost their residuals and are evaluated again",
+        stacklevel=5,
+    )
 
 
 def _compare(path: Path, old: Mapping[str, Any], new: Mapping[str, Any]) -> None:
@@ -261,22 +343,20 @@ def _compare(path: Path, old: Mapping[str, Any], new: Mapping[str, Any]) -> None
         )
 
 
-def _damaged(path: Path, index: int) -> CalibError:
+def _damaged(path: Path, index: int, error: Exception) -> CalibError:
+    what = str(error) if isinstance(error, _Damage) else "not readable"
     return CalibError(
-        f"{path}, line {index + 1}: not readable; the file was changed or the disk is damaged; "
+        f"{path}, line {index + 1}: {what}; the file was changed or the disk is damaged; "
         "restore it, cut that line out, or begin afresh (--fresh moves what is there aside)"
     )
 
 
-def _header(content: Mapping[str, Any], path: Path, index: int) -> Header:
+def _header(content: Mapping[str, Any], path: Path) -> Header:
     if content["format"] != FORMAT_VERSION:
         raise CalibError(
             f"{path}: format {content['format']}, this calib reads {FORMAT_VERSION}; use the calib that wrote it"
         )
-    try:
-        return Header.from_dict(content)
-    except ValueError as error:
-        raise _damaged(path, index) from error
+    return Header.from_dict(content)
 
 
 def differences(old: Any, new: Any, where: str = "") -> list[str]:

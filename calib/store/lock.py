@@ -9,6 +9,7 @@ import warnings
 from pathlib import Path
 
 from calib.errors import CalibError
+from calib.execution.files import PERMISSIONS
 
 LOCK_NAME = "trials.lock"
 MAX_WAIT = 0.5  # s, for the lock: `is_locked` takes it for an instant to look at it
@@ -35,7 +36,7 @@ class Lock:
         ------
         CalibError : another process holds it; the message names it
         """
-        handle = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o644)
+        handle = os.open(self._path, os.O_RDWR | os.O_CREAT, PERMISSIONS)
         try:
             _lock(handle)
         except OSError as error:

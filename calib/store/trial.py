@@ -8,8 +8,17 @@ from typing import Any, Literal
 
 import numpy as np
 
+from calib.modelling.parameter import Window
 from calib.records import OK
 from calib.store.plain import plain
+
+MAX_REASON_CHARACTERS = 400  # of a trial's reason, what marks the cut included
+CUT_MARK = " ..."
+KEYS = frozenset(  # of a line, without its check sum
+    ("number", "phase", "u", "values", "total", "terms", "status", "reason", "kind", "seconds", "residuals")
+    + ("features", "simulations")
+)
+MAX_VALUE_ERROR = 1e-9  # of a value from that of its point, relative; logarithms differ by less between processors
 
 
 @dataclass(frozen=True)
@@ -59,11 +68,35 @@ class Trial:
         """Key of comparison: the lowest cost, the earliest among equals."""
         return (self.cost, self.number)
 
+    def contradiction(self, windows: Mapping[str, Window]) -> str | None:
+        """Return how the values contradict the point in these windows, None where they agree.
+
+        Raises
+        ------
+        ValueError, KeyError, TypeError : the point has another number of coordinates, or a value is missing
+        """
+        for (name, window), coordinate in zip(windows.items(), self.u, strict=True):
+            if not 0.0 <= coordinate <= 1.0:
+                return f"the coordinate of {name} in the unit cube is {coordinate!r}"
+            value, expected = self.values[name], window.value(coordinate)
+            size = 0.0 if window.scale == "log" else max(abs(window.low), abs(window.high))
+            if not math.isclose(value, expected, rel_tol=MAX_VALUE_ERROR, abs_tol=MAX_VALUE_ERROR * size):
+                return f"{name} is {value!r}, but {expected!r} at its point in the unit cube"
+        return None
+
 
 def best(trials: Iterable[Trial]) -> Trial | None:
     """Trial with the lowest finite cost, the earliest among equals; None where all failed."""
     scored = [trial for trial in trials if trial.scored]
     return min(scored, key=lambda trial: trial.rank, default=None)
+
+
+def one_line(reason: str) -> str:
+    """Return a reason as a trial states it: on one line, of at most `MAX_REASON_CHARACTERS`."""
+    text = " ".join(filter(None, (part.strip() for part in reason.splitlines())))
+    if len(text) <= MAX_REASON_CHARACTERS:
+        return text
+    return text[: MAX_REASON_CHARACTERS - len(CUT_MARK)] + CUT_MARK
 
 
 def line(trial: Trial, place: tuple[int, int] | None) -> str:
@@ -90,7 +123,15 @@ def line(trial: Trial, place: tuple[int, int] | None) -> str:
 
 
 def trial_of(content: Mapping[str, Any], residuals: np.ndarray | None, segment: int) -> Trial:
-    """Trial of a ledger line's JSON; a null score reads as infinity."""
+    """Trial of a ledger line's JSON; a null score reads as infinity.
+
+    Raises
+    ------
+    KeyError, TypeError, AttributeError : the line is not that of a trial
+    """
+    for key in ("status", "reason", "phase"):
+        if not isinstance(content[key], str):
+            raise TypeError(f"{key} is no text")
     return Trial(
         number=content["number"],
         u=content["u"],

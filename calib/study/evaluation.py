@@ -15,6 +15,7 @@ from calib.modelling.model import Model
 from calib.modelling.parameter import values_for
 from calib.objective import Objective, Score, simulations
 from calib.store import Trial
+from calib.store.trial import one_line
 from calib.study.contracts import Outcome
 
 Phase = Literal["screen", "search"]
@@ -104,7 +105,7 @@ def as_trial(
     """Trial at the point `u` of the unit cube, of what its evaluation gave; the rest as in `calib.store.Trial`."""
     failed = Trial(number, list(u), dict(values), math.inf, seconds=result.seconds, phase=phase, segment=segment)
     if isinstance(result, Failure):
-        return replace(failed, status=result.status, reason=result.reason)
+        return replace(failed, status=result.status, reason=one_line(result.reason))
     score = result.score
     scored = math.isfinite(score.cost)
     return replace(
@@ -112,7 +113,7 @@ def as_trial(
         cost=float(score.cost) if scored else math.inf,
         terms={label: float(distance) for label, distance in score.terms.items()},
         status=score.status,
-        reason=score.reason,
+        reason=one_line(score.reason),
         kind=score.kind,
         features=result.features,
         residuals=np.asarray(score.residuals, dtype=float) if scored and score.residuals is not None else None,

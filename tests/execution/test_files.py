@@ -1,6 +1,7 @@
 """Files that are whole or absent."""
 
 import errno
+import os
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,21 @@ def test_a_file_takes_its_name_when_it_is_whole(tmp_path):
         temporary.write_text("all of it")
         assert not (tmp_path / "new.txt").exists()
     assert (tmp_path / "new.txt").read_text() == "all of it"
-    assert (tmp_path / "new.txt").stat().st_mode & 0o777 == 0o644
+
+
+@pytest.mark.parametrize(("umask", "mode"), [(0o022, 0o644), (0o002, 0o664), (0o077, 0o600)])
+def test_permissions_of_a_file_follow_the_umask(tmp_path, umask, mode):
+    before = os.umask(umask)
+    try:
+        with whole(tmp_path / "new.txt") as temporary:
+            temporary.write_text("all of it")
+        write_dataset(xr.Dataset({"x": 1.0}), tmp_path / "new.nc")
+    finally:
+        os.umask(before)
+    assert {name: (tmp_path / name).stat().st_mode & 0o777 for name in ("new.txt", "new.nc")} == {
+        "new.txt": mode,
+        "new.nc": mode,
+    }
 
 
 def written(path, text, error=None):

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import warnings
+import zlib
 from contextlib import closing
 from dataclasses import replace
 
@@ -18,6 +19,7 @@ import pytest
 from child_environment import environment
 
 from calib.errors import CalibError
+from calib.modelling.parameter import Space, Window
 from calib.records import record
 from calib.store import Store, StudyHeader, Trial, read
 from calib.store import optuna_view as view_room
@@ -26,6 +28,7 @@ from calib.store.lock import is_locked
 from calib.store.optuna_view import storage
 
 WINDOWS = {"x": {"low": 0.1, "high": 2.0, "scale": "log"}, "y": {"low": -1.0, "high": 1.0, "scale": "linear"}}
+SPACE = Space({name: Window(**window) for name, window in WINDOWS.items()})
 TIME = np.linspace(0.0, 1.0, 41)
 HEADER = StudyHeader("demo", {"seed": 1, "windows": WINDOWS}, screen=2, budget=20)
 
@@ -37,12 +40,13 @@ def picture(trial, records):
 
 def trial(number, cost=None, **more):
     rng = np.random.default_rng(number)
-    values = {"x": float(rng.uniform(0.1, 2.0)), "y": float(rng.uniform(-1.0, 1.0)), "gap": 1e-3}
+    u = rng.random(2).tolist()
+    values = {**SPACE.values(u), "gap": 1e-3}
     cost = 1.0 / (1 + number) if cost is None else cost
     return Trial(
         **{
             "number": number,
-            "u": rng.random(2).tolist(),
+            "u": u,
             "values": values,
             "cost": cost,
             "terms": {"curve": cost},
@@ -192,6 +196,107 @@ def test_a_damaged_line_in_the_middle_is_an_error_with_its_number(tmp_path):
     path.write_text("".join([*text[:2], text[2][:40] + "\n", text[3]]))
     with pytest.raises(CalibError, match="line 3: not readable"):
         Store(tmp_path, view=None).open(HEADER)
+
+
+def damaged(folder, count, number, change):
+    """A folder with a ledger of `count` trials of which line `number` was changed; return its path."""
+    filled(folder, [trial(n) for n in range(count)])
+    path = folder / "trials.jsonl"
+    lines = path.read_text().splitlines()
+    assert (changed := change(lines[number - 1])) != lines[number - 1]
+    path.write_text("".join(line + "\n" for line in [*lines[: number - 1], changed, *lines[number:]]))
+    return path
+
+
+def without_checksum(line):
+    """A trial's line as version 0.1 wrote it."""
+    return line.partition(',"crc32":')[0] + "}"
+
+
+def flipped(line, place):
+    """The line with the lowest bit of one character changed."""
+    return line[:place] + chr(ord(line[place]) ^ 1) + line[place + 1 :]
+
+
+def test_a_line_ends_with_the_check_sum_of_its_text(tmp_path):
+    path = filled(tmp_path, [trial(0)]) / "trials.jsonl"
+    line = path.read_text().splitlines()[1]
+    assert list(json.loads(line))[-1] == "crc32"
+    assert json.loads(line)["crc32"] == zlib.crc32(without_checksum(line).encode())
+
+
+def test_any_flipped_bit_in_a_line_is_refused(tmp_path):
+    path = filled(tmp_path, [trial(0), trial(1), trial(2)]) / "trials.jsonl"
+    lines = path.read_text().splitlines()
+    for place in range(len(lines[2])):
+        path.write_text("".join(line + "\n" for line in [*lines[:2], flipped(lines[2], place), lines[3]]))
+        with pytest.raises(CalibError, match=r"trials.jsonl, line 3: (its check sum does not fit|not readable)"):
+            read(tmp_path)
+
+
+@pytest.mark.parametrize("number", [3, 4])
+def test_a_flipped_digit_is_refused_with_its_line_and_the_remedy(tmp_path, number):
+    path = damaged(tmp_path, 3, number, lambda line: line.replace('"seconds":0.25', '"seconds":0.35'))
+    before = path.read_bytes()
+    with pytest.raises(
+        CalibError, match=f"{path}, line {number}: its check sum does not fit its content; .*restore it"
+    ):
+        Store(tmp_path, view=None).open(HEADER)
+    assert path.read_bytes() == before
+
+
+def test_lines_without_a_check_sum_are_read_and_continued(tmp_path):
+    path = damaged(tmp_path, 2, 2, without_checksum)
+    filled(tmp_path, [trial(2)])
+    assert read(tmp_path)[1] == [trial(0), trial(1), trial(2)]
+    assert ["crc32" in line for line in path.read_text().splitlines()] == [False, False, True, True]
+
+
+def test_values_that_contradict_the_point_are_refused_with_their_line(tmp_path):
+    def moved(line):
+        content = json.loads(without_checksum(line))
+        return json.dumps({**content, "values": {**content["values"], "x": content["values"]["x"] * (1.0 + 1e-6)}})
+
+    damaged(tmp_path, 3, 3, moved)
+    with pytest.raises(CalibError, match=r"line 3: the values of trial 1 contradict its point: x is .*, but .* at its"):
+        Store(tmp_path, view=None).open(HEADER)
+
+
+def test_a_point_outside_the_unit_cube_is_refused(tmp_path):
+    filled(tmp_path, [trial(0, u=[0.5, 1.5], values={**SPACE.values([0.5, 1.5]), "gap": 1e-3})])
+    with pytest.raises(CalibError, match=r"line 2: .* the coordinate of y in the unit cube is 1.5"):
+        read(tmp_path)
+
+
+def test_values_that_another_processor_would_round_otherwise_are_no_contradiction():
+    one = trial(0)
+    rounded = {name: value * (1.0 + 1e-14) for name, value in one.values.items()}
+    assert replace(one, values=rounded).contradiction(SPACE.windows) is None
+
+
+@pytest.mark.parametrize("number", [2, 3, 4])
+def test_deeply_nested_brackets_are_damage(tmp_path, number):
+    damaged(tmp_path, 3, number, lambda line: line[:-1] + ',"more":' + 100000 * "[" + 100000 * "]" + "}")
+    with pytest.raises(CalibError, match=f"line {number}: its brackets are nested too deeply; .* restore it"):
+        read(tmp_path)
+
+
+def test_nested_brackets_within_a_value_are_damage(tmp_path):
+    nested = 400 * "[" + 400 * "]"
+    damaged(tmp_path, 3, 3, lambda line: without_checksum(line).replace('"reason":""', f'"reason":{nested}'))
+    with pytest.raises(CalibError, match="line 3: not readable"):
+        read(tmp_path)
+
+
+def test_files_of_a_study_follow_the_umask(tmp_path):
+    before = os.umask(0o027)
+    try:
+        filled(tmp_path, [trial(0)], view="journal")
+    finally:
+        os.umask(before)
+    modes = {path.name: path.stat().st_mode & 0o777 for path in tmp_path.rglob("*") if path.is_file()}
+    assert modes == dict.fromkeys(modes, 0o640)
+    assert {"trials.jsonl", "residuals.f64", "trials.lock", "optuna.log", "best.nc", "000000.nc"} <= set(modes)
 
 
 def test_keys_of_a_later_version_stay_in_the_header(tmp_path):

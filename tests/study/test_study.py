@@ -9,10 +9,12 @@ import pytest
 from study_fakes import SPACE, Frugal, Wanderer, lines, run, study
 
 from calib.errors import CalibError
-from calib.execution.pool import LocalPool
+from calib.execution.pool import Failure, LocalPool
 from calib.modelling.parameter import Space, Window
 from calib.store import Store, Trial, read
+from calib.store.trial import MAX_REASON_CHARACTERS
 from calib.study import BUDGET_SPENT, INTERRUPTED, evaluate, reach
+from calib.study.evaluation import as_trial
 
 
 def test_the_budget_counts_the_screen_and_is_spent_exactly(tmp_path):
@@ -131,6 +133,18 @@ def test_a_failed_simulation_is_data(tmp_path, trouble, status):
     assert all(t.cost == math.inf and t.residuals is None and t.reason for t in failed)
     assert found.best.status == "ok"
     assert lines(read(tmp_path)[1]) == lines(found.trials)
+
+
+def test_the_reason_of_a_failed_trial_is_one_line_of_limited_length():
+    def reason_of(text):
+        return as_trial(0, [0.5], {"x": 1.0}, Failure("raised", text, 0.1), "search", 0).reason
+
+    assert reason_of("not solvable:\n  the matrix\r\n\n  is singular\n") == "not solvable: the matrix is singular"
+    assert reason_of(MAX_REASON_CHARACTERS * "x") == MAX_REASON_CHARACTERS * "x"
+    cut = reason_of("begin " + 1000 * "x\n")
+    assert len(cut) == MAX_REASON_CHARACTERS
+    assert cut.startswith("begin x")
+    assert cut.endswith(" ...")
 
 
 @pytest.mark.parametrize(("trouble", "status", "limit"), [("crash", "crashed", None), ("hang", "timeout", 1.0)])
