@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from calib.store.trial import KEYS, Trial, line, trial_of
 TRIALS, RESIDUALS = "trials.jsonl", "residuals.f64"
 FORMAT_VERSION = 1  # of the ledger: a log of another is not read
 BYTES_PER_RESIDUAL = 8  # float64
+RECENT_NUMBERS = 4096  # texts of numbers that are remembered while a ledger is read; a line has some 100
 
 
 def read(folder: str | Path, definition: Mapping[str, Any] | None = None) -> tuple[Header, list[Trial]]:
@@ -50,8 +52,8 @@ class Ledger:
     `trials.jsonl` holds a header line, then one line a trial. A later header line begins a new segment (other
     libraries, another processor or BLAS kernel) or states a new budget.
 
-    A line counts when its line end is there, and a trial's line ends with its check sum. Residuals are synced before the
-    line that points at them, and the line before the call returns.
+    A line counts when its line end is there, and a trial's line ends with its check sum. Residuals are synced before
+    the line that points at them, and the line before the call returns.
     """
 
     def __init__(self, folder: Path):
@@ -207,6 +209,9 @@ class _Content:
     side_end: int
 
 
+_number = lru_cache(RECENT_NUMBERS)(float)  # a measured value that every line states is held once in memory
+
+
 class _Damage(ValueError):
     """What is wrong with a line that can be read."""
 
@@ -284,7 +289,7 @@ def _lines(path: Path, size: int) -> Iterator[bytes]:
 def _object(text: bytes, is_last: bool) -> dict[str, Any] | None:
     """Return the JSON object of a line; None where it is the last one and unfinished."""
     try:
-        content = json.loads(text) if text.endswith(b"\n") else None
+        content = json.loads(text, parse_float=_number) if text.endswith(b"\n") else None
     except RecursionError as error:
         raise _Damage("its brackets are nested too deeply") from error
     except ValueError:

@@ -2,6 +2,7 @@
 
 import json
 import math
+import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -135,19 +136,24 @@ def trial_of(content: Mapping[str, Any], residuals: np.ndarray | None, segment: 
     return Trial(
         number=content["number"],
         u=content["u"],
-        values=content["values"],
+        values=_shared(content["values"]),
         cost=_score(content["total"]),
-        terms={label: _score(value) for label, value in content["terms"].items()},
-        status=content["status"],
+        terms={sys.intern(label): _score(value) for label, value in content["terms"].items()},
+        status=sys.intern(content["status"]),
         reason=content["reason"],
         kind=content["kind"],
         seconds=content["seconds"],
         phase=content["phase"],
-        features=content["features"],
+        features=[_shared(feature) for feature in content["features"]],
         residuals=residuals,
         segment=segment,
         simulations=content.get("simulations"),
     )
+
+
+def _shared(entries: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the same, its keys and texts held once in memory for all trials."""
+    return {sys.intern(key): sys.intern(value) if isinstance(value, str) else value for key, value in entries.items()}
 
 
 def _score(value: float | None) -> float:
