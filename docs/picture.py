@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from calib.records.record import read
+from calib.records import read
 from calib.report.plots.motion import phase_curves
 from calib.report.plots.records import aligned_simulation
 from calib.study_file import load

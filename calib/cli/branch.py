@@ -11,7 +11,7 @@ from calib.dynamics.branch import Branch, follow
 from calib.dynamics.motion import kind_of_orbit
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError
-from calib.execution.files import read_dataset, write_dataset
+from calib.execution.netcdf import read_dataset, write_dataset
 from calib.report.plots.continuation import branch_diagram
 from calib.report.plots.style import DPI
 from calib.study_file import load

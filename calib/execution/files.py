@@ -1,6 +1,5 @@
-"""Files: netCDF datasets and checksums read, and every file written so that it is either whole or absent."""
+"""Files: checksums read, and every file written so that it is either whole or absent."""
 
-import errno
 import hashlib
 import os
 import uuid
@@ -8,10 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import xarray as xr
-
 from calib.errors import CalibError
-from calib.execution.interrupt import uninterrupted
 
 PERMISSIONS = 0o666  # of a new file, less those that the umask takes away
 TEMPORARY_NAME_DIGITS = 8  # hexadecimal, at random
@@ -42,38 +38,6 @@ def whole(path: Path) -> Iterator[Path]:
         if isinstance(error, OSError) and error.errno is not None and error.filename is None:
             raise OSError(error.errno, error.strerror, str(path)) from error
         raise
-
-
-def read_dataset(path: str | Path) -> xr.Dataset:
-    """Read a netCDF file whole.
-
-    Raises
-    ------
-    CalibError : no such file, or not a readable netCDF file
-    """
-    path = Path(path)
-    if not path.exists():
-        raise CalibError(f"{path}: no such file")
-    try:
-        # interrupted while it takes its locks, xarray would wait for itself for ever
-        with uninterrupted(), xr.open_dataset(path, engine="netcdf4", decode_times=False) as stored:
-            return stored.load()
-    except (OSError, ValueError, RuntimeError) as error:
-        raise CalibError(f"{path}: not a readable netCDF file ({error}); it may be truncated: make it again") from error
-
-
-def write_dataset(dataset: xr.Dataset, path: str | Path) -> None:
-    """Write netCDF-4 so that the file is either whole or absent.
-
-    Raises
-    ------
-    OSError : it cannot be written; it names `path`
-    """
-    with whole(Path(path)) as temporary, uninterrupted():  # as in `read_dataset`
-        try:
-            dataset.to_netcdf(temporary, engine="netcdf4")
-        except RuntimeError as error:  # as netCDF reports a full disk
-            raise OSError(errno.EIO, f"the file cannot be written ({error}); is the disk full?") from error
 
 
 def checksum(path: Path) -> str:

@@ -1,5 +1,6 @@
 """Measured and simulated records: tables of samples, excitations, cycles."""
 
+from calib.records.file import read, write
 from calib.records.record import (
     CHANNELS,
     INTERVAL,
@@ -7,7 +8,6 @@ from calib.records.record import (
     OK,
     STATE,
     channels,
-    check,
     failed,
     fills_periods,
     make,
@@ -15,11 +15,10 @@ from calib.records.record import (
     nuisance_sigma,
     prescribed,
     prescription,
-    read,
     rename_bodies,
     stated_period,
-    write,
 )
+from calib.records.schema import check
 
 __all__ = [
     "CHANNELS",

@@ -1,16 +1,14 @@
 """The record: channels of named bodies over time, measured or simulated, in one schema."""
 
 import json
+import math
 from collections.abc import Mapping, Sequence
-from numbers import Real
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError, nearest
-from calib.execution.files import read_dataset, write_dataset
 
 CHANNELS = {"displacement": "m", "velocity": "m/s", "force": "N"}  # the usual ones; others state their own unit
 STATE = ("displacement", "velocity")  # what a phase curve and a section are made of
@@ -127,73 +125,13 @@ def nuisance_sigma(record: xr.Dataset) -> dict[str, float]:
     """
     stated = record.attrs.get("nuisance_sigma", "{}")
     try:
-        return {name: float(sigma) for name, sigma in json.loads(stated).items()}
-    except (TypeError, ValueError, AttributeError) as error:
+        sigmas = {name: float(sigma) for name, sigma in json.loads(stated).items()}
+        if not all(map(math.isfinite, sigmas.values())):
+            raise ValueError("a standard uncertainty is finite")
+    except (TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
         wanted = 'expected a JSON object of standard uncertainties in SI, such as {"scale.velocity": 0.004}'
-        raise CalibError(f"attribute nuisance_sigma: {wanted}, got {stated!r}") from error
-
-
-def check(record: xr.Dataset, name: str = "record") -> xr.Dataset:
-    """Return the record where it satisfies the schema.
-
-    Raises
-    ------
-    CalibError : it does not; the message names the variable and the remedy
-    """
-    for dim, what in (("body", "names of the bodies"), ("time", "time [s]")):
-        if dim not in record.coords:
-            raise CalibError(f"{name}: the coordinate {dim!r} ({what}) is missing; it has {list(record.coords)}")
-    present = channels(record)
-    if not present:
-        turned = [str(v) for v in record.data_vars if record[v].dims == ("time", "body")]
-        if turned:
-            raise CalibError(
-                f"{name}: expected {turned[0]} with dims ('body', 'time'), got ('time', 'body'); transpose it"
-            )
-        raise CalibError(f"{name}: no channel over (body, time), such as displacement [m] or velocity [m/s]")
-    time = record.time.values
-    if time.size < 2:
-        raise CalibError(f"{name}: at least two samples are needed, got {time.size}")
-    if not np.isfinite(time).all():
-        raise CalibError(f"{name}: time holds NaN at sample {int(np.argmin(np.isfinite(time)))}; cut those samples")
-    steps = np.diff(time)
-    if (steps <= 0.0).any():
-        at = int(np.argmax(steps <= 0.0))
-        raise CalibError(
-            f"{name}: time must increase, but goes from {time[at]:.9g} s to {time[at + 1]:.9g} s at sample {at + 1}; "
-            "sort the samples and drop repeated ones"
-        )
-    for channel in present:
-        _check_channel(record, channel, name)
-    for attribute in ("amplitude", "frequency"):
-        stated = record.attrs.get(attribute, 0.0)
-        if not isinstance(stated, Real):
-            raise CalibError(f"{name}: attribute {attribute}: expected a number in SI, got {stated!r}")
-    try:
-        nuisance_sigma(record)
-    except CalibError as error:
-        raise CalibError(f"{name}: {error}") from error
-    return record
-
-
-def _check_channel(record: xr.Dataset, channel: str, name: str) -> None:
-    unit = record[channel].attrs.get("units")
-    expected = CHANNELS.get(channel)
-    if unit is None:
-        raise CalibError(f"{name}: {channel} states no unit; set its attribute units to {expected or 'its SI unit'!r}")
-    if expected is not None and unit != expected:
-        raise CalibError(f"{name}: {channel} is expected in {expected!r}, got {unit!r}; convert it to SI")
-    finite = np.isfinite(record[channel].values)
-    if not finite.all():
-        body, sample = (int(i) for i in np.argwhere(~finite)[0])
-        raise CalibError(
-            f"{name}: {channel} of body {str(record.body.values[body])!r} is not a number at sample {sample} "
-            f"(t = {float(record.time.values[sample]):.6g} s; {int((~finite).sum())} such samples in all); "
-            "cut or repair them"
-        )
-    sigma = f"{channel}_sigma"
-    if sigma in record and not (record[sigma].values > 0.0).all():
-        raise CalibError(f"{name}: {sigma} must be positive everywhere; leave it out where it is not known")
+        raise CalibError(f"attribute nuisance_sigma: {wanted}, got {stated!r:.80}; mend it") from error
+    return sigmas
 
 
 def rename_bodies(record: xr.Dataset, names: Mapping[str, str], name: str = "record") -> xr.Dataset:
@@ -206,20 +144,3 @@ def rename_bodies(record: xr.Dataset, names: Mapping[str, str], name: str = "rec
     if renamed.attrs.get("prescribed"):
         renamed.attrs["prescribed"] = ",".join(f"{names[b]}.{c}" for b, c in prescribed(record) if b in names)
     return renamed
-
-
-def read(path: str | Path) -> xr.Dataset:
-    """Read and check a record from a netCDF file.
-
-    Raises
-    ------
-    CalibError : no such file, not a readable netCDF file, or not a record
-    """
-    record = read_dataset(path)
-    record.attrs.setdefault("status", OK)
-    return check(record, str(path))
-
-
-def write(record: xr.Dataset, path: str | Path) -> None:
-    """Write a record as netCDF-4 so that the file is either whole or absent."""
-    write_dataset(record, path)

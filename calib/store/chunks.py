@@ -12,8 +12,9 @@ import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError
-from calib.execution.files import read_dataset, whole, write_dataset
+from calib.execution.files import whole
 from calib.execution.interrupt import uninterrupted
+from calib.execution.netcdf import read_dataset, write_dataset
 from calib.execution.pool import REFUSED, Failure, Pool
 from calib.store.lock import Lock
 

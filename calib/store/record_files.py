@@ -2,7 +2,7 @@
 
 import json
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, get_args
 from urllib.parse import quote
@@ -25,8 +25,19 @@ def file_of(stem: str, record: str, first: bool) -> str:
 
 def best_records(folder: Path) -> dict[str, xr.Dataset]:
     """Records of the best trial of the study in `folder`, by name; empty where there are none."""
-    records = [read(path) for path in (*folder.glob("best.nc"), *sorted(folder.glob("best-*.nc")))]
-    return {record.attrs["record"]: record for record in records}
+    return _by_name([*folder.glob("best.nc"), *sorted(folder.glob("best-*.nc"))])
+
+
+def _by_name(paths: Sequence[Path]) -> dict[str, xr.Dataset]:
+    """Records in files of trials, by the name that each states."""
+    records = {}
+    for path in paths:
+        record = read(path)
+        name = record.attrs.get("record")
+        if not isinstance(name, str):
+            raise CalibError(f"{path}: attribute record: expected the name of a record, got {name!r}; delete the file")
+        records[name] = record
+    return records
 
 
 class RecordFiles:
@@ -87,8 +98,7 @@ class RecordFiles:
 
     def read(self, number: int) -> dict[str, xr.Dataset]:
         """Read the records kept of a trial, by name; empty where none were."""
-        records = [read(path) for path in self._paths(number)]
-        return {record.attrs["record"]: record for record in records}
+        return _by_name(self._paths(number))
 
     def _paths(self, number: int) -> list[Path]:
         return [*self._records.glob(f"{number:06d}.nc"), *sorted(self._records.glob(f"{number:06d}-*.nc"))]

@@ -112,7 +112,8 @@ class Record:
             arrays[f"{channel}_sigma"] = np.full(len(names), to_si(value, si[channel]))
         record = make(seconds, names, arrays, si, source="arrays", **_attributes(excitation))
         if "values" in excitation:
-            record["excitation"] = "time", _recorded(excitation, seconds.size)
+            unit = {"units": unit_of(excitation["quantity"])}
+            record["excitation"] = "time", _recorded(excitation, seconds.size), unit
         Excitation.of(check(record, str(name)))
         return cls(record, name, use, bodies, nuisance)
 

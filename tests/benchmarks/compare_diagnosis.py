@@ -74,7 +74,7 @@ from calib.diagnosis.verdict import NAMED, NONE, ONE_OF  # noqa: E402
 from calib.effects import coulomb_friction, cubic_stiffness, quadratic_drag, softening  # noqa: E402
 from calib.modelling.model import Model  # noqa: E402
 from calib.modelling.simulator import Request  # noqa: E402
-from calib.records import record  # noqa: E402
+from calib.records import record, write  # noqa: E402
 from calib.records.excitation import Excitation  # noqa: E402
 from calib.simulators.oscillator import Oscillator  # noqa: E402
 
@@ -183,7 +183,7 @@ def calib(data: Data) -> dict:
                 TIME, ["mass"], {"displacement": x[None], "velocity": v[None]},
                 place="mass", quantity="force", source="measured",
             ).assign(excitation=("time", force, {"units": "N"}))  # fmt: skip
-            record.write(one, Path(folder) / f"record_{index}.nc")
+            write(one, Path(folder) / f"record_{index}.nc")
         (Path(folder) / "study.toml").write_text(study())
         found = seek(Path(folder))
     said = {"verdict": found.verdict, "said": found.summary, "classes": [list(names) for names in found.classes]}

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 import xarray as xr
 
-from calib.execution.files import whole, write_dataset
+from calib.execution.files import whole
+from calib.execution.netcdf import write_dataset
 
 
 def test_a_file_takes_its_name_when_it_is_whole(tmp_path):

@@ -20,6 +20,7 @@ from child_environment import environment
 
 from calib.errors import CalibError
 from calib.modelling.parameter import Space, Window
+from calib.records import read as read_record
 from calib.records import record
 from calib.store import Store, StudyHeader, Trial, read
 from calib.store import optuna_view as view_room
@@ -406,12 +407,12 @@ def test_records_are_kept_as_told(tmp_path, keep, expected):
     trials = [trial(0, 0.5), failed(1), trial(2, 0.7), trial(3, 0.2), trial(4, 0.3)]
     filled(tmp_path, trials, keep=keep)
     assert kept(tmp_path) == expected
-    assert record.read(tmp_path / "best.nc").attrs["trial"] == 3
+    assert read_record(tmp_path / "best.nc").attrs["trial"] == 3
 
 
 def test_the_best_record_says_where_it_comes_from(tmp_path):
     filled(tmp_path, [trial(0)])
-    best = record.read(tmp_path / "best.nc")
+    best = read_record(tmp_path / "best.nc")
     provenance = json.loads(best.attrs["provenance"])
     assert provenance["values"] == trial(0).values
     assert provenance["score"]["total"] == 1.0
@@ -429,12 +430,12 @@ def test_confirmed_records_are_the_best_ones_until_the_folder_is_opened_again(tm
         assert is_locked(tmp_path)
         store.keep_confirmed(trial(0, 0.9), records(7, ("sweep", "a b")))
     assert not is_locked(tmp_path)
-    best = record.read(tmp_path / "best.nc")
+    best = read_record(tmp_path / "best.nc")
     assert best.attrs["trial"] == 0
     assert json.loads(best.attrs["provenance"])["score"]["total"] == 0.9
-    assert record.read(tmp_path / "best-a%20b.nc").attrs["record"] == "a b"
+    assert read_record(tmp_path / "best-a%20b.nc").attrs["record"] == "a b"
     filled(tmp_path, [])
-    assert record.read(tmp_path / "best.nc").attrs["trial"] == 1
+    assert read_record(tmp_path / "best.nc").attrs["trial"] == 1
 
 
 def test_of_several_records_each_is_a_file(tmp_path):
@@ -443,7 +444,7 @@ def test_of_several_records_each_is_a_file(tmp_path):
         store.append(trial(0), records(0, ("sweep", "decay", "a b", "a/b", "a_b")))
     assert kept(tmp_path) == ["000000", "000000-a%20b", "000000-a%2Fb", "000000-a_b", "000000-decay"]
     assert {p.name for p in tmp_path.glob("best-a*")} == {"best-a%20b.nc", "best-a%2Fb.nc", "best-a_b.nc"}
-    assert record.read(tmp_path / "best.nc").attrs["record"] == "sweep"
+    assert read_record(tmp_path / "best.nc").attrs["record"] == "sweep"
 
 
 def test_a_best_record_that_lags_is_brought_up_on_opening(tmp_path):
@@ -451,7 +452,7 @@ def test_a_best_record_that_lags_is_brought_up_on_opening(tmp_path):
     (tmp_path / "best.nc").unlink()
     (tmp_path / "records" / ".000009.nc.x7z").write_text("torn")
     filled(tmp_path, [])
-    assert record.read(tmp_path / "best.nc").attrs["trial"] == 1
+    assert read_record(tmp_path / "best.nc").attrs["trial"] == 1
     assert kept(tmp_path) == ["000000", "000001"]
 
 
@@ -460,7 +461,7 @@ def test_of_equal_costs_the_earlier_number_is_best_whichever_ended_first(tmp_pat
     with Store(tmp_path, view=None) as store:
         store.open(HEADER)
         assert store.best.number == 3
-    assert record.read(tmp_path / "best.nc").attrs["trial"] == 3
+    assert read_record(tmp_path / "best.nc").attrs["trial"] == 3
 
 
 def test_an_unknown_rule_for_records_is_refused(tmp_path):
