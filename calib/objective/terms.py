@@ -75,7 +75,7 @@ class Reference:
     request: Request = field(default_factory=Request)
 
     def __post_init__(self) -> None:
-        check(self.record, self.name)
+        object.__setattr__(self, "record", check(self.record, self.name))
         if self.use not in USES:
             raise CalibError(f"{self.name}: use is one of {', '.join(USES)}, got {self.use!r}{nearest(self.use, USES)}")
         if self.excitation is OF_RECORD:

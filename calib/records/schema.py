@@ -21,6 +21,8 @@ MAX_UNIT_CHARACTERS = 60
 POWER_OF_NUMBER = re.compile(r"[\d)]\s*(\*\*|\^)")  # 9^9^9 takes for ever; no unit is written so
 # units and dims of the variables that are no channels
 UNITS = {"time": "s", "impact_time": "s", "impact_speed": "m/s"} | {f"section_{c}": CHANNELS[c] for c in STATE}
+# simulators, and earlier versions for an excitation from arrays, write these without a unit, and in SI
+SI_UNLESS_STATED = {*UNITS, "excitation"} - {"time"}
 DIMS: dict[str, tuple[tuple[str, ...], ...]] = {
     "time": (("time",),),
     "body": (("body",),),
@@ -170,14 +172,13 @@ def _in_si(record: xr.Dataset, name: str) -> xr.Dataset:
     for channel in present:
         units[channel] = CHANNELS.get(channel) or _own_unit(record, channel, name)
         units[f"{channel}_sigma"] = units[channel]
-    converted = {v: _variable_in_si(record, v, units.get(str(v)), name) for v in record.variables if _known(v, units)}
-    return record.assign({v: variable for v, variable in converted.items() if v not in record.coords}).assign_coords(
-        {v: variable for v, variable in converted.items() if v in record.coords}
-    )
-
-
-def _known(variable: Hashable, units: dict[str, str]) -> bool:
-    return variable in units or variable == "state"
+    for variable in list(record.variables):
+        if variable in units or variable == "state":
+            converted = _variable_in_si(record, variable, units.get(str(variable)), name)
+            if converted is not record.variables[variable]:
+                assign = record.assign_coords if variable in record.coords else record.assign
+                record = assign({variable: converted})
+    return record
 
 
 def _own_unit(record: xr.Dataset, channel: str, name: str) -> str:
@@ -215,14 +216,15 @@ def _variable_in_si(record: xr.Dataset, name: Hashable, unit: str | None, where:
         raise CalibError(f"{place}: expected real numbers [{unit or '1'}], got {kind}; write it as 64-bit floats")
     values = variable.values.astype(float, copy=False)
     attrs = variable.attrs
-    # an excitation without a unit is in SI: records of earlier versions that were made from arrays state none
-    if unit and not (name == "excitation" and "units" not in attrs):
+    if unit and ("units" in attrs or name not in SI_UNLESS_STATED):
         stated = _stated_unit(variable, place, unit)
         if stated != unit:
             values, attrs = values * _factor(stated, unit, place), {**attrs, "units": unit}
     if name == "excitation" and not np.isfinite(values).all():
         raise CalibError(f"{place}: expected finite numbers, got NaN or infinity; cut those samples")
-    return xr.Variable(variable.dims, values, attrs, variable.encoding)
+    if values.dtype == variable.dtype and attrs is variable.attrs:
+        return variable
+    return xr.Variable(variable.dims, values, attrs)
 
 
 def _factor(unit: str, si: str, where: str) -> float:

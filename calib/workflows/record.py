@@ -114,7 +114,8 @@ class Record:
         if "values" in excitation:
             unit = {"units": unit_of(excitation["quantity"])}
             record["excitation"] = "time", _recorded(excitation, seconds.size), unit
-        Excitation.of(check(record, str(name)))
+        record = check(record, str(name))
+        Excitation.of(record)
         return cls(record, name, use, bodies, nuisance)
 
     @classmethod

@@ -38,8 +38,8 @@ def without_place(record):
     return record
 
 
-def in_millimetres(record):
-    record["displacement"].attrs["units"] = "mm"
+def in_volts(record):
+    record["displacement"].attrs["units"] = "V"
     return record
 
 
@@ -50,7 +50,7 @@ FAULTS = {
     "time_goes_back": (lambda r: with_time(r, 5, -1.0), PATH, "time must increase"),
     "time_is_no_number": (lambda r: with_time(r, 5, np.nan), PATH, "time holds NaN at sample 5"),
     "no_unit": (without_unit, PATH, "displacement states no unit"),
-    "another_unit": (in_millimetres, PATH, "displacement is expected in 'm', got 'mm'"),
+    "another_unit": (in_volts, PATH, "displacement is expected in 'm' or a unit of its dimension, got 'V'"),
     "transposed": (lambda r: r.transpose("time", "body"), PATH, "transpose it"),
     "no_channel": (lambda r: r.drop_vars(["displacement", "velocity"]), PATH, "no channel"),
     "another_body": (lambda r: r.assign_coords(body=["cart"]), "record[1].bodies", "'cart' is none of simulator"),
