@@ -6,6 +6,7 @@ backend of our own that never opens it for writing, takes no lock and leaves an 
 
 import json
 import os
+import re
 import shlex
 import threading
 from collections.abc import Callable, Iterable
@@ -26,8 +27,10 @@ from calib.store.optuna_view import address_without_password
 
 HOST = "127.0.0.1"
 PORT = 8080  # of TCP, unless the command states another
+HOST_NAMES = ("localhost", HOST, "[::1]")  # in the header Host; a page that rebinds its own DNS name sends that name
 ALLOWED_METHODS = ("GET", "HEAD")
 HEAD_BYTES = 256  # bytes that identify a journal: its first log names its writer
+PORT_SUFFIX = re.compile(r":\d*\Z")  # of a header Host
 SECURITY_HEADER = ("X-Content-Type-Options", "nosniff")
 
 
@@ -66,7 +69,10 @@ def serve(
 
 
 def application(view: str | Path, artifacts: str | Path | None = None) -> WSGIApplication:
-    """WSGI application that answers GET and HEAD with Optuna's dashboard, and anything else with 405."""
+    """WSGI application that answers GET and HEAD with Optuna's dashboard.
+
+    Other methods are answered with 405, a request whose header Host does not name this machine with 403.
+    """
     store = None if artifacts is None else FileSystemArtifactStore(Path(artifacts).absolute())
     if _is_url(view):
         shown = _dashboard(_database(str(view)), store)
@@ -114,26 +120,33 @@ class Journal(BaseJournalBackend):
 
 
 class _ReadOnly:
-    """WSGI middleware that lets only reading requests through to the application that `current` returns."""
+    """WSGI middleware that lets only reading requests to this machine through to what `current` returns."""
 
     def __init__(self, current: Callable[[], WSGIApplication]):
         self.current = current
 
     def __call__(self, environ: WSGIEnvironment, start_response: StartResponse) -> Iterable[bytes]:
+        host = environ.get("HTTP_HOST", "")
+        if PORT_SUFFIX.sub("", host).lower() not in HOST_NAMES:
+            names = ", ".join(HOST_NAMES)
+            text = f"This dashboard answers only requests to {names}; the header Host of this one is {host!a:.100}.\n"
+            return _refused(start_response, "403 Forbidden", text)
         if environ["REQUEST_METHOD"] not in ALLOWED_METHODS:
-            text = b"This dashboard is read-only.\n"
-            headers = [
-                ("Content-Type", "text/plain"),
-                ("Content-Length", str(len(text))),
-                ("Allow", ", ".join(ALLOWED_METHODS)),
-            ]
-            start_response("405 Method Not Allowed", headers)
-            return [text]
+            allow = ("Allow", ", ".join(ALLOWED_METHODS))
+            return _refused(start_response, "405 Method Not Allowed", "This dashboard is read-only.\n", allow)
 
         def start(status: str, headers: list[tuple[str, str]], *rest: Any) -> Callable[[bytes], object]:
             return start_response(status, [*headers, SECURITY_HEADER], *rest)
 
         return self.current()(environ, start)
+
+
+def _refused(start_response: StartResponse, status: str, text: str, *headers: tuple[str, str]) -> list[bytes]:
+    """Answer with a plain sentence."""
+    body = text.encode("ascii")
+    common = [("Content-Type", "text/plain"), ("Content-Length", str(len(body))), SECURITY_HEADER]
+    start_response(status, [*common, *headers])
+    return [body]
 
 
 class _Following:

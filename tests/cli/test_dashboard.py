@@ -20,9 +20,9 @@ from calib.errors import CalibError
 optuna.logging.set_verbosity(optuna.logging.WARNING)
 
 
-def ask(app, path, method="GET"):
+def ask(app, path, method="GET", host="127.0.0.1"):
     """Status, headers and body of one request."""
-    environ = {"PATH_INFO": path, "REQUEST_METHOD": method, "wsgi.input": io.BytesIO(b"{}")}
+    environ = {"PATH_INFO": path, "REQUEST_METHOD": method, "HTTP_HOST": host, "wsgi.input": io.BytesIO(b"{}")}
     setup_testing_defaults(environ)
     answer = {}
 
@@ -79,6 +79,26 @@ def test_nothing_can_be_changed(journal, method, path):
     assert status == 405
     assert headers["Allow"] == "GET, HEAD"
     assert journal.read_bytes() == before
+
+
+@pytest.mark.parametrize("method", ["GET", "HEAD", "POST"])
+@pytest.mark.parametrize(
+    "host",
+    ["evil.example", "evil.example:8080", "localhost.evil.example", "127.0.0.1.evil.example:80", "192.168.0.7:8080",
+     "localhost:8080:80", "evil.example\xe9", "", "[::1", "0.0.0.0"],
+)  # fmt: skip
+def test_a_request_to_another_host_is_refused(journal, host, method):
+    """So a page of the web that rebinds its own name to 127.0.0.1 reads nothing."""
+    status, headers, text = ask(application(journal), "/api/studies", method, host)
+    assert status == 403
+    assert headers["Content-Type"] == "text/plain"
+    assert b"answers only requests to localhost, 127.0.0.1, [::1]" in text
+    assert b"minimal" not in text
+
+
+@pytest.mark.parametrize("host", ["localhost", "LOCALHOST:9", "127.0.0.1:8080", "[::1]", "[::1]:8080"])
+def test_a_request_to_this_machine_is_answered(journal, host):
+    assert ask(application(journal), "/api/studies", host=host)[0] == 200
 
 
 def test_showing_a_study_writes_no_file_and_takes_no_lock(journal):
