@@ -18,6 +18,13 @@ SI_FROM = 1.0  # m, s: such and larger values are read in m and s
 # a number, then its unit; a comma is refused because pint drops it: '1,5 mm' would become 15 mm
 QUANTITY = re.compile(r"\s*\(?\s*[+-]?\s*(\d|\.\d|inf|nan)[\w\s.+\-*/^()%°µ]*")
 
+MAX_QUANTITY_CHARACTERS = 100
+# product of the exponents in one text: above it, pint would work out integers of any length, as in '9**9**9 m'
+MAX_POWER = 1000.0
+POWER = re.compile(r"\*\*")
+DECIMAL = r"[+-]?(\d+\.?\d*|\.\d+)"
+EXPONENT = re.compile(rf"\*\*\s*({DECIMAL}|\(\s*{DECIMAL}\s*(/\s*{DECIMAL}\s*)?\))(?![\w.]|\s*\*\*)")
+
 
 @functools.cache
 def _registry() -> "pint.UnitRegistry":
@@ -56,7 +63,11 @@ def to_si(quantity: str | float, unit: str) -> float:
         )
     if not given.is_compatible_with(expected):
         raise CalibError(f"expected a quantity that can be given in {unit or '1'}, got {quantity!r}; mend the unit")
-    return _number(float(given.m_as(expected.units)), quantity, unit)
+    try:
+        value = float(given.m_as(expected.units))
+    except (OverflowError, TypeError) as error:  # an integer beyond the range of float, or a complex number
+        raise CalibError(f"{quantity!r} is no real number of {unit or '1'} that can be represented") from error
+    return _number(value, quantity, unit)
 
 
 def shown(value: float | None, unit: str, digits: int = 4) -> str:
@@ -85,8 +96,14 @@ def _parse(text: str, unit: str) -> "pint.Quantity":
     import pint.errors  # see _registry
 
     mistake = f"cannot read {text!r} as a number with a unit; expected something like '1 {unit}'"
+    if len(text) > MAX_QUANTITY_CHARACTERS:
+        raise CalibError(
+            f"a quantity of {len(text)} characters, {text[:20]!r}..., exceeds the bound of {MAX_QUANTITY_CHARACTERS}; "
+            "write a number and a unit, as in '1 N s/m'"
+        )
     if not QUANTITY.fullmatch(text):
         raise CalibError(mistake)
+    _check_powers(text)
     try:
         return _registry().Quantity(text)
     except pint.errors.UndefinedUnitError as error:
@@ -98,6 +115,22 @@ def _parse(text: str, unit: str) -> "pint.Quantity":
         raise CalibError(mistake) from error
     except (AssertionError, tokenize.TokenError) as error:  # what pint's parser raises on unfinished text
         raise CalibError(mistake) from error
+
+
+def _check_powers(text: str) -> None:
+    """Refuse powers that take long to work out, however they are written: pint reads '9³', '9 cubed' as '9**3'."""
+    import pint.util  # see _registry
+
+    written = pint.util.string_preprocessor(text)
+    exponents = [match.group(2) or match.group(3) for match in EXPONENT.finditer(written)]
+    if len(exponents) < len(POWER.findall(written)):
+        raise CalibError(f"{text!r}: an exponent is one number, as in 'm^2', 'm**-0.5' or 'm^(1/2)'; write it so")
+    power = math.prod(max(1.0, float(exponent)) for exponent in exponents)
+    if power > MAX_POWER:
+        raise CalibError(
+            f"{text!r}: the product of the exponents, {power:.4g}, exceeds the bound of {MAX_POWER:g}; "
+            "write the number out, as in '1e6 m'"
+        )
 
 
 def _hertz(quantity: "pint.Quantity") -> float:

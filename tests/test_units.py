@@ -1,8 +1,12 @@
 """Quantities as people write them."""
 
+import contextlib
 import math
+import time
 
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 
 from calib.errors import CalibError
 from calib.units import shown, to_si
@@ -66,6 +70,58 @@ def test_hertz_is_never_converted_to_another_rate(text, unit):
 def test_a_mistake_is_answered_with_what_was_expected(text, unit, says):
     with pytest.raises(CalibError, match=says.replace("(", r"\(")):
         to_si(text, unit)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("9**9**9 m", "an exponent is one number"),
+        ("1e9**1e9 m", "an exponent is one number"),
+        ("9^(9^9^9) m", "an exponent is one number"),
+        ("9 cubed cubed cubed m", "unknown unit 'cubed'"),
+        ("9⁹⁹⁹⁹⁹⁹⁹⁹⁹ m", "exceeds the bound of 1000"),
+        ("9**999999999 m", "exceeds the bound of 1000"),
+        ("2 m^1e300", "an exponent is one number"),
+        ("1 * ((((9**9)**9)**9)**9) m", "exceeds the bound of 1000"),
+        ("9**999 m", "can be represented"),
+        ("(-1)**0.5 m", "can be represented"),
+        ("1 " + "m*" * 10**6 + "m", "2000003 characters"),
+        ("1" * 101, "exceeds the bound of 100"),
+    ],
+)
+def test_what_would_take_long_is_refused_at_once(text, says):
+    to_si("1 m", "m")  # the registry is read once
+    begin = time.monotonic()
+    with pytest.raises(CalibError, match=says):
+        to_si(text, "m")
+    assert time.monotonic() - begin < 2.0
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "value"),
+    [("2 mm²", "m^2", 2e-6), ("2 mm^(2)", "m^2", 2e-6),
+     ("4 mm ** -1", "1/m", 4e3), ("3 km^(1/2)", "m^0.5", 3 * 1e3**0.5),
+     ("1 kg^2 m^4 / s^3 / A^2", "kg^2*m^4/(s^3*A^2)", 1.0), ("(2 mm)**2", "m^2", 4e-6)],
+)  # fmt: skip
+def test_powers_of_units_are_read(text, unit, value):
+    assert to_si(text, unit) == pytest.approx(value, rel=1e-12)
+
+
+PIECES = ("m", "s", "Hz", "degC", "dB", "kg", "%", "µm", "squared", "cubed", "per", "9", "1e9", ".5", "1e999", "inf",
+          "nan", "0", "**", "^", "*", "/", "//", "(", ")", "+", "-", "²", "⁹", " ", "_", ".", "e", "j",
+          "if")  # fmt: skip
+
+
+@settings(max_examples=400, deadline=5000, database=None)
+@given(
+    text=st.lists(st.sampled_from(PIECES), max_size=14).map("".join) | st.text(max_size=20),
+    unit=st.sampled_from(["m", "1", "rad/s", "K", "V/Hz^0.5"]),
+)
+@example(text="9**9**9", unit="m")
+def test_any_text_is_a_number_or_a_mistake(text, unit):
+    for quantity in (text, f"1{text}", f"1 {text}"):
+        with contextlib.suppress(CalibError):
+            assert not math.isnan(to_si(quantity, unit))
 
 
 @pytest.mark.parametrize(
