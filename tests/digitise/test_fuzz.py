@@ -160,6 +160,19 @@ def test_a_damaged_picture_raises_nothing_else(tmp_path_factory, seed, form):
     assert said is None or str(path) in said
 
 
+@pytest.mark.parametrize(
+    ("side", "size"), [(4500, "4500 x 4500 pixels"), (10000, "10000 x 10000"), (14000, "more than")]
+)
+def test_a_picture_of_too_many_pixels_is_not_decoded(tmp_path, monkeypatch, side, size):
+    """Above 89 million pixels, Pillow warns of a decompression bomb, above 178 million it refuses to open the file."""
+    path = tmp_path / "blank.png"
+    Image.new("1", (side, side), 1).save(path)
+    monkeypatch.setattr("PIL.ImageFile.ImageFile.load", lambda picture: pytest.fail("decoded"))
+    said = mistake(read_picture, path)
+    assert f"a picture of {size}" in said
+    assert "exceeds the bound of 20 million pixels; cut out the figure, or scan it at fewer dots per inch" in said
+
+
 OPENED = []
 sys.addaudithook(lambda event, arguments: OPENED.append(str(arguments[0])) if event == "open" else None)
 

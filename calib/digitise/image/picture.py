@@ -12,7 +12,8 @@ from calib.errors import CalibError
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 FORMATS = ("PNG", "JPEG", "TIFF", "BMP")
-MAX_PICTURE_PIXELS = 60_000_000  # pixels: a page at 600 dots per inch has 35 million
+# pixels; a figure of 17 cm x 17 cm at 600 dots per inch has 16 million. Reading takes 115 bytes a pixel: 2.3 GB
+MAX_PICTURE_PIXELS = 20_000_000
 
 
 def read_picture(path: str | Path) -> np.ndarray:
@@ -27,24 +28,29 @@ def read_picture(path: str | Path) -> np.ndarray:
         raise CalibError(f"{path}: no such file")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error")  # Pillow warns of what it may be bombed with, or cannot make out
+            warnings.simplefilter("error")  # Pillow warns of what it cannot make out
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the bound below is smaller
             with Image.open(path, formats=FORMATS) as picture:
                 columns, rows = picture.size
                 if columns * rows > MAX_PICTURE_PIXELS:
-                    raise CalibError(
-                        f"{path}: {columns} x {rows} pixels are more than the {MAX_PICTURE_PIXELS} that are read; "
-                        "cut out the figure"
-                    )
+                    raise CalibError(_too_large(path, f"{columns} x {rows} pixels"))
                 if picture.mode.startswith("I") or picture.mode == "F":
                     grey = np.asarray(picture, dtype=float)
                     return np.repeat((grey / max(float(grey.max()), 1.0))[:, :, None], 3, axis=2)
                 whole = np.asarray(picture.convert("RGBA"), dtype=float) / 255.0
     except UnidentifiedImageError as error:
         raise CalibError(f"{path}: not a readable picture; expected {', '.join(FORMATS)}") from error
+    except Image.DecompressionBombError as error:  # before the size can be asked for
+        raise CalibError(_too_large(path, f"more than {2 * (Image.MAX_IMAGE_PIXELS or 0)} pixels")) from error
     except (OSError, ValueError, SyntaxError, EOFError, TypeError, IndexError, KeyError, OverflowError, MemoryError,
-            struct.error, zlib.error, Warning, Image.DecompressionBombError) as error:  # fmt: skip
+            struct.error, zlib.error, Warning) as error:  # fmt: skip
         raise CalibError(f"{path}: a damaged picture ({error}); make it again") from error
     light = whole[:, :, :3] * whole[:, :, 3:] + 1.0 - whole[:, :, 3:]
     if min(light.shape[:2]) < 8:
         raise CalibError(f"{path}: a picture of {columns} x {rows} pixels shows no curve; give a larger one")
     return light
+
+
+def _too_large(path: Path, size: str) -> str:
+    bound = f"the bound of {MAX_PICTURE_PIXELS / 1e6:g} million pixels"
+    return f"{path}: a picture of {size} exceeds {bound}; cut out the figure, or scan it at fewer dots per inch"
