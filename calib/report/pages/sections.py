@@ -23,6 +23,7 @@ from calib.report.record_description import standard_uncertainty
 from calib.study import CalibrationResult, CalibrationStudy
 from calib.units import MILLI
 
+MAX_DRAWN_BODIES = 12  # bodies of a record with panels of their own; those of 500 take minutes to draw
 PHASE_CURVE = "Phase curves: velocity over displacement."
 HISTORY = "Time histories."
 IMPACTS = " Triangles and dashed lines mark impacts in the simulation."
@@ -100,13 +101,14 @@ def record_section(
         failed = f"{simulated.attrs.get('status')}: {simulated.attrs.get('reason', 'no reason stated')}"
     without = None if base is None or not is_drawable(base) else aligned_simulation(study.objective, name, base)
     impacts = IMPACTS if aligned is not None and impact_times(aligned).size else ""
+    drawn, bound = _drawn_bodies(measured, aligned)
     figures = [
-        pictured(phase_curves(measured, aligned, without), f"loop-{name}", PHASE_CURVE + impacts),
-        pictured(histories(measured, aligned, without), f"history-{name}", HISTORY + impacts),
+        pictured(phase_curves(drawn, aligned, without), f"loop-{name}", PHASE_CURVE + impacts + bound),
+        pictured(histories(drawn, aligned, without), f"history-{name}", HISTORY + impacts + bound),
     ]
     residuals: list[Picture | None] = []
     if reference.use == "calibrate" and aligned is not None and simulated is not None:
-        residuals = _residuals(name, measured, aligned, simulated)
+        residuals = _residuals(name, drawn, aligned, simulated, bound)
     return RecordSection(
         name=name,
         use=reference.use,
@@ -124,18 +126,33 @@ def record_section(
     )
 
 
-def _residuals(name: str, measured: xr.Dataset, aligned: xr.Dataset, simulated: xr.Dataset) -> list[Picture | None]:
-    """Figures of the residual: over the phase of the excitation, or its structure where there is no excitation."""
+def _drawn_bodies(measured: xr.Dataset, aligned: xr.Dataset | None) -> tuple[xr.Dataset, str]:
+    """Bodies of a record that have panels, compared ones first, and what the captions say where that are not all."""
+    count = measured.sizes["body"]
+    if count <= MAX_DRAWN_BODIES:
+        return measured, ""
+    compared = [] if aligned is None else [body for body, _ in compared_channels(measured, aligned)]
+    bodies = list(dict.fromkeys([*compared, *(str(body) for body in measured.body.values)]))[:MAX_DRAWN_BODIES]
+    return measured.sel(body=bodies), f" Panels are drawn for {len(bodies)} of the {count} bodies."
+
+
+def _residuals(
+    name: str, measured: xr.Dataset, aligned: xr.Dataset, simulated: xr.Dataset, bound: str
+) -> list[Picture | None]:
+    """Figures of the residual: over the phase of the excitation, or its structure where there is no excitation.
+
+    bound : what the captions say of the bodies that are drawn
+    """
     over_phase = residual_over_phase(measured, aligned)
     if over_phase is not None:
-        return [pictured(over_phase, f"phase-{name}", OVER_PHASE)]
+        return [pictured(over_phase, f"phase-{name}", OVER_PHASE + bound)]
     if measured.attrs.get("frequency"):
         return []
     return [
         pictured(
             residual_structure(measured, aligned, body, channel, simulated),
             f"residual-{name}-{body}-{channel}",
-            STRUCTURE,
+            STRUCTURE + bound,
         )
         for body, channel in compared_channels(measured, aligned)
     ]

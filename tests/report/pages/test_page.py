@@ -16,7 +16,7 @@ from calib.records.excitation import Excitation
 from calib.report import render
 from calib.report.formatting import measured_number, number
 from calib.report.pages.base_study import BaseStudy
-from calib.report.pages.sections import excitation_text, noise_text
+from calib.report.pages.sections import MAX_DRAWN_BODIES, excitation_text, noise_text, record_section
 from calib.report.pages.tables import fixed
 from calib.report.pages.verdict import verdict
 from calib.store import Header
@@ -51,6 +51,30 @@ def page(request):
     if request.param == "periodic":
         return request.getfixturevalue("found")
     return render(*request.getfixturevalue(request.param).arguments)
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize("simulated", [True, False])
+def test_a_record_of_many_channels_has_panels_for_some_bodies(periodic, simulated):
+    """500 channels; those whose motion the excitation prescribes come last."""
+    bodies = [f"node{number}" for number in range(250)]
+    given = {"prescribed": ",".join(f"{body}.displacement,{body}.velocity" for body in bodies[:200])}
+
+    def repeated(record, **attrs):
+        return record.isel(body=np.arange(250) % 2).assign_coords(body=bodies).assign_attrs(record.attrs | attrs)
+
+    reference = periodic.study.objective.references["clapping"]
+    reference = replace(reference, record=repeated(reference.record))
+    objective = SimpleNamespace(**vars(periodic.study.objective) | {"references": {"clapping": reference}})
+    study = SimpleNamespace(**vars(periodic.study) | {"objective": objective})
+    record = repeated(periodic.records["clapping"], **given)
+    drawn = record_section(study, "clapping", record if simulated else None, periodic.result)
+    assert len(drawn.pictures) + len(drawn.residuals) == (3 if simulated else 2)
+    for picture in (*drawn.pictures, *drawn.residuals):
+        assert picture.caption.endswith("Panels are drawn for 12 of the 250 bodies.")
+        assert len([axes for axes in picture.figure.axes if axes.get_visible()]) <= 2 * MAX_DRAWN_BODIES
+    assert drawn.pictures[0].figure.axes[0].get_title(loc="left") == ("node200" if simulated else "node0")
+    assert len(drawn.rms) == (100 if simulated else 0)
 
 
 @pytest.fixture(scope="session")
