@@ -25,6 +25,7 @@ from pebble import ProcessExpired, ProcessPool
 from calib.errors import CalibError
 from calib.execution.interrupt import uninterrupted
 
+MAX_JOBS = 512  # child processes: each holds numba and its kernels, some 0.3 GB
 STARTUP_ALLOWANCE = 120.0  # s, for a worker's first call: imports and compiling of kernels
 MIN_STARTUP_ALLOWANCE = 10.0  # s, for a later worker's first call: what was compiled is loaded then
 THREAD_VARIABLES = (  # of the environment: number of threads of a BLAS
@@ -98,6 +99,20 @@ class InProcess:
         self.close()
 
 
+def check_jobs(jobs: int) -> None:
+    """Refuse more child processes than MAX_JOBS.
+
+    Raises
+    ------
+    CalibError : with the bound
+    """
+    if jobs > MAX_JOBS:
+        raise CalibError(
+            f"jobs: {jobs} child processes exceed the bound of {MAX_JOBS}; state at most the number of cores, "
+            f"{os.cpu_count() or 1} on this machine"
+        )
+
+
 class LocalPool:
     """Calls in persistent child processes of this machine.
 
@@ -109,7 +124,7 @@ class LocalPool:
     ----------
     function : picklable callable of one picklable payload; a script that defines it, or what it holds, is imported by
         the processes, and needs ``if __name__ == "__main__":`` around the code that they must not run again
-    jobs : number of processes
+    jobs : number of processes, at most MAX_JOBS
     timeout : wall-clock limit of one call [s], None for none; only the process that exceeds it is killed
     startup : what is added to the limit of a stage's first call in each process, which may import and compile [s]; once
         such a call has come back, later processes are allowed twice the time it took, and at least
@@ -125,6 +140,7 @@ class LocalPool:
     ):
         if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
             raise CalibError(f"jobs is the number of child processes, an integer of at least 1; got {jobs!r}")
+        check_jobs(jobs)
         if timeout is not None and not timeout > 0.0:
             raise CalibError(f"timeout must be positive [s], got {timeout!r}; leave it out for no limit")
         code, modules = pickled(function)

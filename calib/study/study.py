@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from calib.errors import CalibError, nearest
-from calib.execution.pool import InProcess, LocalPool, Pool
+from calib.execution.pool import InProcess, LocalPool, Pool, check_jobs
 from calib.execution.workers import workers
 from calib.modelling.model import Model
 from calib.modelling.parameter import Space
@@ -81,6 +81,7 @@ class CalibrationStudy:
                 continue
             if isinstance(value, bool) or not isinstance(value, int) or value < low:
                 raise CalibError(f"{name} is a whole number from {low} on, got {value!r}")
+        check_jobs(self.jobs)
         if not self.space.dim:
             raise CalibError("there is nothing to search: give at least one parameter a window")
         for reference in self.objective.references.values():

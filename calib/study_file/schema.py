@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PlainValidator
 
 from calib.diagnosis.laboratory import MAX_SIMULATIONS
+from calib.execution.pool import MAX_JOBS
 from calib.modelling.parameter import Scale
 from calib.objective.terms import Use
 from calib.store.record_files import Keep
@@ -100,7 +101,7 @@ class StudyTable(RequestTable):
     """Seed of every random number."""
     budget: Count
     """Trials of the search; each simulates all records of use "calibrate" once."""
-    jobs: Count = 1
+    jobs: Annotated[Count, Field(le=MAX_JOBS)] = 1
     """Child processes."""
     timeout: Quantity = "60 s"
     """Wall-clock limit of one trial."""

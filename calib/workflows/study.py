@@ -20,6 +20,7 @@ import xarray as xr
 
 from calib.diagnosis.document import DiagnosisResult
 from calib.errors import CalibError, nearest
+from calib.execution.pool import MAX_JOBS
 from calib.execution.progress import Count
 from calib.modelling.effect import Effect
 from calib.records import read
@@ -115,7 +116,7 @@ class Study:
             "name": name,
             "seed": seed,
             "budget": budget,
-            "jobs": (os.cpu_count() or 1) if jobs is None else jobs,
+            "jobs": min(os.cpu_count() or 1, MAX_JOBS) if jobs is None else jobs,
             "timeout": timeout,
         }
         model = {

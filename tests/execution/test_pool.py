@@ -141,6 +141,13 @@ def test_jobs_is_a_whole_number_from_one_on(jobs):
         LocalPool(f.square, jobs)
 
 
+def test_jobs_are_bounded():
+    with pytest.raises(
+        CalibError, match="jobs: 513 child processes exceed the bound of 512; state at most"
+    ):
+        LocalPool(f.square, 513)
+
+
 def test_a_time_out_is_positive():
     with pytest.raises(CalibError, match="positive"):
         LocalPool(f.square, 1, timeout=0.0)
