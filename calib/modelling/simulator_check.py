@@ -22,6 +22,21 @@ EXPECTED = {
 NO_RECORD = "no record"  # status of a run that returned something else
 
 
+def simulator_class(thing: object, name: str) -> type:
+    """Return what a study names as its simulator, not called yet, where it is a class with a method `run`.
+
+    Raises
+    ------
+    CalibError : it is something else
+    """
+    if not isinstance(thing, type):
+        kind = f"a {type(thing).__name__}" if callable(thing) else f"an instance of {type(thing).__name__}"
+        raise CalibError(f"{name!r} is {kind}, and is not called; name the class of a simulator; {GUIDE}")
+    if not callable(getattr(thing, "run", None)):
+        raise CalibError(f"{name!r} is no simulator: class {thing.__name__} lacks {EXPECTED['run']}; {GUIDE}")
+    return thing
+
+
 def check_simulator(simulator: Simulator) -> None:
     """Check that a simulator has what its contract requires.
 

@@ -16,6 +16,7 @@ from calib.errors import CalibError, nearest
 from calib.modelling.effect import Effect
 from calib.modelling.model import Model
 from calib.modelling.parameter import Parameter, Space, Window, values_for
+from calib.modelling.simulator_check import simulator_class
 from calib.objective import Objective, Reference, Term
 from calib.store.plain import plain
 from calib.store.record_files import Keep
@@ -198,7 +199,8 @@ def _model(shape: StudyToml, mistakes: Mistakes) -> Model | None:
     if mistakes.within("model"):
         return None
     with mistakes.at("model", "simulator"):
-        maker = plugins.load("calib.simulators", shape.model.simulator, mistakes.modules)
+        named = plugins.load("calib.simulators", shape.model.simulator, mistakes.modules)
+        maker = simulator_class(named, shape.model.simulator)
         simulator = _made(maker, shape.model.options, shape.model.simulator, mistakes, ("model", "options"))
         model = None if simulator is None else Model(simulator)
     for index, entry in enumerate(shape.model.effects):
@@ -257,8 +259,8 @@ def _made(
         raise CalibError(f"{name!r} is an instance of {type(maker).__name__}; name the class, not an instance")
     signature = inspect.signature(maker).parameters.values()
     free = any(p.kind is p.VAR_KEYWORD for p in signature)
-    known = {p.name: p for p in signature if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD)}
-    known = {option: p for option, p in known.items() if option not in given}
+    named = [p for p in signature if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD)]
+    known = {p.name: p for p in named if p.name not in given}
     unknown = [option for option in options if option not in known and not free]
     for option in unknown:
         takes = f"takes {', '.join(known)}" if known else "takes none"

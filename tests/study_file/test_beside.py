@@ -1,5 +1,9 @@
 """Simulators and effects that lie beside the study file."""
 
+import os
+import subprocess
+import sys
+
 import pytest
 from click.testing import CliRunner
 from echo_study import write_study
@@ -53,3 +57,42 @@ def test_a_module_of_another_study_is_not_taken(tmp_path):
 def test_a_module_that_fails_says_why(tmp_path):
     with pytest.raises(CalibError, match="'broken_spring:Spring' does not load: NameError.*stiffness"):
         load(study_with(tmp_path, "broken_spring", "stiffness\n"))
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("def Spring(mark=LEFT):\n    open(mark, 'w')\n", "is a function, and is not called"),
+        ("class Spring:\n    def __init__(self):\n        open(LEFT, 'w')\n", "lacks the method run"),
+        ("Spring = 3\n", "is an instance of int, and is not called"),
+    ],
+)
+def test_what_is_no_class_of_a_simulator_is_not_called(tmp_path, text, says):
+    module, left = f"caller_{len(text)}", tmp_path / "left_behind"
+    with pytest.raises(CalibError, match=says):
+        load(study_with(tmp_path, module, f"LEFT = {str(left)!r}\n{text}"))
+    assert not left.exists()
+
+
+def test_the_number_of_child_processes_is_bounded(tmp_path):
+    path = study_with(tmp_path, "bounded_spring")
+    with pytest.raises(CalibError, match="jobs: 5000 child processes exceed the bound of 512"):
+        load(path, jobs=5000)
+    path.write_text(path.read_text().replace("jobs = 2", "jobs = 5000"))
+    with pytest.raises(CalibError, match="study.jobs.*less than or equal to 512, got 5000"):
+        load(path)
+
+
+def test_status_imports_nothing_that_the_study_file_names(tmp_path):
+    path = study_with(tmp_path, "watched_spring")
+    assert CliRunner().invoke(main, ["run", str(path), "--budget", "10", "--quiet"]).exit_code == 0
+    left = tmp_path / "left_behind"
+    (tmp_path / "watched_spring.py").write_text(f"import pathlib\n\npathlib.Path({str(left)!r}).touch()\n{OWN}")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *filter(None, sys.path)])}
+
+    def asked(command):
+        subprocess.run([sys.executable, "-m", "calib", command, str(path)], env=environment, check=True)
+        return left.exists()
+
+    assert not asked("status")
+    assert asked("report")  # which simulates the best trial: the file would have been left
