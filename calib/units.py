@@ -18,9 +18,9 @@ SI_FROM = 1.0  # m, s: such and larger values are read in m and s
 # a number, then its unit; a comma is refused because pint drops it: '1,5 mm' would become 15 mm
 QUANTITY = re.compile(r"\s*\(?\s*[+-]?\s*(\d|\.\d|inf|nan)[\w\s.+\-*/^()%°µ]*")
 
-MAX_QUANTITY_CHARACTERS = 100
+MAX_QUANTITY_CHARACTERS = 100  # characters; the longest unit of a parameter takes less than 20
 # product of the exponents in one text: above it, pint would work out integers of any length, as in '9**9**9 m'
-MAX_POWER = 1000.0
+MAX_EXPONENT_PRODUCT = 1000.0
 POWER = re.compile(r"\*\*")
 DECIMAL = r"[+-]?(\d+\.?\d*|\.\d+)"
 EXPONENT = re.compile(rf"\*\*\s*({DECIMAL}|\(\s*{DECIMAL}\s*(/\s*{DECIMAL}\s*)?\))(?![\w.]|\s*\*\*)")
@@ -126,9 +126,9 @@ def _check_powers(text: str) -> None:
     if len(exponents) < len(POWER.findall(written)):
         raise CalibError(f"{text!r}: an exponent is one number, as in 'm^2', 'm**-0.5' or 'm^(1/2)'; write it so")
     power = math.prod(max(1.0, float(exponent)) for exponent in exponents)
-    if power > MAX_POWER:
+    if power > MAX_EXPONENT_PRODUCT:
         raise CalibError(
-            f"{text!r}: the product of the exponents, {power:.4g}, exceeds the bound of {MAX_POWER:g}; "
+            f"{text!r}: the product of the exponents, {power:.4g}, exceeds the bound of {MAX_EXPONENT_PRODUCT:g}; "
             "write the number out, as in '1e6 m'"
         )
 

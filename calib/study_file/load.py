@@ -257,10 +257,9 @@ def _made(
     """Return ``maker(**options)``, or None with the mistakes noted; only looked at where names are yet `given`."""
     if not callable(maker):
         raise CalibError(f"{name!r} is an instance of {type(maker).__name__}; name the class, not an instance")
-    signature = inspect.signature(maker).parameters.values()
-    free = any(p.kind is p.VAR_KEYWORD for p in signature)
-    named = [p for p in signature if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD)]
-    known = {p.name: p for p in named if p.name not in given}
+    accepted = inspect.signature(maker).parameters.values()
+    free = any(p.kind is p.VAR_KEYWORD for p in accepted)
+    known = {p.name: p for p in accepted if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD) and p.name not in given}
     unknown = [option for option in options if option not in known and not free]
     for option in unknown:
         takes = f"takes {', '.join(known)}" if known else "takes none"

@@ -142,9 +142,7 @@ def test_jobs_is_a_whole_number_from_one_on(jobs):
 
 
 def test_jobs_are_bounded():
-    with pytest.raises(
-        CalibError, match="jobs: 513 child processes exceed the bound of 512; state at most"
-    ):
+    with pytest.raises(CalibError, match="jobs: 513 child processes exceed the bound of 512; state at most"):
         LocalPool(f.square, 513)
 
 
