@@ -33,7 +33,7 @@ def simulator_class(thing: object, name: str) -> type:
         kind = f"a {type(thing).__name__}" if callable(thing) else f"an instance of {type(thing).__name__}"
         raise CalibError(f"{name!r} is {kind}, and is not called; name the class of a simulator; {GUIDE}")
     if not callable(getattr(thing, "run", None)):
-        raise CalibError(f"{name!r} is no simulator: class {thing.__name__} lacks {EXPECTED['run']}; {GUIDE}")
+        raise CalibError(f"simulator {thing.__name__} lacks run, {EXPECTED['run']}; {GUIDE}")
     return thing
 
 

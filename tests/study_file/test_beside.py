@@ -63,7 +63,7 @@ def test_a_module_that_fails_says_why(tmp_path):
     ("text", "says"),
     [
         ("def Spring(mark=LEFT):\n    open(mark, 'w')\n", "is a function, and is not called"),
-        ("class Spring:\n    def __init__(self):\n        open(LEFT, 'w')\n", "lacks the method run"),
+        ("class Spring:\n    def __init__(self):\n        open(LEFT, 'w')\n", "lacks run, the method run"),
         ("Spring = 3\n", "is an instance of int, and is not called"),
     ],
 )
