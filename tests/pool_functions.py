@@ -2,7 +2,11 @@
 
 import os
 import signal
+import subprocess
 import time
+from pathlib import Path
+
+from marked_processes import MARK
 
 from calib.errors import CalibError
 
@@ -39,6 +43,26 @@ def misbehave(how):
     if how == "unpicklable":
         return lambda: None
     return how
+
+
+def solve(case):
+    """Start a program and one that starts another, write that they run, and end as `how` says."""
+    file, mark, how = case
+    environment = {**os.environ, MARK: mark}
+    subprocess.Popen(["sleep", "600"], env=environment)
+    shell = subprocess.Popen(["sh", "-c", "sleep 600 & echo; wait"], env=environment, stdout=subprocess.PIPE)
+    shell.stdout.readline()
+    Path(file).write_text(str(os.getpid()))
+    if how == "hang":
+        shell.wait()
+    return misbehave(how)
+
+
+def child(_):
+    try:
+        return os.waitpid(-1, os.WNOHANG)
+    except ChildProcessError:
+        return "none"
 
 
 def threads(_):

@@ -24,6 +24,7 @@ from pebble import ProcessExpired, ProcessPool
 
 from calib.errors import CalibError
 from calib.execution.interrupt import uninterrupted
+from calib.execution.process_group import lead_process_group
 
 MAX_JOBS = 512  # child processes: each holds numba and its kernels, some 0.3 GB
 STARTUP_ALLOWANCE = 120.0  # s, for a worker's first call: imports and compiling of kernels
@@ -118,7 +119,8 @@ class LocalPool:
 
     The processes start with the first `map`, from a fork server that has imported the modules of the function, so that
     replacing a killed one costs a fraction of a second. BLAS and numba run on one thread in each. The processes ignore
-    Ctrl-C and end when this process ends, even by SIGKILL.
+    Ctrl-C and end when this process ends, even by SIGKILL; a process that ends, for whatever reason, takes the programs
+    that its calls have started with it.
 
     Parameters
     ----------
@@ -355,9 +357,10 @@ _function: Any = None
 
 
 def _prepare(function: bytes) -> None:
-    """Set up a new worker: it ends with its parent, at once when asked to, and computes on one thread."""
+    """Set up a new worker: it ends with its parent, at once when asked to, and all it started with it; one thread."""
     global _function
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # pebble's handler would wait for the interpreter, which may hang
+    lead_process_group()
     _die_with_parent()
     os.environ["NUMBA_NUM_THREADS"] = "1"
     _function = function

@@ -10,6 +10,7 @@ from pathlib import Path
 import pool_functions as f
 import pytest
 from child_environment import environment
+from marked_processes import MARK, marked, new_mark, survivors
 
 from calib.errors import CalibError
 from calib.execution.pool import Failure, InProcess, LocalPool
@@ -185,7 +186,7 @@ if __name__ == "__main__":
 """
 
 
-def start(tmp_path, function, payloads, script=SCRIPT):
+def start(tmp_path, function, payloads, script=SCRIPT, mark=""):
     file = tmp_path / "script.py"
     file.write_text(script.format(function=function, payloads=payloads))
     return subprocess.Popen(
@@ -193,47 +194,24 @@ def start(tmp_path, function, payloads, script=SCRIPT):
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        env=environment(),
+        env={**environment(), MARK: mark},
         start_new_session=True,
     )
-
-
-def members(group):
-    """Processes of a process group that are alive (not zombies)."""
-    found = []
-    for folder in Path("/proc").glob("[0-9]*"):
-        try:
-            fields = (folder / "stat").read_text().rpartition(")")[2].split()
-        except OSError:
-            continue
-        if int(fields[2]) == group and fields[0] != "Z":
-            found.append(int(folder.name))
-    return found
-
-
-def survivors(group):
-    """Processes of the group that are still there after five seconds; they are ended here."""
-    deadline = time.time() + 5.0
-    while members(group) and time.time() < deadline:
-        time.sleep(0.05)
-    left = members(group)
-    for pid in left:
-        os.kill(pid, signal.SIGKILL)
-    return left
 
 
 @pytest.mark.parametrize("function", ["slow_square", "spin"])
 def test_children_end_when_the_parent_is_killed(tmp_path, function):
     script = SCRIPT.replace("if __name__", SPIN + "\nif __name__", 1) if function == "spin" else SCRIPT
     script = script.replace("f.{function}", "{function}") if function == "spin" else script
-    parent = start(tmp_path, function, [0.0, 0.0, 600.0, 600.0], script)
+    mark = new_mark()
+    parent = start(tmp_path, function, [0.0, 0.0, 600.0, 600.0], script, mark)
     assert parent.stdout.readline().strip() == "0.0"
     assert parent.stdout.readline().strip() == "0.0"
     time.sleep(0.3)
-    assert len(members(parent.pid)) >= 3
+    assert len(marked(mark)) >= 5  # with the fork server and the resource tracker
     os.kill(parent.pid, signal.SIGKILL)
     parent.wait()
-    assert not survivors(parent.pid)
+    assert not survivors(mark)
     parent.communicate()
 
 
@@ -247,7 +225,8 @@ def spin(seconds):
 
 
 def test_ctrl_c_reaches_the_parent_only(tmp_path):
-    parent = start(tmp_path, "slow_square", [0.0, 0.0, 600.0, 600.0])
+    mark = new_mark()
+    parent = start(tmp_path, "slow_square", [0.0, 0.0, 600.0, 600.0], mark=mark)
     parent.stdout.readline()
     parent.stdout.readline()
     time.sleep(0.2)
@@ -256,20 +235,21 @@ def test_ctrl_c_reaches_the_parent_only(tmp_path):
     assert out.strip() == "stopped"
     assert "Traceback" not in err
     assert parent.returncode == 0
-    assert not survivors(parent.pid)
+    assert not survivors(mark)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.1, 0.3, 0.6, 1.0])
 def test_ctrl_c_while_the_processes_start_leaves_no_complaint(tmp_path, delay):
     script = SCRIPT.replace("        try:", "        try:\n            print('starting', flush=True)")
-    parent = start(tmp_path, "slow_square", [600.0, 600.0], script)
+    mark = new_mark()
+    parent = start(tmp_path, "slow_square", [600.0, 600.0], script, mark)
     assert parent.stdout.readline().strip() == "starting"
     time.sleep(delay)
     os.killpg(parent.pid, signal.SIGINT)
     out, err = parent.communicate(timeout=60)
     assert out.strip() == "stopped"
     assert err == ""
-    assert not survivors(parent.pid)
+    assert not survivors(mark)
 
 
 UNGUARDED = SCRIPT.replace('if __name__ == "__main__":', "if True:")

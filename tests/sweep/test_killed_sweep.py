@@ -14,6 +14,7 @@ import xarray as xr
 from child_environment import environment
 from click.testing import CliRunner
 from map_study import waiting, write_map_study
+from marked_processes import MARK, marked, new_mark, survivors
 
 from calib.cli import main
 from calib.store.chunks import read_joined
@@ -39,19 +40,6 @@ def pieces(path):
     return len(list(path.parent.glob(f".{path.name}-pieces/*/*.npz")))
 
 
-def members(group):
-    """Processes of a process group that are alive."""
-    found = []
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            state, _, own = stat.read_text().rpartition(")")[2].split()[:3]
-        except OSError:
-            continue  # it has just ended
-        if int(own) == group and state != "Z":
-            found.append(int(stat.parent.name))
-    return found
-
-
 def until(what, process=None):
     limit = time.monotonic() + 120.0
     while not what():
@@ -62,19 +50,20 @@ def until(what, process=None):
 
 def kill(command, when, whole_group, patience=0.0):
     """Start a sweep, kill it when it is time, and wait until none of its processes is left."""
-    process = subprocess.Popen(command, env=environment(), start_new_session=True)
+    mark = new_mark()
+    process = subprocess.Popen(command, env={**environment(), MARK: mark}, start_new_session=True)
     try:
         until(when, process)
         time.sleep(patience)
         assert process.poll() is None, "the sweep ended before it was killed"
-        assert members(process.pid)
+        assert marked(mark)
         (os.killpg if whole_group else os.kill)(process.pid, signal.SIGKILL)
         process.wait()
-        until(lambda: not members(process.pid))
+        assert not survivors(mark, patience=120.0)
     finally:
-        if members(process.pid):
-            os.killpg(process.pid, signal.SIGKILL)
+        process.kill()
         process.wait()
+        survivors(mark)
 
 
 def same(killed, whole):
