@@ -357,7 +357,7 @@ _function: Any = None
 
 
 def _prepare(function: bytes) -> None:
-    """Set up a new worker: it ends with its parent, at once when asked to, and all it started with it; one thread."""
+    """Set up a new worker of one thread, that ends with its parent or when asked to, with all that it has started."""
     global _function
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # pebble's handler would wait for the interpreter, which may hang
     lead_process_group()
