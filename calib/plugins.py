@@ -49,6 +49,11 @@ def load(group: str, name: str, folder: Path | None = None) -> Any:
         raise CalibError(f"{group}: {name!r} ({known[name].value}) does not load: {error!r}") from error
 
 
+def module_name(group: str, name: str) -> str:
+    """Return the module of the thing that `name` stands for, which loads: see `load`."""
+    return name.partition(":")[0] if ":" in name else _registered(group)[name].module
+
+
 def load_all(group: str) -> dict[str, Any]:
     """Return every thing of a group by name; one that does not load is skipped with a warning."""
     things = {}

@@ -18,12 +18,14 @@ class StudyHeader:
     definition : all that determines its trials, as JSON takes it, with the `windows` of the parameters
     screen : number of points of the screen
     budget : number of trials
+    code : module outside calib that the study uses -> digest of its source, or distribution and version
     """
 
     name: str
     definition: Mapping[str, Any]
     screen: int
     budget: int
+    code: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,7 @@ class Header:
     hint : budget when the segment began
     budget : that of the study now
     versions, processor, cpu, blas : see `Environment`; empty where the ledger does not say
+    code : see `StudyHeader`; left out of the line where it is empty
     time : when the line was written, in UTC
     further : keys that a later version has written, with their values
     """
@@ -60,6 +63,7 @@ class Header:
     processor: str = ""
     cpu: str = ""
     blas: Mapping[str, str] = field(default_factory=dict)
+    code: Mapping[str, str] = field(default_factory=dict)
     time: str = ""
     further: Mapping[str, Any] = field(default_factory=dict)
 
@@ -78,6 +82,8 @@ class Header:
     def as_dict(self) -> dict[str, Any]:
         """Return the object of the line, further keys last."""
         own = {one.name: getattr(self, one.name) for one in fields(self) if one.name != "further"}
+        if not self.code:
+            del own["code"]
         return {**own, **self.further}
 
     @property

@@ -20,6 +20,7 @@ from calib.errors import CalibError
 from calib.execution.files import PERMISSIONS
 from calib.modelling.parameter import Window
 from calib.store import checksum
+from calib.store.code import by_present_code, code_change
 from calib.store.environment import Environment, environment
 from calib.store.header import Header, StudyHeader
 from calib.store.plain import plain
@@ -43,14 +44,14 @@ def read(folder: str | Path, definition: Mapping[str, Any] | None = None) -> tup
         raise CalibError(f"{folder}: no study was run here (no {TRIALS} with a header)")
     if definition is not None:
         _compare(Path(folder) / TRIALS, content.headers[0].definition, json.loads(json.dumps(definition)))
-    return content.headers[-1], content.trials
+    return content.headers[-1], by_present_code(content.trials, content.headers)
 
 
 class Ledger:
     """`trials.jsonl` and `residuals.f64` of one folder, open for one writer.
 
     `trials.jsonl` holds a header line, then one line a trial. A later header line begins a new segment (other
-    libraries, another processor or BLAS kernel) or states a new budget.
+    libraries, another processor or BLAS kernel, changed code) or states a new budget.
 
     A line counts when its line end is there, and a trial's line ends with its check sum. Residuals are synced before
     the line that points at them, and the line before the call returns.
@@ -97,7 +98,7 @@ class Ledger:
             self._resume(content, header, here)
         else:
             self._begin(header, definition, here)
-        return content.trials
+        return by_present_code(content.trials, [*content.headers, self.header])
 
     def _begin(self, header: StudyHeader, definition: dict[str, Any], here: Environment) -> None:
         canonical = json.dumps(definition, separators=(",", ":"))
@@ -112,6 +113,7 @@ class Ledger:
             first=header.screen,
             hint=header.budget,
             budget=header.budget,
+            code=header.code,
         )
         self._write_header(own.within(here))
         folder = os.open(self._path.parent, os.O_RDONLY)  # the names of the two files have to last, too
@@ -119,9 +121,9 @@ class Ledger:
         os.close(folder)
 
     def _resume(self, content: "_Content", header: StudyHeader, here: Environment) -> None:
-        """Continue the last segment, or begin a new one where libraries, processor or BLAS have changed."""
+        """Continue the last segment, or begin a new one where libraries, processor, BLAS or code have changed."""
         last = content.headers[-1]
-        self._header = last
+        self._header = replace(last, code=header.code)
         self._next = max((trial.number for trial in content.trials), default=-1) + 1
         changes = differences(plain(last.environment), plain(here))
         if changes:
@@ -131,9 +133,13 @@ class Ledger:
                 + f"\nthe {len(content.trials)} trials logged stay valid; a new segment continues from them",
                 stacklevel=4,
             )
+        sentence = code_change(last.code, header.code, len(content.trials))
+        if sentence:
+            warnings.warn(sentence, stacklevel=4)
+        if changes or sentence:
             self.begin_segment(header.budget)
         elif header.budget != last.budget:
-            self._write_header(replace(last, budget=header.budget))
+            self._write_header(replace(self._header, budget=header.budget))
 
     def begin_segment(self, budget: int) -> None:
         """Begin a new segment: the trials so far stay valid, but are not asked for again when the study is resumed."""

@@ -4,7 +4,7 @@ import json
 import math
 import sys
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -20,6 +20,7 @@ KEYS = frozenset(  # of a line, without its check sum
     + ("features", "simulations")
 )
 MAX_VALUE_ERROR = 1e-9  # of a value from that of its point, relative; logarithms differ by less between processors
+FORMER_CODE = "former code"  # status of trials by code that has changed since
 
 
 @dataclass(frozen=True)
@@ -40,8 +41,9 @@ class Trial:
     phase : "screen" or "search"
     features : scalar features, each a dict with label, record, body, unit, measured, simulated, tolerance
     residuals : (n,) float64, or None where the evaluation failed
-    segment : of the ledger, counted from 0; a new one begins where libraries or processor changed
+    segment : of the ledger, counted from 0; a new one begins where libraries, processor or code changed
     simulations : runs of the simulator; None where they were not counted: one for each record
+    former_cost : cost by code that the study no longer uses, in the place of `cost`
     """
 
     number: int
@@ -58,11 +60,27 @@ class Trial:
     residuals: np.ndarray | None = field(default=None, compare=False, repr=False)
     segment: int = 0
     simulations: int | None = None
+    former_cost: float = math.inf
 
     @property
     def scored(self) -> bool:
         """Whether the evaluation gave a score."""
         return math.isfinite(self.cost)
+
+    def superseded(self) -> "Trial":
+        """Return the trial as one that code which the study no longer uses has evaluated: it has no score."""
+        reason = f"logged at a distance of {self.cost:.4g}" if self.scored else f"logged as {self.status}"
+        return replace(
+            self,
+            cost=math.inf,
+            terms={},
+            status=FORMER_CODE,
+            reason=f"{reason} by code that has changed since",
+            kind=None,
+            features=[],
+            residuals=None,
+            former_cost=self.cost,
+        )
 
     @property
     def rank(self) -> tuple[float, int]:

@@ -72,10 +72,11 @@ class StoreContract(Protocol):
     To write one:
 
     1. `open` takes the header (name, definition, screen, budget), refuses another definition than the one the trials
-       there belong to, and returns those trials. It keeps a second writer out until `close`.
+       there belong to, and returns those trials; where their code was another than that of the header, as
+       `Trial.superseded`. It keeps a second writer out until `close`.
     2. `header` is then the one in force: with `screen` of the first opening, and of the present segment `segment`, its
        `hint` (the budget it began with) and `first` (its first search number). A segment begins at first opening, when
-       libraries or the processor have changed since, and at `begin_segment`, with the number after the highest logged
+       libraries, processor or code have changed since, and at `begin_segment`, with the number after the highest logged
        (or the screen).
     3. `append` returns when the trial is safe: after a power failure, `open` returns it with the same bits.
     4. Whatever it cannot write is a CalibError.

@@ -1,5 +1,6 @@
 """One run of a study over its store: screen, then segments of asking, evaluating and telling."""
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, is_dataclass
@@ -13,7 +14,7 @@ from calib.execution.interrupt import uninterrupted
 from calib.execution.pool import REFUSED, Failure, Pool
 from calib.modelling.parameter import Space
 from calib.store import Trial
-from calib.store.trial import best
+from calib.store.trial import FORMER_CODE, best
 from calib.study.contracts import Optimiser, StoreContract
 from calib.study.evaluation import Phase, as_trial, outcome
 
@@ -81,20 +82,25 @@ class Search:
         """Search with one optimiser from the segment's first number on."""
         first = self._store.header.first
         earlier = [trial for _, trial in sorted(self.trials.items()) if trial.number < first]
-        end = first + self._study.budget - len(earlier)
+        again = _former_best(earlier)
+        end = first + max(self._study.budget - len(earlier), len(again))
         if end <= first:
             return BUDGET_SPENT
-        with self._searching() as optimiser:
-            if earlier:
-                optimiser.tell(np.array([trial.u for trial in earlier]), [outcome(trial) for trial in earlier])
-            return self._search(optimiser, first, end)
+        self._evaluate(first, np.array(again), "search")
+        begin = first + len(again)
+        known = [trial for trial in earlier if trial.status != FORMER_CODE]
+        known += [self.trials[number] for number in range(first, begin)]
+        with self._searching(len(earlier) + len(again) - len(known)) as optimiser:
+            if known:
+                optimiser.tell(np.array([trial.u for trial in known]), [outcome(trial) for trial in known])
+            return self._search(optimiser, begin, end)
 
     @contextmanager
-    def _searching(self) -> Iterator[Optimiser]:
+    def _searching(self, superseded: int) -> Iterator[Optimiser]:
+        """Make the optimiser, whose budget is without the trials that it is not told: they are superseded."""
         study = self._study
-        optimiser = study.optimiser(
-            dim=study.space.dim, seed=study.seed, budget=self._store.header.hint, batch=study.batch
-        )
+        budget = max(1, self._store.header.hint - superseded)
+        optimiser = study.optimiser(dim=study.space.dim, seed=study.seed, budget=budget, batch=study.batch)
         try:
             yield optimiser
         finally:
@@ -151,6 +157,14 @@ class Search:
             self._best = best([trial] if self._best is None else [self._best, trial])
             if self._on_trial is not None:
                 self._on_trial(trial, self._best, len(self.trials))
+
+
+def _former_best(trials: list[Trial]) -> list[list[float]]:
+    """Point of the best trial by former code, in a list; none where the present code has evaluated it already."""
+    former = [trial for trial in trials if math.isfinite(trial.former_cost)]
+    point = min(former, key=lambda trial: (trial.former_cost, trial.number)).u if former else None
+    evaluated = [trial.u for trial in trials if trial.status != FORMER_CODE]
+    return [] if point is None or point in evaluated else [point]
 
 
 def _screen_points(space: Space, seed: int, size: int) -> np.ndarray:

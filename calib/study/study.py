@@ -59,6 +59,7 @@ class CalibrationStudy:
     screen : Sobol points evaluated first, after the starting point of the space where it has one; None for 64, or less
         with a budget below 256
     definition : what else the study is, as JSON: another one in the same folder is refused
+    code : module outside calib that the study uses -> digest or version; trials by other code do not count
     """
 
     name: str
@@ -73,6 +74,7 @@ class CalibrationStudy:
     timeout: float | None = None
     screen: int | None = None
     definition: Mapping[str, Any] = field(default_factory=dict)
+    code: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name, low in (("budget", 1), ("batch", 1), ("jobs", 1), ("screen", 0), ("seed", 0)):
@@ -112,7 +114,7 @@ class CalibrationStudy:
         if self.space.start:
             own["start"] = dict(self.space.start)
         definition = {**own, "fixed": dict(self.space.fixed), **self.definition}
-        return StudyHeader(self.name, definition, min(screen, self.budget), self.budget)
+        return StudyHeader(self.name, definition, min(screen, self.budget), self.budget, self.code)
 
     def run(
         self,
@@ -126,7 +128,8 @@ class CalibrationStudy:
         The trials logged are replayed: the optimiser, made anew, asks again for the same points and is told what was
         logged. So a run that was killed and resumed, with any number of jobs, gives what one run would have given. If
         libraries or processor have changed meanwhile, or an optimiser has ended because its budget was spent and the
-        study's is larger now, a new optimiser is told the trials so far as if they were a screen.
+        study's is larger now, a new optimiser is told the trials so far as if they were a screen. If the code that the
+        study uses has changed, earlier trials no longer count, and the best of them is evaluated again first.
 
         Parameters
         ----------

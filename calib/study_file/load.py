@@ -21,6 +21,7 @@ from calib.objective import Objective, Reference, Term
 from calib.store.plain import plain
 from calib.store.record_files import Keep
 from calib.study import CalibrationStudy, Optimiser, check_searched, check_stated
+from calib.study_file.code import used_code
 from calib.study_file.laboratory import read_laboratory
 from calib.study_file.mistakes import Mistakes, PythonOrigin, located, read_as, read_study
 from calib.study_file.references import REQUEST_KEYS, digest, references
@@ -169,6 +170,7 @@ def load(
         timeout=timeout,
         screen=shape.study.screen,
         definition=_definition(shape, model, space, path.parent),
+        code=used_code(shape, mistakes.modules),
     )
     return StudyFile(
         path=path,

@@ -37,6 +37,7 @@ from calib.study import (
     result,
 )
 from calib.study.progress import Progress
+from calib.study.repetition import repetition
 from calib.study.result import HeldOutSummary
 from calib.study.summary import held_out, not_simulated, summarised
 from calib.study_file import EXTENDED, StudyFile, load, results_folder
@@ -57,12 +58,14 @@ class BestPoint:
     confirming : whether the confirming model evaluated it, or that of the search
     evaluation : of the calibrated records
     confidence : in its values; None where it was not worked out
+    repetition : remark on the trial evaluated again by the simulator of the search; empty where it gave the same score
     """
 
     trial: Trial
     confirming: bool
     evaluation: Evaluation | Failure
     confidence: Confidence | None = None
+    repetition: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,8 +219,10 @@ def _judged(
     [evaluation] = in_order(pool, [trial.values])
     confidence = around_best(study, pool, trial, evaluation)
     if confirmation is None or not confirmation.succeeded:
-        return BestPoint(trial, False, evaluation, confidence)
-    return BestPoint(trial, True, confirmation.chosen.evaluation, _by_the_search(confidence, confirmation))
+        return BestPoint(trial, False, evaluation, confidence, repetition(trial, evaluation))
+    chosen = confirmation.chosen
+    differs = repetition(chosen.searched, evaluation)
+    return BestPoint(trial, True, chosen.evaluation, _by_the_search(confidence, confirmation), differs)
 
 
 def _by_the_search(confidence: Confidence, confirmation: Confirmation) -> Confidence:
@@ -259,6 +264,7 @@ def _summarised(
         confidence=None if confidence is None else confidence.summary(),
         holdout=_prediction_summaries(file, predictions),
         remarks=[
+            *([] if point is None or not point.repetition else [point.repetition]),
             *([] if confirmation is None else confirmation.remarks),
             *_in_the_place_of_intervals(study, search.trials, confidence),
             *_remarks(study.objective, point),

@@ -1,0 +1,36 @@
+"""What becomes of logged trials where the code that a study uses has changed."""
+
+from collections.abc import Mapping, Sequence
+
+from calib.store.header import Header
+from calib.store.trial import Trial
+
+
+def code_change(old: Mapping[str, str], new: Mapping[str, str], trials: int) -> str:
+    """Return a sentence on the modules that have changed since `trials` trials were logged; empty where none has."""
+    if old == new:
+        return ""
+    changed = sorted(name for name in {**old, **new} if old.get(name) != new.get(name))
+    named = f"module{'' if len(changed) == 1 else 's'} {', '.join(changed)}"
+    if not old:
+        return (
+            f"the code of {named} was not recorded when this study was begun: it is from now on, the {trials} trials "
+            "logged stay valid, and a new segment continues from them"
+        )
+    return (
+        f"the code of {named} has changed since this study was last run: the {trials} trials logged no longer count, "
+        "and a new segment begins, in which the best of them is evaluated again with the present code"
+    )
+
+
+def by_present_code(trials: Sequence[Trial], headers: Sequence[Header]) -> list[Trial]:
+    """Return the trials, superseded where another code than that of the last header has evaluated them.
+
+    Segments whose code was not recorded are taken to have that of the next one where it was.
+    """
+    present, known, former = headers[-1].code, headers[-1].code, set[int]()
+    for header in reversed(headers):
+        known = header.code or known
+        if known != present:
+            former.add(header.segment)
+    return [trial.superseded() if trial.segment in former else trial for trial in trials]
