@@ -7,6 +7,7 @@ from calib.store import Trial
 from calib.study.evaluation import Evaluation
 
 MAX_ROUND_OFF = 1e-6  # relative difference of two scores of one point that round-off may cause  [1]
+NEGLIGIBLE_DISTANCE = 1e-12  # below which two scores are both those of a perfect fit  [1]
 
 
 def repetition(trial: Trial, again: Evaluation | Failure) -> str:
@@ -24,7 +25,7 @@ def repetition(trial: Trial, again: Evaluation | Failure) -> str:
     if isinstance(again, Failure):
         return f"{logged} and failed when it was evaluated again ({again.status}: {again.reason}); {consequence}"
     cost = float(again.score.cost)
-    if math.isclose(cost, trial.cost, rel_tol=MAX_ROUND_OFF):
+    if math.isclose(cost, trial.cost, rel_tol=MAX_ROUND_OFF, abs_tol=NEGLIGIBLE_DISTANCE):
         return ""
     if not math.isfinite(cost):
         status = f"{again.score.status}: {again.score.reason}"

@@ -165,6 +165,7 @@ class CalibrationResult:
     confidence : at the best point
     remarks : what else to mind, a sentence each, without its full stop
     best_trial : number of the best trial
+    reproduced : whether it gave its logged score when it was evaluated again; None where it was not
     trials, failed : number of trials, and of those that did not end ok
     failures : in which way they ended, the most frequent first
     simulations : runs of the simulator, everything counted
@@ -191,6 +192,7 @@ class CalibrationResult:
     confidence: ConfidenceSummary | None = None
     remarks: tuple[str, ...] = ()
     best_trial: int | None = None
+    reproduced: bool | None = None
     trials: int = 0
     failed: int = 0
     failures: tuple[FailureSummary, ...] = ()

@@ -35,6 +35,7 @@ def summarised(
     confidence: ConfidenceSummary | None = None,
     holdout: Mapping[str, HeldOutSummary] | None = None,
     remarks: Sequence[str] = (),
+    reproduced: bool | None = None,
     simulations: int | None = None,
     seconds: float = 0.0,
 ) -> CalibrationResult:
@@ -50,6 +51,7 @@ def summarised(
     confidence : at the best point
     holdout : record -> what `held_out` or `not_simulated` returns
     remarks : what else to mind, a sentence each, without its full stop
+    reproduced : whether the best trial gave its logged score when it was evaluated again; None where it was not
     simulations : runs of the simulator, everything counted
     seconds : wall-clock time  [s]; it, and that of the confirmation, are all that differs between two runs of one study
 
@@ -76,6 +78,7 @@ def summarised(
         confidence=confidence,
         remarks=tuple(remarks),
         best_trial=None if best is None else best.number,
+        reproduced=reproduced,
         simulations=simulations,
         seconds=seconds,
     )

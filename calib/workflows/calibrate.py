@@ -269,6 +269,7 @@ def _summarised(
             *_in_the_place_of_intervals(study, search.trials, confidence),
             *_remarks(study.objective, point),
         ],
+        reproduced=None if point is None else not point.repetition,
         simulations=_simulations(file, search.trials, confirmation, point, predictions),
         seconds=time.monotonic() - begin,
     )

@@ -286,8 +286,12 @@ def provenance(
         rows["Wall-clock time"] = f"{result.seconds:.1f} s"
     if result.stopped:
         rows["Search ended"] = result.stopped
+    if result.reproduced is not None:
+        rows["Best trial evaluated again"] = "same score" if result.reproduced else "another score: not reproducible"
     if header is not None:
         rows["Versions"] = ", ".join(f"{name} {version}" for name, version in header.versions.items())
         rows["Processor"] = header.processor
+        if header.code:
+            rows["Code of the study"] = ", ".join(f"{name} ({text})" for name, text in header.code.items())
     rows["Page written"] = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
     return rows

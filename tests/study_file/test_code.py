@@ -1,0 +1,67 @@
+"""The code outside calib that a study uses."""
+
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from echo_study import TEXT
+
+from calib.study_file import code as room
+from calib.study_file.code import NO_FILE, used_code
+from calib.study_file.schema import StudyToml
+
+
+def stated(simulator):
+    return StudyToml.model_validate(tomllib.loads(TEXT.replace("tiny_simulators:Echo", simulator)))
+
+
+@pytest.fixture
+def beside(tmp_path, monkeypatch):
+    """Write modules beside a study and import the first; return their code."""
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def write(**texts):
+        for name, text in texts.items():
+            (tmp_path / f"{name}.py").write_text(text)
+            monkeypatch.delitem(sys.modules, name, raising=False)
+        first = next(iter(texts))
+        __import__(first)
+        try:
+            return used_code(stated(f"{first}:Thing"), tmp_path)
+        finally:
+            for name in texts:
+                sys.modules.pop(name, None)
+
+    return write
+
+
+SIMULATOR = "import numpy, ident_constants\nfrom ident_law import *\nclass Thing: ...\n"
+
+
+def test_the_code_of_calib_is_known_by_its_version():
+    assert used_code(stated("oscillator"), None) == {}
+
+
+def test_a_module_and_those_beside_it_that_it_imports_belong_to_it(beside):
+    texts = {"ident_simulator": SIMULATOR, "ident_constants": "GAIN = 1.0\n", "ident_law": "from ident_deep import A\n"}
+    before = beside(**texts, ident_deep="A = 1\n", ident_other="X = 1\n")
+    assert list(before) == ["ident_constants", "ident_deep", "ident_law", "ident_simulator"]
+    assert all(text.startswith("sha256 ") for text in before.values())
+    after = beside(**texts, ident_deep="A = 2\n", ident_other="X = 2\n")
+    assert [name for name in before if before[name] != after[name]] == ["ident_deep"]
+
+
+def test_an_installed_distribution_is_known_by_its_version():
+    [(name, text)] = used_code(stated("pytest:Thing"), None).items()
+    assert (name, text) == ("pytest", f"pytest {pytest.__version__}")
+
+
+def test_an_editable_distribution_is_known_by_its_source(monkeypatch):
+    monkeypatch.setattr(room.sysconfig, "get_path", lambda kind: str(Path(__file__).parent / "no site"))
+    assert set(used_code(stated("pytest:Thing"), None).values()) != {f"pytest {pytest.__version__}"}
+
+
+def test_a_class_of_a_notebook_has_no_source_file(monkeypatch):
+    monkeypatch.delattr(sys.modules["__main__"], "__file__", raising=False)
+    assert used_code(stated("__main__:Thing"), None) == {"__main__": NO_FILE}
