@@ -10,15 +10,15 @@ from pathlib import Path
 
 from calib import plugins
 from calib.study_file.schema import StudyToml
-
-NO_FILE = "no source file"  # of what a notebook or an interactive session defines
+from calib.study_file.session_code import session_digest
 
 
 def used_code(shape: StudyToml, folder: Path | None) -> dict[str, str]:
     """Return module -> "sha256 ..." of its source, or name and version of the distribution that installed it.
 
     These are the modules of simulator, effects, features and optimiser outside calib, and the modules in the same
-    folder, or in that of the study, which they import. The code of calib itself is known by its version.
+    folder, or in that of the study, which they import. The code of calib itself is known by its version. What a notebook or an interactive session defines has
+    no source file; it stands with its name and a digest of its compiled code.
 
     Parameters
     ----------
@@ -30,20 +30,20 @@ def used_code(shape: StudyToml, folder: Path | None) -> dict[str, str]:
         *(("calib.features", term.feature) for term in shape.term),
         ("calib.optimisers", shape.optimiser.name),
     ]
-    modules = {plugins.module_name(group, name) for group, name in references}
+    folders = [] if folder is None else [folder.resolve()]
     code: dict[str, str] = {}
-    for module in sorted(modules):
-        if module.partition(".")[0] != "calib":
-            code |= _code_of(module, [] if folder is None else [folder.resolve()])
+    for group, name in references:
+        module = plugins.module_name(group, name)
+        file = getattr(sys.modules.get(module), "__file__", None)
+        if file is None:
+            code[name] = session_digest(plugins.load(group, name, folder))
+        elif module.partition(".")[0] != "calib":
+            code |= _code_of(module, Path(file).resolve(), folders)
     return dict(sorted(code.items()))
 
 
-def _code_of(module: str, folders: list[Path]) -> dict[str, str]:
+def _code_of(module: str, file: Path, folders: list[Path]) -> dict[str, str]:
     """Identity of a loaded module and of those beside it, or in `folders`, that it imports directly or indirectly."""
-    stated = getattr(sys.modules.get(module), "__file__", None)
-    if stated is None:
-        return {module: NO_FILE}
-    file = Path(stated).resolve()
     installed = _distribution(module, file)
     if installed:
         return {module.partition(".")[0]: installed}

@@ -1,14 +1,17 @@
 """The code outside calib that a study uses."""
 
+import os
+import subprocess
 import sys
 import tomllib
 from pathlib import Path
 
 import pytest
+from child_environment import environment
 from echo_study import TEXT
 
 from calib.study_file import code as room
-from calib.study_file.code import NO_FILE, used_code
+from calib.study_file.code import used_code
 from calib.study_file.schema import StudyToml
 
 
@@ -62,6 +65,31 @@ def test_an_editable_distribution_is_known_by_its_source(monkeypatch):
     assert set(used_code(stated("pytest:Thing"), None).values()) != {f"pytest {pytest.__version__}"}
 
 
-def test_a_class_of_a_notebook_has_no_source_file(monkeypatch):
-    monkeypatch.delattr(sys.modules["__main__"], "__file__", raising=False)
-    assert used_code(stated("__main__:Thing"), None) == {"__main__": NO_FILE}
+CELL = """
+GAIN = {gain}
+def doubled(x): return 2.0 * x
+class Thing:
+    names = ("x", "y")
+    def run(self, x): return GAIN * doubled(x) if x in {{"a", "b"}} else [y for y in {order}]
+"""
+
+
+def session_code(gain=1.0, order="(1, 2)", seed="0"):
+    """Code of a class that an interactive session defines."""
+    script = (
+        f"import test_code\nexec({CELL.format(gain=gain, order=order)!r})\n"
+        "print(test_code.used_code(test_code.stated('__main__:Thing'), None))"
+    )
+    path = {"PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), environment()["PYTHONPATH"]])}
+    variables = {**environment(), **path, "PYTHONHASHSEED": seed}
+    return subprocess.run(
+        [sys.executable, "-c", script], env=variables, capture_output=True, text=True, check=True
+    ).stdout
+
+
+def test_a_class_of_a_notebook_is_known_by_its_compiled_code():
+    code = session_code()
+    assert code.startswith("{'__main__:Thing': 'compiled sha256 ")
+    assert session_code(seed="7") == code
+    assert session_code(gain=0.5) != code
+    assert session_code(order="(2, 1)") != code
