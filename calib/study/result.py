@@ -205,8 +205,14 @@ class CalibrationResult:
         return typed(cls, document)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the object of result.json, which `json.dumps(..., allow_nan=False)` takes."""
-        return plain(self)
+        """Return the object of result.json, which `json.dumps(..., allow_nan=False)` takes.
+
+        `reproduced` is left out where it is None.
+        """
+        own = plain(self)
+        if self.reproduced is None:
+            del own["reproduced"]
+        return own
 
     @property
     def confirmed(self) -> bool:
