@@ -148,8 +148,7 @@ def load(
     optimiser = _optimiser(shape, mistakes)
     timeout = _seconds(shape, mistakes)
     candidates = _candidates(shape.diagnosis.candidates, mistakes, "diagnosis", "candidates")
-    most = shape.study.budget if budget is None else budget
-    _check_screen(shape, most, mistakes)
+    _check_screen(shape, budget or shape.study.budget, mistakes)
     laboratory = read_laboratory(shape.diagnosis.bench, every, model, mistakes) if complete and model else None
     mistakes.tell()
     with mistakes.at("term"):
@@ -163,7 +162,7 @@ def load(
         space=space,
         objective=objective,
         optimiser=optimiser,
-        budget=most,
+        budget=budget or shape.study.budget,
         seed=shape.study.seed,
         batch=shape.optimiser.batch,
         jobs=shape.study.jobs if jobs is None else jobs,
