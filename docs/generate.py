@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 
 import click
 from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
@@ -23,6 +24,7 @@ from calib.digitise.spec import AxisTable, CurveTable, FigureToml, PanelTable, P
 from calib.study_file import schema
 
 NOTEBOOK = Path(__file__).parent / "tutorials" / "notebook.ipynb"
+NOTEBOOK_PAGE = "tutorials/notebook.md"
 STUDY_TABLES = (
     schema.StudyTable, schema.RecordTable, schema.TableTable, schema.ClockTable, schema.ChannelTable,
     schema.ExcitationTable, schema.ModelTable, schema.EffectTable, schema.WindowTable, schema.TermTable,
@@ -35,8 +37,10 @@ SHOWN = {"float | str": "quantity", "int | str": "column", "float": "number", "i
 METAVARS = {"INTEGER": "N", "INTEGER RANGE": "N", "FLOAT RANGE": "X", "TEXT": "TEXT"}
 
 
-def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Put what is generated in the place of its marker."""
+def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
+    """Put what is generated in the place of its marker; links to the notebook lead to its page."""
+    if page.file.src_uri != NOTEBOOK_PAGE:
+        markdown = markdown.replace(f"{NOTEBOOK.name})", f"{NOTEBOOK.stem}.md)")
     for name, make in GENERATED.items():
         marker = f"<!-- generated: {name} -->"
         if marker in markdown:
@@ -46,7 +50,7 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 def on_files(files: Files, config: Any) -> Files:
     """Add the notebook as a page."""
-    files.append(File.generated(config, "tutorials/notebook.md", content=notebook_page(NOTEBOOK)))
+    files.append(File.generated(config, NOTEBOOK_PAGE, content=notebook_page(NOTEBOOK)))
     return files
 
 

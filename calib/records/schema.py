@@ -17,7 +17,7 @@ MAX_TIME_S = 1e9  # s, either side of zero: 32 years
 MIN_INTERVAL_S = 1e-15  # s, between two samples
 MIN_FREQUENCY_HZ, MAX_FREQUENCY_HZ = 1e-9, 1e9  # Hz, of an excitation
 MAX_MAGNITUDE = 1e100  # SI unit of the channel; squares of such values and their sums are finite
-MAX_UNIT_CHARACTERS = 60
+MAX_UNIT_CHARACTERS = 60  # of the unit of a variable
 POWER_OF_NUMBER = re.compile(r"[\d)]\s*(\*\*|\^)")  # 9^9^9 takes for ever; no unit is written so
 # units and dims of the variables that are no channels
 UNITS = {"time": "s", "impact_time": "s", "impact_speed": "m/s"} | {f"section_{c}": CHANNELS[c] for c in STATE}
