@@ -17,8 +17,9 @@ def used_code(shape: StudyToml, folder: Path | None) -> dict[str, str]:
     """Return module -> "sha256 ..." of its source, or name and version of the distribution that installed it.
 
     These are the modules of simulator, effects, features and optimiser outside calib, and the modules in the same
-    folder, or in that of the study, which they import. The code of calib itself is known by its version. What a notebook or an interactive session defines has
-    no source file; it stands with its name and a digest of its compiled code.
+    folder, or in that of the study, which they import. The code of calib itself is known by its version. What a
+    notebook or an interactive session defines has no source file; it stands with its name and a digest of its compiled
+    code.
 
     Parameters
     ----------

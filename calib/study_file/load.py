@@ -22,6 +22,7 @@ from calib.store.plain import plain
 from calib.store.record_files import Keep
 from calib.study import CalibrationStudy, Optimiser, check_searched, check_stated
 from calib.study_file.code import used_code
+from calib.study_file.folder import results_folder
 from calib.study_file.laboratory import read_laboratory
 from calib.study_file.mistakes import Mistakes, PythonOrigin, located, read_as, read_study
 from calib.study_file.references import REQUEST_KEYS, digest, references
@@ -29,7 +30,6 @@ from calib.study_file.schema import DiagnosisTable, EffectTable, OptimiserTable,
 from calib.units import to_si
 
 Candidates = tuple[tuple[str, tuple[str, ...] | None], ...]  # effects, with the bodies they act on
-EXTENDED = "extended"  # last part of the name of the study that a diagnosis extends, and of its file
 CONTRACT_ARGUMENTS = ("dim", "seed", "budget", "batch")  # of an optimiser; the rest are options of the user
 
 
@@ -181,15 +181,6 @@ def load(
         candidates=candidates,
         laboratory=laboratory,
     )
-
-
-def results_folder(path: Path) -> Path:
-    """Folder of the results of a study: ``out``, ``out.loud`` of a study.loud.toml, ``out.extended`` if extended."""
-    base, extended = path.stem, ""
-    while base.endswith(f".{EXTENDED}"):
-        base, extended = base.removesuffix(f".{EXTENDED}"), f"{extended}.{EXTENDED}"
-    variant = base.removeprefix("study.")
-    return path.parent / (("out" if variant == base else f"out.{variant}") + extended)
 
 
 # --- the model -------------------------------------------------------------------------------------------------------
