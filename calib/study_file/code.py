@@ -12,14 +12,15 @@ from calib import plugins
 from calib.study_file.schema import StudyToml
 from calib.study_file.session_code import session_digest
 
+SCRIPT = "__main__"
+
 
 def used_code(shape: StudyToml, folder: Path | None) -> dict[str, str]:
     """Return module -> "sha256 ..." of its source, or name and version of the distribution that installed it.
 
     These are the modules of simulator, effects, features and optimiser outside calib, and the modules in the same
     folder, or in that of the study, which they import. The code of calib itself is known by its version. What a
-    notebook or an interactive session defines has no source file; it stands with its name and a digest of its compiled
-    code.
+    script, a notebook or an interactive session defines stands with its name and a digest of its compiled code.
 
     Parameters
     ----------
@@ -34,12 +35,13 @@ def used_code(shape: StudyToml, folder: Path | None) -> dict[str, str]:
     folders = [] if folder is None else [folder.resolve()]
     code: dict[str, str] = {}
     for group, name in references:
-        module = plugins.module_name(group, name)
+        thing, module = plugins.load(group, name, folder), plugins.module_name(group, name)
         file = getattr(sys.modules.get(module), "__file__", None)
-        if file is None:
-            code[name] = session_digest(plugins.load(group, name, folder))
-        elif module.partition(".")[0] != "calib":
+        if file is None or module == SCRIPT:
+            code[name] = session_digest(thing)
+        if file is not None and module.partition(".")[0] != "calib":
             code |= _code_of(module, Path(file).resolve(), folders)
+    code.pop(SCRIPT, None)  # its budget and its pictures are no part of the simulator
     return dict(sorted(code.items()))
 
 

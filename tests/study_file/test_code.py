@@ -93,3 +93,27 @@ def test_a_class_of_a_notebook_is_known_by_its_compiled_code():
     assert session_code(seed="7") == code
     assert session_code(gain=0.5) != code
     assert session_code(order="(2, 1)") != code
+
+
+def test_a_class_of_a_script_is_known_by_its_compiled_code_and_the_modules_beside(tmp_path):
+    (tmp_path / "beside_script.py").write_text("GAIN = 1.0\n")
+    (tmp_path / "script.py").write_text(
+        "import sys, test_code, beside_script\nclass Thing:\n    def run(self): return 1.0\n"
+        "budget = int(sys.argv[1])\nprint(test_code.used_code(test_code.stated('__main__:Thing'), None))\n"
+    )
+
+    def code(budget):
+        path = {"PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), environment()["PYTHONPATH"]])}
+        command = [sys.executable, "script.py", budget]
+        return subprocess.run(
+            command, cwd=tmp_path, env={**environment(), **path}, capture_output=True, text=True, check=True
+        ).stdout
+
+    first = code("10")
+    assert "'__main__:Thing': 'compiled sha256 " in first
+    assert "'beside_script': 'sha256 " in first
+    text = (tmp_path / "script.py").read_text()
+    (tmp_path / "script.py").write_text(f"{text}# another line\n")
+    assert code("20") == first
+    (tmp_path / "script.py").write_text(text.replace("return 1.0", "return 2.0"))
+    assert code("10") != first
