@@ -20,6 +20,7 @@ from calib.study_file.schema import ExcitationTable, RecordTable, StudyToml, Tab
 from calib.units import to_si
 
 REQUEST_KEYS = ("periods", "samples", "settle", "step_budget")  # keys of [study] that a [[record]] may have for itself
+MIN_SAMPLES_PER_PERIOD = 3.0  # of a record with a periodic excitation; Nyquist's limit is 2
 
 
 def references(shape: StudyToml, model: Model | None, mistakes: Mistakes) -> dict[str, Reference | None]:
@@ -73,6 +74,10 @@ def _reference(
             if model.confirming is not None:
                 _check_excitation(excitation, model.confirming.simulator)
     if excitation is None:
+        return None
+    with mistakes.at(*key, "excitation", "frequency"):
+        _check_sampling(record, excitation)
+    if mistakes.within(*key, "excitation", "frequency"):
         return None
     with mistakes.at(*key, "nuisance"):
         reference = Reference(
@@ -225,6 +230,19 @@ def _check_excitation(excitation: Excitation | None, simulator: Simulator) -> No
         f"the record is driven by {excitation.quantity} at {excitation.place!r}; simulator {simulator.name!r} takes "
         f"{', '.join(known)}{hint}; mend [record.excitation], or choose another simulator or other [model] options"
     )
+
+
+def _check_sampling(record: xr.Dataset, excitation: Excitation) -> None:
+    """Refuse a record with so few samples a period that a unit must be wrong."""
+    time, period = record.time.values, excitation.period
+    if period is None or time.size < 2:
+        return
+    step = float(time[-1] - time[0]) / (time.size - 1)
+    if period < MIN_SAMPLES_PER_PERIOD * step:
+        raise CalibError(
+            f"the record lasts {time.size * step / period:.4g} periods of {period / step:.3g} samples (expected at "
+            f"least {MIN_SAMPLES_PER_PERIOD:g} samples a period): check the unit of time and the frequency"
+        )
 
 
 def _request(shape: StudyToml, entry: RecordTable, excitation: Excitation, record: xr.Dataset) -> Request:

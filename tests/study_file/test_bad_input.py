@@ -13,6 +13,7 @@ from calib.errors import CalibError
 from calib.store import read
 from calib.study.result import read as read_result
 from calib.study_file import load
+from calib.workflows.new import new
 
 PATH = "study.toml:11: record[1].path"
 
@@ -68,6 +69,24 @@ def test_a_bad_record_is_refused_with_the_place_in_the_study_file(tmp_path, faul
         load(path)
     assert place in str(raised.value)
     assert said in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("unit", "frequency", "expected"),
+    [
+        ("min", "9 Hz", "excitation.frequency: the record lasts 360 periods of 1.67 samples"),
+        ("h", "9 Hz", "samples a period): check the unit of time and the frequency"),
+        ("s", "9 kHz", "the record lasts 6000 periods of 0.1 samples"),
+        ("ms", "9 Hz", "the record lasts 0.000665556 s: check the unit of time and the frequency"),
+    ],
+)
+def test_a_wrong_unit_of_time_or_of_the_frequency_is_named(tmp_path, unit, frequency, expected):
+    path = new("study", "spring", tmp_path)[0]
+    text = path.read_text().replace('"time_s", unit = "s"', f'"time_s", unit = "{unit}"')
+    path.write_text(text.replace('frequency = "9 Hz"', f'frequency = "{frequency}"'))
+    with pytest.raises(CalibError, match=r"study\.toml:\d+: ") as raised:
+        load(path)
+    assert expected in str(raised.value)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.99])

@@ -43,6 +43,8 @@ def clock_rate(record: xr.Dataset, periods: int = 1) -> float:
     if not rows.size:
         return 0.0
     for _ in range(MAX_RATE_STEPS):
+        if (1.0 + rate) * (time[-1] - time[0]) < (number - 1) * period * periods:
+            return 0.0  # a clock that loses a whole cycle: the motion has another period than the drive
         centre, shift = _shifts((1.0 + rate) * time, rows, period, periods, number)
         line = stats.linregress(centre, shift)
         if abs(line.slope) <= 0.1 * line.stderr or abs(line.slope * time[-1]) <= 1e-6 * period:

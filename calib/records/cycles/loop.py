@@ -93,7 +93,8 @@ def cycles_in(time: np.ndarray, period: float, periods: int) -> tuple[int, int, 
     if count < 1:
         raise CalibError(
             f"at least {periods} period(s) of {period:.6g} s are needed, but the record lasts "
-            f"{time[-1] - time[0]:.6g} s; record more, or compare it over time instead"
+            f"{time[-1] - time[0]:.6g} s: check the unit of time and the frequency, record more, or compare it over "
+            "time instead"
         )
     return count, max(1, round(period / step)), cycles
 

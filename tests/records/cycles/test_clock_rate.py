@@ -132,3 +132,15 @@ def test_a_reference_is_compared_on_the_clock_of_its_drive():
     assert again is reference
     assert reference.record.time.attrs == {"units": "s"}
     assert CLOCK_RATE not in fast.attrs
+
+
+def test_a_motion_of_another_period_than_the_drive_s_has_no_clock_rate():
+    """The search for the rate loses a whole cycle, which no recorder's clock does."""
+    time = np.arange(600) / 900.0
+    motion = np.cos(2.0 * np.pi * 9.0 * time)[None]
+    measured = xr.Dataset(
+        {"displacement": (("body", "time"), motion, {"units": "m"})},
+        {"time": time, "body": ["mass"]},
+        {"frequency": 56.5},
+    )
+    assert clock_rate(measured) == 0.0
