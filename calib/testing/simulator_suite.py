@@ -86,6 +86,7 @@ MAXWELL = Effect(
     meaning="a spring in series with a damper",
 )
 MAXWELL_STIFFNESS = 1.0  # 1/s^2, that shows
+RECORDED_PERIODS, RECORDED_SAMPLES = 4, 100  # of the harmonic as a recorded input; samples a period
 
 
 class SimulatorSuite:
@@ -284,6 +285,22 @@ class SimulatorSuite:
     def test_an_excitation_it_cannot_take_is_refused(self) -> None:
         with pytest.raises(CalibError, match="nowhere"):
             self.run(excitation=replace(self.excitation, place="nowhere"))
+
+    def test_a_recorded_input_is_simulated_or_refused(self) -> None:
+        harmonic = self.excitation.as_harmonic
+        time = harmonic.period / RECORDED_SAMPLES * np.arange(RECORDED_PERIODS * RECORDED_SAMPLES)
+        value = harmonic.amplitude * np.cos(2.0 * np.pi * harmonic.frequency * time + harmonic.phase)
+        recorded = replace(self.excitation, frequency=None, amplitude=None, phase=0.0, time=time, value=value)
+        try:
+            record = self.run(excitation=recorded, request=replace(self.request, times=time))
+        except CalibError:
+            return
+        except Exception as error:
+            raise AssertionError(
+                f"a recorded input raises {error!r}; integrate `excitation.as_samples`, or raise a CalibError where "
+                "`excitation.harmonic` is False"
+            ) from error
+        assert record.attrs["status"] != OK or record.sizes["time"] == time.size
 
     @pytest.mark.parametrize("site", PROBES)
     def test_a_law_acts_at_each_site(self, site: str) -> None:

@@ -74,3 +74,18 @@ def test_a_simulator_that_declares_no_internal_states_passes_and_refuses_the_eff
     Checked(simulator).test_internal_states_of_a_force_law_are_integrated()
     with pytest.raises(CalibError, match="takes no force laws with internal states"):
         Checked(simulator).run(suite.MAXWELL)
+
+
+def test_a_simulator_that_takes_every_input_for_harmonic_fails_with_the_remedy():
+    with pytest.raises(AssertionError, match="a recorded input raises TypeError.* excitation.harmonic"):
+        Checked(Sprung()).test_a_recorded_input_is_simulated_or_refused()
+
+
+def test_a_simulator_that_refuses_a_recorded_input_passes():
+    class HarmonicSprung(Sprung):
+        def run(self, values, excitation, laws, request):
+            if not excitation.harmonic:
+                raise CalibError("a harmonic force is needed")
+            return super().run(values, excitation, laws, request)
+
+    Checked(HarmonicSprung()).test_a_recorded_input_is_simulated_or_refused()
