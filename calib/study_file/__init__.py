@@ -1,7 +1,8 @@
 """study.toml -> CalibrationStudy: the only room where names become things; no logic."""
 
+from calib.study_file.candidates import stated_candidates
 from calib.study_file.folder import EXTENDED, results_folder
-from calib.study_file.load import StudyFile, load, stated_candidates
+from calib.study_file.load import StudyFile, load
 from calib.study_file.mistakes import PythonOrigin, located, read_toml
 from calib.study_file.schema import StudyToml
 

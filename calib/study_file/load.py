@@ -1,13 +1,11 @@
 """From a study file to a study: the only room where names become things."""
 
 import inspect
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
 from numbers import Integral
 from pathlib import Path
 from typing import Any
-
-import tomlkit
 
 from calib import plugins
 from calib.diagnosis.laboratory import Laboratory
@@ -21,15 +19,15 @@ from calib.objective import Objective, Reference, Term
 from calib.store.plain import plain
 from calib.store.record_files import Keep
 from calib.study import CalibrationStudy, Optimiser, check_searched, check_stated
+from calib.study_file.candidates import Candidates, named_effect, read_candidates
 from calib.study_file.code import used_code
 from calib.study_file.folder import results_folder
 from calib.study_file.laboratory import read_laboratory
-from calib.study_file.mistakes import Mistakes, PythonOrigin, located, read_as, read_study
+from calib.study_file.mistakes import Mistakes, PythonOrigin, located, read_study
 from calib.study_file.references import REQUEST_KEYS, digest, references
-from calib.study_file.schema import DiagnosisTable, EffectTable, OptimiserTable, StudyToml, TermTable
+from calib.study_file.schema import OptimiserTable, StudyToml, TermTable
 from calib.units import to_si
 
-Candidates = tuple[tuple[str, tuple[str, ...] | None], ...]  # effects, with the bodies they act on
 CONTRACT_ARGUMENTS = ("dim", "seed", "budget", "batch")  # of an optimiser; the rest are options of the user
 
 
@@ -80,10 +78,10 @@ class StudyFile:
         """
         registered = plugins.names("calib.effects")
         asked = [(name, None) for name in registered] if self.candidates is None else list(self.candidates)
-        effects = [_effect(name, bodies, self.path.parent) for name, bodies in asked]
+        effects = [named_effect(name, bodies, self.path.parent) for name, bodies in asked]
         known = {effect.name for effect in effects}
         gates = (
-            [_effect(name, None, self.path.parent) for name in registered if name not in known]
+            [named_effect(name, None, self.path.parent) for name in registered if name not in known]
             if self.candidates
             else []
         )
@@ -99,7 +97,7 @@ class StudyFile:
         CalibError : one of them does not load
         """
         asked = plugins.names("calib.effects") if self.candidates is None else [name for name, _ in self.candidates]
-        return {_effect(reference, None, self.path.parent).name: reference for reference in asked}
+        return {named_effect(reference, None, self.path.parent).name: reference for reference in asked}
 
     def setting(
         self, values: Mapping[str, float] | None = None, record: str | None = None, phase: float = 0.0
@@ -147,7 +145,7 @@ def load(
     terms = _terms(shape, calibrated if complete else None, mistakes)
     optimiser = _optimiser(shape, mistakes)
     timeout = _seconds(shape, mistakes)
-    candidates = _candidates(shape.diagnosis.candidates, mistakes, "diagnosis", "candidates")
+    candidates = read_candidates(shape.diagnosis.candidates, mistakes, "diagnosis", "candidates")
     _check_screen(shape, budget or shape.study.budget, mistakes)
     laboratory = read_laboratory(shape.diagnosis.bench, every, model, mistakes) if complete and model else None
     mistakes.tell()
@@ -197,45 +195,10 @@ def _model(shape: StudyToml, mistakes: Mistakes) -> Model | None:
         model = None if simulator is None else Model(simulator)
     for index, entry in enumerate(shape.model.effects):
         with mistakes.at("model", "effects", index):
-            effect = _effect(entry.name, entry.bodies, mistakes.modules)
+            effect = named_effect(entry.name, entry.bodies, mistakes.modules)
             if model is not None:
                 model = model.extended(effect)
     return model
-
-
-def _effect(name: str, bodies: Sequence[str] | None, folder: Path | None) -> Effect:
-    effect = plugins.load("calib.effects", name, folder)
-    if not isinstance(effect, Effect):
-        raise CalibError(f"{name!r} is no effect but a {type(effect).__name__}")
-    return effect if bodies is None else replace(effect, bodies=tuple(bodies))
-
-
-def stated_candidates(stated: str | Sequence[Any], folder: Path) -> Candidates | None:
-    """Candidates of a diagnosis that are stated in Python, as [diagnosis] of a study file has them.
-
-    Parameters
-    ----------
-    stated : "all", or names of effects and mappings with name and bodies
-    folder : in which modules of the study lie
-
-    Raises
-    ------
-    CalibError : every mistake with its key
-    """
-    text = tomlkit.dumps({"candidates": stated})
-    table, mistakes = read_as(DiagnosisTable, folder, text, PythonOrigin(folder))
-    candidates = _candidates(table.candidates, mistakes, "candidates")
-    mistakes.tell()
-    return candidates
-
-
-def _candidates(asked: Sequence[EffectTable] | None, mistakes: Mistakes, *key: str) -> Candidates | None:
-    if asked is None:
-        return None
-    for index, entry in enumerate(asked):
-        with mistakes.at(*key, index):
-            _effect(entry.name, entry.bodies, mistakes.modules)
-    return tuple((entry.name, None if entry.bodies is None else tuple(entry.bodies)) for entry in asked)
 
 
 def _made(

@@ -300,7 +300,7 @@ class DiagnosisTable(TomlTable):
         list[Annotated[EffectTable, BeforeValidator(_effect, json_schema_input_type=str | EffectTable)]] | None,
         BeforeValidator(_candidates, json_schema_input_type=Literal["all"] | list[str | EffectTable]),
     ] = None
-    """Effects that may be the cause, by name or as { name, bodies }; without it, or "all": all that are installed."""
+    """Effects that may be the cause, by name or as { name, bodies }; "all", alone or among them: all installed ones."""
     bench: BenchTable = BenchTable()
     """What the laboratory can do in a next measurement."""
 

@@ -356,7 +356,7 @@ class Calibration:
         Parameters
         ----------
         candidates : effects that may be the cause, in the place of the study's `diagnosis` candidates: "all", or by
-            name, as {"name": ..., "bodies": [...]}, "package.module:THING" or `calib.Effect`
+            name ("all" among them), as {"name": ..., "bodies": [...]}, "package.module:THING" or `calib.Effect`
         jobs : takes the place of the study's
         budget : a number of simulations, or a time such as "10 min", after which no further fit begins
         seed : of the noise that is drawn; None: the study's

@@ -12,7 +12,7 @@ from echo_study import TEXT, bench, write_study
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calib import records
+from calib import plugins, records
 from calib.diagnosis.laboratory import Laboratory, mistakes_of
 from calib.errors import CalibError
 from calib.modelling.model import Model
@@ -210,6 +210,15 @@ def test_effects_are_known_by_the_reference_they_were_loaded_under(tmp_path):
     known = load(write_study(tmp_path, ("[windows]", asked))).effect_references()
     assert known == {"stiffer_when_bent": "third_party.hardening:HARDENING", "channel_lag": "channel_lag"}
     assert load(write_study(tmp_path)).effect_references()["cubic_stiffness"] == "cubic_stiffness"
+
+
+def test_all_among_the_candidates_is_every_effect_without_an_entry_of_its_own(tmp_path):
+    listed = 'candidates = ["all", "third_party.hardening:HARDENING", { name = "channel_lag", bodies = ["mass"] }]'
+    file = load(write_study(tmp_path, ("[windows]", f"[diagnosis]\n{listed}\n\n[windows]")))
+    effects = {effect.name: effect for effect in file.suspects()}
+    assert set(effects) == {*plugins.names("calib.effects"), "stiffer_when_bent"}
+    assert effects["channel_lag"].bodies == ("mass",)
+    assert len(file.candidates) == len(effects)
 
 
 # --- the bench of a laboratory
