@@ -3,6 +3,7 @@
 import inspect
 import json
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 from calib import plugins
@@ -22,15 +23,23 @@ def catalogue() -> dict[str, dict[str, str]]:
 
 
 def thing(name: str) -> Any:
-    """Return what `name` stands for.
+    """Return what `name` stands for: an entry point, or "module:Thing" of a module in the current folder or installed.
 
     Raises
     ------
-    CalibError : nothing is called so
+    CalibError : nothing is called so, or it is neither an effect nor something that is called with options
     """
+    if ":" in name:
+        own = plugins.load(plugins.GROUPS[0], name, Path.cwd())
+        if not isinstance(own, Effect) and not callable(own):
+            raise CalibError(f"{name!r} is an object of type {type(own).__name__}; name an effect or a class")
+        return own
     known = {n: group for group in plugins.GROUPS for n in plugins.names(group)}
     if name not in known:
-        raise CalibError(f"nothing is called {name!r}{nearest(name, known)}; `calib list` shows what there is")
+        raise CalibError(
+            f"nothing is called {name!r}{nearest(name, known)}; `calib list` shows what there is, "
+            "`calib list module:Thing` what you wrote"
+        )
     return plugins.load(known[name], name)
 
 

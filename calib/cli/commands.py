@@ -373,6 +373,8 @@ def dashboard(study: Path, out: Path | None, port: int) -> None:
 def list_(name: str | None, schema: bool, as_json: bool) -> None:
     """List the simulators, effects, features and optimisers there are; with NAME, say more about one.
 
+    NAME may be "module:Thing" too, of a module in the current folder or on Python's path.
+
     \b
     Example:  calib list four_dof
     """

@@ -389,6 +389,15 @@ def test_list_as_json_names_the_parameters_with_their_units():
     assert next(p for p in four_dof["parameters"] if p["name"] == "gap")["unit"] == "m"
 
 
+def test_an_effect_or_a_simulator_of_one_s_own_is_listed_by_its_module(tmp_path, monkeypatch):
+    calib("new", "effect", "own_listed_effect", "--folder", tmp_path)
+    calib("new", "simulator", "own_listed_simulator", "--folder", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert "equation" in calib("list", "own_listed_effect:EFFECT").stdout
+    assert "stiffness" in calib("list", "own_listed_simulator:OwnListedSimulator").stdout
+    assert "there is no module 'no_such_thing' in" in calib("list", "no_such_thing:EFFECT", code=1).stderr
+
+
 def test_list_of_an_unknown_name():
     said = calib("list", "fourdof", code=1).stderr
     assert said.startswith("calib: nothing is called 'fourdof' (did you mean 'four_dof'?)")
