@@ -319,11 +319,16 @@ def reference() -> None:
 @reference.command(short_help="Draw a record, and say what it holds.")
 @click.argument("record", type=click.Path(path_type=Path))
 @click.option(
-    "-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="The picture. [default: .png beside RECORD]"
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="The picture. [default: .png beside RECORD; of a study one for each record]",
 )
 @reporting_mistakes
 def show(record: Path, output: Path | None) -> None:
     """Draw RECORD with its units and bands of two standard uncertainties, and say what it holds.
+
+    RECORD is a record (.nc), or a study file, whose records are shown as the study reads them, tables too.
 
     Printed are its source, its kind of motion, the energy over its cycle, and warnings: a velocity that is not
     the derivative of the displacement, a loop that does not close, an impact that the samples do not resolve.

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import click
+import xarray as xr
 
 from calib.digitise import digitise
 from calib.digitise.importers import read as read_export
@@ -14,6 +15,10 @@ from calib.records import read, write
 from calib.report.plots.digitised import overlay
 from calib.report.plots.reference import reference_picture
 from calib.report.record_description import record_description, record_warnings
+from calib.study_file.mistakes import located, read_study
+from calib.study_file.references import references
+
+TABLES = (".csv", ".txt", ".dat", ".tsv", ".json", ".mat")  # suffixes of what [record.table] reads
 
 
 def list_curves(path: Path, spec: Path | None) -> None:
@@ -56,9 +61,46 @@ def digitise_figure(path: Path, spec: Path | None, output: Path, bodies: Sequenc
 
 
 def show_reference(path: Path, output: Path | None) -> None:
-    """Draw a record and say what it holds."""
-    record = read(path)
-    drawn = output or path.with_suffix(".png")
+    """Draw a record, or every record of a study file as the study reads it, and say what it holds.
+
+    Raises
+    ------
+    CalibError : a table, whose columns only a study file describes, or no readable record
+    """
+    if path.is_dir() or path.suffix.lower() == ".toml":
+        file = located(path)
+        for name, record in _records_of(file).items():
+            click.echo(f"record {name!r}")
+            _show(record, (output or file).with_name(f"{(output or file).stem}.{name}.png"))
+        return
+    if path.suffix.lower() in TABLES:
+        raise CalibError(
+            f"{path} is a table, and only a study file says what its columns are: write one with "
+            f'`calib new study NAME`, put path = "{path.resolve()}" into its [[record]] and the columns into '
+            "[record.table], then `calib reference show NAME/study.toml`"
+        )
+    _show(read(path), output or path.with_suffix(".png"))
+
+
+def _records_of(path: Path) -> dict[str, xr.Dataset]:
+    """Records of a study file by name, each with the excitation that the file states."""
+    shape, mistakes = read_study(path)
+    known = references(shape, None, mistakes)
+    mistakes.tell()
+    stated = {name: reference for name, reference in known.items() if reference is not None}
+    return {
+        name: reference.record.assign_attrs(
+            {
+                key: value
+                for key in ("place", "quantity", "frequency", "amplitude")
+                if (value := getattr(reference.excitation, key)) is not None
+            }
+        )
+        for name, reference in stated.items()
+    }
+
+
+def _show(record: xr.Dataset, drawn: Path) -> None:
     for text in record_description(record):
         click.echo(text)
     for text in record_warnings(record):

@@ -389,6 +389,22 @@ def test_list_as_json_names_the_parameters_with_their_units():
     assert next(p for p in four_dof["parameters"] if p["name"] == "gap")["unit"] == "m"
 
 
+def test_the_records_of_a_study_file_are_shown_as_they_are_read(tmp_path):
+    calib("new", "study", "bench", "--folder", tmp_path)
+    shown = calib("reference", "show", tmp_path / "bench").stdout
+    assert "record 'measured'" in shown
+    assert "excitation: force at the mass, 9 Hz, amplitude 1 N" in shown
+    assert "kind of motion: period-1" in shown
+    assert (tmp_path / "bench" / "study.measured.png").is_file()
+
+
+def test_a_bare_table_is_shown_by_way_of_a_study_file(tmp_path):
+    (tmp_path / "lab.csv").write_text("t,x\n0,1\n1,2\n")
+    refused = calib("reference", "show", tmp_path / "lab.csv", code=1).stderr
+    assert "lab.csv is a table" in refused
+    assert "calib reference show NAME/study.toml" in refused
+
+
 def test_an_effect_or_a_simulator_of_one_s_own_is_listed_by_its_module(tmp_path, monkeypatch):
     calib("new", "effect", "own_listed_effect", "--folder", tmp_path)
     calib("new", "simulator", "own_listed_simulator", "--folder", tmp_path)
