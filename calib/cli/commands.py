@@ -52,7 +52,7 @@ def main() -> None:
 @click.option("--jobs", "-j", type=click.IntRange(min=1), help="Trials side by side. [default: the study's]")
 @click.option("--budget", type=click.IntRange(min=1), help="Trials of the whole study. [default: the study's]")
 @click.option("--fresh", is_flag=True, help="Forget the trials made so far (needed when the study was changed).")
-@click.option("--quiet", "-q", is_flag=True, help="No progress, no summary; errors only.")
+@click.option("--quiet", "-q", is_flag=True, help="No progress, no summary with its remarks; errors only.")
 @JSON
 @reporting_mistakes
 def run(
@@ -146,7 +146,7 @@ def simulate(study: Path, settings: tuple[str, ...], record: str | None, output:
 @OUT
 @output_option("[default: sweep.nc in out/]")
 @FRESH
-@click.option("--quiet", "-q", is_flag=True, help="No progress, no summary; errors only.")
+@click.option("--quiet", "-q", is_flag=True, help="No progress, no summary with its remarks; errors only.")
 @reporting_mistakes
 def sweep(study: Path, over: tuple[str, ...], **options: Any) -> None:
     """Find the motion of STUDY's simulator over one or two parameters, and draw its bifurcation diagram.
@@ -210,7 +210,7 @@ def branch(study: Path, over: str, **options: Any) -> None:
 @OUT
 @output_option("[default: basins.nc in out/]")
 @FRESH
-@click.option("--quiet", "-q", is_flag=True, help="No progress, no summary; errors only.")
+@click.option("--quiet", "-q", is_flag=True, help="No progress, no summary with its remarks; errors only.")
 @reporting_mistakes
 def basins(study: Path, x: str, y: str, **options: Any) -> None:
     """Find the motion that each state of a plane leads STUDY's simulator to, and draw the plane coloured by it.
@@ -233,7 +233,7 @@ def basins(study: Path, x: str, y: str, **options: Any) -> None:
 @JOBS
 @click.option("--seed", type=click.IntRange(min=0), help="Of the noise that is drawn. [default: the study's]")
 @click.option("--budget", help="Simulations, or a time such as '10 min', after which no further fit begins.")
-@click.option("--quiet", "-q", is_flag=True, help="No progress, no summary; errors only.")
+@click.option("--quiet", "-q", is_flag=True, help="No progress, no summary with its remarks; errors only.")
 @JSON
 @reporting_mistakes
 def diagnose(study: Path, **options: Any) -> None:
@@ -262,7 +262,7 @@ def diagnose(study: Path, **options: Any) -> None:
 @click.option("--strengths", default="5,10,20,40", show_default=True, help="Sizes, by their predicted z.")
 @JOBS
 @FRESH
-@click.option("--quiet", "-q", is_flag=True, help="No progress, no summary; errors only.")
+@click.option("--quiet", "-q", is_flag=True, help="No progress, no summary with its remarks; errors only.")
 @reporting_mistakes
 def rehearse(study: Path, **options: Any) -> None:
     """Hide each candidate in data of STUDY's own model, noise and records, and seek it.

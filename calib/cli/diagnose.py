@@ -17,6 +17,7 @@ from calib.cli.status import folder_of
 from calib.diagnosis.document import DiagnosisResult, SuspectResult
 from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, explained
 from calib.execution.progress import LINE_INTERVAL
+from calib.report.formatting import distinguishing_digits
 from calib.report.pages.diagnosis.conclusion import REFITTED, left_out, proposal
 from calib.report.pages.diagnosis.sizes import (
     disagreements,
@@ -161,9 +162,11 @@ def _gain(diagnosis: DiagnosisResult) -> list[str]:
     if low is None or high is None:
         change = "of unknown significance"
     elif high < 0.0:
-        change = f"more by {-high:.2g} to {-low:.2g} [yellow]- what was held out refutes it[/]"
+        digits = distinguishing_digits(low, high)
+        change = f"more by {-high:.{digits}g} to {-low:.{digits}g} [yellow]- what was held out refutes it[/]"
     else:
-        change = f"less by {low:.2g} to {high:.2g}"
+        digits = distinguishing_digits(low, high)
+        change = f"less by {low:.{digits}g} to {high:.{digits}g}"
         change += "" if gain.proven else " [yellow]- no gain: the interval includes zero[/]"
     lines = [
         f"gain on {gain.kind} ({', '.join(gain.records)}): misfit {gain.before:.3g} -> {gain.after:.3g}, {change}",

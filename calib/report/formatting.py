@@ -26,6 +26,11 @@ def number(x: float | str | None, digits: int = 4) -> str:
     return f"{mantissa}·10{str(power).translate(str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'))}"
 
 
+def distinguishing_digits(low: float, high: float) -> int:
+    """Significant digits, 2 to 6, from which on the ends of an interval are written differently."""
+    return next((d for d in range(2, 6) if f"{low:.{d - 1}e}" != f"{high:.{d - 1}e}"), 6)
+
+
 def measured_number(value: float, error: float | None) -> str:
     """Write a value with as many digits as its standard error justifies, 4 to 8 of them."""
     if not error or not math.isfinite(error) or value == 0.0:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calib.report.formatting import number_beside, quantity, raised, rounded, signed, with_error
+from calib.report.formatting import distinguishing_digits, number_beside, quantity, raised, rounded, signed, with_error
 
 
 @pytest.mark.parametrize(
@@ -58,3 +58,9 @@ def test_no_one_counts_hundreds_of_standard_errors(z, written):
 )
 def test_whole_powers_of_a_unit_are_raised_and_others_stay(unit, written):
     assert raised(unit) == written
+
+
+def test_the_ends_of_an_interval_get_digits_until_they_differ():
+    assert distinguishing_digits(0.1, 0.2) == 2
+    assert distinguishing_digits(0.1402, 0.1441) == 3
+    assert distinguishing_digits(0.14, 0.14) == 6

@@ -9,7 +9,7 @@ from calib.diagnosis.document import DiagnosisResult, GainResult, GateResult, Mi
 from calib.diagnosis.measurement import DECISIVE_Z
 from calib.diagnosis.preparation import OUTLIERS, QUANTISATION
 from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED, explained, joined
-from calib.report.formatting import capitalised, number, percent
+from calib.report.formatting import capitalised, distinguishing_digits, number, percent
 from calib.report.pages.diagnosis.sizes import disagreements, moved_sizes, moved_values, size_text, sizes
 from calib.study import CalibrationResult
 
@@ -236,10 +236,11 @@ def _interval_of_change(low: float, high: float) -> str:
     """Interval of a reduction as an engineer says it: the direction in words, the numbers positive."""
     if low <= 0.0 <= high:
         return f"between {number(-low, 2)} more and {number(high, 2)} less, in"
+    digits = distinguishing_digits(low, high)
     return (
-        f"less by {number(low, 2)} to {number(high, 2)}"
+        f"less by {number(low, digits)} to {number(high, digits)}"
         if low > 0.0
-        else f"more by {number(-high, 2)} to {number(-low, 2)}"
+        else f"more by {number(-high, digits)} to {number(-low, digits)}"
     )
 
 
