@@ -23,6 +23,14 @@ from calib.records.filter import low_pass
 from calib.units import is_si, to_si
 
 
+class UnknownColumn(CalibError):
+    """A column that the file does not have."""
+
+    def __init__(self, column: str | int, message: str):
+        super().__init__(message)
+        self.column = column
+
+
 @dataclass(frozen=True)
 class TimeColumn:
     """The column that is time; `column` is a name (see `Table.path`) or a position counted from 1."""
@@ -188,10 +196,13 @@ class _Sheet:
         if column in self.unfit:
             raise CalibError(f"{self.path}: column {column!r} is {self.unfit[column]}")
         names = [c for c in self.columns if isinstance(c, str)]
-        known = (
-            f"the columns are {names}" if names else f"the file has no header, only columns 1 to {len(self.columns)}"
+        size = sum(isinstance(c, int) for c in self.columns)
+        known = f"the columns are {names}" if names else f"the file has no header, only columns 1 to {size}"
+        if names and isinstance(column, int):
+            known = f"the table has {size} columns: {names}" if size else f"its columns have names: {names}"
+        raise UnknownColumn(
+            column, f"{self.path}: there is no single column {column!r}{nearest(str(column), names)}; {known}"
         )
-        raise CalibError(f"{self.path}: there is no single column {column!r}{nearest(str(column), names)}; {known}")
 
     def numbers(self, column: str | int) -> np.ndarray:
         """Numbers (end - begin,) of a column."""
@@ -342,7 +353,10 @@ def si_factor(column: Channel | ExcitationColumn) -> float:
     """
     unit = si_unit(column)
     try:
-        return to_si(f"({column.scale}) * (1 {column.unit})", unit)
+        return to_si(
+            f"1 {column.unit}" if column.scale == 1.0 else f"({column.scale}) * (1 {column.unit})",
+            unit,
+        )
     except CalibError as error:
         raise CalibError(f"column {column.column!r}: unit times scale must be in {unit!r}: {error}") from error
 

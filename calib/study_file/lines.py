@@ -2,6 +2,7 @@
 
 import tomllib
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 Key = tuple[str | int, ...]  # ("record", 0, "path"): the path of the first [[record]]
 
@@ -10,21 +11,29 @@ def lines(text: str) -> dict[Key, int]:
     """Line (counted from 1) on which each key of a valid TOML text begins.
 
     tomllib keeps no positions, but a TOML text cut after a complete statement is a TOML text too: the keys that a
-    statement adds are the difference between two such beginnings. Keys inside a value (inline tables, arrays) are
-    assigned the line on which their statement begins.
+    statement adds are the difference between two such beginnings. So is one cut between the entries of an array, which
+    is then closed. Keys inside an entry are assigned the line on which it begins.
     """
     rows = text.split("\n")
     known: dict[Key, int] = {}
     begin = 0
     for end in range(1, len(rows) + 1):
-        try:
-            read = tomllib.loads("\n".join(rows[:end]))
-        except tomllib.TOMLDecodeError:
+        read = _read("\n".join(rows[:end]))
+        if read is None:
+            read = _read("\n".join([*rows[:end], "]"]))
+        if read is None:
             continue  # inside a value of several lines
         for key in _keys(read):
             known.setdefault(key, begin + 1)
         begin = end
     return known
+
+
+def _read(text: str) -> dict[str, Any] | None:
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        return None
 
 
 def line_of(known: dict[Key, int], key: Sequence[str | int]) -> int | None:

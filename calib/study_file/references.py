@@ -1,6 +1,8 @@
 """The records of a study file, each with its excitation and with what is computed of it."""
 
 import os
+import warnings
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import cast
@@ -20,7 +22,7 @@ from calib.study_file.schema import ExcitationTable, RecordTable, StudyToml, Tab
 from calib.units import to_si
 
 REQUEST_KEYS = ("periods", "samples", "settle", "step_budget")  # keys of [study] that a [[record]] may have for itself
-MIN_SAMPLES_PER_PERIOD = 3.0  # of a record with a periodic excitation; Nyquist's limit is 2
+MIN_PERIODIC_SAMPLES = 3.0  # a period, of a record with a periodic excitation; Nyquist's limit is 2
 
 
 def references(shape: StudyToml, model: Model | None, mistakes: Mistakes) -> dict[str, Reference | None]:
@@ -55,7 +57,10 @@ def _reference(
         if entry.table is None:
             record = read(file)
         elif readable:
-            record, excitation = table.read(_table(entry.table, drive, file))
+            try:
+                record, excitation = table.read(_table(entry.table, drive, file))
+            except table.UnknownColumn as error:
+                mistakes.add((*key, *_place_of(entry.table, error.column)), str(error))
     if record is None:
         return None
     with mistakes.at(*key, "excitation"):
@@ -138,12 +143,26 @@ def _check_units(
         if channel.sigma is not None and not mistakes.within(*place):
             with mistakes.at(*place, "sigma"):
                 to_si(channel.sigma, table.si_unit(channel))
+    uses = Counter(channel.column for channel in how.channels)
+    for column in (column for column, count in uses.items() if count > 1):
+        where = mistakes.place(*key, "table", "channels")
+        warnings.warn(f"{where}: column {column!r} is {uses[column]} channels; check their columns", stacklevel=2)
     if how.time is not None:
         with mistakes.at(*key, "table", "time", "unit"):
             to_si(f"1 {how.time.unit}", "s")
     if drive is not None:
         with mistakes.at(*key, "excitation", "unit"):
             table.si_factor(drive)
+
+
+def _place_of(how: TableTable, column: str | int) -> tuple[str | int, ...]:
+    """Key below [[record]] that names a column first."""
+    for index, channel in enumerate(how.channels):
+        if channel.column == column:
+            return "table", "channels", index, "column"
+    if how.time is not None and how.time.column == column:
+        return "table", "time", "column"
+    return "excitation", "column"
 
 
 def _channels(how: TableTable) -> tuple[table.Channel, ...]:
@@ -238,10 +257,10 @@ def _check_sampling(record: xr.Dataset, excitation: Excitation) -> None:
     if period is None or time.size < 2:
         return
     step = float(time[-1] - time[0]) / (time.size - 1)
-    if period < MIN_SAMPLES_PER_PERIOD * step:
+    if period < MIN_PERIODIC_SAMPLES * step:
         raise CalibError(
             f"the record lasts {time.size * step / period:.4g} periods of {period / step:.3g} samples (expected at "
-            f"least {MIN_SAMPLES_PER_PERIOD:g} samples a period): check the unit of time and the frequency"
+            f"least {MIN_PERIODIC_SAMPLES:g} samples a period): check the unit of time and the frequency"
         )
 
 

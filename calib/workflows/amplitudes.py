@@ -1,7 +1,7 @@
 """Channels whose measured amplitude is implausible beside the simulated one, as where a unit is not stated."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 
 import numpy as np
 import xarray as xr
@@ -13,10 +13,13 @@ from calib.report.formatting import number
 MAX_AMPLITUDE_RATIO = 100.0  # of measured to simulated rms, or its inverse: beyond, a unit is suspected  [1]
 
 
-def implausible_amplitudes(objective: Objective, simulated: Mapping[str, xr.Dataset]) -> list[str]:
+def implausible_amplitudes(
+    objective: Objective, simulated: Mapping[str, xr.Dataset], tables: Collection[str] = ()
+) -> list[str]:
     """Name the channel of each record whose amplitude differs most from the simulated one, if beyond all plausibility.
 
     simulated : name -> record of the calibrated model, before nuisances are solved for
+    tables : names of the records that are made of a table, whose columns state their units
     """
     remarks = []
     for name in objective.scored:
@@ -27,9 +30,11 @@ def implausible_amplitudes(objective: Objective, simulated: Mapping[str, xr.Data
         (body, channel), ratio = max(ratios.items(), key=lambda item: abs(math.log(item[1])))
         if not 1.0 / MAX_AMPLITUDE_RATIO <= ratio <= MAX_AMPLITUDE_RATIO:
             unit = CHANNELS.get(channel, measured[channel].attrs.get("units", "1"))
+            bare = f"its unit; numbers without a unit are taken as {unit}"
+            advice = "its unit and its column" if name in tables else bare
             remarks.append(
                 f"in {name} the measured {channel} of {body} is {number(ratio, 2)} times as large as the simulated one "
-                f"(root mean square about the mean): check its unit; numbers without a unit are taken as {unit}"
+                f"(root mean square about the mean): check {advice}"
             )
     return remarks
 

@@ -267,7 +267,7 @@ def _summarised(
             *([] if point is None or not point.repetition else [point.repetition]),
             *([] if confirmation is None else confirmation.remarks),
             *_in_the_place_of_intervals(study, search.trials, confidence),
-            *_remarks(study.objective, point),
+            *_remarks(study, point),
         ],
         reproduced=None if point is None else not point.repetition,
         simulations=_simulations(file, search.trials, confirmation, point, predictions),
@@ -342,7 +342,7 @@ def _read_back(file: StudyFile, folder: Path) -> Calibrated:
             best=top,
             score=point.evaluation.score if point is not None and isinstance(point.evaluation, Evaluation) else None,
             holdout=_prediction_summaries(file, predictions),
-            remarks=_remarks(study.objective, point),
+            remarks=_remarks(study, point),
         )
     return Calibrated(header, trials, point, predictions, summary)
 
@@ -397,11 +397,13 @@ def _in_the_place_of_intervals(
     return [sentence] if sentence else []
 
 
-def _remarks(objective: Objective, point: BestPoint | None) -> list[str]:
+def _remarks(study: CalibrationStudy, point: BestPoint | None) -> list[str]:
     """Name records of an implausible amplitude, and those that fit far better if their start is left open."""
     if point is None or not isinstance(point.evaluation, Evaluation) or point.evaluation.score.status != OK:
         return []
-    remarks, cost = implausible_amplitudes(objective, point.evaluation.records), point.evaluation.score.cost
+    objective, cost = study.objective, point.evaluation.score.cost
+    tables = [name for name, stated in study.definition.get("records", {}).items() if "table" in stated]
+    remarks = implausible_amplitudes(objective, point.evaluation.records, tables)
     for name in objective.scored:
         reference = objective.references[name]
         if reference.excitation.periodic and "trigger" not in reference.nuisance:

@@ -89,6 +89,28 @@ def test_a_wrong_unit_of_time_or_of_the_frequency_is_named(tmp_path, unit, frequ
     assert expected in str(raised.value)
 
 
+@pytest.mark.parametrize(
+    ("old", "new_text", "expected"),
+    [
+        ('column = "v_mm_s"', "column = 4", r"study.toml:18: record\[1\].table.channels\[2\].column: .*has 3 columns"),
+        ('unit = "mm/s"', 'unit = "mm"', r"study.toml:18: .*channels\[2\].unit: .*got '1 mm'"),
+        ('"time_s"', '"time"', r"record\[1\].table.time.column: .*no single column 'time'"),
+    ],
+)
+def test_a_mistake_in_a_column_is_told_at_the_line_of_its_entry(tmp_path, old, new_text, expected):
+    path = new("study", "spring", tmp_path)[0]
+    path.write_text(path.read_text().replace(old, new_text))
+    with pytest.raises(CalibError, match=expected):
+        load(path)
+
+
+def test_a_column_that_is_two_channels_is_remarked_on(tmp_path):
+    path = new("study", "spring", tmp_path)[0]
+    path.write_text(path.read_text().replace('"v_mm_s"', '"x_mm"'))
+    with pytest.warns(UserWarning, match=r"record\[1\].table.channels: column 'x_mm' is 2 channels"):
+        load(path)
+
+
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.99])
 def test_a_truncated_record_is_refused(tmp_path, share):
     path = write_study(tmp_path)

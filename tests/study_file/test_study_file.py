@@ -37,7 +37,7 @@ def test_every_key_is_found_on_its_line():
     assert found[("a", "b")] == 3
     assert found[("a", "c", "d")] == 4
     assert found[("e", 0)] == 6
-    assert found[("e", 0, "f", 1, "g")] == 7
+    assert found[("e", 0, "f", 1, "g")] == 9
     assert found[("e", 1)] == 11
     assert found[("e", 1, "h")] == 12
     assert found[("a", "k")] == 15
