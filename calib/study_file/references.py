@@ -22,7 +22,7 @@ from calib.study_file.schema import ExcitationTable, RecordTable, StudyToml, Tab
 from calib.units import to_si
 
 REQUEST_KEYS = ("periods", "samples", "settle", "step_budget")  # keys of [study] that a [[record]] may have for itself
-MIN_PERIODIC_SAMPLES = 3.0  # a period, of a record with a periodic excitation; Nyquist's limit is 2
+MIN_PERIODIC_SAMPLES = 3.0  # samples a period, of a periodic excitation; Nyquist's limit is 2
 
 
 def references(shape: StudyToml, model: Model | None, mistakes: Mistakes) -> dict[str, Reference | None]:
