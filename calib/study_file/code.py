@@ -35,11 +35,13 @@ def used_code(shape: StudyToml, folder: Path | None) -> dict[str, str]:
     folders = [] if folder is None else [folder.resolve()]
     code: dict[str, str] = {}
     for group, name in references:
-        thing, module = plugins.load(group, name, folder), plugins.module_name(group, name)
+        module = plugins.module_name(group, name)
+        if module.partition(".")[0] == "calib":
+            continue
         file = getattr(sys.modules.get(module), "__file__", None)
         if file is None or module == SCRIPT:
-            code[name] = session_digest(thing)
-        if file is not None and module.partition(".")[0] != "calib":
+            code[name] = session_digest(plugins.load(group, name, folder))
+        if file is not None:
             code |= _code_of(module, Path(file).resolve(), folders)
     code.pop(SCRIPT, None)  # its budget and its pictures are no part of the simulator
     return dict(sorted(code.items()))
