@@ -1,7 +1,7 @@
 """What makes a dataset a record: the one place where records are checked and brought to SI."""
 
 import re
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from numbers import Real
 from typing import Any
 
@@ -168,6 +168,7 @@ def _check_channel(record: xr.Dataset, channel: str, name: str) -> None:
 def _in_si(record: xr.Dataset, name: str) -> xr.Dataset:
     """Return the record with all variables of a known unit as doubles in SI."""
     present = channels(record)
+    record = _with_units_of_sigmas(record, present)
     units = {**UNITS, "excitation": EXCITATION_UNITS.get(record.attrs.get("quantity", ""), "")}
     for channel in present:
         units[channel] = CHANNELS.get(channel) or _own_unit(record, channel, name)
@@ -178,6 +179,16 @@ def _in_si(record: xr.Dataset, name: str) -> xr.Dataset:
             if converted is not record.variables[variable]:
                 assign = record.assign_coords if variable in record.coords else record.assign
                 record = assign({variable: converted})
+    return record
+
+
+def _with_units_of_sigmas(record: xr.Dataset, present: Sequence[str]) -> xr.Dataset:
+    """Return the record where an uncertainty that states no unit has that of its channel."""
+    for channel in present:
+        sigma = f"{channel}_sigma"
+        if sigma in record and "units" not in record[sigma].attrs and "units" in record[channel].attrs:
+            unit = record[channel].attrs["units"]
+            record = record.assign({sigma: record[sigma].assign_attrs(units=unit)})
     return record
 
 

@@ -77,7 +77,7 @@ def test_a_simulator_that_declares_no_internal_states_passes_and_refuses_the_eff
 
 
 def test_a_simulator_that_takes_every_input_for_harmonic_fails_with_the_remedy():
-    with pytest.raises(AssertionError, match="a recorded input raises TypeError.* excitation.harmonic"):
+    with pytest.raises(AssertionError, match="a recorded input raises TypeError.*`excitation.harmonic`"):
         Checked(Sprung()).test_a_recorded_input_is_simulated_or_refused()
 
 
