@@ -127,7 +127,7 @@ def best_pair(
     predicted = about.pairs([s.candidate for s in testable], [s.derivatives for s in testable])
     best: tuple[list[Cause], Fit] | None = None
     attained = np.inf
-    for wave in waves(_inequivalent(predicted[: CRITERIA.max_pairs]), first_alone=False):
+    for wave in waves(_inequivalent(predicted[: CRITERIA.max_pairs]), first_alone=True):
         if best is not None and fitter.effort.spent:
             break
         suspected = [[by_candidate[id(candidate)] for candidate in candidates] for candidates in wave]
