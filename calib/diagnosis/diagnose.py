@@ -149,7 +149,7 @@ def _diagnosed(
     gain, threshold = None, selection.rounds[0].threshold
     if selection.causes:
         on_stage("gain")
-        selection, gain = revised_by_records(fitter, bench, selection, ready.suspects, seed)
+        selection, gain = revised_by_records(pool, bench, fitter, selection, ready.suspects, seed)
     solver = converged(fitter, selection.final, numerical(effects), threshold, selection.margin)
     gates = (*_renewed(ready.gates, fitter, selection), *solver)
     if QUANTISATION in {cause.name for cause in selection.causes}:

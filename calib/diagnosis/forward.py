@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -17,7 +16,6 @@ from calib.diagnosis.rejection import extension, rejection
 from calib.diagnosis.remainder import remainder
 from calib.diagnosis.screening import Derivatives
 from calib.diagnosis.search import Round, chi2_of_a_rival, rival_suspects, search, simplest, with_possible_causes
-from calib.diagnosis.side_by_side import waves
 from calib.diagnosis.stepwise import StepwiseState
 from calib.diagnosis.suspect import Refitted, leading_variants
 
@@ -74,12 +72,9 @@ def _reestimated(fitter: Fitter, state: StepwiseState) -> StepwiseState:
     if not _differs(evidence, old):
         return state
     fitter.evidence = evidence
+    null = fitter.fit(state.null.point)
     earlier = [cause.candidate for cause, _ in state.causes[:-1]]
-    tasks: list[Callable[[Fitter], Fit]] = [partial(Fitter.fit, start=state.null.point)]
-    if earlier:
-        tasks.append(partial(Fitter.fit, start=state.rounds[-1].base.point, candidates=earlier))
-    null, *beside = fitter.side_by_side(tasks)
-    base = beside[0] if beside else null
+    base = fitter.fit(state.rounds[-1].base.point, earlier) if earlier else null
     refitted = _refitted_rivals(fitter, base, state) if null.names and base.names else []
     rivals = rival_suspects(fitter.evidence, refitted, state.rounds[-1].threshold)
     if not rivals:
@@ -105,17 +100,12 @@ def _refitted_rivals(fitter: Fitter, base: Fit, state: StepwiseState) -> list[Re
     known, least = {rival.name for rival in rivals}, CRITERIA.min_explained_share * cause.chi2_reduction
     others = [s for s in state.rounds[-1].suspects if isinstance(s, Refitted) and s.fit.names and s.name not in known]
     refitted: list[Refitted] = []
-    for wave in waves((*rivals, *leading_variants(s for s in others if s.chi2_reduction >= least)), first_alone=True):
+    for rival in (*rivals, *leading_variants(s for s in others if s.chi2_reduction >= least)):
         bound = chi2_of_a_rival(refitted, base, threshold)
-        fits = fitter.side_by_side([partial(_fitted_again, suspect=suspect, rival=bound) for suspect in wave])
-        pairs = zip(wave, fits, strict=True)
-        refitted += [suspect.refitted(fit, base.chi2 - fit.chi2) for suspect, fit in pairs if fit.names]
+        fit = fitter.fit(rival.fit.point, rival.fit.candidates, rival=bound)
+        if fit.names:
+            refitted.append(rival.refitted(fit, base.chi2 - fit.chi2))
     return refitted
-
-
-def _fitted_again(fitter: Fitter, suspect: Refitted, rival: float) -> Fit:
-    """Fit the model of a suspect from where its fit ended before."""
-    return fitter.fit(suspect.fit.point, suspect.fit.candidates, rival=rival)
 
 
 def _differs(one: Evidence, other: Evidence) -> bool:

@@ -1,11 +1,7 @@
 """Fits of models to the evidence with all their parameters, by the method of Gauss and Newton."""
 
-from collections import ChainMap
-from collections.abc import Callable, Mapping, Sequence
-from copy import copy
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
-from typing import TypeVar
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -17,7 +13,6 @@ from calib.diagnosis.effort import Effort
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.score import Projection
-from calib.diagnosis.side_by_side import side_by_side
 from calib.diagnosis.signature import Direction, Point, Slope, Step, slopes
 from calib.modelling.model import Model
 from calib.modelling.parameter import Parameter, Space
@@ -37,8 +32,6 @@ INITIAL_RELATIVE_STEP = 1e-3  # change of the rows by a step of the initial stat
 MAX_FIT_HALVINGS = 5  # of a step that does not reduce chi-square  [count]
 RIDGE = 1e-10  # added to the unit diagonal of the normal equations: undetermined directions are not moved  [1]
 MIN_ROOM = 1e-12  # of a scaled step on its bound, where the solver needs an open interval  [1]
-
-T = TypeVar("T")
 
 
 def direction(point: Point, candidate: Candidate, parameter: Parameter) -> Direction:
@@ -65,20 +58,8 @@ class Fitter:
 
     def __init__(self, pool: Pool, evidence: Evidence, space: Space, model: Model):
         self.effort = pool if isinstance(pool, Effort) else Effort(pool)
-        self.pool: Pool = self.effort  # on which it simulates; beside other fits one that is shared
         self.evidence, self.space, self.model = evidence, space, model
-        self.steps: ChainMap[str, Step] = ChainMap()  # of the differences, from the latest derivatives
-
-    def side_by_side(self, tasks: Sequence[Callable[["Fitter"], T]]) -> list[T]:
-        """Results of independent tasks in their order, each of which fits with a fitter of its own.
-
-        None knows the steps of differences that the others take; afterwards the latest in the order of the tasks count.
-        """
-        fitters = [copy(self) for _ in tasks]
-        results = side_by_side(self.pool, [partial(_fitted_on, *own) for own in zip(fitters, tasks, strict=True)])
-        for fitter in fitters:
-            self.steps.update(fitter.steps.maps[0])
-        return results
+        self.steps: dict[str, Step] = {}  # of the differences, from the latest derivatives
 
     def fit(
         self,
@@ -159,8 +140,10 @@ class Fitter:
         """Return the fit with the derivatives at its own point."""
         fit = self._with_initial_slopes(fit)
         directions = self.directions(fit.point, fit.candidates)
-        taken = slopes(self.pool, self.evidence, fit.point, directions, self.steps, "new", fit.nuisances, together=True)
-        self.steps.update({d.name: s.taken for d, s in zip(directions, taken, strict=True) if s.taken})
+        taken = slopes(
+            self.effort, self.evidence, fit.point, directions, self.steps, "new", fit.nuisances, together=True
+        )
+        self.steps |= {d.name: s.taken for d, s in zip(directions, taken, strict=True) if s.taken}
         none = np.zeros(fit.residual.size)
         columns = [none if s.column is None else s.column for s in taken]
         return replace(
@@ -206,7 +189,7 @@ class Fitter:
                     places.append((name, k, step))
         if not runs:
             return fit
-        for (name, k, step), ahead in zip(places, simulated(self.pool, runs), strict=True):
+        for (name, k, step), ahead in zip(places, simulated(self.effort, runs), strict=True):
             if ahead.usable:
                 slopes = starts[name].slopes.copy()
                 slopes[k] = (ahead.rows - views[name].rows) / step
@@ -240,7 +223,7 @@ class Fitter:
         starts = dict.fromkeys(self.evidence.names) if solved else self._starts(origin.simulated, change)
         values = {**origin.values, **{d.name: float(value) for d, value in zip(directions, x, strict=True)}}
         names = self.evidence.names
-        views = dict(zip(names, simulated(self.pool, origin.runs(names, values, starts=starts)), strict=True))
+        views = dict(zip(names, simulated(self.effort, origin.runs(names, values, starts=starts)), strict=True))
         if not all(view.usable for view in views.values()):
             return None
         nuisances = self.evidence.tangents(views)
@@ -260,26 +243,18 @@ class Fitter:
             start, tuple(candidates), residual, none, (), (), nuisances, rows, "its simulation fails at the start"
         )
 
-    def trials(
-        self, base: Fit, candidate: Candidate, sizes: Sequence[np.ndarray]
-    ) -> list[tuple[float, np.ndarray] | None]:
-        """Predicted reduction of chi-square by a candidate of about each of the sizes (p,), and the sizes of best fit.
+    def trial(self, base: Fit, candidate: Candidate, sizes: np.ndarray) -> tuple[float, np.ndarray] | None:
+        """Predicted reduction of chi-square by a candidate of about these sizes (p,), and the sizes of best fit.
 
         Its change of the records is scaled to fit best, and the sizes with it; not where its null is infinite. None
         where the simulation fails, or the sizes are not admissible.
         """
-        names = self.evidence.names
-        runs = [run for x in sizes for run in base.point.runs(names, candidate.values(x), (candidate.effect,))]
-        answers = iter(simulated(self.pool, runs))
-        return [self._trial(base, candidate, x, {name: next(answers) for name in names}) for x in sizes]
-
-    def _trial(
-        self, base: Fit, candidate: Candidate, sizes: np.ndarray, views: Mapping[str, SimulatedRows]
-    ) -> tuple[float, np.ndarray] | None:
-        """Predicted reduction of chi-square and sizes of best fit, by the simulations at these sizes (p,)."""
+        names, null = self.evidence.names, candidate.null
+        runs = base.point.runs(names, candidate.values(sizes), (candidate.effect,))
+        views = dict(zip(names, simulated(self.effort, runs), strict=True))
         if not all(view.usable for view in views.values()):
             return None
-        null, projection = candidate.null, base.projection
+        projection = base.projection
         residual, change = projection(base.residual), projection(self.evidence.difference(base.point.simulated, views))
         if candidate.effect.guess is not None or not np.isfinite(null).all():
             remainder = residual - change
@@ -304,22 +279,23 @@ class Fitter:
 
     def candidate_slopes(self, base: Fit, candidates: Sequence[Candidate]) -> list[list[Slope]]:
         """Slopes of each candidate's parameters at null beside a model, all side by side."""
-
-        def own_slopes(candidate: Candidate, pool: Pool) -> list[Slope]:
-            null, effects = candidate.effect.null, (candidate.effect,)
-            directions = [
-                Direction(p.name, null[p.name], candidate.scale[p.name], p.low, p.high, effects, candidate.absent())
-                for p in candidate.parameters
-            ]
-            return slopes(pool, self.evidence, base.point, directions, absorbed=base.projection.basis)
-
-        return side_by_side(self.pool, [partial(own_slopes, candidate) for candidate in candidates])
-
-
-def _fitted_on(fitter: Fitter, task: Callable[[Fitter], T], pool: Pool) -> T:
-    """Run a task by a fitter that simulates on a pool of its own, and keeps to itself what steps it takes."""
-    fitter.pool, fitter.steps = pool, fitter.steps.new_child()
-    return task(fitter)
+        directions, owner = [], []
+        for index, candidate in enumerate(candidates):
+            for p in candidate.parameters:
+                directions.append(
+                    Direction(
+                        p.name,
+                        candidate.effect.null[p.name],
+                        candidate.scale[p.name],
+                        p.low,
+                        p.high,
+                        (candidate.effect,),
+                        candidate.absent(),
+                    )
+                )
+                owner.append(index)
+        taken = slopes(self.effort, self.evidence, base.point, directions, absorbed=base.projection.basis)
+        return [[slope for slope, o in zip(taken, owner, strict=True) if o == k] for k in range(len(candidates))]
 
 
 def _updated(ahead: Fit, behind: Fit, step: np.ndarray) -> Fit:

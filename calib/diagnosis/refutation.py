@@ -2,26 +2,26 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 from calib.diagnosis.bench import Bench
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.criteria import CRITERIA
+from calib.diagnosis.effort import Effort
 from calib.diagnosis.elimination import several_sizes
 from calib.diagnosis.gain import Gain, gained
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.revision import exchanged, left_out, paired
 from calib.diagnosis.search import simplest
 from calib.diagnosis.selection import Selection
-from calib.diagnosis.side_by_side import waves
 from calib.diagnosis.suspect import Refitted
 
 ONE_SIZE, NOT_REFUTED = "it has one size in all records", "the records held out refute the others"
 
 
 def revised_by_records(
-    fitter: Fitter,
+    pool: Effort,
     bench: Bench,
+    fitter: Fitter,
     selection: Selection,
     candidates: Sequence[Candidate],
     seed: int,
@@ -34,21 +34,20 @@ def revised_by_records(
     cause that differs, or the weakest one, is left out if the others explain enough without it. A single cause may
     stand for two: the best pair is then tried in its place.
     """
-    selection, gain = _with_gain(fitter, bench, selection, seed)
-    tried = exchanged_by_records = _exchanged_by_records(fitter, bench, selection, gain, seed)
-    while len(tried[0].causes) > 1 and tried[0].is_explained and not _stands(*tried) and not fitter.effort.spent:
+    selection, gain = _with_gain(pool, bench, fitter, selection, seed)
+    tried = exchanged_by_records = _exchanged_by_records(pool, bench, fitter, selection, gain, seed)
+    while len(tried[0].causes) > 1 and tried[0].is_explained and not _stands(*tried) and not pool.spent:
         fewer = left_out(fitter, tried[0], *_least_tenable(tried[0]))
         if fewer is None:
             break
-        tried = _with_gain(fitter, bench, fewer, seed)
-    alone = len(tried[0].causes) == 1 and tried[0].is_explained
-    if alone and not _stands_in_each_record(*tried) and not fitter.effort.spent:
+        tried = _with_gain(pool, bench, fitter, fewer, seed)
+    if len(tried[0].causes) == 1 and tried[0].is_explained and not _stands_in_each_record(*tried) and not pool.spent:
         pair = paired(fitter, tried[0], candidates, seed)
-        outcome = tried if pair is None else _with_gain(fitter, bench, pair, seed)
+        outcome = tried if pair is None else _with_gain(pool, bench, fitter, pair, seed)
         tried = outcome if _stands_in_each_record(*outcome) or (_stands(*outcome) and not _stands(*tried)) else tried
     if not _stands(*tried):
         return exchanged_by_records
-    return _with_rivals_that_stand(fitter, bench, *tried, seed)
+    return _with_rivals_that_stand(pool, bench, fitter, *tried, seed)
 
 
 def _stands(selection: Selection, gain: Gain) -> bool:
@@ -62,7 +61,7 @@ def _stands_in_each_record(selection: Selection, gain: Gain) -> bool:
 
 
 def _with_rivals_that_stand(
-    fitter: Fitter, bench: Bench, selection: Selection, gain: Gain, seed: int
+    pool: Effort, bench: Bench, fitter: Fitter, selection: Selection, gain: Gain, seed: int
 ) -> tuple[Selection, Gain]:
     """Try the rivals of each cause in its place, where more than noise is left.
 
@@ -73,12 +72,12 @@ def _with_rivals_that_stand(
     several = zip(selection.causes, selection.alternatives, strict=True)
     for cause, rivals in [(c, own) for c, own in several if len(own) > 1 and selection.remainder_is_significant]:
         tenable = [rival for rival in rivals if rival.name == cause.name]
-        for wave in waves([rival for rival in rivals if rival.name != cause.name], first_alone=False):
-            if fitter.effort.spent:
+        for rival in (rival for rival in rivals if rival.name != cause.name):
+            if pool.spent:
                 return replace(selection, cut_short=True), gain
-            for rival, outcome in _each_in_its_place(fitter, bench, selection, cause, wave, "as a rival", seed):
-                if stands(*outcome) and _predicts_as_well(outcome[1], gain):
-                    tenable.append(rival)
+            outcome = _in_its_place(pool, bench, fitter, selection, cause, rival, "as a rival", seed)
+            if outcome and stands(*outcome) and _predicts_as_well(outcome[1], gain):
+                tenable.append(rival)
         selection = selection.with_rivals(tenable)
     return selection, gain
 
@@ -99,7 +98,7 @@ def _least_tenable(selection: Selection) -> tuple[Refitted, str]:
 
 
 def _exchanged_by_records(
-    fitter: Fitter, bench: Bench, selection: Selection, gain: Gain, seed: int
+    pool: Effort, bench: Bench, fitter: Fitter, selection: Selection, gain: Gain, seed: int
 ) -> tuple[Selection, Gain]:
     """Put a rival in the place of a cause that the records refute, or whose size differs from record to record.
 
@@ -112,13 +111,16 @@ def _exchanged_by_records(
     if refuted and len(selection.causes) == 1:
         groups.append((selection.causes[0], selection.runners_up[: CRITERIA.max_runners_up]))
     for cause, rivals in groups:
-        better: list[tuple[Refitted, tuple[Selection, Gain]]] = []
-        reason = ONE_SIZE if cause.name in differing else NOT_REFUTED
-        for wave in waves([rival for rival in rivals if rival.name != cause.name], first_alone=False):
-            if fitter.effort.spent:
+        better = []
+        for rival in rivals:
+            if rival.name == cause.name:
+                continue
+            if pool.spent:
                 return replace(selection, cut_short=True), gain
-            outcomes = _each_in_its_place(fitter, bench, selection, cause, wave, reason, seed)
-            better += [pair for pair in outcomes if _holds(*pair, gain, differing.get(cause.name))]
+            reason = ONE_SIZE if cause.name in differing else NOT_REFUTED
+            outcome = _in_its_place(pool, bench, fitter, selection, cause, rival, reason, seed)
+            if outcome and _holds(rival, outcome, gain, differing.get(cause.name)):
+                better.append((rival, outcome))
         if better:
             chosen = simplest([rival for rival, _ in better])
             [(selection, gain)] = [outcome for rival, outcome in better if rival is chosen]
@@ -126,26 +128,22 @@ def _exchanged_by_records(
     return selection, gain
 
 
-def _each_in_its_place(
-    fitter: Fitter,
+def _in_its_place(
+    pool: Effort,
     bench: Bench,
+    fitter: Fitter,
     selection: Selection,
     cause: Refitted,
-    rivals: Sequence[Refitted],
+    rival: Refitted,
     reason: str,
     seed: int,
-) -> list[tuple[Refitted, tuple[Selection, Gain]]]:
-    """Put each rival in the place of a cause, and test that on records held out; those that are a cause there.
+) -> tuple[Selection, Gain] | None:
+    """Put a rival in the place of a cause, and test that on records held out; None where it is no cause there.
 
     reason : why, as the end of a sentence
     """
-
-    def tested(rival: Refitted, own: Fitter) -> tuple[Selection, Gain] | None:
-        other = exchanged(own, selection, cause, rival, reason)
-        return None if other is None else _with_gain(own, bench, other, seed)
-
-    outcomes = fitter.side_by_side([partial(tested, rival) for rival in rivals])
-    return [(rival, outcome) for rival, outcome in zip(rivals, outcomes, strict=True) if outcome is not None]
+    other = exchanged(fitter, selection, cause, rival, reason)
+    return None if other is None else _with_gain(pool, bench, fitter, other, seed)
 
 
 def _holds(rival: Refitted, outcome: tuple[Selection, Gain], gain: Gain, differing: float | None) -> bool:
@@ -171,8 +169,8 @@ def _has_one_size(rival: Refitted, own: Gain, gain: Gain, variation: float) -> b
     return bool(compared) and all(a.agree and set(a.records) >= records and a.detectable <= variation for a in compared)
 
 
-def _with_gain(fitter: Fitter, bench: Bench, selection: Selection, seed: int) -> tuple[Selection, Gain]:
+def _with_gain(pool: Effort, bench: Bench, fitter: Fitter, selection: Selection, seed: int) -> tuple[Selection, Gain]:
     """Return a selection with its sizes compared from record to record, and the gain by its causes."""
     threshold = selection.rounds[0].threshold
-    gain = gained(fitter, bench, selection.null, selection.final, selection.causes, seed, threshold)
+    gain = gained(pool, bench, fitter, selection.null, selection.final, selection.causes, seed, threshold)
     return selection.with_records_compared(gain.agreements, gain.fitted_agree), gain

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -16,7 +16,6 @@ from calib.diagnosis.refit import Fitter
 from calib.diagnosis.score import Projection
 from calib.diagnosis.screening import KnownDerivatives
 from calib.diagnosis.search import Round, search
-from calib.diagnosis.side_by_side import waves
 from calib.diagnosis.suspect import Cause, Refitted, Scored, Screened, is_testable
 
 REPLACEMENT_RANK_TOLERANCE = 1e-6  # singular value over the largest, of columns of unit length  [1]
@@ -127,42 +126,27 @@ def best_pair(
     predicted = about.pairs([s.candidate for s in testable], [s.derivatives for s in testable])
     best: tuple[list[Cause], Fit] | None = None
     attained = np.inf
-    for wave in waves(_inequivalent(predicted[: CRITERIA.max_pairs]), first_alone=True):
+    tried: list[tuple[float, set[Candidate]]] = []
+    for reduction, candidates in predicted[: CRITERIA.max_pairs]:
         if best is not None and fitter.effort.spent:
             break
-        suspected = [[by_candidate[id(candidate)] for candidate in candidates] for candidates in wave]
-        tasks = [partial(_fitted_pair, null=null, about=about, pair=pair, rival=attained) for pair in suspected]
-        for pair, fit in zip(suspected, fitter.side_by_side(tasks), strict=True):
-            refitted = [suspect.refitted(fit, null.chi2 - fit.chi2) for suspect in pair] if fit.names else []
-            pairs: list[Cause] = [(cause, (cause,)) for cause in refitted]
-            if pairs and (best is None or aic(pairs, fit) < aic(*best)):
-                best, attained = (pairs, fit), fit.chi2
-    return None if best is None else (best[0], fitter.with_derivatives(best[1]))
-
-
-def _inequivalent(
-    predicted: Sequence[tuple[float, tuple[Candidate, Candidate]]],
-) -> list[tuple[Candidate, Candidate]]:
-    """Pairs of which no two have a common member and the same predicted reduction of chi-square: the first of these."""
-    different: list[tuple[float, tuple[Candidate, Candidate]]] = []
-    for reduction, pair in predicted:
-        if not any(
-            abs(reduction - other) < MAX_REDUCTION_DIFFERENCE * other and set(pair) & set(both)
-            for other, both in different
+        if any(
+            abs(reduction - other) < MAX_REDUCTION_DIFFERENCE * other and set(candidates) & both
+            for other, both in tried
         ):
-            different.append((reduction, pair))
-    return [pair for _, pair in different]
-
-
-def _fitted_pair(fitter: Fitter, null: Fit, about: "_Linear", pair: Sequence[Scored], rival: float) -> Fit:
-    """Fit two suspects from their predicted sizes, or else from where they are absent beside the calibrated model."""
-    candidates = [suspect.candidate for suspect in pair]
-    values, sizes = about.start(pair)
-    fit = fitter.fit(replace(about.final.point, values=values), candidates, sizes, rival=rival)
-    if fit.names:
-        return fit
-    absent = {name: size for candidate in candidates for name, size in candidate.absent().items()}
-    return fitter.fit(null.point, candidates, absent, rival=rival)
+            continue
+        tried.append((reduction, set(candidates)))
+        pair = [by_candidate[id(candidate)] for candidate in candidates]
+        values, sizes = about.start(pair)
+        fit = fitter.fit(replace(final.point, values=values), candidates, sizes, rival=attained)
+        if not fit.names:
+            absent = {name: size for candidate in candidates for name, size in candidate.absent().items()}
+            fit = fitter.fit(null.point, candidates, absent, rival=attained)
+        refitted = [suspect.refitted(fit, null.chi2 - fit.chi2) for suspect in pair] if fit.names else []
+        pairs: list[Cause] = [(cause, (cause,)) for cause in refitted]
+        if pairs and (best is None or aic(pairs, fit) < aic(*best)):
+            best, attained = (pairs, fit), fit.chi2
+    return None if best is None else (best[0], fitter.with_derivatives(best[1]))
 
 
 def is_pair_significant(

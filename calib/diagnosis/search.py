@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -15,7 +14,6 @@ from calib.diagnosis.prediction import Prediction
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.score import deviate
 from calib.diagnosis.screening import KnownDerivatives, screened
-from calib.diagnosis.side_by_side import waves
 from calib.diagnosis.suspect import Refitted, Scored, Screened, Suspect, cosine, is_testable, leading_variants
 
 
@@ -102,11 +100,9 @@ def search(
         rivals = rival_suspects(fitter.evidence, possible, threshold)
     latest = {id(s.candidate): s for s in refitted}
     if rivals:  # indistinguishable suspects are compared again, each with its best-fitting form
-        formed = fitter.side_by_side(
-            [partial(_with_fitted_form, suspect=s, before=before, common=common) for s in rivals]
-        )
-        latest |= {id(s.candidate): other for s, other in zip(rivals, formed, strict=True)}
-        rivals = rival_suspects(fitter.evidence, formed, threshold)
+        formed = {id(s.candidate): _with_fitted_form(fitter, s, before, common) for s in rivals}
+        latest |= formed
+        rivals = rival_suspects(fitter.evidence, list(formed.values()), threshold)
     compared = sorted((latest.get(id(s.candidate), s) for s in suspects), key=lambda s: -s.known_reduction)
     chosen = simplest(rivals) if rivals else None
     rivals = with_possible_causes(fitter.evidence, rivals, [latest[id(s.candidate)] for s in possible])
@@ -180,36 +176,25 @@ def _refits(
 ) -> tuple[list[Refitted], tuple[str, ...]]:
     """Refit the leaders, and add them to those refitted before; names of those for which the budget did not suffice.
 
-    The first alone, the others several at a time. A fit that is predicted to attain less than the best before it is
-    abandoned, but not that of a suspect that changes the records similarly to the best: the error of the prediction
-    then exceeds the final difference of the two.
+    A fit that is predicted to attain less than the best is abandoned, but not that of a suspect that changes the
+    records similarly to the best: the error of the prediction then exceeds the final difference of the two.
 
     significant : number of suspects above the threshold
     attained : chi-square that one of the candidates is known to attain
     """
-    refitted, untried, number = list(before), list[str](), 0
-    for wave in waves(leaders, first_alone=not before):
+    refitted, untried = list(before), []
+    for number, suspect in enumerate(leaders):
         fits = 2 * len(leaders) - number  # another search may follow
         fitter.effort.foresee(fitter.expected_simulations(significant, fits))
         if (number or refitted) and fitter.effort.spent:
-            untried += [suspect.name for suspect in wave]
-        else:
-            bounds = _rival_bounds(wave, refitted, base, threshold, attained)
-            tasks = [
-                partial(_refitted, base=base, suspect=suspect, threshold=threshold, rival=bound)
-                for suspect, bound in zip(wave, bounds, strict=True)
-            ]
-            refitted += [fitted for fitted in fitter.side_by_side(tasks) if fitted is not None]
-        number += len(wave)
+            untried.append(suspect.name)
+            continue
+        bound = chi2_of_a_rival(refitted, base, threshold, attained)
+        rival = np.inf if _is_similar_to_the_best(suspect, refitted) else bound
+        fitted = _refitted(fitter, base, suspect, threshold, rival)
+        if fitted is not None:
+            refitted.append(fitted)
     return refitted, tuple(dict.fromkeys(untried))
-
-
-def _rival_bounds(
-    suspects: Sequence[Suspect], refitted: Sequence[Refitted], base: Fit, threshold: float, attained: float
-) -> list[float]:
-    """Chi-square above which the fit of each suspect is abandoned; infinite for those similar to the best."""
-    bound = chi2_of_a_rival(refitted, base, threshold, attained)
-    return [np.inf if _is_similar_to_the_best(suspect, refitted) else bound for suspect in suspects]
 
 
 def _leaves_dominant_misfit(evidence: Evidence, base: Fit, refitted: Sequence[Refitted]) -> bool:
@@ -243,28 +228,19 @@ def _refits_from_the_middle(
     at_middle, _ = screened(fitter, middle, [s.candidate for s in suspects], seed)
     leaders = leading_variants(s for s in at_middle if is_testable(s) and scored[id(s.candidate)].is_testable)
     fitter.effort.foresee(fitter.expected_simulations(0, len(leaders)))
-    untried: list[str] = []
-    for wave in waves(leaders, first_alone=not refitted):
+    untried = []
+    for suspect in leaders:
         if fitter.effort.spent:
-            untried += [suspect.name for suspect in wave]
+            untried.append(suspect.name)
             continue
-        keys = [id(suspect.candidate) for suspect in wave]
-        bounds = _rival_bounds([scored[key] for key in keys], list(latest.values()), base, threshold, attained)
-        tasks = [
-            partial(_from_absence, middle=middle, suspect=suspect, rival=bound)
-            for suspect, bound in zip(wave, bounds, strict=True)
-        ]
-        for key, fit in zip(keys, fitter.side_by_side(tasks), strict=True):
-            if fit.names and fit.chi2 < (latest[key].fit if key in latest else base).chi2:
-                latest[key] = scored[key].refitted(fit, base.chi2 - fit.chi2)
+        known, key, candidate = list(latest.values()), id(suspect.candidate), suspect.candidate
+        similar = _is_similar_to_the_best(scored[key], known)
+        bound = np.inf if similar else chi2_of_a_rival(known, base, threshold, attained)
+        columns = np.column_stack([middle.columns, suspect.derivatives])
+        fit = fitter.fit(middle.point, (candidate,), candidate.absent(), columns, bound)
+        if fit.names and fit.chi2 < (latest[key].fit if key in latest else base).chi2:
+            latest[key] = scored[key].refitted(fit, base.chi2 - fit.chi2)
     return list(latest.values()), tuple(untried)
-
-
-def _from_absence(fitter: Fitter, middle: Fit, suspect: Scored, rival: float) -> Fit:
-    """Fit a suspect alone from where it is absent, and the calibrated values in the middle of their windows."""
-    candidate = suspect.candidate
-    columns = np.column_stack([middle.columns, suspect.derivatives])
-    return fitter.fit(middle.point, (candidate,), candidate.absent(), columns, rival)
 
 
 def chi2_of_a_rival(refitted: Sequence[Refitted], base: Fit, threshold: float, attained: float = np.inf) -> float:
@@ -291,10 +267,7 @@ def _refitted(fitter: Fitter, base: Fit, suspect: Screened, threshold: float, ri
     predicted = suspect.predicted_reduction
     if not fits or abs(reduction - predicted) > CRITERIA.max_nonlinearity * predicted:
         least = max(CRITERIA.min_trial_reduction * threshold**2, reduction)
-        starts = _trial_sizes(fitter, base, suspect, least)
-        fits += fitter.side_by_side(
-            [partial(_fitted, base=base, suspect=suspect, sizes=sizes, rival=rival) for sizes in starts]
-        )
+        fits += [_fitted(fitter, base, suspect, sizes, rival) for sizes in _trial_sizes(fitter, base, suspect, least)]
     best = min(fits, key=lambda fit: fit.chi2, default=None)
     return None if best is None else suspect.refitted(best, base.chi2 - best.chi2)
 
@@ -333,7 +306,7 @@ def _trial_sizes(fitter: Fitter, base: Fit, suspect: Screened, least: float) -> 
     """
     candidate = suspect.candidate
     sizes = [np.clip(x, candidate.low, candidate.high) for x in candidate.sizes]
-    trials = [trial for trial in fitter.trials(base, candidate, sizes) if trial is not None]
+    trials = [trial for x in sizes if (trial := fitter.trial(base, candidate, x)) is not None]
     trials.sort(key=lambda trial: -trial[0])
     starts = [candidate.within_scale(size) for reduction, size in trials[: CRITERIA.max_starts] if reduction > least]
     known = [_estimate(suspect)] if is_testable(suspect) else []

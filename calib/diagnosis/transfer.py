@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from scipy import stats
@@ -16,8 +15,7 @@ from calib.diagnosis.excess import bias_std, significant
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.score import Projection, Signature, deviate
-from calib.diagnosis.side_by_side import side_by_side
-from calib.diagnosis.signature import Direction, Slope, slopes
+from calib.diagnosis.signature import Direction, slopes
 from calib.study import Pool
 
 DERIVATIVE_ERROR = 0.003  # relative, of finite differences, beyond which a signature is no numerical error  [1]
@@ -153,7 +151,7 @@ def _refitted(
 
 
 def derivatives_by_record(
-    fitter: Fitter, evidence: Evidence, final: Fit, known: np.ndarray | None = None
+    pool: Pool, fitter: Fitter, evidence: Evidence, final: Fit, known: np.ndarray | None = None
 ) -> dict[str, np.ndarray]:
     """Derivatives (n, k) of each record by all parameters of the final model, then by values of its own that are fixed.
 
@@ -164,13 +162,9 @@ def derivatives_by_record(
     known : (N, k) derivatives by all parameters of the final model; None: they are computed
     """
     shared, columns_by_record = fitter.directions(final.point, final.candidates) if known is None else [], {}
-
-    def differenced(name: str, pool: Pool) -> list[Slope]:
+    for name in evidence.names:
         directions = [*shared, *_fixed_alone(fitter, final, name)]
-        return slopes(pool, evidence.only([name]), final.point, directions, fitter.steps, "none")
-
-    tasks = [partial(differenced, name) for name in evidence.names]
-    for name, own in zip(evidence.names, side_by_side(fitter.pool, tasks), strict=True):
+        own = slopes(pool, evidence.only([name]), final.point, directions, fitter.steps, "none")
         columns = [slope.column for slope in own if slope.column is not None]
         if len(columns) == len(own):
             first = [] if known is None else [known[evidence.of(name)]]

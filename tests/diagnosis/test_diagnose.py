@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -23,7 +22,7 @@ from calib.diagnosis.serialise import diagnosis_result
 from calib.diagnosis.suspect import Scored
 from calib.diagnosis.transfer import Agreement
 from calib.diagnosis.verdict import _alternatives, joined, verdict_of
-from calib.execution.pool import InProcess, LocalPool
+from calib.execution.pool import InProcess
 from calib.modelling.model import Model
 from calib.modelling.parameter import Space, Window
 from calib.modelling.simulator import Request
@@ -103,13 +102,11 @@ def study(known, model=OSCILLATOR):
     return CalibrationStudy("small", model, space, Objective(scored, [term]), None, 9)
 
 
-def diagnosed(
-    known, library=LIBRARY, model=OSCILLATOR, budget=None, pool=InProcess, on_progress=lambda *state: None, **changed
-):
+def diagnosed(known, library=LIBRARY, model=OSCILLATOR, budget=None, on_progress=lambda *state: None, **changed):
     made = study(known, model)
     others = {name: reference for name, reference in known.items() if reference.use != "calibrate"}
     values = {**model.nominal, **TRUTH, "damping": 2.5, "stiffness": 3950.0, **changed}
-    options = {"seed": 3, "pool": pool, "budget": Budget.of(budget), "on_progress": on_progress}
+    options = {"seed": 3, "pool": InProcess, "budget": Budget.of(budget), "on_progress": on_progress}
     return diagnose(made, others, values, effects(*library), **options)
 
 
@@ -390,17 +387,6 @@ def test_a_budget_that_is_spent_ends_the_search_and_what_was_not_tried_is_said(g
     assert "the budget was spent" in short.summary
     assert as_dict(short)["cut_short"]
     assert "the budget" not in gross.summary
-
-
-@pytest.mark.parametrize("budget", [None, "60"])
-def test_nothing_depends_on_the_number_of_processes(gross, budget):
-    """Several fits run side by side in either case, and the budget is asked for between the same ones."""
-    known = changing(3e6, 1e-4, 5e-4)
-    alone = gross if budget is None else diagnosed(known, budget=budget)
-    both = diagnosed(known, budget=budget, pool=partial(LocalPool, jobs=2))
-    assert alone.selection.cut_short == (budget is not None)
-    one, other = as_dict(alone), as_dict(both)
-    assert {**one, "seconds": 0.0} == {**other, "seconds": 0.0}
 
 
 def test_the_number_of_simulations_is_foreseen_to_a_factor_of_two(cubic):

@@ -1,7 +1,5 @@
 """Fits of small models whose least-squares answers are known."""
 
-from dataclasses import replace
-from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -78,24 +76,6 @@ def test_where_the_motion_fails_there_is_a_reason_and_no_parameter():
     seen = {"record": SimulatedRows(decaying(START)[None], np.ones(TIME.size))}
     fit = fitter.fit(Point(START, (), seen))
     assert (fit.names, fit.reason) == ((), "its simulation fails at the start")
-
-
-def test_fits_side_by_side_know_nothing_of_each_other():
-    """Each takes steps of differences of its own; afterwards the latest of them count, in the order of the tasks."""
-    fitter, fit, _ = fitted(decaying)
-    before = dict(fitter.steps)
-    starts = [replace(fit.point, values={**START, "rate": rate}) for rate in (0.3, 0.6, 0.9)]
-    alone = []
-    for start in starts:
-        own, _, _ = fitted(decaying)
-        alone.append((own.fit(start), own.steps))
-    together = fitter.side_by_side([partial(Fitter.fit, start=start) for start in starts])
-    for (one, _), other in zip(alone, together, strict=True):
-        np.testing.assert_array_equal(one.residual, other.residual)
-    assert before != fitter.steps == alone[-1][1]
-    done = fitter.effort.done
-    assert fitter.side_by_side([lambda own: own.steps == fitter.steps]) == [True]
-    assert fitter.effort.done == done
 
 
 @pytest.mark.parametrize(
