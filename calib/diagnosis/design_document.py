@@ -7,18 +7,24 @@ from calib.errors import CalibError
 
 
 @dataclass(frozen=True, kw_only=True)
-class DesignPointResult:
-    """A measurement that was simulated; `calib.diagnosis.measurement.EvaluatedPoint` says what each field is.
-
-    Amplitudes are in the unit of the excitation, frequencies in Hz, displacements of release in m. `z` is the predicted
-    separation of the two least distinguishable models, `z_max` that of the two most distinguishable.
-    """
+class SettingsResult:
+    """Settings of a test: amplitude in the unit of the excitation, frequencies in Hz, displacement of release in m."""
 
     test: str
     amplitude: float | None = None
     frequency: float | None = None
     end_frequency: float | None = None
     release: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class DesignPointResult(SettingsResult):
+    """A measurement that was simulated; `calib.diagnosis.measurement.EvaluatedPoint` says what each field is.
+
+    `z` is the predicted separation of the two least distinguishable models, `z_max` that of the two most
+    distinguishable.
+    """
+
     stage: str
     status: str
     reason: str = ""
@@ -63,7 +69,7 @@ class DesignResult:
 
 
 @dataclass(frozen=True, kw_only=True)
-class MeasurementResult:
+class MeasurementResult(SettingsResult):
     """The best measurement of a kind of test; `calib.diagnosis.measurement.Measurement` says what each field is.
 
     `z` and `z_max` are the predicted separations of the two least and the two most distinguishable models, `z_refit`
@@ -71,10 +77,6 @@ class MeasurementResult:
     """
 
     test: str = ""
-    amplitude: float | None = None
-    frequency: float | None = None
-    end_frequency: float | None = None
-    release: float | None = None
     kind: str
     description: str
     record: str = ""
@@ -90,7 +92,7 @@ class MeasurementResult:
     prediction: str = ""
 
 
-def setting_of(measurement: DesignPointResult | MeasurementResult, name: str) -> float:
+def setting_of(measurement: SettingsResult, name: str) -> float:
     """Return the "amplitude", "frequency" or "release" of a measurement that has one.
 
     Raises

@@ -19,19 +19,15 @@ def refuse_other_files(path: Path) -> None:
 
     Raises
     ------
-    CalibError : not a readable file, a link that is not a plain one, a group, or data that lie in other files
+    CalibError : a link that is not a plain one, a group, or data that lie in other files
+    OSError, RuntimeError, KeyError, UnicodeDecodeError : no HDF5 file, or a damaged one
     """
     with open(path, "rb") as stored:
         if stored.read(len(CLASSIC_SIGNATURE)) == CLASSIC_SIGNATURE:
             return
-    try:
-        with h5py.File(path, "r") as file:
-            for name in file:
-                _check(file, name, f"{path}: {name}")
-    except (OSError, KeyError, RuntimeError, UnicodeDecodeError) as error:
-        raise CalibError(
-            f"{path}: not a readable netCDF file (no HDF5 file, or a damaged one): {error}; make it again"
-        ) from error
+    with h5py.File(path, "r") as file:
+        for name in file:
+            _check(file, name, f"{path}: {name}")
 
 
 def _check(file: h5py.File, name: str, where: str) -> None:

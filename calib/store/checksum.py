@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 KEY = "crc32"  # its value is that of the line without this key and without the line end
-_MARK = b',"crc32":'
+_MARK = f',"{KEY}":'.encode()
 
 
 def sealed(text: str) -> bytes:

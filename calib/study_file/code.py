@@ -12,7 +12,7 @@ from calib import plugins
 from calib.study_file.schema import StudyToml
 from calib.study_file.session_code import session_digest
 
-SCRIPT = "__main__"
+SCRIPT = "__main__"  # module of what a script defines that is being run
 
 
 def used_code(shape: StudyToml, folder: Path | None) -> dict[str, str]:
