@@ -13,6 +13,7 @@ from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.excess import bias_std, chi2_std, excess_chi2, significant
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.gathering import gathered
+from calib.diagnosis.harmonic_excess import harmonic_excess, model_error_chi2
 from calib.diagnosis.part import Part
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.score import Projection
@@ -251,10 +252,11 @@ def _sizes(transfers: tuple[Transfer, ...], threshold: float) -> _Sizes:
 
 def _shifts(fitter: Fitter, null: Fit, final: Fit) -> tuple[Shift, ...]:
     """Changes of the calibrated parameters whose standard errors are finite."""
-    remaining, after = excess_chi2(fitter.evidence, final), final.error(null.names)
-    if significant(remaining, chi2_std(fitter.evidence)):
-        after = np.hypot(after, [bias_std(remaining, final.information(name)) for name in null.names])
-    errors = zip(null.names, null.error(null.names), after, strict=True)
+    evidence = fitter.evidence
+    harmonics = harmonic_excess(evidence, final)
+    model_error = model_error_chi2(excess_chi2(evidence, final), chi2_std(evidence), harmonics)
+    biases = [bias_std(model_error, final.information(name)) for name in null.names]
+    errors = zip(null.names, null.error(null.names), np.hypot(final.error(null.names), biases), strict=True)
     parameters = fitter.model.parameters
     return tuple(
         Shift(

@@ -10,6 +10,7 @@ from calib.diagnosis.constancy import CHANNELS, RECORDS, Constancy, differing
 from calib.diagnosis.elimination import LeftOut
 from calib.diagnosis.excess import bias_std, significant
 from calib.diagnosis.fit import Fit
+from calib.diagnosis.harmonic_excess import UNTESTED, HarmonicExcess, model_error_chi2
 from calib.diagnosis.search import Round
 from calib.diagnosis.suspect import Refitted, leading_variants
 from calib.diagnosis.transfer import Agreement
@@ -43,6 +44,7 @@ class Selection:
     is_explained : whether only noise is left, or each cause explains several times the remainder
     excess_chi2, remaining_chi2 : excess chi-square of the calibrated and of the final model
     chi2_std : standard deviation of the chi-square of noise alone
+    harmonics : excess chi-square of the final model in the low harmonics of steady tones
     constancy : how much the size of each cause differs among the channels of the records, and from record to record
     record_spread : parameter of a cause on which the records do not agree -> standard deviation of the mean of their
         sizes, relative to that  [1]
@@ -64,6 +66,7 @@ class Selection:
     excess_chi2: float
     remaining_chi2: float
     chi2_std: float
+    harmonics: HarmonicExcess = UNTESTED
     constancy: tuple[Constancy, ...] = ()
     record_spread: Mapping[str, float] = field(default_factory=dict)
     fitted_records_agree: bool = True
@@ -82,6 +85,7 @@ class Selection:
             alternatives=(),
             is_explained=not self.is_significant,
             remaining_chi2=self.excess_chi2,
+            harmonics=UNTESTED,
             constancy=(),
             record_spread={},
             fitted_records_agree=True,
@@ -103,6 +107,11 @@ class Selection:
     def remainder_is_significant(self) -> bool:
         """Whether the causes leave more than noise."""
         return significant(self.remaining_chi2, self.chi2_std)
+
+    @property
+    def model_error_chi2(self) -> float:
+        """Chi-square of the model error that the causes leave; 0 where what they leave may be noise."""
+        return model_error_chi2(self.remaining_chi2, self.chi2_std, self.harmonics)
 
     @property
     def heterogeneous(self) -> tuple[Constancy, ...]:
@@ -131,12 +140,10 @@ class Selection:
     def bias_std(self, fit: Fit, name: str) -> float:
         """Standard deviation of the bias of a parameter of a fit by the model error  [its unit].
 
-        By the remainder, where that is more than noise, and by the variation of the parameter among records.
+        By what is left of that, and by the variation of the parameter among records.
         """
         spread = self.record_spread.get(name, 0.0) * abs(fit.value(name))
-        if not self.remainder_is_significant:
-            return spread
-        return math.hypot(spread, bias_std(self.remaining_chi2, fit.information(name)))
+        return math.hypot(spread, bias_std(self.model_error_chi2, fit.information(name)))
 
     def with_records_compared(self, agreements: Sequence[Agreement], fitted_agree: bool = True) -> "Selection":
         """Return the selection with the constancy of its causes from record to record, by the sizes of each alone.

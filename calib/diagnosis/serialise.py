@@ -38,6 +38,7 @@ from calib.diagnosis.document import (
     TransferResult,
 )
 from calib.diagnosis.evidence import Evidence
+from calib.diagnosis.fit import Fit
 from calib.diagnosis.gain import Gain
 from calib.diagnosis.measurement import DECISIVE_Z, Measurement
 from calib.diagnosis.misfit import Misfit
@@ -222,18 +223,28 @@ def _misfit(selection: Selection, deviations: Misfit) -> MisfitResult:
 
 
 def _remainder(selection: Selection, evidence: Evidence) -> RemainderResult:
-    """The remaining misfit: its share, whether it is above the noise, and the part of each row in it."""
-    final, rows = selection.final, []
-    for part in evidence.parts:
-        residual = final.residual[evidence.of(part.name)].reshape(part.measured.shape)
-        for (body, channel), row, weight in zip(part.rows, residual, part.weight, strict=True):
-            beyond = max(0.0, float(row @ row) - float((weight**2).sum()))
-            rows.append(RemainderRow(part.name, body, channel, beyond))
+    """The remaining misfit: its share, whether it is above the noise, and the part of each row in it.
+
+    In the low harmonics of a row, where only those show that there is a model error.
+    """
+    in_harmonics = selection.model_error_chi2 > 0.0 and not selection.remainder_is_significant
+    names = [(part.name, body, channel) for part in evidence.parts for body, channel in part.rows]
+    excess = selection.harmonics.rows if in_harmonics else _excess_by_row(evidence, selection.final)
+    rows = [RemainderRow(*name, max(0.0, float(row))) for name, row in zip(names, excess, strict=True)]
     return RemainderResult(
         share=selection.remaining_chi2 / selection.excess_chi2 if selection.is_significant else None,
-        above_noise=selection.remainder_is_significant,
+        above_noise=selection.model_error_chi2 > 0.0,
         rows=tuple(rows),
     )
+
+
+def _excess_by_row(evidence: Evidence, fit: Fit) -> list[float]:
+    """Chi-square of each row of all records beyond its number of residuals that count."""
+    excess = []
+    for part in evidence.parts:
+        residual = fit.residual[evidence.of(part.name)].reshape(part.measured.shape)
+        excess += [float(row @ row) - float((w**2).sum()) for row, w in zip(residual, part.weight, strict=True)]
+    return excess
 
 
 def _joint_size(cause: Suspect, selection: Selection) -> JointSize:

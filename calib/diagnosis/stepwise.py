@@ -9,6 +9,7 @@ from calib.diagnosis.constancy import constancies
 from calib.diagnosis.elimination import Elimination, eliminated
 from calib.diagnosis.excess import chi2_std, degrees_of_freedom, significant
 from calib.diagnosis.fit import Fit
+from calib.diagnosis.harmonic_excess import harmonic_excess
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.screening import KnownDerivatives
 from calib.diagnosis.search import Round
@@ -87,6 +88,7 @@ def as_selection(fitter: Fitter, state: StepwiseState) -> Selection:
         excess_chi2=excess,
         remaining_chi2=final.chi2_over(common) - degrees_of_freedom(common, final),
         chi2_std=std,
+        harmonics=harmonic_excess(fitter.evidence, final),
         constancy=constancies(fitter.evidence, final) if causes else (),
         exchanges=state.exchanges,
         left_out=tuple(one for one in elimination.left_out if one.effect not in named) if elimination else (),

@@ -13,6 +13,7 @@ from hidden.information import Bench
 from hidden.laboratory import Laboratory
 from hidden.motion import Refused
 from hidden.noise import coloured
+from hidden.remainder import EXPRESSED
 from hidden.remainder import remainder as drawn_remainder
 from hidden.sensors import CONVERTER, converted
 from hidden.system import Plan
@@ -123,6 +124,9 @@ def hide(
         beside = at.remainder_z(more, seen)
         if min(z.values()) < LEAST_OVER_REMAINDER * beside:
             raise Refused(f"beside {' and '.join(effects)} {kind!r} has z = {beside:.0f}")
+        cosine = at.imitated_beside(more, seen) if seen else 0.0
+        if cosine >= EXPRESSED:
+            raise Refused(f"beside {' and '.join(effects)} more of it expresses {kind!r} (|cos| = {cosine:.2f})")
     share = values.get("outlier_share", 0.0)
     acting = {name: value for name, value in (values | more).items() if name != "outlier_share"}
     folder = Path(folder)

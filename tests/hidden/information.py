@@ -22,6 +22,7 @@ ALIKE = 0.05  # singular value, over the largest, below which two signatures of 
 ABSORBED = 1e-4  # share of an effect beyond what calibration imitates, below which nothing is left
 ABSURD = 0.5  # change of a channel by an effect, relative to its rms, that nobody would overlook
 CLOSE = 0.02  # of the wanted z
+RELATIVE_STEP = 1e-3  # of derivatives by parameters of what is there
 REFITS, REFITTED = 6, 0.003  # steps of a calibration, and the relative change of z at which it ends
 ROUNDS = 16
 HARMONICS = 40  # of the mean of what is rounded
@@ -177,10 +178,7 @@ class Bench:
         """Derivative (m, p) of all records by what calibration changes: its parameters, and beginnings not known."""
         columns = []
         for name in self.system.windows:
-            value = self.system.truth[name]
-            step = self.system.step
-            ahead, behind = ({name: value * (1.0 + sign * step)} for sign in (1.0, -1.0))
-            columns.append(self._between(ahead, behind) / (2.0 * step * value))
+            columns.append(self._secant({}, name, self.system.step * self.system.truth[name]))
         for plan in self.plans:
             if plan.name in self.trigger:
                 parts = [np.zeros(self.clean(p).rows.size) for p in self.plans]
@@ -233,6 +231,33 @@ class Bench:
         """Length in the noise, beyond calibration, of what these hidden parameters [SI] change beside others."""
         changed = self._between({"hidden": {**beside, **hidden}}, {"hidden": dict(beside)})
         return float(np.linalg.norm(self.beyond(changed)))
+
+    def imitated_beside(self, hidden: Mapping[str, float], beside: Mapping[str, float]) -> float:
+        """How well other sizes of what is there imitate what these hidden parameters [SI] change beside it.
+
+        |cos| beyond calibration, in [0, 1], with all derivatives where `beside` is there; `imitations` takes those
+        where nothing is.
+        """
+        windows = {name: self.system.truth[name] for name in self.system.windows}
+        typical = max(map(abs, beside.values()))
+        columns = [self._secant({"hidden": beside}, name, self.system.step * value) for name, value in windows.items()]
+        for name, value in beside.items():
+            step = RELATIVE_STEP * (abs(value) or typical)
+            ahead, behind = ({"hidden": {**beside, name: value + sign * step}} for sign in (1.0, -1.0))
+            columns.append(self._between(ahead, behind) / (2.0 * step))
+        unit = np.column_stack(columns)
+        unit /= np.maximum(np.linalg.norm(unit, axis=0), np.finfo(float).tiny)
+        calibrated = np.linalg.qr(unit[:, : len(windows)])[0]
+        changed = self._between({"hidden": {**beside, **hidden}}, {"hidden": dict(beside)})
+        changed, unit = (both - calibrated @ (calibrated.T @ both) for both in (changed, unit[:, len(windows) :]))
+        imitation = unit @ np.linalg.lstsq(unit, changed)[0]
+        return float(np.linalg.norm(imitation) / np.linalg.norm(changed))
+
+    def _secant(self, at: Mapping, name: str, step: float) -> np.ndarray:
+        """Derivative of all records by a calibrated value, taken over two steps."""
+        value = self.system.truth[name]
+        ahead, behind = ({**at, name: value + sign * step} for sign in (1.0, -1.0))
+        return self._between(ahead, behind) / (2.0 * step)
 
     def drift_z(self, drift: float) -> float:
         """Length in the noise, beyond calibration, of what a share `drift` by which clocks are fast does."""

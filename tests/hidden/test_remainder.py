@@ -70,6 +70,15 @@ def test_two_effects_together_imitate_more_than_either(oscillator):
     assert np.isnan(absorbed)  # damping is calibrated
 
 
+def test_how_well_more_of_an_effect_imitates_a_remainder_beside_it_is_known(oscillator):
+    at = oscillator
+    beside, more = (at.hidden("cubic_stiffness", size) for size in (0.3, 0.31))
+    assert at.imitated_beside(more, beside) == pytest.approx(1.0, abs=0.01)
+    valve = scaled(at, "valve", 0.005, np.random.default_rng(3))
+    assert at.imitated_beside(valve, beside) < 0.9
+    assert at.imitated_beside(valve, at.hidden("channel_offset", 1e-6)) < at.imitated_beside(valve, beside)
+
+
 def test_the_coupling_of_two_bodies_pushes_none_of_them_without_the_other():
     mass, at = spring_drive(FOUR_DOF, 1.0)[0], plant(FOUR_DOF, PLANS[0])
     moved = np.array([0.0, -1e-3, 2e-3, 0, 0, 0, 0, 0])
