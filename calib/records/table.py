@@ -1,34 +1,24 @@
 """A measured table (delimited text, JSON or MATLAB v5) as a record."""
 
-import csv
-import io
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
-from scipy.io import loadmat
-from scipy.io.matlab import MatReadError
 
 from calib import records
 from calib.errors import CalibError, nearest
 from calib.execution.files import verified
+from calib.records.delimited import read_text
 from calib.records.excitation import UNITS as EXCITATION_UNITS
 from calib.records.excitation import Excitation, Quantity
 from calib.records.filter import low_pass
+from calib.records.matlab import read_matlab
+from calib.records.sheet import Sheet
 from calib.units import is_si, to_si
-
-
-class UnknownColumn(CalibError):
-    """A column that the file does not have."""
-
-    def __init__(self, column: str | int, message: str):
-        super().__init__(message)
-        self.column = column
 
 
 @dataclass(frozen=True)
@@ -146,24 +136,24 @@ def read(table: Table) -> tuple[xr.Dataset, Excitation | None]:
         a unit that does not fit, samples that the file does not have
     """
     checksum = verified(table.path, table.sha256, table.origin)
-    sheet = _sheet(table, table.path.read_bytes())
-    time = _time(table, sheet)
-    selected = np.arange(table.first, sheet.last, table.decimate) - sheet.begin
+    samples = _samples(table, table.path.read_bytes())
+    time = _time(table, samples)
+    selected = np.arange(table.first, samples.last, table.decimate) - samples.begin
     bodies = list(dict.fromkeys(c.body for c in table.channels))
     with _naming(table.path):
         units = {c.channel: si_unit(c) for c in table.channels}
 
-    channels = _channels(table, sheet, time, bodies, units)
+    channels = _channels(table, samples, time, bodies, units)
     record = records.make(
         time[selected],
         bodies,
         {name: rows[:, selected] for name, rows in channels.items()} | _sigmas(table, bodies, units),
         units,
-        source=f"{table.path.name}, samples {table.first} to {sheet.last}, sha256 {checksum}",
+        source=f"{table.path.name}, samples {table.first} to {samples.last}, sha256 {checksum}",
     )
     if table.drive is None:
         return records.check(record, str(table.path)), None
-    value = _si(table.drive, sheet)
+    value = _si(table.drive, samples)
     excitation = _excitation(table.drive, time, value)
     record["excitation"] = ("time", value[selected], {"units": excitation.unit})
     record.attrs |= {"place": excitation.place, "quantity": excitation.quantity}
@@ -174,51 +164,23 @@ def read(table: Table) -> tuple[xr.Dataset, Excitation | None]:
     return records.check(record, str(table.path)), excitation
 
 
-Cells = Sequence[Any] | np.ndarray  # of a column, not yet known to be numbers
-
-
 @dataclass(frozen=True)
-class _Sheet:
-    """The columns of a file and the samples that are read: `begin` to `end`; the record ends at `last`."""
+class _Samples:
+    """The samples of a sheet that are read: `begin` to `end`; the record ends at `last`."""
 
-    path: Path
-    columns: Mapping[str | int, Cells]
-    lines: Sequence[int] | None  # line number of each sample, of a text
-    unfit: Mapping[str | int, str] = field(default_factory=dict)  # what else the file names, and what that is
-    begin: int = 0
-    last: int = 0
-    end: int = 0
-
-    def find(self, column: str | int) -> Cells:
-        """Cells of a column."""
-        if column in self.columns:
-            return self.columns[column]
-        if column in self.unfit:
-            raise CalibError(f"{self.path}: column {column!r} is {self.unfit[column]}")
-        names = [c for c in self.columns if isinstance(c, str)]
-        size = sum(isinstance(c, int) for c in self.columns)
-        known = f"the columns are {names}" if names else f"the file has no header, only columns 1 to {size}"
-        if names and isinstance(column, int):
-            known = f"the table has {size} columns: {names}" if size else f"its columns have names: {names}"
-        raise UnknownColumn(
-            column, f"{self.path}: there is no single column {column!r}{nearest(str(column), names)}; {known}"
-        )
+    sheet: Sheet
+    begin: int
+    last: int
+    end: int
 
     def numbers(self, column: str | int) -> np.ndarray:
         """Numbers (end - begin,) of a column."""
-        cells = self.find(column)[self.begin : self.end]
-        values = np.array([float(c) if _is_number(c) else np.nan for c in cells])
-        bad = ~np.isfinite(values)
-        if bad.any():
-            at = int(np.argmax(bad))
-            where = f"line {self.lines[self.begin + at]}" if self.lines else f"sample {self.begin + at}"
-            raise CalibError(f"{self.path}, {where}: expected a number in column {column!r}, got {cells[at]!r}")
-        return values
+        return self.sheet.numbers(column, self.begin, self.end)
 
 
-def _sheet(table: Table, content: bytes) -> _Sheet:
+def _samples(table: Table, content: bytes) -> _Samples:
     """Return the file's columns, cut to the samples that are asked for and their margin."""
-    sheet = {".mat": _matlab, ".json": _json}.get(table.path.suffix.lower(), _text)(table.path, content)
+    sheet = {".mat": read_matlab, ".json": _json}.get(table.path.suffix.lower(), read_text)(table.path, content)
     used = [c.column for c in (*table.channels, table.time, table.drive) if c is not None]
     sizes = {column: len(sheet.find(column)) for column in used}
     if len(set(sizes.values())) > 1:
@@ -227,47 +189,14 @@ def _sheet(table: Table, content: bytes) -> _Sheet:
     last = size if table.last is None else table.last
     if not table.first < last <= size:
         raise CalibError(f"{table.path}: samples {table.first} to {last} were asked for, but the file has {size}")
-    return replace(sheet, begin=max(0, table.first - table.margin), last=last, end=min(size, last + table.margin))
+    return _Samples(sheet, begin=max(0, table.first - table.margin), last=last, end=min(size, last + table.margin))
 
 
-def _text(path: Path, content: bytes) -> _Sheet:
-    """Columns of a delimited text, by position from 1 and by name where a header gives it to one column only."""
-    try:
-        lines = content.decode("utf-8-sig").splitlines()
-    except UnicodeDecodeError as error:
-        raise CalibError(f"{path}: not a text file in UTF-8 ({error}); a MATLAB file needs the suffix .mat") from error
-    numbered = [(i, line.strip(" ")) for i, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
-    if not numbered:
-        raise CalibError(f"{path}: the file holds no rows")
-    delimiter = next((d for d in ";\t," if d in numbered[0][1]), " ")
-    rows = list(csv.reader((line for _, line in numbered), delimiter=delimiter, skipinitialspace=True))
-    numbers = [i for i, _ in numbered]
-    if len(rows) != len(numbers):
-        raise CalibError(f"{path}: a quotation mark is not closed in its line; mend it")
-    for i, row in zip(numbers, rows, strict=True):
-        if len(row) != len(rows[0]):
-            raise CalibError(f"{path}, line {i}: expected {len(rows[0])} cells as in line {numbers[0]}, got {len(row)}")
-    names = [cell.strip() for cell in rows[0]]
-    header = any(name and not _is_number(name) for name in names)
-    columns: dict[str | int, Cells] = dict(enumerate(zip(*rows[header:], strict=True), 1))
-    if header and columns:
-        columns |= {name: columns[i] for i, name in enumerate(names, 1) if name and names.count(name) == 1}
-    return _Sheet(path, columns, numbers[header:])
-
-
-def _is_number(cell: Any) -> bool:
-    try:
-        float(cell)
-    except (ValueError, TypeError):
-        return False
-    return True
-
-
-def _json(path: Path, content: bytes) -> _Sheet:
+def _json(path: Path, content: bytes) -> Sheet:
     """Columns, by position from 1, of a JSON list of rows, alone or as the only such member of an object."""
     try:
         document = json.loads(content)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise CalibError(f"{path}: not a readable JSON file ({error})") from error
     members = list(document.values()) if isinstance(document, dict) else [document]
     tables = [m for m in members if isinstance(m, list) and m and all(isinstance(row, list) for row in m)]
@@ -277,53 +206,16 @@ def _json(path: Path, content: bytes) -> _Sheet:
     for i, row in enumerate(rows):
         if len(row) != len(rows[0]):
             raise CalibError(f"{path}, sample {i}: expected {len(rows[0])} cells as in sample 0, got {len(row)}")
-    return _Sheet(path, dict(enumerate(zip(*rows, strict=True), 1)), None)
+    return Sheet(path, dict(enumerate(zip(*rows, strict=True), 1)), None)
 
 
-def _matlab(path: Path, content: bytes) -> _Sheet:
-    """Return the vectors of numbers of a MATLAB v5 file by name, those in a cell array by the name of their cell."""
-    try:
-        variables = loadmat(io.BytesIO(content))
-    except NotImplementedError as error:
-        raise CalibError(f"{path}: MATLAB 7.3 files are not read; save it with `save -v7`") from error
-    except (MatReadError, ValueError, TypeError, OSError) as error:
-        raise CalibError(f"{path}: not a readable MATLAB v5 file ({error})") from error
-    arrays = {name: value for name, value in variables.items() if isinstance(value, np.ndarray)}
-    arrays |= {name: cell for key, value in arrays.items() for name, cell in _cells(key, value).items()}
-    columns = {name: value.ravel() for name, value in arrays.items() if _is_vector(value)}
-    return _Sheet(path, columns, None, unfit={n: _described(n, v) for n, v in arrays.items() if n not in columns})
-
-
-def _cells(name: str, array: np.ndarray) -> dict[str, np.ndarray]:
-    """Arrays in a cell array by the names that MATLAB gives them, ``"x{3,2}"``; none of another array."""
-    if array.dtype.kind != "O":
-        return {}
-    indices = (",".join(str(i + 1) for i in index) for index in np.ndindex(array.shape))
-    pairs = zip(indices, array.flat, strict=True)
-    return {f"{name}{{{index}}}": cell for index, cell in pairs if isinstance(cell, np.ndarray)}
-
-
-def _is_vector(array: np.ndarray) -> bool:
-    """Whether an array is a row or a column of numbers."""
-    return array.dtype.kind in "buif" and sorted(array.shape)[:-1] == [1] * (array.ndim - 1) and array.size > 1
-
-
-def _described(name: str, array: np.ndarray) -> str:
-    """Describe an array that is not a column."""
-    shape = " x ".join(map(str, array.shape))
-    if array.dtype.kind == "O":
-        return f"a cell array of {shape}; name one of its cells, such as '{name}{{1,1}}'"
-    kind = "numbers" if array.dtype.kind in "buif" else "text" if array.dtype.kind in "US" else "no numbers"
-    return f"an array of {shape}, {kind}; a column is one row or one column of numbers"
-
-
-def _time(table: Table, sheet: _Sheet) -> np.ndarray:
+def _time(table: Table, samples: _Samples) -> np.ndarray:
     """Time (end - begin,) [s], 0 at the first sample of the record."""
     clock = table.clock
     if not isinstance(clock, TimeColumn):
-        return (np.arange(sheet.begin, sheet.end) - table.first) / clock
-    time = sheet.numbers(clock.column) * to_si(f"1 {clock.unit}", "s")
-    return time - time[table.first - sheet.begin]
+        return (np.arange(samples.begin, samples.end) - table.first) / clock
+    time = samples.numbers(clock.column) * to_si(f"1 {clock.unit}", "s")
+    return time - time[table.first - samples.begin]
 
 
 def si_unit(column: Channel | ExcitationColumn) -> str:
@@ -370,22 +262,22 @@ def _naming(path: Path) -> Iterator[None]:
         raise CalibError(f"{path}, {error}") from error
 
 
-def _si(column: Channel | ExcitationColumn, sheet: _Sheet) -> np.ndarray:
+def _si(column: Channel | ExcitationColumn, samples: _Samples) -> np.ndarray:
     """Numbers (end - begin,) of the column in SI."""
-    with _naming(sheet.path):
+    with _naming(samples.sheet.path):
         factor = si_factor(column)
-    return factor * sheet.numbers(column.column)
+    return factor * samples.numbers(column.column)
 
 
 def _channels(
-    table: Table, sheet: _Sheet, time: np.ndarray, bodies: Sequence[str], units: Mapping[str, str]
+    table: Table, samples: _Samples, time: np.ndarray, bodies: Sequence[str], units: Mapping[str, str]
 ) -> dict[str, np.ndarray]:
     """Return each channel (body, end - begin) in SI, low-passed."""
     columns = {}
     for c in table.channels:
         if (c.channel, c.body) in columns:
             raise CalibError(f"{table.path}: two columns are {c.channel} of body {c.body!r}; keep one")
-        columns[c.channel, c.body] = _si(c, sheet)
+        columns[c.channel, c.body] = _si(c, samples)
     rows = {name: _rows(table.path, name, columns, bodies) for name in units}
     return rows if table.cutoff is None else {name: low_pass(x, time, table.cutoff) for name, x in rows.items()}
 

@@ -16,6 +16,7 @@ from calib.modelling.simulator import Request, Simulator
 from calib.objective import Reference
 from calib.records import read, rename_bodies, table
 from calib.records.excitation import Excitation, Quantity, unit_of
+from calib.records.sheet import UnknownColumn
 from calib.study import check_solvable
 from calib.study_file.mistakes import Mistakes
 from calib.study_file.schema import ExcitationTable, RecordTable, StudyToml, TableTable
@@ -59,7 +60,7 @@ def _reference(
         elif readable:
             try:
                 record, excitation = table.read(_table(entry.table, drive, file))
-            except table.UnknownColumn as error:
+            except UnknownColumn as error:
                 mistakes.add((*key, *_place_of(entry.table, error.column)), str(error))
     if record is None:
         return None

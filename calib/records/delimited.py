@@ -1,0 +1,136 @@
+"""Delimited text as rows of cells."""
+
+import csv
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from calib.errors import CalibError
+from calib.records.sheet import Cells, Sheet, is_number
+
+SEPARATORS = ";\t,"  # looked for in the first row, in this order; else blanks
+BLANK = " "
+
+
+@dataclass(frozen=True)
+class TextLayout:
+    """How delimited text is laid out.
+
+    Attributes
+    ----------
+    separator : between the cells of a row; None: semicolon, tab, comma or blanks, as found in the first row
+    decimal : "." or ","; a decimal comma is not looked for as a separator
+    comment : characters, each of which at the beginning of a line makes it a comment
+    skip : lines at the beginning that are not looked at
+    header : lines before the first row of numbers, of which the first holds the names of the columns; None: one where
+        it holds anything but numbers, else none
+    """
+
+    separator: str | None = None
+    decimal: str = "."
+    comment: str = "#"
+    skip: int = 0
+    header: int | None = None
+
+    def separator_of(self, line: str) -> str:
+        """Separator that is stated, or found in a line."""
+        candidates = SEPARATORS.replace(self.decimal, "")
+        return self.separator or next((one for one in candidates if one in line), BLANK)
+
+    def plain(self, cell: str) -> str:
+        """Return the text of a number with a decimal point."""
+        return cell if self.decimal == "." else cell.replace(self.decimal, ".")
+
+
+@dataclass(frozen=True)
+class DelimitedRows:
+    """Rows of a delimited text.
+
+    Attributes
+    ----------
+    names : cells of the first line of the header; None where there is no header
+    rows : line number, counted from 1, and cells of each row below the header
+    """
+
+    names: Sequence[str] | None
+    rows: Iterator[tuple[int, list[str]]]
+
+
+def delimited_rows(path: Path, lines: Iterable[str], layout: TextLayout) -> DelimitedRows:
+    """Cut lines of text into rows of cells, all of one length, one after the other as they are asked for.
+
+    Raises
+    ------
+    CalibError : no rows, ragged rows (as they are met), a quotation mark that is not closed in its line
+    """
+    rows = _cut(path, lines, layout)
+    first = next(rows, None)
+    if first is None:
+        raise CalibError(f"{path}: the file holds no rows")
+    names = [cell.strip() for cell in first[1]]
+    found = int(any(name and not is_number(layout.plain(name)) for name in names))
+    header = found if layout.header is None else layout.header
+    if header == 0:
+        return DelimitedRows(None, _of_one_length(path, itertools.chain([first], rows), first))
+    return DelimitedRows(names, _of_one_length(path, itertools.islice(rows, header - 1, None), first))
+
+
+def read_text(path: Path, content: bytes) -> Sheet:
+    """Columns of a delimited text, by position from 1 and by name where a header gives it to one column only.
+
+    Raises
+    ------
+    CalibError : not a text in UTF-8, or as in `delimited_rows`
+    """
+    try:
+        lines = content.decode("utf-8-sig").splitlines()
+    except UnicodeDecodeError as error:
+        raise CalibError(f"{path}: not a text file in UTF-8 ({error}); a MATLAB file needs the suffix .mat") from error
+    text = delimited_rows(path, lines, TextLayout())
+    numbered = list(text.rows)
+    columns: dict[str | int, Cells] = dict(enumerate(zip(*(cells for _, cells in numbered), strict=True), 1))
+    if columns:
+        names = text.names or []
+        columns |= {name: columns[i] for i, name in enumerate(names, 1) if name and names.count(name) == 1}
+    return Sheet(path, columns, [line for line, _ in numbered])
+
+
+def _cut(path: Path, lines: Iterable[str], layout: TextLayout) -> Iterator[tuple[int, list[str]]]:
+    """Yield line number and cells of each line that is neither blank nor a comment."""
+    numbered = (
+        (number, line.strip(" "))
+        for number, line in enumerate(lines, 1)
+        if number > layout.skip and line.strip() and not line.startswith(tuple(layout.comment))
+    )
+    first = next(numbered, None)
+    if first is None:
+        return
+    taken: list[int] = []  # numbers of the lines of the row that is being read
+
+    def texts() -> Iterator[str]:
+        for number, line in itertools.chain([first], numbered):
+            taken.append(number)
+            yield line
+
+    reader = csv.reader(texts(), delimiter=layout.separator_of(first[1]), skipinitialspace=True)
+    try:
+        for cells in reader:
+            if len(taken) > 1:
+                raise CalibError(f"{path}, line {taken[0]}: a quotation mark is not closed in its line; mend it")
+            yield taken.pop(), cells
+    except csv.Error as error:
+        raise CalibError(
+            f"{path}, line {taken[0]}: expected a row of cells, got none ({error})"
+        ) from error
+
+
+def _of_one_length(
+    path: Path, rows: Iterable[tuple[int, list[str]]], first: tuple[int, list[str]]
+) -> Iterator[tuple[int, list[str]]]:
+    for number, cells in rows:
+        if len(cells) != len(first[1]):
+            raise CalibError(
+                f"{path}, line {number}: expected {len(first[1])} cells as in line {first[0]}, got {len(cells)}"
+            )
+        yield number, cells

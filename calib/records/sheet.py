@@ -1,0 +1,83 @@
+"""The columns of a file of measured or simulated samples, by position and by name."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.errors import CalibError, nearest
+
+Cells = Sequence[Any] | np.ndarray  # of a column, not yet known to be numbers
+
+
+class UnknownColumn(CalibError):
+    """A column that the file does not have."""
+
+    def __init__(self, column: str | int, message: str):
+        super().__init__(message)
+        self.column = column
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """The columns of a file.
+
+    Attributes
+    ----------
+    columns : cells by position, counted from 1, and by name
+    lines : line number of each sample, of a text
+    unfit : what else the file names, and what that is
+    """
+
+    path: Path
+    columns: Mapping[str | int, Cells]
+    lines: Sequence[int] | None
+    unfit: Mapping[str | int, str] = field(default_factory=dict)
+
+    def find(self, column: str | int) -> Cells:
+        """Cells of a column.
+
+        Raises
+        ------
+        UnknownColumn : the file has none of this name or position
+        CalibError : the file has this name, but not for a column
+        """
+        if column in self.columns:
+            return self.columns[column]
+        if column in self.unfit:
+            raise CalibError(f"{self.path}: column {column!r} is {self.unfit[column]}")
+        names = [c for c in self.columns if isinstance(c, str)]
+        size = sum(isinstance(c, int) for c in self.columns)
+        known = f"the columns are {names}" if names else f"the file has no header, only columns 1 to {size}"
+        if names and isinstance(column, int):
+            known = f"the table has {size} columns: {names}" if size else f"its columns have names: {names}"
+        raise UnknownColumn(
+            column, f"{self.path}: there is no single column {column!r}{nearest(str(column), names)}; {known}"
+        )
+
+    def numbers(self, column: str | int, begin: int, end: int) -> np.ndarray:
+        """Finite numbers (end - begin,) of a column, from sample `begin` to the one before `end`.
+
+        Raises
+        ------
+        CalibError : a cell that is no finite number, with its line
+        """
+        cells = self.find(column)[begin:end]
+        values = np.array([float(c) if is_number(c) else np.nan for c in cells])
+        bad = ~np.isfinite(values)
+        if bad.any():
+            at = int(np.argmax(bad))
+            where = f"line {self.lines[begin + at]}" if self.lines else f"sample {begin + at}"
+            raise CalibError(f"{self.path}, {where}: expected a number in column {column!r}, got {cells[at]!r}")
+        return values
+
+
+def is_number(cell: Any) -> bool:
+    """Whether a cell can be read as a real number, infinities and NaN among them."""
+    try:
+        float(cell)
+    except (ValueError, TypeError):
+        return False
+    return True
