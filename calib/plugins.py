@@ -1,4 +1,4 @@
-"""The entry points of simulators, effects, features and optimisers, by name."""
+"""The entry points of simulators, effects, features, optimisers and readers, by name."""
 
 import importlib
 import sys
@@ -11,7 +11,7 @@ from typing import Any
 
 from calib.errors import CalibError, nearest
 
-GROUPS = ("calib.simulators", "calib.effects", "calib.features", "calib.optimisers")
+GROUPS = ("calib.simulators", "calib.effects", "calib.features", "calib.optimisers", "calib.readers")
 _FOLDERS: set[Path] = set()  # of studies, which were added to Python's path
 
 

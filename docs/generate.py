@@ -255,4 +255,5 @@ GENERATED = {
     "effects": lambda: family("effects"),
     "features": lambda: family("features"),
     "optimisers": lambda: family("optimisers"),
+    "readers": lambda: family("readers"),
 }

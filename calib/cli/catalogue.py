@@ -44,7 +44,7 @@ def thing(name: str) -> Any:
 
 
 def facts(item: Any) -> Iterator[tuple[str, str]]:
-    """Yield name and text of each fact about a simulator, effect, feature or optimiser besides its parameters."""
+    """Yield name and text of each fact about a member of a family besides its parameters."""
     if isinstance(item, Effect):
         yield "site", item.site if item.place == "body" else f"{item.site}, at the {item.place}"
         yield "meaning", item.meaning
@@ -93,7 +93,9 @@ def _first_line(item: Any) -> str:
 
 
 def _signature(item: Any) -> Mapping[str, inspect.Parameter]:
-    return {n: p for n, p in inspect.signature(item).parameters.items() if n not in CONTRACT_ARGUMENTS}
+    """Return what a user states: not the arguments of an optimiser's contract, nor the path that a reader is given."""
+    accepted = inspect.signature(item).parameters.items()
+    return {n: p for n, p in accepted if n not in CONTRACT_ARGUMENTS and p.kind is not p.POSITIONAL_ONLY}
 
 
 def _required(item: Any) -> list[str]:

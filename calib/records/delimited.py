@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib.errors import CalibError
+from calib.records.fortran import fortran_value, overflowed
 from calib.records.sheet import Cells, Sheet, is_number
 
 SEPARATORS = ";\t,"  # looked for in the first row, in this order; else blanks
@@ -19,12 +20,14 @@ class TextLayout:
 
     Attributes
     ----------
-    separator : between the cells of a row; None: semicolon, tab, comma or blanks, as found in the first row
+    separator : between the cells of a row, where a blank stands for any number of blanks and tabs; None: semicolon,
+        tab, comma or blanks, as found in the first row
     decimal : "." or ","; a decimal comma is not looked for as a separator
     comment : characters, each of which at the beginning of a line makes it a comment
     skip : lines at the beginning that are not looked at
     header : lines before the first row of numbers, of which the first holds the names of the columns; None: one where
         it holds anything but numbers, else none
+    names : of all columns; the header is then dropped unread, and `header` of None is none
     """
 
     separator: str | None = None
@@ -32,11 +35,17 @@ class TextLayout:
     comment: str = "#"
     skip: int = 0
     header: int | None = None
+    names: Sequence[str] | None = None
 
     def separator_of(self, line: str) -> str:
         """Separator that is stated, or found in a line."""
         candidates = SEPARATORS.replace(self.decimal, "")
         return self.separator or next((one for one in candidates if one in line), BLANK)
+
+    def is_numeric(self, cell: str) -> bool:
+        """Whether a cell can stand for a number only, be it one that overflowed its field."""
+        text = self.plain(cell)
+        return is_number(text) or fortran_value(text) is not None or overflowed(text)
 
     def plain(self, cell: str) -> str:
         """Return the text of a number with a decimal point."""
@@ -49,7 +58,7 @@ class DelimitedRows:
 
     Attributes
     ----------
-    names : cells of the first line of the header; None where there is no header
+    names : stated, or the cells of the first line of the header; None where there is no header
     rows : line number, counted from 1, and cells of each row below the header
     """
 
@@ -65,15 +74,20 @@ def delimited_rows(path: Path, lines: Iterable[str], layout: TextLayout) -> Deli
     CalibError : no rows, ragged rows (as they are met), a quotation mark that is not closed in its line
     """
     rows = _cut(path, lines, layout)
+    if layout.names is not None:
+        expected = f"{len(layout.names)} cells, one for each name", len(layout.names)
+        return DelimitedRows(layout.names, _checked(path, itertools.islice(rows, layout.header or 0, None), *expected))
     first = next(rows, None)
     if first is None:
         raise CalibError(f"{path}: the file holds no rows")
-    names = [cell.strip() for cell in first[1]]
-    found = int(any(name and not is_number(layout.plain(name)) for name in names))
+    line, cells = first
+    names = [cell.strip() for cell in cells]
+    found = int(any(name and not layout.is_numeric(name) for name in names))
     header = found if layout.header is None else layout.header
+    expected = f"{len(cells)} cells as in line {line}", len(cells)
     if header == 0:
-        return DelimitedRows(None, _of_one_length(path, itertools.chain([first], rows), first))
-    return DelimitedRows(names, _of_one_length(path, itertools.islice(rows, header - 1, None), first))
+        return DelimitedRows(None, _checked(path, itertools.chain([first], rows), *expected))
+    return DelimitedRows(names, _checked(path, itertools.islice(rows, header - 1, None), *expected))
 
 
 def read_text(path: Path, content: bytes) -> Sheet:
@@ -111,7 +125,7 @@ def _cut(path: Path, lines: Iterable[str], layout: TextLayout) -> Iterator[tuple
     def texts() -> Iterator[str]:
         for number, line in itertools.chain([first], numbered):
             taken.append(number)
-            yield line
+            yield line.replace("\t", BLANK) if layout.separator == BLANK else line
 
     reader = csv.reader(texts(), delimiter=layout.separator_of(first[1]), skipinitialspace=True)
     try:
@@ -120,17 +134,14 @@ def _cut(path: Path, lines: Iterable[str], layout: TextLayout) -> Iterator[tuple
                 raise CalibError(f"{path}, line {taken[0]}: a quotation mark is not closed in its line; mend it")
             yield taken.pop(), cells
     except csv.Error as error:
-        raise CalibError(
-            f"{path}, line {taken[0]}: expected a row of cells, got none ({error})"
-        ) from error
+        raise CalibError(f"{path}, line {taken[0]}: expected a row of cells, got none ({error})") from error
 
 
-def _of_one_length(
-    path: Path, rows: Iterable[tuple[int, list[str]]], first: tuple[int, list[str]]
+def _checked(
+    path: Path, rows: Iterable[tuple[int, list[str]]], expected: str, size: int
 ) -> Iterator[tuple[int, list[str]]]:
-    for number, cells in rows:
-        if len(cells) != len(first[1]):
-            raise CalibError(
-                f"{path}, line {number}: expected {len(first[1])} cells as in line {first[0]}, got {len(cells)}"
-            )
-        yield number, cells
+    """Yield the rows, which must all have `size` cells."""
+    for line, cells in rows:
+        if len(cells) != size:
+            raise CalibError(f"{path}, line {line}: expected {expected}, got {len(cells)}")
+        yield line, cells

@@ -357,7 +357,7 @@ def test_list_shows_what_a_study_may_name():
         group = group if line.startswith(" ") else line.strip()
         if re.match(r"   \w", line):
             said.setdefault(group, []).append(line.split()[0])
-    assert list(said) == ["simulators", "effects", "features", "optimisers"]
+    assert list(said) == ["simulators", "effects", "features", "optimisers", "readers"]
     assert said == {group: sorted(load_all(f"calib.{group}")) for group in said}
 
 
