@@ -1,4 +1,4 @@
-"""Rows of numbers in a text, one instant each, become columns."""
+"""Columns of numbers from the rows of a text, one for each instant."""
 
 from array import array
 from collections.abc import Callable, Iterable, Sequence
@@ -54,7 +54,7 @@ def read_rows(
 
     Raises
     ------
-    CalibError : an unknown column, a cell that is no number, too many numbers
+    CalibError : no rows, an unknown column, a cell that is no number, too many numbers
     """
     if time is not None and step is not None:
         raise CalibError(f"{path}: a reader needs either the column that is time or the step between rows; drop one")
@@ -65,6 +65,8 @@ def read_rows(
         numbers.extend([value(cells[i], path, line, names[i]) for i in used])
         if len(numbers) > MAX_VALUES:
             raise CalibError(f"{path}, line {line}: expected at most {MAX_VALUES} numbers; {REMEDY}")
+    if not numbers:
+        raise CalibError(f"{path}: expected rows of numbers, got none; did the program stop before its first step?")
     table = np.frombuffer(numbers).reshape(-1, len(used))
     instants = table[:, 0] if step is None else np.arange(len(table)) * step
     return Columns(instants, {names[i]: table[:, at] for at, i in enumerate(used) if i not in clock})
