@@ -11,12 +11,14 @@ MAX_LINE_CHARACTERS = 2**20  # characters: 60 000 columns of 16
 REMEDY = "have the program write fewer points or fewer steps"
 
 
-def text_lines(path: Path, encoding: str = "utf-8") -> Iterator[str]:
+def text_lines(path: Path, encoding: str = "utf-8", ended: bool = False) -> Iterator[str]:
     """Yield the lines of a text file without their ends.
+
+    ended : whether the last line must have an end too, without which it may be cut off
 
     Raises
     ------
-    CalibError : too large a file, too long a line, or another encoding
+    CalibError : too large a file, too long a line, another encoding, or a last line that is cut off
     """
     check_size(path, MAX_TEXT_BYTES)
     try:
@@ -32,6 +34,8 @@ def text_lines(path: Path, encoding: str = "utf-8") -> Iterator[str]:
                     raise CalibError(
                         f"{path}, line {number}: expected at most {MAX_LINE_CHARACTERS} characters; not a text file?"
                     )
+                if ended and not line.endswith("\n"):
+                    raise CalibError(f"{path}, line {number}: the file is cut off in this line; did the program stop?")
                 yield line.rstrip("\n")
     except UnicodeError as error:
         raise CalibError(
