@@ -1,8 +1,9 @@
-"""Whether an HDF5 file holds all of its data itself.
+"""HDF5 files: whether one holds all of its data itself, and which data it holds.
 
 netCDF follows external links, external storage and virtual datasets without saying so, and has no call that tells them.
 """
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import h5py
@@ -12,6 +13,7 @@ from calib.errors import CalibError
 CLASSIC_SIGNATURE = b"CDF"  # of a netCDF-3 file, which is no HDF5 and cannot refer to other files
 REMEDY = "copy the data into one file (`nccopy` does) and read that"
 KINDS = {h5py.SoftLink: "a soft link", h5py.ExternalLink: "an external link"}
+MAX_GROUPS = 10_000  # groups of one file
 
 
 def refuse_other_files(path: Path) -> None:
@@ -27,19 +29,49 @@ def refuse_other_files(path: Path) -> None:
             return
     with h5py.File(path, "r") as file:
         for name in file:
-            _check(file, name, f"{path}: {name}")
+            where = f"{path}: {name}"
+            if isinstance(_in_the_file(file, name, where), h5py.Group):
+                raise CalibError(f"{where}: expected variables only, got a group; move its variables to the root")
 
 
-def _check(file: h5py.File, name: str, where: str) -> None:
-    link = file.get(name, getlink=True)
+def stored_datasets(file: h5py.File, path: Path) -> Iterator[tuple[str, h5py.Dataset]]:
+    """Yield the datasets of a file and of its groups, by their path: "group/name".
+
+    A group that is reached twice is visited once.
+
+    Raises
+    ------
+    CalibError : a link that is not a plain one, data that lie in other files, or more than `MAX_GROUPS` groups
+    OSError, RuntimeError, KeyError, UnicodeDecodeError : a damaged file
+    """
+    todo = [("", file["/"])]
+    visited = set()
+    while todo:
+        prefix, group = todo.pop()
+        address = h5py.h5o.get_info(group.id).addr
+        if address in visited:
+            continue
+        visited.add(address)
+        if len(visited) > MAX_GROUPS:
+            raise CalibError(f"{path}: expected at most {MAX_GROUPS} groups")
+        for name in group:
+            entity = _in_the_file(group, name, f"{path}: {prefix}{name}")
+            if isinstance(entity, h5py.Group):
+                todo.append((f"{prefix}{name}/", entity))
+            elif isinstance(entity, h5py.Dataset):
+                yield f"{prefix}{name}", entity
+
+
+def _in_the_file(group: h5py.Group, name: str, where: str) -> object:
+    """Return an entry of a group, whose data lie in the file itself."""
+    link = group.get(name, getlink=True)
     if not isinstance(link, h5py.HardLink):
         kind = KINDS.get(type(link), "a link of another kind")
         raise CalibError(f"{where}: expected data in the file itself, got {kind}; {REMEDY}")
-    entity = file[name]
-    if isinstance(entity, h5py.Group):
-        raise CalibError(f"{where}: expected variables only, got a group; move its variables to the root")
+    entity = group[name]
     if isinstance(entity, h5py.Dataset):
         if entity.is_virtual:
             raise CalibError(f"{where}: expected data in the file itself, got a virtual dataset; {REMEDY}")
         if entity.external:
             raise CalibError(f"{where}: expected data in the file itself, got external storage; {REMEDY}")
+    return entity

@@ -61,20 +61,16 @@ def _read(name: str, function: Callable[..., Any], path: Path, /, **options: Any
     if not path.is_file():
         kind = "a folder or a device" if path.exists() else "no such file"
         raise CalibError(f"{path}: expected an output file to read, got {kind}")
-    if name in plugins.names(GROUP):
-        return function(path, **options)
     try:
         return _columns(function(path, **options))
     except CalibError as error:
-        raise CalibError(f"{path}: reader {name!r}: {error}") from error
+        raise error if str(path) in str(error) else CalibError(f"{path}: reader {name!r}: {error}") from error
     except Exception as error:  # of a function that somebody else wrote, on a file that may be anything
-        raise CalibError(
-            f"{path}: the reader {name!r} failed: {error!r}; mend it, or the file that it reads"
-        ) from error
+        raise CalibError(f"{path}: the reader {name!r} failed: {error!r}; mend it, or what it reads") from error
 
 
 def _columns(result: Any) -> Columns:
-    """Return what a function of one's own returned as columns."""
+    """Return what a function returned as columns."""
     if isinstance(result, Columns):
         return result
     if isinstance(result, tuple) and len(result) == 2:
