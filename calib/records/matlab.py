@@ -1,7 +1,6 @@
 """The vectors of a MATLAB v5 file."""
 
 import io
-import struct
 import zlib
 from pathlib import Path
 
@@ -11,18 +10,11 @@ from scipy.io.matlab import MatReadError
 
 from calib.errors import CalibError
 from calib.execution.netcdf import UNREADABLE
+from calib.records.matlab_elements import readable_variables
 from calib.records.sheet import Cells, Sheet
 
-MAX_EXPANDED_BYTES = 2**30  # bytes of all variables: 67 million samples of two channels
-CHUNK_BYTES = 2**20  # bytes that are expanded at once
-HEADER_BYTES = 128  # bytes before the first element of a file of version 5
-ORDER_MARK = slice(126, 128)  # of the header
-BYTE_ORDERS = {b"IM": "<", b"MI": ">"}
-TAG_FORMAT = "II"  # type and number of bytes of an element
-TAG_BYTES = struct.calcsize(f"<{TAG_FORMAT}")  # bytes
-COMPRESSED = 15  # type of an element
 # what scipy raises on content that it cannot decode
-DAMAGED = (*UNREADABLE, MatReadError, struct.error, zlib.error)
+DAMAGED = (*UNREADABLE, MatReadError, zlib.error)
 
 
 def read_matlab(path: Path, content: bytes) -> Sheet:
@@ -42,39 +34,16 @@ def matlab_arrays(path: Path, content: bytes) -> dict[str, np.ndarray]:
 
     Raises
     ------
-    CalibError : not a readable MATLAB v5 file, or more than `MAX_EXPANDED_BYTES`
+    CalibError : not a readable MATLAB v5 file, or more than 1 GiB of variables
     """
     try:
-        _check_expanded(path, content)
-        variables = loadmat(io.BytesIO(content))
+        variables = loadmat(io.BytesIO(content), variable_names=readable_variables(content))
     except NotImplementedError as error:
         raise CalibError(f"{path}: MATLAB 7.3 files are not read; save it with `save -v7`") from error
     except DAMAGED as error:
         raise CalibError(f"{path}: not a readable MATLAB v5 file ({error})") from error
     arrays = {name: value for name, value in variables.items() if isinstance(value, np.ndarray)}
     return arrays | {name: cell for key, value in arrays.items() for name, cell in _cells(key, value).items()}
-
-
-def _check_expanded(path: Path, content: bytes) -> None:
-    """Bound what the compressed elements of a file, which follow its header one after the other, expand to."""
-    byte_order = BYTE_ORDERS.get(content[ORDER_MARK])
-    if byte_order is None:  # version 4, which compresses nothing
-        return
-    begin, size = HEADER_BYTES, len(content)
-    while begin + TAG_BYTES <= len(content):
-        kind, length = struct.unpack_from(byte_order + TAG_FORMAT, content, begin)
-        begin += TAG_BYTES
-        if kind == COMPRESSED:
-            expander = zlib.decompressobj()
-            rest = content[begin : begin + length]
-            while rest:
-                size += len(expander.decompress(rest, CHUNK_BYTES))
-                rest = expander.unconsumed_tail
-                if size > MAX_EXPANDED_BYTES:
-                    raise CalibError(
-                        f"{path}: expected at most {MAX_EXPANDED_BYTES / 2**30:g} GiB of variables; keep fewer samples"
-                    )
-        begin += length
 
 
 def _cells(name: str, array: np.ndarray) -> dict[str, np.ndarray]:

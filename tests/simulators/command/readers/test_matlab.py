@@ -57,8 +57,8 @@ def test_variables_of_version_73_are_read_alike(tmp_path):
 def test_what_expands_beyond_the_bound_is_refused(tmp_path, monkeypatch):
     path = tmp_path / "out.mat"
     savemat(path, {"t": np.zeros(100_000)}, do_compression=True)
-    monkeypatch.setattr("calib.records.matlab.MAX_EXPANDED_BYTES", 10_000)
-    with pytest.raises(CalibError, match="expected at most .* GiB of variables"):
+    monkeypatch.setattr("calib.records.matlab_elements.MAX_EXPANDED_BYTES", 10_000)
+    with pytest.raises(CalibError, match="expected at most .* GiB; keep fewer"):
         read(path)
 
 
