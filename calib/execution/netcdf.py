@@ -8,6 +8,7 @@ from typing import Any
 import netCDF4
 import numpy as np
 import xarray as xr
+from scipy.io import netcdf_file
 
 from calib.errors import CalibError
 from calib.execution.files import whole
@@ -15,6 +16,8 @@ from calib.execution.hdf5 import refuse_other_files
 from calib.execution.interrupt import uninterrupted
 
 MAX_DATASET_BYTES = 2**30  # bytes of all variables in memory: 33 million samples of two channels of two bodies
+CLASSIC_VERSIONS = (b"CDF\1", b"CDF\2")  # signatures of classic files that SciPy reads too
+CLASSIC_BYTES = 4  # bytes of a signature
 TEXT_BYTES = 64  # bytes that a short text takes in memory, about
 # what xarray and netCDF4 raise on content that they cannot decode
 UNREADABLE = (OSError, ArithmeticError, AttributeError, LookupError, MemoryError, RuntimeError, TypeError, ValueError)
@@ -37,6 +40,7 @@ def read_dataset(path: str | Path) -> xr.Dataset:
         # interrupted while it takes its locks, xarray would wait for itself for ever
         with uninterrupted():
             refuse_other_files(path)
+            _check_classic(path)
             _check_content(path)
             with xr.open_dataset(path, engine="netcdf4", decode_times=False) as stored:
                 return stored.load()
@@ -56,6 +60,23 @@ def write_dataset(dataset: xr.Dataset, path: str | Path) -> None:
             dataset.to_netcdf(temporary, engine="netcdf4")
         except RuntimeError as error:  # as netCDF reports a full disk
             raise OSError(errno.EIO, f"the file cannot be written ({error}); is the disk full?") from error
+
+
+def _check_classic(path: Path) -> None:
+    """Check that a classic file holds what its header says: the netCDF library reads zeros where it is cut off.
+
+    Raises
+    ------
+    CalibError : more than `MAX_DATASET_BYTES`
+    UNREADABLE : a header that is damaged, or fewer data than it says
+    """
+    with open(path, "rb") as file:
+        if file.read(CLASSIC_BYTES) not in CLASSIC_VERSIONS:
+            return
+    size = path.stat().st_size
+    if size > MAX_DATASET_BYTES:
+        raise CalibError(f"{path}: expected at most {MAX_DATASET_BYTES / 2**30:g} GiB, got {size / 2**30:.3g} GiB")
+    netcdf_file(path, mmap=False).close()
 
 
 def _check_content(path: Path) -> None:

@@ -49,4 +49,5 @@ def _numbers(what: str, given: Any) -> np.ndarray:
         raise CalibError(f"{what}: expected a row of real numbers, got {type(given).__name__} ({error})") from error
     if column.ndim != 1 or column.dtype.kind not in "fiub":
         raise CalibError(f"{what}: expected real numbers of shape (n,), got {column.dtype} of shape {column.shape}")
-    return column.astype(float, copy=False)
+    with np.errstate(invalid="ignore"):  # of NaN that signal
+        return column.astype(float, copy=False)

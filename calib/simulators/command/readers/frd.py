@@ -44,7 +44,7 @@ class NodalResults:
     line: int
     components: Sequence[str]
     nodes: Sequence[int]
-    rows: Sequence[Sequence[float]] | np.ndarray
+    rows: Sequence[Sequence[float]]
 
 
 @dataclass
@@ -152,7 +152,7 @@ def _results(source: _Source, header: str, wanted_node: Callable[[int], bool], w
         record = np.dtype([("node", INTEGER), ("values", FLOATS[indicator], (len(components),))])
         table = source.numbers(record, count)
         kept = np.array([wanted_node(node) for node in table["node"].tolist()], dtype=bool)
-        nodes, rows = table["node"][kept].tolist(), table["values"][kept][:, chosen].astype(float)
+        nodes, rows = table["node"][kept].tolist(), table["values"][kept][:, chosen].tolist()
     else:
         nodes, rows = _text_rows(source, NODE_WIDTHS[indicator], len(components), chosen, wanted_node)
     return NodalResults(name, time, line, [components[i] for i in chosen], nodes, rows)

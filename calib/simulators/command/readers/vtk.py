@@ -1,6 +1,8 @@
 """The reader of series of VTK files."""
 
+import io
 from collections.abc import Mapping, Sequence
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -66,7 +68,8 @@ def _mesh(path: Path) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
         raise CalibError(f"{path}: the reader 'vtk' needs meshio; install calib[vtk]") from error
     read_mesh: Any = meshio.vtu.read if path.suffix == ".vtu" else meshio.vtk.read
     try:
-        mesh = read_mesh(str(path))
+        with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):  # its remarks on every file of the series
+            mesh = read_mesh(str(path))
         places = np.asarray(mesh.points, dtype=float)
         data = {str(name): np.asarray(array) for name, array in mesh.point_data.items()}
     except Exception as error:  # meshio decodes as it goes, and fails on damaged content in any way
