@@ -84,6 +84,7 @@ def test_a_json_list_of_rows_is_read_by_position(tmp_path, headed, whole):
     ("text", "says"),
     [
         ("[[0, 1], [2]]", "sample 1: expected 2 cells as in sample 0, got 1"),
+        (100_000 * "[", "not a readable JSON file"),
         ("[[0, 1], [2, null]]", "sample 1: expected a number in column 2, got None"),
         ('{"a": [[0, 1], [2, 3]], "b": [[0, 1]]}', "expected one list of rows, found 2"),
         ("[0, 1, 2]", "expected one list of rows, found 0"),

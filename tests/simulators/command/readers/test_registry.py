@@ -1,5 +1,7 @@
 """Readers by name; a function of one's own; options and results are checked."""
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -30,11 +32,11 @@ number = 3.0
 
 @pytest.fixture
 def own(tmp_path, monkeypatch):
-    monkeypatch.setattr("sys.path", list(__import__("sys").path))
+    monkeypatch.setattr("sys.path", list(sys.path))
     (tmp_path / "own_readers.py").write_text(OWN)
     (tmp_path / "out.txt").write_text("0 1\n1 2\n")
     yield tmp_path
-    __import__("sys").modules.pop("own_readers", None)
+    sys.modules.pop("own_readers", None)
     plugins._FOLDERS.discard(tmp_path.resolve())
 
 
