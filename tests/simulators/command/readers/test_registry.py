@@ -1,5 +1,6 @@
 """Readers by name; a function of one's own; options and results are checked."""
 
+import inspect
 import sys
 
 import numpy as np
@@ -95,3 +96,12 @@ def test_a_file_that_is_not_there_and_a_folder_are_refused(tmp_path):
     for path, kind in ((tmp_path / "absent.csv", "no such file"), (tmp_path, "a folder or a device")):
         with pytest.raises(CalibError, match=f"{path}: expected an output file to read, got {kind}"):
             reader("delimited")(path)
+
+
+@pytest.mark.parametrize("name", plugins.names("calib.readers"))
+def test_every_option_of_a_reader_is_documented(name):
+    function = plugins.load("calib.readers", name)
+    path, *options = inspect.signature(function).parameters.values()
+    assert path.kind is path.POSITIONAL_ONLY
+    undocumented = [one.name for one in options if f"\n    {one.name} : " not in function.__doc__]
+    assert (undocumented, {one.kind for one in options}) == ([], {inspect.Parameter.KEYWORD_ONLY})
