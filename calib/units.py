@@ -92,6 +92,45 @@ def is_si(unit: str) -> bool:
     return _parse(f"1 {unit}", unit).to_base_units().magnitude == 1.0
 
 
+def from_si(value: float, unit: str, si: str | None = None) -> float:
+    """Value in `unit` of a value in SI: ``from_si(7e10, "GPa", "Pa")`` is ``70.0``.
+
+    Parameters
+    ----------
+    si : SI unit of the value; None: the coherent one of the dimension of `unit`
+
+    Raises
+    ------
+    CalibError : an unknown unit, another dimension than that of `si`, or hertz on one side only
+    """
+    if unit in ("", "1") and si in (None, "", "1"):
+        return value
+    return value / to_si(f"1 {unit}", coherent(unit) if si is None else si)
+
+
+def coherent(unit: str) -> str:
+    """SI unit without a factor in which quantities of a unit are given: ``"Pa"`` of ``"GPa"``, ``"m/s"`` of ``"mm/ms"``.
+
+    Raises
+    ------
+    CalibError : an unknown unit
+    """
+    if unit in ("", "1"):
+        return "1"
+    known, parts = _registry(), list[tuple[str, Any]]()
+    for name, power in _parse(f"1 {unit}", unit).unit_items():
+        roots = known.parse_unit_name(name)
+        root = roots[0][1] if roots else name
+        if known.Quantity(1.0, root).to_base_units().magnitude == 1.0:
+            parts.append((root, power))
+        else:  # such as gram, inch and degree
+            parts += [(base, power * own) for base, own in known.Quantity(1.0, root).to_base_units().unit_items()]
+    units = known.Quantity(1.0, "")
+    for name, power in parts:
+        units = units * known.Quantity(1.0, name) ** power
+    return f"{units.units:~C}".replace("**", "^").replace("*", " ") or "1"
+
+
 def _parse(text: str, unit: str) -> "pint.Quantity":
     import pint.errors  # see _registry
 

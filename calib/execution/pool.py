@@ -23,6 +23,7 @@ from typing import Any, Protocol, Self
 from pebble import ProcessExpired, ProcessPool
 
 from calib.errors import CalibError
+from calib.execution.deadline import within
 from calib.execution.interrupt import uninterrupted
 from calib.execution.process_group import lead_process_group
 
@@ -255,7 +256,7 @@ class _Slot:
         self._since = time.perf_counter()
         try:
             with uninterrupted():  # a process whose start is interrupted would be owned by nobody
-                self._future = self._pool.schedule(_call, args=(self._payload,), timeout=self._limit)
+                self._future = self._pool.schedule(_call, args=(self._payload, self._timeout), timeout=self._limit)
         except BrokenProcessPool as error:  # the process could not even be started
             self._future = Future()
             self._future.set_exception(error)
@@ -381,14 +382,15 @@ def _die_with_parent() -> None:
         os._exit(1)
 
 
-def _call(payload: bytes) -> bytes:
-    """Pickled result or Failure of the function at a pickled payload."""
+def _call(payload: bytes, timeout: float | None) -> bytes:
+    """Pickled result or Failure of the function at a pickled payload, which should come within the time-out [s]."""
     global _function
     start = time.perf_counter()
     try:
         if isinstance(_function, bytes):
             _function = pickle.loads(_function)
-        return pickle.dumps(_function(pickle.loads(payload)))
+        with within(timeout):
+            return pickle.dumps(_function(pickle.loads(payload)))
     except Exception as error:  # a failed evaluation is data
         return pickle.dumps(_failure(error, time.perf_counter() - start))
 

@@ -75,6 +75,14 @@ class Simulator(Protocol):
     13. Optionally `finer(what, factor)`, the same simulator with a time step (what = "time_step") or a tolerance of its
         events ("event_tolerance") divided by `factor`, and `numerics`, the set of those it can refine; see
         `RefinableSimulator`.
+    14. Optionally `placed(study, results, modules)`, the same simulator, told the folder to which files that its
+        options name are relative, the folder of the results, in which it may keep files, and the folder of modules of
+        the study (None: all are on Python's path); called when a study is read.
+    15. Optionally `code`, a mapping of names of files and programs that it runs to their SHA-256 or version: trials of
+        others no longer count when a study goes on.
+    16. Optionally `check(excitation, request)`, which raises CalibError for what it cannot compute: a study is then
+        refused when it is read.
+    17. Optionally `afresh()`, the same simulator answering nothing from a cache: the best point is evaluated by it.
 
     `calib.testing.SimulatorSuite` checks all this.
     """

@@ -14,6 +14,7 @@ from calib.errors import CalibError, nearest
 from calib.modelling.effect import Effect
 from calib.modelling.model import Model
 from calib.modelling.parameter import Parameter, Space, Window, values_for
+from calib.modelling.simulator import Simulator
 from calib.modelling.simulator_check import simulator_class
 from calib.objective import Objective, Reference, Term
 from calib.store.plain import plain
@@ -120,7 +121,11 @@ class StudyFile:
 
 
 def load(
-    path: str | Path, budget: int | None = None, jobs: int | None = None, origin: PythonOrigin | None = None
+    path: str | Path,
+    budget: int | None = None,
+    jobs: int | None = None,
+    origin: PythonOrigin | None = None,
+    out: str | Path | None = None,
 ) -> StudyFile:
     """Read a study file, or the `study.toml` of a folder.
 
@@ -128,6 +133,7 @@ def load(
     ----------
     budget, jobs : take the place of the file's
     origin : where the study was stated, if not in the file
+    out : folder of the results; None: see `calib.study_file.results_folder`
 
     Raises
     ------
@@ -136,7 +142,8 @@ def load(
     budget, jobs = _counted("budget", budget), _counted("jobs", jobs)
     path = located(path)
     shape, mistakes = read_study(path, origin)
-    model = _model(shape, mistakes)
+    folder = results_folder(path) if out is None else Path(out)
+    model = _model(shape, mistakes, folder)
     known = references(shape, model, mistakes)
     every = {name: reference for name, reference in known.items() if reference is not None}
     calibrated = {name: reference for name, reference in every.items() if reference.use == "calibrate"}
@@ -167,13 +174,13 @@ def load(
         timeout=timeout,
         screen=shape.study.screen,
         definition=_definition(shape, model, space, path.parent),
-        code=used_code(shape, mistakes.modules),
+        code=used_code(shape, mistakes.modules) | dict(getattr(model.simulator, "code", {})),
     )
     return StudyFile(
         path=path,
         study=study,
         others={name: reference for name, reference in every.items() if reference.use != "calibrate"},
-        folder=results_folder(path),
+        folder=folder,
         view=shape.store.view,
         keep=shape.store.keep,
         candidates=candidates,
@@ -184,7 +191,7 @@ def load(
 # --- the model -------------------------------------------------------------------------------------------------------
 
 
-def _model(shape: StudyToml, mistakes: Mistakes) -> Model | None:
+def _model(shape: StudyToml, mistakes: Mistakes, results: Path) -> Model | None:
     model: Model | None = None
     if mistakes.within("model"):
         return None
@@ -192,13 +199,21 @@ def _model(shape: StudyToml, mistakes: Mistakes) -> Model | None:
         named = plugins.load("calib.simulators", shape.model.simulator, mistakes.modules)
         maker = simulator_class(named, shape.model.simulator)
         simulator = _made(maker, shape.model.options, shape.model.simulator, mistakes, ("model", "options"))
-        model = None if simulator is None else Model(simulator)
+        if simulator is not None:
+            with mistakes.at("model", "options"):
+                model = Model(_placed(simulator, mistakes, results))
     for index, entry in enumerate(shape.model.effects):
         with mistakes.at("model", "effects", index):
             effect = named_effect(entry.name, entry.bodies, mistakes.modules)
             if model is not None:
                 model = model.extended(effect)
     return model
+
+
+def _placed(simulator: Simulator, mistakes: Mistakes, results: Path) -> Simulator:
+    """Return the simulator, told where its study and the results are, if it wants to know."""
+    placed = getattr(simulator, "placed", None)
+    return simulator if placed is None else placed(mistakes.modules or Path.cwd(), results, mistakes.modules)
 
 
 def _made(

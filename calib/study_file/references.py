@@ -85,6 +85,10 @@ def _reference(
         _check_sampling(record, excitation)
     if mistakes.within(*key, "excitation", "frequency"):
         return None
+    request = _request(shape, entry, excitation, record)
+    if model is not None and not mistakes.within(*key, "excitation"):
+        with mistakes.at(*key, "excitation"):
+            _check_taken(excitation, request, model.simulator)
     with mistakes.at(*key, "nuisance"):
         reference = Reference(
             name=entry.name,
@@ -92,7 +96,7 @@ def _reference(
             use=entry.use,
             nuisance=_nuisance(entry, record),
             excitation=excitation,
-            request=_request(shape, entry, excitation, record),
+            request=request,
         )
         if model is not None:
             check_solvable(model, reference)
@@ -250,6 +254,13 @@ def _check_excitation(excitation: Excitation | None, simulator: Simulator) -> No
         f"the record is driven by {excitation.quantity} at {excitation.place!r}; simulator {simulator.name!r} takes "
         f"{', '.join(known)}{hint}; mend [record.excitation], or choose another simulator or other [model] options"
     )
+
+
+def _check_taken(excitation: Excitation, request: Request, simulator: Simulator) -> None:
+    """Let the simulator refuse what it cannot compute, if it looks at that."""
+    check = getattr(simulator, "check", None)
+    if check is not None:
+        check(excitation, request)
 
 
 def _check_sampling(record: xr.Dataset, excitation: Excitation) -> None:

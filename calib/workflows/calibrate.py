@@ -115,8 +115,8 @@ def calibrate(
     KeyboardInterrupt : stopped by Ctrl-C; the trials are kept
     CalibError : a mistake in the study file; the folder belongs to another study or cannot be written
     """
-    file = load(path, budget=budget, jobs=jobs)
-    return calibrate_file(file, file.folder if out is None else Path(out), fresh=fresh, quiet=quiet)
+    file = load(path, budget=budget, jobs=jobs, out=out)
+    return calibrate_file(file, file.folder, fresh=fresh, quiet=quiet)
 
 
 def calibrate_file(file: StudyFile, folder: Path, *, fresh: bool = False, quiet: bool = False) -> CalibrationResult:
@@ -130,9 +130,8 @@ def rebuild(path: str | Path, out: str | Path | None = None, jobs: int | None = 
 
     `jobs` takes the place of the file's.
     """
-    file = load(path, jobs=jobs)
-    folder = file.folder if out is None else Path(out)
-    return _reported(file, folder, _read_back(file, folder))
+    file = load(path, jobs=jobs, out=out)
+    return _reported(file, file.folder, _read_back(file, file.folder))
 
 
 def summary_so_far(path: str | Path, out: str | Path | None = None) -> CalibrationResult:
@@ -142,8 +141,8 @@ def summary_so_far(path: str | Path, out: str | Path | None = None) -> Calibrati
     ------
     CalibError : there are no trials, or they are of another study
     """
-    file = load(path)
-    return _read_back(file, file.folder if out is None else Path(out)).result
+    file = load(path, out=out)
+    return _read_back(file, file.folder).result
 
 
 def _calibrate(file: StudyFile, folder: Path, progress: Progress, fresh: bool) -> CalibrationResult:

@@ -51,16 +51,15 @@ def diagnose_study(
     CalibError : a mistake in the study file, the candidates or the budget, or the study has not been calibrated
     """
     limit = Budget.of(budget)
-    file = load(path, jobs=jobs)
+    file = load(path, jobs=jobs, out=out)
     if candidates is not None:
         file = replace(file, candidates=stated_candidates(candidates, file.path.parent))
-    folder = file.folder if out is None else Path(out)
-    values = calibrated_values(file, folder)
+    values = calibrated_values(file, file.folder)
     diagnosis = diagnose(
         file.study, file.others, values, file.suspects(), seed=file.study.seed if seed is None else seed,
         on_stage=on_stage, on_progress=on_progress, budget=limit, laboratory=file.laboratory,
     )  # fmt: skip
-    result = write(diagnosis, folder, values, {**file.study.objective.references, **file.others})
+    result = write(diagnosis, file.folder, values, {**file.study.objective.references, **file.others})
     rebuild(path, out, jobs)
     selection, extended = diagnosis.selection, None
     if apply and diagnosis.verdict in (NAMED, ONE_OF) and selection is not None and selection.causes:

@@ -39,8 +39,8 @@ def rehearse_study(
     ------
     CalibError : a mistake in the study file, or it has not been calibrated, or cannot be diagnosed
     """
-    file = load(path, jobs=jobs)
-    folder = file.folder if out is None else Path(out)
+    file = load(path, jobs=jobs, out=out)
+    folder = file.folder
     ledger = folder / REHEARSAL
     if fresh:
         ledger.unlink(missing_ok=True)

@@ -1,0 +1,101 @@
+"""What the templates of a run are given: parameters, excitation and request."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from calib.errors import CalibError
+from calib.modelling.parameter import Parameter
+from calib.modelling.simulator import Request
+from calib.records.excitation import Excitation
+from calib.simulators.command.templates import Fields, ValueWithUnit
+
+EXCITATION_FIELDS = (
+    "quantity", "place", "unit", "harmonic", "recorded", "periodic", "frequency", "period", "omega", "amplitude",
+    "phase", "time", "value", "samples",
+)  # fmt: skip
+REQUEST_FIELDS = ("periods", "samples", "settle", "step", "start", "end", "times", "step_budget")
+KNOWN = {"excitation": EXCITATION_FIELDS, "request": REQUEST_FIELDS, "cores": ()}
+
+
+def output_times(excitation: Excitation, request: Request, settle: int) -> np.ndarray:
+    """Instants (n,) [s] of the program's own time at which its motion is recorded, after `settle` periods.
+
+    Raises
+    ------
+    CalibError : without a period nobody has said which
+    """
+    if excitation.harmonic:
+        step = excitation.as_harmonic.period / request.samples
+        return step * (settle * request.samples + np.arange(request.periods * request.samples))
+    times = request.times
+    if times is None and excitation.recorded:
+        recorded = excitation.as_samples.time
+        times = recorded[recorded >= 0.0]
+    if times is None:
+        raise CalibError("a free decay has no period: state its output times [s] (Request.times)")
+    times = np.asarray(times, dtype=float)
+    if times.size < 2 or not (np.diff(times) > 0.0).all():
+        raise CalibError("output times [s] must be at least two, and increase")
+    return times
+
+
+def deck_values(
+    parameters: Sequence[Parameter],
+    values: Mapping[str, float],
+    excitation: Excitation,
+    request: Request,
+    settle: int,
+    cores: int,
+) -> dict[str, object]:
+    """Everything that a template may name; what does not apply, such as the frequency of a free decay, is undefined."""
+    return {
+        **{p.name: ValueWithUnit(values[p.name], p.unit) for p in parameters},
+        "excitation": _excitation_fields(excitation),
+        "request": _request_fields(excitation, request, settle),
+        "cores": cores,
+    }
+
+
+def _excitation_fields(excitation: Excitation) -> Fields:
+    fields = Fields(
+        quantity=excitation.quantity,
+        place=excitation.place,
+        unit=excitation.unit,
+        harmonic=excitation.harmonic,
+        recorded=excitation.recorded,
+        periodic=excitation.periodic,
+        phase=ValueWithUnit(excitation.phase, "rad"),
+    )
+    if excitation.frequency is not None:
+        fields["frequency"] = ValueWithUnit(excitation.frequency, "Hz")
+        fields["period"] = ValueWithUnit(1.0 / excitation.frequency, "s")
+        fields["omega"] = ValueWithUnit(2.0 * math.pi * excitation.frequency, "rad/s")
+    if excitation.amplitude is not None:
+        fields["amplitude"] = ValueWithUnit(excitation.amplitude, excitation.unit)
+    if excitation.recorded:
+        samples = excitation.as_samples
+        fields["time"] = [ValueWithUnit(t, "s") for t in samples.time.tolist()]
+        fields["value"] = [ValueWithUnit(v, excitation.unit) for v in samples.value.tolist()]
+        fields["samples"] = [
+            Fields(time=time, value=value) for time, value in zip(fields["time"], fields["value"], strict=True)
+        ]
+    return fields
+
+
+def _request_fields(excitation: Excitation, request: Request, settle: int) -> Fields:
+    times = output_times(excitation, request, settle)
+    step = (times[-1] - times[0]) / (times.size - 1)
+    fields = Fields(
+        step=ValueWithUnit(float(step), "s"),
+        start=ValueWithUnit(float(times[0]), "s"),
+        end=ValueWithUnit(float(times[-1]), "s"),
+        times=[ValueWithUnit(t, "s") for t in times.tolist()],
+        step_budget=request.step_budget,
+    )
+    if excitation.harmonic:
+        period = excitation.as_harmonic.period
+        fields["end"] = ValueWithUnit((settle + request.periods) * period, "s")
+        fields |= {"periods": request.periods, "samples": request.samples, "settle": settle}
+    return fields

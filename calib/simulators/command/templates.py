@@ -1,0 +1,224 @@
+"""Templates of input decks: jinja2 in a sandbox, strict about names."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+from jinja2 import Environment, StrictUndefined, Template, TemplateError, nodes
+from jinja2.exceptions import TemplateSyntaxError, UndefinedError
+from jinja2.meta import find_undeclared_variables
+from jinja2.runtime import LoopContext
+from jinja2.sandbox import SandboxedEnvironment
+from jinja2.utils import Namespace
+
+from calib.errors import CalibError, nearest
+from calib.simulators.command.formats import fixed, fortran
+from calib.units import from_si
+
+SUFFIX = ".j2"  # of a file that is rendered
+MAX_RENDERED_CHARACTERS = 200_000_000  # of one file
+MAX_INTEGER_BITS = 4096  # of an integer that a template works out
+KEPT_FILTERS = (
+    "abs",
+    "float",
+    "int",
+    "round",
+    "length",
+    "list",
+    "first",
+    "last",
+    "join",
+    "sum",
+    "min",
+    "max",
+    "upper",
+    "lower",
+    "default",
+    "reverse",
+    "batch",
+    "slice",
+)  # fmt: skip - of jinja2; none of them makes much of little
+
+
+class ValueWithUnit(float):
+    """A value in SI that knows its unit; arithmetic gives a plain number."""
+
+    unit: str
+
+    def __new__(cls, value: float, unit: str) -> "ValueWithUnit":
+        """Return the value with its unit."""
+        own = super().__new__(cls, value)
+        own.unit = unit
+        return own
+
+
+class Fields(dict[str, Any]):
+    """Named values, as `excitation` and `request` are in a template."""
+
+
+@dataclass(frozen=True)
+class TemplateText:
+    """A template with the name by which messages know it."""
+
+    name: str
+    text: str
+
+
+class _Sandbox(SandboxedEnvironment):
+    """Gives access to the fields of `Fields`, `loop` and namespaces, and to no method."""
+
+    intercepted_binops = frozenset(["*", "**", "%"])
+
+    def is_safe_attribute(self, obj: Any, attr: str, value: Any) -> bool:
+        """Allow what `loop` says of itself, and what a template has set."""
+        return isinstance(obj, LoopContext | Namespace) and not attr.startswith("_")
+
+    def call_binop(self, context: Any, operator: str, left: Any, right: Any) -> Any:
+        """Refuse products with texts and lists, and integers of any length."""
+        for operand in (left, right):
+            if isinstance(operand, bool) or not isinstance(operand, int | float):
+                raise CalibError(f"{operator!r} takes numbers, got {operand!r:.40}")
+        if isinstance(left, int) and isinstance(right, int):
+            sizes = left.bit_length(), right.bit_length()
+            bits = sum(sizes) if operator == "*" else sizes[0] * abs(right) if operator == "**" else 0
+            if bits > MAX_INTEGER_BITS:
+                raise CalibError(f"{left!r:.20} {operator} {right!r:.20} is too large an integer; write it as a float")
+        return super().call_binop(context, operator, left, right)
+
+
+@lru_cache(maxsize=1)
+def _environment() -> Environment:
+    environment = _Sandbox(
+        undefined=StrictUndefined, autoescape=False, keep_trailing_newline=True, trim_blocks=True, lstrip_blocks=True,
+        finalize=_printable,
+    )  # fmt: skip
+    environment.filters = {name: environment.filters[name] for name in KEPT_FILTERS}
+    environment.filters |= {"unit": _in_unit, "fortran": fortran, "fixed": fixed}
+    environment.globals = {name: environment.globals[name] for name in ("range", "namespace")}
+    return environment
+
+
+def _printable(value: Any) -> Any:
+    if value is None or isinstance(value, Mapping | bool) or callable(value):
+        raise CalibError(f"a placeholder gives {value!r:.40}, which is neither number nor text; name one of its parts")
+    if isinstance(value, ValueWithUnit):
+        return repr(float(value))
+    return value
+
+
+def _in_unit(value: Any, unit: str) -> float:
+    """Value in `unit` of a value in SI."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not isinstance(unit, str):
+        raise CalibError(f"unit: expected a number in SI and a unit such as 'MPa', got {value!r:.40} and {unit!r:.40}")
+    return from_si(float(value), unit, value.unit if isinstance(value, ValueWithUnit) else None)
+
+
+def check_names(
+    templates: Sequence[TemplateText], parameters: Sequence[str], known: Mapping[str, Sequence[str]]
+) -> None:
+    """Check that templates name what there is, and all parameters.
+
+    Parameters
+    ----------
+    known : what else there is -> its fields; none of a plain value
+
+    Raises
+    ------
+    CalibError : no template; an unknown name or field, with its line; a parameter that no template names
+    """
+    used: set[str] = set()
+    for template in templates:
+        with_mistakes = _Reported(template)
+        tree = with_mistakes(lambda: _environment().parse(template.text))  # noqa: B023 - called at once
+        with_mistakes(lambda: _compiled(template))  # noqa: B023 - called at once
+        free = find_undeclared_variables(tree) - {"range", "namespace"}
+        used |= free
+        names = [*parameters, *known]
+        for name in sorted(free - set(names)):
+            raise CalibError(
+                f"{template.name}:{_line(tree, name)}: unknown placeholder {name!r}{nearest(name, names)}; known are "
+                f"{', '.join(names)}: add it to `parameters`, or mend the template"
+            )
+        for thing, field, line in _fields(tree):
+            if thing in known and thing not in parameters and field not in known[thing]:
+                raise CalibError(
+                    f"{template.name}:{line}: {thing} has no {field!r}{nearest(field, known[thing])}; it has "
+                    f"{', '.join(known[thing])}"
+                )
+    unused = [name for name in parameters if name not in used]
+    if unused:
+        where = ", ".join(template.name for template in templates)
+        raise CalibError(
+            f"parameters: {', '.join(unused)}: no placeholder of {where} names it; write {{{{ {unused[0]} }}}} where it "
+            "belongs, or drop it"
+        )
+
+
+def rendered(template: TemplateText, values: Mapping[str, Any]) -> str:
+    """Render a template.
+
+    Raises
+    ------
+    CalibError : something in it is undefined, does not fit its field or is no number, with the line
+    """
+
+    def render() -> str:
+        parts, size = [], 0
+        for part in _compiled(template).generate(values):
+            parts.append(part)
+            size += len(part)
+            if size > MAX_RENDERED_CHARACTERS:
+                raise CalibError(f"more than {MAX_RENDERED_CHARACTERS} characters; is a loop too long?")
+        return "".join(parts)
+
+    return _Reported(template)(render)
+
+
+@lru_cache(maxsize=256)
+def _compiled(template: TemplateText) -> Template:
+    return _environment().from_string(template.text)
+
+
+class _Reported:
+    """Calls something, and reports what a template gets wrong with its name and line."""
+
+    def __init__(self, template: TemplateText):
+        self._template = template
+
+    def __call__(self, call: Callable[[], Any]) -> Any:
+        try:
+            return call()
+        except TemplateSyntaxError as error:
+            raise CalibError(f"{self._template.name}:{error.lineno}: this is no template: {error.message}") from error
+        except UndefinedError as error:
+            raise CalibError(f"{self._where(error)}: undefined: {error.message}") from error
+        except CalibError as error:
+            raise CalibError(f"{self._where(error)}: {error}") from error
+        except (TemplateError, ArithmeticError, LookupError, MemoryError, RecursionError, TypeError, ValueError,
+                AttributeError, SyntaxError) as error:  # fmt: skip
+            raise CalibError(f"{self._where(error)}: cannot be rendered: {error!r:.200}") from error
+
+    def _where(self, error: BaseException) -> str:
+        """Name, with the line of the template that jinja2 has put into the traceback."""
+        line, trace = 0, error.__traceback__
+        while trace is not None:
+            if trace.tb_frame.f_code.co_filename == "<template>":
+                line = trace.tb_lineno
+            trace = trace.tb_next
+        return f"{self._template.name}:{line}" if line else self._template.name
+
+
+def _fields(tree: nodes.Template) -> Iterator[tuple[str, str, int]]:
+    """Name, field and line of every `name.field` and `name["field"]`."""
+    for node in tree.find_all((nodes.Getattr, nodes.Getitem)):
+        if not isinstance(node.node, nodes.Name):
+            continue
+        if isinstance(node, nodes.Getattr):
+            yield node.node.name, node.attr, node.lineno
+        elif isinstance(node, nodes.Getitem) and isinstance(node.arg, nodes.Const) and isinstance(node.arg.value, str):
+            yield node.node.name, node.arg.value, node.lineno
+
+
+def _line(tree: nodes.Template, name: str) -> int:
+    return next((node.lineno for node in tree.find_all(nodes.Name) if node.name == name), 1)
