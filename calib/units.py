@@ -109,7 +109,7 @@ def from_si(value: float, unit: str, si: str | None = None) -> float:
 
 
 def coherent(unit: str) -> str:
-    """SI unit without a factor in which quantities of a unit are given: ``"Pa"`` of ``"GPa"``, ``"m/s"`` of ``"mm/ms"``.
+    """SI unit without a factor of the same dimension: ``"Pa"`` of ``"GPa"``, ``"m/s"`` of ``"mm/ms"``.
 
     Raises
     ------
@@ -117,18 +117,14 @@ def coherent(unit: str) -> str:
     """
     if unit in ("", "1"):
         return "1"
-    known, parts = _registry(), list[tuple[str, Any]]()
+    known = _registry()
+    units = known.Unit("")
     for name, power in _parse(f"1 {unit}", unit).unit_items():
         roots = known.parse_unit_name(name)
-        root = roots[0][1] if roots else name
-        if known.Quantity(1.0, root).to_base_units().magnitude == 1.0:
-            parts.append((root, power))
-        else:  # such as gram, inch and degree
-            parts += [(base, power * own) for base, own in known.Quantity(1.0, root).to_base_units().unit_items()]
-    units = known.Quantity(1.0, "")
-    for name, power in parts:
-        units = units * known.Quantity(1.0, name) ** power
-    return f"{units.units:~C}".replace("**", "^").replace("*", " ") or "1"
+        root = known.Quantity(1.0, roots[0][1] if roots else name)
+        base = root.to_base_units()  # other than the root of gram, inch and degree
+        units = units * (root if base.magnitude == 1.0 else base).units ** power
+    return f"{units:~C}".replace("**", "^").replace("*", " ") or "1"
 
 
 def _parse(text: str, unit: str) -> "pint.Quantity":

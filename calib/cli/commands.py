@@ -52,11 +52,19 @@ def main() -> None:
 @click.option("--jobs", "-j", type=click.IntRange(min=1), help="Trials side by side. [default: the study's]")
 @click.option("--budget", type=click.IntRange(min=1), help="Trials of the whole study. [default: the study's]")
 @click.option("--fresh", is_flag=True, help="Forget the trials made so far (needed when the study was changed).")
+@click.option("--dry-run", "dry", is_flag=True, help="One run at the starting or nominal values; show what it gives.")
 @click.option("--quiet", "-q", is_flag=True, help="No progress, no summary with its remarks; errors only.")
 @JSON
 @reporting_mistakes
 def run(
-    study: Path, out: Path | None, jobs: int | None, budget: int | None, fresh: bool, quiet: bool, as_json: bool
+    study: Path,
+    out: Path | None,
+    jobs: int | None,
+    budget: int | None,
+    fresh: bool,
+    dry: bool,
+    quiet: bool,
+    as_json: bool,
 ) -> None:
     """Search the parameters of STUDY that fit its records best; go on where an earlier run was stopped.
 
@@ -76,6 +84,10 @@ def run(
     from calib.records import OK
     from calib.workflows.calibrate import calibrate  # see above
 
+    if dry:
+        from calib.cli.dry_run import show_dry_run
+
+        sys.exit(EXIT_DONE if show_dry_run(study, out) else EXIT_NOTHING)
     try:
         result = calibrate(study, out, budget=budget, jobs=jobs, fresh=fresh, quiet=quiet)
     except KeyboardInterrupt:

@@ -71,10 +71,11 @@ def run_guarded(
     alive, life = os.pipe2(os.O_CLOEXEC)  # the guardian reads until this process closes its end
     answers, report = os.pipe2(os.O_CLOEXEC)
     try:
+        numbers = [str(number) for number in (alive, report, log.fileno(), os.getpgrp())]
         process = subprocess.Popen(
-            [sys.executable, "-I", "-S", guardian.__file__, str(alive), str(report), str(log.fileno()),
-             str(os.getpgrp()), str(folder), *words],
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=log, env={**environment, RUN_MARK: mark}, pass_fds=(alive, report, log.fileno(), *held),
+            [sys.executable, "-I", "-S", guardian.__file__, *numbers, str(folder), *words],
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=log, env={**environment, RUN_MARK: mark},
+            pass_fds=(alive, report, log.fileno(), *held),
         )  # fmt: skip
     except BaseException:
         for descriptor in (alive, life, answers, report):

@@ -125,4 +125,5 @@ def descendants(root: int) -> list[int]:
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:5]), sys.argv[5], sys.argv[6:])
+    descriptors = [int(word) for word in sys.argv[1:5]]
+    main(descriptors[0], descriptors[1], descriptors[2], descriptors[3], sys.argv[5], sys.argv[6:])

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import xarray as xr
 
 from calib.errors import CalibError, nearest
+from calib.modelling.dry_run import DryRun
 from calib.modelling.effect import Effect, places_of
 from calib.modelling.laws import PYTHON_SITES, SLOTS, BoundLaw
 from calib.modelling.orbit import PeriodMap
@@ -127,6 +128,24 @@ class Model:
             record.attrs.pop(INTERVAL, None)
         stated = {name: value if math.isfinite(value) else None for name, value in values.items()}
         return record.assign_attrs(model=self.name, values=json.dumps(stated))
+
+    def afresh(self) -> "Model":
+        """Return the model whose simulator answers nothing from a cache."""
+        afresh = getattr(self.simulator, "afresh", None)
+        return self if afresh is None else Model(afresh(), self.effects)
+
+    def dry_run(self, values: Mapping[str, float], excitation: Excitation, request: Request) -> DryRun:
+        """Run the simulator once, as `run` does but without effects on its sensors, and say what it did.
+
+        Raises
+        ------
+        CalibError : as `run`
+        """
+        tried = getattr(self.simulator, "dry_run", None)
+        if tried is None:
+            return DryRun(self.run(values, excitation, request))
+        answer: DryRun = tried(self._own(self._complete(values)), excitation, request)
+        return answer
 
     def period_map(self, values: Mapping[str, float], excitation: Excitation, phase: float = 0.0) -> PeriodMap:
         """Map of one period of a harmonic excitation at `values`; see `calib.modelling.orbit.PeriodMap`.

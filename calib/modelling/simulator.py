@@ -83,6 +83,8 @@ class Simulator(Protocol):
     16. Optionally `check(excitation, request)`, which raises CalibError for what it cannot compute: a study is then
         refused when it is read.
     17. Optionally `afresh()`, the same simulator answering nothing from a cache: the best point is evaluated by it.
+    18. Optionally `dry_run(values, excitation, request)`, which gives a `calib.modelling.dry_run.DryRun`: it is made
+        once before a search begins, which ends there where it fails.
 
     `calib.testing.SimulatorSuite` checks all this.
     """

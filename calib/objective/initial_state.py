@@ -17,10 +17,9 @@ from calib.errors import CalibError
 from calib.modelling.model import Model
 from calib.modelling.parameter import Parameter
 from calib.objective.outliers import STD_PER_MAD, isolated_outliers
-from calib.records import OK
+from calib.records import OK, SIMULATIONS
 
 STATE_ATTRIBUTE = "initial_state"  # of a simulated record: the state that was solved for, as JSON [SI]
-COUNT_ATTRIBUTE = "simulations"  # of a simulated record: runs of the simulator that it took
 
 MAX_STATE_STEPS = 4  # of the search for the state, by the method of Gauss and Newton  [count]
 MAX_STATE_HALVINGS = 4  # of a step that does not reduce the squared difference
@@ -112,7 +111,7 @@ def no_initial_state(model: Model) -> str:
 
 def simulations(record: xr.Dataset) -> int:
     """Runs of the simulator that a record took."""
-    return int(record.attrs.get(COUNT_ATTRIBUTE, 1))
+    return int(record.attrs.get(SIMULATIONS, 1))
 
 
 class Comparison:
@@ -264,12 +263,12 @@ class _Search:
         return failed
 
     def _finished(self, now: View, state: np.ndarray, slopes: Slopes) -> Released:
-        record = with_initial_state(now.record, self._named(state)).assign_attrs({COUNT_ATTRIBUTE: self.count})
+        record = with_initial_state(now.record, self._named(state)).assign_attrs({SIMULATIONS: self.count})
         named = {u.name: own for u, own in zip(self.unknowns, slopes, strict=True)}
         return Released(record, named, self.count)
 
     def _failed(self, view: View) -> Released:
-        return Released(view.record.assign_attrs({COUNT_ATTRIBUTE: self.count}), {}, self.count)
+        return Released(view.record.assign_attrs({SIMULATIONS: self.count}), {}, self.count)
 
 
 # --- estimates from the record alone ----------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ CHANNELS = {"displacement": "m", "velocity": "m/s", "force": "N"}  # the usual o
 STATE = ("displacement", "velocity")  # what a phase curve and a section are made of
 MIN_SECTION_PERIODS = 64  # periods that the section of a simulated record holds, at least
 OK = "ok"
+SIMULATIONS = "simulations"  # attribute of a simulated record: runs of the simulator that it took, 1 where it is absent
 INTERVAL = "recorded_interval"  # attribute: between the samples of the instruments that see a simulated motion [s]
 
 

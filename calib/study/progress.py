@@ -61,7 +61,7 @@ class Progress:
             self._bars = None
 
     def stage(self, name: str) -> None:
-        """Say what begins: "screen", "search", "confirm", "confidence", "hold-out", "report"."""
+        """Say what begins: "dry run", "screen", "search", "confirm", "confidence", "hold-out", "report"."""
         if name != self._stage:
             self._stage = name
             self._show(now=True)

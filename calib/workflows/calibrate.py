@@ -42,6 +42,7 @@ from calib.study.result import HeldOutSummary
 from calib.study.summary import held_out, not_simulated, summarised
 from calib.study_file import EXTENDED, StudyFile, load, results_folder
 from calib.workflows.amplitudes import implausible_amplitudes
+from calib.workflows.dry_run import check_simulator_runs
 from calib.workflows.evaluations import CALIBRATED, CONFIRM, SEARCH, Case, Evaluations, held_out_references
 
 MAX_FREE_TRIGGER_SHARE = 0.5  # of the distance: a free trigger is recommended where it leaves less
@@ -150,6 +151,7 @@ def _calibrate(file: StudyFile, folder: Path, progress: Progress, fresh: bool) -
     begin, study = time.monotonic(), file.study
     if not fresh:
         progress.earlier(_earlier(folder))
+    check_simulator_runs(file, progress.stage)
     store = Store(folder, file.view, file.keep, partial(trial_picture, objective=study.objective))
     with Evaluations(file) as evaluations:
         search = _searched(study, store, evaluations, progress, fresh)
@@ -215,7 +217,7 @@ def _judged(
         return None
     progress.stage("confidence")
     pool = evaluations.calibrated(SEARCH)
-    [evaluation] = in_order(pool, [trial.values])
+    [evaluation] = in_order(evaluations.calibrated(SEARCH, afresh=True), [trial.values])
     confidence = around_best(study, pool, trial, evaluation)
     if confirmation is None or not confirmation.succeeded:
         return BestPoint(trial, False, evaluation, confidence, repetition(trial, evaluation))
@@ -242,7 +244,7 @@ def _predicted(
     if point is None or not names:
         return {}
     progress.stage("hold-out")
-    return evaluations.at(point.trial.values, [Case(point.confirming, name) for name in names])
+    return evaluations.at(point.trial.values, [Case(point.confirming, name, True) for name in names])
 
 
 def _summarised(
@@ -359,7 +361,7 @@ def _evaluated_again(
     file: StudyFile, top: Trial, confirming: bool
 ) -> tuple[BestPoint, dict[str, Evaluation | Failure]]:
     """Evaluate the best trial on the calibrated records and those held out."""
-    cases = [Case(confirming, name) for name in (*held_out_references(file), CALIBRATED)]
+    cases = [Case(confirming, name, True) for name in (*held_out_references(file), CALIBRATED)]
     with Evaluations(file) as evaluations:
         answers = evaluations.at(top.values, cases)
     return BestPoint(top, confirming, answers.pop(CALIBRATED)), answers

@@ -20,11 +20,12 @@ class Case(NamedTuple):
     """What values are evaluated on.
 
     `confirming` says by which model, the confirming one or that of the search; `record` is one that is held out, or
-    `CALIBRATED`.
+    `CALIBRATED`; `afresh` says whether the simulator has to run, though it may know the answer.
     """
 
     confirming: bool
     record: str = CALIBRATED
+    afresh: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,15 +49,16 @@ class Evaluations:
         if study.model.confirming is not None:
             models[True] = study.model.confirming
         cases = {
-            Case(confirming, record): _Judged(model, objective)
+            Case(confirming, record, afresh): _Judged(model.afresh() if afresh else model, objective)
             for confirming, model in models.items()
             for record, objective in objectives.items()
+            for afresh in (False, True)
         }
         self._pool = workers(partial(_evaluated, cases), study.jobs, study.timeout)
 
-    def calibrated(self, stage: str, confirming: bool = False) -> Pool:
+    def calibrated(self, stage: str, confirming: bool = False, afresh: bool = False) -> Pool:
         """Return the pool that evaluates values on the calibrated records."""
-        return _StagePool(self._pool, stage, Case(confirming))
+        return _StagePool(self._pool, stage, Case(confirming, afresh=afresh))
 
     def at(self, values: Mapping[str, float], cases: Sequence[Case]) -> dict[str, Evaluation | Failure]:
         """Evaluate the same values on several cases; return the evaluations by their record."""

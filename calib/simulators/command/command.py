@@ -11,12 +11,14 @@ from typing import Any
 import xarray as xr
 
 from calib.errors import CalibError, nearest
+from calib.modelling.dry_run import DryRun
 from calib.modelling.laws import BoundLaw
 from calib.modelling.simulator import Request
 from calib.records import failed
 from calib.records.excitation import Excitation
 from calib.simulators.command.deck import KNOWN, deck_values, output_times
-from calib.simulators.command.evaluation import ProgramRun, evaluated
+from calib.simulators.command.dry_run import DRY_RUN, facts_of
+from calib.simulators.command.evaluation import ProgramRun, Surroundings, evaluated
 from calib.simulators.command.inputs import Inputs, read_inputs
 from calib.simulators.command.options import SIGNATURE, CommandOptions, described
 from calib.simulators.command.quantities import declared_parameters
@@ -43,8 +45,8 @@ class Command:
     - `cores`
 
     with the filters unit("MPa"), from SI, fortran("E12.5"), and fixed(8), a field of 8 characters. Whatever is
-    undefined is refused, and so is a parameter that no template names. The program's time begins at 0; the record begins
-    `settle` periods later. Output on other instants than those of the request is interpolated, which the record says.
+    undefined is refused, and so is a parameter that no template names. The program's time begins at 0; the record
+    begins `settle` periods later. Output on other instants than those of the request is interpolated, which the record says.
 
     Parameters
     ----------
@@ -67,7 +69,9 @@ class Command:
         self.bodies = tuple(self._reading.channels)
         if self._options.reading.excitations is not None:
             self.excitations = self._options.reading.excitations
-        self._study, self._results, self._modules = Path.cwd(), None, None
+        self._study = Path.cwd()
+        self._results: Path | None = None
+        self._modules: Path | None = None
         self._afresh = False
         self._inputs: Inputs | None = None
 
@@ -113,10 +117,12 @@ class Command:
         ------
         CalibError : an excitation that the templates do not take; a file that has changed since the study was read
         """
-        return self.evaluated(values, excitation, request).record
+        return self._evaluated(values, excitation, request).record
 
-    def evaluated(self, values: Mapping[str, float], excitation: Excitation, request: Request) -> ProgramRun:
-        """Run the program, and say what was run and read."""
+    def _evaluated(
+        self, values: Mapping[str, float], excitation: Excitation, request: Request, kept_as: str = ""
+    ) -> ProgramRun:
+        """Run the program; `kept_as` is a name under which its folder is kept in any case."""
         self._check_drive(excitation)
         attrs = self._attrs(excitation)
         settle = self._settle(excitation, request)
@@ -133,15 +139,24 @@ class Command:
         if excitation.harmonic:
             period = excitation.as_harmonic.period
             instants = Instants(times, settle * period, period, request.periods, settle)
-        root = self._results
-        if root is None:
-            with tempfile.TemporaryDirectory(prefix="calib-") as folder:
-                return evaluated(
-                    self._ready(), self._options, self._reading, deck, instants, attrs, Path(folder), None, True
-                )
-        return evaluated(
-            self._ready(), self._options, self._reading, deck, instants, attrs, root, self._modules, self._afresh
+        if self._results is not None:
+            around = Surroundings(
+                self._options, self._ready(), self._results, self._modules, True, self._afresh, kept_as
+            )
+            return evaluated(around, deck, instants, attrs)
+        with tempfile.TemporaryDirectory(prefix="calib-") as folder:
+            around = Surroundings(self._options, self._ready(), Path(folder), None, False, True)
+            return evaluated(around, deck, instants, attrs)
+
+    def dry_run(self, values: Mapping[str, float], excitation: Excitation, request: Request) -> DryRun:
+        """Run the program, which no cache answers, and say what was run and read.
+
+        The run folder is kept as `runs/dry-run`, unless no folder is.
+        """
+        run = self.afresh()._evaluated(
+            values, excitation, request, "" if self._options.keeping.keep == "none" else DRY_RUN
         )
+        return DryRun(run.record, tuple(facts_of(run, self._options)))
 
     def check(self, excitation: Excitation, request: Request) -> None:
         """Refuse an excitation or a request that the templates do not take.

@@ -11,18 +11,81 @@ import xarray as xr
 
 from calib.errors import CalibError
 from calib.records import OK, failed
+from calib.simulators.command.cache import cache_key, cached, remember, shrink
 from calib.simulators.command.inputs import Deck, Inputs
-from calib.simulators.command.options import CommandOptions, Reading
+from calib.simulators.command.options import CommandOptions
 from calib.simulators.command.readers import Columns
 from calib.simulators.command.reading import Instants, OutputFault, read_columns, record_of
 from calib.simulators.command.run_folder import RunFolder, run_folder, sweep
 from calib.simulators.command.rung import LOG, TIMEOUT, log_tail, run_rung
 
 RUNS = "runs"  # folder of the run folders, below that of the results
-NAME_DIGITS_OF_INPUTS = 12  # hexadecimal, of the digest of its inputs, in the name of a folder that is kept
+KEPT_NAME_DIGITS = 12  # hexadecimal, of the digest of its inputs, in the name of a folder that is kept
 NOT_RENDERED = "not rendered"  # status of values that a template does not take
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "NUMBA_NUM_THREADS")
-_SWEPT: set[Path] = set()  # roots that this process has swept
+_TIDY: set[Path] = set()  # folders of results that this process has swept
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """Where and how a program is run.
+
+    Attributes
+    ----------
+    options : of the simulator
+    inputs : files and command lines
+    results : folder below which runs and cache are kept
+    modules : folder of modules beside those on Python's path, for a reader
+    lasting : whether `results` is there for other processes too, and later
+    afresh : whether nothing that is remembered is the answer
+    kept_as : name of the run folder once it has been used; empty where `options` say whether it is kept
+    """
+
+    options: CommandOptions
+    inputs: Inputs
+    results: Path
+    modules: Path | None
+    lasting: bool
+    afresh: bool
+    kept_as: str = ""
+
+    @property
+    def caching(self) -> bool:
+        """Whether records are remembered below `results`."""
+        return self.lasting and self.options.keeping.cache
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """Variables of the environment that are not those of `calib`."""
+        program = self.options.program
+        return {**dict.fromkeys(THREADS, str(program.cores)), **program.environment}
+
+    def names(self, deck: Deck) -> dict[str, str]:
+        """Names of the folders of a run that is "ok" and of one that has "failed"; empty for one that is not kept."""
+        keep, digest = self.options.keeping.keep, deck.digest[:KEPT_NAME_DIGITS]
+        if self.kept_as:
+            return {"ok": self.kept_as, "failed": self.kept_as}
+        best = keep == "best" and self.afresh
+        return {
+            "ok": f"best-{digest}" if best else f"ok-{digest}" if keep == "all" else "",
+            "failed": f"failed-{digest}" if keep in ("failed", "all") else "",
+        }
+
+    def key(self, deck: Deck, instants: Instants, attrs: Mapping[str, Any]) -> str:
+        """Name of a record in the cache."""
+        keeping = self.options.keeping
+        return cache_key(
+            {
+                "deck": deck.digest,
+                "code": self.inputs.code,
+                "environment": self.environment,
+                "read": dict(self.options.reading.read),
+                "times": instants.times.tobytes().hex(),
+                "section": [instants.period, instants.periods, instants.settle],
+                "limits": [keeping.fail_if, keeping.inactivity],
+                "attrs": dict(attrs),
+            }
+        )
 
 
 @dataclass(frozen=True)
@@ -52,8 +115,8 @@ class ProgramRun:
     ----------
     record : its answer
     files : name -> content of the rendered files
-    tried : command lines, of which the last one has answered
-    columns : what was read last; None where nothing could be
+    tried : command lines, of which the last one has answered; none of an answer from the cache
+    columns : what was read last; None where nothing was
     """
 
     record: xr.Dataset
@@ -63,55 +126,52 @@ class ProgramRun:
 
 
 def evaluated(
-    inputs: Inputs,
-    options: CommandOptions,
-    reading: Reading,
-    values: Mapping[str, object],
-    instants: Instants,
-    attrs: Mapping[str, Any],
-    results: Path,
-    modules: Path | None,
-    afresh: bool,
+    around: Surroundings, values: Mapping[str, object], instants: Instants, attrs: Mapping[str, Any]
 ) -> ProgramRun:
-    """Run the program in a folder below `results`."""
-    bodies = list(reading.channels)
+    """Answer from the cache, or run the program in a folder of its own.
+
+    Parameters
+    ----------
+    values : what templates may name
+    instants : at which the motion is recorded
+    attrs : of the record
+    """
     try:
-        deck = inputs.deck(values)
+        deck = around.inputs.deck(values)
     except CalibError as error:
-        return ProgramRun(failed(bodies, NOT_RENDERED, str(error), **attrs))
-    root = results / RUNS
-    if root not in _SWEPT:
+        return ProgramRun(failed(_bodies(around), NOT_RENDERED, str(error), **attrs))
+    key = around.key(deck, instants, attrs) if around.caching else ""
+    known = cached(around.results, key) if around.caching and not around.afresh else None
+    if known is not None:
+        return ProgramRun(known, deck.files)
+    root = around.results / RUNS
+    if around.lasting and around.results not in _TIDY:
         sweep(root)
-        _SWEPT.add(root)
+        shrink(around.results)
+        _TIDY.add(around.results)
     with run_folder(root) as folder:
-        run = _climbed(folder, deck, options, reading, instants, attrs, modules)
-        kept = _kept(options.keeping.keep, run.record, afresh)
-        if kept:
-            folder.moved(f"{kept}-{deck.digest[:NAME_DIGITS_OF_INPUTS]}")
+        names = around.names(deck)
+        run = _climbed(folder, deck, around, instants, attrs, names["failed"])
+        if name := names["ok" if run.record.attrs["status"] == OK else "failed"]:
+            folder.moved(name)
+    if around.caching and run.record.attrs["status"] == OK:
+        remember(around.results, key, run.record)
     return run
 
 
-def _kept(keep: str, record: xr.Dataset, afresh: bool) -> str:
-    """Return the first part of the name under which a run folder is kept; empty where it is not."""
-    if record.attrs["status"] != OK:
-        return "failed" if keep in ("failed", "all") else ""
-    if keep == "best" and afresh:
-        return "best"
-    return "ok" if keep == "all" else ""
+def _bodies(around: Surroundings) -> list[str]:
+    return list(around.options.reading.reading.channels)
 
 
 def _climbed(
-    folder: RunFolder,
-    deck: Deck,
-    options: CommandOptions,
-    reading: Reading,
-    instants: Instants,
-    attrs: Mapping[str, Any],
-    modules: Path | None,
+    folder: RunFolder, deck: Deck, around: Surroundings, instants: Instants, attrs: Mapping[str, Any], name: str
 ) -> ProgramRun:
-    """Try one command line after the other, each in the folder as it was, until one gives a record."""
-    environment = {**os.environ, **dict.fromkeys(THREADS, str(options.program.cores)), **options.program.environment}
-    keeping, tried = options.keeping, list[TriedLine]()
+    """Try one command line after the other, each in the folder as it was, until one gives a record.
+
+    name : of the folder of a run that fails, once it is kept
+    """
+    keeping, reading = around.options.keeping, around.options.reading.reading
+    environment, tried = {**os.environ, **around.environment}, list[TriedLine]()
     columns: Columns | None = None
     for rung, words in enumerate(deck.lines, start=1):
         folder.emptied(tuple(f"{LOG}.{before}" for before in range(1, rung)))
@@ -120,7 +180,7 @@ def _climbed(
         status, reason = end.status, end.reason
         if not status:
             try:
-                columns = read_columns(folder.path, reading, modules)
+                columns = read_columns(folder.path, reading, around.modules)
                 record = record_of(columns, reading, instants, {**attrs, **_said(rung, words, deck, tried)})
                 tried.append(TriedLine(shlex.join(words), end.seconds, "", "", ""))
                 return ProgramRun(record, deck.files, tuple(tried), columns)
@@ -131,11 +191,16 @@ def _climbed(
             break
         if rung < len(deck.lines):
             (folder.path / LOG).rename(folder.path / f"{LOG}.{rung}")
+    record = failed(_bodies(around), tried[-1].status, _reason(tried, name), **attrs)
+    return ProgramRun(record, deck.files, tuple(tried), columns)
+
+
+def _reason(tried: list[TriedLine], folder: str) -> str:
+    """Return why all command lines failed, with the end of the last one's log."""
     reason = "; ".join(f"{one.command}: {one.reason}" for one in tried)
     if tried[-1].tail:
         reason += f"; its log ends: {tried[-1].tail}"
-    record = failed(list(reading.channels), tried[-1].status, reason, **attrs)
-    return ProgramRun(record, deck.files, tuple(tried), columns)
+    return f"{reason}; kept in {RUNS}/{folder}" if folder else reason
 
 
 def _said(rung: int, words: tuple[str, ...], deck: Deck, tried: list[TriedLine]) -> dict[str, Any]:

@@ -71,7 +71,7 @@ def _exponential(value: float, kind: str, digits: int, exponent_digits: int | No
         letter = ""  # Fortran leaves the letter out for three digits
     elif exponent_digits is not None and len(size) > exponent_digits:
         raise CalibError(f"{value!r} does not fit an exponent of {exponent_digits} digit(s); take a longer one")
-    return f"{'-' if math.copysign(1.0, value) < 0 and value else ''}{mantissa}{letter}{'-' if exponent < 0 else '+'}{size}"
+    return f"{'-' if value < 0.0 else ''}{mantissa}{letter}{'-' if exponent < 0 else '+'}{size}"
 
 
 def fixed(value: float | int | str, width: int, align: str = "right") -> str:

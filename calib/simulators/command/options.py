@@ -217,8 +217,8 @@ class Reading:
             unlike = {one.name for one in channels[first]} ^ {one.name for one in channels[other]}
             if unlike:
                 raise CalibError(
-                    f"read: bodies: {', '.join(sorted(unlike))} is read of one of {first!r} and {other!r} only; read the "
-                    "same channels of all bodies"
+                    f"read: bodies: {', '.join(sorted(unlike))} is read of one of {first!r} and {other!r} only; read "
+                    "the same channels of all bodies"
                 )
         time = _time(stated.get("time", "time"))
         options = {key: value for key, value in stated.items() if key not in ("reader", "file", "bodies", "time")}

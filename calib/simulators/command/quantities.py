@@ -43,7 +43,9 @@ def _parameter(name: str, stated: Any) -> Parameter:
         raise CalibError(f"{where}: {error}") from error
     if not math.isfinite(numbers["nominal"]):
         raise CalibError(f"{where}: expected a finite nominal value, got {table['nominal']!r}")
-    parameter = Parameter(name, unit, meaning=meaning, **numbers)
+    nominal, null = numbers["nominal"], numbers.get("null")
+    low, high = numbers.get("low", -math.inf), numbers.get("high", math.inf)
+    parameter = Parameter(name, unit, nominal, meaning, null=null, low=low, high=high)
     if not parameter.low <= parameter.nominal <= parameter.high:
         raise CalibError(
             f"{where}: the nominal value {parameter.nominal:g} {unit} lies outside [{parameter.low:g}, "

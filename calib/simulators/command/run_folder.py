@@ -16,7 +16,7 @@ from calib.execution.guarded import end_marked
 ACTIVE = "active"  # folder of those in which a program runs
 NAME_DIGITS = 12  # hexadecimal, at random, of the name of a folder
 MAX_HOST_CHARACTERS = 40  # of the machine's name in it
-NAME = re.compile(r"(?P<host>.+)-(?P<pid>\d+)-(?P<start>\d+)-(?P<mark>[0-9a-f]{%d})" % NAME_DIGITS)
+NAME = re.compile(r"(?P<host>.+)-(?P<pid>\d+)-(?P<start>\d+)-(?P<mark>[0-9a-f]+)")
 RENAME_ATTEMPTS = 5  # of a folder to a name that others may take at the same time
 
 

@@ -150,8 +150,8 @@ def check_names(
     if unused:
         where = ", ".join(template.name for template in templates)
         raise CalibError(
-            f"parameters: {', '.join(unused)}: no placeholder of {where} names it; write {{{{ {unused[0]} }}}} where it "
-            "belongs, or drop it"
+            f"parameters: {', '.join(unused)}: no placeholder of {where} names it; write {{{{ {unused[0]} }}}} where "
+            "it belongs, or drop it"
         )
 
 
@@ -211,13 +211,12 @@ class _Reported:
 
 def _fields(tree: nodes.Template) -> Iterator[tuple[str, str, int]]:
     """Name, field and line of every `name.field` and `name["field"]`."""
-    for node in tree.find_all((nodes.Getattr, nodes.Getitem)):
-        if not isinstance(node.node, nodes.Name):
-            continue
-        if isinstance(node, nodes.Getattr):
+    for node in tree.find_all(nodes.Getattr):
+        if isinstance(node.node, nodes.Name):
             yield node.node.name, node.attr, node.lineno
-        elif isinstance(node, nodes.Getitem) and isinstance(node.arg, nodes.Const) and isinstance(node.arg.value, str):
-            yield node.node.name, node.arg.value, node.lineno
+    for item in tree.find_all(nodes.Getitem):
+        if isinstance(item.node, nodes.Name) and isinstance(item.arg, nodes.Const) and isinstance(item.arg.value, str):
+            yield item.node.name, item.arg.value, item.lineno
 
 
 def _line(tree: nodes.Template, name: str) -> int:
