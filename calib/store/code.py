@@ -7,11 +7,15 @@ from calib.store.trial import Trial
 
 
 def code_change(old: Mapping[str, str], new: Mapping[str, str], trials: int) -> str:
-    """Return a sentence on the modules that have changed since `trials` trials were logged; empty where none has."""
+    """Return a sentence on what has changed since `trials` trials were logged; empty where nothing has."""
     if old == new:
         return ""
     changed = sorted(name for name in {**old, **new} if old.get(name) != new.get(name))
-    named = f"module{'' if len(changed) == 1 else 's'} {', '.join(changed)}"
+    files = [name for name in changed if " " in name]  # "file deck.inp.j2", "program ccx"
+    modules = [name for name in changed if " " not in name]
+    named = ", ".join(
+        [*([f"module{'' if len(modules) == 1 else 's'} {', '.join(modules)}"] if modules else []), *files]
+    )
     if not old:
         return (
             f"the code of {named} was not recorded when this study was begun: it is from now on, the {trials} trials "

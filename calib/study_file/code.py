@@ -1,4 +1,4 @@
-"""The code outside calib that a study uses: digests of source files, or versions of installed distributions."""
+"""The code outside calib that a study uses: digests of files, or versions of installed distributions and programs."""
 
 import ast
 import hashlib
@@ -9,28 +9,32 @@ from importlib.metadata import packages_distributions, version
 from pathlib import Path
 
 from calib import plugins
+from calib.modelling.simulator import Simulator
 from calib.study_file.schema import StudyToml
 from calib.study_file.session_code import session_digest
 
 SCRIPT = "__main__"  # module of what a script defines that is being run
 
 
-def used_code(shape: StudyToml, folder: Path | None) -> dict[str, str]:
+def used_code(shape: StudyToml, folder: Path | None, simulator: Simulator | None = None) -> dict[str, str]:
     """Return module -> "sha256 ..." of its source, or name and version of the distribution that installed it.
 
     These are the modules of simulator, effects, features and optimiser outside calib, and the modules in the same
     folder, or in that of the study, which they import. The code of calib itself is known by its version. What a
-    script, a notebook or an interactive session defines stands with its name and a digest of its compiled code.
+    script, a notebook or an interactive session defines stands with its name and a digest of its compiled code. Files
+    and programs stand with their name.
 
     Parameters
     ----------
     folder : in which modules of the study lie; None: all are on Python's path
+    simulator : which may name further modules in `references`, and files and programs in `code`; None names none
     """
     references = [
         ("calib.simulators", shape.model.simulator),
         *(("calib.effects", effect.name) for effect in shape.model.effects),
         *(("calib.features", term.feature) for term in shape.term),
         ("calib.optimisers", shape.optimiser.name),
+        *(("calib.simulators", reference) for reference in getattr(simulator, "references", ())),
     ]
     folders = [] if folder is None else [folder.resolve()]
     code: dict[str, str] = {}
@@ -44,7 +48,7 @@ def used_code(shape: StudyToml, folder: Path | None) -> dict[str, str]:
         if file is not None:
             code |= _code_of(module, Path(file).resolve(), folders)
     code.pop(SCRIPT, None)  # its budget and its pictures are no part of the simulator
-    return dict(sorted(code.items()))
+    return dict(sorted({**code, **getattr(simulator, "code", {})}.items()))
 
 
 def _code_of(module: str, file: Path, folders: list[Path]) -> dict[str, str]:

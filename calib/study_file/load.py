@@ -174,7 +174,7 @@ def load(
         timeout=timeout,
         screen=shape.study.screen,
         definition=_definition(shape, model, space, path.parent),
-        code=used_code(shape, mistakes.modules) | dict(getattr(model.simulator, "code", {})),
+        code=used_code(shape, mistakes.modules, model.simulator),
     )
     return StudyFile(
         path=path,
@@ -383,6 +383,7 @@ def _definition(shape: StudyToml, model: Model, space: Space, folder: Path) -> d
     """Everything that decides which trials are made and how they score, as JSON; units and defaults worked out."""
     head = shape.study
     fixed = {**model.nominal, **space.fixed}
+    incidental: frozenset[str] = getattr(model.simulator, "incidental", frozenset())
     return {
         "name": head.name,
         "seed": head.seed,
@@ -397,7 +398,7 @@ def _definition(shape: StudyToml, model: Model, space: Space, folder: Path) -> d
         },
         "model": {
             "simulator": shape.model.simulator,
-            "options": _sorted(shape.model.options),
+            "options": _sorted({k: value for k, value in shape.model.options.items() if k not in incidental}),
             "effects": [effect.model_dump(exclude_none=True) for effect in shape.model.effects],
             "fixed": plain({name: value for name, value in _sorted(fixed).items() if name not in space.windows}),
         },

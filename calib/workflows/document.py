@@ -1,8 +1,10 @@
 """The document of a study file: its tables from the arguments of `calib.Study`."""
 
+import inspect
 import sys
 import warnings
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -113,3 +115,15 @@ def references_in(document: Mapping[str, Any]) -> list[str]:
     entries += [*(term["feature"] for term in document["term"]), document.get("optimiser", {}).get("name", "")]
     names = [entry["name"] if isinstance(entry, Mapping) else entry for entry in entries]
     return [name for name in names if ":" in name]
+
+
+def with_folder(options: dict[str, Any], simulator: str | type, folder: Path) -> dict[str, Any]:
+    """Return the options of a simulator whose option `folder` is absolute, if it has one.
+
+    The study file of a study in Python lies in a temporary folder, to which no path is relative.
+    """
+    with suppress(CalibError):  # which the check of the study reports
+        maker = plugins.load("calib.simulators", simulator) if isinstance(simulator, str) else simulator
+        if hasattr(maker, "placed") and "folder" in inspect.signature(maker).parameters:
+            return {**options, "folder": str((folder / str(options.get("folder", ""))).absolute())}
+    return options

@@ -41,6 +41,7 @@ from calib.workflows.document import (
     references_in,
     table_of,
     window_table,
+    with_folder,
 )
 from calib.workflows.plot import Plot
 from calib.workflows.record import Record, listed
@@ -122,7 +123,7 @@ class Study:
         model = {
             "simulator": reference_of(simulator, "calib.simulators"),
             "effects": [reference_of(effect, "calib.effects") for effect in listed(effects)],
-            "options": dict(options or {}),
+            "options": with_folder(dict(options or {}), simulator, Path.cwd()),
             "fixed": dict(fixed or {}),
         }
         self._records = {record.name: record for record in records}
@@ -153,6 +154,9 @@ class Study:
         study = cls.__new__(cls)
         study._document, study._records = tomllib.loads(path.read_text(encoding="utf-8")), {}
         study._folder = path.parent
+        model = study._document["model"]
+        if "options" in model:
+            model["options"] = with_folder(model["options"], model["simulator"], path.parent)
         for entry in study._document["record"]:
             if entry["path"] == record_file(entry["name"]) and "table" not in entry:  # as `save` has left it
                 study._records[entry["name"]] = Record(read(path.parent / entry["path"]), entry["name"])

@@ -19,6 +19,7 @@ MAX_NOISE_RATIO = 1.5  # of the difference of a measured cycle that returns to i
 MIN_CYCLES_OF_MEAN = 4  # for each period tried on freely sampled cycles
 MAX_RESIDUAL = 0.01  # of the amplitude: residual about a mean cycle of few samples
 LIMITS_OF_RECORD = "; a record alone does not distinguish chaotic from quasi-periodic motion, or from a longer period"
+MIN_SHRINKING_DIFFERENCES = 6  # count: fewer show no trend
 BESIDE_ATTRIBUTE = "beside"  # attribute of a simulated record: what is known of other motions at the same parameters
 IRREGULAR, UNDECIDED, NO_CONTACT, NOT_PERIODIC = "irregular", "undecided", "no contact", "not periodic"
 
@@ -54,7 +55,8 @@ def kind_of_motion(record: xr.Dataset) -> MotionKind:
     A difference that shrinks steadily, or halves from the first to the last third, belongs to a motion that still
     settles: undecided. Without a section the cycles of the record are compared with its noise (its sigma, otherwise
     estimated from the second differences of its samples): that distinguishes a returning motion from one that does not
-    return, but a short record is never called irregular. A record that was read from a closed curve states after how
+    return, but a short record is never called irregular. Where this leaves it undecided, a section of fewer than 64
+    periods may show a return, or that the motion still settles. A record that was read from a closed curve states after how
     many periods it returns (attribute `returns_after`), and a simulated one which motions coexist with its own
     (attribute `beside`).
 
@@ -73,6 +75,8 @@ def kind_of_motion(record: xr.Dataset) -> MotionKind:
         motion = _from_section(record, sections)
     else:
         motion = _from_cycles(record)
+        if motion.kind == UNDECIDED and sections:
+            motion = _from_short_section(record, sections, motion)
     kind, evidence = motion.kind, motion.evidence
     if impacts == 0.0 and record.attrs.get("contact_fraction", 0.0) > 0.0:
         evidence = f"in contact without an impact; {evidence}"
@@ -113,6 +117,35 @@ def _from_section(record: xr.Dataset, sections: Mapping[str, np.ndarray]) -> Mot
         return MotionKind(f"period-{lag}", lag, text, tuple(recurrence))
     text = f"does not return within {MAX_PERIOD} periods, best after {_best(recurrence)}: {min(recurrence):.1e}"
     return MotionKind(IRREGULAR, None, sentence.format(text) + LIMITS_OF_RECORD, tuple(recurrence))
+
+
+def _from_short_section(record: xr.Dataset, sections: Mapping[str, np.ndarray], undecided: MotionKind) -> MotionKind:
+    """Kind from a section of few periods, where the cycles of the record leave it undecided.
+
+    A motion returns that does so over all of its later half, and over more periods than it takes to return; that it
+    does not return, few periods cannot show.
+    """
+    states = np.concatenate([values / _amplitude(record.variables[c].values) for c, values in sections.items()])
+    size, recurrence = states.shape[1], list[float]()
+    for lag in range(1, size // 2 + 1):
+        difference = np.abs(states[:, lag:] - states[:, :-lag]).max(axis=0)
+        recurrence.append(float(difference[difference.size // 2 :].max()))
+        if recurrence[-1] <= CYCLE_RETURN_TOLERANCE:
+            text = (
+                f"over {size - 1} periods, too few to tell more, the state returns after {lag} period(s) within "
+                f"{recurrence[-1]:.1e} of the amplitude (tolerance {CYCLE_RETURN_TOLERANCE:.0e})"
+            )
+            return MotionKind(f"period-{lag}", lag, text, tuple(recurrence))
+        if difference.size >= MIN_SHRINKING_DIFFERENCES and _shrinks(difference):
+            text = (
+                f"over {size - 1} periods, too few to tell more, the state still settles towards period-{lag}: {lag} "
+                f"period(s) apart it differs by {recurrence[-1]:.1e} of the amplitude, falling"
+            )
+            return MotionKind(UNDECIDED, None, text, tuple(recurrence), lag)
+    if not recurrence:
+        return undecided
+    text = f"{undecided.evidence}; at phase 0 the state of {size - 1} periods differs by {min(recurrence):.1e} at best"
+    return MotionKind(UNDECIDED, None, text, tuple(recurrence))
 
 
 def _best(recurrence: Sequence[float]) -> int:

@@ -22,6 +22,7 @@ from calib.simulators.command.evaluation import ProgramRun, Surroundings, evalua
 from calib.simulators.command.inputs import Inputs, read_inputs
 from calib.simulators.command.options import SIGNATURE, CommandOptions, described
 from calib.simulators.command.quantities import declared_parameters
+from calib.simulators.command.readers import check_options
 from calib.simulators.command.reading import Instants
 from calib.simulators.command.templates import check_names
 
@@ -46,7 +47,8 @@ class Command:
 
     with the filters unit("MPa"), from SI, fortran("E12.5"), and fixed(8), a field of 8 characters. Whatever is
     undefined is refused, and so is a parameter that no template names. The program's time begins at 0; the record
-    begins `settle` periods later. Output on other instants than those of the request is interpolated, which the record says.
+    begins `settle` periods later. Output on other instants than those of the request is interpolated, which the record
+    says.
 
     Parameters
     ----------
@@ -55,6 +57,7 @@ class Command:
 
     name = "command"
     sites: frozenset[str] = frozenset()
+    incidental = frozenset({"keep", "cache", "folder"})
 
     __signature__ = SIGNATURE
 
@@ -69,7 +72,7 @@ class Command:
         self.bodies = tuple(self._reading.channels)
         if self._options.reading.excitations is not None:
             self.excitations = self._options.reading.excitations
-        self._study = Path.cwd()
+        self._study = Path.cwd() / (self._options.program.folder or "")
         self._results: Path | None = None
         self._modules: Path | None = None
         self._afresh = False
@@ -83,7 +86,8 @@ class Command:
         CalibError : a file or program is missing, a template names what there is not, a parameter is in none
         """
         other = copy.copy(self)
-        other._study, other._results, other._modules = study, results.absolute(), modules
+        other._study = study / (self._options.program.folder or "")
+        other._results, other._modules = results.absolute(), modules
         other._inputs = other._read()
         return other
 
@@ -98,9 +102,15 @@ class Command:
         """Identity of templates, files and programs, by name."""
         return self._ready().code
 
+    @property
+    def references(self) -> tuple[str, ...]:
+        """Function of a module, as "module:function", that is the reader; empty of one that is registered."""
+        return (self._reading.reader,) if ":" in self._reading.reader else ()
+
     def _read(self) -> Inputs:
         inputs = read_inputs(self._options.program, self._study)
         check_names(inputs.texts, [p.name for p in self.parameters], KNOWN)
+        check_options(self._reading.reader, self._reading.options, self._modules)
         return inputs
 
     def _ready(self) -> Inputs:

@@ -32,7 +32,7 @@ def _columns(run: ProgramRun, options: CommandOptions) -> Iterator[tuple[str, st
     time, reading = np.asarray(run.columns.time, dtype=float), options.reading.reading
     if time.size > 1:
         step = float(np.median(np.diff(time)))
-        yield "time", f"{time.size} instants from {time[0]:.6g} to {time[-1]:.6g} {reading.time.unit}, {step:.4g} apart"
+        yield "time", f"{time.size} instants from {time[0]:.6g} to {time[-1]:.6g}, {step:.4g} apart, as in the file"
     used = {one.column: f"{one.name} of {body} [{one.unit}]" for body, own in reading.channels.items() for one in own}
     names = sorted(run.columns.values, key=lambda name: name not in used)
     for name in names[:MAX_SHOWN_COLUMNS]:

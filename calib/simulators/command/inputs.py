@@ -74,8 +74,8 @@ class Inputs:
     @property
     def code(self) -> dict[str, str]:
         """Identity of the files and programs, by name."""
-        own = {template.name: f"sha256 {_digest(template.text.encode())}" for template in self.templates.values()}
-        return own | {one.name: f"sha256 {one.sha256}" for one in self.copied} | dict(self.programs)
+        own = {f"file {one.name}": f"sha256 {_digest(one.text.encode())}" for one in self.templates.values()}
+        return own | {f"file {one.name}": f"sha256 {one.sha256}" for one in self.copied} | dict(self.programs)
 
     def deck(self, values: Mapping[str, object]) -> "Deck":
         """Render everything.

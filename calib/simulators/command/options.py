@@ -30,6 +30,8 @@ class ProgramOptions:
     environment : variables of the program's environment, added to those of `calib`
     version : command line whose output is the version of the program; without it the file of the program is known by
         its SHA-256
+    folder : to which paths of files and programs are relative; without it that of the study file, or of a study in
+        Python the working folder
     """
 
     template: Sequence[str] = ()
@@ -38,6 +40,7 @@ class ProgramOptions:
     cores: int = 1
     environment: Mapping[str, str] = field(default_factory=dict)
     version: str | None = None
+    folder: str | None = None
 
     def __post_init__(self) -> None:
         """Refuse what is no list of files or command lines."""
@@ -45,8 +48,13 @@ class ProgramOptions:
         object.__setattr__(self, "run", _texts("run", self.run, '["ccx -i deck"]'))
         if not self.run:
             raise CalibError('run: expected one command line at least, such as run = ["ccx -i deck"]')
-        for line in (*self.run, *([] if self.version is None else [self.version])):
-            _check_line(line)
+        for line in self.run:
+            _check_line("run", line)
+        for name in ("version", "folder"):
+            if not isinstance(getattr(self, name), str | None):
+                raise CalibError(f"{name}: expected a text, got {getattr(self, name)!r:.60}")
+        if self.version is not None:
+            _check_line("version", self.version)
         if isinstance(self.cores, bool) or not isinstance(self.cores, int) or self.cores < 1:
             raise CalibError(f"cores: expected a whole number from 1 on, got {self.cores!r}")
         for name, value in _table("environment", self.environment).items():
@@ -60,9 +68,9 @@ class ReadingOptions:
 
     Attributes
     ----------
-    read : table of `reader` (a name, or "module:function"), `file`, `time` (column and unit; without it the column
-        "time" in seconds), `bodies` (body -> column of its displacement in metres, or a table of channels, each with
-        column and unit), and further options of the reader
+    read : table of `reader` (a name, or "module:function"), `file`, `time` (column and unit; without it
+        the reader's own, in seconds), `bodies` (body -> column of its displacement in metres, or a table of channels,
+        each with column and unit), and further options of the reader
     prescribed : channels that the excitation prescribes, as "body.channel"
     drives : quantity of an excitation -> place, or places, at which the templates apply it; without it any is taken
     settle : periods that are dropped first, where the study does not say how many
@@ -182,14 +190,14 @@ class Reading:
     Attributes
     ----------
     reader, file : name of the reader; file of the run folder that it reads
-    time : column and unit of time
+    time_factor : from the time of the output to seconds
     channels : body -> its channels; all bodies have the same ones
-    options : of the reader
+    options : of the reader, its column of time among them where one is stated
     """
 
     reader: str
     file: str
-    time: ReadChannel
+    time_factor: float
     channels: Mapping[str, tuple[ReadChannel, ...]]
     options: Mapping[str, Any]
 
@@ -220,15 +228,27 @@ class Reading:
                     f"read: bodies: {', '.join(sorted(unlike))} is read of one of {first!r} and {other!r} only; read "
                     "the same channels of all bodies"
                 )
-        time = _time(stated.get("time", "time"))
         options = {key: value for key, value in stated.items() if key not in ("reader", "file", "bodies", "time")}
-        return cls(stated["reader"], stated["file"], time, channels, options)
+        column, factor = _time(stated.get("time", {"unit": "s"}))
+        if column is not None:
+            options["time"] = column
+        return cls(stated["reader"], stated["file"], factor, channels, options)
 
 
-def _time(stated: Any) -> ReadChannel:
-    if isinstance(stated, str):
-        stated = {"column": stated, "unit": "s"}
-    return _channel("read: time", "time", stated, "s")
+def _time(stated: Any) -> tuple[str | int | None, float]:
+    """Column of time, None for the reader's own choice, and the factor from its numbers to seconds."""
+    table = {"column": stated} if isinstance(stated, str | int) else stated
+    if not isinstance(table, Mapping) or not set(table) <= {"column", "unit"}:
+        raise CalibError(
+            f'read: time: expected {{ column = "time", unit = "s" }}, or one of the two, got {stated!r:.80}'
+        )
+    column, unit = table.get("column"), table.get("unit", "s")
+    if isinstance(column, bool) or not isinstance(column, str | int | None) or not isinstance(unit, str):
+        raise CalibError(f"read: time: expected a column and the text of a unit, got {column!r:.40} and {unit!r:.40}")
+    try:
+        return column, to_si(f"1 {unit}", "s")
+    except CalibError as error:
+        raise CalibError(f"read: time: {error}") from error
 
 
 def _channels(where: str, stated: Any) -> tuple[ReadChannel, ...]:
@@ -276,13 +296,13 @@ def _table(name: str, value: Any) -> Mapping[str, Any]:
     return value
 
 
-def _check_line(line: str) -> None:
+def _check_line(name: str, line: str) -> None:
     try:
         words = shlex.split(line)
     except ValueError as error:
-        raise CalibError(f"run: {line!r} is no command line ({error}); close its quotation marks") from error
-    if not words:
-        raise CalibError('run: expected a command line such as "ccx -i deck", got an empty one')
+        raise CalibError(f"{name}: {line!r} is no command line ({error}); close its quotation marks") from error
+    if not words or "\0" in line:
+        raise CalibError(f'{name}: expected a command line such as "ccx -i deck", got {line!r}')
 
 
 GROUPS = (ProgramOptions, ReadingOptions, KeepingOptions)

@@ -67,20 +67,12 @@ def read_columns(folder: Path, reading: Reading, modules: Path | None) -> Column
     path = folder / reading.file
     if not path.resolve().is_relative_to(folder.resolve()):
         raise OutputFault(UNREADABLE, f"{reading.file} lies outside the run folder")
-    options = {"time": reading.time.column, **reading.options}
     try:
-        columns = reader(reading.reader, modules)(path, options)
+        return reader(reading.reader, modules)(path, **reading.options)
     except CalibError as error:
         if not path.exists():
             raise OutputFault(NO_OUTPUT, f"it has written no file {reading.file}") from error
-        raise OutputFault(UNREADABLE, f"{error}") from error
-    except Exception as error:  # a reader of the user's own, and files of any kind
-        if not path.exists():
-            raise OutputFault(NO_OUTPUT, f"it has written no file {reading.file}") from error
-        raise OutputFault(UNREADABLE, f"{reading.file}: {type(error).__name__}: {error}") from error
-    if not isinstance(columns, Columns):
-        raise OutputFault(UNREADABLE, f"the reader {reading.reader!r} returned {type(columns).__name__}, not Columns")
-    return columns
+        raise OutputFault(UNREADABLE, str(error).replace(f"{folder}/", "")) from error
 
 
 def record_of(columns: Columns, reading: Reading, instants: Instants, attrs: Mapping[str, Any]) -> xr.Dataset:
@@ -119,7 +111,7 @@ def record_of(columns: Columns, reading: Reading, instants: Instants, attrs: Map
 
 def _time(columns: Columns, reading: Reading) -> np.ndarray:
     """Time (n,) [s]."""
-    time = np.asarray(columns.time, dtype=float) * reading.time.factor
+    time = np.asarray(columns.time, dtype=float) * reading.time_factor
     if time.ndim != 1 or time.size < 2:
         raise OutputFault(SHORT, f"{reading.file} holds {time.size} instant(s); at least two are needed")
     if not np.isfinite(time).all():
