@@ -56,8 +56,8 @@ def kind_of_motion(record: xr.Dataset) -> MotionKind:
     settles: undecided. Without a section the cycles of the record are compared with its noise (its sigma, otherwise
     estimated from the second differences of its samples): that distinguishes a returning motion from one that does not
     return, but a short record is never called irregular. Where this leaves it undecided, a section of fewer than 64
-    periods may show a return, or that the motion still settles. A record that was read from a closed curve states after how
-    many periods it returns (attribute `returns_after`), and a simulated one which motions coexist with its own
+    periods may show a return, or that the motion still settles. A record that was read from a closed curve states after
+    how many periods it returns (attribute `returns_after`), and a simulated one which motions coexist with its own
     (attribute `beside`).
 
     To distinguish chaotic motion from quasi-periodic motion or one of a long period takes the simulator's own map; see
@@ -127,7 +127,7 @@ def _from_short_section(record: xr.Dataset, sections: Mapping[str, np.ndarray], 
     """
     states = np.concatenate([values / _amplitude(record.variables[c].values) for c, values in sections.items()])
     size, recurrence = states.shape[1], list[float]()
-    for lag in range(1, size // 2 + 1):
+    for lag in range(1, min(MAX_PERIOD, size // 2) + 1):
         difference = np.abs(states[:, lag:] - states[:, :-lag]).max(axis=0)
         recurrence.append(float(difference[difference.size // 2 :].max()))
         if recurrence[-1] <= CYCLE_RETURN_TOLERANCE:

@@ -100,6 +100,8 @@ def _environment() -> Environment:
 
 
 def _printable(value: Any) -> Any:
+    if isinstance(value, StrictUndefined):
+        return value  # which raises an error when it is written
     if value is None or isinstance(value, Mapping | bool) or callable(value):
         raise CalibError(f"a placeholder gives {value!r:.40}, which is neither number nor text; name one of its parts")
     if isinstance(value, ValueWithUnit):

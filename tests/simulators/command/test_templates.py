@@ -1,0 +1,157 @@
+"""Templates: what they may name, what they may not do."""
+
+import math
+import pickle
+
+import numpy as np
+import pytest
+
+from calib.errors import CalibError
+from calib.modelling.simulator import Request
+from calib.records.excitation import Excitation
+from calib.simulators.command.deck import KNOWN, deck_values
+from calib.simulators.command.quantities import declared_parameters
+from calib.simulators.command.templates import TemplateText, check_names, rendered
+
+PARAMETERS = declared_parameters({"youngs": "70 GPa", "gap": "1 mm", "ratio": 0.3})
+DRIVE = Excitation("tip", "base motion", frequency=20.0, amplitude=1e-3, phase=0.5)
+
+
+def values(excitation=DRIVE, settle=3, **request):
+    nominal = {p.name: p.nominal for p in PARAMETERS}
+    return deck_values(PARAMETERS, nominal, excitation, Request(**{"periods": 2, "samples": 10, **request}), settle, 2)
+
+
+def deck(text, **more):
+    return rendered(TemplateText("deck.inp.j2", text), values(**more))
+
+
+def checked(text, parameters=("youngs",)):
+    check_names([TemplateText("deck.inp.j2", text)], list(parameters), KNOWN)
+
+
+def test_parameters_have_the_si_unit_of_their_quantity():
+    assert [(p.name, p.unit, p.nominal) for p in PARAMETERS] == [
+        ("youngs", "Pa", 70e9), ("gap", "m", 1e-3), ("ratio", "1", 0.3),
+    ]  # fmt: skip
+
+
+def test_a_placeholder_is_the_value_in_si_with_all_its_digits():
+    assert deck("{{ youngs }} {{ gap }}") == "70000000000.0 0.001"
+
+
+def test_a_value_is_converted_and_formatted():
+    assert deck('E={{ youngs | unit("MPa") | fortran("E12.5") }}') == "E= 0.70000E+05"
+    assert deck('{{ gap | unit("mm") | fixed(8) }}') == "      1."
+
+
+def test_arithmetic_gives_plain_numbers_whose_unit_is_taken_as_coherent():
+    assert deck('{{ (youngs * (1 + ratio)) | unit("GPa") }}') == "91.0"
+
+
+def test_a_unit_of_another_dimension_is_refused():
+    with pytest.raises(CalibError, match=r"deck.inp.j2:2: .*given in Pa"):
+        deck('\n{{ youngs | unit("mm") }}')
+
+
+def test_loops_and_conditions_leave_no_empty_lines():
+    text = "{% for i in range(3) %}\n*NODE {{ i }}\n{% if i == 1 %}\nmiddle\n{% endif %}\n{% endfor %}\nend\n"
+    assert deck(text) == "*NODE 0\n*NODE 1\nmiddle\n*NODE 2\nend\n"
+
+
+def test_excitation_and_request_are_there():
+    text = "{{ excitation.frequency }} {{ excitation.amplitude }} {{ excitation.phase }} {{ excitation.omega }}"
+    assert [float(word) for word in deck(text).split()] == [20.0, 1e-3, 0.5, pytest.approx(2.0 * math.pi * 20.0)]
+    assert deck("{{ excitation.quantity }} at {{ excitation.place }}") == "base motion at tip"
+    words = deck("{{ request.periods }} {{ request.settle }} {{ request.start }} {{ request.end }} {{ request.step }}")
+    assert [float(word) for word in words.split()] == [2, 3, 0.15, 0.25, pytest.approx(0.005)]
+    assert len(deck("{% for t in request.times %}{{ t }}\n{% endfor %}").split()) == 20
+    assert deck("{{ cores }}") == "2"
+
+
+def test_a_recorded_input_is_a_table():
+    recorded = Excitation("tip", "force", time=np.array([0.0, 0.1, 0.2]), value=np.array([1.0, -1.0, 0.5]))
+    text = "{% for s in excitation.samples %}{{ s.time }}, {{ s.value }}\n{% endfor %}"
+    assert deck(text, excitation=recorded) == "0.0, 1.0\n0.1, -1.0\n0.2, 0.5\n"
+    assert deck("{{ excitation.value | length }}", excitation=recorded) == "3"
+    assert deck("{% if excitation.recorded %}AMPLITUDE{% endif %}", excitation=recorded) == "AMPLITUDE"
+    with pytest.raises(CalibError, match="'frequency'"):
+        deck("{{ excitation.frequency }}", excitation=recorded)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("a\n{{ yuongs }}", r"deck.inp.j2:2: unknown placeholder 'yuongs' \(did you mean 'youngs'\?\)"),
+        ("{{ youngs }}{{ excitation.freqency }}", r"deck.inp.j2:1: excitation has no 'freqency' \(did you mean"),
+        ("{{ youngs }}{{ request['perids'] }}", r"request has no 'perids'"),
+        ("{{ youngs }}{{ cores.x }}", "cores has no 'x'"),
+        ("nothing", "youngs: no placeholder of deck.inp.j2 names it"),
+        ("{{ youngs | fotran('E12.5') }}", "this is no template: No filter named 'fotran'"),
+        ("{{ youngs ", "this is no template"),
+        ("{% for i in range(3) %}", "this is no template"),
+        ("{{ youngs }}{% include 'other' %}", "cannot be rendered|no loader"),
+        ("{{ " + "(" * 3000 + "youngs" + ")" * 3000 + " }}", "deck.inp.j2"),
+    ],
+)
+def test_a_mistake_is_refused_with_its_line(text, reason):
+    with pytest.raises(CalibError, match=reason):
+        _ = checked(text), deck(text)
+
+
+def test_names_that_a_template_sets_itself_are_known():
+    checked("{% set n = 3 %}{% for i in range(n) %}{{ i * youngs }}{{ loop.index }}{% endfor %}")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{{ youngs.__class__ }}", "{{ excitation.quantity.upper() }}", "{{ ''.__class__.__mro__ }}",
+        "{{ 'x' * 999999999 }}", "{{ 9 ** (9 ** 9) }}", "{{ '%999999999d' % 5 }}", "{{ range(999999999) | length }}",
+        "{{ 'x'.center(999999999) }}", "{{ [0] * 999999999 }}", "{{ 1 / 0 }}", "{{ none }}", "{{ youngs > 1 }}",
+        "{{ excitation }}", "{{ 1e308 * 10 | fortran('E12.5') }}", "{{ cycler }}", "{{ youngs | attr('unit') }}",
+        "{{ 99999999999999999999 ** 9999 }}", "{% set n = namespace(x=1) %}{{ n.__init__ }}", "{{ range }}",
+    ],
+)  # fmt: skip
+def test_what_is_no_deck_is_refused(text):
+    with pytest.raises(CalibError, match="deck.inp.j2"):
+        deck(text)
+
+
+def test_a_loop_may_count_in_a_namespace():
+    text = "{% set n = namespace(total=0) %}{% for i in range(4) %}{% set n.total = n.total + i %}{% endfor %}"
+    assert deck(text + "{{ n.total }}") == "6"
+
+
+def test_a_value_that_does_not_fit_its_field_is_refused():
+    with pytest.raises(CalibError, match="deck.inp.j2:1: .* does not fit F8.3"):
+        deck('{{ youngs | fortran("F8.3") }}')
+
+
+def test_texts_of_templates_survive_a_pickle():
+    text = TemplateText("a.j2", "{{ gap }}")
+    assert rendered(pickle.loads(pickle.dumps(text)), values()) == "0.001"
+
+
+@pytest.mark.parametrize(
+    ("stated", "reason"),
+    [
+        ({"a b": 1.0}, "letters, digits"),
+        ({"a": "1 furlong per"}, "a"),
+        ({"a": {"nominal": "1 mm", "lo": 0}}, r"unknown key 'lo' \(did you mean 'low'\?\)"),
+        ({"a": {"low": 0}}, "nominal is missing"),
+        ({"a": {"nominal": "1 mm", "low": "2 mm"}}, "outside"),
+        ({"a": {"nominal": "1 mm", "low": "2 s"}}, "given in m"),
+        ({"a": True}, "a number or a text with a unit"),
+        ({"a": "inf"}, "finite"),
+        ("gap", "expected a table"),
+    ],
+)
+def test_a_parameter_that_is_none_is_refused(stated, reason):
+    with pytest.raises(CalibError, match=reason):
+        declared_parameters(stated)
+
+
+def test_bounds_null_and_meaning_of_a_parameter_are_taken():
+    [p] = declared_parameters({"c": {"nominal": "5 N s/m", "low": 0, "null": 0, "meaning": "damping"}})
+    assert (p.unit, p.nominal, p.low, p.null, p.meaning) == ("N s/m", 5.0, 0.0, 0.0, "damping")
