@@ -36,6 +36,7 @@ from calib.study import (
     reach,
     result,
 )
+from calib.study.cached import answered_from_cache
 from calib.study.progress import Progress
 from calib.study.repetition import repetition
 from calib.study.result import HeldOutSummary
@@ -269,6 +270,7 @@ def _summarised(
             *([] if confirmation is None else confirmation.remarks),
             *_in_the_place_of_intervals(study, search.trials, confidence),
             *_remarks(study, point),
+            *answered_from_cache(search.trials),
         ],
         reproduced=None if point is None else not point.repetition,
         simulations=_simulations(file, search.trials, confirmation, point, predictions),
