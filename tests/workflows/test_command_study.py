@@ -14,6 +14,7 @@ import tomlkit
 from bouncer import OPTIONS, lay_out
 from child_environment import environment
 from click.testing import CliRunner
+from echo_study import write_study
 from marked_processes import MARK, new_mark, survivors
 
 import calib
@@ -103,8 +104,7 @@ def test_a_dry_run_of_a_wrong_reader_shows_the_columns_there_are(tmp_path, truth
 
 
 def test_a_dry_run_of_another_simulator_shows_its_record(tmp_path):
-    study = Path(__file__).parents[2] / "studies" / "minimal"
-    answer = CliRunner().invoke(main, ["run", str(study), "--dry-run", "--out", str(tmp_path)])
+    answer = CliRunner().invoke(main, ["run", str(write_study(tmp_path)), "--dry-run"])
     assert answer.exit_code == 0, answer.output
     assert "kind of motion" in answer.output
 

@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
 from child_environment import environment
@@ -77,7 +76,7 @@ def test_the_folder_of_a_killed_run_is_swept_with_what_still_runs_of_it(tmp_path
     mark = folder.rpartition("-")[2]
     orphan = subprocess.Popen(["sleep", "600"], env={RUN_MARK: mark}, start_new_session=True)
     os.kill(process.pid, signal.SIGKILL)
-    time.sleep(0.05)  # its zombie is no living run
+    os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)  # it remains a zombie, which is no living run
     with run_folder(tmp_path) as own:
         sweep(tmp_path)
         assert folders(tmp_path) == [str(own.path)]
