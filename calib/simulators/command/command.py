@@ -37,13 +37,12 @@ class Command:
     where all fail the record says why, with the last lines of the log. A run that is given up is ended with all
     processes that it has started, and so are all runs when `calib` ends, however it ends.
 
-    In templates (jinja2) stand the parameters by name, in SI, and
+    In templates (jinja2) stand the parameters by name, in SI, `cores`, and the fields of
 
-    - `excitation`: quantity, place, unit, frequency, period, omega, amplitude, phase; of a recorded input time, value,
-      and samples, which have both; harmonic, recorded, periodic
-    - `request`: step, start, end, times of the output that is read; of a harmonic excitation periods, samples a period
-      and settle; step_budget
-    - `cores`
+    excitation : quantity, place, unit, frequency, period, omega, amplitude, phase; of a recorded input time, value, and
+        samples, which have both; harmonic, recorded, periodic
+    request : step, start, end and times of the output that is read; of a harmonic excitation periods, samples a period
+        and settle; step_budget
 
     with the filters unit("MPa"), from SI, fortran("E12.5"), and fixed(8), a field of 8 characters. Whatever is
     undefined is refused, and so is a parameter that no template names. The program's time begins at 0; the record
