@@ -74,7 +74,7 @@ def run_guarded(
         numbers = [str(number) for number in (alive, report, log.fileno(), os.getpgrp())]
         process = subprocess.Popen(
             [sys.executable, "-I", "-S", guardian.__file__, *numbers, str(folder), *words],
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=log, env={**environment, RUN_MARK: mark},
+            stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=log,
             pass_fds=(alive, report, log.fileno(), *held),
         )  # fmt: skip
     except BaseException:
@@ -85,6 +85,7 @@ def run_guarded(
     os.close(report)
     given_up = ""
     try:
+        _give(process, {**environment, RUN_MARK: mark})
         given_up = _watched(answers, watch)
     finally:
         os.close(life)
@@ -93,6 +94,13 @@ def run_guarded(
         if process.wait():
             end_marked(mark)
     return _end(answer, given_up, time.monotonic() - begin)
+
+
+def _give(process: "subprocess.Popen[bytes]", environment: Mapping[str, str]) -> None:
+    """Write the environment of the program to its guardian."""
+    if process.stdin is not None:
+        with suppress(BrokenPipeError), process.stdin as stdin:
+            stdin.write(b"\0".join(os.fsencode(f"{name}={value}") for name, value in environment.items()))
 
 
 def _watched(answers: int, watch: Callable[[], str]) -> str:

@@ -18,7 +18,7 @@ PATIENCE_S = 30.0  # s, for descendants to end: another user's cannot be killed
 FIRST_PAUSE_S, LAST_PAUSE_S = 0.001, 0.1  # s, between two rounds of killing, doubled from one to the next
 
 
-def main(life: int, report: int, log: int, group: int, folder: str, words: list[str]) -> None:
+def main(life: int, report: int, log: int, group: int, folder: bytes, words: list[bytes]) -> None:
     """Run a program, and write how it ended: "exit N", "signal N" or "missing REASON".
 
     This process adopts all descendants of the program, those in sessions of their own too, because it is their
@@ -31,7 +31,11 @@ def main(life: int, report: int, log: int, group: int, folder: str, words: list[
     log : descriptor of the file for all that the program prints
     group : process group of the program
     folder, words : in which it runs; its name and arguments
+
+    Its environment is read from the standard input, since what is meant for the program need not suit this one.
     """
+    with open(0, "rb", closefd=False) as given:
+        environment = dict(entry.split(b"=", 1) for entry in given.read().split(b"\0") if entry)
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT})
     os.setpgid(0, 0)
     for name in os.listdir("/proc/self/fd"):
@@ -42,7 +46,7 @@ def main(life: int, report: int, log: int, group: int, folder: str, words: list[
     failure, failed = os.pipe2(os.O_CLOEXEC)
     program = os.fork()
     if program == 0:
-        _become(prctl, failed, log, group, folder, words)
+        _become(prctl, failed, log, group, folder, words, environment)
     os.close(failed)
     os.close(log)
     reason = os.read(failure, 1000)
@@ -59,7 +63,15 @@ def main(life: int, report: int, log: int, group: int, folder: str, words: list[
         os.write(report, answer)
 
 
-def _become(prctl: "ctypes._FuncPointer", failed: int, log: int, group: int, folder: str, words: list[str]) -> None:
+def _become(
+    prctl: "ctypes._FuncPointer",
+    failed: int,
+    log: int,
+    group: int,
+    folder: bytes,
+    words: list[bytes],
+    environment: dict[bytes, bytes],
+) -> None:
     """Become the program; where that fails, write why."""
     try:
         prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
@@ -72,7 +84,7 @@ def _become(prctl: "ctypes._FuncPointer", failed: int, log: int, group: int, fol
         os.dup2(log, 1)
         os.dup2(log, 2)
         signal.pthread_sigmask(signal.SIG_SETMASK, set())
-        os.execvp(words[0], words)
+        os.execvpe(words[0], words, environment)
     except OSError as error:
         os.write(failed, (error.strerror or "cannot be executed").encode())
     finally:
@@ -126,4 +138,5 @@ def descendants(root: int) -> list[int]:
 
 if __name__ == "__main__":
     descriptors = [int(word) for word in sys.argv[1:5]]
-    main(descriptors[0], descriptors[1], descriptors[2], descriptors[3], sys.argv[5], sys.argv[6:])
+    texts = [os.fsencode(word) for word in sys.argv[5:]]
+    main(descriptors[0], descriptors[1], descriptors[2], descriptors[3], texts[0], texts[1:])

@@ -92,13 +92,35 @@ def test_a_killed_guardian_takes_the_program_with_it(tmp_path):
 
     def watch():
         if len(processes := marked(mark)) > MEMBERS:
-            [guardian] = [pid for pid in processes if b"guardian.py" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+            [guardian] = {parent(pid) for pid in processes} & guardians()
             os.kill(guardian, signal.SIGKILL)
         return ""
 
     end = ended(["sh", "-c", FAMILY + "wait"], tmp_path, mark, watch)
     assert end.reason == "its guardian was killed"
     assert not survivors(mark)
+
+
+def parent(pid):
+    return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
+
+
+def guardians():
+    numbers = [int(path.name) for path in Path("/proc").glob("[0-9]*")]
+    return {pid for pid in numbers if b"guardian.py" in cmdline(pid)}
+
+
+def cmdline(pid):
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:  # it has just ended
+        return b""
+
+
+def test_the_environment_is_the_program_s_alone(tmp_path):
+    end = ended(["sh", "-c", "echo $OWN; tr '\\0' '\\n' < /proc/$PPID/environ | grep -c OWN"], tmp_path, OWN="a=b c")
+    assert end.code == 1, "grep finds none"
+    assert (tmp_path / "log").read_text() == "a=b c\n0\n"
 
 
 SCRIPT = f"""

@@ -16,10 +16,11 @@ from calib.simulators.command.inputs import Deck, Inputs
 from calib.simulators.command.options import CommandOptions
 from calib.simulators.command.readers import Columns
 from calib.simulators.command.reading import Instants, OutputFault, read_columns, record_of
-from calib.simulators.command.run_folder import RunFolder, run_folder, sweep
+from calib.simulators.command.run_folder import RunFolder, drop_oldest, run_folder, sweep
 from calib.simulators.command.rung import LOG, TIMEOUT, log_tail, run_rung
 
 RUNS = "runs"  # folder of the run folders, below that of the results
+MAX_KEPT_FAILED = 50  # folders of failed runs, unless all are kept
 KEPT_NAME_DIGITS = 12  # hexadecimal, of the digest of its inputs, in the name of a folder that is kept
 NOT_RENDERED = "not rendered"  # status of values that a template does not take
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "NUMBA_NUM_THREADS")
@@ -60,14 +61,17 @@ class Surroundings:
         program = self.options.program
         return {**dict.fromkeys(THREADS, str(program.cores)), **program.environment}
 
-    def names(self, deck: Deck) -> dict[str, str]:
-        """Names of the folders of a run that is "ok" and of one that has "failed"; empty for one that is not kept."""
+    def names(self, deck: Deck, instants: Instants, attrs: Mapping[str, Any]) -> dict[str, str]:
+        """Names of the folders of a run that is "ok" and of one that has "failed"; empty for one that is not kept.
+
+        The best run of a record takes the place of the one before, whatever its values.
+        """
         keep, digest = self.options.keeping.keep, deck.digest[:KEPT_NAME_DIGITS]
         if self.kept_as:
             return {"ok": self.kept_as, "failed": self.kept_as}
         best = keep == "best" and self.afresh
         return {
-            "ok": f"best-{digest}" if best else f"ok-{digest}" if keep == "all" else "",
+            "ok": f"best-{_record_digest(instants, attrs)}" if best else f"ok-{digest}" if keep == "all" else "",
             "failed": f"failed-{digest}" if keep in ("failed", "all") else "",
         }
 
@@ -150,13 +154,19 @@ def evaluated(
         shrink(around.results)
         _TIDY.add(around.results)
     with run_folder(root) as folder:
-        names = around.names(deck)
+        names = around.names(deck, instants, attrs)
         run = _climbed(folder, deck, around, instants, attrs, names["failed"])
         if name := names["ok" if run.record.attrs["status"] == OK else "failed"]:
             folder.moved(name)
+            if name.startswith("failed-") and around.options.keeping.keep == "failed":
+                drop_oldest(root, "failed-", MAX_KEPT_FAILED)
     if around.caching and run.record.attrs["status"] == OK:
         remember(around.results, key, run.record)
     return run
+
+
+def _record_digest(instants: Instants, attrs: Mapping[str, Any]) -> str:
+    return cache_key({"times": instants.times.tobytes().hex(), "attrs": dict(attrs)})[:KEPT_NAME_DIGITS]
 
 
 def _bodies(around: Surroundings) -> list[str]:

@@ -5,6 +5,7 @@ import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
+from pathlib import PurePosixPath
 from typing import Any, Literal, TypeVar, get_args
 
 from calib.errors import CalibError, nearest
@@ -114,7 +115,8 @@ class KeepingOptions:
 
     Attributes
     ----------
-    keep : run folders that are kept: "none", "failed" (default), "best" (that of the final evaluation) or "all"
+    keep : run folders that are kept: "none", "failed" (default, the last 50), "best" (those of the final evaluation) or
+        "all"
     cache : whether the same inputs are answered by what the same program gave before
     fail_if : texts in the output by which a run has failed, whatever its exit code; "/.../" is a regular expression
     inactivity : time without output, to the log or to a file of the run folder, after which a run is given up
@@ -216,6 +218,8 @@ class Reading:
         for key in ("reader", "file"):
             if not isinstance(stated[key], str) or not stated[key]:
                 raise CalibError(f"read: {key}: expected a text, got {stated[key]!r:.60}")
+        if PurePosixPath(stated["file"]).is_absolute() or ".." in PurePosixPath(stated["file"]).parts:
+            raise CalibError(f"read: file: expected a file of the run folder, got {stated['file']!r:.80}")
         bodies = _table("read: bodies", stated["bodies"])
         if not bodies:
             raise CalibError('read: bodies: expected one body at least, as in { tip = "u_tip" }')

@@ -90,6 +90,14 @@ def sweep(root: Path) -> None:
             shutil.rmtree(path, ignore_errors=True)
 
 
+def drop_oldest(root: Path, beginning: str, most: int) -> None:
+    """Delete the oldest kept folders whose name begins so, but for `most` of them."""
+    with suppress(OSError):
+        kept = sorted(root.glob(f"{beginning}*"), key=lambda path: path.stat().st_mtime_ns)
+        for path in kept[:-most]:
+            shutil.rmtree(path, ignore_errors=True)
+
+
 def _lives(path: Path, pid: int, start: str) -> bool:
     """Whether the process that made a folder lives, or something else holds its lock."""
     if _started(pid) == start:

@@ -17,6 +17,7 @@ from calib.simulators.command.formats import fixed, fortran
 from calib.units import from_si
 
 SUFFIX = ".j2"  # of a file that is rendered
+MAX_LOOP_STEPS = 5_000_000  # of all loops over `range` in one rendering
 MAX_RENDERED_CHARACTERS = 200_000_000  # of one file
 MAX_INTEGER_BITS = 4096  # of an integer that a template works out
 KEPT_FILTERS = (
@@ -167,7 +168,7 @@ def rendered(template: TemplateText, values: Mapping[str, Any]) -> str:
 
     def render() -> str:
         parts, size = [], 0
-        for part in _compiled(template).generate(values):
+        for part in _compiled(template).generate({**values, "range": _CountedRange()}):
             parts.append(part)
             size += len(part)
             if size > MAX_RENDERED_CHARACTERS:
@@ -180,6 +181,26 @@ def rendered(template: TemplateText, values: Mapping[str, Any]) -> str:
 @lru_cache(maxsize=256)
 def _compiled(template: TemplateText) -> Template:
     return _environment().from_string(template.text)
+
+
+class _CountedRange:
+    """`range` in templates, whose numbers are counted over all loops of one rendering."""
+
+    def __init__(self) -> None:
+        self._left = MAX_LOOP_STEPS
+
+    def __call__(self, *bounds: int) -> range:
+        """Return the range.
+
+        Raises
+        ------
+        CalibError : too many numbers altogether
+        """
+        numbers = range(*bounds)
+        self._left -= len(numbers)
+        if self._left < 0:
+            raise CalibError(f"loops of more than {MAX_LOOP_STEPS} steps; is one too long?")
+        return numbers
 
 
 class _Reported:

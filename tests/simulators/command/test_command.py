@@ -280,6 +280,7 @@ def test_a_free_decay_and_a_recorded_input_run_on_their_own_instants(tmp_path):
         ({"read": {**READ, "bodies": {"tip": {"level": {"column": "u", "unit": "mV"}}}}}, "one of SI without a factor"),
         ({"read": {**READ, "bodies": {"a": "u", "b": {"velocity": "v"}}}}, "the same channels of all bodies"),
         ({"read": {**READ, "time": {"column": "t", "unit": "Hz"}}}, "read: time"),
+        ({"read": {**READ, "file": "../../out.csv"}}, "a file of the run folder"),
         ({"keep": "some"}, "keep: expected one of none"),
         ({"fail_if": "/(/"}, "no regular expression"),
         ({"inactivity": "3 m"}, "given in s"),

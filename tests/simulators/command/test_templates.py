@@ -110,6 +110,7 @@ def test_names_that_a_template_sets_itself_are_known():
         "{{ 'x' * 999999999 }}", "{{ 9 ** (9 ** 9) }}", "{{ '%999999999d' % 5 }}", "{{ range(999999999) | length }}",
         "{{ 'x'.center(999999999) }}", "{{ [0] * 999999999 }}", "{{ 1 / 0 }}", "{{ none }}", "{{ youngs > 1 }}",
         "{{ excitation }}", "{{ 1e308 * 10 | fortran('E12.5') }}", "{{ cycler }}", "{{ youngs | attr('unit') }}",
+        "{% for i in range(90000) %}{% for j in range(90000) %}{% endfor %}{% endfor %}",
         "{{ 99999999999999999999 ** 9999 }}", "{% set n = namespace(x=1) %}{{ n.__init__ }}", "{{ range }}",
     ],
 )  # fmt: skip
