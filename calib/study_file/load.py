@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from numbers import Integral
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from calib import plugins
 from calib.diagnosis.laboratory import Laboratory
@@ -161,21 +161,7 @@ def load(
     mistakes.tell()
     if model is None or space is None or optimiser is None or laboratory is None:
         raise AssertionError("a part of the study is missing, and no mistake says why")
-    study = CalibrationStudy(
-        name=shape.study.name,
-        model=model,
-        space=space,
-        objective=objective,
-        optimiser=optimiser,
-        budget=budget or shape.study.budget,
-        seed=shape.study.seed,
-        batch=shape.optimiser.batch,
-        jobs=shape.study.jobs if jobs is None else jobs,
-        timeout=timeout,
-        screen=shape.study.screen,
-        definition=_definition(shape, model, space, path.parent),
-        code=used_code(shape, mistakes.modules, model.simulator),
-    )
+    study = _study(shape, mistakes, _Parts(model, space, objective, optimiser, timeout), budget, jobs)
     return StudyFile(
         path=path,
         study=study,
@@ -185,6 +171,53 @@ def load(
         keep=shape.store.keep,
         candidates=candidates,
         laboratory=laboratory,
+    )
+
+
+@dataclass(frozen=True)
+class OptimiserMaker:
+    """Makes the optimiser of a study; a refusal names the line of the study file."""
+
+    maker: Callable[..., Optimiser]
+    options: Mapping[str, Any]
+    place: str
+
+    def __call__(self, **contract: int) -> Optimiser:
+        """Return the optimiser for `dim`, `seed`, `budget` and `batch`."""
+        try:
+            return self.maker(**contract, **self.options)
+        except (CalibError, TypeError, ValueError, ImportError) as error:
+            raise CalibError(f"{self.place}: {error}") from error
+
+
+class _Parts(NamedTuple):
+    """What a study is made of."""
+
+    model: Model
+    space: Space
+    objective: Objective
+    optimiser: OptimiserMaker
+    timeout: float
+
+
+def _study(
+    shape: StudyToml, mistakes: Mistakes, parts: _Parts, budget: int | None, jobs: int | None
+) -> CalibrationStudy:
+    model, space = parts.model, parts.space
+    return CalibrationStudy(
+        name=shape.study.name,
+        model=model,
+        space=space,
+        objective=parts.objective,
+        optimiser=parts.optimiser,
+        budget=budget or shape.study.budget,
+        seed=shape.study.seed,
+        batch=shape.optimiser.batch,
+        jobs=shape.study.jobs if jobs is None else jobs,
+        timeout=parts.timeout,
+        screen=shape.study.screen,
+        definition=_definition(shape, model, space, mistakes.path.parent),
+        code=used_code(shape, mistakes.modules, model.simulator),
     )
 
 
@@ -328,22 +361,6 @@ def _terms(shape: StudyToml, calibrated: Mapping[str, Reference] | None, mistake
             Objective(calibrated, [term])  # alone, so that its refusal names this line
             terms.append(term)
     return terms
-
-
-@dataclass(frozen=True)
-class OptimiserMaker:
-    """Makes the optimiser of a study; a refusal names the line of the study file."""
-
-    maker: Callable[..., Optimiser]
-    options: Mapping[str, Any]
-    place: str
-
-    def __call__(self, **contract: int) -> Optimiser:
-        """Return the optimiser for `dim`, `seed`, `budget` and `batch`."""
-        try:
-            return self.maker(**contract, **self.options)
-        except (CalibError, TypeError, ValueError, ImportError) as error:
-            raise CalibError(f"{self.place}: {error}") from error
 
 
 def _optimiser(shape: StudyToml, mistakes: Mistakes) -> OptimiserMaker | None:

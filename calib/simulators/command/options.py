@@ -95,9 +95,9 @@ class ReadingOptions:
             _texts(f"drives: {quantity}", places, '"tip"')
 
     @property
-    def reading(self) -> "Reading":
+    def reading(self) -> "OutputReading":
         """The table `read`, checked."""
-        return Reading.of(self.read)
+        return OutputReading.of(self.read)
 
     @property
     def excitations(self) -> frozenset[tuple[str, str]] | None:
@@ -186,7 +186,7 @@ class ReadChannel:
 
 
 @dataclass(frozen=True)
-class Reading:
+class OutputReading:
     """The table `read`.
 
     Attributes
@@ -204,7 +204,7 @@ class Reading:
     options: Mapping[str, Any]
 
     @classmethod
-    def of(cls, stated: Mapping[str, Any]) -> "Reading":
+    def of(cls, stated: Mapping[str, Any]) -> "OutputReading":
         """Check the table.
 
         Raises

@@ -11,7 +11,7 @@ from scipy.interpolate import PchipInterpolator
 
 from calib.errors import CalibError, nearest
 from calib.records import MIN_SECTION_PERIODS, STATE, make
-from calib.simulators.command.options import ReadChannel, Reading
+from calib.simulators.command.options import OutputReading, ReadChannel
 from calib.simulators.command.readers import Columns, reader
 
 NO_OUTPUT, UNREADABLE, SHORT, NOT_FINITE = "no output", "unreadable output", "short output", "not finite"  # statuses
@@ -57,7 +57,7 @@ class Instants:
         return self.period * (self.settle + self.periods - count + np.arange(count + 1))
 
 
-def read_columns(folder: Path, reading: Reading, modules: Path | None) -> Columns:
+def read_columns(folder: Path, reading: OutputReading, modules: Path | None) -> Columns:
     """Read the output file of a run.
 
     Raises
@@ -75,7 +75,7 @@ def read_columns(folder: Path, reading: Reading, modules: Path | None) -> Column
         raise OutputFault(UNREADABLE, str(error).replace(f"{folder}/", "")) from error
 
 
-def record_of(columns: Columns, reading: Reading, instants: Instants, attrs: Mapping[str, Any]) -> xr.Dataset:
+def record_of(columns: Columns, reading: OutputReading, instants: Instants, attrs: Mapping[str, Any]) -> xr.Dataset:
     """Record of a run.
 
     Where the output lies on other instants than those asked for, it is interpolated without overshoot (PCHIP), which
@@ -109,7 +109,7 @@ def record_of(columns: Columns, reading: Reading, instants: Instants, attrs: Map
     return make(instants.times - instants.begin, bodies, channels, units, **extra, **attrs)
 
 
-def _time(columns: Columns, reading: Reading) -> np.ndarray:
+def _time(columns: Columns, reading: OutputReading) -> np.ndarray:
     """Time (n,) [s]."""
     time = np.asarray(columns.time, dtype=float) * reading.time_factor
     if time.ndim != 1 or time.size < 2:
@@ -127,7 +127,7 @@ def _time(columns: Columns, reading: Reading) -> np.ndarray:
     return time
 
 
-def _values(columns: Columns, channel: ReadChannel, body: str, reading: Reading, size: int) -> np.ndarray:
+def _values(columns: Columns, channel: ReadChannel, body: str, reading: OutputReading, size: int) -> np.ndarray:
     """Values (n,) of a channel in SI."""
     if channel.column not in columns.values:
         known = list(columns.values)
