@@ -1,24 +1,53 @@
-"""When the call under way has to have ended, for code in it that can give up by itself."""
+"""The time that the call under way may take, for code in it that can give up by itself."""
 
 import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from typing import NamedTuple
 
-_DEADLINE: ContextVar[float] = ContextVar("deadline", default=math.inf)  # by time.monotonic()  [s]
+
+class TimeLimit(NamedTuple):
+    """What a call may take.
+
+    Attributes
+    ----------
+    until : when it is ended from outside, by time.monotonic()  [s]
+    seconds : time-out of a call that need not import or compile anything  [s]
+    """
+
+    until: float = math.inf
+    seconds: float = math.inf
+
+
+NO_LIMIT = TimeLimit()
+_LIMIT: ContextVar[TimeLimit] = ContextVar("limit", default=NO_LIMIT)
 
 
 @contextmanager
-def within(seconds: float | None) -> Iterator[None]:
-    """Let the block have so much time [s]; None for no limit."""
-    token = _DEADLINE.set(math.inf if seconds is None else time.monotonic() + seconds)
+def within(limit: float | None, timeout: float | None = None) -> Iterator[None]:
+    """Let the block know its limits.
+
+    Parameters
+    ----------
+    limit : time after which it is ended from outside  [s], None for none
+    timeout : the same of a call that need not import or compile anything, None for `limit`
+    """
+    if limit is None:
+        token = _LIMIT.set(NO_LIMIT)
+    else:
+        token = _LIMIT.set(TimeLimit(time.monotonic() + limit, limit if timeout is None else timeout))
     try:
         yield
     finally:
-        _DEADLINE.reset(token)
+        _LIMIT.reset(token)
 
 
-def remaining() -> float:
-    """Time that the call under way still has [s]; infinite without a limit."""
-    return _DEADLINE.get() - time.monotonic()
+def remaining(since: float) -> float:
+    """Time that is left of the call, to a part of it that began at `since`, by time.monotonic()  [s].
+
+    The part may take as long as a call that need not import or compile anything. Infinite without a limit.
+    """
+    limit, now = _LIMIT.get(), time.monotonic()
+    return min(limit.until - now, limit.seconds - (now - since))

@@ -256,7 +256,9 @@ class _Slot:
         self._since = time.perf_counter()
         try:
             with uninterrupted():  # a process whose start is interrupted would be owned by nobody
-                self._future = self._pool.schedule(_call, args=(self._payload, self._timeout), timeout=self._limit)
+                self._future = self._pool.schedule(
+                    _call, args=(self._payload, self._limit, self._timeout), timeout=self._limit
+                )
         except BrokenProcessPool as error:  # the process could not even be started
             self._future = Future()
             self._future.set_exception(error)
@@ -382,14 +384,14 @@ def _die_with_parent() -> None:
         os._exit(1)
 
 
-def _call(payload: bytes, timeout: float | None) -> bytes:
-    """Pickled result or Failure of the function at a pickled payload, which should come within the time-out [s]."""
+def _call(payload: bytes, limit: float | None, timeout: float | None) -> bytes:
+    """Pickled result or Failure of the function at a pickled payload; see `calib.execution.deadline` for its limits."""
     global _function
     start = time.perf_counter()
     try:
         if isinstance(_function, bytes):
             _function = pickle.loads(_function)
-        with within(timeout):
+        with within(limit, timeout):
             return pickle.dumps(_function(pickle.loads(payload)))
     except Exception as error:  # a failed evaluation is data
         return pickle.dumps(_failure(error, time.perf_counter() - start))

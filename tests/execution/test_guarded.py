@@ -11,7 +11,6 @@ import pytest
 from child_environment import environment
 from marked_processes import MARK, marked, new_mark, survivors
 
-from calib.execution import deadline
 from calib.execution.guarded import run_guarded
 
 # a shell in the group, one in a session of its own, and an orphan of it in a session of its own
@@ -147,12 +146,3 @@ def test_nothing_is_left_when_the_starter_or_its_group_is_killed(tmp_path, numbe
     kill(starter.pid, number)
     assert not survivors(mark)
     starter.wait()
-
-
-def test_time_that_remains_is_known_inside_a_call_only():
-    assert deadline.remaining() == float("inf")
-    with deadline.within(5.0):
-        assert 4.0 < deadline.remaining() <= 5.0
-        with deadline.within(None):
-            assert deadline.remaining() == float("inf")
-    assert deadline.remaining() == float("inf")

@@ -42,8 +42,13 @@ class Watch:
     _searched: int = 0
     _text: str = ""
     _size: int = -1
-    _active: float = field(default_factory=time.monotonic)
-    _left: float = field(default_factory=remaining)
+    _begin: float = field(default_factory=time.monotonic)
+    _active: float = 0.0
+    _limit: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Begin to watch."""
+        self._active, self._limit = self._begin, remaining(self._begin)
 
     def __call__(self) -> str:
         """Return why the run is to be given up; empty where it is not."""
@@ -51,9 +56,9 @@ class Watch:
             return self._given_up(FAILED, text)
         if self._searched > MAX_LOG_BYTES:
             return self._given_up(FAILED, f"it printed more than {MAX_LOG_BYTES / 2**20:g} MiB")
-        left = remaining()
-        if left < min(MAX_MARGIN_S, MARGIN_SHARE * self._left):
-            return self._given_up(TIMEOUT, f"no result within {self._left - left:.3g} s of wall-clock time")
+        if remaining(self._begin) < min(MAX_MARGIN_S, MARGIN_SHARE * self._limit):
+            passed = time.monotonic() - self._begin
+            return self._given_up(TIMEOUT, f"no result within {passed:.3g} s of wall-clock time")
         if self.inactivity < math.inf:
             size, now = _bytes_below(self.folder), time.monotonic()
             if size != self._size:
