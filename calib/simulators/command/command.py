@@ -44,10 +44,10 @@ class Command:
     request : step, start, end and times of the output that is read; of a harmonic excitation periods, samples a period
         and settle; step_budget
 
-    with the filters unit("MPa"), from SI, fortran("E12.5"), and fixed(8), a field of 8 characters. Whatever is
-    undefined is refused, and so is a parameter that no template names. The program's time begins at 0; the record
-    begins `settle` periods later. Output on other instants than those of the request is interpolated, which the record
-    says.
+    with the filters unit("MPa"), from SI, fortran("E12.5"), fixed(8), a field of 8 characters, and sin and cos of an
+    angle in radians. Whatever is undefined is refused, and so is a parameter that no template names. The program's time
+    begins at 0; the record begins `settle` periods later. Output on other instants than those of the request is
+    interpolated, which the record says.
 
     Parameters
     ----------

@@ -1,5 +1,6 @@
 """Templates of input decks: jinja2 in a sandbox, strict about names."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -95,9 +96,25 @@ def _environment() -> Environment:
         finalize=_printable,
     )  # fmt: skip
     environment.filters = {name: environment.filters[name] for name in KEPT_FILTERS}
-    environment.filters |= {"unit": _in_unit, "fortran": fortran, "fixed": fixed}
+    environment.filters |= {"unit": _in_unit, "fortran": fortran, "fixed": fixed, "sin": _sine, "cos": _cosine}
     environment.globals = {name: environment.globals[name] for name in ("range", "namespace")}
     return environment
+
+
+def _sine(angle: Any) -> float:
+    """Sine of an angle [rad]."""
+    return math.sin(_angle(angle))
+
+
+def _cosine(angle: Any) -> float:
+    """Cosine of an angle [rad]."""
+    return math.cos(_angle(angle))
+
+
+def _angle(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise CalibError(f"sin, cos: expected an angle in radians, got {value!r:.40}")
+    return float(value)
 
 
 def _printable(value: Any) -> Any:
