@@ -161,7 +161,7 @@ def _covered(instants: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Return the last of the instants (k,) that the output covers without a gap."""
     if not instants.size:
         return instants
-    reach = SAME_INSTANT * (time[-1] - time[0])
+    reach = SAME_INSTANT * (time[-1] - time[0]) / (time.size - 1)
     return instants[(instants >= time[0] - reach) & (instants <= time[-1] + reach)]
 
 
