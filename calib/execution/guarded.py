@@ -30,13 +30,11 @@ class ProgramEnd:
     code : exit code; None where it was ended by a signal, given up, or could not be executed
     reason : one sentence; empty for the exit code 0
     seconds : wall-clock time  [s]
-    missing : whether it could not be executed
     """
 
     code: int | None
     reason: str
     seconds: float
-    missing: bool = False
 
 
 def run_guarded(
@@ -131,7 +129,7 @@ def _end(answer: str, given_up: str, seconds: float) -> ProgramEnd:
     if kind == "signal":
         return ProgramEnd(None, f"it was ended by signal {rest}", seconds)
     if kind == "missing":
-        return ProgramEnd(None, f"it cannot be executed: {rest}", seconds, missing=True)
+        return ProgramEnd(None, f"it cannot be executed: {rest}", seconds)
     return ProgramEnd(None, GONE, seconds)
 
 

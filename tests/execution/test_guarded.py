@@ -33,13 +33,13 @@ def ended(words, folder, mark="", watch=lambda: "", **more):
 )
 def test_the_end_of_a_program_is_told(tmp_path, line, code, reason):
     end = ended(["sh", "-c", line], tmp_path)
-    assert (end.code, end.reason, end.missing) == (code, reason, False)
+    assert (end.code, end.reason) == (code, reason)
     assert end.seconds > 0.0
 
 
 def test_a_program_that_is_not_there_is_told(tmp_path):
     end = ended(["nonesuch-program"], tmp_path)
-    assert end.missing
+    assert end.code is None
     assert end.reason == "it cannot be executed: No such file or directory"
 
 

@@ -190,8 +190,9 @@ def _climbed(
         status, reason = end.status, end.reason
         if not status:
             try:
-                columns = read_columns(folder.path, reading, around.modules)
-                record = record_of(columns, reading, instants, {**attrs, **_said(rung, words, deck, tried)})
+                own = reading.of_rung(rung)
+                columns = read_columns(folder.path, own, around.modules)
+                record = record_of(columns, own, instants, {**attrs, **_said(rung, words, deck, tried)})
                 tried.append(TriedLine(shlex.join(words), end.seconds, "", "", ""))
                 return ProgramRun(record, deck.files, tuple(tried), columns)
             except OutputFault as fault:

@@ -4,7 +4,7 @@ import inspect
 import re
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields, replace
 from pathlib import PurePosixPath
 from typing import Any, Literal, TypeVar, get_args
 
@@ -69,9 +69,9 @@ class ReadingOptions:
 
     Attributes
     ----------
-    read : table of `reader` (a name, or "module:function"), `file`, `time` (column and unit; without it
-        the reader's own, in seconds), `bodies` (body -> column of its displacement in metres, or a table of channels,
-        each with column and unit), and further options of the reader
+    read : table of `reader` (a name, or "module:function"), `file` (or a list of one for each command line), `time`
+        (column and unit; without it the reader's own, in seconds), `bodies` (body -> column of its displacement in
+        metres, or a table of channels, each with column and unit), and further options of the reader
     prescribed : channels that the excitation prescribes, as "body.channel"
     drives : quantity of an excitation -> place, or places, at which the templates apply it; without it any is taken
     settle : periods that are dropped first, where the study does not say how many
@@ -192,6 +192,7 @@ class OutputReading:
     Attributes
     ----------
     reader, file : name of the reader; file of the run folder that it reads
+    files : that file of each command line, where they write files of other names; else empty
     time_factor : from the time of the output to seconds
     channels : body -> its channels; all bodies have the same ones
     options : of the reader, its column of time among them where one is stated
@@ -199,9 +200,14 @@ class OutputReading:
 
     reader: str
     file: str
+    files: tuple[str, ...]
     time_factor: float
     channels: Mapping[str, tuple[ReadChannel, ...]]
     options: Mapping[str, Any]
+
+    def of_rung(self, rung: int) -> "OutputReading":
+        """Return the same for the file of a command line, counted from 1."""
+        return replace(self, file=self.files[rung - 1]) if self.files else self
 
     @classmethod
     def of(cls, stated: Mapping[str, Any]) -> "OutputReading":
@@ -215,11 +221,14 @@ class OutputReading:
         for key, example in (("reader", '"delimited"'), ("file", '"out.csv"'), ("bodies", '{ tip = "u_tip" }')):
             if key not in stated:
                 raise CalibError(f"read: {key} is missing, as in read = {{ {key} = {example}, ... }}")
-        for key in ("reader", "file"):
-            if not isinstance(stated[key], str) or not stated[key]:
-                raise CalibError(f"read: {key}: expected a text, got {stated[key]!r:.60}")
-        if PurePosixPath(stated["file"]).is_absolute() or ".." in PurePosixPath(stated["file"]).parts:
-            raise CalibError(f"read: file: expected a file of the run folder, got {stated['file']!r:.80}")
+        if not isinstance(stated["reader"], str) or not stated["reader"]:
+            raise CalibError(f"read: reader: expected a text, got {stated['reader']!r:.60}")
+        files = _texts("read: file", stated["file"], '"out.csv", or one for each command line')
+        if not files:
+            raise CalibError('read: file: expected a name such as "out.csv", or one for each command line; got none')
+        for file in files:
+            if PurePosixPath(file).is_absolute() or ".." in PurePosixPath(file).parts:
+                raise CalibError(f"read: file: expected a file of the run folder, got {file!r:.80}")
         bodies = _table("read: bodies", stated["bodies"])
         if not bodies:
             raise CalibError('read: bodies: expected one body at least, as in { tip = "u_tip" }')
@@ -236,7 +245,8 @@ class OutputReading:
         column, factor = _time(stated.get("time", {"unit": "s"}))
         if column is not None:
             options["time"] = column
-        return cls(stated["reader"], stated["file"], factor, channels, options)
+        each = () if isinstance(stated["file"], str) else files
+        return cls(stated["reader"], files[0], each, factor, channels, options)
 
 
 def _time(stated: Any) -> tuple[str | int | None, float]:
@@ -335,11 +345,14 @@ class CommandOptions:
                 raise CalibError(
                     f"unknown option {name!r} of 'command'{nearest(name, known)}; it takes {', '.join(known)}"
                 )
-        return cls(
-            _of_options(ProgramOptions, options),
-            _of_options(ReadingOptions, options),
-            _of_options(KeepingOptions, options),
-        )
+        program, reading = _of_options(ProgramOptions, options), _of_options(ReadingOptions, options)
+        files = reading.reading.files
+        if files and len(files) != len(program.run):
+            raise CalibError(
+                f"read: file: expected one name, or one for each of the {len(program.run)} command line(s) of run, got "
+                f"{len(files)}"
+            )
+        return cls(program, reading, _of_options(KeepingOptions, options))
 
 
 def _of_options(group: type[OptionGroup], options: Mapping[str, Any]) -> OptionGroup:

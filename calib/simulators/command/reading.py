@@ -16,7 +16,6 @@ from calib.simulators.command.readers import Columns, reader
 
 NO_OUTPUT, UNREADABLE, SHORT, NOT_FINITE = "no output", "unreadable output", "short output", "not finite"  # statuses
 SAME_INSTANT = 1e-3  # of the step between two instants, by which an output may lie beside them: 7 digits of time
-MAX_READ_SAMPLES = 50_000_000  # of an output file
 
 
 class OutputFault(Exception):

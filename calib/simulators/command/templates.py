@@ -236,7 +236,8 @@ class _Reported:
         except CalibError as error:
             raise CalibError(f"{self._where(error)}: {error}") from error
         except (TemplateError, ArithmeticError, LookupError, MemoryError, RecursionError, TypeError, ValueError,
-                AttributeError, SyntaxError) as error:  # fmt: skip
+                AttributeError, NameError, SyntaxError) as error:  # fmt: skip
+            # NameError: jinja2 compiles 1e999 to the name inf
             raise CalibError(f"{self._where(error)}: cannot be rendered: {error!r:.200}") from error
 
     def _where(self, error: BaseException) -> str:

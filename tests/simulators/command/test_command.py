@@ -139,6 +139,18 @@ def test_the_next_command_line_answers_where_one_fails(tmp_path):
     assert "large.sh: program failed: it ended with exit code 1" in record.attrs["failed_rungs"]
 
 
+def test_each_command_line_may_write_a_file_of_its_own(tmp_path):
+    second = script(tmp_path, WRITE.replace("out.csv", "fine.csv"), name="fine.sh")
+    lines = [script(tmp_path, "exit 3"), second]
+    record = ran(command(tmp_path, run=lines, read={**READ, "file": ["out.csv", "fine.csv"]}))
+    assert (record.attrs["status"], record.attrs["rung"]) == ("ok", 2)
+
+
+def test_times_of_seven_digits_are_the_instants_that_were_asked_for(tmp_path):
+    sevenths = WRITE.replace("i * 0.0025", 'sprintf("%.6e", i * 0.0025 + 4e-8)')
+    assert "resampled" not in ran(command(tmp_path, sevenths)).attrs
+
+
 def test_where_all_command_lines_fail_each_says_why(tmp_path):
     lines = [
         script(tmp_path, f"echo {word}; exit {code}", name=f"{word}.sh") for code, word in ((1, "one"), (2, "two"))
@@ -275,6 +287,8 @@ def test_a_free_decay_and_a_recorded_input_run_on_their_own_instants(tmp_path):
         ({"parameters": {"cores": 1}}, "the name of something else"),
         ({"read": {**READ, "reader": "delimitd"}}, r"unknown reader 'delimitd' \(did you mean 'delimited'"),
         ({"read": {**READ, "seperator": ","}}, "unknown option 'seperator'"),
+        ({"read": {**READ, "file": ["a", "b"]}}, "one for each of the 1 command line"),
+        ({"read": {**READ, "file": []}}, "one for each command line; got none"),
         ({"read": {"reader": "delimited", "file": "a"}}, "read: bodies is missing"),
         ({"read": {**READ, "bodies": {"tip": {"displacement": {"column": "u", "unit": "N"}}}}}, "tip: displacement"),
         ({"read": {**READ, "bodies": {"tip": {"level": {"column": "u", "unit": "mV"}}}}}, "one of SI without a factor"),

@@ -49,6 +49,22 @@ def test_arithmetic_gives_plain_numbers_whose_unit_is_taken_as_coherent():
     assert deck('{{ (youngs * (1 + ratio)) | unit("GPa") }}') == "91.0"
 
 
+def test_a_harmonic_input_becomes_a_table():
+    text = '{{ (excitation.omega * 0.0125 + excitation.phase) | cos | fortran("F9.6") }} {{ 0 | sin }}'
+    assert deck(text) == f"{math.cos(0.5 * math.pi + 0.5):9.6f} 0.0"
+
+
+@pytest.mark.parametrize("angle", ["'x'", "true", "(1e300 * 1e300)"])
+def test_sine_and_cosine_take_angles(angle):
+    with pytest.raises(CalibError, match="expected an angle in radians"):
+        deck(f"{{{{ {angle} | sin }}}}")
+
+
+def test_a_number_beyond_all_others_is_refused():
+    with pytest.raises(CalibError, match=r"deck.inp.j2:1: cannot be rendered: NameError"):
+        deck("{{ 1e999 + youngs }}")
+
+
 def test_a_unit_of_another_dimension_is_refused():
     with pytest.raises(CalibError, match=r"deck.inp.j2:2: .*given in Pa"):
         deck('\n{{ youngs | unit("mm") }}')
