@@ -5,6 +5,7 @@ import shlex
 import shutil
 import subprocess
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
@@ -153,11 +154,10 @@ def read_inputs(options: ProgramOptions, study: Path) -> Inputs:
 
 def _located(stated: str, study: Path) -> Path:
     path = study / stated
-    if not path.is_file():
-        raise CalibError(
-            f"template: {stated}: no such file in {study}; mend the path, which is relative to the study file"
-        )
-    return path.resolve()
+    with suppress(OSError, ValueError):  # a name that none can have
+        if path.is_file():
+            return path.resolve()
+    raise CalibError(f"template: {stated:.200}: no such file in {study}; mend the path, relative to the study file")
 
 
 def _text(path: Path) -> str:

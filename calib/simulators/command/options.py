@@ -13,6 +13,7 @@ from calib.records import CHANNELS
 from calib.units import is_si, to_si
 
 KeepFolders = Literal["none", "failed", "best", "all"]
+MAX_NAME_CHARACTERS = 200  # of an output file
 DEFAULT_SETTLE_PERIODS = 0  # periods dropped where neither study nor option says how many
 
 
@@ -91,7 +92,7 @@ class ReadingOptions:
         for one in self.prescribed:
             if one not in known:
                 raise CalibError(f"prescribed: {one!r} is not read{nearest(one, known)}; read are {', '.join(known)}")
-        for quantity, places in _table("drives", self.drives or {}).items():
+        for quantity, places in _table("drives", {} if self.drives is None else self.drives).items():
             _texts(f"drives: {quantity}", places, '"tip"')
 
     @property
@@ -227,7 +228,8 @@ class OutputReading:
         if not files:
             raise CalibError('read: file: expected a name such as "out.csv", or one for each command line; got none')
         for file in files:
-            if PurePosixPath(file).is_absolute() or ".." in PurePosixPath(file).parts:
+            path = PurePosixPath(file)
+            if path.is_absolute() or ".." in path.parts or "\0" in file or len(file) > MAX_NAME_CHARACTERS:
                 raise CalibError(f"read: file: expected a file of the run folder, got {file!r:.80}")
         bodies = _table("read: bodies", stated["bodies"])
         if not bodies:
