@@ -52,7 +52,7 @@ class Simulator(Protocol):
        the model and need not be listed).
     2. `run` returns a record (see `calib.records.record`): displacement and velocity over (body, time), time 0 at phase
        zero of the excitation, whole periods of the stationary motion; with an excitation that has a period also the
-       stroboscopic section of the last 64 periods or more.
+       stroboscopic section of the last 64 periods or more; where a study asks for fewer of a slow program, of those.
     3. A motion that diverges, an unstable step, a spent budget: a record with that status and a reason
        (`calib.records.record.failed`), not an exception. An excitation or option that it cannot take: CalibError.
     4. The same values give the same bits. Nothing random, no clock.
