@@ -29,6 +29,7 @@ class TestConformance(SimulatorSuite):
     """The suite of all simulators, on the program of a stranger."""
 
     excitation = DRIVE
+    request = Request(periods=2, samples=40)
 
     @pytest.fixture(autouse=True)
     def _laid_out(self, tmp_path):
