@@ -17,7 +17,7 @@ from calib.records.excitation import Excitation
 from calib.units import coherent, to_si
 
 NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")  # of a quantity, before its unit
-DEFAULT_SETTLE_PERIODS = 100  # that the model is told to drop, where the study does not say how many
+TOLD_SETTLE_PERIODS = 100  # that the model is told to drop, where the study does not say how many
 SCALARS = (
     "excitation.frequency", "excitation.amplitude", "excitation.phase",
     "request.periods", "request.samples", "request.settle",
@@ -268,7 +268,7 @@ def told(excitation: Excitation, request: Request, periods: int, times: np.ndarr
     given: dict[str, Any] = {
         "request.periods": periods,
         "request.samples": request.samples,
-        "request.settle": DEFAULT_SETTLE_PERIODS if request.settle is None else request.settle,
+        "request.settle": TOLD_SETTLE_PERIODS if request.settle is None else request.settle,
         "request.times": times.tolist(),
         "excitation.phase": excitation.phase,
     }
