@@ -19,11 +19,12 @@ from wsgiref.types import StartResponse, WSGIApplication, WSGIEnvironment
 import optuna_dashboard
 import sqlalchemy.engine
 from optuna.artifacts import FileSystemArtifactStore
-from optuna.storages import BaseStorage, JournalStorage, RDBStorage
+from optuna.storages import BaseStorage, JournalStorage
 from optuna.storages.journal import BaseJournalBackend
 
 from calib.errors import CalibError
-from calib.store.optuna_view import address_without_password
+from calib.store.address import address_without_password, failure_reason
+from calib.store.database import connected
 
 HOST = "127.0.0.1"
 PORT = 8080  # of TCP, unless the command states another
@@ -184,13 +185,13 @@ def _is_url(view: str | Path) -> bool:
 
 def _database(url: str) -> BaseStorage:
     """Storage behind a URL, without making tables or files that are not there."""
-    parsed = sqlalchemy.engine.make_url(url)
+    try:
+        parsed = sqlalchemy.engine.make_url(url)
+    except ValueError as error:
+        raise CalibError(f"{address_without_password(url)}: {failure_reason(error, url)}") from None
     if parsed.get_backend_name() == "sqlite" and parsed.database and not Path(parsed.database).exists():
         raise CalibError(f"{parsed.database}: no such file; `calib run` makes it with the first trial")
-    try:
-        return RDBStorage(url, skip_table_creation=True)
-    except Exception as error:  # every driver has its own; all mean that the view cannot be read
-        raise CalibError(f"{address_without_password(url)}: the view cannot be read ({error})") from error
+    return connected(url, skip_table_creation=True)
 
 
 def _log(line: bytes) -> dict[str, Any] | None:

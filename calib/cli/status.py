@@ -8,8 +8,10 @@ from typing import Any
 
 from calib.records import OK
 from calib.store import Trial, read
+from calib.store.address import JOURNAL_VIEW
+from calib.store.journal import JOURNAL
 from calib.store.lock import is_locked
-from calib.store.optuna_view import ARTIFACTS, JOURNAL
+from calib.store.pictures import ARTIFACTS
 from calib.store.plain import plain
 from calib.store.trial import best
 from calib.study import CalibrationResult, result
@@ -120,4 +122,4 @@ def view_of(study: Path, out: Path | None) -> tuple[str, Path]:
     folder = folder_of(study, out)
     read(folder)  # says so where nothing was run
     view = read_toml(StudyToml, located(study))[0].store.view
-    return str(folder / JOURNAL) if view == "journal" else view, folder / ARTIFACTS
+    return str(folder / JOURNAL) if view == JOURNAL_VIEW else view, folder / ARTIFACTS

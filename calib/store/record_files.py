@@ -96,6 +96,11 @@ class RecordFiles:
                 for other in set(self._records.glob("*.nc")) - set(paths):
                     other.unlink()
 
+    def numbers(self) -> set[int]:
+        """Trials whose records are kept."""
+        stems = [path.stem.partition("-")[0] for path in self._records.glob("*.nc")]
+        return {int(stem) for stem in stems if stem.isdigit()}
+
     def read(self, number: int) -> dict[str, xr.Dataset]:
         """Read the records kept of a trial, by name; empty where none were."""
         return _by_name(self._paths(number))

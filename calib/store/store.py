@@ -4,15 +4,20 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
 import xarray as xr
 
+from calib.store.address import JOURNAL_VIEW
 from calib.store.header import Header, StudyHeader
+from calib.store.journal import JOURNAL
 from calib.store.ledger import RESIDUALS, TRIALS, Ledger, write_errors_reported
 from calib.store.lock import Lock
-from calib.store.optuna_view import ARTIFACTS, JOURNAL, OptunaView, address_without_password
+from calib.store.mirror import Mirror
+from calib.store.optuna_view import OptunaView
+from calib.store.pictures import ARTIFACTS, Pictures
 from calib.store.record_files import Keep, RecordFiles
 from calib.store.trial import Trial, best
 
@@ -37,7 +42,7 @@ class Store:
     def __init__(
         self,
         folder: str | Path,
-        view: str | None = "journal",
+        view: str | None = JOURNAL_VIEW,
         keep: Keep = "improving",
         picture: Picture | None = None,
     ):
@@ -48,7 +53,8 @@ class Store:
             Ledger(self.folder),
             RecordFiles(self.folder, keep),
         )
-        self._view: OptunaView | None = None
+        self._mirror: Mirror | None = None
+        self._pictures: Pictures | None = None
         self.best: Trial | None = None
 
     @property
@@ -76,10 +82,11 @@ class Store:
             trials = self._ledger.open(header)
             self.best = best(trials)
             self._record_files.open(None if self.best is None else self.best.number)
+            if self._view_name is not None:
+                self._open_view(self._view_name, trials)
         except BaseException:
             self.close()
             raise
-        self._update_view(lambda: self._open_view(trials))
         return trials
 
     def _set_aside(self) -> None:
@@ -94,10 +101,14 @@ class Store:
             for path in present:
                 path.rename(aside / path.name)
 
-    def _open_view(self, trials: list[Trial]) -> None:
-        if self._view_name is not None:
-            self._view = OptunaView(self.folder, self._view_name, self.header)
-            self._view.catch_up(trials, self._picture_again)
+    def _open_view(self, view: str, trials: list[Trial]) -> None:
+        with write_errors_reported(self.folder / ARTIFACTS):
+            self._pictures = Pictures(self.folder, self.header.id)
+        recorded = self._record_files.numbers() if self._picture is not None else set()
+        for trial in trials:
+            if trial.number in recorded and trial.number not in self._pictures:
+                self._draw(trial, self._record_files.read(trial.number))
+        self._mirror = Mirror(view, partial(OptunaView, self.folder, view, self.header, self._pictures), trials)
 
     def append(self, trial: Trial, records: Mapping[str, xr.Dataset] | None = None) -> None:
         """Log a trial, write its `records` where they are to be kept, and add it to the view.
@@ -114,9 +125,10 @@ class Store:
         if improves:
             self.best = trial
             self._record_files.promote(trial.number)
-        if (view := self._view) is not None:
-            png = None if artifacts is None else self._picture_of(trial, artifacts)
-            self._update_view(lambda: view.add(trial, png))
+        if self._mirror is not None:
+            if artifacts is not None:
+                self._draw(trial, artifacts)
+            self._mirror.add(trial)
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -151,39 +163,24 @@ class Store:
         score = {"total": trial.cost, "terms": {k: v for k, v in trial.terms.items() if v < float("inf")}}
         return {"trial": trial.number, "values": trial.values, "score": score, "kind": trial.kind, "study": header}
 
-    def _picture_of(self, trial: Trial, records: Mapping[str, xr.Dataset]) -> bytes | None:
-        if self._picture is None:
-            return None
+    def _draw(self, trial: Trial, records: Mapping[str, xr.Dataset]) -> None:
+        """Draw a trial for the view; a study does not fail for a picture."""
+        if self._picture is None or self._pictures is None:
+            return
         try:
-            return self._picture(trial, records)
-        except Exception as error:  # a study does not fail for a picture
+            self._pictures.write(trial.number, self._picture(trial, records))
+        except Exception as error:
             warnings.warn(f"no picture of trial {trial.number}: {type(error).__name__}: {error}", stacklevel=3)
-            return None
-
-    def _picture_again(self, trial: Trial) -> bytes | None:
-        records = {} if self._picture is None else self._record_files.read(trial.number)
-        return self._picture_of(trial, records) if records else None
-
-    def _update_view(self, update: Callable[[], None]) -> None:
-        """Call `update`, which writes to the view; where that fails, the study goes on without a view."""
-        try:
-            update()
-        except Exception as error:  # databases fail in many ways, and none of them is the study's business
-            self._view = None
-            name = address_without_password(str(self._view_name))
-            warnings.warn(
-                f"the Optuna view ({name}) failed: {type(error).__name__}: {error}; the study goes on "
-                "without it, the ledger has all trials, and the view is mended when the study is next opened",
-                stacklevel=3,
-            )
 
     def close(self) -> None:
         """Bring the view up to date, close the files and release the lock."""
-        if self._view is not None:
-            self._update_view(self._view.close)
-            self._view = None
-        self._ledger.close()
-        self._lock.release()
+        try:
+            if self._mirror is not None:
+                self._mirror.close()
+        finally:
+            self._mirror = None
+            self._ledger.close()
+            self._lock.release()
 
     def __enter__(self) -> Self:
         return self

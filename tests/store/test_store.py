@@ -8,73 +8,21 @@ import resource
 import signal
 import subprocess
 import sys
-import warnings
 import zlib
 from contextlib import closing
 from dataclasses import replace
 
-import numpy as np
 import optuna
 import pytest
 from child_environment import environment
+from store_samples import HEADER, SPACE, TIME, WINDOWS, failed, filled, picture, records, trial
 
 from calib.errors import CalibError
-from calib.modelling.parameter import Space, Window
 from calib.records import read as read_record
-from calib.records import record
-from calib.store import Store, StudyHeader, Trial, read
-from calib.store import optuna_view as view_room
+from calib.store import Store, mirror, read
 from calib.store.ledger import differences
 from calib.store.lock import is_locked
 from calib.store.optuna_view import storage
-
-WINDOWS = {"x": {"low": 0.1, "high": 2.0, "scale": "log"}, "y": {"low": -1.0, "high": 1.0, "scale": "linear"}}
-SPACE = Space({name: Window(**window) for name, window in WINDOWS.items()})
-TIME = np.linspace(0.0, 1.0, 41)
-HEADER = StudyHeader("demo", {"seed": 1, "windows": WINDOWS}, screen=2, budget=20)
-
-
-def picture(trial, records):
-    """Something that a store may take for a picture."""
-    return b"\x89PNG" + bytes(10)
-
-
-def trial(number, cost=None, **more):
-    rng = np.random.default_rng(number)
-    u = rng.random(2).tolist()
-    values = {**SPACE.values(u), "gap": 1e-3}
-    cost = 1.0 / (1 + number) if cost is None else cost
-    return Trial(
-        **{
-            "number": number,
-            "u": u,
-            "values": values,
-            "cost": cost,
-            "terms": {"curve": cost},
-            "kind": "period-1",
-            "seconds": 0.25,
-            "residuals": rng.normal(size=5),
-        }
-        | more
-    )
-
-
-def failed(number):
-    return trial(number, math.inf, status="diverged", reason="x is above 1.5", kind=None, residuals=None, terms={})
-
-
-def records(number=0, names=("clapping",)):
-    one = record.make(TIME, ["layer"], {"displacement": (number + TIME)[None, :]})
-    return {name: one for name in names}
-
-
-def filled(folder, trials, header=HEADER, **options):
-    with Store(folder, **{"view": None} | options) as store:
-        store.open(header)
-        for one in trials:
-            store.append(one, records(one.number) if one.cost < math.inf else None)
-    return folder
-
 
 # ---- the ledger
 
@@ -558,24 +506,44 @@ def test_a_password_in_the_address_of_a_view_is_not_told(tmp_path):
     assert "secret" not in str(told[0].message)
 
 
-def test_a_view_that_fails_in_the_middle_is_mended_at_the_next_opening(tmp_path, monkeypatch):
-    store = Store(tmp_path)
-    store.open(HEADER)
-
+def test_a_view_that_fails_to_the_end_is_said_once_and_mended_at_the_next_opening(tmp_path, monkeypatch):
     def locked(*_):
         raise TimeoutError("database is locked")
 
     with monkeypatch.context() as patch:
-        patch.setattr(view_room, "MAX_LAG_TRIALS", 1)
         patch.setattr(optuna.storages.JournalStorage, "create_new_trial", locked)
-        with pytest.warns(UserWarning, match="database is locked"):
-            store.append(trial(0))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        store.append(trial(1))
-    store.close()
+        with pytest.warns(UserWarning, match="TimeoutError: database is locked") as told:
+            filled(tmp_path, [trial(0), trial(1)], view="journal")
+    assert len(told) == 1
     filled(tmp_path, [], view="journal")
     assert [t.user_attrs["number"] for t in viewed(tmp_path)] == [0, 1]
+
+
+def test_a_view_is_mended_while_the_study_goes_on(tmp_path, monkeypatch):
+    monkeypatch.setattr(mirror, "FIRST_PAUSE", 0.01)
+    create, failures = optuna.storages.JournalStorage.create_new_trial, iter(["locked", "gone"])
+
+    def troubled(*arguments):
+        if (why := next(failures, None)) is not None:
+            raise OSError(why)
+        return create(*arguments)
+
+    monkeypatch.setattr(optuna.storages.JournalStorage, "create_new_trial", troubled)
+    with pytest.warns(UserWarning, match="OSError: locked") as told:
+        filled(tmp_path, [trial(n) for n in range(5)], view="journal")
+    assert len(told) == 1
+    assert [t.user_attrs["number"] for t in viewed(tmp_path)] == [0, 1, 2, 3, 4]
+
+
+@pytest.mark.parametrize("damage", ["another value", "a trial twice"])
+def test_a_view_that_contradicts_the_ledger_is_made_anew(tmp_path, damage):
+    filled(tmp_path, [trial(0), trial(1)], view="journal")
+    lines = (tmp_path / "optuna.log").read_text().splitlines(keepends=True)
+    lines[-1] = lines[-1].replace('"value":0.5', '"value":0.25') if damage == "another value" else lines[-2]
+    (tmp_path / "optuna.log").write_text("".join(lines))
+    for number in (2, 3):
+        filled(tmp_path, [trial(number)], view="journal")
+        assert [t.value for t in viewed(tmp_path)] == [trial(n).cost for n in range(number + 1)]
 
 
 def test_the_picture_of_a_kept_trial_is_an_artifact_that_optuna_finds(tmp_path):
