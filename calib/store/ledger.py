@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import mmap
 import os
 import uuid
 import warnings
@@ -24,11 +23,11 @@ from calib.store.code import by_present_code, code_change
 from calib.store.environment import Environment, environment
 from calib.store.header import Header, StudyHeader
 from calib.store.plain import plain
+from calib.store.residuals import BYTES_PER_RESIDUAL, SideFile, StoredResiduals
 from calib.store.trial import KEYS, Trial, line, trial_of
 
 TRIALS, RESIDUALS = "trials.jsonl", "residuals.f64"
 FORMAT_VERSION = 1  # of the ledger: a log of another is not read
-BYTES_PER_RESIDUAL = 8  # float64
 RECENT_NUMBERS = 4096  # texts of numbers that are remembered while a ledger is read; a line has some 100
 
 
@@ -62,6 +61,7 @@ class Ledger:
         self._file = self._side = -1
         self._end = self._side_end = 0
         self._next = 0
+        self._residuals: SideFile | None = None
         self._header: Header | None = None
 
     @property
@@ -93,6 +93,7 @@ class Ledger:
             self._side = os.open(self._side_path, os.O_RDWR | os.O_CREAT, PERMISSIONS)
             os.ftruncate(self._file, content.end)
             os.ftruncate(self._side, content.side_end)
+            self._residuals = SideFile(self._side_path)
         self._end, self._side_end = content.end, content.side_end
         if content.headers:
             self._resume(content, header, here)
@@ -148,14 +149,18 @@ class Ledger:
         segment = replace(last, segment=last.segment + 1, first=first, hint=budget, budget=budget)
         self._write_header(segment.within(environment()))
 
-    def append(self, trial: Trial) -> None:
+    def append(self, trial: Trial) -> Trial:
         """Log a trial; when this returns, it outlives a power failure.
+
+        Returns
+        -------
+        the trial in little memory: its residuals are read from the side file when they are asked for
 
         Raises
         ------
         CalibError : disk full or not writable; the ledger is left as it was before
         """
-        place = None
+        place = stored = None
         if trial.residuals is not None:
             data = np.ascontiguousarray(trial.residuals, dtype="<f8")
             place = (self._side_end // BYTES_PER_RESIDUAL, data.size)
@@ -166,6 +171,9 @@ class Ledger:
         self._next = max(self._next, trial.number + 1)
         if place is not None:
             self._side_end += BYTES_PER_RESIDUAL * place[1]
+            if self._residuals is not None:
+                stored = StoredResiduals(self._residuals, *place)
+        return trial.compact(stored)
 
     def _write_header(self, header: Header) -> None:
         self._header = replace(header, time=datetime.now(UTC).isoformat(timespec="seconds"))
@@ -233,7 +241,7 @@ def _parse(path: Path) -> _Content:
     headers, trials = list[Header](), list[Trial]()
     windows: dict[str, Window] = {}
     end, side_end = 0, 0
-    lines, size, residuals = _files(path)
+    lines, size, side, count = _files(path)
     for index, text in enumerate(lines):
         try:
             content = _object(text, is_last=end + len(text) == size)
@@ -246,13 +254,11 @@ def _parse(path: Path) -> _Content:
                 raise CalibError(f"{path}: not a ledger of calib (no header in line 1); choose another folder")
             else:
                 offset, length = _checked(text, content)["residuals"] or (0, 0)
-                trial = _trial(content, headers[-1].segment, windows)
-                if offset + length > residuals.size:
+                if offset + length > count:
                     _warn_of_lost_residuals(path, index, 1 + sum(1 for _ in lines))
                     break
-                if content["residuals"] is not None:
-                    trial = replace(trial, residuals=residuals[offset : offset + length])
-                trials.append(trial)
+                stored = None if side is None or content["residuals"] is None else StoredResiduals(side, offset, length)
+                trials.append(_trial(content, stored, headers[-1].segment, windows))
                 side_end = max(side_end, BYTES_PER_RESIDUAL * (offset + length))
         except DAMAGE as error:
             raise _damaged(path, index, error) from error
@@ -260,8 +266,8 @@ def _parse(path: Path) -> _Content:
     return _Content(headers, trials, end, side_end)
 
 
-def _files(path: Path) -> tuple[Iterator[bytes], int, np.ndarray]:
-    """Lines of the ledger at `path`, its size  [bytes], and the residuals beside it, which stay on disk until used.
+def _files(path: Path) -> tuple[Iterator[bytes], int, SideFile | None, int]:
+    """Lines of the ledger at `path`, its size  [bytes], and the residuals beside it, with their number.
 
     The size is taken first: a study that goes on there writes residuals before the lines that point at them.
     """
@@ -269,12 +275,7 @@ def _files(path: Path) -> tuple[Iterator[bytes], int, np.ndarray]:
         size = path.stat().st_size if path.exists() else 0
         side = path.with_name(RESIDUALS)
         count = side.stat().st_size // BYTES_PER_RESIDUAL if side.exists() else 0
-        residuals = np.empty(0)
-        if count:
-            with open(side, "rb") as file:
-                length = count * BYTES_PER_RESIDUAL
-                residuals = np.frombuffer(mmap.mmap(file.fileno(), length, access=mmap.ACCESS_READ), dtype="<f8")
-        return _lines(path, size), size, residuals
+        return _lines(path, size), size, SideFile(side) if count else None, count
     except OSError as error:
         raise CalibError(f"cannot read {path}: {error.strerror}") from error
 
@@ -320,9 +321,11 @@ def _checked(text: bytes, content: dict[str, Any]) -> dict[str, Any]:
     return content
 
 
-def _trial(content: dict[str, Any], segment: int, windows: Mapping[str, Window]) -> Trial:
-    """Trial of a line without its residuals, refused where its values contradict its point."""
-    trial = trial_of(content, None, segment)
+def _trial(
+    content: dict[str, Any], residuals: StoredResiduals | None, segment: int, windows: Mapping[str, Window]
+) -> Trial:
+    """Trial of a line, refused where its values contradict its point."""
+    trial = trial_of(content, residuals, segment)
     if windows and (contradiction := trial.contradiction(windows)):
         raise _Damage(f"the values of trial {trial.number} contradict its point: {contradiction}")
     return trial

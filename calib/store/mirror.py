@@ -11,7 +11,7 @@ from calib.store.optuna_view import OptunaView
 from calib.store.trial import Trial
 
 FIRST_PAUSE, MAX_PAUSE = 1.0, 60.0  # s, before a view that failed is tried again; doubled each time
-MAX_SILENCE = 10.0  # s without a trial written, after which the end of a study waits for its view no longer
+MAX_SILENCE = 30.0  # s without progress, after which the end of a study waits for its view no longer
 MAX_BATCH = 64  # trials written at once
 
 
@@ -33,7 +33,7 @@ class Mirror:
         self._news = threading.Condition()
         self._ending = self._abandoned = self._warned = False
         self._failure = ""
-        self._written = 0
+        self._progress = 0
         self._pause = FIRST_PAUSE
         self._thread = threading.Thread(target=self._run, name="view", daemon=True)
         with uninterrupted():  # Ctrl-C is for the thread that evaluates
@@ -52,9 +52,9 @@ class Mirror:
             self._ending = True
             self._news.notify()
         try:
-            written = -1
-            while self._thread.is_alive() and written < self._written:
-                written = self._written
+            before = -1
+            while self._thread.is_alive() and before < self._progress:
+                before = self._progress
                 self._thread.join(MAX_SILENCE)
             if self._thread.is_alive():
                 self._failure = self._failure or f"no answer within {MAX_SILENCE:.0f} s"
@@ -88,16 +88,17 @@ class Mirror:
     def _follow(self) -> None:
         """Write what the view lacks, then each trial as it comes, until the end."""
         with closing(self._connect()) as view:
+            self._progress += 1
             seen = len(self._trials)
             waiting = view.missing(self._trials[:seen])
+            self._progress += 1
             self._pause = FIRST_PAUSE
             while True:
                 for first in range(0, len(waiting), MAX_BATCH):
                     if self._abandoned:
                         return
-                    batch = waiting[first : first + MAX_BATCH]
-                    view.add(batch)
-                    self._written += len(batch)
+                    view.add(waiting[first : first + MAX_BATCH])
+                    self._progress += 1
                 with self._news:
                     self._news.wait_for(lambda: self._ending or len(self._trials) > seen)  # noqa: B023
                     waiting = self._trials[seen:]

@@ -24,7 +24,7 @@ from calib.store.trial import Trial
 
 LEDGER, INODE = "ledger", "inode"  # attributes of an Optuna study: whose mirror it is
 ID_CHARACTERS = 8  # of a ledger's id, in the name of its mirror where the study's own is taken
-MAX_ROUNDING = 1e-12  # relative: databases may round the last digit
+RELATIVE_ROUNDING = 1e-12  # relative: databases may round the last digit
 
 
 class Place(Protocol):
@@ -194,4 +194,4 @@ def _agrees(mirrored: MirroredTrial, trial: Trial | None) -> bool:
     if trial is None:
         return False
     shown = math.inf if mirrored.value is None else mirrored.value
-    return any(math.isclose(shown, cost, rel_tol=MAX_ROUNDING) for cost in (trial.cost, trial.former_cost))
+    return any(math.isclose(shown, cost, rel_tol=RELATIVE_ROUNDING) for cost in (trial.cost, trial.former_cost))

@@ -110,8 +110,8 @@ class Store:
                 self._draw(trial, self._record_files.read(trial.number))
         self._mirror = Mirror(view, partial(OptunaView, self.folder, view, self.header, self._pictures), trials)
 
-    def append(self, trial: Trial, records: Mapping[str, xr.Dataset] | None = None) -> None:
-        """Log a trial, write its `records` where they are to be kept, and add it to the view.
+    def append(self, trial: Trial, records: Mapping[str, xr.Dataset] | None = None) -> Trial:
+        """Log a trial, write its `records` where they are to be kept, and add it to the view; return it as logged.
 
         Raises
         ------
@@ -121,7 +121,7 @@ class Store:
         artifacts = records if records and trial.scored and self._record_files.wants(improves) else None
         if artifacts is not None:  # before the line: a logged trial is never evaluated again
             self._record_files.write(trial.number, artifacts, self._provenance(trial))
-        self._ledger.append(trial)
+        trial = self._ledger.append(trial)
         if improves:
             self.best = trial
             self._record_files.promote(trial.number)
@@ -129,6 +129,7 @@ class Store:
             if artifacts is not None:
                 self._draw(trial, artifacts)
             self._mirror.add(trial)
+        return trial
 
     @contextmanager
     def locked(self) -> Iterator[None]:

@@ -3,15 +3,15 @@
 import json
 import math
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
-
-import numpy as np
 
 from calib.modelling.parameter import Window
 from calib.records import OK
 from calib.store.plain import plain
+from calib.store.residuals import ResidualsOfTrial, StoredResiduals
+from calib.store.scalar_features import ScalarFeatures
 
 MAX_REASON_CHARACTERS = 400  # of a trial's reason, what marks the cut included
 CUT_MARK = " ..."
@@ -56,8 +56,8 @@ class Trial:
     kind: str | None = None
     seconds: float = 0.0
     phase: Literal["screen", "search"] = "search"
-    features: list[dict[str, Any]] = field(default_factory=list)
-    residuals: np.ndarray | None = field(default=None, compare=False, repr=False)
+    features: Sequence[Mapping[str, Any]] = field(default_factory=list)
+    residuals: ResidualsOfTrial = field(default=ResidualsOfTrial(), compare=False, repr=False)
     segment: int = 0
     simulations: int | None = None
     former_cost: float = math.inf
@@ -80,6 +80,18 @@ class Trial:
             features=[],
             residuals=None,
             former_cost=self.cost,
+        )
+
+    def compact(self, residuals: StoredResiduals | None) -> "Trial":
+        """Return the same in little memory: residuals in the side file, what many trials share in memory once."""
+        return replace(
+            self,
+            values=_shared(self.values),
+            terms=_shared(self.terms),
+            status=sys.intern(self.status),
+            kind=None if self.kind is None else sys.intern(self.kind),
+            features=ScalarFeatures(self.features),
+            residuals=residuals,
         )
 
     @property
@@ -135,13 +147,13 @@ def line(trial: Trial, place: tuple[int, int] | None) -> str:
         "kind": trial.kind,
         "seconds": round(trial.seconds, 6),
         "residuals": place,
-        "features": trial.features,
+        "features": list(trial.features),
         "simulations": trial.simulations,
     }
     return json.dumps(plain(content), allow_nan=False, separators=(",", ":"))
 
 
-def trial_of(content: Mapping[str, Any], residuals: np.ndarray | None, segment: int) -> Trial:
+def trial_of(content: Mapping[str, Any], residuals: StoredResiduals | None, segment: int) -> Trial:
     """Trial of a ledger line's JSON; a null score reads as infinity.
 
     Raises
@@ -162,7 +174,7 @@ def trial_of(content: Mapping[str, Any], residuals: np.ndarray | None, segment: 
         kind=content["kind"],
         seconds=content["seconds"],
         phase=content["phase"],
-        features=[_shared(feature) for feature in content["features"]],
+        features=ScalarFeatures(content["features"]),
         residuals=residuals,
         segment=segment,
         simulations=content.get("simulations"),

@@ -78,7 +78,8 @@ class StoreContract(Protocol):
        `hint` (the budget it began with) and `first` (its first search number). A segment begins at first opening, when
        libraries, processor or code have changed since, and at `begin_segment`, with the number after the highest logged
        (or the screen).
-    3. `append` returns when the trial is safe: after a power failure, `open` returns it with the same bits.
+    3. `append` returns when the trial is safe: after a power failure, `open` returns it with the same bits. What it
+       returns is the same trial, which may read its residuals when they are asked for, lest all are held in memory.
     4. Whatever it cannot write is a CalibError.
     """
 
@@ -95,8 +96,8 @@ class StoreContract(Protocol):
         """Begin a new segment."""
         ...
 
-    def append(self, trial: Trial, records: Mapping[str, xr.Dataset] | None) -> None:
-        """Log a trial, with its simulated records where there are any."""
+    def append(self, trial: Trial, records: Mapping[str, xr.Dataset] | None) -> Trial:
+        """Log a trial, with its simulated records where there are any; return it as it is held from now on."""
         ...
 
     def close(self) -> None:

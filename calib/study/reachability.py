@@ -1,7 +1,8 @@
 """Which measured scalar features the trials of a study come near to, and how near."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from calib.store import Trial
 from calib.units import shown
@@ -76,7 +77,7 @@ class Reach:
 
 def reach(trials: Iterable[Trial]) -> list[Reach]:
     """How near the trials that ended ok come to each measured scalar feature."""
-    by_feature: dict[tuple[str, str, str], list[dict]] = {}
+    by_feature: dict[tuple[str, str, str], list[Mapping[str, Any]]] = {}
     for trial in trials:
         for feature in trial.features:
             if feature["measured"] is not None:
@@ -84,7 +85,7 @@ def reach(trials: Iterable[Trial]) -> list[Reach]:
     return [_reach(features) for features in by_feature.values()]
 
 
-def _reach(features: list[dict]) -> Reach:
+def _reach(features: Sequence[Mapping[str, Any]]) -> Reach:
     first = features[0]
     known = {key: first[key] for key in ("label", "record", "body", "unit", "measured")}
     measured, tolerance = first["measured"], first["tolerance"] or 0.0

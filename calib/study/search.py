@@ -1,7 +1,7 @@
 """One run of a study over its store: screen, then segments of asking, evaluating and telling."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, is_dataclass
 from typing import Any, Protocol
@@ -20,7 +20,7 @@ from calib.study.evaluation import Phase, as_trial, outcome
 
 BUDGET_SPENT = "budget spent"  # why a search ended; otherwise the optimiser's own reason
 
-
+OnOpened = Callable[[Sequence[Trial]], None]  # the trials of earlier runs
 OnTrial = Callable[[Trial, Trial | None, int], None]  # a new trial, the best so far, the number of trials there are
 
 
@@ -152,7 +152,7 @@ class Search:
             number, u = todo[index]
             trial = as_trial(number, u.tolist(), values[index], result, phase, self._store.header.segment)
             with uninterrupted():
-                self._store.append(trial, None if isinstance(result, Failure) else result.records)
+                trial = self._store.append(trial, None if isinstance(result, Failure) else result.records)
             self.trials[trial.number] = trial
             self._best = best([trial] if self._best is None else [self._best, trial])
             if self._on_trial is not None:

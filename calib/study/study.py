@@ -17,7 +17,7 @@ from calib.study.contracts import Optimiser, StoreContract
 from calib.study.evaluation import evaluate
 from calib.study.initial_state import check_searched, check_solvable, check_stated
 from calib.study.reachability import Reach, reach
-from calib.study.search import OnTrial, Search
+from calib.study.search import OnOpened, OnTrial, Search
 
 MAX_SCREEN_POINTS = 64  # points of the screen, unless the budget is below four times as many
 INTERRUPTED = "interrupted"  # why a study stopped, by Ctrl-C
@@ -122,6 +122,7 @@ class CalibrationStudy:
         pool: Pool | None = None,
         on_trial: OnTrial | None = None,
         fresh: bool = False,
+        on_opened: OnOpened | None = None,
     ) -> SearchResult:
         """Search until the budget is spent, the optimiser stops, or Ctrl-C; take up what the store has already.
 
@@ -137,6 +138,7 @@ class CalibrationStudy:
         pool : maps values to an `Evaluation` or `Failure`; those of `workers` unless given
         on_trial : called with each new trial, the best so far, and the number of trials there are
         fresh : set aside what the store has
+        on_opened : called with the trials that the store has already
 
         Raises
         ------
@@ -150,6 +152,8 @@ class CalibrationStudy:
         logged = store.open(self.header, fresh)
         run = Search(self, store, pool, logged, on_trial)
         try:
+            if on_opened is not None:
+                on_opened(logged)
             stopped = run.to_the_end()
         except KeyboardInterrupt:
             stopped = INTERRUPTED

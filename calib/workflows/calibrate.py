@@ -2,9 +2,7 @@
 
 import math
 import time
-import warnings
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -150,8 +148,6 @@ def summary_so_far(path: str | Path, out: str | Path | None = None) -> Calibrati
 def _calibrate(file: StudyFile, folder: Path, progress: Progress, fresh: bool) -> CalibrationResult:
     """Go through the stages, one after the other; each takes what those before it have found."""
     begin, study = time.monotonic(), file.study
-    if not fresh:
-        progress.earlier(_earlier(folder))
     check_simulator_runs(file, progress.stage)
     store = Store(folder, file.view, file.keep, partial(trial_picture, objective=study.objective))
     with Evaluations(file) as evaluations:
@@ -169,13 +165,6 @@ def _calibrate(file: StudyFile, folder: Path, progress: Progress, fresh: bool) -
     return summary
 
 
-def _earlier(folder: Path) -> list[Trial]:
-    """Trials of earlier runs, as far as they are readable: the store reports what is wrong when it is opened."""
-    with suppress(CalibError), warnings.catch_warnings(action="ignore"):
-        return read(folder)[1]
-    return []
-
-
 # --- the stages ------------------------------------------------------------------------------------------------------
 
 
@@ -189,7 +178,9 @@ def _searched(
     KeyboardInterrupt : stopped by Ctrl-C
     """
     progress.stage("screen")
-    search = study.run(store, evaluations.calibrated(SEARCH), on_trial=progress.trial, fresh=fresh)
+    search = study.run(
+        store, evaluations.calibrated(SEARCH), on_trial=progress.trial, fresh=fresh, on_opened=progress.earlier
+    )
     if search.stopped == INTERRUPTED:
         raise KeyboardInterrupt
     return search
