@@ -3,6 +3,7 @@
 import json
 import shutil
 import signal
+import subprocess
 import sys
 import tempfile
 import threading
@@ -14,6 +15,8 @@ from pathlib import Path
 
 import optuna
 import pytest
+from child_environment import environment
+from echo_study import write_study
 from postgresql import ESCAPED, PASSWORD, Server, wait_until
 from store_samples import HEADER, failed, filled, picture, trial
 
@@ -255,3 +258,34 @@ def test_nothing_of_a_view_outlives_its_store(tmp_path, server, url):
     wait_until(lambda: server.execute(f"SELECT count(*) FROM pg_stat_activity WHERE datname = '{database}'") == [(0,)])
     for path in tmp_path.rglob("*"):
         assert path.is_dir() or not any(secret.encode() in path.read_bytes() for secret in (PASSWORD, ESCAPED))
+
+
+@pytest.mark.slow
+def test_two_runs_share_a_database_whose_server_is_killed_and_started_again(tmp_path, server, url):
+    homes = []
+    for name in ("one", "two"):
+        folder = tmp_path / name
+        folder.mkdir()
+        stored = ("[optimiser]", f'[store]\nview = "{url}"\n\n[optimiser]')
+        write_study(folder, ("budget = 24", "budget = 150"), stored)
+        homes.append(folder)
+    runs = [
+        subprocess.Popen(
+            [sys.executable, "-m", "calib", "run", str(home)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            text=True, env=environment(),
+        )
+        for home in homes
+    ]  # fmt: skip
+    wait_until(lambda: is_begun(url) and len(names(url)) == 2, 120.0)
+    server.kill()
+    time.sleep(3.0)
+    server.start()
+    said = [run.communicate(timeout=240.0)[0] for run in runs]
+    assert [run.returncode for run in runs] == [0, 0]
+    mirrored = [shown(url, name) for name in names(url)]
+    for home, text in zip(homes, said, strict=True):
+        assert expected(home / "out") in mirrored
+        assert text.count("the Optuna view (") <= 1
+        subprocess.run([sys.executable, "-m", "calib", "status", str(home)], check=True, env=environment())
+        told = [text.encode(), *(path.read_bytes() for path in (home / "out").rglob("*") if path.is_file())]
+        assert not any(secret.encode() in content for content in told for secret in (PASSWORD, ESCAPED, "s3cr3t"))

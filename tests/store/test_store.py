@@ -1,17 +1,21 @@
 """The folder of a study: the ledger is the truth, records and the Optuna view follow it."""
 
 import errno
+import gc
 import json
 import math
 import os
+import pickle
 import resource
 import signal
 import subprocess
 import sys
+import tracemalloc
 import zlib
 from contextlib import closing
 from dataclasses import replace
 
+import numpy as np
 import optuna
 import pytest
 from child_environment import environment
@@ -415,6 +419,40 @@ def test_of_equal_costs_the_earlier_number_is_best_whichever_ended_first(tmp_pat
 def test_an_unknown_rule_for_records_is_refused(tmp_path):
     with pytest.raises(CalibError, match="'best', 'improving', 'all'"):
         Store(tmp_path, keep="some")
+
+
+# ---- memory
+
+
+def test_a_trial_that_is_logged_holds_neither_its_residuals_nor_what_others_share(tmp_path):
+    feature = {"label": "amplitude", "record": "bench", "body": "mass", "unit": "m", "measured": 0.1, "tolerance": None}
+    made = [
+        trial(n, features=[{**feature, "simulated": 0.5 + n}] * 8, residuals=np.arange(1000.0) + n) for n in range(40)
+    ]
+
+    def growth(number):
+        tracemalloc.start()
+        with Store(tmp_path / str(number), view=None) as store:
+            store.open(HEADER)
+            held = [store.append(one) for one in made[:number]]
+            assert [list(one.features) for one in held] == [one.features for one in made[:number]]
+            assert all(np.array_equal(a.residuals, b.residuals) for a, b in zip(held, made, strict=False))
+            gc.collect()
+            return tracemalloc.get_traced_memory()[0]
+
+    growth(1)
+    few, many = growth(20), growth(40)
+    tracemalloc.stop()
+    assert (many - few) / 20 < 0.4 * made[0].residuals.nbytes
+
+
+def test_stored_residuals_outlive_their_store_and_are_pickled_as_numbers(tmp_path):
+    with Store(tmp_path, view=None) as store:
+        store.open(HEADER)
+        logged = store.append(trial(3))
+    assert np.array_equal(logged.residuals, trial(3).residuals)
+    assert np.array_equal(pickle.loads(pickle.dumps(logged)).residuals, trial(3).residuals)
+    assert replace(logged, cost=1.0).residuals.tolist() == trial(3).residuals.tolist()
 
 
 # ---- the Optuna view
