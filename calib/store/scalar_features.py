@@ -6,7 +6,7 @@ from functools import lru_cache
 from typing import Any, overload
 
 MAX_DESCRIPTIONS = 64  # that are remembered: a study has one or a few
-NUMBER = object()  # in the place of a number
+PLACEHOLDER = object()  # in the place of a number
 
 Description = tuple[tuple[tuple[str, Any], ...], ...]  # key and value of each entry of each feature
 
@@ -32,7 +32,7 @@ class ScalarFeatures(Sequence[dict[str, Any]]):
         self._numbers = array("d", [value for one in own for value in one.values() if type(value) is float])
         self._description = _once(
             tuple(
-                tuple([(key, NUMBER if type(value) is float else value) for key, value in one.items()]) for one in own
+                tuple([(key, PLACEHOLDER if type(value) is float else value) for key, value in one.items()]) for one in own
             )
         )
 
@@ -49,7 +49,7 @@ class ScalarFeatures(Sequence[dict[str, Any]]):
     def __iter__(self) -> Iterator[dict[str, Any]]:
         numbers = iter(self._numbers)
         for entries in self._description:
-            yield {key: next(numbers) if value is NUMBER else value for key, value in entries}
+            yield {key: next(numbers) if value is PLACEHOLDER else value for key, value in entries}
 
     def __eq__(self, other: object) -> bool:
         return list(self) == list(other) if isinstance(other, Sequence) else NotImplemented

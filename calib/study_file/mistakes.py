@@ -1,5 +1,6 @@
 """What is wrong in a study file, or another one in TOML: every mistake with its line, reported at once."""
 
+import re
 import tomllib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -15,6 +16,8 @@ from calib.study_file.lines import dotted, line_of, lines
 from calib.study_file.partial_check import without_mistakes
 from calib.study_file.schema import StudyToml
 
+VIEW_KEY = ("store", "view")  # location of an address, which may hold a password
+PASSWORD_PART = re.compile(":.*@")  # of an address that is none
 Tables = TypeVar("Tables", bound=BaseModel)
 _EXPECTED = {
     "int_type": "expected a whole number",
@@ -213,6 +216,8 @@ def _phrase(error: ErrorDetails, schema: type[BaseModel]) -> str:
     if error["type"] == "missing":
         return f"this is required in [{dotted(above)}]" if above else f"the table [{name}] is missing"
     got = repr(error["input"])
+    if error["loc"] == VIEW_KEY:
+        got = PASSWORD_PART.sub(":***@", got)
     message = error["msg"].removeprefix("Value error, ").replace("Input should be", "expected")
     if error["type"] == "too_short":
         return _too_short(error)

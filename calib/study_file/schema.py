@@ -271,7 +271,8 @@ class StoreTable(TomlTable):
     """[store]: what is kept of the trials."""
 
     view: Annotated[str, AfterValidator(_view)] = "journal"
-    """What the dashboard reads: "journal", a file, or the URL of a database that Optuna takes."""
+    """What the dashboard reads: "journal", a file, or the URL of a database that studies may share, such as
+    "postgresql+psycopg://me@server/calib"; its password belongs into ~/.pgpass."""
     keep: Keep = "improving"
     """Trials whose simulated records are kept: "best", "improving" (each that was the best so far) or "all"."""
 

@@ -318,6 +318,7 @@ def test_a_bench_has_no_frequency_where_no_record_is_harmonic():
         ('name = "multistart"', 'name = "multistart"\nbuget = 3', "buget", "optimiser.buget: unknown option of"),
         ("[optimiser]", "[store]\nview = 3\n[optimiser]", "view", "store.view: expected a text, got 3"),
         ("[optimiser]", "[store]\nview = 'jurnal'\n[optimiser]", "view", "store.view: expected 'journal' or the URL"),
+        ("[optimiser]", "[store]\nview = 'sql:/me:s3:c/t@lab/x'\n[optimiser]", "view", "got 'sql:***@lab/x'"),
         ('path = "bench.nc"', 'path = "bank.nc"\norigin = "the bench"', "path", "get it from the bench"),
         ('path = "bench.nc"', 'path = "${HOME}/bench.nc"', "path", "only ${CALIB_DATA}"),
         ('path = "bench.nc"', f'path = "bench.nc"\nsha256 = "{64 * "0"}"', "path", "expected sha256 0000"),
