@@ -18,7 +18,7 @@ from calib.errors import CalibError
 from calib.store.address import POSTGRESQL, address_without_password, failure_reason
 from calib.store.mirrored import NUMBER, MirroredTrial
 
-CONNECT_TIMEOUT = 5  # s, for a PostgreSQL server that does not answer
+CONNECT_TIMEOUT = 10  # s, for a PostgreSQL server that does not answer
 MAX_CREATIONS, CREATION_PAUSE = 5, 0.2  # attempts, s: to make the tables, which another process may be making too
 CREATED_MEANWHILE = "already exists"  # what databases say then
 
@@ -55,17 +55,12 @@ def _created(url: str, skip_table_creation: bool) -> RDBStorage:
 
 
 class DatabasePlace:
-    """A database whose address Optuna takes, such as one of PostgreSQL.
-
-    Raises
-    ------
-    CalibError : the database cannot be used; the message tells no password
-    """
+    """A database whose address Optuna takes, such as one of PostgreSQL; raises what its driver raises."""
 
     shared = True  # with the views of other ledgers
 
     def __init__(self, url: str):
-        self._storage = connected(url)
+        self._storage = _created(url, skip_table_creation=False)
         self.storage: BaseStorage = self._storage
 
     def whole(self) -> BaseStorage:

@@ -87,10 +87,6 @@ class OptunaView:
     folder, view : of the study; "journal" or an Optuna URL
     header : of the ledger; its definition's `windows` give the parameters, {name: {"low", "high", "scale"}}
     pictures : of the ledger's trials
-
-    Raises
-    ------
-    CalibError : the database cannot be used
     """
 
     def __init__(self, folder: Path, view: str, header: Header, pictures: Pictures):

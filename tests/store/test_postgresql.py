@@ -22,7 +22,7 @@ from store_samples import HEADER, failed, filled, picture, trial
 
 from calib.cli.dashboard import application
 from calib.errors import CalibError
-from calib.store import Store, mirror, read
+from calib.store import Store, database, mirror, read
 from calib.store.database import connected
 from calib.store.optuna_view import storage
 
@@ -42,6 +42,12 @@ def url(server, request):
     name = request.node.name[:60]
     server.execute(f'DROP DATABASE IF EXISTS "{name}"')
     return server.create(name)
+
+
+@pytest.fixture(autouse=True)
+def busy_machine(monkeypatch):
+    """A server that shares its cores with many others is slow to answer."""
+    monkeypatch.setattr(database, "CONNECT_TIMEOUT", 60)
 
 
 @pytest.fixture
@@ -64,10 +70,10 @@ def shown(url, name="demo"):
     return {one.user_attrs["number"]: (one.state.name, one.value) for one in trials}
 
 
-def is_begun(url):
-    """Whether the view has a trial."""
+def is_begun(url, name="demo"):
+    """Whether the view has a trial of a study."""
     try:
-        return bool(shown(url))
+        return bool(shown(url, name))
     except (CalibError, KeyError):  # no tables yet, or no study
         return False
 
@@ -183,7 +189,7 @@ def test_a_server_that_hangs_holds_no_study_up(tmp_path, server, url, monkeypatc
         begin = time.monotonic()
         for number in range(1, 100):
             store.append(trial(number))
-        assert time.monotonic() - begin < 5.0  # s; a trial that waited for the server would wait for ever
+        assert time.monotonic() - begin < 30.0  # s; a trial that waited for the server would wait for ever
         with pytest.warns(UserWarning, match="no answer within 2 s"):
             store.close()
     finally:
@@ -194,8 +200,7 @@ def test_a_server_that_hangs_holds_no_study_up(tmp_path, server, url, monkeypatc
 
 def test_what_contradicts_the_ledger_is_made_anew(tmp_path, server, url):
     filled(tmp_path, [trial(0), trial(1)], view=url)
-    database = url.rpartition("/")[2]
-    server.execute("UPDATE trial_values SET value = 7.0 WHERE trial_id = 1", database)
+    server.execute("UPDATE trial_values SET value = 7.0 WHERE trial_id = 1", url.rpartition("/")[2])
     filled(tmp_path, [trial(2)], view=url)
     assert shown(url) == expected(tmp_path)
     assert len(shown(url)) == 3
@@ -276,11 +281,11 @@ def test_two_runs_share_a_database_whose_server_is_killed_and_started_again(tmp_
         )
         for home in homes
     ]  # fmt: skip
-    wait_until(lambda: is_begun(url) and len(names(url)) == 2, 120.0)
+    wait_until(lambda: is_begun(url, "echo") and len(names(url)) == 2, 400.0)
     server.kill()
     time.sleep(3.0)
     server.start()
-    said = [run.communicate(timeout=240.0)[0] for run in runs]
+    said = [run.communicate(timeout=600.0)[0] for run in runs]
     assert [run.returncode for run in runs] == [0, 0]
     mirrored = [shown(url, name) for name in names(url)]
     for home, text in zip(homes, said, strict=True):
