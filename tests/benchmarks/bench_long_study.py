@@ -2,9 +2,9 @@
 
 Run as ``python tests/benchmarks/bench_long_study.py [TRIALS]`` (20 000), or with ``--folder`` to keep the study.
 
-Measured at 20 000 trials of 2 parameters, 222 residuals and 6 scalar features, on a machine that others used up: 7.7 kB a
-trial before residuals were read from disk, 1.5 kB (at 2000 trials) since. Of 8.6 s of CPU to open the finished study, 2.5 s
-are imports, 1.2 s the ledger, 1.3 s the replay of CMA-ES, 2 s the confidence intervals and 1.1 s the report.
+Measured at 20 000 trials of 2 parameters, 222 residuals and 6 scalar features, on a busy machine: 7.7 kB a trial before
+residuals were read from disk, 1.5 kB (at 2000 trials) since. Of 8.6 s of CPU to open the finished study, 2.5 s are
+imports, 1.2 s the ledger, 1.3 s the replay of CMA-ES, 2 s the confidence intervals and 1.1 s the report.
 """
 
 import argparse
