@@ -32,7 +32,8 @@ class ScalarFeatures(Sequence[dict[str, Any]]):
         self._numbers = array("d", [value for one in own for value in one.values() if type(value) is float])
         self._description = _once(
             tuple(
-                tuple([(key, PLACEHOLDER if type(value) is float else value) for key, value in one.items()]) for one in own
+                tuple([(key, PLACEHOLDER if type(value) is float else value) for key, value in one.items()])
+                for one in own
             )
         )
 
