@@ -8,7 +8,7 @@ Three places difference a simulation whose noise is not known beforehand; they s
 - `calib.diagnosis.signature` tests parameters at the edge of their range, where an effect is absent: differences are
   one-sided, and a step is scaled to a given response of the records in units of their noise, which is known there.
 - `calib.optimisers.least_squares` needs a descent direction only, at the scale of its trust region: one step, whose
-  quality the next gain ratio shows. Optimisers import nothing else of this program.
+  quality the next gain ratio shows. Optimisers import only `execution` of this program.
 """
 
 import math

@@ -1,7 +1,9 @@
 """Causes that are a compromise between two others, and their replacement by the best pair."""
 
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import replace
+from functools import partial
 
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.criteria import CRITERIA
@@ -83,17 +85,19 @@ def _fitted_from(fitter: Fitter, state: StepwiseState, other: Fit) -> StepwiseSt
 
 def any_rejected(fitter: Fitter, null: Fit, causes: Sequence[Refitted], final: Fit, threshold: float) -> bool:
     """Whether some cause of a model would be rejected as the last one to enter it."""
-    for cause in causes:
+
+    def rejected(cause: Refitted, own: Fitter) -> bool:
         others = tuple(other.candidate for other in causes if other is not cause)
-        base = without_cause(fitter, null, final, cause, others)
+        base = without_cause(own, null, final, cause, others)
         if not base.names:  # it cannot be simulated without it
-            continue
-        base = fitter.with_derivatives(base)
+            return False
+        base = own.with_derivatives(base)
         again = cause.refitted(final, base.chi2 - final.chi2)
-        made = extension(fitter.evidence, base, final, again, threshold)
-        if rejection(fitter.evidence, null, made, further=bool(others)):
-            return True
-    return False
+        made = extension(own.evidence, base, final, again, threshold)
+        return bool(rejection(own.evidence, null, made, further=bool(others)))
+
+    with closing(fitter.in_turn([partial(rejected, cause) for cause in causes])) as outcomes:
+        return any(outcomes)
 
 
 def _explains_more(

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, closing
 from dataclasses import dataclass, field, replace
 
 from calib.diagnosis.bench import Bench
@@ -20,6 +20,7 @@ from calib.diagnosis.record_faults import rounding
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.refutation import revised_by_records
 from calib.diagnosis.selection import Selection
+from calib.diagnosis.speculation import SpeculativePool
 from calib.diagnosis.verdict import NAMED, NOT_DIAGNOSABLE, ONE_OF, UNEXPLAINED, failures, untried, verdict_of
 from calib.execution.workers import workers
 from calib.modelling.effect import Effect
@@ -124,8 +125,9 @@ def diagnose(
     begin = time.monotonic()
     bench = bench_of(study, others)
     make = pool or (lambda function: workers(function, study.jobs, study.timeout))
-    with make(bench) as open_pool:
-        effort = Effort(open_pool, budget, on_progress)
+    idle = 0 if pool else study.jobs - 1
+    with make(bench) as open_pool, closing(SpeculativePool(open_pool, idle)) as ahead:
+        effort = Effort(ahead, budget, on_progress)
         diagnosis = _diagnosed(effort, bench, study, values, effects, seed, on_stage, laboratory)
     return replace(diagnosis, seconds=time.monotonic() - begin)
 
@@ -149,7 +151,7 @@ def _diagnosed(
     gain, threshold = None, selection.rounds[0].threshold
     if selection.causes:
         on_stage("gain")
-        selection, gain = revised_by_records(pool, bench, fitter, selection, ready.suspects, seed)
+        selection, gain = revised_by_records(fitter, bench, selection, ready.suspects, seed)
     solver = converged(fitter, selection.final, numerical(effects), threshold, selection.margin)
     gates = (*_renewed(ready.gates, fitter, selection), *solver)
     if QUANTISATION in {cause.name for cause in selection.causes}:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from calib.diagnosis.bench import SimulatedRows
+from calib.diagnosis.speculation import SpeculativePool
 from calib.errors import CalibError
 from calib.study import Pool
 from calib.units import to_si
@@ -46,7 +47,7 @@ class Budget:
 
 
 class Effort:
-    """A pool that counts what it simulates.
+    """A pool that counts what is asked of it: known answers too, and nothing that is run ahead.
 
     Parameters
     ----------
@@ -62,13 +63,14 @@ class Effort:
         on_progress: Callable[[int, int], None] = lambda done, foreseen: None,
         clock: Callable[[], float] = time.monotonic,
     ):
-        self._pool, self._budget, self._on_progress, self._clock = pool, budget or Budget(), on_progress, clock
+        self.pool = pool if isinstance(pool, SpeculativePool) else SpeculativePool(pool)
+        self._budget, self._on_progress, self._clock = budget or Budget(), on_progress, clock
         self._begin = clock()
         self.done = self.foreseen = 0
 
     def map(self, payloads: Iterable[Any]) -> Iterator[tuple[int, Any]]:
         """Yield (index, result or Failure) as they end."""
-        for index, result in self._pool.map(payloads):
+        for index, result in self.pool.map(payloads):
             self.done += result.simulations if isinstance(result, SimulatedRows) else 1
             self.foreseen = max(self.foreseen, self.done)
             self._on_progress(self.done, self.foreseen)

@@ -10,6 +10,7 @@ Regression, 2002, chapter 3.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -116,7 +117,8 @@ def _outweighing(fitter: Fitter, null: Fit, begun: Elimination, attained: float)
         spent = not alone and fitter.effort.spent
         if spent and _leaves_noise(fitter, now):
             return now
-        reduced = [] if spent else [_without(fitter, null, now, cause) for cause in now.causes]
+        tasks = [] if spent else [partial(_without, null=null, now=now, left_out=cause) for cause in now.causes]
+        reduced = list(fitter.in_turn(tasks))
         rises = [fit.chi2 - now.final.chi2 if fit.names else np.inf for fit in reduced]
         rises = rises or [cause.chi2_reduction for cause, _ in now.causes]
         weakest = int(np.argmin(rises))

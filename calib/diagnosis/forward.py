@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -72,9 +73,12 @@ def _reestimated(fitter: Fitter, state: StepwiseState) -> StepwiseState:
     if not _differs(evidence, old):
         return state
     fitter.evidence = evidence
-    null = fitter.fit(state.null.point)
     earlier = [cause.candidate for cause, _ in state.causes[:-1]]
-    base = fitter.fit(state.rounds[-1].base.point, earlier) if earlier else null
+    tasks: list[Callable[[Fitter], Fit]] = [partial(Fitter.fit, start=state.null.point)]
+    if earlier:
+        tasks.append(partial(Fitter.fit, start=state.rounds[-1].base.point, candidates=earlier))
+    null, *beside = fitter.in_turn(tasks)
+    base = beside[0] if beside else null
     refitted = _refitted_rivals(fitter, base, state) if null.names and base.names else []
     rivals = rival_suspects(fitter.evidence, refitted, state.rounds[-1].threshold)
     if not rivals:
@@ -100,11 +104,16 @@ def _refitted_rivals(fitter: Fitter, base: Fit, state: StepwiseState) -> list[Re
     known, least = {rival.name for rival in rivals}, CRITERIA.min_explained_share * cause.chi2_reduction
     others = [s for s in state.rounds[-1].suspects if isinstance(s, Refitted) and s.fit.names and s.name not in known]
     refitted: list[Refitted] = []
-    for rival in (*rivals, *leading_variants(s for s in others if s.chi2_reduction >= least)):
+
+    def fitted_again(suspect: Refitted, own: Fitter) -> Fit:
         bound = chi2_of_a_rival(refitted, base, threshold)
-        fit = fitter.fit(rival.fit.point, rival.fit.candidates, rival=bound)
+        return own.fit(suspect.fit.point, suspect.fit.candidates, rival=bound)
+
+    suspects = [*rivals, *leading_variants(s for s in others if s.chi2_reduction >= least)]
+    fits = fitter.in_turn([partial(fitted_again, suspect) for suspect in suspects])
+    for suspect, fit in zip(suspects, fits, strict=True):
         if fit.names:
-            refitted.append(rival.refitted(fit, base.chi2 - fit.chi2))
+            refitted.append(suspect.refitted(fit, base.chi2 - fit.chi2))
     return refitted
 
 

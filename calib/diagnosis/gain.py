@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, TypedDict
 
 import numpy as np
@@ -108,9 +109,8 @@ class Gain:
 
 
 def gained(
-    pool: Pool,
-    bench: Bench,
     fitter: Fitter,
+    bench: Bench,
     null: Fit,
     final: Fit,
     causes: Sequence[Refitted],
@@ -126,20 +126,20 @@ def gained(
     threshold : of the normal deviate, from which the records' sizes differ
     """
     shifts = _shifts(fitter, null, final)
-    columns = derivatives_by_record(pool, fitter, fitter.evidence, final, final.columns)
+    columns = derivatives_by_record(fitter, fitter.evidence, final, final.columns)
     significant_remainder = significant(excess_chi2(fitter.evidence, final), chi2_std(fitter.evidence))
     transfers = refitted_to_each_record(fitter.evidence, final, columns, significant_remainder, held=False)
     held = [name for name, reference in bench.objective.references.items() if reference.use == "holdout"]
     if not held:
         return _of_blocks(fitter, null, final, causes, seed, shifts=shifts, **_sizes(transfers, threshold))
-    before, after, failed = _simulated(pool, held, null, final)
+    before, after, failed = _simulated(fitter.pool, held, null, final)
     if not before:
         nan = np.nan
         return Gain(RECORDS, (), nan, nan, (nan, nan), failed=failed, shifts=shifts, **_sizes(transfers, threshold))
-    evidence = _held_out_evidence(pool, bench, final, before, after)
+    evidence = _held_out_evidence(fitter.pool, bench, final, before, after)
     parts = [(part, before[part.name], after[part.name]) for part in evidence.parts]
     there = replace(final, point=replace(final.point, simulated=after))
-    columns = derivatives_by_record(pool, fitter, evidence, there)
+    columns = derivatives_by_record(fitter, evidence, there)
     transfers += refitted_to_each_record(evidence, there, columns, significant_remainder, held=True)
     unaffected = tuple(name for name, own in columns.items() if not acting_causes(there, own))
     sizes = _sizes(transfers, threshold)
@@ -177,16 +177,17 @@ def _held_out_evidence(
 def _of_blocks(fitter: Fitter, null: Fit, final: Fit, causes: Sequence[Refitted], seed: int, **rest: Any) -> Gain:
     """Fit both models to one half of every record and compare them on the other, and the other way round."""
     candidates = tuple(cause.candidate for cause in causes)
+    sizes = {name: final.value(name) for c in candidates for name in c.free}
+
+    def fitted(half: int, own: Fitter) -> tuple[Fit, Fit]:
+        halved = own.on(Evidence(tuple(_half(part, half) for part in own.evidence.parts)))
+        return halved.fit(null.point), halved.fit(final.point, candidates, sizes)
+
     parts = []
-    for half in (0, 1):
-        own = Evidence(tuple(_half(part, half) for part in fitter.evidence.parts))
-        other = Evidence(tuple(_half(part, 1 - half) for part in fitter.evidence.parts))
-        halved = Fitter(fitter.effort, own, fitter.space, fitter.model)
-        without = halved.fit(null.point)
-        sizes = {name: final.value(name) for c in candidates for name in c.free}
-        extended = halved.fit(final.point, candidates, sizes)
-        for part in other.parts:
-            parts.append((part, without.point.simulated[part.name], extended.point.simulated[part.name]))
+    for half, fits in enumerate(fitter.in_turn([partial(fitted, 0), partial(fitted, 1)])):
+        for part in (_half(part, 1 - half) for part in fitter.evidence.parts):
+            before, after = (fit.point.simulated[part.name] for fit in fits)
+            parts.append((part, before, after))
     return _summed(BLOCKS, parts, seed, **rest)
 
 

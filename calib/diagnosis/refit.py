@@ -1,7 +1,10 @@
 """Fits of models to the evidence with all their parameters, by the method of Gauss and Newton."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
+from copy import copy
 from dataclasses import replace
+from functools import partial
+from typing import TypeVar
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -33,6 +36,8 @@ MAX_FIT_HALVINGS = 5  # of a step that does not reduce chi-square  [count]
 RIDGE = 1e-10  # added to the unit diagonal of the normal equations: undetermined directions are not moved  [1]
 MIN_ROOM = 1e-12  # of a scaled step on its bound, where the solver needs an open interval  [1]
 
+T = TypeVar("T")
+
 
 def direction(point: Point, candidate: Candidate, parameter: Parameter) -> Direction:
     """Direction of a parameter of a candidate that is in the model."""
@@ -58,8 +63,32 @@ class Fitter:
 
     def __init__(self, pool: Pool, evidence: Evidence, space: Space, model: Model):
         self.effort = pool if isinstance(pool, Effort) else Effort(pool)
+        self.pool: Pool = self.effort  # on which it simulates: another one where it fits ahead of its turn
         self.evidence, self.space, self.model = evidence, space, model
         self.steps: dict[str, Step] = {}  # of the differences, from the latest derivatives
+
+    def in_turn(self, tasks: Sequence[Callable[["Fitter"], T]]) -> Generator[T, None, None]:
+        """Yield the results of tasks of this fitter one after the other, as they are asked for.
+
+        Those whose turn has not come are run ahead on idle processes, with what is known by then: each task has to read
+        what the ones before it change when it is called. No result depends on that (`SpeculativePool`).
+        """
+        if self.pool is not self.effort:
+            return (task(self) for task in tasks)
+        ahead = [partial(self._ahead, task) for task in tasks]
+        return self.effort.pool.in_turn([partial(task, self) for task in tasks], ahead)
+
+    def _ahead(self, task: Callable[["Fitter"], object], pool: Pool) -> None:
+        """Run a task by a copy that simulates on a pool of its own, and keeps to itself what it takes for steps."""
+        fitter = copy(self)
+        fitter.pool, fitter.steps = pool, dict(self.steps)
+        task(fitter)
+
+    def on(self, evidence: Evidence) -> "Fitter":
+        """Return a fitter of the same model to other evidence."""
+        fitter = copy(self)
+        fitter.evidence, fitter.steps = evidence, {}
+        return fitter
 
     def fit(
         self,
@@ -140,9 +169,7 @@ class Fitter:
         """Return the fit with the derivatives at its own point."""
         fit = self._with_initial_slopes(fit)
         directions = self.directions(fit.point, fit.candidates)
-        taken = slopes(
-            self.effort, self.evidence, fit.point, directions, self.steps, "new", fit.nuisances, together=True
-        )
+        taken = slopes(self.pool, self.evidence, fit.point, directions, self.steps, "new", fit.nuisances, together=True)
         self.steps |= {d.name: s.taken for d, s in zip(directions, taken, strict=True) if s.taken}
         none = np.zeros(fit.residual.size)
         columns = [none if s.column is None else s.column for s in taken]
@@ -189,7 +216,7 @@ class Fitter:
                     places.append((name, k, step))
         if not runs:
             return fit
-        for (name, k, step), ahead in zip(places, simulated(self.effort, runs), strict=True):
+        for (name, k, step), ahead in zip(places, simulated(self.pool, runs), strict=True):
             if ahead.usable:
                 slopes = starts[name].slopes.copy()
                 slopes[k] = (ahead.rows - views[name].rows) / step
@@ -223,7 +250,7 @@ class Fitter:
         starts = dict.fromkeys(self.evidence.names) if solved else self._starts(origin.simulated, change)
         values = {**origin.values, **{d.name: float(value) for d, value in zip(directions, x, strict=True)}}
         names = self.evidence.names
-        views = dict(zip(names, simulated(self.effort, origin.runs(names, values, starts=starts)), strict=True))
+        views = dict(zip(names, simulated(self.pool, origin.runs(names, values, starts=starts)), strict=True))
         if not all(view.usable for view in views.values()):
             return None
         nuisances = self.evidence.tangents(views)
@@ -243,18 +270,26 @@ class Fitter:
             start, tuple(candidates), residual, none, (), (), nuisances, rows, "its simulation fails at the start"
         )
 
-    def trial(self, base: Fit, candidate: Candidate, sizes: np.ndarray) -> tuple[float, np.ndarray] | None:
-        """Predicted reduction of chi-square by a candidate of about these sizes (p,), and the sizes of best fit.
+    def trials(
+        self, base: Fit, candidate: Candidate, sizes: Sequence[np.ndarray]
+    ) -> list[tuple[float, np.ndarray] | None]:
+        """Predicted reduction of chi-square by a candidate of about each of the sizes (p,), and the sizes of best fit.
 
         Its change of the records is scaled to fit best, and the sizes with it; not where its null is infinite. None
         where the simulation fails, or the sizes are not admissible.
         """
-        names, null = self.evidence.names, candidate.null
-        runs = base.point.runs(names, candidate.values(sizes), (candidate.effect,))
-        views = dict(zip(names, simulated(self.effort, runs), strict=True))
+        names = self.evidence.names
+        runs = [run for x in sizes for run in base.point.runs(names, candidate.values(x), (candidate.effect,))]
+        answers = iter(simulated(self.pool, runs))
+        return [self._trial(base, candidate, x, {name: next(answers) for name in names}) for x in sizes]
+
+    def _trial(
+        self, base: Fit, candidate: Candidate, sizes: np.ndarray, views: Mapping[str, SimulatedRows]
+    ) -> tuple[float, np.ndarray] | None:
+        """Predicted reduction of chi-square and sizes of best fit, by the simulations at these sizes (p,)."""
         if not all(view.usable for view in views.values()):
             return None
-        projection = base.projection
+        null, projection = candidate.null, base.projection
         residual, change = projection(base.residual), projection(self.evidence.difference(base.point.simulated, views))
         if candidate.effect.guess is not None or not np.isfinite(null).all():
             remainder = residual - change
@@ -294,7 +329,7 @@ class Fitter:
                     )
                 )
                 owner.append(index)
-        taken = slopes(self.effort, self.evidence, base.point, directions, absorbed=base.projection.basis)
+        taken = slopes(self.pool, self.evidence, base.point, directions, absorbed=base.projection.basis)
         return [[slope for slope, o in zip(taken, owner, strict=True) if o == k] for k in range(len(candidates))]
 
 

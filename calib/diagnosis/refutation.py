@@ -1,12 +1,13 @@
 """Causes tested on records held out and from record to record, and replaced or left out where these refute them."""
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from contextlib import closing
 from dataclasses import replace
+from functools import partial
 
 from calib.diagnosis.bench import Bench
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.criteria import CRITERIA
-from calib.diagnosis.effort import Effort
 from calib.diagnosis.elimination import several_sizes
 from calib.diagnosis.gain import Gain, gained
 from calib.diagnosis.refit import Fitter
@@ -19,9 +20,8 @@ ONE_SIZE, NOT_REFUTED = "it has one size in all records", "the records held out 
 
 
 def revised_by_records(
-    pool: Effort,
-    bench: Bench,
     fitter: Fitter,
+    bench: Bench,
     selection: Selection,
     candidates: Sequence[Candidate],
     seed: int,
@@ -34,20 +34,21 @@ def revised_by_records(
     cause that differs, or the weakest one, is left out if the others explain enough without it. A single cause may
     stand for two: the best pair is then tried in its place.
     """
-    selection, gain = _with_gain(pool, bench, fitter, selection, seed)
-    tried = exchanged_by_records = _exchanged_by_records(pool, bench, fitter, selection, gain, seed)
-    while len(tried[0].causes) > 1 and tried[0].is_explained and not _stands(*tried) and not pool.spent:
+    selection, gain = _with_gain(fitter, bench, selection, seed)
+    tried = exchanged_by_records = _exchanged_by_records(fitter, bench, selection, gain, seed)
+    while len(tried[0].causes) > 1 and tried[0].is_explained and not _stands(*tried) and not fitter.effort.spent:
         fewer = left_out(fitter, tried[0], *_least_tenable(tried[0]))
         if fewer is None:
             break
-        tried = _with_gain(pool, bench, fitter, fewer, seed)
-    if len(tried[0].causes) == 1 and tried[0].is_explained and not _stands_in_each_record(*tried) and not pool.spent:
+        tried = _with_gain(fitter, bench, fewer, seed)
+    alone = len(tried[0].causes) == 1 and tried[0].is_explained
+    if alone and not _stands_in_each_record(*tried) and not fitter.effort.spent:
         pair = paired(fitter, tried[0], candidates, seed)
-        outcome = tried if pair is None else _with_gain(pool, bench, fitter, pair, seed)
+        outcome = tried if pair is None else _with_gain(fitter, bench, pair, seed)
         tried = outcome if _stands_in_each_record(*outcome) or (_stands(*outcome) and not _stands(*tried)) else tried
     if not _stands(*tried):
         return exchanged_by_records
-    return _with_rivals_that_stand(pool, bench, fitter, *tried, seed)
+    return _with_rivals_that_stand(fitter, bench, *tried, seed)
 
 
 def _stands(selection: Selection, gain: Gain) -> bool:
@@ -61,7 +62,7 @@ def _stands_in_each_record(selection: Selection, gain: Gain) -> bool:
 
 
 def _with_rivals_that_stand(
-    pool: Effort, bench: Bench, fitter: Fitter, selection: Selection, gain: Gain, seed: int
+    fitter: Fitter, bench: Bench, selection: Selection, gain: Gain, seed: int
 ) -> tuple[Selection, Gain]:
     """Try the rivals of each cause in its place, where more than noise is left.
 
@@ -72,12 +73,14 @@ def _with_rivals_that_stand(
     several = zip(selection.causes, selection.alternatives, strict=True)
     for cause, rivals in [(c, own) for c, own in several if len(own) > 1 and selection.remainder_is_significant]:
         tenable = [rival for rival in rivals if rival.name == cause.name]
-        for rival in (rival for rival in rivals if rival.name != cause.name):
-            if pool.spent:
-                return replace(selection, cut_short=True), gain
-            outcome = _in_its_place(pool, bench, fitter, selection, cause, rival, "as a rival", seed)
-            if outcome and stands(*outcome) and _predicts_as_well(outcome[1], gain):
-                tenable.append(rival)
+        others = [rival for rival in rivals if rival.name != cause.name]
+        with closing(_in_its_place(fitter, bench, selection, cause, others, "as a rival", seed)) as outcomes:
+            for rival in others:
+                if fitter.effort.spent:
+                    return replace(selection, cut_short=True), gain
+                outcome = next(outcomes)
+                if outcome and stands(*outcome) and _predicts_as_well(outcome[1], gain):
+                    tenable.append(rival)
         selection = selection.with_rivals(tenable)
     return selection, gain
 
@@ -98,7 +101,7 @@ def _least_tenable(selection: Selection) -> tuple[Refitted, str]:
 
 
 def _exchanged_by_records(
-    pool: Effort, bench: Bench, fitter: Fitter, selection: Selection, gain: Gain, seed: int
+    fitter: Fitter, bench: Bench, selection: Selection, gain: Gain, seed: int
 ) -> tuple[Selection, Gain]:
     """Put a rival in the place of a cause that the records refute, or whose size differs from record to record.
 
@@ -112,15 +115,15 @@ def _exchanged_by_records(
         groups.append((selection.causes[0], selection.runners_up[: CRITERIA.max_runners_up]))
     for cause, rivals in groups:
         better = []
-        for rival in rivals:
-            if rival.name == cause.name:
-                continue
-            if pool.spent:
-                return replace(selection, cut_short=True), gain
-            reason = ONE_SIZE if cause.name in differing else NOT_REFUTED
-            outcome = _in_its_place(pool, bench, fitter, selection, cause, rival, reason, seed)
-            if outcome and _holds(rival, outcome, gain, differing.get(cause.name)):
-                better.append((rival, outcome))
+        reason = ONE_SIZE if cause.name in differing else NOT_REFUTED
+        others = [rival for rival in rivals if rival.name != cause.name]
+        with closing(_in_its_place(fitter, bench, selection, cause, others, reason, seed)) as outcomes:
+            for rival in others:
+                if fitter.effort.spent:
+                    return replace(selection, cut_short=True), gain
+                outcome = next(outcomes)
+                if outcome and _holds(rival, outcome, gain, differing.get(cause.name)):
+                    better.append((rival, outcome))
         if better:
             chosen = simplest([rival for rival, _ in better])
             [(selection, gain)] = [outcome for rival, outcome in better if rival is chosen]
@@ -129,21 +132,24 @@ def _exchanged_by_records(
 
 
 def _in_its_place(
-    pool: Effort,
-    bench: Bench,
     fitter: Fitter,
+    bench: Bench,
     selection: Selection,
     cause: Refitted,
-    rival: Refitted,
+    rivals: Sequence[Refitted],
     reason: str,
     seed: int,
-) -> tuple[Selection, Gain] | None:
-    """Put a rival in the place of a cause, and test that on records held out; None where it is no cause there.
+) -> Generator[tuple[Selection, Gain] | None, None, None]:
+    """Put each rival in the place of a cause, and test that on records held out; None where it is no cause there.
 
     reason : why, as the end of a sentence
     """
-    other = exchanged(fitter, selection, cause, rival, reason)
-    return None if other is None else _with_gain(pool, bench, fitter, other, seed)
+
+    def tested(rival: Refitted, own: Fitter) -> tuple[Selection, Gain] | None:
+        other = exchanged(own, selection, cause, rival, reason)
+        return None if other is None else _with_gain(own, bench, other, seed)
+
+    return fitter.in_turn([partial(tested, rival) for rival in rivals])
 
 
 def _holds(rival: Refitted, outcome: tuple[Selection, Gain], gain: Gain, differing: float | None) -> bool:
@@ -169,8 +175,8 @@ def _has_one_size(rival: Refitted, own: Gain, gain: Gain, variation: float) -> b
     return bool(compared) and all(a.agree and set(a.records) >= records and a.detectable <= variation for a in compared)
 
 
-def _with_gain(pool: Effort, bench: Bench, fitter: Fitter, selection: Selection, seed: int) -> tuple[Selection, Gain]:
+def _with_gain(fitter: Fitter, bench: Bench, selection: Selection, seed: int) -> tuple[Selection, Gain]:
     """Return a selection with its sizes compared from record to record, and the gain by its causes."""
     threshold = selection.rounds[0].threshold
-    gain = gained(pool, bench, fitter, selection.null, selection.final, selection.causes, seed, threshold)
+    gain = gained(fitter, bench, selection.null, selection.final, selection.causes, seed, threshold)
     return selection.with_records_compared(gain.agreements, gain.fitted_agree), gain

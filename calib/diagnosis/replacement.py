@@ -1,8 +1,9 @@
 """Causes replaced by others that explain more: one at a time, or all of them by the best pair."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import combinations
 
 import numpy as np
@@ -124,29 +125,47 @@ def best_pair(
     testable = [s for s in suspects if is_testable(s) and s.signature_columns.any()]
     by_candidate = {id(s.candidate): s for s in testable}
     predicted = about.pairs([s.candidate for s in testable], [s.derivatives for s in testable])
+    different = [[by_candidate[id(c)] for c in pair] for pair in _inequivalent(predicted[: CRITERIA.max_pairs])]
     best: tuple[list[Cause], Fit] | None = None
-    attained = np.inf
-    tried: list[tuple[float, set[Candidate]]] = []
-    for reduction, candidates in predicted[: CRITERIA.max_pairs]:
-        if best is not None and fitter.effort.spent:
-            break
-        if any(
-            abs(reduction - other) < MAX_REDUCTION_DIFFERENCE * other and set(candidates) & both
-            for other, both in tried
-        ):
-            continue
-        tried.append((reduction, set(candidates)))
-        pair = [by_candidate[id(candidate)] for candidate in candidates]
-        values, sizes = about.start(pair)
-        fit = fitter.fit(replace(final.point, values=values), candidates, sizes, rival=attained)
-        if not fit.names:
-            absent = {name: size for candidate in candidates for name, size in candidate.absent().items()}
-            fit = fitter.fit(null.point, candidates, absent, rival=attained)
-        refitted = [suspect.refitted(fit, null.chi2 - fit.chi2) for suspect in pair] if fit.names else []
-        pairs: list[Cause] = [(cause, (cause,)) for cause in refitted]
-        if pairs and (best is None or aic(pairs, fit) < aic(*best)):
-            best, attained = (pairs, fit), fit.chi2
+
+    def fitted(pair: Sequence[Scored], own: Fitter) -> Fit:
+        return _fitted_pair(own, null, about, pair, np.inf if best is None else best[1].chi2)
+
+    with closing(fitter.in_turn([partial(fitted, pair) for pair in different])) as fits:
+        for pair in different:
+            if best is not None and fitter.effort.spent:
+                break
+            fit = next(fits)
+            refitted = [suspect.refitted(fit, null.chi2 - fit.chi2) for suspect in pair] if fit.names else []
+            pairs: list[Cause] = [(cause, (cause,)) for cause in refitted]
+            if pairs and (best is None or aic(pairs, fit) < aic(*best)):
+                best = pairs, fit
     return None if best is None else (best[0], fitter.with_derivatives(best[1]))
+
+
+def _inequivalent(
+    predicted: Sequence[tuple[float, tuple[Candidate, Candidate]]],
+) -> list[tuple[Candidate, Candidate]]:
+    """Pairs of which no two have a common member and the same predicted reduction of chi-square: the first of these."""
+    different: list[tuple[float, tuple[Candidate, Candidate]]] = []
+    for reduction, pair in predicted:
+        if not any(
+            abs(reduction - other) < MAX_REDUCTION_DIFFERENCE * other and set(pair) & set(both)
+            for other, both in different
+        ):
+            different.append((reduction, pair))
+    return [pair for _, pair in different]
+
+
+def _fitted_pair(fitter: Fitter, null: Fit, about: "_Linear", pair: Sequence[Scored], rival: float) -> Fit:
+    """Fit two suspects from their predicted sizes, or else from where they are absent beside the calibrated model."""
+    candidates = [suspect.candidate for suspect in pair]
+    values, sizes = about.start(pair)
+    fit = fitter.fit(replace(about.final.point, values=values), candidates, sizes, rival=rival)
+    if fit.names:
+        return fit
+    absent = {name: size for candidate in candidates for name, size in candidate.absent().items()}
+    return fitter.fit(null.point, candidates, absent, rival=rival)
 
 
 def is_pair_significant(

@@ -1,7 +1,9 @@
 """One step of forward selection: candidates scored, the leading ones refitted, the best compared with its rivals."""
 
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -100,9 +102,11 @@ def search(
         rivals = rival_suspects(fitter.evidence, possible, threshold)
     latest = {id(s.candidate): s for s in refitted}
     if rivals:  # indistinguishable suspects are compared again, each with its best-fitting form
-        formed = {id(s.candidate): _with_fitted_form(fitter, s, before, common) for s in rivals}
-        latest |= formed
-        rivals = rival_suspects(fitter.evidence, list(formed.values()), threshold)
+        formed = list(
+            fitter.in_turn([partial(_with_fitted_form, suspect=s, before=before, common=common) for s in rivals])
+        )
+        latest |= {id(s.candidate): other for s, other in zip(rivals, formed, strict=True)}
+        rivals = rival_suspects(fitter.evidence, formed, threshold)
     compared = sorted((latest.get(id(s.candidate), s) for s in suspects), key=lambda s: -s.known_reduction)
     chosen = simplest(rivals) if rivals else None
     rivals = with_possible_causes(fitter.evidence, rivals, [latest[id(s.candidate)] for s in possible])
@@ -183,17 +187,22 @@ def _refits(
     attained : chi-square that one of the candidates is known to attain
     """
     refitted, untried = list(before), []
-    for number, suspect in enumerate(leaders):
-        fits = 2 * len(leaders) - number  # another search may follow
-        fitter.effort.foresee(fitter.expected_simulations(significant, fits))
-        if (number or refitted) and fitter.effort.spent:
-            untried.append(suspect.name)
-            continue
+
+    def fitted_below(suspect: Screened, own: Fitter) -> Refitted | None:
         bound = chi2_of_a_rival(refitted, base, threshold, attained)
         rival = np.inf if _is_similar_to_the_best(suspect, refitted) else bound
-        fitted = _refitted(fitter, base, suspect, threshold, rival)
-        if fitted is not None:
-            refitted.append(fitted)
+        return _refitted(own, base, suspect, threshold, rival)
+
+    with closing(fitter.in_turn([partial(fitted_below, suspect) for suspect in leaders])) as results:
+        for number, suspect in enumerate(leaders):
+            fits = 2 * len(leaders) - number  # another search may follow
+            fitter.effort.foresee(fitter.expected_simulations(significant, fits))
+            if (number or refitted) and fitter.effort.spent:
+                untried.append(suspect.name)
+                continue
+            fitted = next(results)
+            if fitted is not None:
+                refitted.append(fitted)
     return refitted, tuple(dict.fromkeys(untried))
 
 
@@ -229,17 +238,22 @@ def _refits_from_the_middle(
     leaders = leading_variants(s for s in at_middle if is_testable(s) and scored[id(s.candidate)].is_testable)
     fitter.effort.foresee(fitter.expected_simulations(0, len(leaders)))
     untried = []
-    for suspect in leaders:
-        if fitter.effort.spent:
-            untried.append(suspect.name)
-            continue
-        known, key, candidate = list(latest.values()), id(suspect.candidate), suspect.candidate
-        similar = _is_similar_to_the_best(scored[key], known)
+
+    def fitted_below(suspect: Scored, own: Fitter) -> Fit:
+        known, candidate = list(latest.values()), suspect.candidate
+        similar = _is_similar_to_the_best(scored[id(candidate)], known)
         bound = np.inf if similar else chi2_of_a_rival(known, base, threshold, attained)
         columns = np.column_stack([middle.columns, suspect.derivatives])
-        fit = fitter.fit(middle.point, (candidate,), candidate.absent(), columns, bound)
-        if fit.names and fit.chi2 < (latest[key].fit if key in latest else base).chi2:
-            latest[key] = scored[key].refitted(fit, base.chi2 - fit.chi2)
+        return own.fit(middle.point, (candidate,), candidate.absent(), columns, bound)
+
+    with closing(fitter.in_turn([partial(fitted_below, suspect) for suspect in leaders])) as fits:
+        for suspect in leaders:
+            if fitter.effort.spent:
+                untried.append(suspect.name)
+                continue
+            fit, key = next(fits), id(suspect.candidate)
+            if fit.names and fit.chi2 < (latest[key].fit if key in latest else base).chi2:
+                latest[key] = scored[key].refitted(fit, base.chi2 - fit.chi2)
     return list(latest.values()), tuple(untried)
 
 
@@ -267,7 +281,10 @@ def _refitted(fitter: Fitter, base: Fit, suspect: Screened, threshold: float, ri
     predicted = suspect.predicted_reduction
     if not fits or abs(reduction - predicted) > CRITERIA.max_nonlinearity * predicted:
         least = max(CRITERIA.min_trial_reduction * threshold**2, reduction)
-        fits += [_fitted(fitter, base, suspect, sizes, rival) for sizes in _trial_sizes(fitter, base, suspect, least)]
+        starts = _trial_sizes(fitter, base, suspect, least)
+        fits += fitter.in_turn(
+            [partial(_fitted, base=base, suspect=suspect, sizes=sizes, rival=rival) for sizes in starts]
+        )
     best = min(fits, key=lambda fit: fit.chi2, default=None)
     return None if best is None else suspect.refitted(best, base.chi2 - best.chi2)
 
@@ -306,7 +323,7 @@ def _trial_sizes(fitter: Fitter, base: Fit, suspect: Screened, least: float) -> 
     """
     candidate = suspect.candidate
     sizes = [np.clip(x, candidate.low, candidate.high) for x in candidate.sizes]
-    trials = [trial for x in sizes if (trial := fitter.trial(base, candidate, x)) is not None]
+    trials = [trial for trial in fitter.trials(base, candidate, sizes) if trial is not None]
     trials.sort(key=lambda trial: -trial[0])
     starts = [candidate.within_scale(size) for reduction, size in trials[: CRITERIA.max_starts] if reduction > least]
     known = [_estimate(suspect)] if is_testable(suspect) else []

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy import stats
@@ -15,8 +16,7 @@ from calib.diagnosis.excess import bias_std, significant
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.score import Projection, Signature, deviate
-from calib.diagnosis.signature import Direction, slopes
-from calib.study import Pool
+from calib.diagnosis.signature import Direction, Slope, slopes
 
 DERIVATIVE_ERROR = 0.003  # relative, of finite differences, beyond which a signature is no numerical error  [1]
 
@@ -151,7 +151,7 @@ def _refitted(
 
 
 def derivatives_by_record(
-    pool: Pool, fitter: Fitter, evidence: Evidence, final: Fit, known: np.ndarray | None = None
+    fitter: Fitter, evidence: Evidence, final: Fit, known: np.ndarray | None = None
 ) -> dict[str, np.ndarray]:
     """Derivatives (n, k) of each record by all parameters of the final model, then by values of its own that are fixed.
 
@@ -162,9 +162,13 @@ def derivatives_by_record(
     known : (N, k) derivatives by all parameters of the final model; None: they are computed
     """
     shared, columns_by_record = fitter.directions(final.point, final.candidates) if known is None else [], {}
-    for name in evidence.names:
-        directions = [*shared, *_fixed_alone(fitter, final, name)]
-        own = slopes(pool, evidence.only([name]), final.point, directions, fitter.steps, "none")
+
+    def own_slopes(name: str, own: Fitter) -> list[Slope]:
+        directions = [*shared, *_fixed_alone(own, final, name)]
+        return slopes(own.pool, evidence.only([name]), final.point, directions, own.steps, "none")
+
+    several = fitter.in_turn([partial(own_slopes, name) for name in evidence.names])
+    for name, own in zip(evidence.names, several, strict=True):
         columns = [slope.column for slope in own if slope.column is not None]
         if len(columns) == len(own):
             first = [] if known is None else [known[evidence.of(name)]]

@@ -157,7 +157,7 @@ class LocalPool:
 
         Parameters
         ----------
-        payloads : of one call each
+        payloads : of one call each; an iterator that had no more is asked again after each result
         stage : name of what the calls compile: the first call of each stage in a process has an allowance of its own
 
         Raises
@@ -184,6 +184,7 @@ class LocalPool:
                     idle.append(busy.pop(index))
                     hand_out()  # before the caller takes its time over the result
                     yield index, result
+                    hand_out()  # what it added because of it
         finally:
             for slot in busy.values():
                 slot.close()

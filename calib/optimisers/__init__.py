@@ -1,1 +1,1 @@
-"""Optimisers in the unit cube: each asks for points, receives their outcomes, and imports nothing else of calib."""
+"""Optimisers in the unit cube: each asks for points, receives their outcomes, and imports of calib only `execution`."""

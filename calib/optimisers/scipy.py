@@ -1,13 +1,15 @@
 """Methods of scipy.optimize, which meet the study at each evaluation."""
 
 from collections.abc import Callable, Sequence
+from typing import TypeAlias
 
 import numpy as np
 from scipy import optimize
 
+from calib.execution.conversation import Conversation
 from calib.optimisers.outcome import OutcomeLike
-from calib.optimisers.thread import Conversation, Evaluate
 
+Evaluate: TypeAlias = Callable[[np.ndarray], Sequence[OutcomeLike]]  # points (n, dim) -> n outcomes
 COST_OF_FAILED_RUN = 1e12  # for methods that cannot take infinity  [1]
 ONE_SIDED_DIFFERENCE_STEP = 1e-4  # of the window: one-sided differences of the method least_squares  [1]
 
@@ -36,7 +38,7 @@ class Scipy:
         self._rng = np.random.default_rng(seed)
         self._start: np.ndarray | None = None
         self._lowest = np.inf
-        self._conversation: Conversation | None = None
+        self._conversation: Conversation[np.ndarray, Sequence[OutcomeLike]] | None = None
         self._outcomes: list[OutcomeLike] = []
 
     def ask(self) -> np.ndarray:

@@ -73,11 +73,12 @@ def main():
         )
         if "CALIB_DATA" in os.environ:
             calibration = timed("run", SILVERBOX, "--out", folder / "silverbox", "--jobs", 2)
+            alone, said = diagnosed(SILVERBOX, folder / "silverbox", 1)
             both, said = diagnosed(SILVERBOX, folder / "silverbox", 2)
             print(
                 f"Silverbox, {len(said['suspects'])} candidates, {said['simulations']} simulations: "
-                f"{both:.1f} s on two processes, {both / calibration:.1f} times its calibration: "
-                f"{', '.join(said['causes'])}"
+                f"{alone:.1f} s on one process, {both:.1f} s on two, a factor of {alone / both:.2f}, "
+                f"{both / calibration:.1f} times its calibration: {', '.join(said['causes'])}"
             )
 
 

@@ -102,11 +102,18 @@ def study(known, model=OSCILLATOR):
     return CalibrationStudy("small", model, space, Objective(scored, [term]), None, 9)
 
 
-def diagnosed(known, library=LIBRARY, model=OSCILLATOR, budget=None, on_progress=lambda *state: None, **changed):
-    made = study(known, model)
+def diagnosed(
+    known, library=LIBRARY, model=OSCILLATOR, budget=None, jobs=1, on_progress=lambda *state: None, **changed
+):
+    made = replace(study(known, model), jobs=jobs)
     others = {name: reference for name, reference in known.items() if reference.use != "calibrate"}
     values = {**model.nominal, **TRUTH, "damping": 2.5, "stiffness": 3950.0, **changed}
-    options = {"seed": 3, "pool": InProcess, "budget": Budget.of(budget), "on_progress": on_progress}
+    options = {
+        "seed": 3,
+        "pool": InProcess if jobs == 1 else None,
+        "budget": Budget.of(budget),
+        "on_progress": on_progress,
+    }
     return diagnose(made, others, values, effects(*library), **options)
 
 
@@ -387,6 +394,17 @@ def test_a_budget_that_is_spent_ends_the_search_and_what_was_not_tried_is_said(g
     assert "the budget was spent" in short.summary
     assert as_dict(short)["cut_short"]
     assert "the budget" not in gross.summary
+
+
+@pytest.mark.parametrize("budget", [None, "60"])
+def test_nothing_depends_on_the_number_of_processes(gross, budget):
+    """What is run ahead counts neither in the result nor in the budget, which is asked for between the same fits."""
+    known = changing(3e6, 1e-4, 5e-4)
+    alone = gross if budget is None else diagnosed(known, budget=budget)
+    both = diagnosed(known, budget=budget, jobs=2)
+    assert alone.selection.cut_short == (budget is not None)
+    one, other = as_dict(alone), as_dict(both)
+    assert {**one, "seconds": 0.0} == {**other, "seconds": 0.0}
 
 
 def test_the_number_of_simulations_is_foreseen_to_a_factor_of_two(cubic):

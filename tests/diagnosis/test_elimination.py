@@ -30,6 +30,9 @@ class Linear:
     def with_derivatives(self, fit):
         return fit
 
+    def in_turn(self, tasks):
+        return (task(self) for task in tasks)
+
 
 def left(own, remaining, monkeypatch, spent=False, sizes=lambda evidence, fit: (), before=0.0):
     """Elimination of causes that explain so much, of these constancies; others explained more that went before."""

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from in_turn import InTurn
 from softening_decay import DRAG, SOFTENING, written
 
 from calib import plugins
@@ -64,7 +65,7 @@ def test_suspects_that_explain_about_as_much_are_fitted_again_in_another_noise()
         return SimpleNamespace(names=(point,), chi2=chi2[point])
 
     base = SimpleNamespace(chi2=10.0, residual=np.zeros(8))
-    again = _refitted_rivals(SimpleNamespace(fit=fit), base, state)
+    again = _refitted_rivals(InTurn(fit=fit), base, state)
     assert np.isinf(bounds["softening"])
     assert 3.0 < bounds["cubic_stiffness"] < np.inf  # what stays behind is given up
     assert {s.name: s.chi2_reduction for s in again} == {"softening": 7.0, "cubic_stiffness": 9.0}

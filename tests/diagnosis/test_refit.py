@@ -1,16 +1,20 @@
 """Fits of small models whose least-squares answers are known."""
 
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from in_turn import Processes
 from scipy.optimize import curve_fit
 from scipy.signal import lfilter
 from straight_line import MODEL, START, TIME, TRUE, WINDOWS, Evidence, straight
 
 from calib.diagnosis.bench import SimulatedRows
+from calib.diagnosis.effort import Effort
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.signature import Point
+from calib.diagnosis.speculation import SpeculativePool
 from calib.execution.pool import InProcess
 from calib.modelling.parameter import Space, Window
 
@@ -76,6 +80,36 @@ def test_where_the_motion_fails_there_is_a_reason_and_no_parameter():
     seen = {"record": SimulatedRows(decaying(START)[None], np.ones(TIME.size))}
     fit = fitter.fit(Point(START, (), seen))
     assert (fit.names, fit.reason) == ((), "its simulation fails at the start")
+
+
+def test_fits_in_turn_are_those_of_one_after_the_other_and_the_next_ones_simulate_ahead():
+    """The bound of each is the least chi-square before it; what is fitted ahead changes no step of differences."""
+    starts = [{**START, "rate": rate} for rate in (0.3, 0.6, 0.9)]
+
+    def simulate(run):
+        return SimulatedRows(decaying(run.values)[None], np.ones(TIME.size))
+
+    def results(processes):
+        fitter = Fitter(
+            Effort(SpeculativePool(processes, processes.jobs - 1)), Evidence(measured), Space(WINDOWS), MODEL
+        )
+        fits = []
+
+        def fitted_below(start, own):
+            return own.fit(Point(start, (), known), rival=min((fit.chi2 for fit in fits), default=np.inf))
+
+        for fit in fitter.in_turn([partial(fitted_below, start) for start in starts]):
+            fits.append(fit)
+        return [fit.residual.tolist() for fit in fits], fitter.steps, fitter.effort.done
+
+    _, _, measured = fitted(decaying)
+    known = {"record": SimulatedRows(decaying(START)[None], np.ones(TIME.size))}
+    one, two = Processes(1, simulate), Processes(2, simulate)
+    assert results(one) == results(two)
+    alone, both = ([tuple(run.values.values()) for run in processes.begun] for processes in (one, two))
+    assert alone.index(tuple(starts[1].values())) > both.index(tuple(starts[1].values())) == 1
+    assert len(set(alone)) == len(alone)
+    assert set(alone) <= set(both)
 
 
 @pytest.mark.parametrize(

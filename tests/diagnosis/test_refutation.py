@@ -3,11 +3,13 @@
 from types import SimpleNamespace
 
 import pytest
+from in_turn import InTurn
 
 from calib.diagnosis.constancy import RECORDS, Constancy
 from calib.diagnosis.refutation import revised_by_records
 
 KNOWN, VAGUE, ELSEWHERE = (0.1, ("one", "two")), (0.5, ("one", "two")), (0.1, ("one", "three"))
+FITTER = InTurn(effort=SimpleNamespace(spent=False))
 
 
 @pytest.mark.parametrize(
@@ -51,7 +53,7 @@ def test_of_causes_that_explain_alike_those_are_preferred_that_have_one_size_and
         def with_rivals(self, rivals):
             return Alike(self.name, tuple(rival.name for rival in rivals))
 
-    def with_gain(pool, bench, fitter, own, seed):
+    def with_gain(fitter, bench, own, seed):
         detectable, records = one_size.get(own.name, KNOWN)
         agreement = SimpleNamespace(parameter=own.name, agree=True, detectable=detectable, records=records)
         refutes, tries = own.name in refuted, own.name != "fails"
@@ -67,7 +69,7 @@ def test_of_causes_that_explain_alike_those_are_preferred_that_have_one_size_and
     monkeypatch.setattr("calib.diagnosis.refutation.paired", lambda *given: None)
     special = {"rejected", "weak", "fails"} & set(one_size)
     names = ("a", *special) if special else ("a", "b", "c")
-    found, gain = revised_by_records(SimpleNamespace(spent=False), None, None, Alike("a", names), (), 0)
+    found, gain = revised_by_records(FITTER, None, Alike("a", names), (), 0)
     assert found.names == (names if special else left)
     assert found.name == gain.name == found.names[0]
 
@@ -106,13 +108,13 @@ def test_a_cause_that_the_records_refute_is_left_out_where_the_others_hold(
         names = selection.name.replace(cause.name, "")
         return None if names in insufficient else Chosen(names)
 
-    def with_gain(pool, bench, fitter, own, seed):
+    def with_gain(fitter, bench, own, seed):
         return own, SimpleNamespace(refutes=own.name in refuted)
 
     monkeypatch.setattr("calib.diagnosis.refutation.left_out", left_out)
     monkeypatch.setattr("calib.diagnosis.refutation._with_gain", with_gain)
     monkeypatch.setattr("calib.diagnosis.refutation.paired", lambda *given: None)
-    found, _ = revised_by_records(SimpleNamespace(spent=False), None, None, Chosen("abc"), (), 0)
+    found, _ = revised_by_records(FITTER, None, Chosen("abc"), (), 0)
     assert found.name == kept
     assert [left[name] for name in "abc" if name not in kept] == [reason] * (3 - len(kept))
 
@@ -146,7 +148,7 @@ def test_where_more_is_left_each_rival_stands_in_the_place_of_the_cause(
         def with_rivals(self, rivals):
             return Chosen("".join(rival.name for rival in rivals))
 
-    def with_gain(pool, bench, fitter, own, seed):
+    def with_gain(fitter, bench, own, seed):
         interval = (0.1, 0.2) if own.names in vague else (0.3, 0.4)
         refutes = own.names[0] in refuted
         tried = {"refutes": refutes, "covers": lambda _: True, "interval": interval, "agreements": ()}
@@ -155,7 +157,7 @@ def test_where_more_is_left_each_rival_stands_in_the_place_of_the_cause(
     monkeypatch.setattr("calib.diagnosis.refutation.exchanged", lambda f, s, cause, rival, reason: Chosen(rival.name))
     monkeypatch.setattr("calib.diagnosis.refutation.paired", lambda *given: None)
     monkeypatch.setattr("calib.diagnosis.refutation._with_gain", with_gain)
-    found, _ = revised_by_records(SimpleNamespace(spent=False), None, None, Chosen("abc"), (), 0)
+    found, _ = revised_by_records(FITTER, None, Chosen("abc"), (), 0)
     assert found.names == kept
 
 
@@ -188,7 +190,7 @@ def test_the_best_pair_is_tried_where_an_only_cause_does_not_stand(monkeypatch, 
     both = None if pair is None else selection(pair, pair in stands)
     monkeypatch.setattr("calib.diagnosis.refutation.paired", lambda *given: both)
     monkeypatch.setattr(
-        "calib.diagnosis.refutation._with_gain", lambda *given: (given[3], SimpleNamespace(refutes=False))
+        "calib.diagnosis.refutation._with_gain", lambda *given: (given[2], SimpleNamespace(refutes=False))
     )
-    found, _ = revised_by_records(SimpleNamespace(spent=False), None, None, selection("c", "c" in stands), (), 0)
+    found, _ = revised_by_records(FITTER, None, selection("c", "c" in stands), (), 0)
     assert found.name == ("ab" if taken else "c")

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from in_turn import InTurn
 
 from calib.diagnosis.search import (
     _refits,
@@ -99,7 +100,7 @@ def test_the_fit_of_what_is_much_similar_to_the_best_is_not_given_up(monkeypatch
 
     monkeypatch.setattr("calib.diagnosis.search._refitted", refitted)
     effort = SimpleNamespace(foresee=lambda count: None, spent=False)
-    fitter = SimpleNamespace(effort=effort, expected_simulations=lambda scored, fits: 0)
+    fitter = InTurn(effort=effort, expected_simulations=lambda scored, fits: 0)
     leaders = [scored("gap", 90.0, 0.0), scored("other", 80.0, 40.0), scored("zero", 70.0, 1.0)]
     done, untried = _refits(fitter, SimpleNamespace(residual=np.ones(2)), leaders, 3, LIMIT, np.inf)
     assert ([s.name for s in done], untried) == (["gap", "other", "zero"], ())
@@ -134,7 +135,7 @@ def test_suspects_are_fitted_from_the_middle_of_the_windows_too_and_the_better_f
     monkeypatch.setattr("calib.diagnosis.search.screened", lambda *given: (suspects, 3.0))
     monkeypatch.setattr("calib.diagnosis.search.cosine", lambda *given: 0.0)
     effort = SimpleNamespace(spent=False, foresee=lambda number: None)
-    fitter = SimpleNamespace(in_the_middle=lambda base: fit(5000.0), effort=effort, fit=fitted)
+    fitter = InTurn(in_the_middle=lambda base: fit(5000.0), effort=effort, fit=fitted)
     fitter.expected_simulations = lambda scored, fits: 100 * fits
     given = (fitter, base, suspects, 0, 3.0, np.inf, before)
     found, untried = _refits_from_the_middle(*given)

@@ -34,6 +34,32 @@ def test_results_come_as_they_end():
         assert [index for index, _ in pool.map([3.0, 0.01, 0.02])] == [1, 2, 0]
 
 
+class Growing:
+    """Payloads, to which others are added when some have ended."""
+
+    def __init__(self, *payloads):
+        self.payloads = list(payloads)
+
+    def __iter__(self):
+        return self
+
+    def __next__(self):
+        if not self.payloads:
+            raise StopIteration
+        return self.payloads.pop(0)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_what_follows_from_a_result_begins_at_once(jobs):
+    with LocalPool(f.slow_square, jobs) as pool:
+        results(pool, [0.0] * jobs)
+        payloads, ended = Growing(2.0, 0.0), []
+        for index, _ in pool.map(payloads):
+            ended.append(index)
+            payloads.payloads += [0.1] * (index in (1, 2))
+    assert ended == ([0, 1, 2, 3] if jobs == 1 else [1, 2, 3, 0])
+
+
 def test_processes_are_kept_from_call_to_call():
     with LocalPool(f.process, 2) as pool:
         assert len(set(results(pool, range(10)).values()) | set(results(pool, range(10)).values())) <= 2

@@ -1,6 +1,5 @@
 """What is particular to the optimisers that stand on a library."""
 
-import threading
 from importlib.util import find_spec
 
 import numpy as np
@@ -10,7 +9,6 @@ from benchmarks.optimiser_problems import PROBLEMS, Outcome, evaluations_to_targ
 from calib.optimisers.cma import CmaEs
 from calib.optimisers.optuna import OptunaSampler
 from calib.optimisers.scipy import Scipy
-from calib.optimisers.thread import Conversation
 from calib.testing.optimiser_suite import BOWL, bowl, failure, search
 
 
@@ -88,23 +86,3 @@ def test_a_method_that_has_converged_says_so():
     assert len(points) < 100
     np.testing.assert_allclose(points[np.argmin([outcome.cost for outcome in outcomes])], BOWL[:2], atol=1e-6)
     optimiser.close()
-
-
-def test_a_conversation_ends_in_the_middle_and_at_the_end():
-    def method(evaluate):
-        try:
-            return sum(evaluate([i])[0] for i in range(3))
-        finally:
-            ended.append(True)
-
-    before, ended = threading.active_count(), []
-    middle, whole = Conversation(method), Conversation(method)
-    assert middle.waiting() == ("points", [0])
-    for i in range(3):
-        assert whole.waiting() == ("points", [i])
-        whole.tell([10 * i])
-    assert whole.waiting() == ("ended", 30)
-    for conversation in (middle, whole, middle):
-        conversation.close()
-    assert ended == [True, True]
-    assert threading.active_count() == before
