@@ -46,7 +46,7 @@ class Diagnosis:
     gain : on records held out; None without causes
     design : of the next measurement, where the records leave several causes indistinguishable
     seconds : wall-clock time  [s]
-    simulations : number of runs
+    simulations : number of runs, those included whose result was known
     """
 
     verdict: str

@@ -45,6 +45,13 @@ def direction(point: Point, candidate: Candidate, parameter: Parameter) -> Direc
     return Direction(name, point.values[name], candidate.scale[name], parameter.low, parameter.high)
 
 
+def _at_null(candidate: Candidate, parameter: Parameter) -> Direction:
+    """Direction of a parameter of a candidate that is absent."""
+    name, effect = parameter.name, candidate.effect
+    null, scale = effect.null[name], candidate.scale[name]
+    return Direction(name, null, scale, parameter.low, parameter.high, (effect,), candidate.absent())
+
+
 def _directions_of(point: Point, candidate: Candidate) -> list[Direction]:
     """Directions of a candidate in the model: of its parameters, then of its form."""
     form = [Direction(n, point.values[n], candidate.scale[n], *candidate.bounds[n]) for n in candidate.form]
@@ -314,23 +321,15 @@ class Fitter:
 
     def candidate_slopes(self, base: Fit, candidates: Sequence[Candidate]) -> list[list[Slope]]:
         """Slopes of each candidate's parameters at null beside a model, all side by side."""
-        directions, owner = [], []
-        for index, candidate in enumerate(candidates):
-            for p in candidate.parameters:
-                directions.append(
-                    Direction(
-                        p.name,
-                        candidate.effect.null[p.name],
-                        candidate.scale[p.name],
-                        p.low,
-                        p.high,
-                        (candidate.effect,),
-                        candidate.absent(),
-                    )
-                )
-                owner.append(index)
-        taken = slopes(self.pool, self.evidence, base.point, directions, absorbed=base.projection.basis)
-        return [[slope for slope, o in zip(taken, owner, strict=True) if o == k] for k in range(len(candidates))]
+
+        def taken(owners: Sequence[Candidate], pool: Pool) -> list[Slope]:
+            directions = [_at_null(candidate, p) for candidate in owners for p in candidate.parameters]
+            return slopes(pool, self.evidence, base.point, directions, absorbed=base.projection.basis)
+
+        each = [partial(taken, [candidate]) for candidate in candidates]
+        with self.effort.pool.expecting(each if self.pool is self.effort else []):
+            together = iter(taken(candidates, self.pool))
+        return [[next(together) for _ in candidate.parameters] for candidate in candidates]
 
 
 def _updated(ahead: Fit, behind: Fit, step: np.ndarray) -> Fit:

@@ -1,8 +1,9 @@
-"""Speculative execution: what is expected next is run ahead on idle processes, and nothing is simulated twice."""
+"""Speculative execution: what is expected next is run ahead on idle processes; what was simulated before is known."""
 
 import pickle
 from collections import OrderedDict, deque
 from collections.abc import Callable, Generator, Hashable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from hashlib import sha256
 from typing import Any, TypeVar
@@ -54,15 +55,26 @@ class SpeculativePool:
 
         Parameters
         ----------
-        ahead : the same tasks, simulating on the pool that each is given; they change nothing that others know. What
-            they raise, the task itself raises in its turn
+        ahead : the same tasks, as `expecting` has them
+        """
+        with self.expecting(ahead) as expected:
+            for task in tasks:
+                expected.popleft().close()
+                yield task()
+
+    @contextmanager
+    def expecting(self, ahead: Sequence[Callable[[Pool], object]]) -> Iterator[deque["_Ahead"]]:
+        """Run tasks ahead as long as this lasts, or until they are taken from the deque and closed.
+
+        Parameters
+        ----------
+        ahead : tasks that simulate on the pool that each is given, and change nothing that others know; what they raise
+            is raised by what they are expected of, or never
         """
         expected = deque(_Ahead(task) for task in ahead)
         self._calls.expected.append(expected)
         try:
-            for task in tasks:
-                expected.popleft().close()
-                yield task()
+            yield expected
         finally:
             self._calls.expected = [other for other in self._calls.expected if other is not expected]
             for one in expected:

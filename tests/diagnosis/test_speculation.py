@@ -102,6 +102,16 @@ def test_the_next_tasks_run_ahead_on_idle_processes_only_and_are_known_in_their_
     assert processes.begun == [1, 10, 2, 100, 200, 400]
 
 
+def test_what_is_expected_goes_on_before_a_batch_has_ended():
+    processes = Processes(2)
+    pool = SpeculativePool(processes, idle=1)
+    with pool.expecting([partial(doubled, 2, 1), partial(doubled, 2, 10)]):
+        assert in_order(pool, [1, 10, 100]) == [1, 10, 100]
+        assert processes.begun == [1, 10, 100, 2]
+        assert in_order(pool, [2, 20]) == [2, 20]
+    assert processes.begun == [1, 10, 100, 2, 20]
+
+
 def test_with_one_process_nothing_runs_ahead():
     processes = Processes(1)
     assert list(in_turn(SpeculativePool(processes), [partial(doubled, 2, 1), partial(doubled, 1, 10)]))
