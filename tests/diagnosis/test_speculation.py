@@ -118,6 +118,13 @@ def test_with_one_process_nothing_runs_ahead():
     assert processes.begun == [1, 2, 10]
 
 
+def test_in_this_process_nothing_runs_ahead_whatever_the_study_states():
+    begun = []
+    pool = SpeculativePool(InProcess(lambda payload: begun.append(payload) or payload), idle=1)
+    assert list(in_turn(pool, [partial(doubled, 2, 1), partial(doubled, 1, 10)])) == [[1, 2, 4], [10, 20]]
+    assert begun == [1, 2, 10]
+
+
 def test_what_all_ask_for_is_simulated_once():
     processes = Processes(3)
     results = list(in_turn(SpeculativePool(processes, idle=2), 3 * [partial(doubled, 4, 1)]))
