@@ -8,6 +8,7 @@ from functools import partial
 from hashlib import sha256
 from typing import Any, TypeVar
 
+from calib.diagnosis.bench import SimulatedRows
 from calib.execution.conversation import Conversation
 from calib.execution.pool import Failure, Pool
 
@@ -136,7 +137,7 @@ class _Calls:
         """Take the result of the call of this number; return its key too."""
         key, _ = self._handed_out[index]
         del self._under_way[key]
-        if not isinstance(result, Failure):  # which may be the wall clock's
+        if not _has_failed(result):
             self.memory.add(key, result)
         for one in self.all_ahead():
             one.answer(key, result)
@@ -235,6 +236,11 @@ class _Memory:
         """Return a result as a process would: a copy of its own."""
         self._results.move_to_end(key)
         return pickle.loads(self._results[key])
+
+
+def _has_failed(result: Any) -> bool:
+    """Whether there is no result, which may be due to the wall clock: it is asked for again."""
+    return isinstance(result, Failure) or (isinstance(result, SimulatedRows) and not result.usable)
 
 
 def _key(payload: Any) -> bytes | None:

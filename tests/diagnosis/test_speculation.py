@@ -7,13 +7,16 @@ import threading
 import time
 from collections import Counter
 from contextlib import closing
+from dataclasses import replace
 from functools import partial
 
+import numpy as np
 import pytest
 from in_turn import Processes
 from pool_functions import square
 
 from calib.diagnosis import speculation
+from calib.diagnosis.bench import SimulatedRows
 from calib.diagnosis.speculation import SpeculativePool
 from calib.execution.pool import RAISED, Failure, InProcess, LocalPool, in_order
 
@@ -70,6 +73,13 @@ def test_what_fails_is_tried_again():
     assert isinstance(failure, Failure)
     assert failure.status == RAISED
     assert in_order(pool, [1]) == in_order(pool, [1]) == [7]
+
+
+def test_a_program_that_took_too_long_is_tried_again():
+    rows = SimulatedRows(np.ones((1, 2)), np.ones(2))
+    outcomes = iter([replace(rows, status="timeout"), rows])
+    pool = SpeculativePool(InProcess(lambda payload: next(outcomes)))
+    assert [in_order(pool, [1])[0].status for _ in range(3)] == ["timeout", "ok", "ok"]
 
 
 def test_what_cannot_be_pickled_is_simulated_each_time():
