@@ -226,6 +226,7 @@ def _study(
 
 def _model(shape: StudyToml, mistakes: Mistakes, results: Path) -> Model | None:
     model: Model | None = None
+    placed: Simulator | None = None
     if mistakes.within("model"):
         return None
     with mistakes.at("model", "simulator"):
@@ -234,7 +235,8 @@ def _model(shape: StudyToml, mistakes: Mistakes, results: Path) -> Model | None:
         simulator = _made(maker, shape.model.options, shape.model.simulator, mistakes, ("model", "options"))
         if simulator is not None:
             with mistakes.at("model", "options"):
-                model = Model(_placed(simulator, mistakes, results))
+                placed = _placed(simulator, mistakes, results)
+            model = None if placed is None else Model(placed)
     for index, entry in enumerate(shape.model.effects):
         with mistakes.at("model", "effects", index):
             effect = named_effect(entry.name, entry.bodies, mistakes.modules)
