@@ -78,9 +78,8 @@ class Simulator(Protocol):
     14. Optionally `placed(study, results, modules)`, the same simulator, told the folder to which files that its
         options name are relative, the folder of the results, in which it may keep files, and the folder of modules of
         the study (None: all are on Python's path); called when a study is read.
-    15. Optionally `code`, a mapping of names of files and programs that it uses to their SHA-256 or version, and
-        `references`, names of things of modules ("module:Thing") that it uses: trials made with others no longer count
-        when a study goes on.
+    15. Optionally `code`, a mapping of names of files, programs and modules that it uses to their SHA-256 or version:
+        trials made with others no longer count when a study goes on.
     16. Optionally `incidental`, the names of options that have no influence on records: they may change when a study
         goes on.
     17. Optionally `check(excitation, request)`, which raises CalibError for what it cannot compute: a study is then

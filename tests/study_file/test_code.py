@@ -10,7 +10,7 @@ import pytest
 from child_environment import environment
 from echo_study import TEXT
 
-from calib.study_file import code as room
+from calib.execution import module_code as identity
 from calib.study_file.code import used_code
 from calib.study_file.schema import StudyToml
 
@@ -61,7 +61,7 @@ def test_an_installed_distribution_is_known_by_its_version():
 
 
 def test_an_editable_distribution_is_known_by_its_source(monkeypatch):
-    monkeypatch.setattr(room.sysconfig, "get_path", lambda kind: str(Path(__file__).parent / "no site"))
+    monkeypatch.setattr(identity.sysconfig, "get_path", lambda kind: str(Path(__file__).parent / "no site"))
     assert set(used_code(stated("pytest:Thing"), None).values()) != {f"pytest {pytest.__version__}"}
 
 

@@ -5,6 +5,7 @@ import inspect
 import math
 import tempfile
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from calib.simulators.command.evaluation import ProgramRun, Surroundings, evalua
 from calib.simulators.command.inputs import Inputs, read_inputs
 from calib.simulators.command.options import SIGNATURE, CommandOptions, described
 from calib.simulators.command.quantities import declared_parameters
-from calib.simulators.command.readers import check_options
+from calib.simulators.command.readers import check_options, reader_code
 from calib.simulators.command.reading import Instants
 from calib.simulators.command.templates import check_names
 
@@ -98,19 +99,14 @@ class Command:
 
     @property
     def code(self) -> Mapping[str, str]:
-        """Identity of templates, files and programs, by name."""
+        """Identity of templates, files, programs and a reader of one's own, by name."""
         return self._ready().code
-
-    @property
-    def references(self) -> tuple[str, ...]:
-        """Function of a module, as "module:function", that is the reader; empty of one that is registered."""
-        return (self._reading.reader,) if ":" in self._reading.reader else ()
 
     def _read(self) -> Inputs:
         inputs = read_inputs(self._options.program, self._study)
         check_names(inputs.texts, [p.name for p in self.parameters], KNOWN)
         check_options(self._reading.reader, self._reading.options, self._modules)
-        return inputs
+        return replace(inputs, reader=reader_code(self._reading.reader, self._modules))
 
     def _ready(self) -> Inputs:
         if self._inputs is None:

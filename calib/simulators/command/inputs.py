@@ -6,7 +6,7 @@ import shutil
 import subprocess
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
 from calib.errors import CalibError
@@ -59,13 +59,15 @@ class Inputs:
     templates : by the name of the file that each becomes
     copied : files
     lines : templates of the command lines, one a rung
-    program : path of each program that a line names -> its version, or SHA-256
+    programs : path of each program that a line names -> its version, or SHA-256
+    reader : module of a reader of one's own -> SHA-256 or version
     """
 
     templates: Mapping[str, TemplateText]
     copied: tuple[CopiedFile, ...]
     lines: tuple[TemplateText, ...]
     programs: Mapping[str, str]
+    reader: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def texts(self) -> list[TemplateText]:
@@ -74,9 +76,16 @@ class Inputs:
 
     @property
     def code(self) -> dict[str, str]:
-        """Identity of the files and programs, by name."""
+        """Identity of the files, programs and the reader, by name."""
         own = {f"file {one.name}": f"sha256 {_digest(one.text.encode())}" for one in self.templates.values()}
-        return own | {f"file {one.name}": f"sha256 {one.sha256}" for one in self.copied} | dict(self.programs)
+        return (
+            own
+            | {f"file {one.name}": f"sha256 {one.sha256}" for one in self.copied}
+            | {
+                **self.programs,
+                **self.reader,
+            }
+        )
 
     def deck(self, values: Mapping[str, object]) -> "Deck":
         """Render everything.

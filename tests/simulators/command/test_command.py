@@ -3,6 +3,7 @@
 import os
 import pickle
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -213,6 +214,33 @@ def test_the_same_inputs_are_answered_from_the_cache_and_this_is_said(tmp_path):
     assert ran(simulator.afresh()).attrs.get("simulations", 1) == 1
     assert ran(simulator, Request(periods=1, samples=20, settle=1)).sizes["time"] == 20
     assert (tmp_path / "count").read_text().count("run") == 3
+
+
+OWN_READER = """import numpy as np
+from cache_scale import SCALE
+
+def numbers(path):
+    table = np.genfromtxt(path, delimiter=",", skip_header=1)
+    return table[:, 0], {"u": SCALE * table[:, 1]}
+"""
+
+
+def test_a_reader_of_ones_own_that_has_changed_is_answered_by_no_cache(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "cache_reader.py").write_text(OWN_READER)
+    codes, scales = [], ("1.0", "2.00")
+    for scale in scales:
+        (tmp_path / "cache_scale.py").write_text(f"SCALE = {scale}\n")
+        for name in ("cache_reader", "cache_scale"):
+            monkeypatch.delitem(sys.modules, name, raising=False)
+        simulator = command(tmp_path, WRITE, read={**READ, "reader": "cache_reader:numbers"})
+        codes.append(dict(simulator.code))
+        record = ran(simulator)
+        assert "simulations" not in record.attrs
+        assert ran(simulator).attrs["simulations"] == 0
+    assert np.abs(record.displacement).max() == pytest.approx(2.0, rel=0.01)
+    assert {name for name in codes[0] if codes[0][name] != codes[1][name]} == {"cache_scale"}
+    assert "cache_reader" in codes[0]
 
 
 def test_a_torn_cache_is_no_answer(tmp_path):

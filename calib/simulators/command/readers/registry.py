@@ -1,6 +1,7 @@
 """Readers by name, their options checked before and their columns after each call."""
 
 import inspect
+import sys
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -10,6 +11,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from calib import plugins
 from calib.errors import CalibError, nearest
+from calib.execution.module_code import module_code
 from calib.simulators.command.readers.columns import Columns
 
 GROUP = "calib.readers"
@@ -44,6 +46,15 @@ def check_options(name: str, options: Mapping[str, Any], modules: Path | None = 
     CalibError : one that is unknown, missing, or of another type
     """
     _check(name, _function(name, modules), options)
+
+
+def reader_code(name: str, modules: Path | None = None) -> dict[str, str]:
+    """Return module -> SHA-256 or version, of the code of a reader that is not of calib: see `module_code`."""
+    module = plugins.module_name(GROUP, name)
+    file = getattr(sys.modules.get(module), "__file__", None)
+    if module.partition(".")[0] == "calib" or file is None:
+        return {}
+    return module_code(module, Path(file).resolve(), [] if modules is None else [modules.resolve()])
 
 
 def _function(name: str, modules: Path | None) -> Callable[..., Any]:
