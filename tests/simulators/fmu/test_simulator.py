@@ -218,7 +218,7 @@ class Ran:
 
 def test_a_crash_or_a_hang_of_the_fmu_costs_that_run_alone(fmu):
     ran = Ran(fmu(parameters=FAULTS, section=1))
-    with LocalPool(ran, timeout=1.0, startup=30.0) as pool:
+    with LocalPool(ran, timeout=5.0, startup=30.0) as pool:
         results = dict(pool.map([0.0, 4.0, 0.0, 3.0, 0.0]))
     assert [results[i] for i in (0, 2, 4)] == ["ok"] * 3
     assert results[1].status == "crashed"
