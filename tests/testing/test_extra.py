@@ -9,7 +9,12 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-MODULES = {"pytest-xdist": "xdist", "scikit-fem": "skfem"}  # distribution -> module, where the names differ
+MODULES = {  # distribution -> module, where the names differ
+    "pytest-xdist": "xdist",
+    "scikit-fem": "skfem",
+    "dask-jobqueue": "dask_jobqueue",
+    "psycopg[binary]": "psycopg",
+}
 
 
 @pytest.fixture(scope="module")
@@ -17,7 +22,7 @@ def extras():
     """Names of the distributions of each extra of pyproject.toml."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     return {
-        extra: [re.split(r"[<>=,]", requirement)[0] for requirement in requirements]
+        extra: [re.split(r"[<>=]", requirement)[0] for requirement in requirements]
         for extra, requirements in project["optional-dependencies"].items()
     }
 
@@ -28,8 +33,10 @@ def test_the_extra_is_pytest_alone(extras):
 
 
 def test_the_suites_import_where_only_that_extra_is_installed(extras):
-    absent = [MODULES.get(name, name) for name in extras["test"] if name != "calib[testing]"]
-    assert {"hypothesis", "xdist", "cmaes"} <= set(absent)
+    others = re.match(r"calib\[(.*)\]", next(name for name in extras["test"] if name.startswith("calib[dask")))[1]
+    named = [*extras["test"], *(name for extra in others.split(",") for name in extras[extra])]
+    absent = [MODULES.get(name, name) for name in named if not name.startswith("calib[")]
+    assert {"hypothesis", "xdist", "cmaes", "distributed", "psycopg"} <= set(absent)
     code = (
         f"import sys; sys.modules.update(dict.fromkeys({absent}))  # importing one of them fails\n"
         "import calib.testing; print(*sorted(calib.testing.__all__))"
