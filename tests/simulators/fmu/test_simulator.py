@@ -8,11 +8,13 @@ import subprocess
 import sys
 import zipfile
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from child_environment import environment
 from impact_fmu.build import description
+from impact_fmu.faults import SHORT, status_with
 from impact_fmu.peer import DRIVE, VALUES, moved, peer
 
 from calib.errors import CalibError
@@ -30,7 +32,6 @@ OUTPUTS = {"mass": {"displacement": "x", "velocity": "v"}}
 KINDS = [(version, interface) for version in ("2.0", "3.0") for interface in ("CoSimulation", "ModelExchange")]
 REQUEST = Request(periods=2, samples=100, settle=10)
 VALUES_OF_KICK = {"damping": 20.0, "gap": 1.0}  # far from the stop
-SHORT = Request(periods=1, samples=20, settle=0)
 DECAY = Request(times=np.linspace(0.0, 0.2, 81))
 FAULTS = {"fault": {"unit": "1"}}  # the parameter is without a unit
 
@@ -206,19 +207,9 @@ def test_a_value_that_the_fmu_refuses_is_a_status(fmu):
     assert "the mass must be positive" in record.attrs["reason"]
 
 
-class Ran:
-    """A model run with a fault, picklable."""
-
-    def __init__(self, simulator):
-        self.model = Model(simulator)
-
-    def __call__(self, fault):
-        return self.model.run({"fault": fault}, DRIVE, SHORT).attrs["status"]
-
-
 def test_a_crash_or_a_hang_of_the_fmu_costs_that_run_alone(fmu):
-    ran = Ran(fmu(parameters=FAULTS, section=1))
-    with LocalPool(ran, timeout=5.0, startup=30.0) as pool:
+    run = partial(status_with, Model(fmu(parameters=FAULTS, section=1)))
+    with LocalPool(run, timeout=5.0, startup=30.0) as pool:
         results = dict(pool.map([0.0, 4.0, 0.0, 3.0, 0.0]))
     assert [results[i] for i in (0, 2, 4)] == ["ok"] * 3
     assert results[1].status == "crashed"
