@@ -35,7 +35,7 @@ from calib.workflows.dry_run import check_simulator_runs, dry_run_study
 TRUTH = {"gap": 0.8e-3, "restitution": 0.45}
 DRIVE = Excitation("mass", "force", frequency=20.0, amplitude=30.0)
 KEYS = {"periods": 3, "samples": 60, "settle": 20}
-KILLS = 20
+KILLS = 10
 
 
 @pytest.fixture(scope="module")
