@@ -29,7 +29,7 @@ class Criteria:
         square  [1]; of the laws that no effect expresses those most similar to effects, 0.07 to 0.40 by law and
         laboratory (tests/benchmarks/bench_model_error.py)
     model_error_harmonics : highest harmonic of the excitation in which a model error of a steady motion is sought that
-        the whole chi-square hides  [1]; convention: 5 and 20 give the same sizes within 3 standard errors
+        the whole chi-square hides  [1]; convention
     max_model_error_cosine : of the angle between the model error beside a cause and what a similar effect would
         change further, up to which that may be chance  [1]; of the same laws 95 % are below 0.47 (four_dof) and 0.68
         (oscillator; same source): their mean

@@ -1,13 +1,13 @@
 """Identity of the code of a module: digests of its files, or the version of the distribution that installed it."""
 
 import ast
-import hashlib
 import sysconfig
 from collections.abc import Iterable, Iterator, Sequence
 from importlib.metadata import packages_distributions, version
 from pathlib import Path
 
 from calib import plugins
+from calib.execution.files import checksum
 
 
 def module_code(module: str, file: Path, folders: Sequence[Path] = ()) -> dict[str, str]:
@@ -29,7 +29,7 @@ def module_code(module: str, file: Path, folders: Sequence[Path] = ()) -> dict[s
             if found is not None and other not in files:
                 files[other] = found
                 todo.append(other)
-    return {name: f"sha256 {hashlib.sha256(path.read_bytes()).hexdigest()}" for name, path in files.items()}
+    return {name: f"sha256 {checksum(path)}" for name, path in files.items()}
 
 
 def _distribution(module: str, file: Path) -> str:

@@ -7,6 +7,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import xarray as xr
 
+from calib.errors import CalibError
 from calib.modelling.laws import BoundLaw
 from calib.modelling.orbit import PeriodMap
 from calib.modelling.parameter import Parameter
@@ -40,6 +41,21 @@ class Request:
     near: bool = False
     interval: float | None = None
     step_budget: int = 50_000_000
+
+    def output_times(self, recorded: np.ndarray | None) -> np.ndarray:
+        """Output times (n,) [s] of an excitation without a period: the `times`, else those of a recorded input.
+
+        Raises
+        ------
+        CalibError : neither is there (a free decay), fewer than two, or they do not increase
+        """
+        times = recorded if self.times is None else self.times
+        if times is None:
+            raise CalibError("a free decay has no period: state its output times [s] (Request.times)")
+        times = np.asarray(times, dtype=float)
+        if times.size < 2 or not (np.diff(times) > 0.0).all():
+            raise CalibError("output times [s] must be at least two, and increase")
+        return times
 
 
 class Simulator(Protocol):

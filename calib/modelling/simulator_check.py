@@ -1,7 +1,7 @@
-"""Checks of a simulator against its contract, with messages for whoever writes one."""
+"""Checks of a simulator against its contract, and of an excitation against what a simulator takes."""
 
 import inspect
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 import xarray as xr
 
@@ -9,6 +9,7 @@ from calib.errors import CalibError
 from calib.modelling.parameter import Parameter
 from calib.modelling.simulator import Simulator
 from calib.records import failed
+from calib.records.excitation import Excitation
 
 GUIDE = "see the guide in calib.modelling.simulator.Simulator"
 RUN = "run(values, excitation, laws, request)"
@@ -35,6 +36,20 @@ def simulator_class(thing: object, name: str) -> type:
     if not callable(getattr(thing, "run", None)):
         raise CalibError(f"simulator {thing.__name__} lacks run, {EXPECTED['run']}; {GUIDE}")
     return thing
+
+
+def check_driven(name: str, excitation: Excitation, takes: Collection[tuple[str, str]]) -> None:
+    """Refuse an excitation whose (quantity, place) is none of those that the simulator of this name takes.
+
+    Raises
+    ------
+    CalibError : with what it takes
+    """
+    if (excitation.quantity, excitation.place) not in takes:
+        known = ", ".join(f"{quantity} at {place!r}" for quantity, place in sorted(takes))
+        raise CalibError(
+            f"simulator {name!r} is not driven by {excitation.quantity} at {excitation.place!r}; it takes {known}"
+        )
 
 
 def check_simulator(simulator: Simulator) -> None:

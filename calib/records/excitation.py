@@ -133,6 +133,12 @@ class Excitation:
             raise CalibError(f"a recorded excitation is needed, got {self.quantity} without samples")
         return Samples(self.time, self.value)
 
+    @property
+    def attributes(self) -> dict[str, str | float]:
+        """What a simulated record states of it in its attributes: where and what, and of a harmonic its numbers."""
+        tone = self.as_harmonic._asdict() if self.harmonic else {}
+        return {"place": self.place, "quantity": self.quantity, **tone}
+
     def scaled(self, factor: float) -> "Excitation":
         """Return the same excitation with `factor` times its amplitude."""
         return replace(

@@ -195,12 +195,9 @@ class Command:
         return self._options.reading.settle if request.settle is None else request.settle
 
     def _attrs(self, excitation: Excitation) -> dict[str, Any]:
-        attrs: dict[str, Any] = {"source": self.name, "place": excitation.place, "quantity": excitation.quantity}
+        attrs: dict[str, Any] = {"source": self.name, **excitation.attributes}
         if excitation.frequency is not None:
             attrs["frequency"] = excitation.frequency
-        if excitation.harmonic:
-            tone = excitation.as_harmonic
-            attrs |= {"amplitude": tone.amplitude, "phase": tone.phase}
         if self._options.reading.prescribed:
             attrs["prescribed"] = ",".join(self._options.reading.prescribed)
         return attrs

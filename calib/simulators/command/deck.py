@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from calib.errors import CalibError
 from calib.modelling.parameter import Parameter
 from calib.modelling.simulator import Request
 from calib.records.excitation import Excitation
@@ -29,16 +28,10 @@ def output_times(excitation: Excitation, request: Request, settle: int) -> np.nd
     if excitation.harmonic:
         step = excitation.as_harmonic.period / request.samples
         return step * (settle * request.samples + np.arange(request.periods * request.samples))
-    times = request.times
-    if times is None and excitation.recorded:
-        recorded = excitation.as_samples.time
-        times = recorded[recorded >= 0.0]
-    if times is None:
-        raise CalibError("a free decay has no period: state its output times [s] (Request.times)")
-    times = np.asarray(times, dtype=float)
-    if times.size < 2 or not (np.diff(times) > 0.0).all():
-        raise CalibError("output times [s] must be at least two, and increase")
-    return times
+    if not excitation.recorded:
+        return request.output_times(None)
+    recorded = excitation.as_samples.time
+    return request.output_times(recorded[recorded >= 0.0])
 
 
 def deck_values(

@@ -77,15 +77,9 @@ class Inputs:
     @property
     def code(self) -> dict[str, str]:
         """Identity of the files, programs and the reader, by name."""
-        own = {f"file {one.name}": f"sha256 {_digest(one.text.encode())}" for one in self.templates.values()}
-        return (
-            own
-            | {f"file {one.name}": f"sha256 {one.sha256}" for one in self.copied}
-            | {
-                **self.programs,
-                **self.reader,
-            }
-        )
+        templates = {f"file {one.name}": f"sha256 {_digest(one.text.encode())}" for one in self.templates.values()}
+        copied = {f"file {one.name}": f"sha256 {one.sha256}" for one in self.copied}
+        return {**templates, **copied, **self.programs, **self.reader}
 
     def deck(self, values: Mapping[str, object]) -> "Deck":
         """Render everything.

@@ -13,6 +13,7 @@ from calib.errors import CalibError, nearest
 from calib.modelling.laws import BoundLaw
 from calib.modelling.parameter import Parameter
 from calib.modelling.simulator import Request
+from calib.modelling.simulator_check import check_driven
 from calib.records import MIN_SECTION_PERIODS, STATE, failed, make
 from calib.records.excitation import Excitation
 from calib.simulators.fmu.archive import unpacked
@@ -159,7 +160,7 @@ class Fmu:
         CalibError : an excitation that it cannot take, a free decay without output times, or an FMU that does not load
         """
         self.check(excitation, request)
-        attrs = _attrs(excitation)
+        attrs: dict[str, Any] = {"source": self.name, **excitation.attributes}
         for name, value in values.items():
             if not math.isfinite(value):
                 return failed(self.bodies, "impossible value", f"{name} is {value}", **attrs)
@@ -175,11 +176,7 @@ class Fmu:
         ------
         CalibError : with what it takes
         """
-        if (excitation.quantity, excitation.place) not in self.excitations:
-            takes = ", ".join(f"{quantity} at {place!r}" for quantity, place in sorted(self.excitations))
-            raise CalibError(
-                f"simulator 'fmu' is not driven by {excitation.quantity} at {excitation.place!r}; it takes {takes}"
-            )
+        check_driven(self.name, excitation, self.excitations)
         if excitation.recorded and excitation.cutoff is None and any(v.order > 1 for v in self._use.driven(excitation)):
             raise CalibError(
                 "a recorded motion is differentiated twice for the acceleration the FMU takes, and never silently: "
@@ -289,20 +286,10 @@ def _times(excitation: Excitation, request: Request) -> np.ndarray:
     if excitation.harmonic:
         tone = excitation.as_harmonic
         return np.arange(request.periods * request.samples) / (tone.frequency * request.samples)
-    if request.times is None and not excitation.recorded:
-        raise CalibError("a free decay has no period: state its output times [s] (Request.times)")
-    begin = excitation.as_samples.time[0] if excitation.recorded else -math.inf
-    times = excitation.as_samples.time if request.times is None else np.asarray(request.times, dtype=float)
-    if times.size < 2 or not (np.diff(times) > 0.0).all():
-        raise CalibError("output times [s] must be at least two, and increase")
-    if times[0] < begin:
-        raise CalibError(f"output is requested from {times[0]:.6g} s on, the input begins at {begin:.6g} s; cut it")
+    recorded = excitation.as_samples.time if excitation.recorded else None
+    times = request.output_times(recorded)
+    if recorded is not None and times[0] < recorded[0]:
+        raise CalibError(
+            f"output is requested from {times[0]:.6g} s on, the input begins at {recorded[0]:.6g} s; cut it"
+        )
     return times
-
-
-def _attrs(excitation: Excitation) -> dict[str, Any]:
-    attrs: dict[str, Any] = {"source": "fmu", "place": excitation.place, "quantity": excitation.quantity}
-    if excitation.harmonic:
-        tone = excitation.as_harmonic
-        attrs |= {"frequency": tone.frequency, "amplitude": tone.amplitude, "phase": tone.phase}
-    return attrs

@@ -208,15 +208,12 @@ def _times(excitation: Excitation, request: Request) -> np.ndarray:
     """Output times (n,) [s]."""
     if excitation.harmonic:
         return np.arange(request.periods * request.samples) / (excitation.as_harmonic.frequency * request.samples)
-    if request.times is None and not excitation.recorded:
-        raise CalibError("a free decay has no period: state its output times [s] (Request.times)")
-    begins, ends = 0.0, math.inf
+    begins, ends, recorded = 0.0, math.inf, None
     if excitation.recorded:
         recorded = excitation.as_samples.time
         begins, ends = recorded[0], recorded[-1]
-    times = recorded[recorded >= 0.0] if request.times is None else np.asarray(request.times, dtype=float)
-    if times.size < 2 or not (np.diff(times) > 0.0).all():
-        raise CalibError("output times [s] must be at least two, and increase")
+        recorded = recorded[recorded >= 0.0]
+    times = request.output_times(recorded)
     reach = 1e-6 * (times[-1] - times[0]) / times.size
     if times[0] < begins - reach or times[-1] > ends + reach:
         raise CalibError(
@@ -227,14 +224,9 @@ def _times(excitation: Excitation, request: Request) -> np.ndarray:
 
 
 def _attrs(values: Mapping[str, float], excitation: Excitation) -> dict[str, Any]:
-    attrs: dict[str, Any] = {"source": "oscillator", "place": excitation.place, "quantity": excitation.quantity}
+    attrs: dict[str, Any] = {"source": "oscillator", **excitation.attributes}
     if excitation.harmonic:
-        tone = excitation.as_harmonic
-        attrs |= {
-            "frequency": tone.frequency,
-            "amplitude": values["amplitude"] * tone.amplitude,
-            "phase": tone.phase,
-        }
+        attrs["amplitude"] = values["amplitude"] * excitation.as_harmonic.amplitude
     if excitation.quantity == "displacement":
         attrs["prescribed"] = records.prescription([BODY])
     return attrs

@@ -10,6 +10,7 @@ import xarray as xr
 from calib.errors import CalibError
 from calib.modelling.laws import BoundLaw
 from calib.modelling.simulator import Request
+from calib.modelling.simulator_check import check_driven
 from calib.records import MIN_SECTION_PERIODS, STATE, failed, make
 from calib.records.excitation import Excitation
 from calib.simulators.umbridge.client import Client, EvaluationFailed
@@ -112,7 +113,7 @@ class UmBridge:
         CalibError : an excitation that it cannot take, or of which it lacks something that the model is told
         """
         self.check(excitation, request)
-        attrs = _attrs(excitation)
+        attrs: dict[str, Any] = {"source": self.name, **excitation.attributes}
         periods = max(request.periods, self._section)
         times = _times(excitation, request, periods)
         for name, value in values.items():
@@ -138,11 +139,7 @@ class UmBridge:
         ------
         CalibError : with what it takes
         """
-        if (excitation.quantity, excitation.place) not in self.excitations:
-            takes = ", ".join(f"{quantity} at {place!r}" for quantity, place in sorted(self.excitations))
-            raise CalibError(
-                f"simulator 'umbridge' is not driven by {excitation.quantity} at {excitation.place!r}; it takes {takes}"
-            )
+        check_driven(self.name, excitation, self.excitations)
         given = told(excitation, request, 1, _times(excitation, request, 1))
         missing = [name for name in self._named if name not in given]
         if missing:
@@ -239,12 +236,7 @@ def _times(excitation: Excitation, request: Request, periods: int) -> np.ndarray
     """
     if excitation.harmonic:
         return np.arange(periods * request.samples) / (excitation.as_harmonic.frequency * request.samples)
-    if request.times is None and not excitation.recorded:
-        raise CalibError("a free decay has no period: state its output times [s] (Request.times)")
-    times = excitation.as_samples.time if request.times is None else np.asarray(request.times, dtype=float)
-    if times.size < 2 or not (np.diff(times) > 0.0).all():
-        raise CalibError("output times [s] must be at least two, and increase")
-    return times
+    return request.output_times(excitation.as_samples.time if excitation.recorded else None)
 
 
 def _vector(answer: Sequence[Sequence[float]], index: int) -> np.ndarray:
@@ -287,11 +279,3 @@ def _check_range(stamps: np.ndarray, times: np.ndarray) -> None:
             "wrong size",
             f"the answer lasts from {stamps[0]:.6g} to {stamps[-1]:.6g} s, not {times[0]:.6g} to {times[-1]:.6g} s",
         )
-
-
-def _attrs(excitation: Excitation) -> dict[str, Any]:
-    attrs: dict[str, Any] = {"source": "umbridge", "place": excitation.place, "quantity": excitation.quantity}
-    if excitation.harmonic:
-        tone = excitation.as_harmonic
-        attrs |= {"frequency": tone.frequency, "amplitude": tone.amplitude, "phase": tone.phase}
-    return attrs
