@@ -14,7 +14,8 @@ os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
 
 LONG_FILES = (  # few tests, and more than a minute
     "hidden/test_foreign_beam.py", "measured/test_benchmarks.py", "measured/test_spring_disc.py", "paper/test_story.py",
-    "study/test_killed.py", "sweep/test_killed_sweep.py", "tests/test_calculix_beam.py", "workflows/test_command_study.py",
+    "study/test_killed.py", "sweep/test_killed_sweep.py", "tests/test_calculix_beam.py",
+    "workflows/test_command_study.py",
 )  # fmt: skip
 
 
