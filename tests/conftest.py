@@ -6,7 +6,7 @@ from functools import partial
 
 import pytest
 
-from calib.execution.pool import THREAD_VARIABLES
+from calib.execution.pools.starting import THREAD_VARIABLES
 
 # before numpy is imported: as in the child processes of a pool, for the processes of the tests share the cores, and a
 # BLAS whose threads wait for one another takes several times as long
@@ -33,7 +33,7 @@ def fork_server():
     every child of every later pool imports numba, scipy and xarray by itself: two seconds of each `calib run`.
     """
     # here: the process that only hands tests out to others reads this file too
-    from calib.execution.pool import LocalPool
+    from calib.execution.pools.local import LocalPool
     from calib.simulators.delaminated_beam import DelaminatedBeam
     from calib.simulators.four_dof import FourDof
     from calib.simulators.oscillator import Oscillator

@@ -3,12 +3,15 @@
 import os
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 
 from marked_processes import MARK
 
 from calib.errors import CalibError
+
+GIGABYTE = 1_000_000_000
 
 
 def square(x):
@@ -40,6 +43,11 @@ def misbehave(how):
     if how == "hang with a deaf interpreter":
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
         time.sleep(1000)
+    if how == "hoard":
+        hoarded = b"1" * GIGABYTE
+        time.sleep(1000 + len(hoarded))
+    if how == "let a program hoard":
+        subprocess.run([sys.executable, "-c", f"import time; a = b'1' * {GIGABYTE}; time.sleep(1000)"])
     if how == "unpicklable":
         return lambda: None
     return how

@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from calib.errors import CalibError
-from calib.execution.pool import InProcess, LocalPool, pickled
+from calib.execution.pool import InProcess
+from calib.execution.pools.local import LocalPool
+from calib.execution.pools.sent import pickled
 
 
 def workers(function: Callable[[Any], Any], jobs: int = 1, timeout: float | None = None) -> LocalPool | InProcess:
@@ -24,7 +26,7 @@ def workers(function: Callable[[Any], Any], jobs: int = 1, timeout: float | None
     ------
     CalibError : a script without the guard ``if __name__ == "__main__":`` defines what more than one process needs
     """
-    if "__main__" not in pickled(function)[1]:
+    if not pickled(function).in_script:
         return LocalPool(function, jobs, timeout)
     script = getattr(sys.modules["__main__"], "__file__", None)
     if script is not None:

@@ -6,7 +6,8 @@ from functools import partial
 from typing import Any
 
 from calib.errors import CalibError, nearest
-from calib.execution.pool import InProcess, LocalPool, Pool, check_jobs
+from calib.execution.pool import InProcess, Pool
+from calib.execution.pools.local import LocalPool, check_jobs
 from calib.execution.workers import workers
 from calib.modelling.model import Model
 from calib.modelling.parameter import Space

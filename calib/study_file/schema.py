@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PlainValidator
 
 from calib.diagnosis.laboratory import MAX_SIMULATIONS
-from calib.execution.pool import MAX_JOBS
+from calib.execution.pools.local import MAX_JOBS
 from calib.modelling.parameter import Scale
 from calib.objective.terms import Use
 from calib.store.record_files import Keep

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple, Self
 
-from calib.execution.pool import Failure, InProcess, LocalPool, Pool
+from calib.execution.pool import Failure, InProcess, Pool
+from calib.execution.pools.local import LocalPool
 from calib.execution.workers import workers
 from calib.modelling.model import Model
 from calib.objective import Objective, Reference

@@ -20,7 +20,7 @@ import xarray as xr
 
 from calib.diagnosis.document import DiagnosisResult
 from calib.errors import CalibError, nearest
-from calib.execution.pool import MAX_JOBS
+from calib.execution.pools.local import MAX_JOBS
 from calib.execution.progress import Count
 from calib.modelling.effect import Effect
 from calib.records import read

@@ -13,7 +13,7 @@ import pytest
 from child_environment import environment
 from marked_processes import MARK, marked, new_mark, survivors
 
-from calib.execution.pool import LocalPool
+from calib.execution.pools.local import LocalPool
 
 PROGRAMS = 3  # that one call of f.solve starts: sleep, a shell, and its sleep
 
@@ -103,7 +103,7 @@ def members(group):
 SCRIPT = """
 import signal, sys
 import pool_functions as f
-from calib.execution.pool import LocalPool
+from calib.execution.pools.local import LocalPool
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a background process begins deaf to Ctrl-C
 if __name__ == "__main__":
     folder, mark = sys.argv[1:]

@@ -9,7 +9,8 @@ import pytest
 from study_fakes import SPACE, Frugal, Wanderer, lines, run, study
 
 from calib.errors import CalibError
-from calib.execution.pool import Failure, LocalPool
+from calib.execution.pool import Failure
+from calib.execution.pools.local import LocalPool
 from calib.modelling.parameter import Space, Window
 from calib.store import Store, Trial, read
 from calib.store.trial import MAX_REASON_CHARACTERS

@@ -6,7 +6,8 @@ from dataclasses import dataclass, fields, is_dataclass
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from calib.execution.pool import InProcess, LocalPool, in_order
+from calib.execution.pool import InProcess, in_order
+from calib.execution.pools.local import LocalPool
 from calib.report.plots.style import svg
 
 

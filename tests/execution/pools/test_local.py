@@ -1,6 +1,7 @@
 """Evaluations in child processes: a call fails alone, and nothing outlives the parent."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -13,7 +14,8 @@ from child_environment import environment
 from marked_processes import MARK, marked, new_mark, survivors
 
 from calib.errors import CalibError
-from calib.execution.pool import Failure, InProcess, LocalPool
+from calib.execution.pool import Failure, InProcess
+from calib.execution.pools.local import LocalPool
 
 
 def results(pool, payloads):
@@ -124,12 +126,24 @@ def test_each_stage_has_an_allowance_of_its_own():
 
 
 def test_a_process_that_follows_one_that_hung_is_not_given_the_time_to_compile_again(monkeypatch):
-    monkeypatch.setattr("calib.execution.pool.MIN_STARTUP_ALLOWANCE", 0.5)
+    monkeypatch.setattr("calib.execution.pools.limits.MIN_STARTUP_ALLOWANCE", 0.5)
     with LocalPool(f.misbehave, 1, timeout=0.5, startup=100.0) as pool:
         assert results(pool, ["well"]) == {0: "well"}
         failures = results(pool, ["hang", "hang"]).values()
     assert {failure.status for failure in failures} == {"timeout"}
     assert max(failure.seconds for failure in failures) < 50.0  # with the time to compile it would be 100 s
+
+
+@pytest.mark.parametrize("how", ["hoard", "let a program hoard"])
+def test_a_call_that_holds_too_much_memory_is_killed_and_only_that_one(how):
+    with LocalPool(f.misbehave, 2, memory=5e8) as pool:
+        answers = results(pool, ["well", how, "good", "fine"])
+        assert results(pool, ["a", "b", "c"]) == {0: "a", 1: "b", 2: "c"}
+    assert answers[1].status == "memory"
+    assert re.fullmatch(
+        "the process and its programs held .* GB of memory, and .pool. memory allows 0.5 GB", answers[1].reason
+    )
+    assert [answers[i] for i in (0, 2, 3)] == ["well", "good", "fine"]
 
 
 def test_a_process_killed_while_idle_is_replaced():
@@ -178,6 +192,11 @@ def test_a_time_out_is_positive():
         LocalPool(f.square, 1, timeout=0.0)
 
 
+def test_a_memory_limit_is_positive():
+    with pytest.raises(CalibError, match="memory must be positive"):
+        LocalPool(f.square, 1, memory=-1.0)
+
+
 def test_a_function_that_cannot_be_sent_is_refused():
     with pytest.raises(CalibError, match="module level"):
         LocalPool(lambda x: x)
@@ -200,7 +219,7 @@ def test_the_same_contract_in_this_process():
 SCRIPT = """
 import signal
 import pool_functions as f
-from calib.execution.pool import LocalPool
+from calib.execution.pools.local import LocalPool
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a background process begins deaf to Ctrl-C
 if __name__ == "__main__":
     with LocalPool(f.{function}, 2) as pool:

@@ -1,0 +1,1 @@
+"""Pools whose evaluations run in child processes: of this machine, or of others."""
