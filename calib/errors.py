@@ -8,6 +8,10 @@ class CalibError(Exception):
     """A mistake in what the user gave; the message says what was expected, what came and what to do."""
 
 
+class WorkersLost(CalibError):
+    """The workers that evaluate can be reached no longer: the run ends as if it was killed, and can go on."""
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """Return ``" (did you mean 'alpha'?)"`` for the known name most like `name`, or an empty string."""
     known = list(known)

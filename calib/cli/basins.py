@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from calib.cli.given import map_at, setting, spaced, state
+from calib.cli.options import pool_table
 from calib.dynamics.basins import Plane, basins
 from calib.execution.progress import Count
 from calib.report.plots.sections import basin_map
@@ -27,6 +28,7 @@ def map_basins(
     record: str | None,
     best: bool,
     jobs: int | None,
+    pool: str | None,
     out: Path | None,
     output: Path | None,
     fresh: bool,
@@ -38,7 +40,7 @@ def map_basins(
     -------
     whether some state leads to a motion
     """
-    file = load(study, jobs=jobs)
+    file = load(study, jobs=jobs, pool=pool_table(pool))
     held = setting(file, settings, record, best, out, phase)
     map = map_at("--set" if settings else str(file.path), held)
     units = dict(zip(map.names, map.units, strict=True))
@@ -46,7 +48,7 @@ def map_basins(
     plane = Plane(held, columns, rows, state(start, units) if start else {}, settle)
     path = output or (out or file.folder) / "basins.nc"
     with Count("states", quiet) as count:
-        motions = basins(plane, path, jobs=file.study.jobs, fresh=fresh, on_done=count)
+        motions = basins(plane, path, fresh=fresh, on_done=count, pool=file.study.evaluated_by)
     picture = path.with_suffix(".png")
     basin_map(motions).savefig(picture, dpi=DPI)
     if not quiet:

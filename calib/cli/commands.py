@@ -20,14 +20,17 @@ from calib.cli.options import (
     JSON,
     OUT,
     PHASE,
+    POOL,
     RECORD,
     SET,
     SETTLE,
     STUDY,
     Commands,
     output_option,
+    pool_table,
     reporting_mistakes,
 )
+from calib.errors import WorkersLost
 
 # ruff: noqa: D301 - click reads the "\b" of a docstring as "do not wrap"
 # Everything but click is imported inside the command that needs it: numba, xarray and optuna take seconds, and
@@ -50,6 +53,7 @@ def main() -> None:
 @STUDY
 @OUT
 @click.option("--jobs", "-j", type=click.IntRange(min=1), help="Trials side by side. [default: the study's]")
+@POOL
 @click.option("--budget", type=click.IntRange(min=1), help="Trials of the whole study. [default: the study's]")
 @click.option("--fresh", is_flag=True, help="Forget the trials made so far (needed when the study was changed).")
 @click.option("--dry-run", "dry", is_flag=True, help="One run at the starting or nominal values; show what it gives.")
@@ -60,6 +64,7 @@ def run(
     study: Path,
     out: Path | None,
     jobs: int | None,
+    pool: str | None,
     budget: int | None,
     fresh: bool,
     dry: bool,
@@ -77,7 +82,7 @@ def run(
                      best.nc       the best record
                      trials.jsonl  every trial
 
-    Exit code: 0 done, 1 a mistake in the study, 3 stopped by you, 4 no trial ended well.
+    Exit code: 0 done, 1 a mistake in the study, 3 stopped by you or for want of workers, 4 no trial ended well.
     """
     from calib.cli.status import folder_of
     from calib.cli.tables import show_result
@@ -89,11 +94,12 @@ def run(
 
         sys.exit(EXIT_DONE if show_dry_run(study, out) else EXIT_NOTHING)
     try:
-        result = calibrate(study, out, budget=budget, jobs=jobs, fresh=fresh, quiet=quiet)
-    except KeyboardInterrupt:
-        given = [("--out", out), ("--budget", budget), ("--jobs", jobs)]
+        result = calibrate(study, out, budget=budget, jobs=jobs, fresh=fresh, quiet=quiet, pool=pool_table(pool))
+    except (KeyboardInterrupt, WorkersLost) as stop:
+        given = [("--out", out), ("--budget", budget), ("--jobs", jobs), ("--pool", pool)]
         again = shlex.join(["calib", "run", str(study), *(str(x) for pair in given if pair[1] for x in pair)])
-        click.echo(f"\nstopped; every finished trial is kept. Go on with:  {again}", err=True)
+        why = "stopped" if isinstance(stop, KeyboardInterrupt) else f"calib: {stop}"
+        click.echo(f"\n{why}; every finished trial is kept. Go on with:  {again}", err=True)
         sys.exit(EXIT_STOPPED)
     if as_json:
         click.echo(json.dumps(result.as_dict(), indent=2, allow_nan=False))
@@ -155,6 +161,7 @@ def simulate(study: Path, settings: tuple[str, ...], record: str | None, output:
 @BEST
 @BODIES
 @JOBS
+@POOL
 @OUT
 @output_option("[default: sweep.nc in out/]")
 @FRESH
@@ -219,6 +226,7 @@ def branch(study: Path, over: str, **options: Any) -> None:
 @RECORD
 @BEST
 @JOBS
+@POOL
 @OUT
 @output_option("[default: basins.nc in out/]")
 @FRESH
@@ -243,6 +251,7 @@ def basins(study: Path, x: str, y: str, **options: Any) -> None:
 @OUT
 @click.option("--apply", is_flag=True, help="Write study.extended.toml with the causes in the model.")
 @JOBS
+@POOL
 @click.option("--seed", type=click.IntRange(min=0), help="Of the noise that is drawn. [default: the study's]")
 @click.option("--budget", help="Simulations, or a time such as '10 min', after which no further fit begins.")
 @click.option("--quiet", "-q", is_flag=True, help="No progress, no summary with its remarks; errors only.")
@@ -273,6 +282,7 @@ def diagnose(study: Path, **options: Any) -> None:
 @click.option("--seeds", type=click.IntRange(min=1), default=3, show_default=True, help="Cases of each size.")
 @click.option("--strengths", default="5,10,20,40", show_default=True, help="Sizes, by their predicted z.")
 @JOBS
+@POOL
 @FRESH
 @click.option("--quiet", "-q", is_flag=True, help="No progress, no summary with its remarks; errors only.")
 @reporting_mistakes

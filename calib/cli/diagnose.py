@@ -13,6 +13,7 @@ from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColum
 from rich.progress import Progress as Bars
 from rich.table import Table
 
+from calib.cli.options import pool_table
 from calib.cli.status import folder_of
 from calib.diagnosis.document import DiagnosisResult, SuspectResult
 from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, explained
@@ -42,6 +43,7 @@ def print_diagnosis(
     out: Path | None,
     apply: bool,
     jobs: int | None,
+    pool: str | None,
     seed: int | None,
     budget: str | None,
     quiet: bool,
@@ -51,7 +53,7 @@ def print_diagnosis(
     with DiagnosisProgress(quiet or as_json) as progress:
         diagnosis, extended = diagnose_study(
             study, out, seed=seed, jobs=jobs, apply=apply, on_stage=progress.stage, on_progress=progress.simulated,
-            budget=budget,
+            budget=budget, pool=pool_table(pool),
         )  # fmt: skip
     if as_json:
         click.echo(json.dumps(diagnosis.as_dict(), indent=2, allow_nan=False))

@@ -2,6 +2,7 @@
 
 import functools
 import sys
+import tomllib
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -9,8 +10,9 @@ from typing import Any
 
 import click
 
-from calib.errors import CalibError, nearest
+from calib.errors import CalibError, WorkersLost, nearest
 
+POOL_KEYS = ("jobs", "memory")  # of a [pool] table; other options are those of the class that it names
 EXIT_DONE, EXIT_MISTAKE, EXIT_STOPPED, EXIT_NOTHING = 0, 1, 3, 4  # exit codes; 2 is click's: wrong usage
 
 STUDY = click.argument("study", type=click.Path(path_type=Path))
@@ -39,8 +41,40 @@ SETTLE = click.option(
     help="Periods dropped before the first verdict; the undecided get 5 times as many more.",
 )
 JOBS = click.option("--jobs", "-j", type=click.IntRange(min=1), help="Child processes. [default: the study's]")
+POOL = click.option(
+    "--pool",
+    metavar="KIND[:PLACE]",
+    help="Where evaluations run: local, dask:tcp://HOST:8786, dask:module:Cluster or executor:module:Class, with "
+    "options behind commas, such as executor:executorlib:SingleNodeExecutor,max_workers=4. [default: the study's]",
+)
 FRESH = click.option("--fresh", is_flag=True, help="Replace what the file holds, and forget what was done so far.")
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON to stdout, for scripts.")
+
+
+def pool_table(text: str | None) -> dict[str, Any] | None:
+    """Read KIND[:PLACE][,NAME=VALUE ...] of --pool into the keys of a [pool] table; values are TOML, or texts.
+
+    Raises
+    ------
+    CalibError : a part that is no NAME=VALUE
+    """
+    if text is None:
+        return None
+    head, *options = text.split(",")
+    kind, _, place = head.partition(":")
+    table: dict[str, Any] = {"kind": kind}
+    if place:
+        table["scheduler" if kind == "dask" and "://" in place else {"dask": "cluster"}.get(kind, kind)] = place
+    for option in options:
+        name, equals, value = (part.strip() for part in option.partition("="))
+        if not (name and equals and value):
+            raise CalibError(f"--pool: expected NAME=VALUE behind a comma, got {option!r}")
+        try:
+            stated = tomllib.loads(f"value = {value}")["value"]
+        except tomllib.TOMLDecodeError:
+            stated = value
+        (table if name in POOL_KEYS else table.setdefault("options", {}))[name] = stated
+    return table
 
 
 def data_file(context: click.Context, parameter: click.Parameter, path: Path | None) -> Path | None:
@@ -68,6 +102,9 @@ def reporting_mistakes(command: Callable[..., Any]) -> Callable[..., Any]:
                 return command(*args, **options)
             except KeyboardInterrupt:
                 click.echo("\nstopped", err=True)
+                sys.exit(EXIT_STOPPED)
+            except WorkersLost as error:
+                click.echo(f"calib: {error}; what was finished is kept, and the same command goes on", err=True)
                 sys.exit(EXIT_STOPPED)
             except CalibError as error:
                 click.echo(f"calib: {error}", err=True)

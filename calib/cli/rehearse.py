@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from calib.cli.options import pool_table
 from calib.diagnosis.rehearse import NOTHING, RehearsalRates, Rehearsed, rates, smallest
 from calib.errors import CalibError
 from calib.execution.progress import Count
@@ -20,7 +21,14 @@ from calib.workflows.rehearse import PICTURE, REHEARSAL, rehearse_study
 
 
 def print_rehearsal(
-    study: Path, out: Path | None, seeds: int, strengths: str, jobs: int | None, fresh: bool, quiet: bool
+    study: Path,
+    out: Path | None,
+    seeds: int,
+    strengths: str,
+    jobs: int | None,
+    pool: str | None,
+    fresh: bool,
+    quiet: bool,
 ) -> None:
     """Play the cases, write the picture, and print what the experiment could show."""
     try:
@@ -29,7 +37,9 @@ def print_rehearsal(
         raise CalibError(f"--strengths takes numbers with commas between, such as 5,10,20; got {strengths!r}") from None
     folder = out or load(study).folder
     with Count("cases", quiet) as count:
-        played = rehearse_study(study, out, seeds=seeds, strengths=sizes, jobs=jobs, fresh=fresh, on_case=count)
+        played = rehearse_study(
+            study, out, seeds=seeds, strengths=sizes, jobs=jobs, fresh=fresh, on_case=count, pool=pool_table(pool)
+        )
     picture = folder / PICTURE
     rehearsal(played).savefig(picture, dpi=DPI)
     if not quiet:

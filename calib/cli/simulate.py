@@ -11,6 +11,7 @@ import xarray as xr
 from calib.cli.given import settings
 from calib.errors import CalibError
 from calib.execution.pool import REFUSED, Failure
+from calib.execution.pools.settings import PoolSettings
 from calib.execution.workers import workers
 from calib.modelling.model import Model
 from calib.modelling.parameter import values_for
@@ -35,7 +36,7 @@ def simulate_once(study: Path, given: Sequence[str], record: str | None, output:
     model, own = file.study.model, settings(given, file.study.model.parameters)
     values = values_for(file.study.space.fixed, chosen.name) | own
     objective = file.study.objective.on({chosen.name: _unless_given(chosen, model, own)})
-    with workers(partial(_run, model, objective, chosen.name), 1, file.study.timeout) as pool:
+    with workers(partial(_run, model, objective, chosen.name), PoolSettings(), file.study.timeout) as pool:
         [(_, answer)] = pool.map([values])
     if isinstance(answer, Failure) and answer.status == REFUSED:
         raise CalibError(answer.reason)

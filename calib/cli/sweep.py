@@ -10,6 +10,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from calib.cli.given import bodies_drawn, grid, setting, state, windows
+from calib.cli.options import pool_table
 from calib.dynamics.orbit_kind import FAILED
 from calib.errors import CalibError
 from calib.execution.progress import Count
@@ -42,6 +43,7 @@ def sweep_study(
     best: bool,
     bodies: str | None,
     jobs: int | None,
+    pool: str | None,
     out: Path | None,
     output: Path | None,
     fresh: bool,
@@ -53,7 +55,7 @@ def sweep_study(
     -------
     whether some motion was found at all
     """
-    file = load(study, jobs=jobs)
+    file = load(study, jobs=jobs, pool=pool_table(pool))
     held = setting(file, settings, record, best, out, phase)
     if len(over) > 2:
         raise CalibError(f"--over: a sweep is over one or two parameters, got {len(over)}")
@@ -66,7 +68,7 @@ def sweep_study(
     path = output or (out or file.folder) / "sweep.nc"
     drawn = bodies_drawn(bodies, file, record)
     with Count("points", quiet) as count:
-        motions = run(plan, path, jobs=file.study.jobs, fresh=fresh, on_done=count)
+        motions = run(plan, path, fresh=fresh, on_done=count, pool=file.study.evaluated_by)
     if not quiet:
         for line in described(motions):
             click.echo(line)

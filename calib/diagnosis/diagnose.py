@@ -112,7 +112,7 @@ def diagnose(
     values : calibrated, in SI
     effects : that may be suspected; those of site "numerical" are gates
     seed : of the noise that is drawn for the threshold
-    pool : makes a pool of the function it maps; None: child processes, as many as the study's jobs
+    pool : makes a pool of the function it maps; None: that of the study
     on_stage : called with the name of each stage as it begins
     on_progress : called with the number of simulations done, and of those expected in all
     budget : after which no further fit begins; None: none
@@ -124,11 +124,12 @@ def diagnose(
     """
     begin = time.monotonic()
     bench = bench_of(study, others)
-    make = pool or (lambda function: workers(function, study.jobs, study.timeout))
-    idle = 0 if pool else study.jobs - 1
-    with make(bench) as open_pool, closing(SpeculativePool(open_pool, idle)) as ahead:
-        effort = Effort(ahead, budget, on_progress)
-        diagnosis = _diagnosed(effort, bench, study, values, effects, seed, on_stage, laboratory)
+    make = pool or (lambda function: workers(function, study.evaluated_by, study.timeout, modules=study.code))
+    with make(bench) as open_pool:
+        idle = 0 if pool else (open_pool.width or 1) - 1
+        with closing(SpeculativePool(open_pool, idle)) as ahead:
+            effort = Effort(ahead, budget, on_progress)
+            diagnosis = _diagnosed(effort, bench, study, values, effects, seed, on_stage, laboratory)
     return replace(diagnosis, seconds=time.monotonic() - begin)
 
 

@@ -190,7 +190,7 @@ def rehearse(
     """
     others = {name: reference for name, reference in others.items() if reference.use != "holdout"}
     bench = bench_of(study, others)
-    with workers(bench, study.jobs, study.timeout) as open_pool:
+    with workers(bench, study.evaluated_by, study.timeout, modules=study.code) as open_pool:
         ready = prepared(open_pool, bench, study, values, effects, lambda text: None)
         if isinstance(ready, NotDiagnosable):
             raise CalibError(f"the study cannot be rehearsed, for it cannot be diagnosed: {failures(ready.gates)}")
@@ -207,7 +207,7 @@ def rehearse(
     todo = [case for case in cases if case.key not in answered]
     hidden = {suspect.name: suspect.candidate for suspect in variants}
     stage = Stage(study.without_search(), others, fitted, list(effects), ready.fitter.evidence, hidden)
-    make = pool or (lambda function: workers(function, study.jobs))
+    make = pool or (lambda function: workers(function, study.evaluated_by, modules=study.code))
     with make(stage) as stages:
         for index, answer in stages.map(todo):
             case = todo[index]

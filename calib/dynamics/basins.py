@@ -19,6 +19,7 @@ from calib.dynamics.settling import settled_orbit
 from calib.dynamics.single_run import RETRY_FACTOR, kind_of_run
 from calib.errors import CalibError, nearest
 from calib.execution.pool import REFUSED, Failure, Pool
+from calib.execution.pools.settings import PoolSettings
 from calib.execution.workers import workers
 from calib.modelling.orbit import PeriodMap
 from calib.records.cycles.motion import UNDECIDED
@@ -97,6 +98,7 @@ def basins(
     timeout: float = BASIN_CHUNK_SECONDS,
     fresh: bool = False,
     on_done: Callable[[int, int], None] = lambda done, total: None,
+    pool: PoolSettings | None = None,
 ) -> xr.Dataset:
     """Find the motion that each state of a plane leads to, or resume a run that was stopped or killed.
 
@@ -111,6 +113,7 @@ def basins(
     timeout : wall clock of 32 states, beyond which the slow one among them is given up  [s]
     fresh : replace the file at `path`, and delete the pieces finished so far
     on_done : called with the number of finished states and the total
+    pool : where states are followed; None: in `jobs` child processes here
 
     Returns
     -------
@@ -134,8 +137,8 @@ def basins(
     }
 
     def make(chunks: Chunks) -> xr.Dataset:
-        with workers(partial(_motions, plane), jobs, timeout) as pool:
-            pieces = _pieces(plane, pool, chunks, tasks, lambda done: on_done(done, total))
+        with workers(partial(_motions, plane), pool or PoolSettings(jobs=jobs), timeout) as opened:
+            pieces = _pieces(plane, opened, chunks, tasks, lambda done: on_done(done, total))
         return _dataset(plane, _together([pieces[key] for key in tasks]))
 
     return join(path, definition, fresh, make)

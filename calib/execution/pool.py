@@ -19,6 +19,33 @@ class Pool(Protocol):
         ...
 
 
+class OpenPool(Pool, Protocol):
+    """A pool that was opened; use it in a with block."""
+
+    @property
+    def width(self) -> int | None:
+        """Calls that go on side by side at present; None where that is not known."""
+        ...
+
+    def map(self, payloads: Iterable[Any], stage: str = "") -> Iterator[tuple[int, Any]]:
+        """Yield (index, result or Failure) as the calls end; leaving the loop early kills the calls under way.
+
+        Parameters
+        ----------
+        payloads : of one call each
+        stage : name of what the calls compile: the first call of each stage in a process has an allowance of its own
+        """
+        ...
+
+    def close(self) -> None:
+        """End what was started for the pool; calls under way are killed."""
+        ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, *exception: object) -> None: ...
+
+
 def in_order(pool: Pool, payloads: Sequence[Any]) -> list[Any]:
     """Return the results of `pool.map` in the order of the payloads."""
     results = dict(pool.map(payloads))
@@ -57,6 +84,11 @@ class InProcess:
 
     def __init__(self, function: Callable[[Any], Any]):
         self._function = function
+
+    @property
+    def width(self) -> int:
+        """One call goes on at a time."""
+        return 1
 
     def map(self, payloads: Iterable[Any], stage: str = "") -> Iterator[tuple[int, Any]]:
         """Yield (index, result or Failure) in the order of the payloads, whatever their stage."""

@@ -60,6 +60,11 @@ class Progress:
             self._bars.stop()
             self._bars = None
 
+    def note(self, text: str) -> None:
+        """Say something in a line of its own."""
+        if not self._quiet:
+            self._console.print(escape(text), soft_wrap=True)
+
     def stage(self, name: str) -> None:
         """Say what begins: "dry run", "screen", "search", "confirm", "confidence", "hold-out", "report"."""
         if name != self._stage:

@@ -57,8 +57,15 @@ class Search:
     """One run of a study over its store: what is logged, and what is going on."""
 
     def __init__(
-        self, study: Searchable, store: StoreContract, pool: Pool, logged: list[Trial], on_trial: OnTrial | None
+        self,
+        study: Searchable,
+        store: StoreContract,
+        pool: Pool,
+        logged: list[Trial],
+        on_trial: OnTrial | None,
+        on_ask: Callable[[int], None] = lambda points: None,
     ):
+        self._on_ask = on_ask
         self._study, self._store, self._pool, self._on_trial = study, store, pool, on_trial
         self.trials = {trial.number: trial for trial in logged}
         self._best = best(logged)
@@ -116,6 +123,7 @@ class Search:
             if number >= end:
                 return BUDGET_SPENT
             points = _checked(optimiser.ask(), self._study.space.dim)
+            self._on_ask(len(points))
             self._replayed(number, points)
             count = min(len(points), end - number)
             self._evaluate(number, points[:count], "search")

@@ -6,8 +6,9 @@ from functools import partial
 from typing import Any
 
 from calib.errors import CalibError, nearest
-from calib.execution.pool import InProcess, Pool
-from calib.execution.pools.local import LocalPool, check_jobs
+from calib.execution.pool import OpenPool, Pool
+from calib.execution.pools.local import check_jobs
+from calib.execution.pools.settings import PoolSettings
 from calib.execution.workers import workers
 from calib.modelling.model import Model
 from calib.modelling.parameter import Space
@@ -57,6 +58,7 @@ class CalibrationStudy:
     seed : of the screen and the optimiser
     batch : points that the optimiser should ask for at a time; belongs to the study, unlike `jobs`
     jobs, timeout : child processes, and the wall-clock limit of one trial [s]; both may change from run to run
+    pool : where trials are evaluated, which may change from run to run too; None: in `jobs` child processes here
     screen : Sobol points evaluated first, after the starting point of the space where it has one; None for 64, or less
         with a budget below 256
     definition : what else the study is, as JSON: another one in the same folder is refused
@@ -72,6 +74,7 @@ class CalibrationStudy:
     seed: int = 0
     batch: int = 1
     jobs: int = 1
+    pool: PoolSettings | None = None
     timeout: float | None = None
     screen: int | None = None
     definition: Mapping[str, Any] = field(default_factory=dict)
@@ -100,10 +103,15 @@ class CalibrationStudy:
                 raise CalibError(f"{name!r} belongs to an unknown record{nearest(record, known)}; there are {known}")
 
     @property
+    def evaluated_by(self) -> PoolSettings:
+        """Where trials are evaluated: `pool`, or `jobs` child processes of this machine."""
+        return PoolSettings(jobs=self.jobs) if self.pool is None else self.pool
+
+    @property
     def header(self) -> StudyHeader:
         """What a store is opened with.
 
-        Budget, jobs, time-out and what concerns the store are not part of the definition.
+        Budget, jobs, pool, time-out and what concerns the store are not part of the definition.
         """
         screen = self.screen
         if screen is None:
@@ -124,6 +132,7 @@ class CalibrationStudy:
         on_trial: OnTrial | None = None,
         fresh: bool = False,
         on_opened: OnOpened | None = None,
+        on_ask: Callable[[int], None] = lambda points: None,
     ) -> SearchResult:
         """Search until the budget is spent, the optimiser stops, or Ctrl-C; take up what the store has already.
 
@@ -140,6 +149,7 @@ class CalibrationStudy:
         on_trial : called with each new trial, the best so far, and the number of trials there are
         fresh : set aside what the store has
         on_opened : called with the trials that the store has already
+        on_ask : called with the number of points of which the optimiser asks the values at a time
 
         Raises
         ------
@@ -147,11 +157,13 @@ class CalibrationStudy:
             the first point
         """
         self.optimiser(dim=self.space.dim, seed=self.seed, budget=self.budget, batch=self.batch).close()  # refuses here
-        own: LocalPool | InProcess | None = None
+        own: OpenPool | None = None
         if pool is None:
-            pool = own = workers(partial(evaluate, self.without_search()), self.jobs, self.timeout)
+            pool = own = workers(
+                partial(evaluate, self.without_search()), self.evaluated_by, self.timeout, modules=self.code
+            )
         logged = store.open(self.header, fresh)
-        run = Search(self, store, pool, logged, on_trial)
+        run = Search(self, store, pool, logged, on_trial, on_ask)
         try:
             if on_opened is not None:
                 on_opened(logged)

@@ -11,6 +11,7 @@ from calib import plugins
 from calib.diagnosis.laboratory import Laboratory
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError, nearest
+from calib.execution.pools.settings import PoolSettings
 from calib.modelling.effect import Effect
 from calib.modelling.model import Model
 from calib.modelling.parameter import Parameter, Space, Window, values_for
@@ -25,6 +26,7 @@ from calib.study_file.code import used_code
 from calib.study_file.folder import results_folder
 from calib.study_file.laboratory import read_laboratory
 from calib.study_file.mistakes import Mistakes, PythonOrigin, located, read_study
+from calib.study_file.pool import pool_settings
 from calib.study_file.references import REQUEST_KEYS, digest, references
 from calib.study_file.schema import OptimiserTable, StudyToml, TermTable
 from calib.units import to_si
@@ -126,6 +128,7 @@ def load(
     jobs: int | None = None,
     origin: PythonOrigin | None = None,
     out: str | Path | None = None,
+    pool: Mapping[str, Any] | None = None,
 ) -> StudyFile:
     """Read a study file, or the `study.toml` of a folder.
 
@@ -134,6 +137,7 @@ def load(
     budget, jobs : take the place of the file's
     origin : where the study was stated, if not in the file
     out : folder of the results; None: see `calib.study_file.results_folder`
+    pool : keys of a [pool] table that takes the place of the file's
 
     Raises
     ------
@@ -152,6 +156,7 @@ def load(
     terms = _terms(shape, calibrated if complete else None, mistakes)
     optimiser = _optimiser(shape, mistakes)
     timeout = _seconds(shape, mistakes)
+    settings = pool_settings(shape, mistakes, jobs, pool)
     candidates = read_candidates(shape.diagnosis.candidates, mistakes, "diagnosis", "candidates")
     _check_screen(shape, budget or shape.study.budget, mistakes)
     laboratory = read_laboratory(shape.diagnosis.bench, every, model, mistakes) if complete and model else None
@@ -161,7 +166,7 @@ def load(
     mistakes.tell()
     if model is None or space is None or optimiser is None or laboratory is None:
         raise AssertionError("a part of the study is missing, and no mistake says why")
-    study = _study(shape, mistakes, _Parts(model, space, objective, optimiser, timeout), budget, jobs)
+    study = _study(shape, mistakes, _Parts(model, space, objective, optimiser, timeout, settings), budget)
     return StudyFile(
         path=path,
         study=study,
@@ -198,12 +203,12 @@ class _Parts(NamedTuple):
     objective: Objective
     optimiser: OptimiserMaker
     timeout: float
+    pool: PoolSettings
 
 
-def _study(
-    shape: StudyToml, mistakes: Mistakes, parts: _Parts, budget: int | None, jobs: int | None
-) -> CalibrationStudy:
+def _study(shape: StudyToml, mistakes: Mistakes, parts: _Parts, budget: int | None) -> CalibrationStudy:
     model, space = parts.model, parts.space
+    jobs = parts.pool.jobs if parts.pool.kind == "local" else shape.study.jobs
     return CalibrationStudy(
         name=shape.study.name,
         model=model,
@@ -213,7 +218,8 @@ def _study(
         budget=budget or shape.study.budget,
         seed=shape.study.seed,
         batch=shape.optimiser.batch,
-        jobs=shape.study.jobs if jobs is None else jobs,
+        jobs=jobs or 1,
+        pool=parts.pool,
         timeout=parts.timeout,
         screen=shape.study.screen,
         definition=_definition(shape, model, space, mistakes.path.parent),

@@ -6,6 +6,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 
 from calib.diagnosis.laboratory import MAX_SIMULATIONS
 from calib.execution.pools.local import MAX_JOBS
+from calib.execution.pools.settings import PoolKind
 from calib.modelling.parameter import Scale
 from calib.objective.terms import Use
 from calib.store.record_files import Keep
@@ -101,12 +102,32 @@ class StudyTable(RequestTable):
     """Seed of every random number."""
     budget: Count
     """Trials of the search; each simulates all records of use "calibrate" once."""
-    jobs: Annotated[Count, Field(le=MAX_JOBS)] = 1
-    """Child processes."""
+    jobs: Annotated[Count, Field(le=MAX_JOBS)] | None = None
+    """Child processes of this machine, 1 without it: the short form of [pool] jobs where its kind is "local"."""
     timeout: Quantity = "60 s"
     """Wall-clock limit of one trial."""
     screen: Annotated[int, Field(ge=0)] | None = None
     """Trials that are spread over the windows before the optimiser begins; without it the study chooses."""
+
+
+class PoolTable(TomlTable):
+    """[pool]: where trials, and all other evaluations, are made; no part of the study, so it may change at any time."""
+
+    kind: PoolKind = "local"
+    """Kind: "local" (child processes of this machine), "dask" (workers of a Dask scheduler) or "executor"."""
+    jobs: Count | None = None
+    """Evaluations side by side, at most; with `cluster` the number of workers that are asked for. Without it 1 where
+    the kind is "local", else as many as the workers take."""
+    memory: Quantity | None = None
+    """Memory that one evaluation may hold, its process and the programs that it starts together, such as "2 GB"."""
+    scheduler: str | None = None
+    """Address of a Dask scheduler that runs, such as "tcp://host:8786", of kind "dask"; this or `cluster`."""
+    cluster: str | None = None
+    """Dask cluster that is started, as "module:Class", such as "dask_jobqueue:SLURMCluster", of kind "dask"."""
+    executor: str | None = None
+    """Executor of the shape of concurrent.futures that is started, as "module:Class", of kind "executor"."""
+    options: dict[str, Any] = {}
+    """Options of the class that `cluster` or `executor` names."""
 
 
 class ChannelTable(TomlTable):
@@ -310,6 +331,7 @@ class StudyToml(TomlTable):
     """A whole study file."""
 
     study: StudyTable
+    pool: PoolTable = PoolTable()
     record: Annotated[list[RecordTable], Field(min_length=1)]
     model: ModelTable
     windows: Annotated[dict[str, WindowTable], Field(min_length=1)]

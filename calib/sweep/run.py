@@ -9,6 +9,7 @@ import xarray as xr
 
 from calib.errors import CalibError
 from calib.execution.pool import REFUSED, Failure, Pool
+from calib.execution.pools.settings import PoolSettings
 from calib.execution.workers import workers
 from calib.store.chunks import Chunks, join, joined
 from calib.sweep.compute import OTHER, SweepTask, failed_row, motions, stacked
@@ -71,6 +72,7 @@ def run(
     timeout: float = SWEEP_CHUNK_SECONDS,
     fresh: bool = False,
     on_done: Callable[[int, int], None] = lambda done, total: None,
+    pool: PoolSettings | None = None,
 ) -> xr.Dataset:
     """Run a sweep, or resume one that was stopped or killed.
 
@@ -82,6 +84,7 @@ def run(
     timeout : wall clock of 8 points, beyond which the slow one among them is given up  [s]
     fresh : replace the file at `path`, and delete the pieces finished so far
     on_done : called with the number of finished points and the total
+    pool : where points are computed; None: in `jobs` child processes here
 
     Returns
     -------
@@ -111,11 +114,11 @@ def run(
         return stored
 
     def make(chunks: Chunks) -> xr.Dataset:
-        with workers(partial(_made, sweep), jobs, timeout) as pool:
-            pieces = _pieces(sweep, pool, chunks, lambda done: on_done(done, total))
+        with workers(partial(_made, sweep), pool or PoolSettings(jobs=jobs), timeout) as opened:
+            pieces = _pieces(sweep, opened, chunks, lambda done: on_done(done, total))
             rows = _rows(sweep, pieces)
             chains = list(sweep.chains())
-            brought = _chained(sweep, pool, chunks, chains, known(sweep, rows))
+            brought = _chained(sweep, opened, chunks, chains, known(sweep, rows))
         return _dataset(sweep, judged(sweep, rows, arrivals(chains, brought, POINTS_PER_CHUNK)))
 
     return join(path, definition, fresh, make)

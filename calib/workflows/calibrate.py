@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import xarray as xr
 
@@ -42,7 +43,7 @@ from calib.study.summary import held_out, not_simulated, summarised
 from calib.study_file import EXTENDED, StudyFile, load, results_folder
 from calib.workflows.amplitudes import implausible_amplitudes
 from calib.workflows.dry_run import check_simulator_runs
-from calib.workflows.evaluations import CALIBRATED, CONFIRM, SEARCH, Case, Evaluations, held_out_references
+from calib.workflows.evaluations import CALIBRATED, CONFIRM, SEARCH, Case, Evaluations, IdleWorkers, held_out_references
 
 MAX_FREE_TRIGGER_SHARE = 0.5  # of the distance: a free trigger is recommended where it leaves less
 UNFINISHED = "not finished"  # why a search ended that has not
@@ -95,6 +96,7 @@ def calibrate(
     jobs: int | None = None,
     fresh: bool = False,
     quiet: bool = False,
+    pool: Mapping[str, Any] | None = None,
 ) -> CalibrationResult:
     """Run a study to its end, or go on with it, and write what it found: `calib run` from Python.
 
@@ -105,6 +107,7 @@ def calibrate(
     budget, jobs : take the place of the file's
     fresh : forget the trials made so far
     quiet : no progress on stderr
+    pool : keys of a [pool] table that takes the place of the file's
 
     Returns
     -------
@@ -115,7 +118,7 @@ def calibrate(
     KeyboardInterrupt : stopped by Ctrl-C; the trials are kept
     CalibError : a mistake in the study file; the folder belongs to another study or cannot be written
     """
-    file = load(path, budget=budget, jobs=jobs, out=out)
+    file = load(path, budget=budget, jobs=jobs, out=out, pool=pool)
     return calibrate_file(file, file.folder, fresh=fresh, quiet=quiet)
 
 
@@ -125,12 +128,14 @@ def calibrate_file(file: StudyFile, folder: Path, *, fresh: bool = False, quiet:
         return _calibrate(file, folder, progress, fresh)
 
 
-def rebuild(path: str | Path, out: str | Path | None = None, jobs: int | None = None) -> Path:
+def rebuild(
+    path: str | Path, out: str | Path | None = None, jobs: int | None = None, pool: Mapping[str, Any] | None = None
+) -> Path:
     """Write report.html anew from what lies in the folder of a study, and return its path.
 
-    `jobs` takes the place of the file's.
+    `jobs` and `pool` take the place of the file's.
     """
-    file = load(path, jobs=jobs, out=out)
+    file = load(path, jobs=jobs, out=out, pool=pool)
     return _reported(file, file.folder, _read_back(file, file.folder))
 
 
@@ -150,7 +155,7 @@ def _calibrate(file: StudyFile, folder: Path, progress: Progress, fresh: bool) -
     begin, study = time.monotonic(), file.study
     check_simulator_runs(file, progress.stage)
     store = Store(folder, file.view, file.keep, partial(trial_picture, objective=study.objective))
-    with Evaluations(file) as evaluations:
+    with Evaluations(file, folder, progress.note) as evaluations:
         search = _searched(study, store, evaluations, progress, fresh)
         with store.locked():
             confirmation = _confirmed(study, evaluations, search, progress)
@@ -179,8 +184,9 @@ def _searched(
     """
     progress.stage("screen")
     search = study.run(
-        store, evaluations.calibrated(SEARCH), on_trial=progress.trial, fresh=fresh, on_opened=progress.earlier
-    )
+        store, evaluations.calibrated(SEARCH), on_trial=progress.trial, fresh=fresh, on_opened=progress.earlier,
+        on_ask=IdleWorkers(evaluations, progress.note),
+    )  # fmt: skip
     if search.stopped == INTERRUPTED:
         raise KeyboardInterrupt
     return search
@@ -355,7 +361,7 @@ def _evaluated_again(
 ) -> tuple[BestPoint, dict[str, Evaluation | Failure]]:
     """Evaluate the best trial on the calibrated records and those held out."""
     cases = [Case(confirming, name, True) for name in (*held_out_references(file), CALIBRATED)]
-    with Evaluations(file) as evaluations:
+    with Evaluations(file, file.folder) as evaluations:
         answers = evaluations.at(top.values, cases)
     return BestPoint(top, confirming, answers.pop(CALIBRATED)), answers
 

@@ -27,6 +27,7 @@ def diagnose_study(
     on_progress: Callable[[int, int], None] = lambda done, foreseen: None,
     budget: str | None = None,
     candidates: str | Sequence[str | Mapping[str, Any]] | None = None,
+    pool: Mapping[str, Any] | None = None,
 ) -> tuple[DiagnosisResult, Path | None]:
     """Diagnose a calibrated study: `calib diagnose` from Python.
 
@@ -41,6 +42,7 @@ def diagnose_study(
     on_progress : called with the simulations that are done, and those that are foreseen in all
     budget : a number of simulations, or a time such as "10 min", after which no further fit begins; None: any
     candidates : effects that may be the cause, as [diagnosis] candidates has them; None: the study's
+    pool : keys of a [pool] table that takes the place of the file's
 
     Returns
     -------
@@ -51,7 +53,7 @@ def diagnose_study(
     CalibError : a mistake in the study file, the candidates or the budget, or the study has not been calibrated
     """
     limit = Budget.of(budget)
-    file = load(path, jobs=jobs, out=out)
+    file = load(path, jobs=jobs, out=out, pool=pool)
     if candidates is not None:
         file = replace(file, candidates=stated_candidates(candidates, file.path.parent))
     values = calibrated_values(file, file.folder)
@@ -60,7 +62,7 @@ def diagnose_study(
         on_stage=on_stage, on_progress=on_progress, budget=limit, laboratory=file.laboratory,
     )  # fmt: skip
     result = write(diagnosis, file.folder, values, {**file.study.objective.references, **file.others})
-    rebuild(path, out, jobs)
+    rebuild(path, out, jobs, pool)
     selection, extended = diagnosis.selection, None
     if apply and diagnosis.verdict in (NAMED, ONE_OF) and selection is not None and selection.causes:
         extended = extended_study(file, selection, () if diagnosis.gain is None else diagnosis.gain.transfers)

@@ -1,6 +1,7 @@
 """The document of a study file: its tables from the arguments of `calib.Study`."""
 
 import inspect
+import os
 import sys
 import warnings
 from collections.abc import Mapping, Sequence
@@ -13,12 +14,20 @@ import numpy as np
 
 from calib import plugins
 from calib.errors import CalibError
+from calib.execution.pools.local import MAX_JOBS
 from calib.modelling.effect import Effect
 from calib.study_file.lines import dotted
 from calib.workflows.record import Record
 
 MAIN = "__main__"  # module of a script or a notebook: no other process can import it
 MEASURED = "measured"  # folder beside a study file in which records from Python lie
+
+
+def local_jobs(jobs: int | None, pool: Mapping[str, Any] | None) -> int:
+    """Child processes of this machine: as many as `jobs` or the table `pool` says, else one for each core."""
+    stated = pool.get("jobs") if pool is not None and pool.get("kind", "local") == "local" else None
+    cores = min(os.cpu_count() or 1, MAX_JOBS)
+    return next((number for number in (jobs, stated) if number is not None), cores)
 
 
 def record_file(name: str) -> str:

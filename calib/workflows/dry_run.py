@@ -94,7 +94,8 @@ def start_values(file: StudyFile) -> dict[str, float]:
 def _tried(file: StudyFile) -> StudyDryRun:
     reference = next(iter(file.study.objective.references.values()))
     values = values_for(start_values(file), reference.name)
-    with workers(partial(_run, file.study.model, reference), 1, file.study.timeout) as pool:
+    study = file.study
+    with workers(partial(_run, study.model, reference), study.evaluated_by, study.timeout, modules=study.code) as pool:
         [(_, answer)] = pool.map([values])
     if isinstance(answer, Failure):
         if answer.status == REFUSED:

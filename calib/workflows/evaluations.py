@@ -1,19 +1,24 @@
 """Where a calibration evaluates: one pool of processes for all its stages."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any, NamedTuple, Self
 
-from calib.execution.pool import Failure, InProcess, Pool
-from calib.execution.pools.local import LocalPool
+from calib.execution.pool import Failure, OpenPool, Pool
+from calib.execution.pools.results import FOLDER, ResultFolder
 from calib.execution.workers import workers
 from calib.modelling.model import Model
 from calib.objective import Objective, Reference
-from calib.study import Evaluation, evaluate
+from calib.store.environment import environment
+from calib.store.plain import plain
+from calib.study import CalibrationStudy, Evaluation, evaluate
 from calib.study_file import StudyFile
 
 SEARCH, CONFIRM, HOLD_OUT = "search", "confirm", "hold-out"  # stages; each may compile kernels of its own
+IDLE_ASKS = 10  # times that an optimiser has asked, of whose points the mean is taken
 CALIBRATED = ""  # in the place of a record held out: all calibrated records together
 
 
@@ -38,9 +43,16 @@ class _Judged:
 
 
 class Evaluations:
-    """The evaluations of a study file, in one pool of processes; use it in a with block."""
+    """The evaluations of a study file, in one pool of processes; use it in a with block.
 
-    def __init__(self, file: StudyFile):
+    Parameters
+    ----------
+    file : of the study
+    folder : of its results, in which workers elsewhere keep what they evaluate until it is taken over
+    on_note : told, in one line each, what a user may want to know
+    """
+
+    def __init__(self, file: StudyFile, folder: Path, on_note: Callable[[str], None] = lambda text: None):
         study = file.study
         objectives = {CALIBRATED: study.objective}
         objectives |= {
@@ -55,7 +67,16 @@ class Evaluations:
             for record, objective in objectives.items()
             for afresh in (False, True)
         }
-        self._pool = workers(partial(_evaluated, cases), study.jobs, study.timeout)
+        results = ResultFolder(folder.resolve() / FOLDER, _identity(study), _content)
+        self._pool = workers(
+            partial(_evaluated, cases), study.evaluated_by, study.timeout,
+            modules=study.code, results=results, on_note=on_note,
+        )  # fmt: skip
+
+    @property
+    def width(self) -> int | None:
+        """Evaluations that go on side by side at present; None where that is not known."""
+        return self._pool.width
 
     def calibrated(self, stage: str, confirming: bool = False, afresh: bool = False) -> Pool:
         """Return the pool that evaluates values on the calibrated records."""
@@ -73,6 +94,26 @@ class Evaluations:
         self._pool.close()
 
 
+class IdleWorkers:
+    """Says, once, where an optimiser asks for fewer points at a time than could be evaluated side by side."""
+
+    def __init__(self, evaluations: Evaluations, on_note: Callable[[str], None]):
+        self._evaluations, self._on_note = evaluations, on_note
+        self._asked: list[int] = []
+
+    def __call__(self, points: int) -> None:
+        """Take in the number of points that were asked for."""
+        self._asked.append(points)
+        if len(self._asked) != IDLE_ASKS:
+            return
+        width, mean = self._evaluations.width or 1, sum(self._asked) / IDLE_ASKS
+        if mean < width:
+            self._on_note(
+                f"the search asks for {mean:.3g} points at a time, and {width} evaluations could go on side by side: "
+                f"with batch = {width} in [optimiser] (another study) none would be idle"
+            )
+
+
 def held_out_references(file: StudyFile) -> dict[str, Reference]:
     """References of a study file that are only predicted, by name."""
     return {name: reference for name, reference in file.others.items() if reference.use == "holdout"}
@@ -82,7 +123,7 @@ def held_out_references(file: StudyFile) -> dict[str, Reference]:
 class _StagePool:
     """A pool as one stage sees it: its payloads are values, of one case."""
 
-    pool: LocalPool | InProcess
+    pool: OpenPool
     stage: str
     case: Case
 
@@ -91,6 +132,20 @@ class _StagePool:
         return self.pool.map(((self.case, values) for values in payloads), self.stage)
 
 
-def _evaluated(cases: Mapping[Case, _Judged], payload: tuple[Case, Mapping[str, float]]) -> Evaluation:
+_Payload = tuple[Case, Mapping[str, float]]
+
+
+def _evaluated(cases: Mapping[Case, _Judged], payload: _Payload) -> Evaluation:
     case, values = payload
     return evaluate(cases[case], values)
+
+
+def _identity(study: CalibrationStudy) -> str:
+    """Text of all that decides what an evaluation of a study gives, beside its values."""
+    return json.dumps(plain([study.header.definition, study.code, environment()]), sort_keys=True)
+
+
+def _content(payload: _Payload) -> str | None:
+    """Text of a payload; None where the simulator has to run, though its result may be known."""
+    case, values = payload
+    return None if case.afresh else json.dumps([*case, dict(values)], sort_keys=True)

@@ -2,6 +2,7 @@
 
 import importlib.util
 import keyword
+import os
 import re
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from calib.errors import CalibError
 from calib.execution.files import whole
+from calib.execution.pools.local import MAX_JOBS
 
 KINDS = ("simulator", "effect", "study")
 STIFFNESS, DAMPING, MASS, DRIVE_FREQUENCY = 4000.0, 5.0, 1.0, 9.0  # N/m, N s/m, kg, Hz: of the record that is made up
@@ -38,7 +40,12 @@ def new(kind: str, name: str, folder: str | Path = ".") -> list[Path]:
     if keyword.iskeyword(name) or name in sys.stdlib_module_names:
         raise CalibError(f"{name!r} is a word or a module of Python; choose another name")
     title = name.replace("_", " ").capitalize()
-    words = {"name": name, "title": title, "thing": thing_of(kind, name)}
+    words = {
+        "name": name,
+        "title": title,
+        "thing": thing_of(kind, name),
+        "jobs": str(min(os.cpu_count() or 1, MAX_JOBS)),
+    }
     files = _study(Path(folder) / name, words) if kind == "study" else _module(kind, Path(folder), words)
     for path in files:
         if path.exists():

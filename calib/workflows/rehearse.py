@@ -2,8 +2,9 @@
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from calib.diagnosis.rehearse import HIDDEN_Z, SEEDS_PER_SIZE, RehearsalCase, Rehearsed, rehearse
 from calib.store.plain import plain
@@ -22,6 +23,7 @@ def rehearse_study(
     jobs: int | None = None,
     fresh: bool = False,
     on_case: Callable[[int, int], None] = lambda done, of: None,
+    pool: Mapping[str, Any] | None = None,
 ) -> list[Rehearsed]:
     """Hide every candidate in data of a calibrated study's own model and seek it; go on with what was played before.
 
@@ -30,7 +32,7 @@ def rehearse_study(
 
     Parameters
     ----------
-    path, out, jobs : as in `calib.workflows.diagnose.diagnose_study`
+    path, out, jobs, pool : as in `calib.workflows.diagnose.diagnose_study`
     seeds, strengths : see `calib.diagnosis.rehearse.rehearse`
     fresh : forget what was played
     on_case : called with the number of cases that are done, and of all
@@ -39,7 +41,7 @@ def rehearse_study(
     ------
     CalibError : a mistake in the study file, or it has not been calibrated, or cannot be diagnosed
     """
-    file = load(path, jobs=jobs, out=out)
+    file = load(path, jobs=jobs, out=out, pool=pool)
     folder = file.folder
     ledger = folder / REHEARSAL
     if fresh:

@@ -64,7 +64,7 @@ def _modules(document: Mapping[str, Any], source: Path, folder: Path) -> list[tu
 def _check_free(
     path: Path, document: Mapping[str, Any], records: Mapping[str, Record], modules: list[tuple[Path, Path]]
 ) -> None:
-    """Refuse to write where something else is: the budget, the processes and the time-out may differ."""
+    """Refuse to write where something else is: the budget, the processes, the pool and the time-out may differ."""
     hint = "choose another folder, or overwrite it"
     if path.is_file():
         try:
@@ -84,5 +84,6 @@ def _check_free(
 
 
 def _without_run_keys(document: Mapping[str, Any]) -> dict[str, Any]:
+    own = {table: content for table, content in document.items() if table != "pool"}
     head = {key: value for key, value in document.get("study", {}).items() if key not in RUN_KEYS}
-    return {**document, "study": head} if "study" in document else dict(document)
+    return {**own, "study": head} if "study" in document else own

@@ -1,9 +1,7 @@
 """Studies from Python: stated in keywords, run, and their results."""
 
-import base64
 import copy
 import html
-import os
 import shutil
 import tempfile
 import tomllib
@@ -20,7 +18,6 @@ import xarray as xr
 
 from calib.diagnosis.document import DiagnosisResult
 from calib.errors import CalibError, nearest
-from calib.execution.pools.local import MAX_JOBS
 from calib.execution.progress import Count
 from calib.modelling.effect import Effect
 from calib.records import read
@@ -36,6 +33,7 @@ from calib.workflows.document import (
     MAIN,
     default_terms,
     for_toml,
+    local_jobs,
     record_file,
     reference_of,
     references_in,
@@ -46,7 +44,7 @@ from calib.workflows.document import (
 from calib.workflows.plot import Plot
 from calib.workflows.record import Record, listed
 from calib.workflows.saved import save_study
-from calib.workflows.texts import calibration_text, diagnosis_text, headline, parameter_rows, study_text
+from calib.workflows.texts import calibration_html, calibration_text, diagnosis_text, study_text
 
 FILE = "study.toml"
 
@@ -69,7 +67,8 @@ class Study:
     optimiser : name, or a mapping with its options
     budget : simulations of the search
     seed : of every random number
-    jobs : processes; None: one for each core
+    jobs : processes of this machine; None: one for each core
+    pool : where simulations run, as keys of the table `pool`, {"kind": "dask", "scheduler": ...}; None: in `jobs`
     timeout : wall-clock limit of one simulation  [s]
     name : of the study
     more : further tables of a study file: `study` (screen, periods, samples, settle, step_budget), `store`, `diagnosis`
@@ -97,6 +96,7 @@ class Study:
         budget: int = 200,
         seed: int = 0,
         jobs: int | None = None,
+        pool: Mapping[str, Any] | None = None,
         timeout: float | str = "60 s",
         name: str = "study",
         **more: Mapping[str, Any],
@@ -117,7 +117,7 @@ class Study:
             "name": name,
             "seed": seed,
             "budget": budget,
-            "jobs": min(os.cpu_count() or 1, MAX_JOBS) if jobs is None else jobs,
+            "jobs": local_jobs(jobs, pool),
             "timeout": timeout,
         }
         model = {
@@ -137,6 +137,7 @@ class Study:
             "windows": {parameter: window_table(parameter, window) for parameter, window in windows.items()},
             "term": [table_of(term, "feature") for term in terms],
             "optimiser": table_of(optimiser, "name"),
+            **({} if pool is None else {"pool": pool}),
             **{key: more[key] for key in ("store", "diagnosis") if key in more},
         }
         self._document, self._folder = for_toml(document), None
@@ -217,6 +218,7 @@ class Study:
         *,
         budget: int | None = None,
         jobs: int | None = None,
+        pool: Mapping[str, Any] | None = None,
         fresh: bool = False,
         quiet: bool = False,
     ) -> "Calibration":
@@ -228,7 +230,7 @@ class Study:
         ----------
         out : folder in which study file and results are kept, and gone on with if there are results; None: a temporary
             one, which goes when the result does
-        budget, jobs : take the place of the study's
+        budget, jobs, pool : take the place of the study's
         fresh : replace what is in the folder, and forget the trials made there
         quiet : no progress on stderr
 
@@ -242,12 +244,12 @@ class Study:
             if out is None:
                 undo.callback(shutil.rmtree, folder, ignore_errors=True)
             path = (self._save if out is None else self.save)(folder, overwrite=fresh)
-            file = load(path, budget, jobs, PythonOrigin(path.parent))
+            file = load(path, budget, jobs, PythonOrigin(path.parent), pool=pool)
             try:
                 calibrate_file(file, file.folder, fresh=fresh, quiet=quiet)
             except KeyboardInterrupt:
                 try:
-                    rebuild(path, jobs=jobs)
+                    rebuild(path, jobs=jobs, pool=pool)
                 except CalibError:
                     raise KeyboardInterrupt from None
             calibration = Calibration(path, passing=out is None)
@@ -351,6 +353,7 @@ class Calibration:
         *,
         candidates: str | Sequence[str | Mapping[str, Any] | Effect] | None = None,
         jobs: int | None = None,
+        pool: Mapping[str, Any] | None = None,
         budget: int | str | None = None,
         seed: int | None = None,
         quiet: bool = False,
@@ -361,7 +364,7 @@ class Calibration:
         ----------
         candidates : effects that may be the cause, in the place of the study's `diagnosis` candidates: "all", or by
             name ("all" among them), as {"name": ..., "bodies": [...]}, "package.module:THING" or `calib.Effect`
-        jobs : takes the place of the study's
+        jobs, pool : take the place of the study's
         budget : a number of simulations, or a time such as "10 min", after which no further fit begins
         seed : of the noise that is drawn; None: the study's
         quiet : no progress on stderr
@@ -375,7 +378,7 @@ class Calibration:
         stated = None if candidates is None else [reference_of(one, "calib.effects") for one in listed(candidates)]
         with Count("simulations", quiet) as count:
             summary, extended = diagnose_study(
-                self.path, jobs=jobs, budget=None if budget is None else str(budget), seed=seed, apply=True,
+                self.path, jobs=jobs, pool=pool, budget=None if budget is None else str(budget), seed=seed, apply=True,
                 on_progress=count, candidates="all" if candidates == "all" else stated,
             )  # fmt: skip
         return Diagnosed(summary, None if extended is None else Study.read(extended), self)
@@ -384,21 +387,8 @@ class Calibration:
         return calibration_text(self.summary)
 
     def _repr_html_(self) -> str:
-        rows = "".join(
-            f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>"
-            for row in parameter_rows(self.summary)
-        )
-        notes = [
-            *(["the search has not ended"] if self.summary.stopped == UNFINISHED else []),
-            *self.summary.remarks,
-        ]
-        picture = base64.b64encode(self.plot()._repr_png_()).decode() if self.values else ""
-        return (
-            f"<b>{html.escape(self.summary.name)}</b>: {html.escape(headline(self.summary))}"
-            f"<table><tr><th>parameter</th><th>value</th><th>95 % interval</th></tr>{rows}</table>"
-            + "".join(f"<p>{html.escape(note)}</p>" for note in notes)
-            + (f'<img alt="measured and simulated" src="data:image/png;base64,{picture}">' if picture else "")
-        )
+        picture = self.plot()._repr_png_() if self.values else b""
+        return calibration_html(self.summary, self.summary.stopped == UNFINISHED, picture)
 
 
 class Diagnosed:

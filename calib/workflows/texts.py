@@ -1,5 +1,7 @@
 """Studies, results and diagnoses as text, for the prompt and for print."""
 
+import base64
+import html
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -59,3 +61,24 @@ def parameter_rows(summary: CalibrationResult) -> Iterator[tuple[str, str, str]]
             for number in (value, *(ends or ()))
         ]
         yield name, texts[0], "fixed" if name not in summary.windows else " to ".join(texts[1:]) or "none"
+
+
+def calibration_html(summary: CalibrationResult, unfinished: bool, picture: bytes) -> str:
+    """What a notebook shows of a calibration.
+
+    Parameters
+    ----------
+    unfinished : whether the search has not ended
+    picture : PNG of measured and simulated motion; empty for none
+    """
+    rows = "".join(
+        f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>" for row in parameter_rows(summary)
+    )
+    notes = [*(["the search has not ended"] if unfinished else []), *summary.remarks]
+    shown = base64.b64encode(picture).decode()
+    return (
+        f"<b>{html.escape(summary.name)}</b>: {html.escape(headline(summary))}"
+        f"<table><tr><th>parameter</th><th>value</th><th>95 % interval</th></tr>{rows}</table>"
+        + "".join(f"<p>{html.escape(note)}</p>" for note in notes)
+        + (f'<img alt="measured and simulated" src="data:image/png;base64,{shown}">' if shown else "")
+    )
