@@ -6,7 +6,7 @@ import time
 import pytest
 
 from calib.execution.deadline import remaining, within
-from calib.execution.pool import LocalPool
+from calib.execution.pools.local import LocalPool
 
 
 def test_time_that_remains_is_known_inside_a_call_only():

@@ -9,6 +9,7 @@ from child_environment import environment
 OWN = """
 import warnings
 from calib.errors import CalibError
+from calib.execution.pools.settings import PoolSettings
 from calib.execution.workers import workers
 
 def own(x):
@@ -17,14 +18,14 @@ def own(x):
 """
 BARE = """
 try:
-    with warnings.catch_warnings(record=True) as told, workers(own, {jobs}) as pool:
+    with warnings.catch_warnings(record=True) as told, workers(own, PoolSettings(jobs={jobs})) as pool:
         print(type(pool).__name__, sorted(dict(pool.map([1, 2])).values()), len(told))
 except CalibError as refusal:
     print(refusal)
 """
 GUARDED = """
 if __name__ == "__main__":
-    with workers(own, {jobs}) as pool:
+    with workers(own, PoolSettings(jobs={jobs})) as pool:
         print(type(pool).__name__, sorted(dict(pool.map([1, 2])).values()), 0)
 """
 
@@ -51,3 +52,15 @@ def test_several_jobs_without_the_guard_are_refused_in_one_line(tmp_path):
 )
 def test_one_job_runs_in_the_script_and_the_guard_allows_more(tmp_path, body, jobs, expected):
     assert printed(tmp_path, body, jobs) == expected
+
+
+ELSEWHERE = """
+try:
+    workers(own, PoolSettings("executor", executor="concurrent.futures:ThreadPoolExecutor"))
+except CalibError as refusal:
+    print(refusal)
+"""
+
+
+def test_a_script_that_defines_the_function_has_no_workers_elsewhere(tmp_path):
+    assert "which workers of kind 'executor' cannot import: move it into a module" in printed(tmp_path, ELSEWHERE, 1)

@@ -104,7 +104,7 @@ def test_a_chain_that_breaks_costs_no_point(tmp_path, monkeypatch):
         return called
 
     module = importlib.import_module("calib.sweep.run")
-    monkeypatch.setattr(module, "workers", lambda function, jobs, timeout: InProcess(breaking(function)))
+    monkeypatch.setattr(module, "workers", lambda function, pool, timeout: InProcess(breaking(function)))
     found = run(bistable(), tmp_path / "sweep.nc")
     assert whole.sizes["other"] == 1
     assert found.sizes["other"] == 0

@@ -1,0 +1,150 @@
+"""A study on workers elsewhere is bit for bit the one in this process, also when workers and schedulers are killed."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from functools import partial
+
+import pytest
+from child_environment import environment
+from dask_processes import DaskProcesses
+from study_fakes import lines, run, study
+
+from calib.execution.pools import started
+from calib.execution.pools.settings import PoolSettings
+from calib.optimisers.cma import CmaEs
+from calib.optimisers.multistart import Multistart
+from calib.optimisers.optuna import OptunaSampler
+from calib.optimisers.scipy import Scipy
+from calib.store import Store, read
+
+OPTIMISERS = {
+    "multistart": Multistart,
+    "cma": CmaEs,
+    "optuna": OptunaSampler,
+    "differential evolution": Scipy,
+    "least squares": partial(Scipy, method="least_squares"),
+}
+SINGLE_NODE = PoolSettings(
+    "executor", executor="executorlib:SingleNodeExecutor", options={"max_workers": 2, "block_allocation": True}
+)
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory):
+    with DaskProcesses(tmp_path_factory.mktemp("dask")) as processes:
+        processes.add_worker(threads=2)
+        yield processes
+
+
+@pytest.fixture(scope="module")
+def single_node():
+    yield SINGLE_NODE
+    started.end_all()
+
+
+def equal(pool, folder, **settings):
+    """Whether the study gives the same on the pool and in this process."""
+    here = run(study(**settings), folder / "here").trials
+    there = study(**settings, pool=pool, timeout=60.0).run(Store(folder / "there", view=None)).trials
+    return lines(here) == lines(there)
+
+
+def test_a_study_on_dask_is_bit_for_bit_the_local_one(cluster, tmp_path):
+    assert equal(PoolSettings("dask", scheduler=cluster.address), tmp_path, budget=20, optimiser=Multistart)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("optimiser", OPTIMISERS)
+def test_so_it_is_on_executorlib_for_every_optimiser(optimiser, single_node, tmp_path):
+    assert equal(single_node, tmp_path, budget=30, optimiser=OPTIMISERS[optimiser])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, 2, 4])
+def test_so_it_is_on_any_number_of_workers_for_every_optimiser(workers, tmp_path):
+    with DaskProcesses(tmp_path / "dask") as processes:
+        for _ in range(workers):
+            processes.add_worker()
+        pool = PoolSettings("dask", scheduler=processes.address)
+        for name, optimiser in OPTIMISERS.items():
+            for trouble in ("", "diverge"):
+                folder = tmp_path / f"{name} {trouble}"
+                assert equal(pool, folder, budget=30, optimiser=optimiser, trouble=trouble), name
+
+
+SCRIPT = """
+import sys
+from calib.errors import WorkersLost
+from calib.execution.pools.settings import PoolSettings
+from calib.store import Store
+from study_fakes import study
+if __name__ == "__main__":
+    folder, address = sys.argv[1:]
+    pool = PoolSettings("dask", scheduler=address)
+    try:
+        study({budget}, seconds={seconds}, pool=pool, timeout=60.0).run(Store(folder))
+    except WorkersLost as lost:
+        print(lost)
+        sys.exit(3)
+"""
+BUDGET, SECONDS, KILLS = 400, 0.2, 20
+
+
+@pytest.mark.slow
+def test_random_kills_of_workers_scheduler_and_study_change_nothing(tmp_path):
+    """A worker that is killed is replaced; a scheduler ends the run with code 3; the study is gone on with."""
+    script, out, rng = tmp_path / "script.py", tmp_path / "out", random.Random(7)
+    script.write_text(SCRIPT.format(budget=BUDGET, seconds=SECONDS))
+    with DaskProcesses(tmp_path / "dask") as cluster:
+        for _ in range(2):
+            cluster.add_worker()
+
+        def begun():
+            return subprocess.Popen(
+                [sys.executable, "-W", "ignore", str(script), str(out), cluster.address],
+                env=environment(), stdout=subprocess.PIPE, text=True,
+            )  # fmt: skip
+
+        running, hits = begun(), []
+        while len(hits) < KILLS:
+            _wait_for_trials(out, _logged(out) + rng.randint(1, 6), running)
+            time.sleep(rng.uniform(0.0, 0.3))
+            hits.append(rng.choice(["worker", "worker", "scheduler", "study"]))
+            if hits[-1] == "worker":
+                cluster.kill_worker(rng.choice(cluster.workers))
+                cluster.add_worker()
+                continue
+            if hits[-1] == "scheduler":
+                cluster.kill_scheduler()
+                said, _ = running.communicate(timeout=60)
+                assert running.returncode == 3, said
+                assert "the connection to the Dask scheduler" in said
+                cluster.restart()
+                for _ in range(2):
+                    cluster.add_worker()
+            else:
+                os.kill(running.pid, signal.SIGKILL)
+                running.communicate()
+            running = begun()
+        assert set(hits) == {"worker", "scheduler", "study"}
+        running.communicate(timeout=300)
+        assert running.returncode == 0
+    whole = run(study(BUDGET), tmp_path / "whole").trials
+    assert lines(read(out)[1]) == lines(whole)
+
+
+def _logged(out):
+    ledger = out / "trials.jsonl"
+    return max(ledger.read_bytes().count(b"\n") - 1, 0) if ledger.exists() else 0
+
+
+def _wait_for_trials(out, count, running):
+    deadline = time.monotonic() + 120.0
+    while _logged(out) < count:
+        assert running.poll() is None, "the study ended before it was killed often enough"
+        assert time.monotonic() < deadline, "no such trial within two minutes"
+        time.sleep(0.02)
