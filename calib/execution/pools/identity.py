@@ -11,7 +11,7 @@ from pathlib import Path
 
 NUMERICAL = ("numpy", "scipy", "numba", "llvmlite")  # libraries whose version decides what a simulation gives
 PYTHON, PACKAGE = "python", "calib"
-DIGEST_DIGITS = 12  # hexadecimal, of a digest that a message shows
+SOURCE_DIGEST_DIGITS = 12  # hexadecimal, of a digest that a message shows
 ABSENT = "not installed"
 
 
@@ -66,7 +66,7 @@ def _digest(module: str) -> str:
         return "not found"
     if spec.origin is None or not Path(spec.origin).is_file():
         return "without a file"
-    return f"sha256 {hashlib.sha256(Path(spec.origin).read_bytes()).hexdigest()[:DIGEST_DIGITS]}"
+    return f"sha256 {hashlib.sha256(Path(spec.origin).read_bytes()).hexdigest()[:SOURCE_DIGEST_DIGITS]}"
 
 
 @cache
@@ -74,4 +74,4 @@ def _package_digest() -> str:
     digest, root = hashlib.sha256(), Path(__file__).parents[2]
     for source in sorted(root.rglob("*.py")):
         digest.update(str(source.relative_to(root)).encode() + source.read_bytes())
-    return digest.hexdigest()[:DIGEST_DIGITS]
+    return digest.hexdigest()[:SOURCE_DIGEST_DIGITS]
