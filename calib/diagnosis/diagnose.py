@@ -22,10 +22,11 @@ from calib.diagnosis.refutation import revised_by_records
 from calib.diagnosis.selection import Selection
 from calib.diagnosis.speculation import SpeculativePool
 from calib.diagnosis.verdict import NAMED, NOT_DIAGNOSABLE, ONE_OF, UNEXPLAINED, failures, untried, verdict_of
+from calib.execution.pool import OpenPool
 from calib.execution.workers import workers
 from calib.modelling.effect import Effect
 from calib.objective import Reference
-from calib.study import CalibrationStudy, Pool
+from calib.study import CalibrationStudy
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +98,7 @@ def diagnose(
     values: Mapping[str, float],
     effects: Sequence[Effect],
     seed: int = 0,
-    pool: Callable[[Bench], AbstractContextManager[Pool]] | None = None,
+    pool: Callable[[Bench], AbstractContextManager[OpenPool]] | None = None,
     on_stage: Callable[[str], None] = lambda text: None,
     on_progress: Callable[[int, int], None] = lambda done, foreseen: None,
     budget: Budget | None = None,
@@ -125,11 +126,9 @@ def diagnose(
     begin = time.monotonic()
     bench = bench_of(study, others)
     make = pool or (lambda function: workers(function, study.evaluated_by, study.timeout, modules=study.code))
-    with make(bench) as open_pool:
-        idle = 0 if pool else (open_pool.width or 1) - 1
-        with closing(SpeculativePool(open_pool, idle)) as ahead:
-            effort = Effort(ahead, budget, on_progress)
-            diagnosis = _diagnosed(effort, bench, study, values, effects, seed, on_stage, laboratory)
+    with make(bench) as open_pool, closing(SpeculativePool(open_pool, (open_pool.width or 1) - 1)) as ahead:
+        effort = Effort(ahead, budget, on_progress)
+        diagnosis = _diagnosed(effort, bench, study, values, effects, seed, on_stage, laboratory)
     return replace(diagnosis, seconds=time.monotonic() - begin)
 
 
