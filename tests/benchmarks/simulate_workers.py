@@ -3,8 +3,8 @@
 `python THIS --out FILE.png` prints, for runs of 10 ms, 1 s and 10 min on 10, 100 and 1000 workers, the share of the
 workers' time that goes into runs, and what limits it. It takes figures that tests/benchmarks/bench_pools.py measures:
 scheduler and asking process pass on one evaluation after the other, each at an overhead of 5.4 ms; an evaluation alone
-takes 12.3 ms from the question to the answer. The optimiser is told a batch as soon as its last run has ended, and takes
-5 ms.
+takes 12.3 ms from the question to the answer. The optimiser is told a batch as soon as its last run has ended, and
+takes 5 ms.
 Durations of runs are lognormal: 68 % of them lie within the factor 1.3 of their median.
 """
 

@@ -18,7 +18,8 @@ from pool_functions import square
 from calib.diagnosis import speculation
 from calib.diagnosis.bench import SimulatedRows
 from calib.diagnosis.speculation import SpeculativePool
-from calib.execution.pool import RAISED, Failure, InProcess, LocalPool, in_order
+from calib.execution.pool import RAISED, Failure, InProcess, in_order
+from calib.execution.pools.local import LocalPool
 
 
 @pytest.fixture(autouse=True)

@@ -18,7 +18,7 @@ from impact_fmu.faults import SHORT, status_with
 from impact_fmu.peer import DRIVE, VALUES, moved, peer
 
 from calib.errors import CalibError
-from calib.execution.pool import LocalPool
+from calib.execution.pools.local import LocalPool
 from calib.modelling.model import Model
 from calib.modelling.simulator import Request
 from calib.records import CHANNELS
