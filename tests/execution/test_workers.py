@@ -64,3 +64,11 @@ except CalibError as refusal:
 
 def test_a_script_that_defines_the_function_has_no_workers_elsewhere(tmp_path):
     assert "which workers of kind 'executor' cannot import: move it into a module" in printed(tmp_path, ELSEWHERE, 1)
+
+
+def test_packages_of_workers_elsewhere_are_imported_for_them_alone():
+    program = "import sys, calib.cli, calib.execution.workers; print({'distributed', 'executorlib'} & {*sys.modules})"
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, env=environment(), check=True
+    )
+    assert done.stdout.strip() == "set()"

@@ -10,7 +10,7 @@ AGAIN = '[[record]]\nname = "again"\npath = "bench.nc"\nnuisance = ["trigger"]\n
 
 def test_a_case_is_evaluated_by_its_model_on_its_record(tmp_path):
     file = load(write_study(tmp_path, ("tiny_simulators:Echo", "tiny_simulators:Sketch"), ("[model]\n", AGAIN)))
-    with Evaluations(file) as evaluations:
+    with Evaluations(file, tmp_path) as evaluations:
         for confirming, stage, model in ((False, SEARCH, "sketch"), (True, CONFIRM, "echo")):
             [(_, calibrated)] = evaluations.calibrated(stage, confirming).map([TRUTH])
             answers = evaluations.at(TRUTH, [Case(confirming, "again"), Case(confirming)])
