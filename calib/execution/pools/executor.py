@@ -84,7 +84,10 @@ class ExecutorWorkers:
         return False
 
     def abandon(self, handles: "list[Future[Answer | Unfit]]") -> None:
-        """Cancel the evaluations that have not begun; those under way end by themselves, by their time limit."""
+        """Cancel the evaluations that have not begun.
+
+        Those under way end when the pool closes, where their worker shares its folder; else by their time limit.
+        """
         for handle in handles:
             handle.cancel()
 

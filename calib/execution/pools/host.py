@@ -8,18 +8,21 @@ import os
 import queue
 import sys
 import threading
+import time
 from multiprocessing.connection import Connection
+from pathlib import Path
 
 from calib.errors import CalibError
 from calib.execution.pool import Failure
 from calib.execution.pools.identity import differences, identity, processor
 from calib.execution.pools.memory import MemoryWatch
 from calib.execution.pools.results import keep, kept
-from calib.execution.pools.setup import PoolSetup, WorkerState
+from calib.execution.pools.setup import STOPPED, PoolSetup, WorkerState
 from calib.execution.pools.slot import Slot
 from calib.execution.pools.starting import start_server
 
 IDLE_SECONDS = 60.0  # s without a call, after which the program ends; the next call starts it anew
+LOOK_INTERVAL = 1.0  # s between two looks whether the pool is still there
 Request = tuple[int, bytes, str, str | None]  # number, pickled payload, stage, key of its result
 
 
@@ -39,6 +42,9 @@ class Host:
     def serve(self) -> None:
         """Answer requests until the worker is gone, or has asked for nothing in a while."""
         self._connection.send(self.prepared)
+        if self._folder is not None:
+            marker = self._folder / self._setup.number
+            threading.Thread(target=_end_without, args=(marker,), daemon=True, name="marker").start()
         start_server(self._setup.function.importable)
         while self._connection.poll(IDLE_SECONDS) or any(thread.is_alive() for thread in self._busy):
             if not self._connection.poll(0.0):
@@ -81,6 +87,23 @@ def _prepared(setup: PoolSetup) -> WorkerState:
     differing = differences(setup.identity, identity(setup.identity))
     shared = setup.folder is not None and (setup.folder / setup.number).is_file()
     return WorkerState(tuple(differing), shared, processor())
+
+
+def _end_without(marker: Path) -> None:
+    """End this program, with all that it has started, when a pool has taken its file away."""
+    while _there(marker):
+        time.sleep(LOOK_INTERVAL)
+    os._exit(STOPPED)
+
+
+def _there(marker: Path) -> bool:
+    try:
+        marker.stat()
+    except FileNotFoundError:
+        return False
+    except OSError:  # a disk of the network that does not answer takes nothing away
+        return True
+    return True
 
 
 def main(descriptor: int) -> None:

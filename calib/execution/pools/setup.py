@@ -10,6 +10,8 @@ from calib.execution.pool import Failure
 from calib.execution.pools.limits import CallLimits
 from calib.execution.pools.sent import SentFunction
 
+STOPPED = 75  # exit code of the program that evaluates for a worker, where its pool has been closed
+
 
 @dataclass(frozen=True)
 class PoolSetup:

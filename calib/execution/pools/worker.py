@@ -12,7 +12,7 @@ from multiprocessing.connection import Connection
 
 from calib.errors import CalibError
 from calib.execution.pool import CRASHED, Failure
-from calib.execution.pools.setup import Answer, PoolSetup, Unfit, WorkerState
+from calib.execution.pools.setup import STOPPED, Answer, PoolSetup, Unfit, WorkerState
 
 QUIET = "ignore:resource_tracker"  # it would complain of a host that ends with its worker, at once
 MAX_STARTS = 2  # of the host, for one call
@@ -126,6 +126,7 @@ class _Program:
                 self.alive = False
                 waiting, self._calls = self._calls, {}
             code = self._process.wait()
+            self.stopped |= code == STOPPED
             self._connection.close()
             for answer in waiting.values():
                 answer.set_exception(HostGone(f"exit code {code}"))

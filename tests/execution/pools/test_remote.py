@@ -9,7 +9,7 @@ from dataclasses import replace
 import pool_functions as f
 import pytest
 from dask_processes import DaskProcesses
-from marked_processes import new_mark, survivors
+from marked_processes import marked, new_mark, survivors
 
 from calib.errors import CalibError, WorkersLost
 from calib.execution.pools import started
@@ -77,13 +77,30 @@ def test_leaving_the_loop_early_kills_what_runs_on_dask(cluster, tmp_path):
     mark = new_mark()
     with workers(f.solve, PoolSettings("dask", scheduler=cluster.address)) as pool:
         for _ in pool.map([(tmp_path / "idle", new_mark(), "well"), (tmp_path / "busy", mark, "hang")]):
-            deadline = time.monotonic() + 60.0
-            while not (tmp_path / "busy").exists():
-                assert time.monotonic() < deadline
-                time.sleep(0.05)
+            wait_until((tmp_path / "busy").exists)
             break
         assert not survivors(mark)
         assert len(results(pool, [(tmp_path / "more", new_mark(), "well")])) == 1, "the pool goes on"
+
+
+def test_what_runs_on_an_executor_ends_when_its_pool_is_closed(executors, tmp_path):
+    settings = PoolSettings("executor", executor="concurrent.futures:ThreadPoolExecutor", options={"max_workers": 2})
+    mark, folder = new_mark(), ResultFolder(tmp_path / "kept", "study", content)
+    with workers(f.solve, settings, results=folder) as pool:
+        for _ in pool.map([(tmp_path / "idle", new_mark(), "well"), (tmp_path / "busy", mark, "hang")]):
+            wait_until((tmp_path / "busy").exists)
+            break
+        assert marked(mark)
+    wait_until(lambda: not marked(mark))
+    with workers(f.square, settings, results=folder) as pool:
+        assert results(pool, [3]) == {0: 9}, "the executor's workers are free for the next pool"
+
+
+def wait_until(holds):
+    deadline = time.monotonic() + 60.0
+    while not holds():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
 
 
 def content(payload):
