@@ -12,6 +12,8 @@ from calib.dynamics.basins import Plane, _motion, basins
 from calib.dynamics.pseudo_orbit import on_lattice
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError
+from calib.execution.pools import started
+from calib.execution.pools.settings import PoolSettings
 from calib.modelling.model import Model
 from calib.report.plots.sections import basin_map
 
@@ -112,6 +114,13 @@ def test_other_components_start_where_they_are_held(tmp_path):
 
 def test_one_process_finds_what_two_find(tmp_path, found):
     xr.testing.assert_identical(basins(plane(), tmp_path / "basins.nc"), found)
+
+
+@pytest.mark.slow
+def test_workers_elsewhere_find_the_same(tmp_path, found):
+    pool = PoolSettings("executor", executor="concurrent.futures:ThreadPoolExecutor", options={"max_workers": 2})
+    xr.testing.assert_identical(basins(plane(), tmp_path / "basins.nc", pool=pool), found)
+    started.end_all()
 
 
 class Stopped(Exception):

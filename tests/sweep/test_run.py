@@ -14,6 +14,8 @@ from tiny_simulators import DRIVE, MEMORY, Mapped
 from calib.dynamics.motion import kind_of_orbit
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError
+from calib.execution.pools import started
+from calib.execution.pools.settings import PoolSettings
 from calib.modelling.model import Model
 from calib.sweep import Sweep, run
 
@@ -185,6 +187,13 @@ def test_two_processes_find_what_one_finds(tmp_path, grid):
 
 def test_carried_states_are_the_same_from_two_processes(tmp_path, loop):
     xr.testing.assert_identical(run(hysteresis(carry="both"), tmp_path / "sweep.nc", jobs=1), loop)
+
+
+@pytest.mark.slow
+def test_it_is_the_same_on_workers_elsewhere(loop, tmp_path):
+    pool = PoolSettings("executor", executor="concurrent.futures:ThreadPoolExecutor", options={"max_workers": 2})
+    xr.testing.assert_identical(run(hysteresis(carry="both"), tmp_path / "sweep.nc", pool=pool), loop)
+    started.end_all()
 
 
 def test_what_is_returned_is_what_the_file_holds(tmp_path):

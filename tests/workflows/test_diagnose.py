@@ -14,6 +14,7 @@ from click.testing import CliRunner
 from calib.cli import main
 from calib.diagnosis.transfer import Transfer
 from calib.effects.cubic_stiffness import EFFECT as CUBIC
+from calib.execution.pools import started
 from calib.modelling.model import Model
 from calib.modelling.parameter import Parameter, Space, Window
 from calib.modelling.simulator import Request
@@ -102,6 +103,18 @@ def test_the_document_and_the_page_are_written(folder, answer):
     assert (said["verdict"], said["causes"]) == ("named", ["cubic_stiffness"])
     assert said["gain"]["proven"]
     assert "cubic_stiffness" in (folder / "out" / "report.html").read_text()
+
+
+@pytest.mark.slow
+def test_on_workers_elsewhere_it_is_the_same(folder, answer, tmp_path):
+    there = shutil.copytree(folder, tmp_path / "there")
+    pool = "executor:concurrent.futures:ThreadPoolExecutor,max_workers=2"
+    asked = CliRunner().invoke(main, ["diagnose", str(there), "--pool", pool], catch_exceptions=False)
+    assert asked.exit_code == 0
+    started.end_all()
+    here, elsewhere = (json.loads((place / "out" / "diagnosis.json").read_text()) for place in (folder, there))
+    assert elsewhere.pop("seconds") > 0.0
+    assert elsewhere == {key: value for key, value in here.items() if key != "seconds"}
 
 
 def test_the_extended_study_starts_where_the_diagnosis_ended(folder, answer):
