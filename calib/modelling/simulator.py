@@ -103,6 +103,7 @@ class Simulator(Protocol):
     18. Optionally `afresh()`, the same simulator answering nothing from a cache: the best point is evaluated by it.
     19. Optionally `dry_run(values, excitation, request)`, which gives a `calib.modelling.dry_run.DryRun`: it is made
         once before a search begins, which ends there where it fails.
+    20. Optionally `cores`, the cores that one run uses. Absent: 1.
 
     `calib.testing.SimulatorSuite` checks all this.
     """

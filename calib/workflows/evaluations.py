@@ -1,6 +1,7 @@
 """Where a calibration evaluates: one pool of processes for all its stages."""
 
 import json
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -72,6 +73,9 @@ class Evaluations:
             partial(_evaluated, cases), study.evaluated_by, study.timeout,
             modules=study.code, results=results, on_note=on_note,
         )  # fmt: skip
+        oversubscribed = _oversubscription(study)
+        if oversubscribed is not None:
+            on_note(oversubscribed)
 
     @property
     def width(self) -> int | None:
@@ -112,6 +116,19 @@ class IdleWorkers:
                 f"the search asks for {mean:.3g} points at a time, and {width} evaluations could go on side by side: "
                 f"with batch = {width} in [optimiser] (another study) none would be idle"
             )
+
+
+def _oversubscription(study: CalibrationStudy) -> str | None:
+    """Say where evaluations side by side use more cores than there are: they are slow, and may exceed their time."""
+    pool, each = study.evaluated_by, getattr(study.model.simulator, "cores", 1)
+    wanted, there = pool.local_jobs * each, len(os.sched_getaffinity(0))
+    if pool.kind != "local" or wanted <= there:
+        return None
+    what = f"{pool.local_jobs} jobs" if each == 1 else f"{pool.local_jobs} jobs of {each} cores each are {wanted}"
+    return (
+        f"{what}, and this machine has {there} for them: runs slow each other down, and may exceed their time-out; "
+        f"--jobs {max(there // each, 1)} uses what there is"
+    )
 
 
 def held_out_references(file: StudyFile) -> dict[str, Reference]:

@@ -1,5 +1,8 @@
 """All stages of a calibration evaluate in one pool."""
 
+import os
+
+import pytest
 from echo_study import TRUTH, write_study
 
 from calib.study_file import load
@@ -19,3 +22,13 @@ def test_a_case_is_evaluated_by_its_model_on_its_record(tmp_path):
                 "again": {"again"}, CALIBRATED: {"bench"},
             }  # fmt: skip
             assert answers["again"].records["again"].attrs["model"] == model
+
+
+@pytest.mark.parametrize(("jobs", "each", "said"), [(2, 1, None), (3, 1, "3 jobs, and"), (2, 2, "2 cores each are 4")])
+def test_more_cores_than_there_are_is_said(jobs, each, said, tmp_path, monkeypatch):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: {0, 1})
+    file, notes = load(write_study(tmp_path), jobs=jobs), []
+    monkeypatch.setattr(type(file.study.model.simulator), "cores", each, raising=False)
+    with Evaluations(file, tmp_path, notes.append):
+        pass
+    assert [said in note for note in notes] == ([] if said is None else [True])

@@ -98,6 +98,11 @@ class Command:
         return other
 
     @property
+    def cores(self) -> int:
+        """Cores that one run uses."""
+        return self._options.program.cores
+
+    @property
     def code(self) -> Mapping[str, str]:
         """Identity of templates, files, programs and a reader of one's own, by name."""
         return self._ready().code
