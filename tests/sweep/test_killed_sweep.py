@@ -7,12 +7,14 @@ import signal
 import subprocess
 import sys
 import time
+from functools import cache
 from pathlib import Path
 
 import pytest
 import xarray as xr
 from child_environment import environment
 from click.testing import CliRunner
+from kills import KILLS
 from map_study import waiting, write_map_study
 from marked_processes import MARK, marked, new_mark, survivors
 
@@ -20,7 +22,6 @@ from calib.cli import main
 from calib.store.chunks import read_joined
 
 ROOT = Path(__file__).parents[2]
-KILLS = 4
 
 
 def minimal(folder):
@@ -83,17 +84,33 @@ def test_a_killed_sweep_goes_on_and_none_of_its_processes_is_left(tmp_path):
     same(killed, whole)
 
 
+def options_of(carry):
+    return "--over", "restitution=0:0.6:241", "--carry", carry
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """Return the file of the sweep that nothing has killed: carry -> path."""
+
+    @cache
+    def made(carry):
+        folder = tmp_path_factory.mktemp("whole")
+        line = sweep(minimal(folder), folder / "s.nc", *options_of(carry), "--jobs", 2)
+        assert CliRunner().invoke(main, line[3:]).exit_code == 0
+        return folder / "s.nc"
+
+    return made
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("carry", "jobs"), [("none", 2), ("both", 1), ("both", 2)])
-def test_many_kills_change_nothing(carry, jobs, tmp_path):
+def test_many_kills_change_nothing(carry, jobs, whole, tmp_path):
     """Killed while it starts, and after a few pieces more each time."""
-    study, killed, whole = minimal(tmp_path), tmp_path / "killed" / "s.nc", tmp_path / "whole" / "s.nc"
-    options = ("--over", "restitution=0:0.6:241", "--carry", carry)
-    subprocess.run(sweep(study, whole, *options, "--jobs", 2), env=environment(), check=True)
+    study, killed, options = minimal(tmp_path), tmp_path / "killed" / "s.nc", options_of(carry)
     rng, count = random.Random(f"{carry} {jobs}"), 31 * (2 if carry == "both" else 1)
     for number in range(KILLS):
         aim = count * number // (KILLS + 1)
         command = sweep(study, killed, *options, "--jobs", jobs)
         kill(command, lambda aim=aim: pieces(killed) >= aim, bool(number % 2), rng.uniform(0.0, 0.2))
     subprocess.run(sweep(study, killed, *options, "--jobs", jobs), env=environment(), check=True)
-    same(killed, whole)
+    same(killed, whole(carry))

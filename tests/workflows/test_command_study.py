@@ -15,6 +15,7 @@ from bouncer import OPTIONS, lay_out
 from child_environment import environment
 from click.testing import CliRunner
 from echo_study import write_study
+from kills import KILLS
 from marked_processes import MARK, new_mark, survivors
 
 import calib
@@ -35,7 +36,6 @@ from calib.workflows.dry_run import check_simulator_runs, dry_run_study
 TRUTH = {"gap": 0.8e-3, "restitution": 0.45}
 DRIVE = Excitation("mass", "force", frequency=20.0, amplitude=30.0)
 KEYS = {"periods": 3, "samples": 60, "settle": 20}
-KILLS = 10
 
 
 @pytest.fixture(scope="module")
@@ -301,7 +301,7 @@ def test_nothing_is_left_after_kills_at_random(tmp_path, truth):
     path, rng = hanging_study(tmp_path, truth, budget=2000, screen=64), random.Random(0)
     for kill in range(KILLS):
         mark = new_mark()
-        number = rng.choice([signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+        number = (signal.SIGTERM, signal.SIGINT, signal.SIGKILL)[kill % 3]
         killed(path, mark, rng, number)
         assert not survivors(mark), (kill, number)
     dry_run_study(path)
