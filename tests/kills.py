@@ -1,6 +1,8 @@
-"""How often each test of kills at random moments kills: a few times, or as often as CALIB_KILLS says.
+"""How often a test of kills at random moments kills: a few times, or as often as CALIB_KILLS says.
 
-`python tests/benchmarks/repeat_kills.py --kills 20` runs all of them with more.
+Twenty times in each:
+
+    CALIB_KILLS=20 pytest -m "slow or not slow" -k "many_kills or kills_at_random or killed_study_ends"
 """
 
 import os

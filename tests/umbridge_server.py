@@ -49,7 +49,7 @@ class Forced(umbridge.Model):
         if fault == RAISES:
             raise ValueError("the mesh is tangled")
         if fault == SLEEPS:
-            time.sleep(5.0)
+            time.sleep(1.0)
         count = config["periods"] * config["samples"]
         x, v = motion(
             1e3 * stiffness, damping, frequency, amplitude, np.arange(count) / (frequency * config["samples"])

@@ -25,7 +25,7 @@ from calib.digitise.importers import SUFFIXES, read
 from calib.errors import CalibError
 
 QUICK = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck), database=None)
-SECONDS = float(os.environ.get("CALIB_FUZZ_SECONDS", "20"))
+SECONDS = float(os.environ.get("CALIB_FUZZ_SECONDS", "5"))
 
 DOCUMENT = (
     '<?xml version="1.0"?><!DOCTYPE engauge><Document VersionNumber="10.0" AxesPointsRequired="0"><CoordSystem>'

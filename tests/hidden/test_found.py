@@ -1,7 +1,9 @@
 """Hide and seek, a handful of cases; `python -m hidden.table` plays them all."""
 
+import json
+
 import pytest
-from hidden.drawn import cases, played
+from hidden.drawn import cases, key, played
 from hidden.four_dof import PLANS
 from hidden.hider import hide
 from hidden.laboratory import DRIFT
@@ -53,6 +55,7 @@ def test_nothing_is_found_where_the_clock_knows_nothing_of_the_drive(simulator, 
 def test_two_causes_in_a_laboratory_drawn_by_chance_are_found(simulator, seed, told):
     [case] = cases(simulator, ["two"], range(seed, seed + 1), 40.0, DRIFT, {})
     row = played(case)
+    assert key(json.loads(json.dumps(row))) == key(case)
     assert sorted(row["effect"]) == told
     assert told in [sorted(names) for names in row["class"]]
 

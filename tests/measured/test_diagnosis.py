@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from shortened import shortened
 
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED
@@ -46,8 +47,9 @@ def transfers(found, parameter):
 
 
 @pytest.mark.slow
-def test_the_spring_of_the_silverbox_hardens(diagnosed):
-    found = diagnosed(STUDIES / "silverbox" / "study.toml", "silverbox/SNLS80mV.csv")
+def test_the_spring_of_the_silverbox_hardens(diagnosed, tmp_path):
+    study = shortened(STUDIES / "silverbox" / "study.toml", tmp_path, 0.5)
+    found = diagnosed(study, "silverbox/SNLS80mV.csv")
     assert found.verdict == NAMED
     assert "cubic_stiffness" in found.causes
     assert found.gain.proven

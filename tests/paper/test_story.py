@@ -18,7 +18,7 @@ def told(tmp_path_factory):
     """What calibration, diagnosis and the extended calibration say; shortened: reduced fidelity, fewer suspects."""
     folder = tmp_path_factory.mktemp("story")
     document = tomlkit.parse(STUDY.read_text())
-    document["study"]["budget"] = 300
+    document["study"]["budget"] = 150
     document["model"]["options"]["fidelity"] = "reduced"
     document["diagnosis"] = {"candidates": SUSPECTS}
     for record in document["record"]:

@@ -22,7 +22,7 @@ from calib.errors import CalibError
 from calib.store import Store, read
 from calib.store import ledger as ledger_room
 
-BUDGET = 50
+BUDGET = max(50, 10 * KILLS)
 SCRIPT = """
 import sys
 from study_fakes import study

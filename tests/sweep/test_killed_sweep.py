@@ -85,7 +85,7 @@ def test_a_killed_sweep_goes_on_and_none_of_its_processes_is_left(tmp_path):
 
 
 def options_of(carry):
-    return "--over", "restitution=0:0.6:241", "--carry", carry
+    return "--over", "restitution=0:0.6:121", "--carry", carry
 
 
 @pytest.fixture(scope="module")
@@ -107,9 +107,9 @@ def whole(tmp_path_factory):
 def test_many_kills_change_nothing(carry, jobs, whole, tmp_path):
     """Killed while it starts, and after a few pieces more each time."""
     study, killed, options = minimal(tmp_path), tmp_path / "killed" / "s.nc", options_of(carry)
-    rng, count = random.Random(f"{carry} {jobs}"), 31 * (2 if carry == "both" else 1)
+    rng, count = random.Random(f"{carry} {jobs}"), 16 * (2 if carry == "both" else 1)
     for number in range(KILLS):
-        aim = count * number // (KILLS + 1)
+        aim = count * number // (2 * KILLS)  # so that half of it is left when it is killed last
         command = sweep(study, killed, *options, "--jobs", jobs)
         kill(command, lambda aim=aim: pieces(killed) >= aim, bool(number % 2), rng.uniform(0.0, 0.2))
     subprocess.run(sweep(study, killed, *options, "--jobs", jobs), env=environment(), check=True)

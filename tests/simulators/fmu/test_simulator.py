@@ -209,7 +209,7 @@ def test_a_value_that_the_fmu_refuses_is_a_status(fmu):
 
 def test_a_crash_or_a_hang_of_the_fmu_costs_that_run_alone(fmu):
     run = partial(status_with, Model(fmu(parameters=FAULTS, section=1)))
-    with LocalPool(run, timeout=5.0, startup=30.0) as pool:
+    with LocalPool(run, timeout=2.0, startup=30.0) as pool:
         results = dict(pool.map([0.0, 4.0, 0.0, 3.0, 0.0]))
     assert [results[i] for i in (0, 2, 4)] == ["ok"] * 3
     assert results[1].status == "crashed"
