@@ -9,12 +9,14 @@ import pytest
 from docs.blocks import LANGUAGES, ROOT, blocks, play, takes_long
 
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
+CONTRACTS = ROOT / "docs" / "reference" / "contracts.md"
 NOTEBOOK = ROOT / "docs" / "tutorials" / "notebook.ipynb"
 
 
 def with_code():
     """Pages that have something to run; those that take long are slow tests."""
     pages = [page for page in [ROOT / "README.md", *PAGES] if any(block.language != "text" for block in blocks(page))]
+    pages.remove(CONTRACTS)  # played by a test of its own
     return [
         pytest.param(page, marks=[pytest.mark.slow] if takes_long(page) else [], id=page.relative_to(ROOT).as_posix())
         for page in pages
@@ -70,6 +72,6 @@ def test_its_links_outside_the_site_lead_somewhere(page):
 
 
 def test_the_kernel_of_the_contracts_integrates_internal_states(desk, capsys):
-    play(ROOT / "docs" / "reference" / "contracts.md", desk)
+    play(CONTRACTS, desk)
     without, friction = (float(line.split()[0]) for line in capsys.readouterr().out.splitlines())
     assert abs(friction - without) > 1e-5  # m, of 1e-3

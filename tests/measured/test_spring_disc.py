@@ -4,7 +4,6 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from shortened import shortened
 
 from calib.diagnosis.diagnose import diagnose
 from calib.execution.pool import InProcess
@@ -24,12 +23,8 @@ def file(measured):
 
 @pytest.fixture(scope="module")
 def best(file, tmp_path_factory):
-    return searched(file.study, tmp_path_factory.mktemp("disc"))
-
-
-def searched(study, folder):
-    """Best trial of a study's search, in this process."""
-    return study.run(Store(folder), InProcess(partial(evaluate, study.without_search()))).best
+    pool = InProcess(partial(evaluate, file.study.without_search()))
+    return file.study.run(Store(tmp_path_factory.mktemp("disc")), pool).best
 
 
 def test_stiffness_and_damping_are_all_that_is_searched(best):
@@ -48,11 +43,10 @@ def test_the_zero_of_the_sensor_is_the_same_in_the_runs_at_large_amplitude(file,
 
 
 @pytest.mark.slow
-def test_drag_and_softening_are_named_and_cubic_and_drift_are_not(file, tmp_path):
-    half = load(shortened(STUDY, tmp_path, 0.5))
-    study = half.study
-    values = {**study.space.fixed, **searched(study, tmp_path / "out").values}
-    found = diagnose(study, half.others, values, half.suspects(), seed=study.seed, pool=InProcess)
+def test_drag_and_softening_are_named_and_cubic_and_drift_are_not(file, best):
+    study = file.study
+    values = {**study.space.fixed, **best.values}
+    found = diagnose(study, file.others, values, file.suspects(), seed=study.seed, pool=InProcess)
     assert found.verdict == "named"
     assert set(found.causes) == {"quadratic_drag", "softening"}
     predictions = [r.prediction for r in found.selection.rounds if r.chosen is not None]
