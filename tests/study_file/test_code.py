@@ -74,25 +74,27 @@ class Thing:
 """
 
 
-def session_code(gain=1.0, order="(1, 2)", seed="0"):
-    """Code of a class that an interactive session defines."""
-    script = (
-        f"import test_code\nexec({CELL.format(gain=gain, order=order)!r})\n"
-        "print(test_code.used_code(test_code.stated('__main__:Thing'), None))"
+def session_codes(*cells, seed="0"):
+    """Code of the classes that the cells of an interactive session define one after the other."""
+    script = "import test_code\n" + "".join(
+        f"exec({cell!r})\nprint(test_code.used_code(test_code.stated('__main__:Thing'), None))\n" for cell in cells
     )
     path = {"PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), environment()["PYTHONPATH"]])}
     variables = {**environment(), **path, "PYTHONHASHSEED": seed}
     return subprocess.run(
         [sys.executable, "-c", script], env=variables, capture_output=True, text=True, check=True
-    ).stdout
+    ).stdout.splitlines()
 
 
 def test_a_class_of_a_notebook_is_known_by_its_compiled_code():
-    code = session_code()
+    cell = CELL.format(gain=1.0, order="(1, 2)")
+    code, of_another_gain, of_another_order, again = session_codes(
+        cell, CELL.format(gain=0.5, order="(1, 2)"), CELL.format(gain=1.0, order="(2, 1)"), cell
+    )
     assert code.startswith("{'__main__:Thing': 'compiled sha256 ")
-    assert session_code(seed="7") == code
-    assert session_code(gain=0.5) != code
-    assert session_code(order="(2, 1)") != code
+    assert [again] == session_codes(cell, seed="7") == [code]
+    assert of_another_gain != code
+    assert of_another_order != code
 
 
 def test_a_class_of_a_script_is_known_by_its_compiled_code_and_the_modules_beside(tmp_path):
