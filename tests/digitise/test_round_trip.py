@@ -1,4 +1,11 @@
-"""Figures are drawn, rasterised, digitised, and compared with what was drawn by the objective's own distance."""
+"""Figures are drawn, rasterised, digitised, and compared with what was drawn by the objective's own distance.
+
+All thirty of them, of which the tests take every third:
+
+    CALIB_FIGURES=30 pytest -m slow tests/digitise/test_round_trip.py -n 0
+"""
+
+import os
 
 import numpy as np
 import pytest
@@ -7,6 +14,7 @@ from digitise.figures import cases, misses, motion, round_trip
 from calib.errors import CalibError
 
 CASES = cases()
+FIGURES = int(os.environ.get("CALIB_FIGURES", "10"))
 
 
 @pytest.mark.parametrize("number", [0, 14])
@@ -18,9 +26,9 @@ def test_a_figure_comes_back(number, tmp_path):
 
 
 @pytest.mark.slow
-def test_thirty_figures_come_back(tmp_path, capsys):
+def test_figures_come_back(tmp_path, capsys):
     near, apart, refused = 0, [], []
-    for number, case in enumerate(CASES):
+    for number, case in list(enumerate(CASES))[:: len(CASES) // FIGURES]:
         try:
             digitised, _, (score, aligned) = round_trip(case, tmp_path, number)
         except CalibError as error:
@@ -31,7 +39,7 @@ def test_thirty_figures_come_back(tmp_path, capsys):
         with capsys.disabled():
             covered = (apart[-1] < 2.0).mean()
             print(f"\nfigure {number}: distance {score.cost:.4f}, {100.0 * covered:.0f} % within 2 s.u.", end="")
-    assert near >= 28
+    assert near >= FIGURES - max(1, FIGURES // 15)
     assert all("curve 'layer'" in said for said in refused)
     assert 0.90 < (np.concatenate(apart) < 2.0).mean() < 0.99
 
