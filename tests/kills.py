@@ -2,7 +2,7 @@
 
 Twenty times in each:
 
-    CALIB_KILLS=20 pytest -m "slow or not slow" -k "many_kills or kills_at_random or killed_study_ends"
+    CALIB_KILLS=20 pytest -m "slow or not slow" -k "many_kills or kills_at_random or random_kills or killed_study_ends"
 """
 
 import os

@@ -22,7 +22,7 @@ from calib.execution.pools.slot import Slot
 from calib.execution.pools.starting import start_server
 
 IDLE_SECONDS = 60.0  # s without a call, after which the program ends; the next call starts it anew
-LOOK_INTERVAL = 1.0  # s between two looks whether the pool is still there
+MARKER_INTERVAL = 1.0  # s between two looks whether the pool is still there
 Request = tuple[int, bytes, str, str | None]  # number, pickled payload, stage, key of its result
 
 
@@ -92,7 +92,7 @@ def _prepared(setup: PoolSetup) -> WorkerState:
 def _end_without(marker: Path) -> None:
     """End this program, with all that it has started, when a pool has taken its file away."""
     while _there(marker):
-        time.sleep(LOOK_INTERVAL)
+        time.sleep(MARKER_INTERVAL)
     os._exit(STOPPED)
 
 
