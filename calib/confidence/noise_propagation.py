@@ -42,6 +42,6 @@ def _noisy(record: xr.Dataset, rng: np.random.Generator) -> xr.Dataset:
     for channel in channels(record):
         values = record[channel]
         size = record[f"{channel}_sigma"] if f"{channel}_sigma" in record else UNSTATED_NOISE_SHARE * values.std("time")
-        noise = values.copy(data=rng.standard_normal(values.shape)) * size
-        changed[channel] = (values + noise.transpose(*values.dims)).assign_attrs(values.attrs)
+        sizes = size.variable.set_dims(values.sizes).transpose(*values.dims).values
+        changed[channel] = values.copy(data=values.values + rng.standard_normal(values.shape) * sizes)
     return record.assign(changed)

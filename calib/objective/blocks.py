@@ -131,7 +131,10 @@ def _possible(have: Sequence[str]) -> list[str]:
 def _broadcast(scale: xr.DataArray | float, reference: xr.DataArray, shape: tuple[int, ...]) -> np.ndarray:
     """Scale (body, channel, rest) of every value of the reference."""
     if isinstance(scale, xr.DataArray):
-        return np.broadcast_to(_cubed(scale.broadcast_like(reference).transpose(*reference.dims)).astype(float), shape)
+        if not all(index.equals(reference.indexes.get(name)) for name, index in scale.indexes.items()):
+            scale = scale.broadcast_like(reference)
+        every = scale.variable.set_dims(reference.sizes).transpose(*reference.dims).values
+        return every.reshape(shape).astype(float)
     return np.broadcast_to(np.asarray(scale, dtype=float), shape)
 
 

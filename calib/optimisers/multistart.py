@@ -8,26 +8,16 @@ from scipy.stats.qmc import Sobol
 
 from calib.optimisers import least_squares, model_search
 from calib.optimisers.archive import Archive
+from calib.optimisers.basins import Basin, SearchEnds
 from calib.optimisers.evolution import Evolution
 from calib.optimisers.outcome import Asking, OutcomeLike
 from calib.optimisers.trend import lowest_of_trend
 
-SAME_POINT_DISTANCE = 0.01  # of the window: ends of searches closer than this agree in point
-SAME_COST_DIFFERENCE = 0.01  # relative: ends whose costs differ less agree in cost
 FIRST_RADIUS = 0.1  # of the window: first trust region of a search from a screened point  [1]
 FIRST_RADIUS_NEAR_MINIMUM = 0.02  # of the window: of one from the least point of the trend or from the population  [1]
 MIN_START_DISTANCE = 0.35  # over the mean spacing of the screen: a start nearer to another is not tried  [1]
 MAX_SCREEN_FRACTION = 3  # one part in so many of the budget is screened at most
 MIN_SEARCHES_IN_BEST_BASIN = 3  # that have to have ended there before the study may stop  [count]
-
-
-@dataclass(frozen=True)
-class Basin:
-    """A point where searches ended, the least of their costs, and how many ended there."""
-
-    point: tuple[float, ...]
-    cost: float
-    searches: int
 
 
 @dataclass(frozen=True)
@@ -103,7 +93,7 @@ class Multistart:
         self._screened: list[tuple[np.ndarray, OutcomeLike]] = []
         self._tasks: list[SearchTask] = []
         self._starts: list[np.ndarray] = []
-        self._ends: list[tuple[np.ndarray, float]] = []
+        self._ends = SearchEnds(dim)
         self.spent = dict.fromkeys(("screen", "search", "population"), 0)
         self._best = (np.full(dim, np.nan), np.inf, "screen")  # point, cost, purpose of its task
         self._round = 0
@@ -149,11 +139,11 @@ class Multistart:
         """
         if self._total() >= self._budget:
             return "budget spent"
-        n, basins = len(self._ends), self._basins()
-        if not self._has_residuals or n <= len(basins) + 2 or basins[0].searches < MIN_SEARCHES_IN_BEST_BASIN:
+        n, (basins, in_best) = len(self._ends), self._ends.counts()
+        if not self._has_residuals or n <= basins + 2 or in_best < MIN_SEARCHES_IN_BEST_BASIN:
             return None
-        if len(basins) * (n - 1) / (n - len(basins) - 2) < len(basins) + 0.5:
-            return f"{basins[0].searches} of {n} local searches agree on the best of {len(basins)} basins"
+        if basins * (n - 1) / (n - basins - 2) < basins + 0.5:
+            return f"{in_best} of {n} local searches agree on the best of {basins} basins"
         return None
 
     def close(self) -> None:
@@ -161,11 +151,8 @@ class Multistart:
 
     def summary(self) -> Summary:
         """Number of local searches, number that agree with the best, and the basins that they reached."""
-        basins = self._basins()
-        if not basins:
-            return Summary(len(self._starts), 0, 0, ())
-        agree = sum(same_cost(cost, basins[0].cost) for _, cost in self._ends)
-        return Summary(len(self._starts), basins[0].searches, agree, tuple(basins))
+        _, in_best = self._ends.counts()
+        return Summary(len(self._starts), in_best, self._ends.agree_in_cost(), tuple(self._ends.basins()))
 
     # ---------------------------------------------------------------------------------------------- what to do next
     def _total(self) -> int:
@@ -252,7 +239,7 @@ class Multistart:
     def _best_unexplored(self) -> tuple[np.ndarray, OutcomeLike] | None:
         """The best screened point away from all starts and ends, with its outcome; None if there is none."""
         points, costs = self._screen_costs()
-        known = np.array(self._starts + [u for u, _ in self._ends]).reshape(-1, self._dim)
+        known = np.concatenate([np.array(self._starts).reshape(-1, self._dim), self._ends.points])
         away = MIN_START_DISTANCE * len(points) ** (-1 / self._dim)
         for i in np.argsort(costs, kind="stable"):
             if np.isfinite(costs[i]) and (np.abs(known - points[i]).max(axis=1) > away).all():
@@ -287,7 +274,7 @@ class Multistart:
                 request = search.send(outcomes)
             except StopIteration:
                 break
-        self._ends.append(lowest)
+        self._ends.add(*lowest)
 
     def _generation(self) -> Asking[None]:
         """One generation of the population; a run that has converged is followed by one twice as large (IPOP)."""
@@ -316,18 +303,6 @@ class Multistart:
             if outcome.cost < self._best[1]:
                 self._best = (np.array(u), outcome.cost, purpose)
 
-    def _basins(self) -> list[Basin]:
-        """Basins where the searches ended, best first; ends agree with a basin in point and in cost."""
-        basins: list[Basin] = []
-        for u, cost in sorted(self._ends, key=lambda end: end[1]):
-            for i, basin in enumerate(basins):
-                if np.abs(u - basin.point).max() < SAME_POINT_DISTANCE and same_cost(cost, basin.cost):
-                    basins[i] = Basin(basin.point, basin.cost, basin.searches + 1)
-                    break
-            else:
-                basins.append(Basin(tuple(u.tolist()), cost, 1))
-        return basins
-
 
 @dataclass(frozen=True)
 class UsableOutcome:
@@ -345,8 +320,3 @@ def usable_part(outcome: OutcomeLike) -> UsableOutcome:
     if residuals is not None and not np.isfinite(residuals).all():
         residuals = None
     return UsableOutcome(cost, residuals, outcome.kind)
-
-
-def same_cost(cost: float, best: float) -> bool:
-    """Whether a cost is that of the best, to one per cent."""
-    return abs(cost - best) <= SAME_COST_DIFFERENCE * abs(best) + 1e-12

@@ -7,7 +7,7 @@ from calib.study.evaluation import Evaluation, evaluate, outcome, simulated
 from calib.study.initial_state import check_searched, check_solvable, check_stated
 from calib.study.reachability import Reach, UnreachableFeature, reach
 from calib.study.result import CalibrationResult, ConfidenceSummary, CorrelationSummary, UndeterminedGroup
-from calib.study.search import BUDGET_SPENT
+from calib.study.search import BUDGET_SPENT, SearchEnd
 from calib.study.study import INTERRUPTED, CalibrationStudy, SearchResult
 
 __all__ = [
@@ -26,6 +26,7 @@ __all__ = [
     "Outcome",
     "Pool",
     "Reach",
+    "SearchEnd",
     "SearchResult",
     "StoreContract",
     "CalibrationStudy",

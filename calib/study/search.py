@@ -1,9 +1,9 @@
 """One run of a study over its store: screen, then segments of asking, evaluating and telling."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, is_dataclass
+from dataclasses import asdict, dataclass, is_dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -22,6 +22,23 @@ BUDGET_SPENT = "budget spent"  # why a search ended; otherwise the optimiser's o
 
 OnOpened = Callable[[Sequence[Trial]], None]  # the trials of earlier runs
 OnTrial = Callable[[Trial, Trial | None, int], None]  # a new trial, the best so far, the number of trials there are
+
+
+@dataclass(frozen=True)
+class SearchEnd:
+    """How an earlier run of a study ended.
+
+    Attributes
+    ----------
+    trials : number of trials there were
+    best : number of the best one, None where none ended ok
+    stopped, agreement : see `calib.study.SearchResult`
+    """
+
+    trials: int
+    best: int | None
+    stopped: str
+    agreement: Mapping[str, Any] | None
 
 
 class Searchable(Protocol):
@@ -71,14 +88,29 @@ class Search:
         self._best = best(logged)
         self.agreement: dict[str, Any] | None = None
 
-    def to_the_end(self) -> str:
-        """Evaluate the screen, then one segment after the other; return why it ended."""
+    def to_the_end(self, earlier: SearchEnd | None = None) -> str:
+        """Evaluate the screen, then one segment after the other; return why it ended.
+
+        Where the `earlier` end is that of these trials and of this budget, nothing is asked of the optimiser.
+        """
+        if earlier is not None and self._ended(earlier):
+            self.agreement = None if earlier.agreement is None else dict(earlier.agreement)
+            return earlier.stopped
         self._screen()
         while True:
             stopped = self._segment()
             if not self._store.header.hint <= len(self.trials) < self._study.budget:
                 return stopped
             self._store.begin_segment(self._study.budget)  # it ended for want of the budget that there is now
+
+    def _ended(self, earlier: SearchEnd) -> bool:
+        """Whether nothing has come or changed since that end of the search, and there is no more budget to spend."""
+        number, header = len(self.trials), self._store.header
+        same = earlier.trials == number and earlier.best == (None if self._best is None else self._best.number)
+        begun = all(trial < header.first for trial in self.trials)  # a segment, for what has changed
+        spent = number == self._study.budget
+        stopped = earlier.stopped != BUDGET_SPENT and number <= min(self._study.budget, header.hint - 1)
+        return same and not begun and (spent or stopped)
 
     def _screen(self) -> None:
         points = _screen_points(self._study.space, self._study.seed, self._store.header.screen)
@@ -150,7 +182,8 @@ class Search:
             # alone: a mistake of usage is found before it fills the log, and kernels are compiled only once
             self._evaluate_all(todo[:1], phase)
             todo = todo[1:]
-        self._evaluate_all(todo, phase)
+        if todo:  # a pool that is asked for nothing still starts its server
+            self._evaluate_all(todo, phase)
 
     def _evaluate_all(self, todo: list[tuple[int, np.ndarray]], phase: Phase) -> None:
         values = [self._study.space.values(u) for _, u in todo]

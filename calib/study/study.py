@@ -19,7 +19,7 @@ from calib.study.contracts import Optimiser, StoreContract
 from calib.study.evaluation import evaluate
 from calib.study.initial_state import check_searched, check_solvable, check_stated
 from calib.study.reachability import Reach, reach
-from calib.study.search import OnOpened, OnTrial, Search
+from calib.study.search import OnOpened, OnTrial, Search, SearchEnd
 
 MAX_SCREEN_POINTS = 64  # points of the screen, unless the budget is below four times as many
 INTERRUPTED = "interrupted"  # why a study stopped, by Ctrl-C
@@ -133,6 +133,7 @@ class CalibrationStudy:
         fresh: bool = False,
         on_opened: OnOpened | None = None,
         on_ask: Callable[[int], None] = lambda points: None,
+        ended: SearchEnd | None = None,
     ) -> SearchResult:
         """Search until the budget is spent, the optimiser stops, or Ctrl-C; take up what the store has already.
 
@@ -150,6 +151,7 @@ class CalibrationStudy:
         fresh : set aside what the store has
         on_opened : called with the trials that the store has already
         on_ask : called with the number of points of which the optimiser asks the values at a time
+        ended : how an earlier run ended; where nothing has changed since, the trials are not replayed
 
         Raises
         ------
@@ -167,7 +169,7 @@ class CalibrationStudy:
         try:
             if on_opened is not None:
                 on_opened(logged)
-            stopped = run.to_the_end()
+            stopped = run.to_the_end(ended)
         except KeyboardInterrupt:
             stopped = INTERRUPTED
         finally:

@@ -29,6 +29,7 @@ from calib.study import (
     CalibrationStudy,
     Confirmation,
     Evaluation,
+    SearchEnd,
     SearchResult,
     confirm,
     leaders,
@@ -186,10 +187,22 @@ def _searched(
     search = study.run(
         store, evaluations.calibrated(SEARCH), on_trial=progress.trial, fresh=fresh, on_opened=progress.earlier,
         on_ask=IdleWorkers(evaluations, progress.note),
+        ended=_end_of_search(store.folder),
     )  # fmt: skip
     if search.stopped == INTERRUPTED:
         raise KeyboardInterrupt
     return search
+
+
+def _end_of_search(folder: Path) -> SearchEnd | None:
+    """How the search of the result in a folder ended; None where there is none, or no readable one: it is made anew."""
+    try:
+        ended = result.read(folder)
+    except CalibError:
+        return None
+    if ended is None:
+        return None
+    return SearchEnd(ended.trials, ended.searched_best, ended.stopped, ended.agreement)
 
 
 def _confirmed(

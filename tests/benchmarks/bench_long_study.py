@@ -3,8 +3,8 @@
 Run as ``python tests/benchmarks/bench_long_study.py [TRIALS]`` (20 000), or with ``--folder`` to keep the study.
 
 Measured at 20 000 trials of 2 parameters, 222 residuals and 6 scalar features, on a busy machine: 7.7 kB a trial before
-residuals were read from disk, 1.5 kB (at 2000 trials) since. Of 8.6 s of CPU to open the finished study, 2.5 s are
-imports, 1.2 s the ledger, 1.3 s the replay of CMA-ES, 2 s the confidence intervals and 1.1 s the report.
+residuals were read from disk, 1.3 kB since. Of the CPU time to open the finished study 2.2 s are imports, 1.1 s the
+ledger, 1.1 s the confidence intervals and 0.9 s the report; the trials are not replayed.
 """
 
 import argparse
