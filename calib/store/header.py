@@ -75,9 +75,8 @@ class Header:
         ------
         ValueError : a key is missing
         """
-        known = {one.name for one in fields(cls)} - {"further"}
-        own = {key: value for key, value in line.items() if key in known}
-        return typed(cls, {**own, "further": {key: value for key, value in line.items() if key not in known}})
+        own = {key: value for key, value in line.items() if key in HEADER_KEYS}
+        return typed(cls, {**own, "further": {key: value for key, value in line.items() if key not in HEADER_KEYS}})
 
     def as_dict(self) -> dict[str, Any]:
         """Return the object of the line, further keys last."""
@@ -100,3 +99,6 @@ class Header:
             cpu=environment.cpu,
             blas=environment.blas,
         )
+
+
+HEADER_KEYS = frozenset(one.name for one in fields(Header)) - {"further"}  # of a line, without its check sum

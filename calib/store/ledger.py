@@ -21,7 +21,7 @@ from calib.modelling.parameter import Window
 from calib.store import checksum
 from calib.store.code import by_present_code, code_change
 from calib.store.environment import Environment, environment
-from calib.store.header import Header, StudyHeader
+from calib.store.header import HEADER_KEYS, Header, StudyHeader
 from calib.store.plain import plain
 from calib.store.residuals import BYTES_PER_RESIDUAL, SideFile, StoredResiduals
 from calib.store.trial import KEYS, Trial, line, trial_of
@@ -52,8 +52,8 @@ class Ledger:
     `trials.jsonl` holds a header line, then one line a trial. A later header line begins a new segment (other
     libraries, another processor or BLAS kernel, changed code) or states a new budget.
 
-    A line counts when its line end is there, and a trial's line ends with its check sum. Residuals are synced before
-    the line that points at them, and the line before the call returns.
+    A line counts when its line end is there, and it ends with its check sum. Residuals are synced before the line that
+    points at them, and the line before the call returns.
     """
 
     def __init__(self, folder: Path):
@@ -177,7 +177,7 @@ class Ledger:
 
     def _write_header(self, header: Header) -> None:
         self._header = replace(header, time=datetime.now(UTC).isoformat(timespec="seconds"))
-        text = (json.dumps(self._header.as_dict(), allow_nan=False, separators=(",", ":")) + "\n").encode()
+        text = checksum.sealed(json.dumps(self._header.as_dict(), allow_nan=False, separators=(",", ":")))
         self._write(self._file, self._path, text, self._end)
         self._end += len(text)
 
@@ -227,7 +227,11 @@ _number = lru_cache(RECENT_NUMBERS)(float)  # a measured value that every line s
 
 
 class _Damage(ValueError):
-    """What is wrong with a line that can be read."""
+    """What is wrong with a line that can be read, and what to do about it."""
+
+    def __init__(self, what: str, remedy: str = "restore it, cut that line out"):
+        super().__init__(what)
+        self.remedy = remedy
 
 
 DAMAGE = (AttributeError, KeyError, OverflowError, RecursionError, TypeError, ValueError)  # by a line that is no trial
@@ -248,7 +252,7 @@ def _parse(path: Path) -> _Content:
             if content is None:
                 break
             if "format" in content:
-                headers.append(_header(content, path))
+                headers.append(_header(text, content, path))
                 windows = _windows(headers[-1])
             elif not headers:
                 raise CalibError(f"{path}: not a ledger of calib (no header in line 1); choose another folder")
@@ -358,14 +362,22 @@ def _compare(path: Path, old: Mapping[str, Any], new: Mapping[str, Any]) -> None
 
 
 def _damaged(path: Path, index: int, error: Exception) -> CalibError:
-    what = str(error) if isinstance(error, _Damage) else "not readable"
+    damage = error if isinstance(error, _Damage) else _Damage("not readable")
     return CalibError(
-        f"{path}, line {index + 1}: {what}; the file was changed or the disk is damaged; "
-        "restore it, cut that line out, or begin afresh (--fresh moves what is there aside)"
+        f"{path}, line {index + 1}: {damage}; the file was changed or the disk is damaged; "
+        f"{damage.remedy}, or begin afresh (--fresh moves what is there aside)"
     )
 
 
-def _header(content: Mapping[str, Any], path: Path) -> Header:
+def _header(text: bytes, content: dict[str, Any], path: Path) -> Header:
+    """Header of a line; one without a check sum, as version 0.1 wrote it, has no key but those of a header."""
+    if content.keys() - HEADER_KEYS and not checksum.is_intact(text, content):
+        raise _Damage(
+            "the check sum of this header does not fit its content",
+            "the trials after it are safe: restore the line from a copy of the file, or put it right and delete its "
+            f'"{checksum.KEY}"',
+        )
+    content.pop(checksum.KEY, None)
     if content["format"] != FORMAT_VERSION:
         raise CalibError(
             f"{path}: format {content['format']}, this calib reads {FORMAT_VERSION}; use the calib that wrote it"

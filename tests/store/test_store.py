@@ -24,6 +24,7 @@ from store_samples import HEADER, SPACE, TIME, WINDOWS, failed, filled, picture,
 from calib.errors import CalibError
 from calib.records import read as read_record
 from calib.store import Store, mirror, read
+from calib.store.checksum import sealed
 from calib.store.ledger import differences
 from calib.store.lock import is_locked
 from calib.store.optuna_view import storage
@@ -162,7 +163,7 @@ def damaged(folder, count, number, change):
 
 
 def without_checksum(line):
-    """A trial's line as version 0.1 wrote it."""
+    """A line as version 0.1 wrote it."""
     return line.partition(',"crc32":')[0] + "}"
 
 
@@ -202,7 +203,40 @@ def test_lines_without_a_check_sum_are_read_and_continued(tmp_path):
     path = damaged(tmp_path, 2, 2, without_checksum)
     filled(tmp_path, [trial(2)])
     assert read(tmp_path)[1] == [trial(0), trial(1), trial(2)]
-    assert ["crc32" in line for line in path.read_text().splitlines()] == [False, False, True, True]
+    assert ["crc32" in line for line in path.read_text().splitlines()] == [True, False, True, True]
+
+
+def test_a_flipped_bit_in_a_header_is_refused_and_nothing_is_lost(tmp_path):
+    path = filled(tmp_path, [trial(0)]) / "trials.jsonl"
+    filled(tmp_path, [trial(1)], header=replace(HEADER, budget=50))
+    lines = path.read_text().splitlines()
+    assert "format" in json.loads(lines[2])
+    for number in (0, 2):
+        for place in range(len(lines[number])):
+            path.write_text(
+                "".join(line + "\n" for line in [*lines[:number], flipped(lines[number], place), *lines[number + 1 :]])
+            )
+            with pytest.raises(
+                CalibError, match=rf"line {number + 1}: (the check sum|its check sum|not readable)|no header"
+            ):
+                read(tmp_path)
+    before = path.read_bytes()
+    with pytest.raises(CalibError, match="."):
+        Store(tmp_path, view=None).open(HEADER)
+    assert path.read_bytes() == before
+
+
+def test_a_header_that_was_put_right_by_hand_is_read_without_its_check_sum(tmp_path):
+    path = filled(tmp_path, [trial(0)]) / "trials.jsonl"
+    text = path.read_text()
+    path.write_text(text.replace('"budget":20', '"budget":29'))
+    with pytest.raises(
+        CalibError, match=f'{path}, line 1: the check sum of this header .* the trials after it are safe: .* "crc32"'
+    ):
+        read(tmp_path)
+    first, second = text.splitlines(keepends=True)
+    path.write_text(without_checksum(first) + "\n" + second)
+    assert read(tmp_path)[1] == [trial(0)]
 
 
 def test_values_that_contradict_the_point_are_refused_with_their_line(tmp_path):
@@ -256,7 +290,8 @@ def test_keys_of_a_later_version_stay_in_the_header(tmp_path):
     filled(tmp_path, [trial(0)])
     path = tmp_path / "trials.jsonl"
     first, *rest = path.read_text().splitlines(keepends=True)
-    path.write_text("".join([json.dumps({**json.loads(first), "machine": [1, None]}) + "\n", *rest]))
+    later = json.dumps({**json.loads(without_checksum(first)), "machine": [1, None]})
+    path.write_text("".join([sealed(later).decode(), *rest]))
     filled(tmp_path, [], header=replace(HEADER, budget=50))
     header, trials = read(tmp_path)
     assert (header.budget, header.further, trials) == (50, {"machine": [1, None]}, [trial(0)])
@@ -266,7 +301,7 @@ def test_keys_of_a_later_version_stay_in_the_header(tmp_path):
 def test_a_header_without_a_definition_is_damage(tmp_path):
     filled(tmp_path, [])
     path = tmp_path / "trials.jsonl"
-    header = json.loads(path.read_text())
+    header = json.loads(without_checksum(path.read_text()))
     path.write_text(json.dumps({key: value for key, value in header.items() if key != "definition"}) + "\n")
     with pytest.raises(CalibError, match="line 1: not readable"):
         read(tmp_path)
@@ -291,7 +326,7 @@ def test_a_foreign_file_is_not_taken_for_a_ledger(tmp_path):
 def test_a_ledger_of_a_later_calib_is_not_guessed_at(tmp_path):
     filled(tmp_path, [])
     path = tmp_path / "trials.jsonl"
-    path.write_text(path.read_text().replace('"format":1', '"format":2'))
+    path.write_bytes(sealed(without_checksum(path.read_text()).replace('"format":1', '"format":2')))
     with pytest.raises(CalibError, match="format 2, this calib reads 1"):
         read(tmp_path)
 
