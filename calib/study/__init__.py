@@ -6,7 +6,7 @@ from calib.study.contracts import Optimiser, Outcome, StoreContract
 from calib.study.evaluation import Evaluation, evaluate, outcome, simulated
 from calib.study.initial_state import check_searched, check_solvable, check_stated
 from calib.study.reachability import Reach, UnreachableFeature, reach
-from calib.study.result import CalibrationResult, ConfidenceSummary, CorrelationSummary, UndeterminedGroup
+from calib.study.result import CalibrationResult, ConfidenceSummary, CorrelationSummary, ModelSummary, UndeterminedGroup
 from calib.study.search import BUDGET_SPENT, SearchEnd
 from calib.study.study import INTERRUPTED, CalibrationStudy, SearchResult
 
@@ -22,6 +22,7 @@ __all__ = [
     "Confirmation",
     "Evaluation",
     "Leader",
+    "ModelSummary",
     "Optimiser",
     "Outcome",
     "Pool",

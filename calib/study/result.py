@@ -8,6 +8,7 @@ from typing import Any
 
 from calib.errors import CalibError
 from calib.execution.files import whole
+from calib.modelling.model import Model
 from calib.modelling.parameter import Window
 from calib.records import OK
 from calib.store.plain import plain, typed
@@ -133,6 +134,46 @@ class ConfidenceSummary:
 
 
 @dataclass(frozen=True)
+class ParameterSummary:
+    """A parameter of the model: its unit, its nominal value  [unit], and what it means."""
+
+    unit: str
+    nominal: float
+    meaning: str = ""
+
+
+@dataclass(frozen=True)
+class ModelSummary:
+    """What a report shows of the model.
+
+    Attributes
+    ----------
+    name : of simulator and effects
+    bodies : of the simulator
+    parameters : of the simulator and its effects, by name
+    initial : parameter of the initial state -> body and channel
+    incidental : options of the simulator without influence on records
+    """
+
+    name: str
+    bodies: tuple[str, ...] = ()
+    parameters: Mapping[str, ParameterSummary] = field(default_factory=dict)
+    initial: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    incidental: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, model: Model) -> "ModelSummary":
+        """Summarise a model."""
+        return cls(
+            model.name,
+            tuple(model.bodies),
+            {name: ParameterSummary(one.unit, one.nominal, one.meaning) for name, one in model.parameters.items()},
+            dict(model.initial),
+            tuple(sorted(getattr(model.simulator, "incidental", ()))),
+        )
+
+
+@dataclass(frozen=True)
 class FailureSummary:
     """Trials that ended in one way other than ok: the status, how many, and the reason of the first."""
 
@@ -170,6 +211,7 @@ class CalibrationResult:
     failures : in which way they ended, the most frequent first
     simulations : runs of the simulator, everything counted
     seconds : wall-clock time  [s]
+    model : that was calibrated; None where a former version did not say
     """
 
     name: str = ""
@@ -198,6 +240,7 @@ class CalibrationResult:
     failures: tuple[FailureSummary, ...] = ()
     simulations: int | None = None
     seconds: float = 0.0
+    model: ModelSummary | None = None
 
     @classmethod
     def from_dict(cls, document: Mapping[str, Any]) -> "CalibrationResult":
@@ -207,11 +250,12 @@ class CalibrationResult:
     def as_dict(self) -> dict[str, Any]:
         """Return the object of result.json, which `json.dumps(..., allow_nan=False)` takes.
 
-        `reproduced` is left out where it is None.
+        `reproduced` and `model` are left out where they are None.
         """
         own = plain(self)
-        if self.reproduced is None:
-            del own["reproduced"]
+        for key in ("reproduced", "model"):
+            if own[key] is None:
+                del own[key]
         return own
 
     @property

@@ -17,6 +17,7 @@ from calib.study.result import (
     FailureSummary,
     HeldOutSummary,
     LeaderSummary,
+    ModelSummary,
     MotionSummary,
     ScoreSummary,
 )
@@ -91,6 +92,7 @@ def _of_search(study: CalibrationStudy, search: SearchResult) -> CalibrationResu
         name=study.name,
         stopped=search.stopped,
         windows=study.space.windows,
+        model=ModelSummary.of(study.model),
         unreachable=tuple(reach.summary() for reach in search.reach if not reach.reached),
         agreement=_agreement(search.agreement),
         trials=len(search.trials),

@@ -20,15 +20,17 @@ from calib.modelling.simulator_check import simulator_class
 from calib.objective import Objective, Reference, Term
 from calib.store.plain import plain
 from calib.store.record_files import Keep
-from calib.study import CalibrationStudy, Optimiser, check_searched, check_stated
+from calib.study import CalibrationStudy, ModelSummary, check_searched, check_stated
 from calib.study_file.candidates import Candidates, named_effect, read_candidates
 from calib.study_file.code import used_code
 from calib.study_file.folder import results_folder
 from calib.study_file.laboratory import read_laboratory
 from calib.study_file.mistakes import Mistakes, PythonOrigin, located, read_study
+from calib.study_file.optimiser import OptimiserMaker, no_search
 from calib.study_file.pool import pool_settings
 from calib.study_file.references import REQUEST_KEYS, digest, references
-from calib.study_file.schema import OptimiserTable, StudyToml, TermTable
+from calib.study_file.schema import DiagnosisTable, OptimiserTable, StudyToml, TermTable
+from calib.study_file.stored_simulator import StoredSimulator
 from calib.units import to_si
 
 CONTRACT_ARGUMENTS = ("dim", "seed", "budget", "batch")  # of an optimiser; the rest are options of the user
@@ -129,6 +131,7 @@ def load(
     origin: PythonOrigin | None = None,
     out: str | Path | None = None,
     pool: Mapping[str, Any] | None = None,
+    stored: ModelSummary | None = None,
 ) -> StudyFile:
     """Read a study file, or the `study.toml` of a folder.
 
@@ -138,6 +141,7 @@ def load(
     origin : where the study was stated, if not in the file
     out : folder of the results; None: see `calib.study_file.results_folder`
     pool : keys of a [pool] table that takes the place of the file's
+    stored : model of the result, for a study that is only shown: of what its file names the features alone are loaded
 
     Raises
     ------
@@ -147,19 +151,20 @@ def load(
     path = located(path)
     shape, mistakes = read_study(path, origin)
     folder = results_folder(path) if out is None else Path(out)
-    model = _model(shape, mistakes, folder)
-    known = references(shape, model, mistakes)
+    model = _model(shape, mistakes, folder) if stored is None else Model(StoredSimulator(stored))
+    known = references(shape, model if stored is None else None, mistakes)
     every = {name: reference for name, reference in known.items() if reference is not None}
     calibrated = {name: reference for name, reference in every.items() if reference.use == "calibrate"}
     space = _space(shape, model, known, mistakes) if model is not None else None
     complete = bool(calibrated) and len(every) == len(known)
     terms = _terms(shape, calibrated if complete else None, mistakes)
-    optimiser = _optimiser(shape, mistakes)
+    optimiser = _optimiser(shape, mistakes) if stored is None else OptimiserMaker(no_search, {}, "[optimiser]")
     timeout = _seconds(shape, mistakes)
     settings = pool_settings(shape, mistakes, jobs, pool)
-    candidates = read_candidates(shape.diagnosis.candidates, mistakes, "diagnosis", "candidates")
+    diagnosis = shape.diagnosis if stored is None else DiagnosisTable()
+    candidates = read_candidates(diagnosis.candidates, mistakes, "diagnosis", "candidates")
     _check_screen(shape, budget or shape.study.budget, mistakes)
-    laboratory = read_laboratory(shape.diagnosis.bench, every, model, mistakes) if complete and model else None
+    laboratory = read_laboratory(diagnosis.bench, every, model, mistakes) if complete and model else None
     mistakes.tell()
     with mistakes.at("term"):
         objective = Objective(calibrated, terms)
@@ -179,22 +184,6 @@ def load(
     )
 
 
-@dataclass(frozen=True)
-class OptimiserMaker:
-    """Makes the optimiser of a study; a refusal names the line of the study file."""
-
-    maker: Callable[..., Optimiser]
-    options: Mapping[str, Any]
-    place: str
-
-    def __call__(self, **contract: int) -> Optimiser:
-        """Return the optimiser for `dim`, `seed`, `budget` and `batch`."""
-        try:
-            return self.maker(**contract, **self.options)
-        except (CalibError, TypeError, ValueError, ImportError) as error:
-            raise CalibError(f"{self.place}: {error}") from error
-
-
 class _Parts(NamedTuple):
     """What a study is made of."""
 
@@ -209,6 +198,7 @@ class _Parts(NamedTuple):
 def _study(shape: StudyToml, mistakes: Mistakes, parts: _Parts, budget: int | None) -> CalibrationStudy:
     model, space = parts.model, parts.space
     jobs = parts.pool.jobs if parts.pool.kind == "local" else shape.study.jobs
+    shown = isinstance(model.simulator, StoredSimulator)
     return CalibrationStudy(
         name=shape.study.name,
         model=model,
@@ -223,7 +213,7 @@ def _study(shape: StudyToml, mistakes: Mistakes, parts: _Parts, budget: int | No
         timeout=parts.timeout,
         screen=shape.study.screen,
         definition=_definition(shape, model, space, mistakes.path.parent),
-        code=used_code(shape, mistakes.modules, model.simulator),
+        code={} if shown else used_code(shape, mistakes.modules, model.simulator),
     )
 
 

@@ -29,7 +29,6 @@ from calib.study import (
     CalibrationStudy,
     Confirmation,
     Evaluation,
-    SearchEnd,
     SearchResult,
     confirm,
     leaders,
@@ -45,6 +44,7 @@ from calib.study_file import EXTENDED, StudyFile, load, results_folder
 from calib.workflows.amplitudes import implausible_amplitudes
 from calib.workflows.dry_run import check_simulator_runs
 from calib.workflows.evaluations import CALIBRATED, CONFIRM, SEARCH, Case, Evaluations, IdleWorkers, held_out_references
+from calib.workflows.stored import end_of_search, scored, stored_study
 
 MAX_FREE_TRIGGER_SHARE = 0.5  # of the distance: a free trigger is recommended where it leaves less
 UNFINISHED = "not finished"  # why a search ended that has not
@@ -132,10 +132,16 @@ def calibrate_file(file: StudyFile, folder: Path, *, fresh: bool = False, quiet:
 def rebuild(
     path: str | Path, out: str | Path | None = None, jobs: int | None = None, pool: Mapping[str, Any] | None = None
 ) -> Path:
-    """Write report.html anew from what lies in the folder of a study, and return its path.
+    """Write report.html anew from what lies in the folder of a study, and return its path; see `stored_study`.
 
     `jobs` and `pool` take the place of the file's.
     """
+    stored = stored_study(path, out, jobs, pool)
+    if stored is not None:
+        file, records = stored
+        calibrated = _read_back(file, file.folder, records)
+        if calibrated.result.stopped != UNFINISHED:
+            return _reported(file, file.folder, calibrated)
     file = load(path, jobs=jobs, out=out, pool=pool)
     return _reported(file, file.folder, _read_back(file, file.folder))
 
@@ -187,22 +193,11 @@ def _searched(
     search = study.run(
         store, evaluations.calibrated(SEARCH), on_trial=progress.trial, fresh=fresh, on_opened=progress.earlier,
         on_ask=IdleWorkers(evaluations, progress.note),
-        ended=_end_of_search(store.folder),
+        ended=end_of_search(store.folder),
     )  # fmt: skip
     if search.stopped == INTERRUPTED:
         raise KeyboardInterrupt
     return search
-
-
-def _end_of_search(folder: Path) -> SearchEnd | None:
-    """How the search of the result in a folder ended; None where there is none, or no readable one: it is made anew."""
-    try:
-        ended = result.read(folder)
-    except CalibError:
-        return None
-    if ended is None:
-        return None
-    return SearchEnd(ended.trials, ended.searched_best, ended.stopped, ended.agreement)
 
 
 def _confirmed(
@@ -327,8 +322,10 @@ def _base(file: StudyFile) -> BaseStudy | None:
 # --- what lies in a folder -------------------------------------------------------------------------------------------
 
 
-def _read_back(file: StudyFile, folder: Path) -> Calibrated:
+def _read_back(file: StudyFile, folder: Path, records: Mapping[str, xr.Dataset] | None = None) -> Calibrated:
     """A calibration from its ledger and its result; where the search has not ended, as far as its trials tell it.
+
+    Nothing is simulated where there are `records` of the result's best trial.
 
     Raises
     ------
@@ -342,12 +339,17 @@ def _read_back(file: StudyFile, folder: Path) -> Calibrated:
     if summary is not None and summary.best_trial is not None:
         top = next(trial for trial in trials if trial.number == summary.best_trial)
     confirming = summary is not None and summary.confirmed
-    if confirming and study.model.confirming is None:
+    if confirming and records is None and study.model.confirming is None:
         raise CalibError(
             f"the best trial was confirmed by another simulator, and {study.model.simulator.name!r} no longer names "
             "one; run the study again"
         )
-    point, predictions = (None, {}) if top is None else _evaluated_again(file, top, confirming)
+    point: BestPoint | None = None
+    predictions: dict[str, Evaluation | Failure] = {}
+    if top is not None and records is not None:
+        point = BestPoint(top, confirming, scored(study, records))
+    elif top is not None:
+        point, predictions = _evaluated_again(file, top, confirming)
     if summary is None:
         summary = summarised(
             study,

@@ -17,6 +17,7 @@ from click.testing import CliRunner
 from echo_study import write_study
 from kills import KILLS
 from marked_processes import MARK, new_mark, survivors
+from written_page import page_content
 
 import calib
 from calib.cli import main
@@ -30,7 +31,7 @@ from calib.simulators.command import Command
 from calib.store import read
 from calib.store.code import code_change
 from calib.study_file import load
-from calib.workflows.calibrate import calibrate
+from calib.workflows.calibrate import calibrate, rebuild
 from calib.workflows.dry_run import check_simulator_runs, dry_run_study
 
 TRUTH = {"gap": 0.8e-3, "restitution": 0.45}
@@ -74,6 +75,16 @@ def test_the_true_values_are_found(tmp_path, truth):
     assert result.failed == 0
     runs = tmp_path / "out" / "runs"
     assert [path.name for path in runs.iterdir() if any(path.iterdir())] == ["dry-run"]
+
+
+def test_a_report_needs_neither_program_nor_templates(tmp_path, truth):
+    path = lay_out_study(tmp_path, truth, budget=8)
+    run(path)
+    before = page_content(tmp_path / "out" / "report.html")
+    for file in tmp_path.iterdir():
+        if file.is_file() and file != path:
+            file.unlink()
+    assert page_content(rebuild(path)) == before
 
 
 def test_a_dry_run_shows_what_was_run_and_read(tmp_path, truth):

@@ -6,12 +6,13 @@ import shutil
 import numpy as np
 import pytest
 from impact_fmu.peer import DRIVE, VALUES, peer
+from written_page import page_content
 
 from calib import records
 from calib.errors import CalibError
 from calib.execution.files import checksum
 from calib.study_file import load
-from calib.workflows.calibrate import calibrate
+from calib.workflows.calibrate import calibrate, rebuild
 
 TRUTH = VALUES | {"stiffness": 4300.0, "gap": 3.6e-4}
 PERIODS, SAMPLES, SETTLED = 4, 80, 25  # of the record; periods before it
@@ -85,6 +86,9 @@ def test_the_true_values_are_found(study, tmp_path):
         assert found.values[name] == pytest.approx(TRUTH[name], rel=relative)
     header = json.loads((path.parent / "out" / "trials.jsonl").read_text().splitlines()[0])
     assert header["code"] == {"file model/oscillator.fmu": f"sha256 {checksum(tmp_path / 'model' / 'oscillator.fmu')}"}
+    before = page_content(path.parent / "out" / "report.html")
+    shutil.rmtree(tmp_path / "model")
+    assert page_content(rebuild(path)) == before, "without the FMU"
 
 
 @pytest.mark.slow

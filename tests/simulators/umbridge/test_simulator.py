@@ -10,6 +10,7 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 import numpy as np
 import pytest
 import umbridge_server as server
+from written_page import page_content
 
 from calib import records
 from calib.errors import CalibError
@@ -18,7 +19,7 @@ from calib.modelling.simulator import Request
 from calib.records.excitation import Excitation
 from calib.simulators.umbridge import UmBridge
 from calib.testing import SimulatorSuite
-from calib.workflows.calibrate import calibrate
+from calib.workflows.calibrate import calibrate, rebuild
 
 DRIVE = Excitation("mass", "force", frequency=9.0, amplitude=2.0)
 VALUES = {"stiffness": 4100.0, "damping": 6.0}
@@ -228,6 +229,8 @@ def test_true_values_are_found_though_the_server_dies_on_the_way(tmp_path):
     assert process.returncode == 1, "it has died"
     assert found.failed == 0
     assert found.values == {"stiffness": pytest.approx(4100.0, rel=0.01), "damping": pytest.approx(6.0, rel=0.05)}
+    before = page_content(tmp_path / "out" / "report.html")
+    assert page_content(rebuild(tmp_path / "study.toml")) == before, "without a server"
 
 
 def restart(process, port, done):

@@ -1,0 +1,63 @@
+"""A finished study read from what it has left, without its simulator, effects and optimiser."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from calib.errors import CalibError
+from calib.store.record_files import best_records
+from calib.study import CalibrationStudy, Evaluation, SearchEnd, result
+from calib.study_file import StudyFile, load, located, results_folder
+from calib.workflows.evaluations import held_out_references
+
+
+def stored_study(
+    path: str | Path,
+    out: str | Path | None = None,
+    jobs: int | None = None,
+    pool: Mapping[str, Any] | None = None,
+) -> tuple[StudyFile, dict[str, xr.Dataset]] | None:
+    """Read a study whose result and best records tell all that a report shows; return it with these records.
+
+    Its features are imported: they compare the records. None where something has to be simulated: there is no result,
+    no trial ended ok, the records are not those of the result, or some are held out, whose prediction is not stored.
+
+    Raises
+    ------
+    CalibError : every mistake of the study file
+    """
+    folder = results_folder(located(path)) if out is None else Path(out)
+    summary = result.read(folder)
+    if summary is None or summary.model is None or summary.best_trial is None:
+        return None
+    records = best_records(folder)
+    if any(_origin(record) != (summary.best_trial, summary.confirmed) for record in records.values()):
+        return None
+    file = load(path, jobs=jobs, out=out, pool=pool, stored=summary.model)
+    if held_out_references(file) or set(records) != set(file.study.objective.scored):
+        return None
+    return file, records
+
+
+def _origin(record: xr.Dataset) -> tuple[int, bool]:
+    """Trial of a best record, and whether the confirming simulator has made it."""
+    return int(record.attrs["trial"]), bool(json.loads(record.attrs["provenance"]).get("confirmed", False))
+
+
+def scored(study: CalibrationStudy, records: Mapping[str, xr.Dataset]) -> Evaluation:
+    """Score stored records as an evaluation."""
+    return Evaluation(study.objective(records), records, [], 0.0)
+
+
+def end_of_search(folder: Path) -> SearchEnd | None:
+    """How the search of the result in a folder ended; None where there is none, or no readable one: it is made anew."""
+    try:
+        ended = result.read(folder)
+    except CalibError:
+        return None
+    if ended is None:
+        return None
+    return SearchEnd(ended.trials, ended.searched_best, ended.stopped, ended.agreement)

@@ -1,0 +1,96 @@
+"""The report and the status of a finished study import and run nothing of what its file names but the features."""
+
+import shutil
+import subprocess
+import sys
+
+import pytest
+from child_environment import environment
+from echo_study import TEXT, write_study
+from written_page import page_content
+
+from calib.workflows.stored import stored_study
+
+MARKER = "imported"
+FOREIGN = """\
+from pathlib import Path
+
+from calib.modelling.effect import Effect
+from calib.optimisers.multistart import Multistart
+from tiny_simulators import Echo
+
+Path(__file__).with_name("imported").touch()
+
+
+class Own(Echo):
+    name = "own"
+
+
+class Search(Multistart):
+    pass
+"""
+CANDIDATES = '\n[diagnosis]\ncandidates = ["foreign_effects:GAIN"]\n'
+EFFECTS = """\
+from dataclasses import replace
+from pathlib import Path
+
+from calib.effects.channel_gain import EFFECT
+
+Path(__file__).with_name("imported").touch()
+GAIN = replace(EFFECT, name="own_gain")
+"""
+
+
+def calib(folder, *command):
+    return subprocess.run(
+        [sys.executable, "-m", "calib", *command],
+        cwd=folder,
+        env=environment(),
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """Folder of a study of foreign modules that has run."""
+    folder = tmp_path_factory.mktemp("foreign")
+    (folder / "foreign.py").write_text(FOREIGN)
+    (folder / "foreign_effects.py").write_text(EFFECTS)
+    write_study(
+        folder, ('"tiny_simulators:Echo"', '"foreign:Own"'), ('"multistart"', '"foreign:Search"'),
+        text=TEXT + CANDIDATES,
+    )  # fmt: skip
+    calib(folder, "run", "--quiet", ".")
+    assert (folder / MARKER).exists()
+    (folder / MARKER).unlink()
+    return folder
+
+
+def test_neither_report_nor_status_import_simulator_optimiser_or_candidates(finished):
+    before = page_content(finished / "out" / "report.html")
+    (finished / "out" / "report.html").unlink()
+    assert "finished" in calib(finished, "status", ".").stdout
+    calib(finished, "report", ".")
+    assert not (finished / MARKER).exists()
+    assert page_content(finished / "out" / "report.html") == before
+
+
+def test_a_report_needs_the_simulator_where_a_best_record_is_missing(finished, tmp_path):
+    folder = tmp_path / "copy"
+    shutil.copytree(finished, folder)
+    assert stored_study(folder) is not None
+    (folder / "out" / "best.nc").unlink()
+    assert stored_study(folder) is None
+    calib(folder, "report", ".")
+    assert (folder / MARKER).exists()
+
+
+def test_a_study_that_has_gone_on_since_its_result_is_evaluated_anew(finished, tmp_path):
+    folder = tmp_path / "copy"
+    shutil.copytree(finished, folder)
+    path = folder / "out" / "trials.jsonl"
+    path.write_text("".join(path.read_text().splitlines(keepends=True)[:9]))  # it has no longer the best trial
+    calib(folder, "report", ".")
+    assert "not finished" in (folder / "out" / "report.html").read_text()
