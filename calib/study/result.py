@@ -135,10 +135,10 @@ class ConfidenceSummary:
 
 @dataclass(frozen=True)
 class ParameterSummary:
-    """A parameter of the model: its unit, its nominal value  [unit], and what it means."""
+    """A parameter of the model: its unit, its nominal value [unit], None where it is infinite, and its meaning."""
 
     unit: str
-    nominal: float
+    nominal: float | None
     meaning: str = ""
 
 

@@ -1,5 +1,6 @@
 """What stands for the simulator of a study where only its results are shown."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 import xarray as xr
@@ -26,7 +27,8 @@ class StoredSimulator:
         self.name = summary.name
         self.bodies = tuple(summary.bodies)
         self.parameters = tuple(
-            Parameter(name, one.unit, one.nominal, one.meaning) for name, one in summary.parameters.items()
+            Parameter(name, one.unit, math.inf if one.nominal is None else one.nominal, one.meaning)
+            for name, one in summary.parameters.items()
         )
         self.initial: Mapping[str, tuple[str, str]] = {
             name: (body, channel) for name, (body, channel) in summary.initial.items()

@@ -12,12 +12,19 @@ from calib.errors import CalibError
 from calib.modelling.parameter import Parameter, Space, Window
 from calib.store import Trial
 from calib.study import CalibrationResult, ConfidenceSummary, Reach, SearchResult, result
-from calib.study.result import FailureSummary, HeldOutSummary, ScoreSummary
+from calib.study.result import FailureSummary, HeldOutSummary, ParameterSummary, ScoreSummary
 from calib.study.summary import held_out, summarised
+from calib.study_file.stored_simulator import StoredSimulator
 
 STUDY = SimpleNamespace(
     name="s",
-    model=SimpleNamespace(parameters={"gap": Parameter("gap", "m", 1e-3, "clearance")}),
+    model=SimpleNamespace(
+        name="beam",
+        bodies=("beam",),
+        initial={"start": ("beam", "displacement")},
+        simulator=None,
+        parameters={"gap": Parameter("gap", "m", 1e-3, "clearance"), "limit": Parameter("limit", "N", math.inf, "")},
+    ),
     space=Space({"gap": Window(1e-4, 2e-3)}),
 )
 TRIALS = [
@@ -44,6 +51,17 @@ def of_the_study(reach=(), agreement=None, **more):
 
 def test_every_promised_key_is_there():
     assert set(of_the_study().as_dict()) >= ARCHITECTURE
+
+
+def test_the_model_is_described_as_far_as_a_report_shows_it():
+    model = CalibrationResult.from_dict(json.loads(json.dumps(of_the_study().as_dict()))).model
+    assert (model.name, model.bodies) == ("beam", ("beam",))
+    assert model.parameters["gap"] == ParameterSummary("m", 1e-3, "clearance")
+    stored = StoredSimulator(model)
+    assert stored.initial == {"start": ("beam", "displacement")}
+    assert [one.nominal for one in stored.parameters] == [1e-3, math.inf]
+    with pytest.raises(CalibError, match="does not simulate"):
+        stored.run({}, None, (), None)
 
 
 def test_values_have_units_and_intervals():
