@@ -18,10 +18,8 @@ from calib.execution.pool import Failure, in_order
 from calib.objective import Objective, record_misfit
 from calib.records import OK, failed
 from calib.report import render
-from calib.report.pages.base_study import BaseStudy
 from calib.report.plots.motion import trial_picture
 from calib.store import Header, Store, Trial, read
-from calib.store.record_files import best_records
 from calib.store.trial import best
 from calib.study import (
     INTERRUPTED,
@@ -40,11 +38,11 @@ from calib.study.progress import Progress
 from calib.study.repetition import repetition
 from calib.study.result import HeldOutSummary
 from calib.study.summary import held_out, not_simulated, summarised
-from calib.study_file import EXTENDED, StudyFile, load, results_folder
+from calib.study_file import StudyFile, load
 from calib.workflows.amplitudes import implausible_amplitudes
 from calib.workflows.dry_run import check_simulator_runs
 from calib.workflows.evaluations import CALIBRATED, CONFIRM, SEARCH, Case, Evaluations, IdleWorkers, held_out_references
-from calib.workflows.stored import end_of_search, scored, stored_study
+from calib.workflows.stored import base_study, end_of_search, scored, stored_study
 
 MAX_FREE_TRIGGER_SHARE = 0.5  # of the distance: a free trigger is recommended where it leaves less
 UNFINISHED = "not finished"  # why a search ended that has not
@@ -299,24 +297,12 @@ def _reported(file: StudyFile, folder: Path, calibrated: Calibrated) -> Path:
     diagnosis, motions = artifacts.read(folder), artifacts.read_motions(folder)
     page = render(
         shown, calibrated.trials, records, calibrated.result, f"calib run {file.path}", calibrated.header, diagnosis,
-        motions, study.jobs, _base(file),
+        motions, study.jobs, base_study(file),
     )  # fmt: skip
     path = folder / "report.html"
     with whole(path) as temporary:
         temporary.write_text(page, encoding="utf-8")
     return path
-
-
-def _base(file: StudyFile) -> BaseStudy | None:
-    """Study that this one extends, from the folder where its results go; None where it has none there."""
-    path, name = file.path, file.study.name
-    if not path.stem.endswith(f".{EXTENDED}"):
-        return None
-    folder = results_folder(path.with_name(f"{path.stem.removesuffix(f'.{EXTENDED}')}.toml"))
-    summary = result.read(folder)
-    if summary is None or name != f"{summary.name} {EXTENDED}":  # the folder of another study, or none
-        return None
-    return BaseStudy(summary, best_records(folder))
 
 
 # --- what lies in a folder -------------------------------------------------------------------------------------------

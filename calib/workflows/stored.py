@@ -1,4 +1,4 @@
-"""A finished study read from what it has left, without its simulator, effects and optimiser."""
+"""What studies have left in their folders, read without simulator, effects and optimiser."""
 
 import json
 from collections.abc import Mapping
@@ -8,9 +8,10 @@ from typing import Any
 import xarray as xr
 
 from calib.errors import CalibError
+from calib.report.pages.base_study import BaseStudy
 from calib.store.record_files import best_records
 from calib.study import CalibrationStudy, Evaluation, SearchEnd, result
-from calib.study_file import StudyFile, load, located, results_folder
+from calib.study_file import EXTENDED, StudyFile, load, located, results_folder
 from calib.workflows.evaluations import held_out_references
 
 
@@ -61,3 +62,15 @@ def end_of_search(folder: Path) -> SearchEnd | None:
     if ended is None:
         return None
     return SearchEnd(ended.trials, ended.searched_best, ended.stopped, ended.agreement)
+
+
+def base_study(file: StudyFile) -> BaseStudy | None:
+    """Study that this one extends, from the folder where its results go; None where it has none there."""
+    path, name = file.path, file.study.name
+    if not path.stem.endswith(f".{EXTENDED}"):
+        return None
+    folder = results_folder(path.with_name(f"{path.stem.removesuffix(f'.{EXTENDED}')}.toml"))
+    summary = result.read(folder)
+    if summary is None or name != f"{summary.name} {EXTENDED}":  # the folder of another study, or none
+        return None
+    return BaseStudy(summary, best_records(folder))
