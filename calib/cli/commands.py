@@ -1,6 +1,5 @@
 """The commands of `calib`; what they do lives behind them."""
 
-import gc
 import json
 import shlex
 import sys
@@ -37,8 +36,6 @@ from calib.errors import WorkersLost
 # Everything but click is imported inside the command that needs it: numba, xarray and optuna take seconds, and
 # `calib --help` has to answer at once.
 
-ALLOCATIONS_PER_COLLECTION = 100_000  # of cyclic garbage; Python's 700 take a fifth of the time of imports and ledgers
-
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(package_name="calib")
@@ -50,7 +47,6 @@ def main() -> None:
 
     STUDY is a study file, or a folder with a study.toml in it.
     """
-    gc.set_threshold(ALLOCATIONS_PER_COLLECTION, 20, 100)
 
 
 @main.command(short_help="Calibrate: search, judge, report; or go on where it stopped.")
