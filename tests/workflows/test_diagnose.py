@@ -24,10 +24,10 @@ from calib.records.excitation import Excitation
 from calib.simulators.oscillator import Oscillator
 from calib.study import evaluate
 from calib.study_file import load
-from calib.workflows.calibrate import _base as base_of
 from calib.workflows.diagnose import diagnose_study
 from calib.workflows.extension import _widened, _windows
 from calib.workflows.rehearse import REHEARSAL, rehearse_study
+from calib.workflows.stored import base_study
 
 TIMES = np.arange(400) / 400.0  # s
 STUDY = """
@@ -164,10 +164,10 @@ def test_the_extended_study_gives_what_the_diagnosis_gave(folder, answer):
 
 
 def test_an_extended_study_knows_the_results_of_the_one_that_it_extends(folder, answer):
-    base = base_of(load(folder / "study.extended.toml"))
+    base = base_study(load(folder / "study.extended.toml"))
     assert base.result.name == "spring"
     assert set(base.records) == {"swept"}
-    assert base_of(load(folder / "study.toml")) is None
+    assert base_study(load(folder / "study.toml")) is None
 
 
 def test_both_commands_say_one_misfit_of_the_record_held_out(folder, answer):
