@@ -12,6 +12,10 @@ class WorkersLost(CalibError):
     """The workers that evaluate can be reached no longer: the run ends as if it was killed, and can go on."""
 
 
+class CodeChanged(CalibError):
+    """A file or program that decides records has changed since the study was read: the run ends as if it was killed."""
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """Return ``" (did you mean 'alpha'?)"`` for the known name most like `name`, or an empty string."""
     known = list(known)

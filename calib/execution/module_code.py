@@ -19,6 +19,16 @@ def module_code(module: str, file: Path, folders: Sequence[Path] = ()) -> dict[s
     installed = _distribution(module, file)
     if installed:
         return {module.partition(".")[0]: installed}
+    return {name: f"sha256 {checksum(path)}" for name, path in module_files(module, file, folders).items()}
+
+
+def module_files(module: str, file: Path, folders: Sequence[Path] = ()) -> dict[str, Path]:
+    """Return module -> its source file, of a loaded module and of those that it imports: see `module_code`.
+
+    Of a module that a distribution installed there are none.
+    """
+    if _distribution(module, file):
+        return {}
     beside = file.parents[len(module.split(".")) - (file.stem != "__init__")]  # folder of its outermost package
     files = {module: file}
     todo = [module]
@@ -29,7 +39,7 @@ def module_code(module: str, file: Path, folders: Sequence[Path] = ()) -> dict[s
             if found is not None and other not in files:
                 files[other] = found
                 todo.append(other)
-    return {name: f"sha256 {checksum(path)}" for name, path in files.items()}
+    return files
 
 
 def _distribution(module: str, file: Path) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, Self
 
-from calib.errors import CalibError
+from calib.errors import CalibError, CodeChanged
 
 REFUSED, RAISED, TIMEOUT, CRASHED, MEMORY = "refused", "raised", "timeout", "crashed", "memory"
 
@@ -96,6 +96,8 @@ class InProcess:
             start = time.perf_counter()
             try:
                 result = self._function(payload)
+            except CodeChanged:  # concerns all payloads
+                raise
             except Exception as error:  # a failed evaluation is data
                 result = failure(error, time.perf_counter() - start)
             yield index, result

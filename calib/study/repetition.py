@@ -21,6 +21,11 @@ def repetition(trial: Trial, again: Evaluation | Failure) -> str:
         "the result cannot be reproduced: the simulator is not deterministic, or its code, a library or the machine "
         "has changed since that trial"
     )
+    if trial.simulations == 0:
+        consequence += (
+            "; the trial was answered from the cache: where that is of a former program, delete the folder `cache` of "
+            "the results and begin afresh (--fresh)"
+        )
     logged = f"trial {trial.number} was logged at a distance of {trial.cost:.6g}"
     if isinstance(again, Failure):
         return f"{logged} and failed when it was evaluated again ({again.status}: {again.reason}); {consequence}"

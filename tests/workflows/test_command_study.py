@@ -21,7 +21,7 @@ from written_page import page_content
 
 import calib
 from calib.cli import main
-from calib.errors import CalibError
+from calib.errors import CalibError, CodeChanged
 from calib.execution.guardian import descendants
 from calib.modelling.model import Model
 from calib.modelling.simulator import Request
@@ -156,6 +156,31 @@ def test_a_new_ledger_is_answered_from_the_cache_and_the_best_point_is_not(tmp_p
     assert (again.values, again.score.total) == (first.values, first.score.total)
     assert [trial.simulations for trial in read(tmp_path / "out")[1]] == [0] * 3
     assert any("3 of 3 trials were answered from the cache" in remark for remark in again.remarks)
+
+
+REPLACED = """#!/bin/sh
+# the fourth run puts another program in the place of this one
+echo x >> {folder}/count
+if [ $(wc -l < {folder}/count) = 4 ]; then mv {folder}/other {folder}/count.sh; fi
+exec {folder}/bouncer "$@"
+"""
+
+
+def test_a_program_that_is_replaced_during_a_search_ends_it_and_its_trials_are_kept(tmp_path, truth):
+    path = lay_out_study(tmp_path, truth, budget=6)
+    program = tmp_path / "count.sh"
+    program.write_text(REPLACED.format(folder=tmp_path))
+    program.chmod(0o755)
+    (tmp_path / "other").write_text(program.read_text().replace("exec", "sleep 0; exec"))
+    (tmp_path / "other").chmod(0o755)
+    lay_again(path, run=["./count.sh deck.in"])
+    with pytest.raises(CodeChanged, match=r"program count.sh: .*count.sh has changed since the study was read"):
+        run(path)
+    assert [trial.status for trial in read(tmp_path / "out")[1]] == ["ok"] * 2, "one of three runs was the dry run"
+    assert len(list((tmp_path / "out/cache").glob("*.nc"))) == 3
+    with pytest.warns(UserWarning, match="the code of program count.sh has changed"):
+        assert run(path).trials == 6
+    assert {trial.segment for trial in read(tmp_path / "out")[1]} == {0, 1}
 
 
 def test_a_file_that_changes_is_another_code(tmp_path, truth):

@@ -9,6 +9,7 @@ from multiprocessing import parent_process
 from multiprocessing.connection import Connection
 from typing import Any
 
+from calib.errors import CodeChanged
 from calib.execution.deadline import within
 from calib.execution.pool import failure
 from calib.execution.process_group import lead_process_group
@@ -47,7 +48,12 @@ def _die_with_parent() -> None:
 
 
 def call(payload: bytes, limit: float | None, timeout: float | None) -> bytes:
-    """Pickled result or Failure of the function at a pickled payload; see `calib.execution.deadline` for its limits."""
+    """Pickled result or Failure of the function at a pickled payload; see `calib.execution.deadline` for its limits.
+
+    Raises
+    ------
+    CodeChanged : as the function
+    """
     global _function
     start = time.perf_counter()
     try:
@@ -55,5 +61,7 @@ def call(payload: bytes, limit: float | None, timeout: float | None) -> bytes:
             _function = pickle.loads(_function)
         with within(limit, timeout):
             return pickle.dumps(_function(pickle.loads(payload)))
+    except CodeChanged:  # concerns all calls, not this one
+        raise
     except Exception as error:  # a failed evaluation is data
         return pickle.dumps(failure(error, time.perf_counter() - start))

@@ -90,6 +90,7 @@ class LocalPool:
         Raises
         ------
         CalibError : the processes cannot be started
+        CodeChanged : as the function
         """
         start_server(self._function.importable)
         waiting = iter(enumerate(payloads))

@@ -157,6 +157,7 @@ class RemotePool:
         Raises
         ------
         CalibError : no worker is fit to make a call
+        CodeChanged : as the function
         WorkersLost : the workers can be reached no longer
         """
         waiting, calls = iter(enumerate(payloads)), dict[int, _Call]()

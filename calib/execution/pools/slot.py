@@ -14,7 +14,7 @@ from typing import Any
 
 from pebble import ProcessExpired, ProcessPool
 
-from calib.errors import CalibError
+from calib.errors import CalibError, CodeChanged
 from calib.execution.interrupt import uninterrupted
 from calib.execution.pool import CRASHED, MEMORY, TIMEOUT, Failure, failure
 from calib.execution.pools.child import call, prepare
@@ -97,6 +97,7 @@ class Slot:
         Raises
         ------
         CalibError : the process ends before it takes up work
+        CodeChanged : as the call
         """
         seconds = time.perf_counter() - self._since
         error = self._future.exception()
@@ -112,6 +113,8 @@ class Slot:
         self._compiled.clear()  # pebble has replaced the process
         if isinstance(error, TimeoutError):
             return Failure(TIMEOUT, f"no result within {self._limit:g} s of wall-clock time", seconds)
+        if isinstance(error, CodeChanged):
+            raise error
         if isinstance(error, ProcessExpired):
             if self._exceeded:
                 return Failure(MEMORY, _too_much(self._exceeded, self._limits.memory), seconds)

@@ -21,6 +21,7 @@ from calib.simulators.command.deck import KNOWN, deck_values, output_times
 from calib.simulators.command.dry_run import DRY_RUN, facts_of
 from calib.simulators.command.evaluation import ProgramRun, Surroundings, evaluated
 from calib.simulators.command.inputs import Inputs, read_inputs
+from calib.simulators.command.known_files import known_file
 from calib.simulators.command.options import SIGNATURE, CommandOptions, described
 from calib.simulators.command.quantities import declared_parameters
 from calib.simulators.command.readers import check_options, reader_code
@@ -111,7 +112,9 @@ class Command:
         inputs = read_inputs(self._options.program, self._study)
         check_names(inputs.texts, [p.name for p in self.parameters], KNOWN)
         check_options(self._reading.reader, self._reading.options, self._modules)
-        return replace(inputs, reader=reader_code(self._reading.reader, self._modules))
+        code = reader_code(self._reading.reader, self._modules)
+        reader = tuple(known_file(module, file) for module, file in code.files.items())
+        return replace(inputs, reader=reader, versions=code.versions)
 
     def _ready(self) -> Inputs:
         if self._inputs is None:
@@ -125,7 +128,8 @@ class Command:
 
         Raises
         ------
-        CalibError : an excitation that the templates do not take; a file that has changed since the study was read
+        CalibError : an excitation that the templates do not take
+        CodeChanged : a file, the program or the reader has changed since the study was read
         """
         return self._evaluated(values, excitation, request).record
 

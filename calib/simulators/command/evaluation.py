@@ -134,12 +134,20 @@ def evaluated(
 ) -> ProgramRun:
     """Answer from the cache, or run the program in a folder of its own.
 
+    What decides the record is compared before and after with what it was when the study was read, so that no answer of
+    another program is taken for one of this, and none is remembered.
+
     Parameters
     ----------
     values : what templates may name
     instants : at which the motion is recorded
     attrs : of the record
+
+    Raises
+    ------
+    CodeChanged : a file, the program or the reader has changed since the study was read
     """
+    around.inputs.check()
     try:
         deck = around.inputs.deck(values)
     except CalibError as error:
@@ -156,6 +164,7 @@ def evaluated(
     with run_folder(root) as folder:
         names = around.names(deck, instants, attrs)
         run = _climbed(folder, deck, around, instants, attrs, names["failed"])
+        around.inputs.check()
         if name := names["ok" if run.record.attrs["status"] == OK else "failed"]:
             folder.moved(name)
             if name.startswith("failed-") and around.options.keeping.keep == "failed":

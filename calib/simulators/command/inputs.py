@@ -3,20 +3,18 @@
 import hashlib
 import shlex
 import shutil
-import subprocess
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
 from calib.errors import CalibError
-from calib.execution.files import checksum
+from calib.simulators.command.known_files import KnownFile, known_file
 from calib.simulators.command.options import ProgramOptions
+from calib.simulators.command.programs import Programs, read_programs
 from calib.simulators.command.templates import SUFFIX, TemplateText, rendered
 
 MAX_TEMPLATE_BYTES = 64 * 2**20  # of one template
-VERSION_TIMEOUT_S = 30.0  # s, for the command line that gives the version
-MAX_VERSION_BYTES = 400  # of what it prints
 
 
 @dataclass(frozen=True)
@@ -25,29 +23,18 @@ class CopiedFile:
 
     Attributes
     ----------
-    source : its path; as a text, since it crosses to child processes
+    source : as it was when the study was read
     name : in the run folder
-    sha256 : of its content
-    stamp : its size [byte] and time of change [ns] when the study was read
     """
 
-    source: str
+    source: KnownFile
     name: str
-    sha256: str
-    stamp: tuple[int, int]
 
     def copy(self, folder: Path) -> None:
-        """Copy it, with its permissions.
-
-        Raises
-        ------
-        CalibError : it has changed since the study was read
-        """
-        if _stamp(Path(self.source)) != self.stamp:
-            raise CalibError(f"{self.source} has changed since the study was read; run the study again")
+        """Copy it, with its permissions."""
         target = folder / self.name
         target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(self.source, target)
+        shutil.copy(self.source.path, target)
 
 
 @dataclass(frozen=True)
@@ -59,15 +46,17 @@ class Inputs:
     templates : by the name of the file that each becomes
     copied : files
     lines : templates of the command lines, one a rung
-    programs : path of each program that a line names -> its version, or SHA-256
-    reader : module of a reader of one's own -> SHA-256 or version
+    programs : that the lines name
+    reader : files of a reader of one's own
+    versions : distribution that has installed such a reader -> its version
     """
 
     templates: Mapping[str, TemplateText]
     copied: tuple[CopiedFile, ...]
     lines: tuple[TemplateText, ...]
-    programs: Mapping[str, str]
-    reader: Mapping[str, str] = field(default_factory=dict)
+    programs: Programs
+    reader: tuple[KnownFile, ...] = ()
+    versions: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def texts(self) -> list[TemplateText]:
@@ -78,8 +67,25 @@ class Inputs:
     def code(self) -> dict[str, str]:
         """Identity of the files, programs and the reader, by name."""
         templates = {f"file {one.name}": f"sha256 {_digest(one.text.encode())}" for one in self.templates.values()}
-        copied = {f"file {one.name}": f"sha256 {one.sha256}" for one in self.copied}
-        return {**templates, **copied, **self.programs, **self.reader}
+        known: dict[str, str] = {}
+        for one in self._known:
+            others = [text for text in (known.get(one.name),) if text not in (None, one.identity)]
+            known[one.name] = ", ".join([*others, one.identity])
+        return {**templates, **known, **self.versions}
+
+    @property
+    def _known(self) -> list[KnownFile]:
+        return [*(one.source for one in self.copied), *self.programs.known, *self.reader]
+
+    def check(self) -> None:
+        """Compare all files that are used again by each run with what they were; templates are held in memory.
+
+        Raises
+        ------
+        CodeChanged : one has changed since the study was read
+        """
+        for one in self._known:
+            one.check()
 
     def deck(self, values: Mapping[str, object]) -> "Deck":
         """Render everything.
@@ -104,12 +110,7 @@ class Deck:
     lines: tuple[tuple[str, ...], ...]
 
     def write(self, folder: Path) -> None:
-        """Write all files into a run folder.
-
-        Raises
-        ------
-        CalibError : a copied file has changed since the study was read
-        """
+        """Write all files into a run folder."""
         for name, content in self.files.items():
             path = folder / name
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -121,7 +122,7 @@ class Deck:
     def digest(self) -> str:
         """SHA-256 of all that the program is given."""
         parts = [f"{name} {_digest(content)}" for name, content in sorted(self.files.items())]
-        parts += [f"{file.name} {file.sha256}" for file in sorted(self.copied, key=lambda file: file.name)]
+        parts += [f"{file.name} {file.source.identity}" for file in sorted(self.copied, key=lambda file: file.name)]
         parts += [shlex.join(line) for line in self.lines]
         return _digest("\n".join(parts).encode())
 
@@ -147,11 +148,11 @@ def read_inputs(options: ProgramOptions, study: Path) -> Inputs:
         if name.endswith(SUFFIX):
             templates[target] = TemplateText(name, _text(path))
         else:
-            copied.append(CopiedFile(str(path), target, checksum(path), _stamp(path)))
+            copied.append(CopiedFile(known_file(f"file {target}", path), target))
     lines = tuple(TemplateText(f"run[{index}]", line) for index, line in enumerate(options.run))
     given = {*templates, *(file.name for file in copied)}
     resolved = [_resolved(line, given, study) for line in lines]
-    programs = _versions(options, [shlex.split(line.text)[0] for line in resolved], given, study)
+    programs = read_programs(options, [line.text for line in resolved], given, study)
     return Inputs(templates, tuple(copied), tuple(resolved), programs)
 
 
@@ -183,61 +184,6 @@ def _resolved(line: TemplateText, given: set[str], study: Path) -> TemplateText:
     start = rest.index(program)
     absolute = shlex.quote(str((study / program).resolve()))
     return TemplateText(line.name, rest[:start] + absolute + rest[start + len(program) :])
-
-
-def _versions(options: ProgramOptions, names: Sequence[str], given: set[str], study: Path) -> dict[str, str]:
-    """Version or SHA-256 of each program that is named.
-
-    Raises
-    ------
-    CalibError : there is none of that name, or the command line of the version fails
-    """
-    programs = dict[str, str]()
-    for name in dict.fromkeys(names):
-        if "{" in name or str(PurePosixPath(name)) in given:
-            continue  # a placeholder; a file that is known already
-        path = shutil.which(name, path=options.environment.get("PATH"))
-        if path is None:
-            raise CalibError(
-                f"run: there is no program {name!r} that can be executed; install it, put its folder on PATH, or state "
-                "its path, relative to the study file"
-            )
-        if options.version is None:
-            programs[f"program {Path(name).name}"] = f"sha256 {checksum(Path(path))}"
-    if options.version is not None:
-        programs[f"program {Path(names[0]).name}"] = _version(options.version, study)
-    return programs
-
-
-def _version(line: str, study: Path) -> str:
-    """Return what a command line prints, in one line.
-
-    Raises
-    ------
-    CalibError : it cannot be executed, takes too long, or prints nothing
-    """
-    words = shlex.split(line)
-    if "/" in words[0] and not words[0].startswith("/"):
-        words[0] = str((study / words[0]).resolve())
-    try:
-        done = subprocess.run(
-            words, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False,
-            timeout=VERSION_TIMEOUT_S,
-        )  # fmt: skip
-    except (OSError, subprocess.TimeoutExpired) as error:
-        raise CalibError(f"version: {line!r} gives no version ({error}); mend it, or leave it out") from error
-    text = " ".join(done.stdout[:MAX_VERSION_BYTES].decode(errors="replace").split())
-    if not text:
-        raise CalibError(f"version: {line!r} prints nothing; mend it, or leave it out")
-    return text
-
-
-def _stamp(path: Path) -> tuple[int, int]:
-    try:
-        stat = path.stat()
-    except OSError as error:
-        raise CalibError(f"{path}: {error.strerror}; put the file back, or run the study again") from error
-    return stat.st_size, stat.st_mtime_ns
 
 
 def _digest(content: bytes) -> str:

@@ -3,6 +3,7 @@
 import inspect
 import sys
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from calib import plugins
 from calib.errors import CalibError, nearest
-from calib.execution.module_code import module_code
+from calib.execution.module_code import module_code, module_files
 from calib.simulators.command.readers.columns import Columns
 
 GROUP = "calib.readers"
@@ -48,13 +49,29 @@ def check_options(name: str, options: Mapping[str, Any], modules: Path | None = 
     _check(name, _function(name, modules), options)
 
 
-def reader_code(name: str, modules: Path | None = None) -> dict[str, str]:
-    """Return module -> SHA-256 or version, of the code of a reader that is not of calib: see `module_code`."""
+@dataclass(frozen=True)
+class ReaderCode:
+    """Where the code of a reader that is not of calib stands: see `module_code`.
+
+    Attributes
+    ----------
+    files : module -> its source file
+    versions : name of the distribution that installed it -> with its version
+    """
+
+    files: Mapping[str, Path] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
+
+
+def reader_code(name: str, modules: Path | None = None) -> ReaderCode:
+    """Return where the code of a reader stands; nowhere for one of calib."""
     module = plugins.module_name(GROUP, name)
-    file = getattr(sys.modules.get(module), "__file__", None)
-    if module.partition(".")[0] == "calib" or file is None:
-        return {}
-    return module_code(module, Path(file).resolve(), [] if modules is None else [modules.resolve()])
+    stated = getattr(sys.modules.get(module), "__file__", None)
+    if module.partition(".")[0] == "calib" or stated is None:
+        return ReaderCode()
+    file, folders = Path(stated).resolve(), [] if modules is None else [modules.resolve()]
+    files = module_files(module, file, folders)
+    return ReaderCode(files) if files else ReaderCode(versions=module_code(module, file, folders))
 
 
 def _function(name: str, modules: Path | None) -> Callable[..., Any]:
