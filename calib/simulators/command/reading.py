@@ -13,9 +13,13 @@ from calib.errors import CalibError, nearest
 from calib.records import MIN_SECTION_PERIODS, STATE, make
 from calib.simulators.command.options import OutputReading, ReadChannel
 from calib.simulators.command.readers import Columns, reader
+from calib.units import shown
 
 NO_OUTPUT, UNREADABLE, SHORT, NOT_FINITE = "no output", "unreadable output", "short output", "not finite"  # statuses
 SAME_INSTANT = 1e-3  # of the step between two instants, by which an output may lie beside them: 7 digits of time
+# of the step between two instants, of the request or of the output where that is finer, by which an output may begin
+# too late or end too early: its time is rounded as it is printed
+MAX_TIME_ROUNDING = 0.1
 
 
 class OutputFault(Exception):
@@ -97,7 +101,7 @@ def record_of(columns: Columns, reading: OutputReading, instants: Instants, attr
     on_instants = _Sampled(time, instants.times)
     channels = {name: np.array([on_instants(rows[body, name]) for body in bodies]) for name in names}
     extra: dict[str, Any] = {}
-    sections = _covered(instants.sections, time)
+    sections = _covered(instants, time)
     if sections.size > 1:
         at_phase_zero = _Sampled(time, sections)
         extra["section"] = {
@@ -121,7 +125,7 @@ def _time(columns: Columns, reading: OutputReading) -> np.ndarray:
         at = int(np.argmax(np.diff(time) <= 0.0))
         raise OutputFault(
             UNREADABLE, f"time in {reading.file} goes from {time[at]:.9g} to {time[at + 1]:.9g} s at row {at + 1}; "
-            "it must increase"
+            "it must increase; have the program write more digits of time, or fewer instants"
         )  # fmt: skip
     return time
 
@@ -149,19 +153,29 @@ def _values(columns: Columns, channel: ReadChannel, body: str, reading: OutputRe
 
 def _check_covered(time: np.ndarray, instants: Instants, file: str) -> None:
     first, last = instants.times[0], instants.times[-1]
-    reach = SAME_INSTANT * (last - first) / (instants.times.size - 1)
-    if time[0] > first + reach or time[-1] < last - reach:
-        raise OutputFault(
-            SHORT, f"{file} covers {time[0]:.6g} to {time[-1]:.6g} s; {first:.6g} to {last:.6g} s are needed"
-        )  # fmt: skip
+    reach = _reach(time, instants)
+    late, early = time[0] - first, last - time[-1]
+    if late <= reach and early <= reach:
+        return
+    gaps = [f"begins {shown(late, 's')} too late"] if late > reach else []
+    gaps += [f"ends {shown(early, 's')} too early"] if early > reach else []
+    raise OutputFault(
+        SHORT, f"{file} covers {time[0]:.9g} to {time[-1]:.9g} s; {first:.9g} to {last:.9g} s are needed: it "
+        f"{' and '.join(gaps)}, and rounding of its time accounts for {shown(reach, 's')}, "
+        f"{MAX_TIME_ROUNDING:g} of the sample spacing; have the program write more, or more digits of time"
+    )  # fmt: skip
 
 
-def _covered(instants: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Return the last of the instants (k,) that the output covers without a gap."""
-    if not instants.size:
-        return instants
-    reach = SAME_INSTANT * (time[-1] - time[0]) / (time.size - 1)
-    return instants[(instants >= time[0] - reach) & (instants <= time[-1] + reach)]
+def _reach(time: np.ndarray, instants: Instants) -> float:
+    """Time [s] by which the output may begin too late or end too early: its first or last sample then stands in."""
+    requested = (instants.times[-1] - instants.times[0]) / (instants.times.size - 1)
+    return float(MAX_TIME_ROUNDING * min(requested, (time[-1] - time[0]) / (time.size - 1)))
+
+
+def _covered(instants: Instants, time: np.ndarray) -> np.ndarray:
+    """Return the instants (k,) of the stroboscopic section that the output covers."""
+    sections, reach = instants.sections, _reach(time, instants)
+    return sections[(sections >= time[0] - reach) & (sections <= time[-1] + reach)]
 
 
 class _Sampled:

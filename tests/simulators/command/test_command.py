@@ -124,6 +124,30 @@ def test_times_of_seven_digits_are_the_instants_that_were_asked_for(tmp_path):
     assert "resampled" not in ran(command(tmp_path, sevenths)).attrs
 
 
+@pytest.mark.parametrize("offset", [2e-4, -2e-4])
+def test_an_output_that_begins_a_rounding_too_late_is_taken_with_its_first_sample(tmp_path, offset):
+    record = ran(command(tmp_path, rounded(offset)))
+    assert record.attrs["status"] == "ok", record.attrs["reason"]
+    assert record.displacement.values[0, 0] == pytest.approx(np.sin(20), abs=0.1 if offset < 0.0 else 1e-6)
+    assert record.sizes["period"] == 3
+
+
+@pytest.mark.parametrize(
+    ("offset", "gap"), [(4e-4, "it begins 0.4 ms too late, and"), (-0.01, "it ends 7.5 ms too early, and rounding")]
+)
+def test_an_output_that_is_short_by_more_is_refused_with_the_gap(tmp_path, offset, gap):
+    record = ran(command(tmp_path, rounded(offset)))
+    assert record.attrs["status"] == "short output"
+    assert gap in record.attrs["reason"]
+    assert "accounts for 0.25 ms, 0.1 of the sample spacing" in record.attrs["reason"]
+
+
+def rounded(offset):
+    """A program that writes the recorded instants only, all beside them by an offset [s]."""
+    row = f'printf "%.4f,%.9g\\n", i * 0.0025 + {offset}, sin(i)'
+    return f"awk 'BEGIN {{ print \"time,u\"; for (i = 20; i <= 60; i++) {row} }}' > out.csv"
+
+
 def test_where_all_command_lines_fail_each_says_why(tmp_path):
     lines = [
         script(tmp_path, f"echo {word}; exit {code}", name=f"{word}.sh") for code, word in ((1, "one"), (2, "two"))
