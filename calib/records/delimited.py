@@ -9,6 +9,7 @@ from pathlib import Path
 from calib.errors import CalibError
 from calib.records.fortran import fortran_value, overflowed
 from calib.records.sheet import Cells, Sheet, is_number
+from calib.records.text_pattern import comment_test
 
 SEPARATORS = ";\t,"  # looked for in the first row, in this order; else blanks
 BLANK = " "
@@ -23,7 +24,7 @@ class TextLayout:
     separator : between the cells of a row, where a blank stands for any number of blanks and tabs; None: semicolon,
         tab, comma or blanks, as found in the first row
     decimal : "." or ","; a decimal comma is not looked for as a separator
-    comment : characters, each of which at the beginning of a line makes it a comment
+    comment : what makes a line a comment, see `calib.records.text_pattern.comment_test`
     skip : lines at the beginning that are not looked at
     header : lines before the first row of numbers, of which the first holds the names of the columns; None: one where
         it holds anything but numbers, else none
@@ -32,7 +33,7 @@ class TextLayout:
 
     separator: str | None = None
     decimal: str = "."
-    comment: str = "#"
+    comment: str | Sequence[str] = "#"
     skip: int = 0
     header: int | None = None
     names: Sequence[str] | None = None
@@ -66,8 +67,10 @@ class DelimitedRows:
     rows: Iterator[tuple[int, list[str]]]
 
 
-def delimited_rows(path: Path, lines: Iterable[str], layout: TextLayout) -> DelimitedRows:
+def delimited_rows(path: Path, lines: Iterable[str], layout: TextLayout, remedy: str = "") -> DelimitedRows:
     """Cut lines of text into rows of cells, all of one length, one after the other as they are asked for.
+
+    remedy : for a row of another length
 
     Raises
     ------
@@ -75,7 +78,7 @@ def delimited_rows(path: Path, lines: Iterable[str], layout: TextLayout) -> Deli
     """
     rows = _cut(path, lines, layout)
     if layout.names is not None:
-        expected = f"{len(layout.names)} cells, one for each name", len(layout.names)
+        expected = f"{len(layout.names)} cells, one for each name", len(layout.names), remedy
         return DelimitedRows(layout.names, _checked(path, itertools.islice(rows, layout.header or 0, None), *expected))
     first = next(rows, None)
     if first is None:
@@ -84,7 +87,7 @@ def delimited_rows(path: Path, lines: Iterable[str], layout: TextLayout) -> Deli
     names = [cell.strip() for cell in cells]
     found = int(any(name and not layout.is_numeric(name) for name in names))
     header = found if layout.header is None else layout.header
-    expected = f"{len(cells)} cells as in line {line}", len(cells)
+    expected = f"{len(cells)} cells as in line {line}", len(cells), remedy
     if header == 0:
         return DelimitedRows(None, _checked(path, itertools.chain([first], rows), *expected))
     return DelimitedRows(names, _checked(path, itertools.islice(rows, header - 1, None), *expected))
@@ -112,10 +115,11 @@ def read_text(path: Path, content: bytes) -> Sheet:
 
 def _cut(path: Path, lines: Iterable[str], layout: TextLayout) -> Iterator[tuple[int, list[str]]]:
     """Yield line number and cells of each line that is neither blank nor a comment."""
+    is_comment = comment_test(layout.comment)
     numbered = (
         (number, line.strip(" "))
         for number, line in enumerate(lines, 1)
-        if number > layout.skip and line.strip() and not line.startswith(tuple(layout.comment))
+        if number > layout.skip and line.strip() and not is_comment(line)
     )
     first = next(numbered, None)
     if first is None:
@@ -138,10 +142,10 @@ def _cut(path: Path, lines: Iterable[str], layout: TextLayout) -> Iterator[tuple
 
 
 def _checked(
-    path: Path, rows: Iterable[tuple[int, list[str]]], expected: str, size: int
+    path: Path, rows: Iterable[tuple[int, list[str]]], expected: str, size: int, remedy: str
 ) -> Iterator[tuple[int, list[str]]]:
     """Yield the rows, which must all have `size` cells."""
     for line, cells in rows:
         if len(cells) != size:
-            raise CalibError(f"{path}, line {line}: expected {expected}, got {len(cells)}")
+            raise CalibError(f"{path}, line {line}: expected {expected}, got {len(cells)}{remedy}")
         yield line, cells

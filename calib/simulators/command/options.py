@@ -10,6 +10,7 @@ from typing import Any, Literal, TypeVar, get_args
 
 from calib.errors import CalibError, nearest
 from calib.records import CHANNELS
+from calib.records.text_pattern import text_pattern
 from calib.units import is_si, to_si
 
 KeepFolders = Literal["none", "failed", "best", "all"]
@@ -138,9 +139,6 @@ class KeepingOptions:
         if not isinstance(self.cache, bool):
             raise CalibError(f"cache: expected true or false, got {self.cache!r}")
         object.__setattr__(self, "fail_if", _texts("fail_if", self.fail_if, '"ERROR"'))
-        for text in self.fail_if:
-            if not text.strip("/"):
-                raise CalibError('fail_if: expected a text that is not empty, such as "ERROR"')
         _ = self.patterns
         if self.inactivity is not None and not self.inactivity_seconds > 0.0:
             raise CalibError(f"inactivity: expected a time above 0 s, got {self.inactivity!r}")
@@ -148,14 +146,10 @@ class KeepingOptions:
     @property
     def patterns(self) -> tuple[re.Pattern[str], ...]:
         """What the output must not match."""
-        patterns = []
-        for text in self.fail_if:
-            regular = len(text) > 2 and text.startswith("/") and text.endswith("/")
-            try:
-                patterns.append(re.compile(text[1:-1] if regular else re.escape(text)))
-            except (re.error, RecursionError, OverflowError) as error:
-                raise CalibError(f"fail_if: {text!r} is no regular expression ({error}); mend it") from error
-        return tuple(patterns)
+        try:
+            return tuple(text_pattern(text) for text in self.fail_if)
+        except CalibError as error:
+            raise CalibError(f"fail_if: {error}") from error
 
     @property
     def inactivity_seconds(self) -> float:

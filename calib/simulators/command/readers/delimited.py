@@ -12,7 +12,7 @@ from calib.records.delimited import TextLayout, delimited_rows
 from calib.simulators.command.readers.columns import Columns
 from calib.simulators.command.readers.lines import text_lines
 from calib.simulators.command.readers.number import number
-from calib.simulators.command.readers.rows import Column, Count, Step, column_names, read_rows
+from calib.simulators.command.readers.rows import NO_ROW, Column, Comment, Count, Step, column_names, read_rows
 
 Separator = Annotated[str, Field(pattern=r'^[^"\r\n]$')]
 
@@ -23,7 +23,7 @@ def read(
     *,
     separator: Separator | None = None,
     decimal: Literal[".", ","] = ".",
-    comment: str = "#",
+    comment: Comment = "#",
     skip: Count = 0,
     header: Count | None = None,
     names: Sequence[str] | None = None,
@@ -41,7 +41,9 @@ def read(
     ----------
     separator : one character; without it semicolon, tab, comma or blanks, as found in the first row
     decimal : "." or ","
-    comment : characters, each of which at the beginning of a line makes it a comment
+    comment : characters, each of which at the beginning of a line makes it a comment; or a list of texts with which
+        such a line begins, leading blanks aside, as in ["LOG:", "PAGE"]; "/.../" is a regular expression, looked for
+        in the whole line
     skip : lines at the beginning that are not looked at
     header : lines before the first row of numbers, of which the first names the columns; without it one where it
         holds anything but numbers
@@ -58,7 +60,7 @@ def read(
     if separator == decimal:
         raise CalibError(f"{path}: separator and decimal are both {decimal!r}; state another separator")
     layout = TextLayout(separator, decimal, comment, skip, header, names)
-    text = delimited_rows(path, text_lines(path, encoding), layout)
+    text = delimited_rows(path, text_lines(path, encoding), layout, NO_ROW)
     first = next(text.rows, None)
     if first is None:
         raise CalibError(f"{path}: expected rows of numbers, got none; did the program stop before its first step?")
@@ -66,7 +68,7 @@ def read(
     filled = [i for i, (name, cell) in enumerate(zip(stated, first[1], strict=True), 1) if name or cell.strip()]
 
     def value(cell: str, path: Path, line: int, column: str) -> float:
-        return number(layout.plain(cell), path, line, column)
+        return number(layout.plain(cell), path, line, column, NO_ROW)
 
     return read_rows(
         path,

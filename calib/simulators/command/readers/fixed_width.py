@@ -2,16 +2,18 @@
 
 import itertools
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field
 
 from calib.errors import CalibError
+from calib.records.text_pattern import comment_test
 from calib.simulators.command.readers.columns import Columns
 from calib.simulators.command.readers.lines import text_lines
 from calib.simulators.command.readers.number import number
-from calib.simulators.command.readers.rows import Column, Count, Step, column_names, read_rows
+from calib.simulators.command.readers.rows import NO_ROW, Column, Comment, Count, Step, column_names, read_rows
 
 Width = Annotated[int, Field(ge=1)]
 Widths = Annotated[Sequence[Width], Field(min_length=1)]
@@ -22,7 +24,7 @@ def read(
     /,
     *,
     widths: Widths,
-    comment: str = "#",
+    comment: Comment = "#",
     skip: Count = 0,
     names: Sequence[str] | None = None,
     columns: Sequence[Column] | None = None,
@@ -38,7 +40,9 @@ def read(
     Parameters
     ----------
     widths : characters of each column, as in [12, 12, 12] for the format 3E12.5; what stands behind the last is refused
-    comment : characters, each of which at the beginning of a line makes it a comment
+    comment : characters, each of which at the beginning of a line makes it a comment; or a list of texts with which
+        such a line begins, leading blanks aside, as in ["LOG:", "PAGE"]; "/.../" is a regular expression, looked for
+        in the whole line
     skip : lines at the beginning that are not looked at, such as a header
     names : names of all columns
     columns : names or positions of the columns that are read, where others hold text; without it all
@@ -55,21 +59,22 @@ def read(
     stated = column_names(path, names or [""] * len(widths))
     rows = _fields(path, text_lines(path, encoding), widths, comment, skip)
     chosen = range(1, len(widths) + 1) if columns is None else columns
-    return read_rows(path, rows, stated, number, time=time, step=step, columns=chosen)
+    return read_rows(path, rows, stated, partial(number, remedy=NO_ROW), time=time, step=step, columns=chosen)
 
 
 def _fields(
-    path: Path, lines: Iterator[str], widths: Sequence[int], comment: str, skip: int
+    path: Path, lines: Iterator[str], widths: Sequence[int], comment: str | Sequence[str], skip: int
 ) -> Iterator[tuple[int, list[str]]]:
     """Yield line number and fields of each line that is neither blank nor a comment."""
     ends = list(itertools.accumulate(widths))
+    is_comment = comment_test(comment)
     cuts = list(itertools.pairwise([0, *ends]))
     for line, text in enumerate(lines, 1):
-        if line <= skip or not text.strip() or text.startswith(tuple(comment)):
+        if line <= skip or not text.strip() or is_comment(text):
             continue
         if text[ends[-1] :].strip():
             raise CalibError(
                 f"{path}, line {line}: expected {len(widths)} columns of together {ends[-1]} characters, "
-                f"got {len(text.rstrip())} characters; state the width of every column"
+                f"got {len(text.rstrip())} characters; state the width of every column{NO_ROW}"
             )
         yield line, [text[begin:end] for begin, end in cuts]

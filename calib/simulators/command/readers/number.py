@@ -8,8 +8,10 @@ from calib.records.fortran import fortran_value, overflowed
 MAX_SHOWN_CHARACTERS = 40  # characters of a cell in a message
 
 
-def number(text: str, path: Path, line: int, column: str | int) -> float:
+def number(text: str, path: Path, line: int, column: str | int, remedy: str = "") -> float:
     """Value of a number with a decimal point, in the notation of C or Fortran; NaN and infinities are passed on.
+
+    remedy : for a text that is no number at all
 
     Raises
     ------
@@ -29,7 +31,7 @@ def number(text: str, path: Path, line: int, column: str | int) -> float:
         raise CalibError(f"{where} {text!r}: the number overflowed its field; have the program write a wider one")
     if not text:
         raise CalibError(f"{where} a blank field; is the line cut off, or are the widths of the columns others?")
-    hint = "; if it is a decimal comma, set decimal = ','" if text.count(",") == 1 else ""
+    hint = "; if it is a decimal comma, set decimal = ','" if text.count(",") == 1 else remedy
     raise CalibError(f"{where} {_shortened(text)!r}{hint}")
 
 

@@ -129,7 +129,8 @@ def _check_type(name: str, option: str, annotation: Any, value: Any) -> None:
     try:
         TypeAdapter(annotation, config=STRICT).validate_python(value)
     except ValidationError as error:
-        problems = dict.fromkeys(problem["msg"][:1].lower() + problem["msg"][1:] for problem in error.errors())
+        texts = [problem["msg"].removeprefix("Value error, ") for problem in error.errors()]
+        problems = dict.fromkeys(text[:1].lower() + text[1:] for text in texts)
         raise CalibError(
             f"option {option!r} of the reader {name!r}: {'; or '.join(problems)}; got {value!r}"
         ) from error

@@ -6,15 +6,29 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from calib.errors import CalibError, nearest
+from calib.records.text_pattern import comment_test
 from calib.simulators.command.readers.columns import Columns
 from calib.simulators.command.readers.lines import REMEDY
 
+NO_ROW = '; if the line is no row, state how it begins, as in comment = ["LOG:"]'
 MAX_VALUES = 2**26  # numbers of all columns together: 512 MiB
+
+
+def _is_comment(stated: str | Sequence[str]) -> str | Sequence[str]:
+    """Check what makes lines comments before there is a file."""
+    try:
+        comment_test(stated)
+    except CalibError as error:
+        raise ValueError(str(error)) from error
+    return stated
+
+
 Column = str | Annotated[int, Field(ge=1)]  # name, or position counted from 1
 Step = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]  # between the samples, in the file's unit of time
+Comment = Annotated[str | Sequence[str], AfterValidator(_is_comment)]
 Count = Annotated[int, Field(ge=0)]
 
 

@@ -39,6 +39,23 @@ def test_columns_are_called_by_their_position_and_chosen_so(file):
     np.testing.assert_array_equal(read(path, widths=[4, 4, 4], columns=[3], step=0.5).time, [0.0, 0.5])
 
 
+@pytest.mark.parametrize("name", ["fixed_width", "delimited"])
+def test_headers_within_a_table_and_a_log_after_it_are_passed_over(file, name):
+    text = "    TIME   DISP\n 0.0 1.0\n1  KNOCK 2.3 PAGE 2\n    TIME   DISP\n 1.0 2.0\n LOG: END OF RUN\n"
+    widths = {"widths": [4, 4]} if name == "fixed_width" else {"names": ["t", "x"]}
+    columns = reader(name)(file(text), comment=["TIME", "LOG:", "/KNOCK .* PAGE/"], **widths)
+    np.testing.assert_array_equal(columns.time, [0.0, 1.0])
+    with pytest.raises(CalibError, match=r"""line 6: .*; if the line is no row, .* comment = \["LOG:"\]"""):
+        reader(name)(file(text), comment=["TIME", "/PAGE/"], **widths)
+
+
+@pytest.mark.parametrize("name", ["fixed_width", "delimited"])
+def test_comments_are_checked_before_there_is_a_file(name):
+    widths = {"widths": [4]} if name == "fixed_width" else {}
+    with pytest.raises(CalibError, match=r"option 'comment' of the reader '\w+': '/\(/' is no regular expression"):
+        check_options(name, {"comment": ["/(/"], **widths})
+
+
 @pytest.mark.parametrize(
     ("message", "text", "options"),
     [
