@@ -104,6 +104,9 @@ class Simulator(Protocol):
     19. Optionally `dry_run(values, excitation, request)`, which gives a `calib.modelling.dry_run.DryRun`: it is made
         once before a search begins, which ends there where it fails.
     20. Optionally `cores`, the cores that one run uses. Absent: 1.
+    21. Optionally `ignored`, a mapping of those of "frequency", "amplitude", "phase", "value" (of a recorded input) and
+        "place" (with the quantity) that have no influence on its records to what a user can do about it: a study is
+        then refused whose records differ in one of them, or that states a phase in vain.
 
     `calib.testing.SimulatorSuite` checks all this.
     """

@@ -18,6 +18,7 @@ from calib.records import read, rename_bodies, table
 from calib.records.excitation import Excitation, Quantity, unit_of
 from calib.records.sheet import UnknownColumn
 from calib.study import check_solvable
+from calib.study_file.ignored import check_ignored
 from calib.study_file.mistakes import Mistakes
 from calib.study_file.schema import ExcitationTable, RecordTable, StudyToml, TableTable
 from calib.units import to_si
@@ -38,6 +39,8 @@ def references(shape: StudyToml, model: Model | None, mistakes: Mistakes) -> dic
             continue
         with mistakes.at("record", index):
             known[entry.name] = _reference(shape, index, entry, model, mistakes)
+    if model is not None:
+        check_ignored(known, model.simulator, mistakes)
     if not mistakes.within("record") and not any(entry.use == "calibrate" for entry in shape.record):
         mistakes.add(("record",), 'no record to calibrate on; set use = "calibrate" for one of them at least')
     return known

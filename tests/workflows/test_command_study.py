@@ -234,6 +234,33 @@ def test_mistakes_in_a_template_stand_beside_the_line_of_the_study(tmp_path, tru
         load(path)
 
 
+@pytest.mark.parametrize(
+    ("template", "excitation", "reason"),
+    [
+        ("30", {"amplitude": "40 N"}, "record.2..excitation.amplitude: the amplitude of 40 N of this record and the "
+         "amplitude of 30 N of 'bench' are simulated alike: no template names excitation.amplitude: write it"),
+        ("{{ excitation.amplitude }} {# excitation.phase #}", {"phase": "90 deg"},
+         "record.2..excitation.phase: the phase of 90 deg has no influence .* no template names excitation.phase"),
+        ("{{ excitation.amplitude }}", {"frequency": "21 Hz"}, ""),
+        ("{% set e = excitation %}{{ e.amplitude }}", {"amplitude": "40 N", "phase": "90 deg"}, ""),
+    ],
+)  # fmt: skip
+def test_excitations_that_no_template_tells_apart_are_refused(tmp_path, truth, template, excitation, reason):
+    path = lay_out_study(tmp_path, truth)
+    (tmp_path / "deck.in.j2").write_text(
+        f"{{{{ gap }}}} {{{{ stiffness + damping + restitution }}}} {{{{ excitation.frequency }}}} {template}\n"
+    )
+    document = tomlkit.parse(path.read_text())
+    drive = {"quantity": "force", "place": "mass", "frequency": "20 Hz", "amplitude": "30 N", **excitation}
+    document["record"].append({"name": "loud", "path": str(truth), "use": "holdout", "excitation": drive})
+    path.write_text(tomlkit.dumps(document))
+    if not reason:
+        load(path)
+        return
+    with pytest.raises(CalibError, match=reason):
+        load(path)
+
+
 def test_a_study_in_python_finds_its_files_in_the_working_folder(tmp_path, truth, monkeypatch):
     monkeypatch.chdir(lay_out(tmp_path / "here"))
     study = calib.Study(

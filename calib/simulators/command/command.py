@@ -17,7 +17,7 @@ from calib.modelling.laws import BoundLaw
 from calib.modelling.simulator import Request
 from calib.records import failed
 from calib.records.excitation import Excitation
-from calib.simulators.command.deck import KNOWN, deck_values, output_times
+from calib.simulators.command.deck import KNOWN, deck_values, ignored_parts, output_times
 from calib.simulators.command.dry_run import DRY_RUN, facts_of
 from calib.simulators.command.evaluation import ProgramRun, Surroundings, evaluated
 from calib.simulators.command.inputs import Inputs, read_inputs
@@ -107,6 +107,11 @@ class Command:
     def code(self) -> Mapping[str, str]:
         """Identity of templates, files, programs and a reader of one's own, by name."""
         return self._ready().code
+
+    @property
+    def ignored(self) -> Mapping[str, str]:
+        """Parts of an excitation that no template names, each with what to do where it matters."""
+        return ignored_parts(self._ready().texts)
 
     def _read(self) -> Inputs:
         inputs = read_inputs(self._options.program, self._study)

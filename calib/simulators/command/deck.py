@@ -8,14 +8,32 @@ import numpy as np
 from calib.modelling.parameter import Parameter
 from calib.modelling.simulator import Request
 from calib.records.excitation import Excitation
-from calib.simulators.command.templates import Fields, ValueWithUnit
+from calib.simulators.command.templates import Fields, TemplateText, ValueWithUnit, named_fields
 
 EXCITATION_FIELDS = (
     "quantity", "place", "unit", "harmonic", "recorded", "periodic", "frequency", "period", "omega", "amplitude",
     "phase", "time", "value", "samples",
 )  # fmt: skip
+TOLD_BY = {
+    "frequency": ("frequency", "period", "omega"),
+    "amplitude": ("amplitude",),
+    "phase": ("phase",),
+    "value": ("value", "samples"),
+    "place": ("place", "quantity"),
+}  # what distinguishes two excitations -> fields of which a template has to name one, to tell them apart
 REQUEST_FIELDS = ("periods", "samples", "settle", "step", "start", "end", "times", "step_budget")
 KNOWN = {"excitation": EXCITATION_FIELDS, "request": REQUEST_FIELDS, "cores": ()}
+
+
+def ignored_parts(templates: Sequence[TemplateText]) -> dict[str, str]:
+    """Parts of an excitation that no template names, each with what to do where it matters."""
+    named = named_fields(templates, "excitation")
+    return {
+        part: f"no template names {' or '.join(f'excitation.{field}' for field in fields)}: write it where it belongs, "
+        "or in a comment of the deck where the program knows it from elsewhere"
+        for part, fields in TOLD_BY.items()
+        if named is not None and named.isdisjoint(fields)
+    }
 
 
 def output_times(excitation: Excitation, request: Request, settle: int) -> np.ndarray:

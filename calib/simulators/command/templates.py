@@ -260,5 +260,17 @@ def _fields(tree: nodes.Template) -> Iterator[tuple[str, str, int]]:
             yield item.node.name, item.arg.value, item.lineno
 
 
+def named_fields(templates: Sequence[TemplateText], thing: str) -> frozenset[str] | None:
+    """Fields of `thing` that templates name; None where one takes it as a whole, so that any may be used."""
+    named: list[str] = []
+    for template in templates:
+        tree = _environment().parse(template.text)
+        own = [field for name, field, _ in _fields(tree) if name == thing]
+        if len(own) < sum(node.name == thing for node in tree.find_all(nodes.Name)):
+            return None
+        named += own
+    return frozenset(named)
+
+
 def _line(tree: nodes.Template, name: str) -> int:
     return next((node.lineno for node in tree.find_all(nodes.Name) if node.name == name), 1)
