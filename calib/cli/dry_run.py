@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 import numpy as np
+import xarray as xr
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -11,6 +12,7 @@ from rich.table import Table
 from calib.records import channels, mean_interval, stated_period
 from calib.records.cycles import kind_of_motion
 from calib.units import shown
+from calib.workflows.amplitudes import MAX_AMPLITUDE_RATIO
 from calib.workflows.dry_run import StudyDryRun, dry_run_study
 
 PICTURE_WIDTH, PICTURE_HEIGHT = 72, 9  # characters
@@ -46,13 +48,31 @@ def _of_record(dry: StudyDryRun) -> list[tuple[str, str]]:
     rows = [*status, ("samples", rate)]
     for channel in channels(record):
         for body in record.body.values:
-            values = record[channel].sel(body=body).values
-            half = 0.5 * float(np.ptp(values))
-            rows.append((f"{channel} of {body}", f"amplitude {shown(half, record[channel].attrs['units'])}"))
+            unit, half = record[channel].attrs["units"], _amplitude(record, channel, body)
+            text = f"amplitude {shown(half, unit)}{_beside_measured(half, dry.measured, channel, body, unit)}"
+            rows.append((f"{channel} of {body}", text))
     if any(channel in record for channel in ("displacement", "velocity")):
         motion = kind_of_motion(record)
         rows.append(("kind of motion", f"{motion.kind} ({motion.evidence})"))
     return rows
+
+
+def _amplitude(record: xr.Dataset, channel: str, body: str) -> float:
+    """Half of the range of a channel."""
+    return 0.5 * float(np.ptp(record[channel].sel(body=body).values))
+
+
+def _beside_measured(simulated: float, measured: xr.Dataset, channel: str, body: str, unit: str) -> str:
+    """Say how a simulated amplitude compares with the measured one; nothing where it was not measured."""
+    if channel not in measured or body not in measured.body.values:
+        return ""
+    amplitude = _amplitude(measured, channel, body)
+    text = f"; measured {shown(amplitude, unit)}"
+    if not (amplitude > 0.0 and simulated > 0.0):
+        return text
+    factor = simulated / amplitude
+    check = "" if 1.0 / MAX_AMPLITUDE_RATIO <= factor <= MAX_AMPLITUDE_RATIO else ": check the units of both"
+    return f"{text}, a factor of {factor:.3g}{check}"
 
 
 def _pictures(dry: StudyDryRun) -> list[str]:

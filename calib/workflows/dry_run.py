@@ -8,6 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import xarray as xr
+
 from calib.errors import CalibError
 from calib.execution.files import whole
 from calib.execution.pool import REFUSED, Failure
@@ -31,11 +33,13 @@ class StudyDryRun:
     record : name of the record that was simulated
     values : parameter -> value at which it was simulated, in SI
     run : what it has shown
+    measured : the record that it is to be compared with
     """
 
     record: str
     values: Mapping[str, float]
     run: DryRun
+    measured: xr.Dataset
 
     @property
     def succeeded(self) -> bool:
@@ -101,7 +105,7 @@ def _tried(file: StudyFile) -> StudyDryRun:
         if answer.status == REFUSED:
             raise CalibError(answer.reason)
         answer = DryRun(failed(file.study.model.bodies, answer.status, answer.reason))
-    return StudyDryRun(reference.name, {**file.study.model.nominal, **values}, answer)
+    return StudyDryRun(reference.name, {**file.study.model.nominal, **values}, answer, reference.record)
 
 
 def _run(model: Model, reference: Reference, values: Mapping[str, float]) -> DryRun:

@@ -3,6 +3,7 @@
 import json
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -100,8 +101,20 @@ def test_a_dry_run_shows_what_was_run_and_read(tmp_path, truth):
         "3 periods of 0.05",
     ):
         assert part in text
+    deck = str(tmp_path / "out/runs/dry-run/deck.in")
+    assert deck in answer.output.replace("│", "").replace("\n", "").replace(" ", "")
+    assert re.search(r"displacement of mass amplitude [\d.]+ mm; measured [\d.]+ mm, a factor of [01]\.\d+ ", text)
     assert not (tmp_path / "out" / "trials.jsonl").exists()
     assert (tmp_path / "out" / "runs" / "dry-run" / "deck.in").read_text().startswith("10000.0 20.0 0.001 0.6\n")
+
+
+def test_a_dry_run_in_a_wrong_unit_says_to_check_it(tmp_path, truth):
+    read = {**OPTIONS["read"], "bodies": {"mass": {"displacement": "x", "velocity": "v"}}}
+    answer = CliRunner().invoke(main, ["run", str(lay_out_study(tmp_path, truth, read=read)), "--dry-run"])
+    text = " ".join(answer.output.replace("│", " ").split())
+    assert re.search(
+        r"displacement of mass amplitude [\d.]+ m; measured [\d.]+ mm, a factor of 1.*: check the units", text
+    )
 
 
 def test_a_dry_run_of_a_wrong_reader_shows_the_columns_there_are(tmp_path, truth):

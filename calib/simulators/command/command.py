@@ -19,7 +19,7 @@ from calib.records import failed
 from calib.records.excitation import Excitation
 from calib.simulators.command.deck import KNOWN, deck_values, ignored_parts, output_times
 from calib.simulators.command.dry_run import DRY_RUN, facts_of
-from calib.simulators.command.evaluation import ProgramRun, Surroundings, evaluated
+from calib.simulators.command.evaluation import RUNS, ProgramRun, Surroundings, evaluated
 from calib.simulators.command.inputs import Inputs, read_inputs
 from calib.simulators.command.known_files import known_file
 from calib.simulators.command.options import SIGNATURE, CommandOptions, described
@@ -175,7 +175,8 @@ class Command:
         run = self.afresh()._evaluated(
             values, excitation, request, "" if self._options.keeping.keep == "none" else DRY_RUN
         )
-        return DryRun(run.record, tuple(facts_of(run, self._options)))
+        runs = None if self._results is None else self._results / RUNS
+        return DryRun(run.record, tuple(facts_of(run, self._options, runs)))
 
     def check(self, excitation: Excitation, request: Request) -> None:
         """Refuse an excitation or a request that the templates do not take.

@@ -2,28 +2,34 @@
 
 import math
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 
-from calib.simulators.command.evaluation import RUNS, ProgramRun
+from calib.simulators.command.evaluation import ProgramRun
 from calib.simulators.command.options import CommandOptions
 
 DRY_RUN = "dry-run"  # folder of the last dry run, below that of the runs
 MAX_SHOWN_COLUMNS = 12  # of an output
 
 
-def facts_of(run: ProgramRun, options: CommandOptions) -> Iterator[tuple[str, str]]:
-    """Yield what was rendered, run and read, each with its name."""
+def facts_of(run: ProgramRun, options: CommandOptions, runs: Path | None) -> Iterator[tuple[str, str]]:
+    """Yield what was rendered, run and read, each with its name.
+
+    runs : folder of the run folders, where they are kept
+    """
+    folder = None if runs is None or options.keeping.keep == "none" else runs / DRY_RUN
     for name, content in run.files.items():
-        yield "rendered", f"{name}: {content.count(10)} lines, {len(content)} bytes"
+        place = "" if folder is None or not run.tried else f" ({folder / name})"
+        yield "rendered", f"{name}: {content.count(10)} lines, {len(content)} bytes{place}"
     for rung, line in enumerate(run.tried, start=1):
         yield f"rung {rung}", f"{line.command}: {line.reason or 'its output was read'} ({line.seconds:.3g} s)"
         if line.tail:
             yield "log ends", line.tail
     if run.columns is not None:
         yield from _columns(run, options)
-    if run.tried and options.keeping.keep != "none":
-        yield "run folder", f"{RUNS}/{DRY_RUN}"
+    if run.tried and folder is not None:
+        yield "run folder", str(folder)
 
 
 def _columns(run: ProgramRun, options: CommandOptions) -> Iterator[tuple[str, str]]:
