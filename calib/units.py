@@ -18,6 +18,32 @@ SI_FROM = 1.0  # m, s: such and larger values are read in m and s
 # a number, then its unit; a comma is refused because pint drops it: '1,5 mm' would become 15 mm
 QUANTITY = re.compile(r"\s*\(?\s*[+-]?\s*(\d|\.\d|inf|nan)[\w\s.+\-*/^()%°µ]*")
 
+COMMON_UNITS = (
+    "m",
+    "mm",
+    "um",
+    "km",
+    "s",
+    "ms",
+    "us",
+    "kg",
+    "g",
+    "t",
+    "N",
+    "mN",
+    "kN",
+    "Pa",
+    "kPa",
+    "MPa",
+    "GPa",
+    "Hz",
+    "kHz",
+    "rad",
+    "mrad",
+    "deg",
+    "V",
+    "mV",
+)  # fmt: skip - with prefixes, which the registry lists no units with
 MAX_QUANTITY_CHARACTERS = 100  # characters; the longest unit of a parameter takes less than 20
 # product of the exponents in one text: above it, pint would work out integers of any length, as in '9**9**9 m'
 MAX_EXPONENT_PRODUCT = 1000.0
@@ -143,9 +169,8 @@ def _parse(text: str, unit: str) -> "pint.Quantity":
         return _registry().Quantity(text)
     except pint.errors.UndefinedUnitError as error:
         name = error.unit_names if isinstance(error.unit_names, str) else next(iter(error.unit_names))
-        raise CalibError(
-            f"unknown unit {name!r} in {text!r}{nearest(name, _registry())}; expected a unit like {unit!r}"
-        ) from error
+        hint = nearest(name, [*COMMON_UNITS, *_registry()])
+        raise CalibError(f"unknown unit {name!r} in {text!r}{hint}; expected a unit like {unit!r}") from error
     except (pint.errors.PintError, ValueError, TypeError, AttributeError, ArithmeticError) as error:
         raise CalibError(mistake) from error
     except (AssertionError, tokenize.TokenError) as error:  # what pint's parser raises on unfinished text

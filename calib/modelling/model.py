@@ -134,6 +134,17 @@ class Model:
         afresh = getattr(self.simulator, "afresh", None)
         return self if afresh is None else Model(afresh(), self.effects)
 
+    def check_values(self, values: Mapping[str, float], excitation: Excitation, request: Request) -> None:
+        """Let the simulator refuse values at which it can compute nothing, if it looks at that.
+
+        Raises
+        ------
+        CalibError : an unknown parameter, or values that the simulator does not take
+        """
+        check = getattr(self.simulator, "check_values", None)
+        if check is not None:
+            check(self._own(self._complete(values)), excitation, request)
+
     def dry_run(self, values: Mapping[str, float], excitation: Excitation, request: Request) -> DryRun:
         """Run the simulator once, as `run` does but without effects on its sensors, and say what it did.
 

@@ -107,6 +107,8 @@ class Simulator(Protocol):
     21. Optionally `ignored`, a mapping of those of "frequency", "amplitude", "phase", "value" (of a recorded input) and
         "place" (with the quantity) that have no influence on its records to what a user can do about it: a study is
         then refused whose records differ in one of them, or that states a phase in vain.
+    22. Optionally `check_values(values, excitation, request)`, which raises CalibError for values at which it can
+        compute nothing, without running: a study is refused whose starting values, or ends of windows, are such ones.
 
     `calib.testing.SimulatorSuite` checks all this.
     """

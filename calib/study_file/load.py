@@ -31,6 +31,7 @@ from calib.study_file.pool import pool_settings
 from calib.study_file.references import REQUEST_KEYS, digest, references
 from calib.study_file.schema import DiagnosisTable, OptimiserTable, StudyToml, TermTable
 from calib.study_file.stored_simulator import StoredSimulator
+from calib.study_file.values_check import check_values
 from calib.units import to_si
 
 CONTRACT_ARGUMENTS = ("dim", "seed", "budget", "batch")  # of an optimiser; the rest are options of the user
@@ -165,6 +166,8 @@ def load(
     candidates = read_candidates(diagnosis.candidates, mistakes, "diagnosis", "candidates")
     _check_screen(shape, budget or shape.study.budget, mistakes)
     laboratory = read_laboratory(diagnosis.bench, every, model, mistakes) if complete and model else None
+    if model is not None and space is not None and complete:
+        check_values(model, space, every.values(), mistakes)
     mistakes.tell()
     with mistakes.at("term"):
         objective = Objective(calibrated, terms)

@@ -20,6 +20,7 @@ from calib.modelling.parameter import values_for
 from calib.objective import Reference
 from calib.records import OK, failed
 from calib.study_file import StudyFile, load
+from calib.study_file.values_check import start_values
 
 PASSED = "dry-run.json"  # in the folder of the results: of which study a dry run has ended well
 
@@ -84,20 +85,9 @@ def check_simulator_runs(file: StudyFile, on_stage: Callable[[str], None] = lamb
     _pass(file)
 
 
-def start_values(file: StudyFile) -> dict[str, float]:
-    """Values [SI] at which a search starts; where none are stated the nominal ones, or the nearest in their windows."""
-    space, model = file.study.space, file.study.model
-    point = space.starting_point
-    if point is not None:
-        return space.values(point)
-    nominal = {name: model.parameters[name.partition("@")[0]].nominal for name in space.names}
-    inside = {name: min(max(nominal[name], window.low), window.high) for name, window in space.windows.items()}
-    return {**space.fixed, **inside}
-
-
 def _tried(file: StudyFile) -> StudyDryRun:
     reference = next(iter(file.study.objective.references.values()))
-    values = values_for(start_values(file), reference.name)
+    values = values_for(start_values(file.study.model, file.study.space), reference.name)
     study = file.study
     with workers(partial(_run, study.model, reference), study.evaluated_by, study.timeout, modules=study.code) as pool:
         [(_, answer)] = pool.map([values])

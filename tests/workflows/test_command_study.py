@@ -274,6 +274,23 @@ def test_excitations_that_no_template_tells_apart_are_refused(tmp_path, truth, t
         load(path)
 
 
+def test_values_that_no_template_takes_are_mistakes_of_the_options_or_of_the_window(tmp_path, truth):
+    path = lay_out_study(tmp_path, truth)
+    deck = (
+        "{{ gap | unit('mm') | fortran('F4.2') }} {{ restitution }}\n{{ stiffness | fortran('FIELD') }} {{ damping }}\n"
+    )
+    (tmp_path / "deck.in.j2").write_text(deck.replace("FIELD", "F6.3"))
+    with pytest.raises(CalibError, match=r"study.toml:\d+: model.options: deck.in.j2:2: 10000.0 does not fit F6.3"):
+        load(path)
+    (tmp_path / "deck.in.j2").write_text(deck.replace("FIELD", "F9.1"))
+    load(path)
+    document = tomlkit.parse(path.read_text())
+    document["windows"]["gap"]["high"] = "15 mm"
+    path.write_text(tomlkit.dumps(document))
+    with pytest.raises(CalibError, match=r"windows.gap.high: at gap = 15 mm: deck.in.j2:1: 15.0 does not fit F4.2"):
+        load(path)
+
+
 def test_a_study_in_python_finds_its_files_in_the_working_folder(tmp_path, truth, monkeypatch):
     monkeypatch.chdir(lay_out(tmp_path / "here"))
     study = calib.Study(

@@ -26,7 +26,7 @@ from calib.simulators.command.options import SIGNATURE, CommandOptions, describe
 from calib.simulators.command.quantities import declared_parameters
 from calib.simulators.command.readers import check_options, reader_code
 from calib.simulators.command.reading import Instants
-from calib.simulators.command.templates import check_names
+from calib.simulators.command.templates import TemplateFault, check_names
 
 STEP_BUDGET, IMPOSSIBLE = "step budget", "impossible value"  # statuses
 
@@ -186,7 +186,19 @@ class Command:
         CalibError : a place that is not among `drives`; a template that cannot be rendered with them
         """
         self._check_drive(excitation)
-        values = {p.name: p.nominal for p in self.parameters}
+        try:
+            self.check_values({p.name: p.nominal for p in self.parameters}, excitation, request)
+        except TemplateFault as fault:
+            if not fault.names or fault.names & {"excitation", "request"}:
+                raise
+
+    def check_values(self, values: Mapping[str, float], excitation: Excitation, request: Request) -> None:
+        """Refuse values that the templates do not take.
+
+        Raises
+        ------
+        CalibError : a template that cannot be rendered with them
+        """
         self._ready().deck(self._deck_values(values, excitation, request))
 
     def _check_drive(self, excitation: Excitation) -> None:

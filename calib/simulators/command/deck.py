@@ -62,7 +62,7 @@ def deck_values(
 ) -> dict[str, object]:
     """Everything that a template may name; what does not apply, such as the frequency of a free decay, is undefined."""
     return {
-        **{p.name: ValueWithUnit(values[p.name], p.unit) for p in parameters},
+        **{p.name: ValueWithUnit(values[p.name], p.unit, p.name) for p in parameters},
         "excitation": _excitation_fields(excitation),
         "request": _request_fields(excitation, request, settle),
         "cores": cores,
@@ -77,18 +77,18 @@ def _excitation_fields(excitation: Excitation) -> Fields:
         harmonic=excitation.harmonic,
         recorded=excitation.recorded,
         periodic=excitation.periodic,
-        phase=ValueWithUnit(excitation.phase, "rad"),
+        phase=ValueWithUnit(excitation.phase, "rad", "excitation.phase"),
     )
     if excitation.frequency is not None:
-        fields["frequency"] = ValueWithUnit(excitation.frequency, "Hz")
-        fields["period"] = ValueWithUnit(1.0 / excitation.frequency, "s")
-        fields["omega"] = ValueWithUnit(2.0 * math.pi * excitation.frequency, "rad/s")
+        fields["frequency"] = ValueWithUnit(excitation.frequency, "Hz", "excitation.frequency")
+        fields["period"] = ValueWithUnit(1.0 / excitation.frequency, "s", "excitation.period")
+        fields["omega"] = ValueWithUnit(2.0 * math.pi * excitation.frequency, "rad/s", "excitation.omega")
     if excitation.amplitude is not None:
-        fields["amplitude"] = ValueWithUnit(excitation.amplitude, excitation.unit)
+        fields["amplitude"] = ValueWithUnit(excitation.amplitude, excitation.unit, "excitation.amplitude")
     if excitation.recorded:
         samples = excitation.as_samples
-        fields["time"] = [ValueWithUnit(t, "s") for t in samples.time.tolist()]
-        fields["value"] = [ValueWithUnit(v, excitation.unit) for v in samples.value.tolist()]
+        fields["time"] = [ValueWithUnit(t, "s", "excitation.time") for t in samples.time.tolist()]
+        fields["value"] = [ValueWithUnit(v, excitation.unit, "excitation.value") for v in samples.value.tolist()]
         fields["samples"] = [
             Fields(time=time, value=value) for time, value in zip(fields["time"], fields["value"], strict=True)
         ]
@@ -99,14 +99,14 @@ def _request_fields(excitation: Excitation, request: Request, settle: int) -> Fi
     times = output_times(excitation, request, settle)
     step = (times[-1] - times[0]) / (times.size - 1)
     fields = Fields(
-        step=ValueWithUnit(float(step), "s"),
-        start=ValueWithUnit(float(times[0]), "s"),
-        end=ValueWithUnit(float(times[-1]), "s"),
-        times=[ValueWithUnit(t, "s") for t in times.tolist()],
+        step=ValueWithUnit(float(step), "s", "request.step"),
+        start=ValueWithUnit(float(times[0]), "s", "request.start"),
+        end=ValueWithUnit(float(times[-1]), "s", "request.end"),
+        times=[ValueWithUnit(t, "s", "request.times") for t in times.tolist()],
         step_budget=request.step_budget,
     )
     if excitation.harmonic:
         period = excitation.as_harmonic.period
-        fields["end"] = ValueWithUnit((settle + request.periods) * period, "s")
+        fields["end"] = ValueWithUnit((settle + request.periods) * period, "s", "request.end")
         fields |= {"periods": request.periods, "samples": request.samples, "settle": settle}
     return fields

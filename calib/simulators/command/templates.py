@@ -15,11 +15,12 @@ from jinja2.utils import Namespace
 
 from calib.errors import CalibError, nearest
 from calib.simulators.command.formats import fixed, fortran
-from calib.units import from_si
+from calib.units import coherent, from_si
 
 SUFFIX = ".j2"  # of a file that is rendered
 MAX_LOOP_STEPS = 5_000_000  # of all loops over `range` in one rendering
 MAX_RENDERED_CHARACTERS = 200_000_000  # of one file
+SHOWN_LINE_CHARACTERS = 100  # of the line of a template in a message
 MAX_INTEGER_BITS = 4096  # of an integer that a template works out
 KEPT_FILTERS = (
     "abs",
@@ -44,15 +45,22 @@ KEPT_FILTERS = (
 
 
 class ValueWithUnit(float):
-    """A value in SI that knows its unit; arithmetic gives a plain number."""
+    """A value in SI that knows its unit and name; arithmetic gives a plain number."""
 
     unit: str
+    name: str
 
-    def __new__(cls, value: float, unit: str) -> "ValueWithUnit":
-        """Return the value with its unit."""
+    def __new__(cls, value: float, unit: str, name: str) -> "ValueWithUnit":
+        """Return the value with its unit and the name that templates know it by."""
         own = super().__new__(cls, value)
-        own.unit = unit
+        own.unit, own.name = unit, name
         return own
+
+
+class TemplateFault(CalibError):
+    """A template that cannot be rendered; `names` are the placeholders of its line."""
+
+    names: frozenset[str] = frozenset()
 
 
 class Fields(dict[str, Any]):
@@ -131,7 +139,14 @@ def _in_unit(value: Any, unit: str) -> float:
     """Value in `unit` of a value in SI."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not isinstance(unit, str):
         raise CalibError(f"unit: expected a number in SI and a unit such as 'MPa', got {value!r:.40} and {unit!r:.40}")
-    return from_si(float(value), unit, value.unit if isinstance(value, ValueWithUnit) else None)
+    if not isinstance(value, ValueWithUnit):
+        return from_si(float(value), unit)
+    coherent(unit)  # which refuses an unknown unit
+    try:
+        return from_si(float(value), unit, value.unit)
+    except CalibError as error:
+        reason = str(error) if "hertz" in str(error) else f"take a unit of {value.unit}, or none"
+        raise CalibError(f"{value.name} is in {value.unit or '1'} and is not given in {unit!r}: {reason}") from error
 
 
 def check_names(
@@ -232,22 +247,28 @@ class _Reported:
         except TemplateSyntaxError as error:
             raise CalibError(f"{self._template.name}:{error.lineno}: this is no template: {error.message}") from error
         except UndefinedError as error:
-            raise CalibError(f"{self._where(error)}: undefined: {error.message}") from error
+            raise self._fault(error, f"undefined: {error.message}") from error
         except CalibError as error:
-            raise CalibError(f"{self._where(error)}: {error}") from error
+            raise self._fault(error, str(error)) from error
         except (TemplateError, ArithmeticError, LookupError, MemoryError, RecursionError, TypeError, ValueError,
                 AttributeError, NameError, SyntaxError) as error:  # fmt: skip
             # NameError: jinja2 compiles 1e999 to the name inf
-            raise CalibError(f"{self._where(error)}: cannot be rendered: {error!r:.200}") from error
+            raise self._fault(error, f"cannot be rendered: {error!r:.200}") from error
 
-    def _where(self, error: BaseException) -> str:
-        """Name, with the line of the template that jinja2 has put into the traceback."""
+    def _fault(self, error: BaseException, reason: str) -> TemplateFault:
+        """Return an error with the line of the template that jinja2 has put into the traceback."""
         line, trace = 0, error.__traceback__
         while trace is not None:
             if trace.tb_frame.f_code.co_filename == "<template>":
                 line = trace.tb_lineno
             trace = trace.tb_next
-        return f"{self._template.name}:{line}" if line else self._template.name
+        if not line:
+            return TemplateFault(f"{self._template.name}: {reason}")
+        text = self._template.text.split("\n")[line - 1].strip()
+        fault = TemplateFault(f"{self._template.name}:{line}: {reason}; in {text:.{SHOWN_LINE_CHARACTERS}}")
+        tree = _environment().parse(self._template.text)
+        fault.names = frozenset(node.name for node in tree.find_all(nodes.Name) if node.lineno == line)
+        return fault
 
 
 def _fields(tree: nodes.Template) -> Iterator[tuple[str, str, int]]:

@@ -11,7 +11,7 @@ from calib.modelling.simulator import Request
 from calib.records.excitation import Excitation
 from calib.simulators.command.deck import KNOWN, deck_values
 from calib.simulators.command.quantities import declared_parameters
-from calib.simulators.command.templates import TemplateText, check_names, rendered
+from calib.simulators.command.templates import TemplateFault, TemplateText, check_names, rendered
 
 PARAMETERS = declared_parameters({"youngs": "70 GPa", "gap": "1 mm", "ratio": 0.3})
 DRIVE = Excitation("tip", "base motion", frequency=20.0, amplitude=1e-3, phase=0.5)
@@ -66,8 +66,23 @@ def test_a_number_beyond_all_others_is_refused():
 
 
 def test_a_unit_of_another_dimension_is_refused():
-    with pytest.raises(CalibError, match=r"deck.inp.j2:2: .*given in Pa"):
+    with pytest.raises(CalibError, match=r"deck.inp.j2:2: youngs is in Pa and is not given in 'mm': .*; in {{ y"):
         deck('\n{{ youngs | unit("mm") }}')
+    with pytest.raises(CalibError, match=r"excitation.omega is in rad/s and .* 'Hz': .*hertz counts cycles"):
+        deck('{{ excitation.omega | unit("Hz") }}')
+
+
+def test_an_unknown_unit_is_answered_with_the_nearest():
+    with pytest.raises(CalibError, match=r"unknown unit 'mmm' .*did you mean 'mm'\?"):
+        deck('{{ gap | unit("mmm") }}')
+
+
+def test_a_fault_names_the_placeholders_of_its_line():
+    with pytest.raises(TemplateFault, match=r"""deck.inp.j2:3: 70000.0 does not fit F6.5: .*; in {{ gap }}{{ youngs"""):
+        deck("{{ ratio }}\n\n{{ gap }}{{ youngs | unit('MPa') | fortran('F6.5') }}\n{{ cores }}")
+    with pytest.raises(TemplateFault) as fault:
+        deck("{{ ratio }}\n\n{{ gap }}{{ youngs | unit('MPa') | fortran('F6.5') }}\n{{ cores }}")
+    assert fault.value.names == {"gap", "youngs"}
 
 
 def test_loops_and_conditions_leave_no_empty_lines():
