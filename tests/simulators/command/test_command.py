@@ -311,6 +311,7 @@ def test_a_free_decay_and_a_recorded_input_run_on_their_own_instants(tmp_path):
         ({"parameters": {"cores": 1}}, "the name of something else"),
         ({"read": {**READ, "reader": "delimitd"}}, r"unknown reader 'delimitd' \(did you mean 'delimited'"),
         ({"read": {**READ, "seperator": ","}}, "unknown option 'seperator'"),
+        ({"read": {**READ, "reader": "calculix_dat", "time": "t"}}, "returns time itself, in seconds; .* { unit ="),
         ({"read": {**READ, "file": ["a", "b"]}}, "one for each of the 1 command line"),
         ({"read": {**READ, "file": []}}, "one for each command line; got none"),
         ({"read": {"reader": "delimited", "file": "a"}}, "read: bodies is missing"),

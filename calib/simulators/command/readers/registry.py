@@ -114,6 +114,11 @@ def _check(name: str, function: Callable[..., Any], options: Mapping[str, Any]) 
     free = any(p.kind is p.VAR_KEYWORD for p in parameters)
     for option, value in options.items():
         if option not in known and not free:
+            if option == "time":
+                raise CalibError(
+                    f"the reader {name!r} has no choice of time: it returns time itself, in seconds; where that is in "
+                    'another unit, state it alone, as in time = { unit = "ms" }'
+                )
             takes = f"takes {', '.join(known)}" if known else "takes none"
             raise CalibError(f"unknown option {option!r} of the reader {name!r}{nearest(option, known)}; it {takes}")
         if option in known and ":" not in name:
