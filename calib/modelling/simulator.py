@@ -109,6 +109,8 @@ class Simulator(Protocol):
         then refused whose records differ in one of them, or that states a phase in vain.
     22. Optionally `check_values(values, excitation, request)`, which raises CalibError for values at which it can
         compute nothing, without running: a study is refused whose starting values, or ends of windows, are such ones.
+    23. Optionally `remarks`, sentences on what its options leave open: told as a search begins, and kept with its
+        result.
 
     `calib.testing.SimulatorSuite` checks all this.
     """

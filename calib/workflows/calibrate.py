@@ -274,6 +274,7 @@ def _summarised(
             *_in_the_place_of_intervals(study, search.trials, confidence),
             *_remarks(study, point),
             *answered_from_cache(search.trials),
+            *getattr(study.model.simulator, "remarks", ()),
         ],
         reproduced=None if point is None else not point.repetition,
         simulations=_simulations(file, search.trials, confirmation, point, predictions),

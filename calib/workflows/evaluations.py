@@ -73,6 +73,8 @@ class Evaluations:
             partial(_evaluated, cases), study.evaluated_by, study.timeout,
             modules=study.code, results=results, on_note=on_note,
         )  # fmt: skip
+        for remark in getattr(study.model.simulator, "remarks", ()):
+            on_note(remark)
         oversubscribed = _oversubscription(study)
         if oversubscribed is not None:
             on_note(oversubscribed)

@@ -169,6 +169,7 @@ def test_a_new_ledger_is_answered_from_the_cache_and_the_best_point_is_not(tmp_p
     assert (again.values, again.score.total) == (first.values, first.score.total)
     assert [trial.simulations for trial in read(tmp_path / "out")[1]] == [0] * 3
     assert any("3 of 3 trials were answered from the cache" in remark for remark in again.remarks)
+    assert any("count.sh is a script: programs that it calls" in remark for remark in again.remarks)
 
 
 REPLACED = """#!/bin/sh

@@ -109,6 +109,11 @@ class Command:
         return self._ready().code
 
     @property
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences on programs whose identity does not tell what they run."""
+        return self._ready().programs.remarks
+
+    @property
     def ignored(self) -> Mapping[str, str]:
         """Parts of an excitation that no template names, each with what to do where it matters."""
         return ignored_parts(self._ready().texts)
@@ -176,7 +181,7 @@ class Command:
             values, excitation, request, "" if self._options.keeping.keep == "none" else DRY_RUN
         )
         runs = None if self._results is None else self._results / RUNS
-        return DryRun(run.record, tuple(facts_of(run, self._options, runs)))
+        return DryRun(run.record, (*facts_of(run, self._options, runs), *(("remark", text) for text in self.remarks)))
 
     def check(self, excitation: Excitation, request: Request) -> None:
         """Refuse an excitation or a request that the templates do not take.

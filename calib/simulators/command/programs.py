@@ -138,12 +138,11 @@ def _hidden(line: Sequence[str], given: set[str], search: str | None) -> Iterato
         return
     remedy = "state the command line of `version`, so that results of another one are told apart"
     path = located(first, search)
-    if path is not None and _is_script(path):
+    if _launches(first):
+        if not any(str(PurePosixPath(word)) in given or _is_code(word, True, search) for word in others):
+            yield f"{Path(first).name} runs a program that no word of {shlex.join(line)!r} names; {remedy}"
+    elif path is not None and _is_script(path):
         yield f"{path.name} is a script: programs that it calls are no part of the identity of the study; {remedy}"
-    elif _launches(first) and not any(
-        str(PurePosixPath(word)) in given or _is_code(word, True, search) for word in others
-    ):
-        yield f"{Path(first).name} runs a program that no word of {shlex.join(line)!r} names; {remedy}"
 
 
 def _is_script(path: Path) -> bool:
