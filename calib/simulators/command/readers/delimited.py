@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -41,9 +42,8 @@ def read(
     ----------
     separator : one character; without it semicolon, tab, comma or blanks, as found in the first row
     decimal : "." or ","
-    comment : characters, each of which at the beginning of a line makes it a comment; or a list of texts with which
-        such a line begins, leading blanks aside, as in ["LOG:", "PAGE"]; "/.../" is a regular expression, looked for
-        in the whole line
+    comment : characters with which comments begin; or a list of texts with which they do behind blanks, as in
+        ["LOG:", "PAGE"]; "/.../" is a regular expression that is found in the line
     skip : lines at the beginning that are not looked at
     header : lines before the first row of numbers, of which the first names the columns; without it one where it
         holds anything but numbers
@@ -67,15 +67,16 @@ def read(
     stated = text.names or [""] * len(first[1])
     filled = [i for i, (name, cell) in enumerate(zip(stated, first[1], strict=True), 1) if name or cell.strip()]
 
-    def value(cell: str, path: Path, line: int, column: str) -> float:
-        return number(layout.plain(cell), path, line, column, NO_ROW)
-
     return read_rows(
         path,
         itertools.chain([first], text.rows),
         column_names(path, stated),
-        value,
+        partial(_value, layout),
         time=time,
         step=step,
         columns=filled if columns is None else columns,  # without the one after a separator at the end of each row
     )
+
+
+def _value(layout: TextLayout, cell: str, path: Path, line: int, column: str) -> float:
+    return number(layout.plain(cell), path, line, column, NO_ROW)
