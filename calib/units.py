@@ -129,9 +129,14 @@ def from_si(value: float, unit: str, si: str | None = None) -> float:
     ------
     CalibError : an unknown unit, another dimension than that of `si`, or hertz on one side only
     """
+    return value / in_si(unit, si)
+
+
+def in_si(unit: str, si: str | None = None) -> float:
+    """Value in SI of one `unit`: ``in_si("GPa")`` is ``1e9``; `si` and errors as in `from_si`."""
     if unit in ("", "1") and si in (None, "", "1"):
-        return value
-    return value / to_si(f"1 {unit}", coherent(unit) if si is None else si)
+        return 1.0
+    return to_si(f"1 {unit}", coherent(unit) if si is None else si)
 
 
 def coherent(unit: str) -> str:

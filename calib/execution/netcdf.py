@@ -2,6 +2,7 @@
 
 import errno
 import math
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import xarray as xr
 from scipy.io import netcdf_file
 
 from calib.errors import CalibError
+from calib.execution.apart import read_apart
 from calib.execution.files import whole
 from calib.execution.hdf5 import refuse_other_files
 from calib.execution.interrupt import uninterrupted
@@ -39,13 +41,17 @@ def read_dataset(path: str | Path) -> xr.Dataset:
     try:
         # interrupted while it takes its locks, xarray would wait for itself for ever
         with uninterrupted():
-            refuse_other_files(path)
-            _check_classic(path)
-            _check_content(path)
-            with xr.open_dataset(path, engine="netcdf4", decode_times=False) as stored:
-                return stored.load()
+            return read_apart(partial(_read, path), path)
     except UNREADABLE as error:
         raise CalibError(f"{path}: not a readable netCDF file ({error}); it may be truncated: make it again") from error
+
+
+def _read(path: Path) -> xr.Dataset:
+    refuse_other_files(path)
+    _check_classic(path)
+    _check_content(path)
+    with xr.open_dataset(path, engine="netcdf4", decode_times=False) as stored:
+        return stored.load()
 
 
 def write_dataset(dataset: xr.Dataset, path: str | Path) -> None:

@@ -73,7 +73,8 @@ def failed(bodies: Sequence[str], status: str, reason: str, **attrs: Any) -> xr.
 
 def channels(record: xr.Dataset) -> tuple[str, ...]:
     """Names of the record's channels: the variables over (body, time) that are no uncertainty."""
-    both = [str(name) for name, variable in record.data_vars.items() if variable.dims == ("body", "time")]
+    # not of data arrays: each looks through all coordinates for its own
+    both = [str(name) for name in record.data_vars if record.variables[name].dims == ("body", "time")]
     return tuple(name for name in both if not name.endswith("_sigma"))
 
 

@@ -300,7 +300,7 @@ def _lines(path: Path, size: int) -> Iterator[bytes]:
 def _object(text: bytes, is_last: bool) -> dict[str, Any] | None:
     """Return the JSON object of a line; None where it is the last one and unfinished."""
     try:
-        content = json.loads(text, parse_float=_number) if text.endswith(b"\n") else None
+        content = json.loads(text, parse_float=_number, parse_constant=_no_number) if text.endswith(b"\n") else None
     except RecursionError as error:
         raise _Damage("its brackets are nested too deeply") from error
     except ValueError:
@@ -310,6 +310,11 @@ def _object(text: bytes, is_last: bool) -> dict[str, Any] | None:
     if is_last:
         return None
     raise ValueError("no JSON object")
+
+
+def _no_number(constant: str) -> float:
+    """Refuse NaN and infinity, which a ledger writes as null."""
+    raise ValueError(f"{constant} is no number of a ledger")
 
 
 def _checked(text: bytes, content: dict[str, Any]) -> dict[str, Any]:

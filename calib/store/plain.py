@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin, get_type_h
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
+PLAIN: dict[Any, Any] = {str: str, bool: bool, int: int, float: int | float}  # type of a field -> of its value in JSON
+PLAIN_NAMES = {str: "a text", bool: "true or false", int: "a whole number", float: "a number"}
 T = TypeVar("T", bound="DataclassInstance")
 
 
@@ -62,6 +64,8 @@ def _value(hint: Any, value: Any) -> Any:
     """Return a JSON value as the type that a field declares: dataclasses, mappings and tuples of them, or as it is."""
     if isinstance(hint, UnionType):
         hint = next(one for one in get_args(hint) if one is not NoneType)
+    if value is not None and hint in PLAIN:
+        return _as(PLAIN[hint], value, PLAIN_NAMES[hint])
     if value is None:
         return None
     if isinstance(hint, type) and is_dataclass(hint):
@@ -74,6 +78,6 @@ def _value(hint: Any, value: Any) -> Any:
 
 
 def _as(shape: Any, value: Any, what: str) -> Any:
-    if not isinstance(value, shape):
+    if not isinstance(value, shape) or isinstance(value, bool) and shape is not bool:
         raise ValueError(f"expected {what}, got {value!r:.60}")
     return value

@@ -7,13 +7,30 @@ from typing import Any, overload
 
 MAX_DESCRIPTIONS = 64  # that are remembered: a study has one or a few
 PLACEHOLDER = object()  # in the place of a number
+TEXTS = frozenset(("label", "record", "body", "unit"))  # keys of a feature
+NUMBERS = frozenset(("measured", "simulated", "tolerance", "resolution"))
+REQUIRED = TEXTS | {"measured", "simulated", "tolerance"}
 
 Description = tuple[tuple[tuple[str, Any], ...], ...]  # key and value of each entry of each feature
 
 
 @lru_cache(MAX_DESCRIPTIONS)
 def _once(description: Description) -> Description:
-    """Return the equal one that there is already."""
+    """Return the equal one that there is already.
+
+    Raises
+    ------
+    TypeError : a value is neither text nor number, or a text or a number in the place of the other
+    """
+    if not all(REQUIRED <= {key for key, _ in feature} for feature in description):
+        raise TypeError(f"a feature needs {', '.join(sorted(REQUIRED))}")
+    for key, value in (entry for feature in description for entry in feature):
+        if key in TEXTS and not isinstance(value, str) or key in NUMBERS and isinstance(value, str):
+            raise TypeError(f"{key} of a feature is {value!r:.40}")
+        if not (
+            value is None or value is PLACEHOLDER or type(value) is str or type(value) is int and abs(value) < 2**63
+        ):
+            raise TypeError(f"{key} of a feature is {value!r:.40}")
     return description
 
 

@@ -19,6 +19,7 @@ KEYS = frozenset(  # of a line, without its check sum
     ("number", "phase", "u", "values", "total", "terms", "status", "reason", "kind", "seconds", "residuals")
     + ("features", "simulations")
 )
+MAX_COUNT = 2**63  # that a line states; a larger integer is no number either
 MAX_VALUE_ERROR = 1e-9  # of a value from that of its point, relative; logarithms differ by less between processors
 FORMER_CODE = "former code"  # status of trials by code that has changed since
 
@@ -163,6 +164,7 @@ def trial_of(content: Mapping[str, Any], residuals: StoredResiduals | None, segm
     for key in ("status", "reason", "phase"):
         if not isinstance(content[key], str):
             raise TypeError(f"{key} is no text")
+    _check_numbers(content)
     return Trial(
         number=content["number"],
         u=content["u"],
@@ -179,6 +181,23 @@ def trial_of(content: Mapping[str, Any], residuals: StoredResiduals | None, segm
         segment=segment,
         simulations=content.get("simulations"),
     )
+
+
+def _check_numbers(content: Mapping[str, Any]) -> None:
+    """Check what has to be a number."""
+    numbers = [content["seconds"], *content["u"], *content["values"].values()]
+    scores = [value for value in (content["total"], *content["terms"].values()) if value is not None]
+    if not all(map(_is_number, numbers + scores)):
+        raise TypeError("a text or a list in the place of a number")
+    counts = [content["number"], content.get("simulations") or 0]
+    if not all(type(count) is int and 0 <= count <= MAX_COUNT for count in counts):
+        raise TypeError("a number is no count")
+    if content["kind"] is not None and not isinstance(content["kind"], str):
+        raise TypeError("kind is no text")
+
+
+def _is_number(value: Any) -> bool:
+    return type(value) is float or type(value) is int and abs(value) <= MAX_COUNT
 
 
 def _shared(entries: Mapping[str, Any]) -> dict[str, Any]:

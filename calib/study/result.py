@@ -296,5 +296,5 @@ def read(folder: Path) -> CalibrationResult | None:
         return CalibrationResult.from_dict(json.loads(path.read_text(encoding="utf-8")))
     except FileNotFoundError:
         return None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise CalibError(f"{path}: no result of a calibration ({error}); delete it and run the study again") from error

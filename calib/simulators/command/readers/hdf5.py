@@ -2,12 +2,14 @@
 
 import math
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import h5py
 import numpy as np
 
 from calib.errors import CalibError
+from calib.execution.apart import read_apart
 from calib.execution.hdf5 import stored_datasets
 from calib.execution.interrupt import uninterrupted
 from calib.execution.netcdf import MAX_DATASET_BYTES, UNREADABLE
@@ -34,15 +36,14 @@ def read(path: Path, /, *, time: str | None = None, step: Step | None = None, co
     CalibError : no HDF5 file, no such dataset, more than 1 GiB
     """
     try:
-        with uninterrupted(), h5py.File(path, "r") as file:
-            arrays = numeric_arrays(file, path, time, step, columns)
+        with uninterrupted():
+            arrays = read_apart(partial(stored_arrays, path, time, step, columns), path)
     except UNREADABLE as error:
         raise CalibError(f"{path}: not a readable HDF5 file ({error}); did the program stop?") from error
     return columns_of_arrays(path, arrays, time, step, columns)
 
 
-def numeric_arrays(
-    file: h5py.File,
+def stored_arrays(
     path: Path,
     time: str | None,
     step: float | None,
@@ -55,6 +56,18 @@ def numeric_arrays(
     ------
     CalibError : more than `MAX_DATASET_BYTES` in memory, no array that is time
     """
+    with h5py.File(path, "r") as file:
+        return _arrays(file, path, time, step, columns, is_data)
+
+
+def _arrays(
+    file: h5py.File,
+    path: Path,
+    time: str | None,
+    step: float | None,
+    columns: Names | None,
+    is_data: Callable[[str, h5py.Dataset], bool],
+) -> dict[str, np.ndarray]:
     datasets = {
         name: dataset
         for name, dataset in stored_datasets(file, path)

@@ -1,15 +1,18 @@
 """The reader of MATLAB's .mat files."""
 
+from functools import partial
 from pathlib import Path
 
 import h5py
+import numpy as np
 
 from calib.errors import CalibError
+from calib.execution.apart import read_apart
 from calib.execution.interrupt import uninterrupted
 from calib.execution.netcdf import MAX_DATASET_BYTES, UNREADABLE
 from calib.records.matlab import matlab_arrays
 from calib.simulators.command.readers.columns import Columns
-from calib.simulators.command.readers.hdf5 import numeric_arrays
+from calib.simulators.command.readers.hdf5 import stored_arrays
 from calib.simulators.command.readers.histories import Names
 from calib.simulators.command.readers.lines import check_size
 from calib.simulators.command.readers.rows import Step
@@ -38,15 +41,17 @@ def read(path: Path, /, *, time: str | None = None, step: Step | None = None, co
     """
     check_size(path, MAX_DATASET_BYTES)
     try:
-        if h5py.is_hdf5(path):
-            with uninterrupted(), h5py.File(path, "r") as file:
-                stored = numeric_arrays(file, path, time, step, columns, _is_data)
-            arrays = {name: array.T for name, array in stored.items()}
-        else:
-            arrays = matlab_arrays(path, path.read_bytes())
+        with uninterrupted():
+            arrays = read_apart(partial(_arrays, path, time, step, columns), path)
     except UNREADABLE as error:
         raise CalibError(f"{path}: not a readable MATLAB file ({error}); did the program stop?") from error
     return columns_of_arrays(path, arrays, time, step, columns)
+
+
+def _arrays(path: Path, time: str | None, step: float | None, columns: Names | None) -> dict[str, np.ndarray]:
+    if not h5py.is_hdf5(path):
+        return matlab_arrays(path, path.read_bytes())
+    return {name: array.T for name, array in stored_arrays(path, time, step, columns, _is_data).items()}
 
 
 def _is_data(name: str, dataset: h5py.Dataset) -> bool:

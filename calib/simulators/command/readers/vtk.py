@@ -3,6 +3,7 @@
 import io
 from collections.abc import Mapping, Sequence
 from contextlib import redirect_stderr, redirect_stdout
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from calib.errors import CalibError
+from calib.execution.apart import read_apart
 from calib.simulators.command.readers.columns import Columns
 from calib.simulators.command.readers.histories import Histories, Names, refuse_missing
 from calib.simulators.command.readers.lines import MAX_TEXT_BYTES, check_size
@@ -40,11 +42,20 @@ def read(path: Path, /, *, points: Points, step: Step | None = None, columns: Na
     CalibError : no such file, one that is cut off or lies elsewhere, no such point, a place outside of the mesh, a mesh
         whose number of points changes, too large a file
     """
+    files = series_files(path, step)
+    _meshio(path)  # imported here: what a forked process imports is lost
+    try:
+        return read_apart(partial(_columns, path, files, points, columns), *(file for _, file in files))
+    except OSError as error:
+        raise CalibError(f"{path}: not a readable series ({error}); write fewer points or fewer steps") from error
+
+
+def _columns(path: Path, files: Sequence[tuple[float, Path]], points: Points, columns: Names | None) -> Columns:
     histories = Histories(path)
     names: dict[str, None] = {}
     numbers: dict[str, int] = {}
     size = None
-    for time, file in series_files(path, step):
+    for time, file in files:
         places, data = _mesh(file)
         if size is None:
             size = len(places)
@@ -62,10 +73,7 @@ def read(path: Path, /, *, points: Points, step: Step | None = None, columns: Na
 def _mesh(path: Path) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
     """Return the places (point, axis) and the point data (point, ...) of one file."""
     check_size(path, MAX_TEXT_BYTES)
-    try:
-        import meshio  # an extra, which only this reader needs
-    except ImportError as error:
-        raise CalibError(f"{path}: the reader 'vtk' needs meshio; install calib[vtk]") from error
+    meshio = _meshio(path)
     read_mesh: Any = meshio.vtu.read if path.suffix == ".vtu" else meshio.vtk.read
     try:
         with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):  # its remarks on every file of the series
@@ -77,6 +85,14 @@ def _mesh(path: Path) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
     if places.ndim != 2 or len(places) == 0 or not np.all(np.isfinite(places)):
         raise CalibError(f"{path}: expected finite coordinates of points, got an array of shape {places.shape}")
     return places, {name: array for name, array in data.items() if _is_usable(array, len(places))}
+
+
+def _meshio(path: Path) -> Any:
+    try:
+        import meshio  # an extra, which only this reader needs
+    except ImportError as error:
+        raise CalibError(f"{path}: the reader 'vtk' needs meshio; install calib[vtk]") from error
+    return meshio
 
 
 def _is_usable(array: np.ndarray, size: int) -> bool:
