@@ -88,7 +88,7 @@ def study_status(study: Path, out: Path | None) -> StudyStatus:
         trials=len(trials),
         budget=header.budget,
         best=_best(trials) if calibration is None or not finished else _calibrated(calibration),
-        units={name: window["unit"] for name, window in header.definition["windows"].items()},
+        units={name: window.get("unit", "") for name, window in header.definition.get("windows", {}).items()},
         failed=Counter(trial.status for trial in trials if trial.status != OK),
         seconds=_mean(trials),
         folder=str(folder),

@@ -56,17 +56,16 @@ def apart(call: Callable[[], T], seconds: int, memory: int) -> T:
         finally:
             os._exit(0)
     os.close(theirs)
-    status = None
     try:
         with os.fdopen(ours, "rb") as file:
             error, result = pickle.load(file)
     except (EOFError, pickle.UnpicklingError, AttributeError, IndexError, ValueError):
-        _, status = os.waitpid(child, 0)
-        raise OSError(_reason(status, seconds)) from None
-    finally:
-        if status is None:
-            os.kill(child, signal.SIGKILL)  # it has answered, or nobody waits for its answer
-            os.waitpid(child, 0)
+        raise OSError(_reason(os.waitpid(child, 0)[1], seconds)) from None
+    except BaseException:  # Ctrl-C
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        raise
+    os.waitpid(child, 0)
     if error is not None:
         raise error
     return result

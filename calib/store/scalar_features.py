@@ -3,13 +3,14 @@
 from array import array
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
+from numbers import Real
 from typing import Any, overload
 
 MAX_DESCRIPTIONS = 64  # that are remembered: a study has one or a few
 PLACEHOLDER = object()  # in the place of a number
 TEXTS = frozenset(("label", "record", "body", "unit"))  # keys of a feature
 NUMBERS = frozenset(("measured", "simulated", "tolerance", "resolution"))
-REQUIRED = TEXTS | {"measured", "simulated", "tolerance"}
+MAX_NUMBER = 2**1000  # integers above it are no numbers of a ledger
 
 Description = tuple[tuple[tuple[str, Any], ...], ...]  # key and value of each entry of each feature
 
@@ -22,14 +23,9 @@ def _once(description: Description) -> Description:
     ------
     TypeError : a value is neither text nor number, or a text or a number in the place of the other
     """
-    if not all(REQUIRED <= {key for key, _ in feature} for feature in description):
-        raise TypeError(f"a feature needs {', '.join(sorted(REQUIRED))}")
     for key, value in (entry for feature in description for entry in feature):
-        if key in TEXTS and not isinstance(value, str) or key in NUMBERS and isinstance(value, str):
-            raise TypeError(f"{key} of a feature is {value!r:.40}")
-        if not (
-            value is None or value is PLACEHOLDER or type(value) is str or type(value) is int and abs(value) < 2**63
-        ):
+        is_number = value is PLACEHOLDER or isinstance(value, Real) and abs(value) < MAX_NUMBER
+        if not (value is None or is_number and key not in TEXTS or isinstance(value, str) and key not in NUMBERS):
             raise TypeError(f"{key} of a feature is {value!r:.40}")
     return description
 

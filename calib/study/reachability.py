@@ -7,6 +7,8 @@ from typing import Any
 from calib.store import Trial
 from calib.units import shown
 
+REQUIRED = frozenset(("label", "record", "body", "unit", "measured", "simulated", "tolerance"))  # keys of a feature
+
 
 @dataclass(frozen=True)
 class UnreachableFeature:
@@ -80,7 +82,7 @@ def reach(trials: Iterable[Trial]) -> list[Reach]:
     by_feature: dict[tuple[str, str, str], list[Mapping[str, Any]]] = {}
     for trial in trials:
         for feature in trial.features:
-            if feature["measured"] is not None:
+            if feature.keys() >= REQUIRED and feature["measured"] is not None:
                 by_feature.setdefault((feature["label"], feature["record"], feature["body"]), []).append(feature)
     return [_reach(features) for features in by_feature.values()]
 

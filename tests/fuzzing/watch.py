@@ -5,7 +5,7 @@ import os
 import struct
 import sys
 import sysconfig
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 READ_EVENTS = frozenset(("os.listdir", "os.scandir"))
@@ -15,7 +15,7 @@ WRITE_EVENTS = frozenset(
      "tempfile.mkdtemp")
 )  # fmt: skip
 FORBIDDEN_PREFIXES = (
-    "subprocess.", "socket.", "os.system", "os.exec", "os.posix_spawn", "os.spawn", "os.fork", "os.kill", "pty.",
+    "subprocess.", "socket.", "os.system", "os.exec", "os.posix_spawn", "os.spawn", "os.kill", "pty.",
     "ftplib.", "http.", "urllib.", "smtplib.", "webbrowser.", "ctypes.dlopen", "sqlite3.", "os.startfile",
 )  # fmt: skip
 SYSTEM = ("/proc/", "/sys/", "/dev/null", "/dev/urandom", "/usr/share/", "/usr/lib/", "/lib/", "/etc/localtime")
@@ -32,12 +32,16 @@ class Watch:
     ----------
     folder : of the case, in which it may read and write
     readable : further files that it may read
-    outside : complaints
+    notes : descriptor of a file, open for appending, that takes the complaints
     """
 
     folder: str
-    readable: frozenset[str] = frozenset()
-    outside: list[str] = field(default_factory=list)
+    readable: frozenset[str]
+    notes: int
+
+    def complain(self, what: str) -> None:
+        """Note what was touched; processes that are forked from this one note it in the same file."""
+        os.write(self.notes, f"{what}\n".encode(errors="replace"))
 
     def see(self, event: str, arguments: tuple) -> None:
         """Note an audit event of Python that leaves the folder."""
@@ -52,7 +56,7 @@ class Watch:
                 if isinstance(path, str | bytes | os.PathLike):
                     self._check(path, "written")
         elif event.startswith(FORBIDDEN_PREFIXES) and event != "socket.gethostname":
-            self.outside.append(f"{event} {arguments!r:.200}")
+            self.complain(f"{event} {arguments!r:.200}")
 
     def _check(self, path: object, deed: str) -> None:
         if not isinstance(path, str | bytes | os.PathLike):  # a descriptor
@@ -62,9 +66,9 @@ class Watch:
             return
         if deed == "read" and (real.startswith(PACKAGES + SYSTEM) or real in PACKAGES or real in self.readable):
             return
-        if real == "/dev/null":
+        if real == "/dev/null" or "/__pycache__" in real and real.startswith(PACKAGES):  # kernels of numba
             return
-        self.outside.append(f"{real} was {deed}")
+        self.complain(f"{real} was {deed}")
 
 
 def _packages() -> tuple[str, ...]:

@@ -1,5 +1,6 @@
 """From the columns of an output to a record on the instants that were asked for."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -68,7 +69,7 @@ def read_columns(folder: Path, reading: OutputReading, modules: Path | None) -> 
     OutputFault : it is missing, or no such file as the reader expects
     """
     path = folder / reading.file
-    if not path.resolve().is_relative_to(folder.resolve()):
+    if not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):  # `resolve` fails on a ring
         raise OutputFault(UNREADABLE, f"{reading.file} lies outside the run folder")
     try:
         return reader(reading.reader, modules)(path, **reading.options)
