@@ -1,11 +1,21 @@
 """What the user can mend: everything else is a status in the data or a bug."""
 
 import difflib
+import re
 from collections.abc import Iterable
+
+CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")  # all but tab and line end
 
 
 class CalibError(Exception):
-    """A mistake in what the user gave; the message says what was expected, what came and what to do."""
+    """A mistake in what the user gave; the message says what was expected, what came and what to do.
+
+    Control characters in it, as a damaged file may hold, are written as escapes, lest a terminal obeys them.
+    """
+
+    def __str__(self) -> str:
+        """The message."""
+        return CONTROL.sub(lambda match: ascii(match[0])[1:-1], super().__str__())
 
 
 class WorkersLost(CalibError):

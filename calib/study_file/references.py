@@ -24,6 +24,7 @@ from calib.study_file.schema import ExcitationTable, RecordTable, StudyToml, Tab
 from calib.units import to_si
 
 REQUEST_KEYS = ("periods", "samples", "settle", "step_budget")  # keys of [study] that a [[record]] may have for itself
+USUAL_PERIODIC_SAMPLES = 10.0  # samples a period, that most records have at least
 MIN_PERIODIC_SAMPLES = 3.0  # samples a period, of a periodic excitation; Nyquist's limit is 2
 
 
@@ -276,7 +277,16 @@ def _check_sampling(record: xr.Dataset, excitation: Excitation) -> None:
         raise CalibError(
             f"the record lasts {time.size * step / period:.4g} periods of {period / step:.3g} samples (expected at "
             f"least {MIN_PERIODIC_SAMPLES:g} samples a period): check the unit of time and the frequency"
+            f"{_likely_unit(period / step)}"
         )
+
+
+def _likely_unit(samples: float) -> str:
+    """Say which unit the numbers of time, taken as seconds, have if a period of so few samples is to have enough."""
+    for unit, factor in (("ms", 1e3), ("us", 1e6)):
+        if USUAL_PERIODIC_SAMPLES <= samples * factor:
+            return f"; were its time in {unit}, it would have {samples * factor:.3g} samples a period"
+    return ""
 
 
 def _request(shape: StudyToml, entry: RecordTable, excitation: Excitation, record: xr.Dataset) -> Request:

@@ -214,6 +214,7 @@ def _child(kind: Kind, folder: Path, pipe: int) -> None:
     os.chdir(folder)
     stack = open(folder.parent / STACK, "w")  # noqa: SIM115 - open until the process ends
     faulthandler.dump_traceback_later(MAX_WAIT - 10.0, file=stack)
+    faulthandler.enable(file=stack)
     faulthandler.register(signal.SIGXCPU, file=stack, chain=True)
     notes = os.open(folder.parent / NOTES, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND)
     watching = watch.Watch(os.path.realpath(folder), kind.readable(folder), notes)

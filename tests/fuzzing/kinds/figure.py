@@ -15,44 +15,55 @@ from calib.digitise.importers import read
 from calib.digitise.reading import is_picture
 from fuzzing.mutations import damaged, text_damaged, tree_damaged
 
+LOOP = [[round(float(np.cos(a)), 6), round(float(-np.sin(a)), 6)] for a in np.linspace(0.0, 5.9, 16)]  # mm, m/s
 ENGAUGE = (
     '<?xml version="1.0"?><!DOCTYPE engauge><Document VersionNumber="10.0" AxesPointsRequired="0"><CoordSystem>'
-    '<Coords TypeString="Cartesian" ScaleXThetaString="Linear" ScaleYRadiusString="Log" UnitsXString="Number"/>'
+    '<Coords TypeString="Cartesian" ScaleXThetaString="Linear" ScaleYRadiusString="Linear" UnitsXString="Number"/>'
     '<Curve CurveName="Axes"><CurvePoints>'
     + "".join(
         f'<Point IsXOnly="False"><PositionScreen X="{a}" Y="{b}"/><PositionGraph X="{c}" Y="{d}"/></Point>'
-        for a, b, c, d in ((0, 0, 0, 1), (10, 0, 1, 1), (0, 10, 0, 10))
+        for a, b, c, d in ((0, 0, -1, -1), (100, 0, 1, -1), (0, 100, -1, 1))
     )
     + '</CurvePoints></Curve><CurvesGraphs><Curve CurveName="a"><CurvePoints>'
-    + "".join(f'<Point><PositionScreen X="{k}" Y="{k * k}"/></Point>' for k in range(5))
+    + "".join(f'<Point><PositionScreen X="{50 + 50 * q:.4f}" Y="{50 + 50 * v:.4f}"/></Point>' for q, v in LOOP)
     + "</CurvePoints></Curve></CurvesGraphs></CoordSystem></Document>"
 ).encode()
-CORNERS = [{"px": 0, "py": 0, "dx": "0", "dy": "0"}, {"px": 9, "py": 0, "dx": "1", "dy": "0"},
-           {"px": 0, "py": 0, "dx": "0", "dy": "1"}, {"px": 0, "py": 9, "dx": "1", "dy": "2"}]  # fmt: skip
+CORNERS = [{"px": px, "py": py, "dx": dx, "dy": dy} for px, py, dx, dy in ((0, 0, "-1", "-1"), (9, 0, "1", "-1"),
+           (0, 0, "-1", "-1"), (0, 9, "-1", "1"))]  # fmt: skip
 PROJECT = {
     "version": [4, 2],
-    "axesColl": [{"name": "XY", "type": "XYAxes", "isLogX": False, "isLogY": True, "calibrationPoints": CORNERS}],
-    "datasetColl": [{"name": "a", "axesName": "XY", "data": [{"x": k, "y": k, "value": [k, k + 1]} for k in range(4)]}],
+    "axesColl": [{"name": "XY", "type": "XYAxes", "isLogX": False, "isLogY": False, "calibrationPoints": CORNERS}],
+    "datasetColl": [
+        {
+            "name": "a",
+            "axesName": "XY",
+            "data": [{"x": 4.5 + 4.5 * q, "y": 4.5 + 4.5 * v, "value": [q, v]} for q, v in LOOP],
+        }
+    ],
 }
 SPEC = """\
 source = "s"
 [excitation]
 place = "base"
 quantity = "base motion"
-frequency = "20 Hz"
+frequency = "159.155 Hz"
 amplitude = "1 mm"
 [[curve]]
 body = "b"
 kind = "phase curve"
 units = ["mm", "m/s"]
 """
-PANEL = """\
-source = "s"
-[[panel]]
-name = "a"
-x = [{ pixel = [20, 180], value = -1.0 }, { pixel = [180, 180], value = 1.0 }]
-"""
-LOOP = "q,v\n" + "".join(f"{np.cos(a):.6f},{-np.sin(a):.6f}\n" for a in np.linspace(0.0, 6.2, 40))
+CORNER_POINTS = ", ".join(
+    f"{{ pixel = [{x}, {y}], x = {(x - 100) / 60:.6f}, y = {(100 - y) / 60:.6f} }}"
+    for x, y in ((20, 180), (180, 180), (20, 20))
+)
+PICTURED = SPEC.replace('units = ["mm", "m/s"]\n', 'panel = "a"\ncolour = "#ff0000"\n').replace(
+    "[[curve]]",
+    '[[panel]]\nname = "a"\nx = { unit = "mm", low = -1.3, high = 1.3 }\ny = { unit = "m/s", low = -1.3, high = 1.3 }\n'
+    f"points = [{CORNER_POINTS}]\n[[curve]]",
+)
+PICTURES = (".png", ".jpg", ".tif")
+TABLE = "q,v\n" + "".join(f"{q},{v}\n" for q, v in LOOP)
 
 
 def archived(project: bytes) -> bytes:
@@ -79,13 +90,13 @@ def _picture(form: str) -> bytes:
 def files() -> dict[str, bytes]:
     """Content of a figure of each kind by its suffix."""
     project = json.dumps(PROJECT).encode()
-    table = "".join(f"# {line}\n" for line in SPEC.splitlines()) + LOOP
+    table = "".join(f"# {line}\n" for line in SPEC.splitlines()) + TABLE
     return {
         ".json": project,
         ".tar": archived(project),
         ".dig": ENGAUGE,
         ".csv": table.encode(),
-        ".txt": b"1 2\n3 4\n5 6\n",
+        ".txt": "".join(f"{q} {v}\n" for q, v in LOOP).encode(),
         ".png": _picture("PNG"),
         ".jpg": _picture("JPEG"),
         ".tif": _picture("TIFF"),
@@ -96,10 +107,15 @@ class _Figures:
     name = "figure"
 
     def samples(self) -> list[str]:
-        return list(files())
+        return [
+            *files(),
+            *(suffix for suffix in files() if suffix not in PICTURES),
+            *(suffix for suffix in files() if suffix not in PICTURES),
+        ]
 
     def make(self, sample: str, rng: random.Random | None, folder: Path) -> list[str]:
-        content, spec, done = files()[sample], SPEC, ["bytes"]
+        content, done = files()[sample], ["bytes"]
+        spec = PICTURED if sample in PICTURES else SPEC
         if rng is not None:
             if sample in (".json", ".tar") and rng.random() < 0.6:
                 tree, what = tree_damaged(json.loads(json.dumps(PROJECT)), rng, deep=False)
