@@ -325,7 +325,7 @@ def _checked(text: bytes, content: dict[str, Any]) -> dict[str, Any]:
     if content.keys() - KEYS and not checksum.is_intact(text, content):
         raise _Damage("its check sum does not fit its content")
     offset, length = content["residuals"] or (0, 0)
-    if offset < 0 or length < 0:
+    if type(offset) is not int or type(length) is not int or offset < 0 or length < 0:
         raise ValueError("no place in the side file")
     return content
 

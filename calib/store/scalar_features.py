@@ -3,8 +3,9 @@
 from array import array
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
-from numbers import Real
 from typing import Any, overload
+
+import numpy as np
 
 MAX_DESCRIPTIONS = 64  # that are remembered: a study has one or a few
 PLACEHOLDER = object()  # in the place of a number
@@ -24,7 +25,7 @@ def _once(description: Description) -> Description:
     TypeError : a value is neither text nor number, or a text or a number in the place of the other
     """
     for key, value in (entry for feature in description for entry in feature):
-        is_number = value is PLACEHOLDER or isinstance(value, Real) and abs(value) < MAX_NUMBER
+        is_number = value is PLACEHOLDER or isinstance(value, int | float | np.number) and abs(value) < MAX_NUMBER
         if not (value is None or is_number and key not in TEXTS or isinstance(value, str) and key not in NUMBERS):
             raise TypeError(f"{key} of a feature is {value!r:.40}")
     return description

@@ -189,7 +189,8 @@ def _check_numbers(content: Mapping[str, Any]) -> None:
     scores = [value for value in (content["total"], *content["terms"].values()) if value is not None]
     if not all(map(_is_number, numbers + scores)):
         raise TypeError("a text or a list in the place of a number")
-    counts = [content["number"], content.get("simulations") or 0]
+    simulations = content.get("simulations")
+    counts = [content["number"], 0 if simulations is None else simulations]
     if not all(type(count) is int and 0 <= count <= MAX_COUNT for count in counts):
         raise TypeError("a number is no count")
     if content["kind"] is not None and not isinstance(content["kind"], str):

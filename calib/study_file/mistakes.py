@@ -16,6 +16,7 @@ from calib.study_file.lines import dotted, line_of, lines
 from calib.study_file.partial_check import without_mistakes
 from calib.study_file.schema import StudyToml
 
+MAX_MESSAGE_CHARACTERS = 4000  # of one mistake, which may name texts of any length
 VIEW_KEY = ("store", "view")  # location of an address, which may hold a password
 PASSWORD_PART = re.compile(":.*@")  # of an address that is none
 Tables = TypeVar("Tables", bound=BaseModel)
@@ -78,7 +79,8 @@ class Mistakes:
 
     def add(self, key: Sequence[str | int], message: str) -> None:
         """Note a mistake at `key`."""
-        self._messages.append(f"{self.place(*key)}: {message}")
+        cut = message if len(message) <= MAX_MESSAGE_CHARACTERS else f"{message[:MAX_MESSAGE_CHARACTERS]} ..."
+        self._messages.append(f"{self.place(*key)}: {cut}")
         self._keys.append(tuple(key))
 
     def within(self, *key: str | int) -> bool:

@@ -284,7 +284,7 @@ def _check_sampling(record: xr.Dataset, excitation: Excitation) -> None:
 def _likely_unit(samples: float) -> str:
     """Say which unit the numbers of time, taken as seconds, have if a period of so few samples is to have enough."""
     for unit, factor in (("ms", 1e3), ("us", 1e6)):
-        if USUAL_PERIODIC_SAMPLES <= samples * factor:
+        if samples * factor >= USUAL_PERIODIC_SAMPLES:
             return f"; were its time in {unit}, it would have {samples * factor:.3g} samples a period"
     return ""
 

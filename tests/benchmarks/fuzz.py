@@ -3,8 +3,8 @@
     cd tests && python -m benchmarks.fuzz --minutes 10 --jobs 2
 
 Each case is made from a seed and read in a process of its own. It is good when it is read, or refused by calib's own
-error, within 20 s of processor time and 1 GB, with nothing touched outside of its folder. What is not is kept in --keep, with what
-happened in case.json, and is repeated by
+error, within 20 s of processor time and 1 GB, with nothing touched outside of its folder. What is not is kept in
+--keep, with what happened in case.json, and is repeated by
 
     cd tests && python -m benchmarks.fuzz --kinds record --seed 123
 

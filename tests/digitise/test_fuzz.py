@@ -1,20 +1,17 @@
 """Importers fed with damaged and hostile files raise nothing but the project's own error, and touch nothing else.
 
-Ten minutes of it, with new examples every time:
-
-    CALIB_FUZZ_SECONDS=600 pytest -m slow tests/digitise/test_fuzz.py -n 0 -s
+Minutes of it, with new examples every time: `benchmarks/fuzz.py`, kind `figure`.
 """
 
 import io
 import json
-import os
 import random
 import sys
 import tarfile
-import time
 
 import numpy as np
 import pytest
+from fuzzing.mutations import damaged
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
@@ -25,7 +22,6 @@ from calib.digitise.importers import SUFFIXES, read
 from calib.errors import CalibError
 
 QUICK = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck), database=None)
-SECONDS = float(os.environ.get("CALIB_FUZZ_SECONDS", "5"))
 
 DOCUMENT = (
     '<?xml version="1.0"?><!DOCTYPE engauge><Document VersionNumber="10.0" AxesPointsRequired="0"><CoordSystem>'
@@ -67,25 +63,6 @@ def seeds():
 
 
 SEEDS = seeds()
-SPLICES = [b"", b"0", b"-1", b"1e999", b"NaN", b"\x00", b"\xff\xfe", b'"', b"[", b"{}", b"null", b"../../x",
-           b"<!ENTITY", b"9" * 400, b"\n", b",", b"1e308", b"true"]  # fmt: skip
-
-
-def damaged(raw, rng):
-    """Bytes with a few places overwritten, cut, doubled or spliced."""
-    raw = bytearray(raw)
-    for _ in range(rng.randint(1, 6)):
-        at = rng.randrange(len(raw) + 1)
-        deed = rng.randrange(4)
-        if deed == 0 and at < len(raw):
-            raw[at] = rng.randrange(256)
-        elif deed == 1:
-            del raw[at : at + rng.randint(1, 40)]
-        elif deed == 2:
-            raw[at:at] = rng.choice(SPLICES)
-        else:
-            raw[at:at] = raw[max(0, at - rng.randint(1, 60)) : at]
-    return bytes(raw)
 
 
 def mistake(reader, path):
@@ -185,22 +162,3 @@ def test_no_other_file_is_opened(tmp_path, suffix):
     OPENED.clear()
     read(path)
     assert set(OPENED) == {str(path)}
-
-
-@pytest.mark.slow
-def test_fuzzing_for_a_while(tmp_path):
-    end, count = time.monotonic() + SECONDS, 0
-    rng = random.Random()
-    while time.monotonic() < end:
-        suffix = rng.choice(list(SEEDS))
-        raw = SEEDS[suffix]
-        for _ in range(rng.randint(1, 3)):
-            raw = damaged(raw, rng)
-        try:
-            tried(tmp_path, suffix, raw)
-        except Exception:
-            print(f"{suffix}: {raw!r}")
-            raise
-        count += 1
-    print(f"{count} files in {SECONDS:.0f} s")
-    assert count > SECONDS

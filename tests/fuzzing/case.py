@@ -16,8 +16,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Protocol
 
-from calib.errors import CalibError
 from fuzzing import watch
+
+from calib.errors import CalibError
 
 MAX_SECONDS = 20  # s, processor time of a case
 MAX_WAIT = 100.0  # s, wall-clock time of a case: on a machine whose cores are shared, it is longer

@@ -1,5 +1,7 @@
 """How files are damaged: bytes, lines, encodings, and values in their places."""
 
+# ruff: noqa: E501 - one case a line
+
 import copy
 import random
 import struct
@@ -30,6 +32,7 @@ NUMBERS: list[Any] = [
     0, -1, 1, 2, 3, 7, 255, 2**31, 2**63, 2**64, -(2**63) - 1, 10**30, 10**308, 10**400, 0.0, -0.0, 0.5, 1e-300, 5e-324,
     1e300, -1e300, 1.7976931348623157e308, float("nan"), float("inf"), float("-inf"), 1e-9, 1e9, 1e15, True, False, None,
 ]  # fmt: skip
+MAX_REPEATED = 2_000_000  # bytes
 NESTED = 10_000  # lists within one another
 
 
@@ -96,7 +99,9 @@ def shuffled_lines(content: bytes, rng: random.Random) -> bytes:
             case 2:
                 lines[at], lines[other] = lines[other], lines[at]
             case 3 if rng.random() < 0.3:
-                lines[at:at] = [lines[at]] * rng.choice([10, 1000, 20_000])
+                lines[at:at] = [lines[at]] * min(
+                    rng.choice([10, 1000, 20_000]), 1 + MAX_REPEATED // (1 + len(lines[at]))
+                )
             case 4:
                 lines.insert(at, rng.choice(SPLICES) + b"\n")
             case 5:

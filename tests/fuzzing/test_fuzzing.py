@@ -9,10 +9,10 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-
-from calib.errors import CalibError
 from fuzzing.case import OwnError, in_child, lay_trap, run_case
 from fuzzing.kinds import KINDS
+
+from calib.errors import CalibError
 
 SEEDS = (7, 8)
 FOUND = sorted((Path(__file__).parent / "found").glob("*/*"))  # kind/what: files that once did harm
@@ -37,6 +37,7 @@ def test_a_case_is_the_same_for_the_same_seed(tmp_path, kind):
     assert made[0] == made[1]
 
 
+@pytest.mark.slow  # one of them takes all the time that reading may take
 @pytest.mark.parametrize("folder", FOUND, ids=lambda folder: f"{folder.parent.name}-{folder.name}")
 def test_what_was_found_is_mended(tmp_path, folder):
     case = tmp_path / "case"

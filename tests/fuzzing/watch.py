@@ -1,4 +1,4 @@
-"""Files that a process touches: what Python opens by its audit events, and what anybody opens in a folder by inotify."""
+"""Files that a process touches: by the audit events of Python, and in one folder, by inotify, through any library."""
 
 import ctypes
 import os

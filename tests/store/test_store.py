@@ -275,6 +275,25 @@ def test_nested_brackets_within_a_value_are_damage(tmp_path):
         read(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("number", None), ("number", -1), ("number", 1.5), ("u", ["0.5", 0.5]), ("total", "1,5"), ("total", 10**400),
+        ("terms", {"a": []}), ("kind", 3), ("seconds", "1"), ("simulations", {}), ("residuals", [0.5, 1]),
+        ("features", [{"label": 1}]), ("features", [{"simulated": "1,5"}]), ("features", [{"body": 2.0}]),
+    ],
+)  # fmt: skip
+def test_a_value_of_another_type_is_damage_though_its_check_sum_fits(tmp_path, key, value):
+    def other(line):
+        content = {**json.loads(line), key: value}
+        del content["crc32"]
+        return sealed(json.dumps(content, separators=(",", ":"))).decode().rstrip("\n")
+
+    damaged(tmp_path, 3, 3, other)
+    with pytest.raises(CalibError, match="line 3: "):
+        read(tmp_path)
+
+
 def test_files_of_a_study_follow_the_umask(tmp_path):
     before = os.umask(0o027)
     try:

@@ -77,6 +77,7 @@ def test_a_bad_record_is_refused_with_the_place_in_the_study_file(tmp_path, faul
         ("min", "9 Hz", "excitation.frequency: the record lasts 360 periods of 1.67 samples"),
         ("h", "9 Hz", "samples a period): check the unit of time and the frequency"),
         ("s", "9 kHz", "the record lasts 6000 periods of 0.1 samples"),
+        ("s", "9 kHz", "check the unit of time and the frequency; were its time in ms, it would have 100 samples"),
         ("ms", "9 Hz", "the record lasts 0.000665556 s: check the unit of time and the frequency"),
     ],
 )

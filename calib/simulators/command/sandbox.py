@@ -7,7 +7,7 @@ from functools import lru_cache, wraps
 from typing import Any
 
 from jinja2 import StrictUndefined, pass_context
-from jinja2.runtime import Context, LoopContext, Undefined
+from jinja2.runtime import BlockReference, Context, LoopContext, Macro, Undefined
 from jinja2.sandbox import SandboxedEnvironment
 from jinja2.utils import Namespace
 
@@ -99,13 +99,37 @@ class _Sandbox(SandboxedEnvironment):
         return super().call_binop(context, operator, left, right)
 
     def call(__self, __context: Context, __obj: Any, *args: Any, **kwargs: Any) -> Any:  # noqa: B902, N805
-        """Count a call, and what it is given and gives."""
+        """Count a call, and what it is given and gives; only what belongs to templates is called."""
+        own = getattr(__obj, "__self__", None)
+        if not (isinstance(__obj, CALLED) or __obj is Namespace or isinstance(own, LoopContext)):
+            raise CalibError(f"{_shown(__obj)} is not called in a template")  # the method `format` of a text among them
         allowance = allowance_of(__context)
         allowance.look_at((*args, *kwargs.values()))
         result = super().call(__context, __obj, *args, **kwargs)
         if isinstance(result, str):
             allowance.take(0, len(result))
         return result
+
+
+class _CountedRange:
+    """`range` in templates, whose numbers are counted over all loops of one rendering."""
+
+    def __init__(self, allowance: Allowance) -> None:
+        self._allowance = allowance
+
+    def __call__(self, *bounds: int) -> range:
+        """Return the range.
+
+        Raises
+        ------
+        CalibError : too many numbers altogether
+        """
+        numbers = range(*bounds)
+        self._allowance.take(len(numbers))
+        return numbers
+
+
+CALLED = (Macro, BlockReference, LoopContext, _CountedRange)
 
 
 @lru_cache(maxsize=1)
@@ -132,24 +156,6 @@ def given(values: Mapping[str, Any]) -> dict[str, Any]:
     """What a rendering is given: its values, and a new allowance, of which `range` takes its numbers."""
     allowance = Allowance()
     return {**values, KEY: allowance, "range": _CountedRange(allowance)}
-
-
-class _CountedRange:
-    """`range` in templates, whose numbers are counted over all loops of one rendering."""
-
-    def __init__(self, allowance: Allowance) -> None:
-        self._allowance = allowance
-
-    def __call__(self, *bounds: int) -> range:
-        """Return the range.
-
-        Raises
-        ------
-        CalibError : too many numbers altogether
-        """
-        numbers = range(*bounds)
-        self._allowance.take(len(numbers))
-        return numbers
 
 
 # --- filters ---------------------------------------------------------------------------------------------------------

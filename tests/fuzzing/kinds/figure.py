@@ -8,12 +8,12 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from fuzzing.mutations import damaged, text_damaged, tree_damaged
 from PIL import Image, ImageDraw
 
 from calib.digitise import digitise
 from calib.digitise.importers import read
 from calib.digitise.reading import is_picture
-from fuzzing.mutations import damaged, text_damaged, tree_damaged
 
 LOOP = [[round(float(np.cos(a)), 6), round(float(-np.sin(a)), 6)] for a in np.linspace(0.0, 5.9, 16)]  # mm, m/s
 ENGAUGE = (

@@ -10,16 +10,16 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from echo_study import write_study
+from fuzzing.mutations import damaged, shuffled_lines, text_damaged, tree_damaged
 
 from calib.cli.status import study_status, view_of
 from calib.errors import CalibError
 from calib.execution import workers
 from calib.execution.pool import InProcess
 from calib.store import Store, checksum
-from calib.study_file import load
 from calib.study import evaluate
+from calib.study_file import load
 from calib.workflows.calibrate import rebuild, summary_so_far
-from fuzzing.mutations import damaged, shuffled_lines, text_damaged, tree_damaged
 
 SAMPLES = Path(__file__).parents[2] / "samples" / "v0_1"
 BINARY = (".f64", ".nc", ".png")

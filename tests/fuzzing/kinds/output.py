@@ -1,5 +1,7 @@
 """Outputs of programs, in every format that there is a reader for."""
 
+# ruff: noqa: E501 - one case a line
+
 import base64
 import random
 import zipfile
@@ -14,13 +16,13 @@ import h5py
 import meshio
 import numpy as np
 import xarray as xr
+from fuzzing.case import OwnError
+from fuzzing.kinds.record import restructured
+from fuzzing.mutations import damaged, text_damaged
 from scipy.io import savemat
 
 from calib.simulators.command.options import OutputReading
 from calib.simulators.command.reading import Instants, OutputFault, read_columns, record_of
-from fuzzing.case import OwnError
-from fuzzing.kinds.record import restructured
-from fuzzing.mutations import damaged, text_damaged
 
 TIME = np.arange(20.0) / 10
 PLACES = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0]])

@@ -1,5 +1,7 @@
 """Records: netCDF files changed in their structure or their bytes, and tables that a study file describes."""
 
+# ruff: noqa: E501 - one case a line
+
 import json
 import random
 from collections.abc import Callable
@@ -11,13 +13,13 @@ from typing import Any
 import h5py
 import numpy as np
 from echo_study import write_study
+from fuzzing.mutations import NUMBERS, TEXTS, damaged, text_damaged, tree_damaged
 from scipy.io import savemat
 
 from calib import records
 from calib.cli.digitise import show_reference
 from calib.study_file import load
 from calib.workflows.new import new
-from fuzzing.mutations import NUMBERS, TEXTS, damaged, text_damaged, tree_damaged
 
 CF_ATTRIBUTES = (
     "units", "scale_factor", "add_offset", "_FillValue", "missing_value", "_Unsigned", "coordinates", "calendar", "dtype",

@@ -10,10 +10,10 @@ from typing import Any
 import tomlkit
 from bouncer import OPTIONS, TEMPLATE
 from echo_study import write_study
+from fuzzing.mutations import text_damaged, tree_damaged
 
 from calib.study_file import load
 from calib.workflows.new import new
-from fuzzing.mutations import text_damaged, tree_damaged
 
 SAMPLES = Path(__file__).parents[2] / "samples" / "v0_1"
 PROGRAM = "#!/bin/sh\nexit 0\n"

@@ -1,16 +1,18 @@
-"""Templates of input decks: damaged ones, and those of somebody who wants out of the sandbox, or much time or memory."""
+"""Templates of input decks: damaged ones, and those that want out of the sandbox, or much time or memory."""
+
+# ruff: noqa: E501 - one case a line
 
 import random
 from pathlib import Path
 
 from bouncer import TEMPLATE as BOUNCER
+from fuzzing.mutations import text_damaged
 
 from calib.modelling.simulator import Request
 from calib.records.excitation import Excitation
 from calib.simulators.command.deck import KNOWN, deck_values
 from calib.simulators.command.quantities import declared_parameters
 from calib.simulators.command.templates import TemplateText, check_names, rendered
-from fuzzing.mutations import text_damaged
 
 PARAMETERS = declared_parameters(
     {"stiffness": "1e4 1/s^2", "damping": "20 1/s", "gap": "1 mm", "restitution": 0.6, "youngs": "70 GPa"}

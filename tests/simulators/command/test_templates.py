@@ -150,6 +150,63 @@ def test_what_is_no_deck_is_refused(text):
         deck(text)
 
 
+LOOPS = "".join(f"{{% for {name} in b %}}" for name in "acdefg") + "{% endfor %}" * 6
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{% set b = range(300) | list %}" + LOOPS,
+        "{% macro m(n) %}{% if n > 0 %}{{ m(n - 1) }}{{ m(n - 1) }}{% endif %}{% endmacro %}{{ m(60) }}",
+        "{% set b = range(100000) | list %}{% for i in range(100000) %}{% if -1 in b %}{% endif %}{% endfor %}",
+        "{% set b = range(100000) | list %}{% for i in range(100000) %}{% set c = b[1:] %}{% endfor %}",
+        "{% set n = namespace(s=[1]) %}{% for i in range(60) %}{% set n.s = n.s + n.s %}{% endfor %}",
+    ],
+)
+def test_a_rendering_takes_so_many_steps(monkeypatch, text):
+    monkeypatch.setattr("calib.simulators.command.allowance.MAX_OPERATIONS", 200_000)
+    with pytest.raises(CalibError, match="more than 200000 steps"):
+        deck(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{% set n = namespace(s='ab') %}{% for i in range(60) %}{% set n.s = n.s ~ n.s %}{% endfor %}",
+        "{% set n = namespace(s='ab') %}{% for i in range(60) %}{% set n.s = n.s + n.s %}{% endfor %}",
+        "{% set n = namespace(s='a') %}{% for i in range(50) %}{% set n.s %}{{ n.s }}{{ n.s }}{% endset %}{% endfor %}",
+        "{% macro d(s) %}{{ s }}{{ s }}{% endmacro %}{{ " + "d(" * 60 + "'ab'" + ")" * 60 + " }}",
+        "{% macro m() %}{% for i in range(9999) %}" + "x" * 1000 + "{% endfor %}{% endmacro %}{{ m() | length }}",
+        "{% for i in range(99) %}{{ request.times | join('" + "x" * 9999 + "') }}{% endfor %}",
+    ],
+)
+def test_a_rendering_makes_so_much_text(monkeypatch, text):
+    monkeypatch.setattr("calib.simulators.command.allowance.MAX_CHARACTERS", 1_000_000)
+    with pytest.raises(CalibError, match="more than 1000000 characters"):
+        deck(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{{ 1.5 | round(10**9, 'ceil') }}", "{{ [1] | batch(10**9, 0) }}", "{{ [1] | slice(10**9) }}", "{{ [1] }}",
+        "{% set a = [1] %}{{ a == a }}", "{{ [[1]] | max }}", "{{ [[1]] | sum(start=[]) }}", "{{ '9' * 500 | int }}",
+        "{{ [1] is eq([1]) }}",
+        "{{ '{:>999999999}'.format(1) }}", "{{ loop.changed([1]) }}", "{{ 2**4000 + 2**4096 }}", "{{ '\\ud800' }}",
+    ],
+)  # fmt: skip
+def test_what_may_take_any_time_is_refused(text):
+    with pytest.raises(CalibError, match="deck.inp.j2"):
+        deck(text)
+
+
+def test_lists_are_batched_sliced_joined_and_compared_by_their_elements():
+    assert deck("{% for r in [1, 2, 3] | batch(2, 0) %}{{ r | join(',') }};{% endfor %}") == "1,2;3,0;"
+    assert deck("{% for r in [1, 2, 3] | slice(2, 0) %}{{ r | join(',') }};{% endfor %}") == "1,2;3,0;"
+    assert deck("{{ 2 if 2 in [1, 2] }} {{ [1, 5, 2] | max }} {{ [0.5, 1] | sum }} {{ 'a' ~ 1 }}") == "2 5 1.5 a1"
+    assert deck("{{ 7.26 | round(1, 'floor') }} {{ 7.26 | round(1) }}") == "7.2 7.3"
+
+
 def test_a_loop_may_count_in_a_namespace():
     text = "{% set n = namespace(total=0) %}{% for i in range(4) %}{% set n.total = n.total + i %}{% endfor %}"
     assert deck(text + "{{ n.total }}") == "6"
