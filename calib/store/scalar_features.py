@@ -11,7 +11,7 @@ MAX_DESCRIPTIONS = 64  # that are remembered: a study has one or a few
 PLACEHOLDER = object()  # in the place of a number
 TEXTS = frozenset(("label", "record", "body", "unit"))  # keys of a feature
 NUMBERS = frozenset(("measured", "simulated", "tolerance", "resolution"))
-MAX_NUMBER = 2**1000  # integers above it are no numbers of a ledger
+MAX_FEATURE_VALUE = 2**1000  # integers above it are no numbers of a ledger
 
 Description = tuple[tuple[tuple[str, Any], ...], ...]  # key and value of each entry of each feature
 
@@ -25,7 +25,9 @@ def _once(description: Description) -> Description:
     TypeError : a value is neither text nor number, or a text or a number in the place of the other
     """
     for key, value in (entry for feature in description for entry in feature):
-        is_number = value is PLACEHOLDER or isinstance(value, int | float | np.number) and abs(value) < MAX_NUMBER
+        is_number = (
+            value is PLACEHOLDER or isinstance(value, int | float | np.number) and abs(value) < MAX_FEATURE_VALUE
+        )
         if not (value is None or is_number and key not in TEXTS or isinstance(value, str) and key not in NUMBERS):
             raise TypeError(f"{key} of a feature is {value!r:.40}")
     return description

@@ -19,7 +19,7 @@ OPERATIONS_OF_A_UNIT = 400  # to read it
 KEY = "the allowance of this rendering"  # in the context, where no template can name it
 
 
-class Allowance:
+class RenderingAllowance:
     """What is left of the operations and characters of one rendering, and the units that it has used."""
 
     def __init__(self) -> None:
@@ -57,17 +57,17 @@ class Allowance:
         return value / self._units[unit, si]
 
 
-def allowance_of(context: Context) -> Allowance:
-    """Allowance of the rendering to which a context belongs."""
+def allowance_of(context: Context) -> RenderingAllowance:
+    """RenderingAllowance of the rendering to which a context belongs."""
     return context.parent[KEY]
 
 
 def counted(template: nodes.Template) -> nodes.Template:
     """Return the syntax tree so that whatever can be repeated is counted, and only numbers and texts are compared."""
-    return _Counted().visit(template)
+    return _CountingVisitor().visit(template)
 
 
-class _Counted(NodeTransformer):
+class _CountingVisitor(NodeTransformer):
     def visit_For(self, node: nodes.For) -> nodes.For:
         """Count each step with the size of what is repeated, and each element that a condition is asked of."""
         self._begin(node)

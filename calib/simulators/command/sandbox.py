@@ -12,7 +12,7 @@ from jinja2.sandbox import SandboxedEnvironment
 from jinja2.utils import Namespace
 
 from calib.errors import CalibError
-from calib.simulators.command.allowance import COUNT, KEY, SCALAR, Allowance, allowance_of
+from calib.simulators.command.allowance import COUNT, KEY, SCALAR, RenderingAllowance, allowance_of
 from calib.simulators.command.formats import fixed, fortran
 
 MAX_INTEGER_BITS = 4096  # of an integer that a template works out
@@ -98,7 +98,7 @@ class _Sandbox(SandboxedEnvironment):
                 )
         return super().call_binop(context, operator, left, right)
 
-    def call(__self, __context: Context, __obj: Any, *args: Any, **kwargs: Any) -> Any:  # noqa: B902, N805
+    def call(__self: "_Sandbox", __context: Context, __obj: Any, *args: Any, **kwargs: Any) -> Any:  # noqa: B902, N805
         """Count a call, and what it is given and gives; only what belongs to templates is called."""
         own = getattr(__obj, "__self__", None)
         if not (isinstance(__obj, CALLED) or __obj is Namespace or isinstance(own, LoopContext)):
@@ -114,7 +114,7 @@ class _Sandbox(SandboxedEnvironment):
 class _CountedRange:
     """`range` in templates, whose numbers are counted over all loops of one rendering."""
 
-    def __init__(self, allowance: Allowance) -> None:
+    def __init__(self, allowance: RenderingAllowance) -> None:
         self._allowance = allowance
 
     def __call__(self, *bounds: int) -> range:
@@ -154,7 +154,7 @@ def sandbox() -> SandboxedEnvironment:
 
 def given(values: Mapping[str, Any]) -> dict[str, Any]:
     """What a rendering is given: its values, and a new allowance, of which `range` takes its numbers."""
-    allowance = Allowance()
+    allowance = RenderingAllowance()
     return {**values, KEY: allowance, "range": _CountedRange(allowance)}
 
 

@@ -46,7 +46,7 @@ def _files() -> dict[str, dict[str, bytes]]:
 def _without_processes(simulated: bool) -> Iterator[None]:
     """Evaluate in this process, or let every evaluation fail: what is evaluated is not what is tried here."""
     pool = workers.LocalPool
-    workers.LocalPool = lambda function, jobs, timeout: InProcess(function if simulated else _fail)
+    workers.LocalPool = lambda function, *_, **__: InProcess(function if simulated else _fail)
     try:
         yield
     finally:
