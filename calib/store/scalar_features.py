@@ -25,10 +25,9 @@ def _once(description: Description) -> Description:
     TypeError : a value is neither text nor number, or a text or a number in the place of the other
     """
     for key, value in (entry for feature in description for entry in feature):
-        is_number = (
-            value is PLACEHOLDER or isinstance(value, int | float | np.number) and abs(value) < MAX_FEATURE_VALUE
-        )
-        if not (value is None or is_number and key not in TEXTS or isinstance(value, str) and key not in NUMBERS):
+        is_number = value is PLACEHOLDER or isinstance(value, int | float | np.number)
+        fits = value is None or is_number and key not in TEXTS or isinstance(value, str) and key not in NUMBERS
+        if not fits or isinstance(value, int) and abs(value) > MAX_FEATURE_VALUE:
             raise TypeError(f"{key} of a feature is {value!r:.40}")
     return description
 
