@@ -16,6 +16,7 @@ from calib.study_file.lines import dotted, line_of, lines
 from calib.study_file.partial_check import without_mistakes
 from calib.study_file.schema import StudyToml
 
+MAX_MISTAKES = 50  # that are told at once
 MAX_MESSAGE_CHARACTERS = 4000  # of one mistake, which may name texts of any length
 VIEW_KEY = ("store", "view")  # location of an address, which may hold a password
 PASSWORD_PART = re.compile(":.*@")  # of an address that is none
@@ -106,7 +107,10 @@ class Mistakes:
             raise CalibError(self._messages[0])
         if self._messages:
             subject = self.path if self._origin is None else "the study"
-            raise CalibError("\n".join([f"{subject} has {len(self._messages)} mistakes:", *self._messages]))
+            more = len(self._messages) - MAX_MISTAKES
+            rest = [f"... and {more} more"] if more > 0 else []
+            shown = self._messages[:MAX_MISTAKES]
+            raise CalibError("\n".join([f"{subject} has {len(self._messages)} mistakes:", *shown, *rest]))
 
 
 def located(path: str | Path) -> Path:

@@ -220,3 +220,17 @@ def test_a_folder_that_cannot_be_made_ends_with_a_message(tmp_path):
     assert ended.exit_code == 1
     assert str(tmp_path / "file" / "out") in ended.stderr
     assert "Traceback" not in ended.output
+
+
+def test_a_message_has_a_sensible_length_whatever_the_file_holds(tmp_path):
+    path = write_study(tmp_path, ('feature = "phase_curve"', f'feature = "phase_curve"\nbodies = ["{100_000 * "a"}"]'))
+    with pytest.raises(CalibError) as raised:
+        load(path)
+    assert len(str(raised.value)) < 10_000
+    path.write_text(f"record = {list(range(1000))}\n")
+    with pytest.raises(CalibError, match=r"has 100\d mistakes:\n(.*\n){50}\.\.\. and 95\d more$"):
+        load(path)
+
+
+def test_control_characters_in_a_message_are_escaped():
+    assert str(CalibError("body 'a\x1b[2J'\x00\x9b, line\n2\t3")) == "body 'a\\x1b[2J'\\x00\\x9b, line\n2\t3"
