@@ -44,6 +44,7 @@ COMMON_UNITS = (
     "V",
     "mV",
 )  # fmt: skip - with prefixes, which the registry lists no units with
+MAX_REMEMBERED_UNITS = 256  # a table of samples has one
 MAX_QUANTITY_CHARACTERS = 100  # characters; the longest unit of a parameter takes less than 20
 # product of the exponents in one text: above it, pint would work out integers of any length, as in '9**9**9 m'
 MAX_EXPONENT_PRODUCT = 1000.0
@@ -132,6 +133,7 @@ def from_si(value: float, unit: str, si: str | None = None) -> float:
     return value / in_si(unit, si)
 
 
+@functools.lru_cache(maxsize=MAX_REMEMBERED_UNITS)
 def in_si(unit: str, si: str | None = None) -> float:
     """Value in SI of one `unit`: ``in_si("GPa")`` is ``1e9``; `si` and errors as in `from_si`."""
     if unit in ("", "1") and si in (None, "", "1"):

@@ -15,6 +15,7 @@ T = TypeVar("T")
 STATM = Path("/proc/self/statm")  # memory of this process on Linux, in pages
 SECONDS, BYTES_PER_SECOND = 10, 2_000_000  # s, bytes/s: processor time of reading, for any file and by its size
 MEMORY, MEMORY_PER_BYTE = 2**27, 64  # bytes: of reading any file, and by its size; measured data are packed 20 times
+WALL = 20  # wall-clock time that is granted, over that of the processor
 PROTOCOL = 5  # of pickle, which copies arrays once
 
 
@@ -72,7 +73,9 @@ def apart(call: Callable[[], T], seconds: int, memory: int) -> T:
 
 
 def _limit(seconds: int, memory: int) -> None:
-    """Limit processor time and memory of this process."""
+    """Limit processor time, wall-clock time and memory of this process."""
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.setitimer(signal.ITIMER_REAL, WALL * seconds)
     _, hard = resource.getrlimit(resource.RLIMIT_CPU)
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, hard))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
@@ -91,9 +94,10 @@ def _answer(call: Callable[[], T], pipe: int) -> None:
         try:
             result = call()
         except CalibError as mistake:
-            error = CalibError(str(mistake))
+            error = mistake.with_traceback(None)
+            error.__cause__ = error.__context__ = None  # what led to it may hold anything
         except MemoryError:
-            error = OSError("it takes too much memory to be read")
+            error = OSError("it takes too much memory")
         except Exception as raised:  # of a library that decodes damaged content
             error = OSError(f"{type(raised).__name__}: {raised}"[:400])
         pickle.dump((error, result), file, PROTOCOL)
@@ -101,6 +105,8 @@ def _answer(call: Callable[[], T], pipe: int) -> None:
 
 def _reason(status: int, seconds: int) -> str:
     if not os.WIFSIGNALED(status):
-        return "reading it failed, for want of memory perhaps"
+        return "it failed, for want of memory perhaps"
     name = signal.Signals(os.WTERMSIG(status)).name
-    return f"reading it takes more than {seconds} s" if name == "SIGXCPU" else f"reading it crashed: {name}"
+    if name == "SIGXCPU":
+        return f"it takes more than {seconds} s of processor time"
+    return f"it takes more than {WALL * seconds} s" if name == "SIGALRM" else f"it crashed: {name}"

@@ -1,6 +1,7 @@
 """A call in a forked process gives its result and its errors, and takes nothing with it when it hangs or crashes."""
 
 import os
+import threading
 
 import numpy as np
 import pytest
@@ -45,3 +46,9 @@ def test_what_it_changes_is_lost():
     values = [1]
     apart(lambda: values.append(2), 5, MEMORY)
     assert values == [1]
+
+
+def test_what_waits_for_ever_is_given_up(monkeypatch):
+    monkeypatch.setattr("calib.execution.apart.WALL", 1)
+    with pytest.raises(OSError, match="more than 1 s$"):
+        apart(threading.Event().wait, 1, MEMORY)

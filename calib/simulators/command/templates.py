@@ -3,23 +3,24 @@
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 from jinja2 import Environment, StrictUndefined, Template, TemplateError, nodes
 from jinja2.exceptions import TemplateSyntaxError, UndefinedError
 from jinja2.meta import find_undeclared_variables
-from jinja2.runtime import LoopContext
+from jinja2.runtime import BlockReference, LoopContext, Macro, Undefined
 from jinja2.sandbox import SandboxedEnvironment
 from jinja2.utils import Namespace
 
 from calib.errors import CalibError, nearest
+from calib.execution.apart import apart
 from calib.simulators.command.formats import fixed, fortran
 from calib.units import coherent, from_si
 
 SUFFIX = ".j2"  # of a file that is rendered
-MAX_LOOP_STEPS = 5_000_000  # of all loops over `range` in one rendering
-MAX_RENDERED_CHARACTERS = 200_000_000  # of one file
+MAX_RENDERING_SECONDS = 10  # s of processor time, of one file
+MAX_RENDERING_BYTES = 2**29  # bytes of memory, of one file
 SHOWN_LINE_CHARACTERS = 100  # of the line of a template in a message
 MAX_INTEGER_BITS = 4096  # of an integer that a template works out
 KEPT_FILTERS = (
@@ -84,6 +85,10 @@ class _Sandbox(SandboxedEnvironment):
         """Allow what `loop` says of itself, and what a template has set."""
         return isinstance(obj, LoopContext | Namespace) and not attr.startswith("_")
 
+    def is_safe_callable(self, obj: Any) -> bool:
+        """Allow what belongs to templates; the sandbox of jinja2 gives out the method `format` of a text."""
+        return obj is range or obj is Namespace or isinstance(obj, Macro | BlockReference | LoopContext)
+
     def call_binop(self, context: Any, operator: str, left: Any, right: Any) -> Any:
         """Refuse products with texts and lists, and integers of any length."""
         for operand in (left, right):
@@ -93,7 +98,9 @@ class _Sandbox(SandboxedEnvironment):
             sizes = left.bit_length(), right.bit_length()
             bits = sum(sizes) if operator == "*" else sizes[0] * abs(right) if operator == "**" else 0
             if bits > MAX_INTEGER_BITS:
-                raise CalibError(f"{left!r:.20} {operator} {right!r:.20} is too large an integer; write it as a float")
+                raise CalibError(
+                    f"integers of {sizes[0]} and {sizes[1]} bits: {operator!r} of them is too large; write floats"
+                )
         return super().call_binop(context, operator, left, right)
 
 
@@ -101,11 +108,11 @@ class _Sandbox(SandboxedEnvironment):
 def _environment() -> Environment:
     environment = _Sandbox(
         undefined=StrictUndefined, autoescape=False, keep_trailing_newline=True, trim_blocks=True, lstrip_blocks=True,
-        finalize=_printable,
+        finalize=_printable, optimized=False,  # what is constant is worked out when it is rendered, within its limits
     )  # fmt: skip
     environment.filters = {name: environment.filters[name] for name in KEPT_FILTERS}
     environment.filters |= {"unit": _in_unit, "fortran": fortran, "fixed": fixed, "sin": _sine, "cos": _cosine}
-    environment.globals = {name: environment.globals[name] for name in ("range", "namespace")}
+    environment.globals = {"range": range, "namespace": Namespace}
     return environment
 
 
@@ -126,9 +133,9 @@ def _angle(value: Any) -> float:
 
 
 def _printable(value: Any) -> Any:
-    if isinstance(value, StrictUndefined):
-        return value  # which raises an error when it is written
-    if value is None or isinstance(value, Mapping | bool) or callable(value):
+    if isinstance(value, Undefined):
+        return value  # which raises an error when it is written; that of an `if` without `else` is empty
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
         raise CalibError(f"a placeholder gives {value!r:.40}, which is neither number nor text; name one of its parts")
     if isinstance(value, ValueWithUnit):
         return repr(float(value))
@@ -141,10 +148,10 @@ def _in_unit(value: Any, unit: str) -> float:
         raise CalibError(f"unit: expected a number in SI and a unit such as 'MPa', got {value!r:.40} and {unit!r:.40}")
     if not isinstance(value, ValueWithUnit):
         return from_si(float(value), unit)
-    coherent(unit)  # which refuses an unknown unit
     try:
         return from_si(float(value), unit, value.unit)
     except CalibError as error:
+        coherent(unit)  # which refuses an unknown unit
         reason = str(error) if "hertz" in str(error) else f"take a unit of {value.unit}, or none"
         raise CalibError(f"{value.name} is in {value.unit or '1'} and is not given in {unit!r}: {reason}") from error
 
@@ -197,42 +204,24 @@ def rendered(template: TemplateText, values: Mapping[str, Any]) -> str:
     ------
     CalibError : something in it is undefined, does not fit its field or is no number, with the line
     """
+    try:
+        return apart(partial(_rendered, template, values), MAX_RENDERING_SECONDS, MAX_RENDERING_BYTES)
+    except OSError as error:
+        raise TemplateFault(f"{template.name}: cannot be rendered: {error}; is a loop too long?") from error
 
+
+def _rendered(template: TemplateText, values: Mapping[str, Any]) -> str:
     def render() -> str:
-        parts, size = [], 0
-        for part in _compiled(template).generate({**values, "range": _CountedRange()}):
-            parts.append(part)
-            size += len(part)
-            if size > MAX_RENDERED_CHARACTERS:
-                raise CalibError(f"more than {MAX_RENDERED_CHARACTERS} characters; is a loop too long?")
-        return "".join(parts)
+        text = _compiled(template).render(values)
+        text.encode()
+        return text
 
-    return _Reported(template)(render)
+    return str(_Reported(template)(render))
 
 
 @lru_cache(maxsize=256)
 def _compiled(template: TemplateText) -> Template:
     return _environment().from_string(template.text)
-
-
-class _CountedRange:
-    """`range` in templates, whose numbers are counted over all loops of one rendering."""
-
-    def __init__(self) -> None:
-        self._left = MAX_LOOP_STEPS
-
-    def __call__(self, *bounds: int) -> range:
-        """Return the range.
-
-        Raises
-        ------
-        CalibError : too many numbers altogether
-        """
-        numbers = range(*bounds)
-        self._left -= len(numbers)
-        if self._left < 0:
-            raise CalibError(f"loops of more than {MAX_LOOP_STEPS} steps; is one too long?")
-        return numbers
 
 
 class _Reported:

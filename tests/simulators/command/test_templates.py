@@ -138,10 +138,9 @@ def test_names_that_a_template_sets_itself_are_known():
     "text",
     [
         "{{ youngs.__class__ }}", "{{ excitation.quantity.upper() }}", "{{ ''.__class__.__mro__ }}",
-        "{{ 'x' * 999999999 }}", "{{ 9 ** (9 ** 9) }}", "{{ '%999999999d' % 5 }}", "{{ range(999999999) | length }}",
+        "{{ 'x' * 999999999 }}", "{{ 9 ** (9 ** 9) }}", "{{ '%999999999d' % 5 }}",
         "{{ 'x'.center(999999999) }}", "{{ [0] * 999999999 }}", "{{ 1 / 0 }}", "{{ none }}", "{{ youngs > 1 }}",
         "{{ excitation }}", "{{ 1e308 * 10 | fortran('E12.5') }}", "{{ cycler }}", "{{ youngs | attr('unit') }}",
-        "{% for i in range(90000) %}{% for j in range(90000) %}{% endfor %}{% endfor %}",
         "{{ 99999999999999999999 ** 9999 }}", "{% set n = namespace(x=1) %}{{ n.__init__ }}", "{{ range }}",
     ],
 )  # fmt: skip
@@ -154,48 +153,34 @@ LOOPS = "".join(f"{{% for {name} in b %}}" for name in "acdefg") + "{% endfor %}
 
 
 @pytest.mark.parametrize(
-    "text",
+    ("text", "reason"),
     [
-        "{% set b = range(300) | list %}" + LOOPS,
-        "{% macro m(n) %}{% if n > 0 %}{{ m(n - 1) }}{{ m(n - 1) }}{% endif %}{% endmacro %}{{ m(60) }}",
-        "{% set b = range(100000) | list %}{% for i in range(100000) %}{% if -1 in b %}{% endif %}{% endfor %}",
-        "{% set b = range(100000) | list %}{% for i in range(100000) %}{% set c = b[1:] %}{% endfor %}",
-        "{% set n = namespace(s=[1]) %}{% for i in range(60) %}{% set n.s = n.s + n.s %}{% endfor %}",
+        ("{% set b = range(300) | list %}" + LOOPS, "more than 1 s"),
+        (
+            "{% macro m(n) %}{% if n > 0 %}{{ m(n - 1) }}{{ m(n - 1) }}{% endif %}{% endmacro %}{{ m(60) }}",
+            "more than 1 s",
+        ),
+        ("{{ 1.5 | round(10**9, 'ceil') }}", "more than 1 s|MemoryError"),
+        ("{% set n = namespace(s=[1]) %}{% for i in range(60) %}{% set n.s = n.s + n.s %}{% endfor %}", "MemoryError"),
+        ("{% set n = namespace(s='ab') %}{% for i in range(60) %}{% set n.s = n.s ~ n.s %}{% endfor %}", "MemoryError"),
+        ("{{ [1] | batch(10**9, 0) | list }}", "MemoryError"),
     ],
 )
-def test_a_rendering_takes_so_many_steps(monkeypatch, text):
-    monkeypatch.setattr("calib.simulators.command.allowance.MAX_OPERATIONS", 200_000)
-    with pytest.raises(CalibError, match="more than 200000 steps"):
+def test_a_rendering_takes_so_much_time_and_memory(monkeypatch, text, reason):
+    monkeypatch.setattr("calib.simulators.command.templates.MAX_RENDERING_SECONDS", 1)
+    monkeypatch.setattr("calib.simulators.command.templates.MAX_RENDERING_BYTES", 2**26)
+    with pytest.raises(CalibError, match=f"deck.inp.j2.*({reason})"):
         deck(text)
 
 
 @pytest.mark.parametrize(
     "text",
     [
-        "{% set n = namespace(s='ab') %}{% for i in range(60) %}{% set n.s = n.s ~ n.s %}{% endfor %}",
-        "{% set n = namespace(s='ab') %}{% for i in range(60) %}{% set n.s = n.s + n.s %}{% endfor %}",
-        "{% set n = namespace(s='a') %}{% for i in range(50) %}{% set n.s %}{{ n.s }}{{ n.s }}{% endset %}{% endfor %}",
-        "{% macro d(s) %}{{ s }}{{ s }}{% endmacro %}{{ " + "d(" * 60 + "'ab'" + ")" * 60 + " }}",
-        "{% macro m() %}{% for i in range(9999) %}" + "x" * 1000 + "{% endfor %}{% endmacro %}{{ m() | length }}",
-        "{% for i in range(99) %}{{ request.times | join('" + "x" * 9999 + "') }}{% endfor %}",
-    ],
-)
-def test_a_rendering_makes_so_much_text(monkeypatch, text):
-    monkeypatch.setattr("calib.simulators.command.allowance.MAX_CHARACTERS", 1_000_000)
-    with pytest.raises(CalibError, match="more than 1000000 characters"):
-        deck(text)
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "{{ 1.5 | round(10**9, 'ceil') }}", "{{ [1] | batch(10**9, 0) }}", "{{ [1] | slice(10**9) }}", "{{ [1] }}",
-        "{% set a = [1] %}{{ a == a }}", "{{ [[1]] | max }}", "{{ [[1]] | sum(start=[]) }}", "{{ '9' * 500 | int }}",
-        "{{ [1] is eq([1]) }}",
-        "{{ '{:>999999999}'.format(1) }}", "{{ loop.changed([1]) }}", "{{ 2**4000 + 2**4096 }}", "{{ '\\ud800' }}",
+        "{{ [1] }}", "{{ '9' * 500 | int }}", "{{ '{:>999999999}'.format(1) }}", "{{ loop.changed([1]) }}",
+        "{{ 2**4000 + 2**4096 }}", "{{ '\\ud800' }}",
     ],
 )  # fmt: skip
-def test_what_may_take_any_time_is_refused(text):
+def test_what_is_no_text_of_a_deck_is_refused(text):
     with pytest.raises(CalibError, match="deck.inp.j2"):
         deck(text)
 
