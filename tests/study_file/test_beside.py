@@ -83,7 +83,7 @@ def test_the_number_of_child_processes_is_bounded(tmp_path):
         load(path)
 
 
-def test_status_imports_nothing_that_the_study_file_names(tmp_path):
+def test_status_and_report_import_nothing_that_the_study_file_names(tmp_path):
     path = study_with(tmp_path, "watched_spring")
     assert CliRunner().invoke(main, ["run", str(path), "--budget", "10", "--quiet"]).exit_code == 0
     left = tmp_path / "left_behind"
@@ -95,4 +95,5 @@ def test_status_imports_nothing_that_the_study_file_names(tmp_path):
         return left.exists()
 
     assert not asked("status")
-    assert asked("report")  # which simulates the best trial: the file would have been left
+    assert not asked("report")
+    assert asked("run"), "the file would have been left"
