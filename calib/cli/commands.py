@@ -429,8 +429,9 @@ def list_(name: str | None, schema: bool, as_json: bool) -> None:
 @click.option(
     "--folder", type=click.Path(path_type=Path, file_okay=False), default=Path(), help="Where. [default: here]"
 )
+@click.option("--program", is_flag=True, help="Of a study: its simulator is an external program, with its deck.")
 @reporting_mistakes
-def new(kind: str, name: str, folder: Path) -> None:
+def new(kind: str, name: str, folder: Path, program: bool) -> None:
     """Write a small working simulator, effect or study called NAME, with the test that it has to pass.
 
     \b
@@ -439,7 +440,7 @@ def new(kind: str, name: str, folder: Path) -> None:
     from calib.workflows.new import new as write_new  # see above
     from calib.workflows.new import thing_of
 
-    files = write_new(kind, name, folder)
+    files = write_new(kind, name, folder, program)
     click.echo("\n".join(map(str, files)))
     if kind == "study":
         click.echo(f"next: calib run {folder / name}")

@@ -5,6 +5,7 @@ import keyword
 import os
 import re
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ NOISE_STD = 2e-6  # m, and over the angular frequency m/s: of its noise
 RECORD_CYCLES, SAMPLES_PER_CYCLE = 6, 100  # of that record; samples a cycle
 
 
-def new(kind: str, name: str, folder: str | Path = ".") -> list[Path]:
+def new(kind: str, name: str, folder: str | Path = ".", program: bool = False) -> list[Path]:
     """Write a skeleton into a folder; return the files.
 
     Parameters
@@ -28,10 +29,12 @@ def new(kind: str, name: str, folder: str | Path = ".") -> list[Path]:
     kind : "simulator" and "effect": a module of that name and a test beside it; "study": a folder of that name with a
         study file and a record that is made up
     name : lower case letters, digits and underscores
+    program : whether the simulator of the study is an external program, of which a stand-in is written with its deck
 
     Raises
     ------
-    CalibError : no such kind, a name that no module can have, or a file of that name that is there already
+    CalibError : no such kind, a program of another kind than a study, a name that no module can have, or a file of that
+        name that is there already
     """
     if kind not in KINDS:
         raise CalibError(f"there is a skeleton of a {', '.join(KINDS)}, got {kind!r}")
@@ -39,6 +42,8 @@ def new(kind: str, name: str, folder: str | Path = ".") -> list[Path]:
         raise CalibError(f"expected a name of lower case letters, digits and underscores, got {name!r}")
     if keyword.iskeyword(name) or name in sys.stdlib_module_names:
         raise CalibError(f"{name!r} is a word or a module of Python; choose another name")
+    if program and kind != "study":
+        raise CalibError(f"a {kind} is written in Python; an external program belongs to a study")
     title = name.replace("_", " ").capitalize()
     words = {
         "name": name,
@@ -46,7 +51,7 @@ def new(kind: str, name: str, folder: str | Path = ".") -> list[Path]:
         "thing": thing_of(kind, name),
         "jobs": str(min(os.cpu_count() or 1, MAX_JOBS)),
     }
-    files = _study(Path(folder) / name, words) if kind == "study" else _module(kind, Path(folder), words)
+    files = _study(Path(folder) / name, words, program) if kind == "study" else _module(kind, Path(folder), words)
     for path in files:
         if path.exists():
             raise CalibError(f"{path} is there already; choose another name, or move it away")
@@ -72,13 +77,17 @@ def _module(kind: str, folder: Path, words: dict[str, str]) -> dict[Path, str]:
     }
 
 
-def _study(folder: Path, words: dict[str, str]) -> dict[Path, str]:
-    return {folder / "study.toml": _text("study.toml.j2", words), folder / f"{words['name']}.csv": _made_up()}
+def _study(folder: Path, words: dict[str, str], program: bool) -> dict[Path, str]:
+    names = ["study.toml", *(["deck.in.j2", "solver.py"] if program else [])]
+    texts = {folder / name: _text(f"{name}.j2", {**words, "program": program}) for name in names}
+    return {**texts, folder / f"{words['name']}.csv": _made_up()}
 
 
-def _text(template: str, words: dict[str, str]) -> str:
+def _text(template: str, words: Mapping[str, object]) -> str:
     loader = PackageLoader("calib.workflows", "skeletons")
-    known = Environment(loader=loader, undefined=StrictUndefined, keep_trailing_newline=True, autoescape=False)
+    known = Environment(
+        loader=loader, undefined=StrictUndefined, keep_trailing_newline=True, autoescape=False, trim_blocks=True
+    )
     return known.get_template(template).render(words)
 
 

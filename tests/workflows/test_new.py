@@ -36,6 +36,20 @@ def test_a_new_study_finds_what_its_record_was_made_from(tmp_path):
         assert low < truth < high
 
 
+def test_a_new_study_of_a_program_runs_as_it_is_written(tmp_path):
+    ended = CliRunner().invoke(main, ["new", "study", "rig", "--program", "--folder", str(tmp_path)])
+    assert ended.exit_code == 0, ended.output
+    found = calibrate(tmp_path / "rig", quiet=True, budget=30)
+    assert found.values["stiffness"] == pytest.approx(STIFFNESS, rel=0.01)
+    assert found.values["damping"] == pytest.approx(DAMPING, rel=0.05)
+    assert found.failed == 0
+
+
+def test_a_program_belongs_to_a_study(tmp_path):
+    with pytest.raises(CalibError, match="a simulator is written in Python"):
+        new("simulator", "swing", tmp_path, program=True)
+
+
 def test_a_new_simulator_runs_in_a_study_beside_it(tmp_path):
     new("study", "bench", tmp_path)
     new("simulator", "swing", tmp_path / "bench")
