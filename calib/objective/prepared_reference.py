@@ -128,7 +128,7 @@ class PreparedReference:
         try:
             return released(simulated, compared, self._unknowns(model))
         except CalibError as error:
-            raise CalibError(f"{self.name}: {error}") from error
+            raise type(error)(f"{self.name}: {error}") from error
 
     @cached_property
     def _comparison(self) -> Comparison:
