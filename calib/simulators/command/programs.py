@@ -1,51 +1,23 @@
 """The programs that the command lines of a study name, by which it is known what has made a record."""
 
 import os
+import re
 import shlex
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 from calib.simulators.command.known_files import KnownFile, known_file, known_program, located
 from calib.simulators.command.options import ProgramOptions
-from calib.simulators.command.version import stated_version
+from calib.simulators.command.version import ProgramVersion, stated_version
 
-LAUNCHERS = frozenset(
-    (
-        "apptainer",
-        "bash",
-        "conda",
-        "dash",
-        "docker",
-        "env",
-        "julia",
-        "mpiexec",
-        "mpiexec.hydra",
-        "mpirun",
-        "nice",
-        "nohup",
-        "numactl",
-        "octave",
-        "orterun",
-        "perl",
-        "podman",
-        "python",
-        "python3",
-        "setsid",
-        "sh",
-        "singularity",
-        "srun",
-        "stdbuf",
-        "taskset",
-        "time",
-        "timeout",
-        "wine",
-        "xvfb-run",
-        "zsh",
-    )
-)  # fmt: skip - programs that run another one
+# programs that run another one
+LAUNCHERS = frozenset(("apptainer", "bash", "conda", "dash", "docker", "env", "julia", "mpiexec", "mpiexec.hydra",
+    "mpirun", "nice", "nohup", "numactl", "octave", "orterun", "perl", "podman", "python", "python3", "setsid", "sh",
+    "singularity", "srun", "stdbuf", "taskset", "time", "timeout", "wine", "xvfb-run", "zsh"))  # fmt: skip
 SCRIPT_SUFFIXES = frozenset({".jl", ".m", ".pl", ".py", ".r", ".rb", ".sh"})  # of what such a one may be given
 SCRIPT_BEGINS = b"#!"
+PLACEHOLDER = re.compile(r"\{\{.*?\}\}|\{%.*?%\}")  # of a template
 
 
 @dataclass(frozen=True)
@@ -77,72 +49,83 @@ def read_programs(options: ProgramOptions, lines: Sequence[str], given: set[str]
     CalibError : there is none of that name, or the command line of the version fails
     """
     search = options.environment.get("PATH")
-    words = [shlex.split(line) for line in lines]
-    named = [word for line in words for word in _named(line, given, search)]
+    found = [_Line(tuple(shlex.split(PLACEHOLDER.sub("{}", line))), given, search, study) for line in lines]
+    named = dict.fromkeys(word for line in found for word in line.programs())
     if options.version is None:
-        known = [_known(word, search) for word in dict.fromkeys(named)]
-        remarks = tuple(dict.fromkeys(remark for line in words for remark in _hidden(line, given, search)))
-        return Programs(tuple(known), remarks)
+        known = [_known(f"program {Path(word).name}", word, search) for word in named]
+        return Programs(tuple(known), tuple(dict.fromkeys(remark for line in found for remark in line.remarks())))
     version = stated_version(options.version, str(study.resolve()))
     text = version.printed()
-    name = f"program {Path(words[0][0]).name}"
-    every = [*named, *([version.words[0]] if located(version.words[0], search) else [])]
-    return Programs(tuple(known_program(name, word, search, version, text) for word in dict.fromkeys(every)), ())
+    if located(version.words[0], search) is not None:
+        named[version.words[0]] = None
+    name = f"program {Path(found[0].words[0]).name}"
+    return Programs(tuple(_known(name, word, search, version, text) for word in named), ())
 
 
-def _known(word: str, search: str | None) -> KnownFile:
+def _known(
+    name: str, word: str, search: str | None, version: ProgramVersion | None = None, identity: str = ""
+) -> KnownFile:
     """Return a program, or a script that a launcher is given."""
     path = Path(word)
     if _is_stated_script(path) and not os.access(path, os.X_OK):
-        return known_file(f"program {path.name}", path)
-    return known_program(f"program {path.name}", word, search)
+        return replace(known_file(name, path, identity), version=version)
+    return known_program(name, word, search, version, identity)
+
+
+@dataclass(frozen=True)
+class _Line:
+    """The words of a command line, whose placeholders are "{}"; the rest as in `read_programs`."""
+
+    words: tuple[str, ...]
+    given: set[str]
+    search: str | None
+    study: Path
+
+    def programs(self) -> Iterator[str]:
+        """Yield the program, and those that it is given as arguments: paths, or names to be looked for on PATH."""
+        if not self._is_open(self.words[0]):
+            yield self.words[0]
+        yield from self._arguments()
+
+    def remarks(self) -> Iterator[str]:
+        """Yield a remark where the line runs what its words do not name."""
+        first, *others = self.words
+        if self._is_open(first) or next(self._arguments(), None) is not None:
+            return
+        remedy = "state the command line of `version`, so that results of another one are told apart"
+        path = located(first, self.search)
+        if self._launches:
+            if not any(str(PurePosixPath(word)) in self.given for word in others):
+                yield f"{Path(first).name} runs a program that no word of {shlex.join(self.words)!r} names; {remedy}"
+        elif path is not None and _is_script(path):
+            yield f"{path.name} is a script: programs that it calls are no part of the identity of the study; {remedy}"
+
+    def _arguments(self) -> Iterator[str]:
+        for word in self.words[1:]:
+            code = None if self._is_open(word) or word.startswith(("-", "/dev/")) else self._code(word)
+            if code is not None:
+                yield code
+
+    def _code(self, word: str) -> str | None:
+        """Return an argument that is a program: its path, or its name where a launcher looks for it on PATH."""
+        path = self.study.resolve() / word
+        if _is_stated_script(path) or (path.is_file() and os.access(path, os.X_OK)):
+            return str(path)
+        if self._launches and os.sep not in word and located(word, self.search) is not None:
+            return word
+        return None
+
+    @property
+    def _launches(self) -> bool:
+        return Path(self.words[0]).name in LAUNCHERS
+
+    def _is_open(self, word: str) -> bool:
+        """Whether a word is a placeholder, or a file of the run folder."""
+        return "{" in word or str(PurePosixPath(word)) in self.given
 
 
 def _is_stated_script(path: Path) -> bool:
-    return path.is_absolute() and path.suffix.lower() in SCRIPT_SUFFIXES and path.is_file()
-
-
-def _named(line: Sequence[str], given: set[str], search: str | None) -> Iterator[str]:
-    """Yield the program of a command line, and those that it is given as arguments."""
-    first, *others = line
-    if not _is_open(first, given):
-        yield first
-    for word in others:
-        if not _is_open(word, given) and _is_code(word, _launches(first), search):
-            yield word
-
-
-def _is_open(word: str, given: set[str]) -> bool:
-    """Whether a word is a placeholder, or a file of the run folder."""
-    return "{" in word or str(PurePosixPath(word)) in given
-
-
-def _launches(word: str) -> bool:
-    return Path(word).name in LAUNCHERS
-
-
-def _is_code(word: str, launched: bool, search: str | None) -> bool:
-    """Whether an argument is a program; names are looked for on PATH where it may be `launched`."""
-    if word.startswith(("-", "/dev/")):
-        return False
-    path = Path(word)
-    if path.is_absolute():
-        return _is_stated_script(path) or (path.is_file() and os.access(path, os.X_OK))
-    return launched and os.sep not in word and located(word, search) is not None
-
-
-def _hidden(line: Sequence[str], given: set[str], search: str | None) -> Iterator[str]:
-    """Yield a remark where a command line runs what its words do not name."""
-    first, *others = line
-    if _is_open(first, given):
-        return
-    remedy = "state the command line of `version`, so that results of another one are told apart"
-    path = located(first, search)
-    if _launches(first):
-        if not any(str(PurePosixPath(word)) in given or _is_code(word, True, search) for word in others):
-            yield f"{Path(first).name} runs a program that no word of {shlex.join(line)!r} names; {remedy}"
-    elif path is not None and _is_script(path):
-        yield f"{path.name} is a script: programs that it calls are no part of the identity of the study; {remedy}"
+    return path.suffix.lower() in SCRIPT_SUFFIXES and path.is_file()
 
 
 def _is_script(path: Path) -> bool:

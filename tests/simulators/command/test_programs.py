@@ -29,6 +29,8 @@ def solver(tmp_path, monkeypatch):
         ("python3 {folder}/solve.py deck", {"python3", "solve.py"}),
         ("./wrap.sh lab_solver /dev/null {folder}/data.bin", {"wrap.sh"}),
         ("nice ./given.sh", {"nice"}),
+        ("./wrap.sh own_solver data.bin", {"wrap.sh", "own_solver"}),
+        ("nice lab_solver {{{{ env }}}} {{{{ env | unit('mm') }}}}", {"nice", "lab_solver"}),
     ],
 )
 def test_programs_that_a_command_line_names_as_arguments_belong_to_the_identity(tmp_path, solver, line, known):
@@ -36,8 +38,10 @@ def test_programs_that_a_command_line_names_as_arguments_belong_to_the_identity(
         (tmp_path / name).write_text("")
     script(tmp_path, "exec true", name="wrap.sh")
     script(tmp_path, "exec true", name="given.sh")
+    script(tmp_path, "exec true", name="own_solver")
     stated = line.format(solver=solver, folder=tmp_path)
-    code = command(tmp_path, run=[stated], template=["given.sh"]).code
+    parameters = {"env": "1 mm"} if "{{" in stated else {}
+    code = command(tmp_path, run=[stated], template=["given.sh"], parameters=parameters).code
     assert {name.removeprefix("program ") for name in code if name.startswith("program ")} == known
 
 
@@ -55,11 +59,13 @@ def test_a_program_behind_a_launcher_that_is_replaced_ends_the_run(tmp_path, sol
         ("./wrap.sh deck", "wrap.sh is a script: programs that it calls are no part of the identity .* `version`"),
         ("sh -c 'cp $HOME/x y'", "sh runs a program that no word of .* names; state the command line of `version`"),
         ("nice env true", ""),
+        ("./wrap.sh own_solver", ""),
         ("python3 given.py", ""),
     ],
 )
 def test_a_program_that_cannot_be_known_is_a_remark_and_a_version_answers_it(tmp_path, line, remark):
     script(tmp_path, "exec true", name="wrap.sh")
+    script(tmp_path, "exec true", name="own_solver")
     (tmp_path / "given.py").write_text("")
     options = {"run": [line], "read": READ, "template": ["given.py"]}
     simulator = Command(**options).placed(tmp_path, tmp_path / "out", None)
