@@ -1,6 +1,8 @@
 """Delimited text as rows of cells."""
 
+import codecs
 import csv
+import io
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -8,7 +10,7 @@ from pathlib import Path
 
 from calib.errors import CalibError
 from calib.records.fortran import fortran_value, overflowed
-from calib.records.sheet import Cells, Sheet, is_number
+from calib.records.sheet import Cells, Sheet, real_number
 from calib.records.text_pattern import comment_test
 
 SEPARATORS = ";\t,"  # looked for in the first row, in this order; else blanks
@@ -29,6 +31,7 @@ class TextLayout:
     header : lines before the first row of numbers, of which the first holds the names of the columns; None: one where
         it holds anything but numbers, else none
     names : of all columns; the header is then dropped unread, and `header` of None is none
+    encoding : of the text, such as "latin-1"
     """
 
     separator: str | None = None
@@ -37,6 +40,7 @@ class TextLayout:
     skip: int = 0
     header: int | None = None
     names: Sequence[str] | None = None
+    encoding: str = "utf-8"
 
     def separator_of(self, line: str) -> str:
         """Separator that is stated, or found in a line."""
@@ -45,8 +49,13 @@ class TextLayout:
 
     def is_numeric(self, cell: str) -> bool:
         """Whether a cell can stand for a number only, be it one that overflowed its field."""
+        return self.value(cell) is not None or overflowed(cell)
+
+    def value(self, cell: str) -> float | None:
+        """Value of a cell that is a number in the notation of C or Fortran; None for any other text."""
         text = self.plain(cell)
-        return is_number(text) or fortran_value(text) is not None or overflowed(text)
+        value = real_number(text)
+        return fortran_value(text) if value is None else value
 
     def plain(self, cell: str) -> str:
         """Return the text of a number with a decimal point."""
@@ -67,6 +76,20 @@ class DelimitedRows:
     rows: Iterator[tuple[int, list[str]]]
 
 
+def text_codec(path: Path, encoding: str) -> str:
+    """Encoding by which a text is decoded: of UTF-8 that which drops a byte order mark.
+
+    Raises
+    ------
+    CalibError : no encoding of texts
+    """
+    try:
+        " ".encode(encoding)
+        return "utf-8-sig" if codecs.lookup(encoding).name == "utf-8" else encoding
+    except LookupError as error:
+        raise CalibError(f"{path}: unknown encoding {encoding!r}; expected one such as 'utf-8' or 'latin-1'") from error
+
+
 def delimited_rows(path: Path, lines: Iterable[str], layout: TextLayout, remedy: str = "") -> DelimitedRows:
     """Cut lines of text into rows of cells, all of one length, one after the other as they are asked for.
 
@@ -74,8 +97,11 @@ def delimited_rows(path: Path, lines: Iterable[str], layout: TextLayout, remedy:
 
     Raises
     ------
-    CalibError : no rows, ragged rows (as they are met), a quotation mark that is not closed in its line
+    CalibError : no rows, ragged rows (as they are met), a quotation mark that is not closed in its line, a decimal
+        comma that separates cells too
     """
+    if layout.separator == layout.decimal:
+        raise CalibError(f"{path}: separator and decimal are both {layout.decimal!r}; state another separator")
     rows = _cut(path, lines, layout)
     if layout.names is not None:
         expected = f"{len(layout.names)} cells, one for each name", len(layout.names), remedy
@@ -93,24 +119,28 @@ def delimited_rows(path: Path, lines: Iterable[str], layout: TextLayout, remedy:
     return DelimitedRows(names, _checked(path, itertools.islice(rows, header - 1, None), *expected))
 
 
-def read_text(path: Path, content: bytes) -> Sheet:
+def read_text(path: Path, content: bytes, layout: TextLayout) -> Sheet:
     """Columns of a delimited text, by position from 1 and by name where a header gives it to one column only.
 
     Raises
     ------
-    CalibError : not a text in UTF-8, or as in `delimited_rows`
+    CalibError : another encoding, or as in `delimited_rows`
     """
+    codec = text_codec(path, layout.encoding)
     try:
-        lines = content.decode("utf-8-sig").splitlines()
-    except UnicodeDecodeError as error:
-        raise CalibError(f"{path}: not a text file in UTF-8 ({error}); a MATLAB file needs the suffix .mat") from error
-    text = delimited_rows(path, lines, TextLayout())
+        lines = io.StringIO(content.decode(codec), newline=None).read().split("\n")
+    except UnicodeError as error:
+        raise CalibError(
+            f"{path}: not a text file in {layout.encoding.upper()} ({error}); state its encoding, such as "
+            'encoding = "latin-1"; a MATLAB file needs the suffix .mat'
+        ) from error
+    text = delimited_rows(path, lines, layout)
     numbered = list(text.rows)
     columns: dict[str | int, Cells] = dict(enumerate(zip(*(cells for _, cells in numbered), strict=True), 1))
     if columns:
         names = text.names or []
         columns |= {name: columns[i] for i, name in enumerate(names, 1) if name and names.count(name) == 1}
-    return Sheet(path, columns, [line for line, _ in numbered])
+    return Sheet(path, columns, [line for line, _ in numbered], value=layout.value)
 
 
 def _cut(path: Path, lines: Iterable[str], layout: TextLayout) -> Iterator[tuple[int, list[str]]]:
@@ -145,7 +175,8 @@ def _checked(
     path: Path, rows: Iterable[tuple[int, list[str]]], expected: str, size: int, remedy: str
 ) -> Iterator[tuple[int, list[str]]]:
     """Yield the rows, which must all have `size` cells."""
-    for line, cells in rows:
+    for index, (line, cells) in enumerate(rows):
         if len(cells) != size:
-            raise CalibError(f"{path}, line {line}: expected {expected}, got {len(cells)}{remedy}")
+            hint = remedy if index else f"{remedy}; lines above the header are left out by `skip`"
+            raise CalibError(f"{path}, line {line}: expected {expected}, got {len(cells)}{hint}")
         yield line, cells

@@ -1,6 +1,6 @@
 """The columns of a file of measured or simulated samples, by position and by name."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,19 @@ import numpy as np
 from calib.errors import CalibError, nearest
 
 Cells = Sequence[Any] | np.ndarray  # of a column, not yet known to be numbers
+
+
+def real_number(cell: Any) -> float | None:
+    """Value of a cell that can be read as a real number, infinities and NaN among them; None for any other."""
+    try:
+        return float(cell)
+    except (ValueError, TypeError):
+        return None
+
+
+def comma_hint(cell: Any) -> str:
+    """Advice where a cell that is no number has one comma."""
+    return "; if it is a decimal comma, set decimal = ','" if isinstance(cell, str) and cell.count(",") == 1 else ""
 
 
 class UnknownColumn(CalibError):
@@ -29,12 +42,14 @@ class Sheet:
     columns : cells by position, counted from 1, and by name
     lines : line number of each sample, of a text
     unfit : what else the file names, and what that is
+    value : number of a cell, None where it is none
     """
 
     path: Path
     columns: Mapping[str | int, Cells]
     lines: Sequence[int] | None
     unfit: Mapping[str | int, str] = field(default_factory=dict)
+    value: Callable[[Any], float | None] = real_number
 
     def find(self, column: str | int) -> Cells:
         """Cells of a column.
@@ -65,19 +80,13 @@ class Sheet:
         CalibError : a cell that is no finite number, with its line
         """
         cells = self.find(column)[begin:end]
-        values = np.array([float(c) if is_number(c) else np.nan for c in cells])
+        values = np.array([np.nan if (value := self.value(c)) is None else value for c in cells])
         bad = ~np.isfinite(values)
         if bad.any():
             at = int(np.argmax(bad))
+            cell = cells[at]
             where = f"line {self.lines[begin + at]}" if self.lines else f"sample {begin + at}"
-            raise CalibError(f"{self.path}, {where}: expected a number in column {column!r}, got {cells[at]!r}")
+            raise CalibError(
+                f"{self.path}, {where}: expected a number in column {column!r}, got {cell!r}{comma_hint(cell)}"
+            )
         return values
-
-
-def is_number(cell: Any) -> bool:
-    """Whether a cell can be read as a real number, infinities and NaN among them."""
-    try:
-        float(cell)
-    except (ValueError, TypeError):
-        return False
-    return True

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ import xarray as xr
 from calib import records
 from calib.errors import CalibError, nearest
 from calib.execution.files import verified
-from calib.records.delimited import read_text
+from calib.records.delimited import TextLayout, read_text
 from calib.records.excitation import UNITS as EXCITATION_UNITS
 from calib.records.excitation import Excitation, Quantity
 from calib.records.filter import low_pass
@@ -83,6 +83,7 @@ class Table:
         simulation can settle and a filter can leave its edge effects
     cutoff : zero-phase low-pass of every channel [Hz]
     decimate : keep every so many-th sample of the channels; the excitation keeps all of its samples
+    text : layout of delimited text
     sha256 : of the file, checked before it is read
     origin : where a user gets the file; named in the message where it is missing
     """
@@ -97,6 +98,7 @@ class Table:
     margin: int = 0
     cutoff: float | None = None
     decimate: int = 1
+    text: TextLayout = TextLayout()
     sha256: str | None = None
     origin: str = ""
 
@@ -180,7 +182,7 @@ class _Samples:
 
 def _samples(table: Table, content: bytes) -> _Samples:
     """Return the file's columns, cut to the samples that are asked for and their margin."""
-    sheet = {".mat": read_matlab, ".json": _json}.get(table.path.suffix.lower(), read_text)(table.path, content)
+    sheet = _sheet(table, content)
     used = [c.column for c in (*table.channels, table.time, table.drive) if c is not None]
     sizes = {column: len(sheet.find(column)) for column in used}
     if len(set(sizes.values())) > 1:
@@ -190,6 +192,17 @@ def _samples(table: Table, content: bytes) -> _Samples:
     if not table.first < last <= size:
         raise CalibError(f"{table.path}: samples {table.first} to {last} were asked for, but the file has {size}")
     return _Samples(sheet, begin=max(0, table.first - table.margin), last=last, end=min(size, last + table.margin))
+
+
+def _sheet(table: Table, content: bytes) -> Sheet:
+    """Return the file's columns."""
+    binary = {".mat": read_matlab, ".json": _json}.get(table.path.suffix.lower())
+    if binary is None:
+        return read_text(table.path, content, table.text)
+    stated = [f.name for f in fields(TextLayout) if getattr(table.text, f.name) != f.default]
+    if stated:
+        raise CalibError(f"{table.path}: {', '.join(stated)} can be stated of delimited text only; drop it")
+    return binary(table.path, content)
 
 
 def _json(path: Path, content: bytes) -> Sheet:

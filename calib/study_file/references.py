@@ -3,7 +3,7 @@
 import os
 import warnings
 from collections import Counter
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import cast
 
@@ -15,6 +15,7 @@ from calib.modelling.model import Model
 from calib.modelling.simulator import Request, Simulator
 from calib.objective import Reference
 from calib.records import read, rename_bodies, table
+from calib.records.delimited import TextLayout
 from calib.records.excitation import Excitation, Quantity, unit_of
 from calib.records.sheet import UnknownColumn
 from calib.study import check_solvable
@@ -25,6 +26,7 @@ from calib.units import to_si
 
 REQUEST_KEYS = ("periods", "samples", "settle", "step_budget")  # keys of [study] that a [[record]] may have for itself
 USUAL_PERIODIC_SAMPLES = 10.0  # samples a period, that most records have at least
+TEXT_KEYS = {field.name for field in fields(TextLayout)}  # keys of [record.table] that delimited text has
 MIN_PERIODIC_SAMPLES = 3.0  # samples a period, of a periodic excitation; Nyquist's limit is 2
 
 
@@ -190,6 +192,7 @@ def _table(how: TableTable, drive: table.ExcitationColumn | None, file: Path) ->
         margin=how.margin,
         cutoff=None if how.cutoff is None else to_si(how.cutoff, "Hz"),
         decimate=how.decimate,
+        text=TextLayout(**how.model_dump(include=TEXT_KEYS, exclude_none=True)),
     )
 
 

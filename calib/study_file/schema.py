@@ -175,6 +175,23 @@ class TableTable(TomlTable):
     """Frequency of a zero-phase low-pass on all channels."""
     decimate: Count = 1
     """Every so many-th sample of the channels is kept; the excitation keeps all of its own."""
+    separator: Annotated[str, Field(pattern=r'^[^"\r\n]$')] | None = None
+    """Of delimited text, one character; without it semicolon, tab, comma or blanks, as found in the first row."""
+    decimal: Literal[".", ","] | None = None
+    """Of delimited text, the decimal sign: "." without it, or ","."""
+    comment: str | list[str] | None = None
+    """Of delimited text, characters, each of which at the beginning of a line makes it a comment, "#" without it; or a
+    list of texts with which comments begin behind any blanks, as in ["LOG:"], of which "/.../" is a regular expression
+    that is looked for in the whole line."""
+    skip: Annotated[int, Field(ge=0)] | None = None
+    """Of delimited text, lines at the beginning that are not looked at, such as a title."""
+    header: Annotated[int, Field(ge=0)] | None = None
+    """Of delimited text, lines before the first row of numbers, of which the first names the columns: 2 where a row of
+    units follows the names; without it one where it holds anything but numbers."""
+    names: list[str] | None = None
+    """Of delimited text, names of all columns, in the place of the header's."""
+    encoding: str | None = None
+    """Of delimited text, such as "latin-1"; without it "utf-8"."""
 
 
 class ExcitationTable(TomlTable):

@@ -8,6 +8,7 @@ import pytest
 from scipy.io import savemat
 
 from calib.errors import CalibError
+from calib.records.delimited import TextLayout
 from calib.records.table import Channel, ExcitationColumn, Table, TimeColumn, read
 
 HEADED = "t,x,u,note,\n0.0,1.0,10,a,\n0.1,2.0,20,,\n0.2,3.0,30,b,\n0.3,4.0,40,c,\n0.4,5.0,50,d,\n"
@@ -58,6 +59,63 @@ def test_a_file_without_header_is_read_by_position(tmp_path, text):
     record, _ = read(Table(path, [Channel(2, "mass", "velocity", "m/s")], time=TimeColumn(1, "ms")))
     np.testing.assert_allclose(record.velocity[0], [2.0, 4.0, 6.0])
     np.testing.assert_allclose(record.time, [0.0, 2e-3, 4e-3])
+
+
+LOGGED = (
+    "Versuch 3;Prüfstand A\nZeit [s];Weg [µm]\ns;mm\n0,000000;1,5\n0,1;2,5D+00\n0,2;-3,5\n"  # as a data logger writes
+)
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "utf-8", "utf-16"])
+def test_text_is_read_as_its_layout_says(tmp_path, encoding):
+    path = tmp_path / "logged.csv"
+    path.write_bytes(LOGGED.replace("\n", "\r\n").encode(encoding))
+    layout = TextLayout(decimal=",", skip=1, header=2, encoding=encoding)
+    channels = [Channel("Weg [µm]", "mass", "displacement", "mm")]
+    record, _ = read(Table(path, channels, time=TimeColumn("Zeit [s]"), text=layout))
+    np.testing.assert_allclose(record.displacement[0], [1.5e-3, 2.5e-3, -3.5e-3], rtol=1e-15)
+    np.testing.assert_allclose(record.time, [0.0, 0.1, 0.2], rtol=1e-15)
+
+
+def test_names_are_stated_for_text_without_a_header(tmp_path, headed):
+    path = tmp_path / "bare.txt"
+    path.write_text("% by hand\n0 1\n0.1 2\n")
+    record, _ = read(Table(path, [X], time=TimeColumn("t"), text=TextLayout(comment="%", names=["t", "x"])))
+    np.testing.assert_allclose(record.displacement[0], [1e-3, 2e-3])
+
+
+@pytest.mark.parametrize(
+    ("says", "layout"),
+    [
+        (r"not a text file in UTF-8 .*; state its encoding, such as encoding = \"latin-1\"", {}),
+        ("unknown encoding 'latin1-x'", {"encoding": "latin1-x"}),
+        ("unknown encoding 'rot13'", {"encoding": "rot13"}),
+        ("line 3: expected a number in column 'Zeit .s.', got 's'", {"encoding": "latin-1", "skip": 1, "decimal": ","}),
+        (
+            "line 4: .* in column 'Zeit .s.', got '0,000000'; if it is a decimal comma, set decimal = ','",
+            {"encoding": "latin-1", "skip": 1, "header": 2},
+        ),
+        ("separator and decimal are both ','", {"encoding": "latin-1", "decimal": ",", "separator": ","}),
+    ],
+)
+def test_text_of_another_layout_is_answered(tmp_path, says, layout):
+    path = tmp_path / "logged.csv"
+    path.write_bytes(LOGGED.encode("latin-1"))
+    channels = [Channel("Weg [µm]", "mass", "displacement", "mm")]
+    with pytest.raises(CalibError, match=says):
+        read(Table(path, channels, time=TimeColumn("Zeit [s]"), text=TextLayout(**layout)))
+
+
+def test_a_title_above_the_header_is_left_out_by_skip(tmp_path):
+    mistake(
+        tmp_path / "table.csv", "line 2: expected 2 cells as in line 1, got 1; .*left out by `skip`", "Run 3\n" + HEADED
+    )
+
+
+def test_a_layout_of_what_is_no_text_is_refused(tmp_path):
+    (tmp_path / "table.json").write_text("[[0, 1], [1, 2]]")
+    with pytest.raises(CalibError, match="decimal, skip can be stated of delimited text only"):
+        read(Table(tmp_path / "table.json", [X], rate=1.0, text=TextLayout(decimal=",", skip=1)))
 
 
 def test_a_matlab_file_gives_the_same_record(tmp_path, headed):

@@ -105,6 +105,18 @@ def test_a_mistake_in_a_column_is_told_at_the_line_of_its_entry(tmp_path, old, n
         load(path)
 
 
+def test_a_table_of_a_data_logger_is_the_same_record(tmp_path):
+    path = new("study", "spring", tmp_path)[0]
+    (before,) = load(path).study.objective.references.values()
+    data = next(path.parent.glob("*.csv"))
+    logged = "Prüfstand, Messung 3\n" + data.read_text().replace(",", ";").replace(".", ",")
+    data.write_bytes(logged.encode("latin-1"))
+    table = '[record.table]\nencoding = "latin-1"\ndecimal = ","\nskip = 1\n'
+    path.write_text(path.read_text().replace("[record.table]\n", table))
+    (after,) = load(path).study.objective.references.values()
+    np.testing.assert_array_equal(before.record.displacement, after.record.displacement)
+
+
 def test_a_column_that_is_two_channels_is_remarked_on(tmp_path):
     path = new("study", "spring", tmp_path)[0]
     path.write_text(path.read_text().replace('"v_mm_s"', '"x_mm"'))

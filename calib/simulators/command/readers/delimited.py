@@ -57,9 +57,7 @@ def read(
     ------
     CalibError : a cell that is no number, ragged rows, no rows, too large a file
     """
-    if separator == decimal:
-        raise CalibError(f"{path}: separator and decimal are both {decimal!r}; state another separator")
-    layout = TextLayout(separator, decimal, comment, skip, header, names)
+    layout = TextLayout(separator, decimal, comment, skip, header, names, encoding)
     text = delimited_rows(path, text_lines(path, encoding), layout, NO_ROW)
     first = next(text.rows, None)
     if first is None:

@@ -1,10 +1,10 @@
 """The lines of an output file, of bounded length and number of bytes."""
 
-import codecs
 from collections.abc import Iterator
 from pathlib import Path
 
 from calib.errors import CalibError
+from calib.records.delimited import text_codec
 
 MAX_TEXT_BYTES = 2**28  # bytes, 256 MiB: half a minute of reading
 MAX_LINE_CHARACTERS = 2**20  # characters: 60 000 columns of 16
@@ -21,13 +21,10 @@ def text_lines(path: Path, encoding: str = "utf-8", ended: bool = False) -> Iter
     CalibError : too large a file, too long a line, another encoding, or a last line that is cut off
     """
     check_size(path, MAX_TEXT_BYTES)
-    try:
-        codec = codecs.lookup(encoding)
-    except LookupError as error:
-        raise CalibError(f"{path}: unknown encoding {encoding!r}; expected one such as 'utf-8' or 'latin-1'") from error
+    codec = text_codec(path, encoding)
     number = 0
     try:
-        with open(path, encoding="utf-8-sig" if codec.name == "utf-8" else encoding) as file:
+        with open(path, encoding=codec) as file:
             while line := file.readline(MAX_LINE_CHARACTERS):
                 number += 1
                 if len(line) == MAX_LINE_CHARACTERS:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from calib.errors import CalibError
 from calib.records.fortran import fortran_value, overflowed
+from calib.records.sheet import comma_hint
 
 MAX_SHOWN_CHARACTERS = 40  # characters of a cell in a message
 
@@ -31,8 +32,7 @@ def number(text: str, path: Path, line: int, column: str | int, remedy: str = ""
         raise CalibError(f"{where} {text!r}: the number overflowed its field; have the program write a wider one")
     if not text:
         raise CalibError(f"{where} a blank field; is the line cut off, or are the widths of the columns others?")
-    hint = "; if it is a decimal comma, set decimal = ','" if text.count(",") == 1 else remedy
-    raise CalibError(f"{where} {_shortened(text)!r}{hint}")
+    raise CalibError(f"{where} {_shortened(text)!r}{comma_hint(text) or remedy}")
 
 
 def _shortened(text: str) -> str:
