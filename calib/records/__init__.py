@@ -3,6 +3,7 @@
 from calib.records.file import read, write
 from calib.records.record import (
     CHANNELS,
+    DETAILS,
     INTERVAL,
     MIN_SECTION_PERIODS,
     OK,
@@ -23,6 +24,7 @@ from calib.records.schema import check
 
 __all__ = [
     "CHANNELS",
+    "DETAILS",
     "INTERVAL",
     "OK",
     "MIN_SECTION_PERIODS",

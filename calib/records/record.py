@@ -15,6 +15,7 @@ STATE = ("displacement", "velocity")  # what a phase curve and a section are mad
 MIN_SECTION_PERIODS = 64  # periods that the section of a simulated record holds, at least
 OK = "ok"
 SIMULATIONS = "simulations"  # attribute of a simulated record: runs of the simulator that it took, 1 where it is absent
+DETAILS = "; details: "  # in the reason of a failed run, before what holds of this one run only, such as its folder
 INTERVAL = "recorded_interval"  # attribute: between the samples of the instruments that see a simulated motion [s]
 
 
@@ -67,7 +68,10 @@ def make(
 
 
 def failed(bodies: Sequence[str], status: str, reason: str, **attrs: Any) -> xr.Dataset:
-    """Build the record of a failed run: no samples, but a status and its reason."""
+    """Build the record of a failed run: no samples, but a status and its reason.
+
+    Runs whose reasons differ only in numbers, or behind `DETAILS`, are said to fail for one cause.
+    """
     return make(np.empty(0), bodies, {}, status=status, reason=reason, **attrs)
 
 

@@ -2,13 +2,14 @@
 
 import json
 import math
+import re
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from calib.modelling.parameter import Window
-from calib.records import OK
+from calib.records import DETAILS, OK
 from calib.store.plain import plain
 from calib.store.residuals import ResidualsOfTrial, StoredResiduals
 from calib.store.scalar_features import ScalarFeatures
@@ -21,6 +22,7 @@ KEYS = frozenset(  # of a line, without its check sum
 )
 MAX_COUNT = 2**63  # that a line states; a larger integer is no number either
 MAX_VALUE_ERROR = 1e-9  # of a value from that of its point, relative; logarithms differ by less between processors
+VARYING_NUMBER = re.compile(r"(?<!signal )(?<!exit code )[-+]?\d[\d.]*(?:e[-+]?\d+)?")  # in a reason
 FORMER_CODE = "former code"  # status of trials by code that has changed since
 
 
@@ -67,6 +69,11 @@ class Trial:
     def scored(self) -> bool:
         """Whether the evaluation gave a score."""
         return math.isfinite(self.cost)
+
+    @property
+    def cause(self) -> str:
+        """Reason without what differs between trials that fail for the same: details and numbers."""
+        return VARYING_NUMBER.sub("…", self.reason.partition(DETAILS)[0])
 
     def superseded(self) -> "Trial":
         """Return the trial as one that code which the study no longer uses has evaluated: it has no score."""
@@ -121,6 +128,15 @@ def best(trials: Iterable[Trial]) -> Trial | None:
     """Trial with the lowest finite cost, the earliest among equals; None where all failed."""
     scored = [trial for trial in trials if trial.scored]
     return min(scored, key=lambda trial: trial.rank, default=None)
+
+
+def failures(trials: Iterable[Trial]) -> list[list[Trial]]:
+    """Trials that failed, those of one status and cause together in their order; the most frequent cause first."""
+    groups: dict[tuple[str, str], list[Trial]] = {}
+    for trial in trials:
+        if trial.status != OK:
+            groups.setdefault((trial.status, trial.cause), []).append(trial)
+    return sorted(groups.values(), key=len, reverse=True)
 
 
 def one_line(reason: str) -> str:

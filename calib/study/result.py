@@ -175,7 +175,7 @@ class ModelSummary:
 
 @dataclass(frozen=True)
 class FailureSummary:
-    """Trials that ended in one way other than ok: the status, how many, and the reason of the first."""
+    """Trials that failed for one cause: the status, how many, and the reason of the first with its details."""
 
     status: str
     trials: int
@@ -208,7 +208,7 @@ class CalibrationResult:
     best_trial : number of the best trial
     reproduced : whether it gave its logged score when it was evaluated again; None where it was not
     trials, failed : number of trials, and of those that did not end ok
-    failures : in which way they ended, the most frequent first
+    failures : for which causes, the most frequent first
     simulations : runs of the simulator, everything counted
     seconds : wall-clock time  [s]
     model : that was calibrated; None where a former version did not say

@@ -1,6 +1,5 @@
 """The result of a calibration from its study, its trials and what was worked out at the best of them."""
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -8,6 +7,7 @@ from typing import Any
 from calib.objective import Score
 from calib.records import OK
 from calib.store import Trial
+from calib.store.trial import failures
 from calib.study.confirmation import Confirmation
 from calib.study.result import (
     FAILED,
@@ -117,11 +117,8 @@ def _nuisance_units(
 
 
 def _failures(trials: Sequence[Trial]) -> tuple[FailureSummary, ...]:
-    """How many trials ended in which way other than ok, the most frequent first, each with its first reason."""
-    failed = [trial for trial in trials if trial.status != OK]
-    counted = Counter(trial.status for trial in failed).most_common()
-    first = {trial.status: trial.reason for trial in reversed(failed)}
-    return tuple(FailureSummary(status, number, first[status]) for status, number in counted)
+    """How many trials failed for which cause, the most frequent first, each with the reason of its first trial."""
+    return tuple(FailureSummary(own[0].status, len(own), own[0].reason) for own in failures(trials))
 
 
 def held_out(score: Score, misfit: float) -> HeldOutSummary:

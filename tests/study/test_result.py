@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,6 +11,7 @@ import pytest
 
 from calib.errors import CalibError
 from calib.modelling.parameter import Parameter, Space, Window
+from calib.report.pages import tables
 from calib.store import Trial
 from calib.study import CalibrationResult, ConfidenceSummary, Reach, SearchResult, result
 from calib.study.result import FailureSummary, HeldOutSummary, ParameterSummary, ScoreSummary
@@ -76,6 +78,42 @@ def test_trials_and_failures_are_counted():
     found = of_the_study()
     assert (found.trials, found.failed, found.best_trial) == (3, 1, 2)
     assert found.failures == (FailureSummary("diverged", 1, "too fast"),)
+
+
+REASONS = [  # of failed trials, status before
+    (
+        "program failed",
+        "./knock deck.txt: it was ended by signal 6; details: its log ends: READ; kept in runs/failed-5cd4",
+    ),
+    ("program failed", "./knock deck.txt: it printed 'ERROR' (fail_if); details: kept in runs/failed-a1cb"),
+    ("timeout", "./knock deck.txt: no result within 4.7 s of wall-clock time; details: its log ends: STEP 3"),
+    (
+        "program failed",
+        "./knock deck.txt: it was ended by signal 6; details: its log ends: READ; kept in runs/failed-16e3",
+    ),
+    ("timeout", "./knock deck.txt: no result within 4.72 s of wall-clock time; details: its log ends: STEP 17"),
+    ("program failed", "./knock deck.txt: it was ended by signal 11; details: kept in runs/failed-77aa"),
+    ("program failed", "./knock deck.txt: it was ended by signal 6"),
+]
+
+
+def test_trials_that_fail_for_one_cause_are_one_line_in_result_and_report():
+    trials = [
+        replace(TRIALS[1], number=number, status=status, reason=reason)
+        for number, (status, reason) in enumerate(REASONS)
+    ]
+    found = summarised(STUDY, SearchResult(None, trials, [], None, "budget spent"))
+    assert [(one.trials, one.reason) for one in found.failures] == [
+        (3, REASONS[0][1]),
+        (2, REASONS[2][1]),
+        (1, REASONS[1][1]),
+        (1, REASONS[5][1]),
+    ]
+    rows = [(row.number, row.example, row.trials) for row in tables.failures(trials)]
+    assert rows == [
+        (one.trials, one.reason, numbers)
+        for one, numbers in zip(found.failures, [(0, 3, 6), (2, 4), (1,), (5,)], strict=True)
+    ]
 
 
 def test_a_failed_study_has_no_score():

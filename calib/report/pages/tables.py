@@ -1,6 +1,5 @@
 """The rows of the tables of a page, as text."""
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -14,6 +13,7 @@ from calib.records import OK
 from calib.report.formatting import measured_number, number, number_beside, raised
 from calib.report.plots.style import shown_unit
 from calib.store import Header, Trial
+from calib.store.trial import failures as by_cause
 from calib.study import CalibrationResult, CalibrationStudy, UndeterminedGroup, UnreachableFeature
 from calib.units import MILLI, shown
 
@@ -237,16 +237,10 @@ def leaders(result: CalibrationResult) -> list[LeaderRow]:
 
 
 def failures(trials: Sequence[Trial]) -> list[FailureRow]:
-    """Failed trials by status and reason, numbers in it disregarded; the most frequent first."""
-    groups: dict[tuple[str, str], list[Trial]] = {}
-    for trial in trials:
-        if trial.status != OK:
-            reason = re.sub(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?", "…", trial.reason or "")
-            groups.setdefault((trial.status, reason), []).append(trial)
-    ordered = sorted(groups.items(), key=lambda item: -len(item[1]))
+    """Failed trials by status and cause; the most frequent first."""
     return [
-        FailureRow(status, own[0].reason or "", len(own), tuple(t.number for t in own[:MAX_LISTED_TRIALS]))
-        for (status, _), own in ordered
+        FailureRow(own[0].status, own[0].reason, len(own), tuple(t.number for t in own[:MAX_LISTED_TRIALS]))
+        for own in by_cause(trials)
     ]
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import xarray as xr
 
 from calib.errors import CalibError
-from calib.records import OK, failed
+from calib.records import DETAILS, OK, failed
 from calib.simulators.command.cache import cache_key, cached, remember, shrink
 from calib.simulators.command.inputs import Deck, Inputs
 from calib.simulators.command.options import CommandOptions
@@ -216,11 +216,11 @@ def _climbed(
 
 
 def _reason(tried: list[TriedLine], folder: str) -> str:
-    """Return why all command lines failed, with the end of the last one's log."""
+    """Return why all command lines failed, how the log of the last one ends, and where the run is kept."""
     reason = "; ".join(f"{one.command}: {one.reason}" for one in tried)
-    if tried[-1].tail:
-        reason += f"; its log ends: {tried[-1].tail}"
-    return f"{reason}; kept in {RUNS}/{folder}" if folder else reason
+    details = [f"its log ends: {tried[-1].tail}"] if tried[-1].tail else []
+    details += [f"kept in {RUNS}/{folder}"] if folder else []
+    return f"{reason}{DETAILS}{'; '.join(details)}" if details else reason
 
 
 def _said(rung: int, words: tuple[str, ...], deck: Deck, tried: list[TriedLine]) -> dict[str, Any]:

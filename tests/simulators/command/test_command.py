@@ -68,8 +68,8 @@ def test_few_periods_are_judged_with_what_there_is(tmp_path):
 @pytest.mark.parametrize(
     ("lines", "options", "status", "reason"),
     [
-        (["echo no license; exit 3"], {}, "program failed", "exit code 3; its log ends: no license"),
-        (["echo gone >&2; kill -9 $$"], {}, "program failed", "ended by signal 9; its log ends: gone"),
+        (["echo no license; exit 3"], {}, "program failed", "exit code 3; details: its log ends: no license"),
+        (["echo gone >&2; kill -9 $$"], {}, "program failed", "ended by signal 9; details: its log ends: gone"),
         ([WRITE, "echo '*ERROR in 3'"], {"fail_if": "*ERROR"}, "program failed", r"it printed '\*ERROR' \(fail_if\)"),
         ([WRITE, "echo no convergence"], {"fail_if": ["x", "/no conv.*ce/"]}, "program failed", "'no convergence'"),
         (["true"], {}, "no output", "it has written no file out.csv"),
@@ -154,7 +154,7 @@ def test_where_all_command_lines_fail_each_says_why(tmp_path):
     ]
     reason = ran(command(tmp_path, run=lines, keep="failed")).attrs["reason"]
     assert "one.sh: it ended with exit code 1; " in reason
-    assert "two.sh: it ended with exit code 2; its log ends: two" in reason
+    assert "two.sh: it ended with exit code 2; details: its log ends: two" in reason
     [kept] = left(tmp_path)
     assert reason.endswith(f"kept in runs/{kept}")
     assert sorted(path.name for path in (tmp_path / "out/runs" / kept).iterdir()) == ["calib.log", "calib.log.1"]
