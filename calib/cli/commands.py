@@ -253,7 +253,7 @@ def basins(study: Path, x: str, y: str, **options: Any) -> None:
 @JOBS
 @POOL
 @click.option("--seed", type=click.IntRange(min=0), help="Of the noise that is drawn. [default: the study's]")
-@click.option("--budget", help="Simulations, or a time such as '10 min', after which no further fit begins.")
+@click.option("--budget", help="Simulations, or a time such as '10 min', after which no fit or search begins.")
 @click.option("--quiet", "-q", is_flag=True, help="No progress, no summary with its remarks; errors only.")
 @JSON
 @reporting_mistakes

@@ -38,13 +38,18 @@ def may_be_compromise(fitter: Fitter, state: StepwiseState, candidates: Sequence
 def with_best_pair(fitter: Fitter, state: StepwiseState, candidates: Sequence[Candidate], seed: int) -> StepwiseState:
     """Put the best pair in the place of the causes where it explains more, and each is a cause beside the other.
 
-    The other candidates are scored again, about the model so far: its noise may have been re-estimated.
+    The other candidates are scored again, about the model so far: its noise may have been re-estimated. The causes stay
+    where the budget is spent before the pair is tested.
     """
     null, known = state.null, None if state.causes else state.known
     others = [candidate for candidate in candidates if candidate.name not in state.names]
     suspects, threshold = screened(fitter, state.final, others, seed, known)
     pair = best_pair(fitter, null, state.causes, state.final, suspects)
-    if pair is None or not _explains_more(fitter.evidence, null, state.causes, state.final, pair):
+    if (
+        pair is None
+        or fitter.effort.spent
+        or not _explains_more(fitter.evidence, null, state.causes, state.final, pair)
+    ):
         return state
     was_explained, state = state.is_explained, _fitted_from(fitter, state, pair[1])
     if not _explains_more(fitter.evidence, null, state.causes, state.final, pair):

@@ -1,7 +1,7 @@
 """Search of the design regions for the measurements of largest separation, within a number of simulations."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -89,10 +89,19 @@ class DesignSearch:
     ----------
     part : record on which the measurement is based
     fits : of the rival models
+    left : simulations that may still be made, whatever the laboratory allows
     """
 
-    def __init__(self, pool: Pool, bench: Bench, part: Part, fits: Sequence[Fit], laboratory: Laboratory):
-        self.pool, self.bench, self.part, self.fits = pool, bench, part, fits
+    def __init__(
+        self,
+        pool: Pool,
+        bench: Bench,
+        part: Part,
+        fits: Sequence[Fit],
+        laboratory: Laboratory,
+        left: Callable[[], float] = lambda: math.inf,
+    ):
+        self.pool, self.bench, self.part, self.fits, self.left = pool, bench, part, fits, left
         self.budget, self.simulations = laboratory.simulations, 0
         self.simulated_record = fits[0].point.simulated[part.name]
         self.additional: tuple[tuple[str, str], ...] = ()
@@ -170,7 +179,8 @@ class DesignSearch:
         new = [self._experiment(point) for point in points if _rounded(point) not in known]
         for first in range(0, len(new), BATCH_POINTS):
             batch = new[first : first + BATCH_POINTS]
-            left = int((1.0 - CHECK_SHARE) * self.budget - self.simulations) // max(map(self._cost, batch))
+            simulations = min((1.0 - CHECK_SHARE) * self.budget - self.simulations, self.left())
+            left = int(simulations) // max(map(self._cost, batch))
             if left > 0:
                 self.evaluations += self._batch(batch[:left], stage)
 
@@ -259,7 +269,7 @@ class DesignSearch:
         checked = [least, *(k for k in np.argsort(-z, kind="stable") if k != least and z[k] >= DECISIVE_Z)]
         refits = {}
         for k in checked:
-            if self.simulations + SIMULATIONS_PER_CHECK > self.budget:
+            if min(self.budget - self.simulations, self.left()) < SIMULATIONS_PER_CHECK:
                 break
             refits[k] = self._refitted(evaluation, pairs[k], separation.moves[k], additional)
         contradicted = {k for k, refit in refits.items() if not agrees(z[k], refit)}

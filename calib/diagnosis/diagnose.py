@@ -116,7 +116,7 @@ def diagnose(
     pool : makes a pool of the function it maps; None: that of the study
     on_stage : called with the name of each stage as it begins
     on_progress : called with the number of simulations done, and of those expected in all
-    budget : after which no further fit begins; None: none
+    budget : after which no further fit and no search of a next measurement begins; None: none
     laboratory : in whose region the next measurement is searched; None: none is searched
 
     Raises
@@ -150,22 +150,18 @@ def _diagnosed(
     ready, selection = _quantisation_or_causes(ready, selection)
     gain, threshold = None, selection.rounds[0].threshold
     if selection.causes:
-        on_stage("gain")
+        on_stage("gain, without fits: the budget is spent" if pool.spent else "gain")
         selection, gain = revised_by_records(fitter, bench, selection, ready.suspects, seed)
     solver = converged(fitter, selection.final, numerical(effects), threshold, selection.margin)
     gates = (*_renewed(ready.gates, fitter, selection), *solver)
     if QUANTISATION in {cause.name for cause in selection.causes}:
         ready = replace(ready, rounding=0.0)
     verdict, summary = verdict_of(selection, gates, ready, gain)
-    summary += untried(selection)
+    summary += untried(selection, gain)
     design = None
     if len(selection.rivals) > 1 and verdict == ONE_OF and laboratory is not None:
-        if pool.spent:
-            summary += " (the budget was spent before a next measurement was searched)"
-        else:
-            on_stage("next measurement")
-            pool.foresee(laboratory.simulations)
-            design = next_measurement(pool, bench, fitter, selection.rivals, laboratory)
+        design, remark = _designed(pool, bench, fitter, selection, laboratory, on_stage)
+        summary += remark
     on_stage("misfit")
     return Diagnosis(
         verdict=verdict,
@@ -181,6 +177,26 @@ def _diagnosed(
         design=design,
         simulations=pool.done,
     )
+
+
+def _designed(
+    pool: Effort,
+    bench: Bench,
+    fitter: Fitter,
+    selection: Selection,
+    laboratory: Laboratory,
+    on_stage: Callable[[str], None],
+) -> tuple[Design | None, str]:
+    """Next measurement as far as the budget suffices, and where it does not that, as the end of a sentence."""
+    if pool.spent:
+        return None, " (the budget was spent before a next measurement was searched)"
+    on_stage("next measurement")
+    pool.foresee(min(laboratory.simulations, pool.left))
+    design = next_measurement(pool, bench, fitter, selection.rivals, laboratory)
+    if design is None or design.max_simulations == laboratory.simulations:
+        return design, ""
+    few = f"{design.max_simulations} of {laboratory.simulations} simulations"
+    return design, f" (the budget left {few} for the search of the next measurement)"
 
 
 def _renewed(gates: Sequence[Gate], fitter: Fitter, selection: Selection) -> list[Gate]:

@@ -1,5 +1,6 @@
 """The simulations of a diagnosis: counted, foreseen, and bounded by a budget."""
 
+import math
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from calib.units import to_si
 
 @dataclass(frozen=True)
 class Budget:
-    """Limits of a diagnosis, after which no further fit begins.
+    """Limits of a diagnosis, after which no further fit and no search of a next measurement begins.
 
     Attributes
     ----------
@@ -80,6 +81,15 @@ class Effort:
         """Update the number of further simulations that are expected."""
         self.foreseen = self.done + round(further)
         self._on_progress(self.done, self.foreseen)
+
+    @property
+    def left(self) -> float:
+        """Simulations for which the budget suffices, that of time at the pace so far; infinite without a budget."""
+        simulations, seconds, passed = self._budget.simulations, self._budget.seconds, self._clock() - self._begin
+        left = math.inf if simulations is None else max(0, simulations - self.done)
+        if seconds is None or not passed > 0.0:
+            return left
+        return min(left, max(0.0, seconds - passed) * self.done / passed)
 
     @property
     def spent(self) -> bool:

@@ -1,6 +1,7 @@
 """The gain by an extension of the model on records held out of calibration and naming."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, TypedDict
@@ -70,7 +71,7 @@ class Gain:
     kind : RECORDS, or BLOCKS where no record was held out (weak evidence)
     records : names of those held out
     before, after : `calib.objective.MISFIT` of all that was held out: of the calibrated model, refitted to the records
-        as the diagnosis weighs them, and of the extended one  [1]
+        as the diagnosis weighs them, and of the extended one; NaN where nothing could be compared  [1]
     interval : of before less after, by a bootstrap over segments  [1]
     each : record -> (before, after)
     failed : record -> why it could not be simulated
@@ -91,6 +92,11 @@ class Gain:
     agreements: tuple[Agreement, ...] = ()
     shifts: tuple[Shift, ...] = ()
     fitted_agree: bool = True
+
+    @property
+    def omitted(self) -> bool:
+        """Whether blocks were to be compared, and the budget was spent before."""
+        return self.kind == BLOCKS and not self.records
 
     @property
     def proven(self) -> bool:
@@ -175,7 +181,10 @@ def _held_out_evidence(
 
 
 def _of_blocks(fitter: Fitter, null: Fit, final: Fit, causes: Sequence[Refitted], seed: int, **rest: Any) -> Gain:
-    """Fit both models to one half of every record and compare them on the other, and the other way round."""
+    """Fit both models to one half of every record and compare them on the other, and the other way round.
+
+    Where the budget is spent before the second half, nothing is compared.
+    """
     candidates = tuple(cause.candidate for cause in causes)
     sizes = {name: final.value(name) for c in candidates for name in c.free}
 
@@ -184,10 +193,14 @@ def _of_blocks(fitter: Fitter, null: Fit, final: Fit, causes: Sequence[Refitted]
         return halved.fit(null.point), halved.fit(final.point, candidates, sizes)
 
     parts = []
-    for half, fits in enumerate(fitter.in_turn([partial(fitted, 0), partial(fitted, 1)])):
-        for part in (_half(part, 1 - half) for part in fitter.evidence.parts):
-            before, after = (fit.point.simulated[part.name] for fit in fits)
-            parts.append((part, before, after))
+    with closing(fitter.in_turn([partial(fitted, 0), partial(fitted, 1)])) as pairs:
+        for half in range(2):
+            if fitter.effort.spent:
+                return Gain(BLOCKS, (), np.nan, np.nan, (np.nan, np.nan), **rest)
+            fits = next(pairs)
+            for part in (_half(part, 1 - half) for part in fitter.evidence.parts):
+                before, after = (fit.point.simulated[part.name] for fit in fits)
+                parts.append((part, before, after))
     return _summed(BLOCKS, parts, seed, **rest)
 
 

@@ -1,7 +1,7 @@
 """The measurement that best separates causes which the records leave indistinguishable."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from calib.diagnosis.bench import Bench
 from calib.diagnosis.design_search import DesignSearch
@@ -69,7 +69,8 @@ def next_measurement(
 
     Each kind of test is evaluated on a regular grid and then refined about its best point by a pattern search (Kolda,
     Lewis and Torczon 2003, SIAM Review 45, 385-482). The measurement is based on the first record that is driven
-    harmonically, or on the first. None where there are fewer than two rivals.
+    harmonically, or on the first. None where there are fewer than two rivals. The search takes no more simulations than
+    the budget of the diagnosis leaves.
     """
     suspects = rivals[:MAX_MODELS]
     if len(suspects) < 2:
@@ -78,7 +79,8 @@ def next_measurement(
     references = {name: bench.objective.references[name] for name in fitter.evidence.names}
     part = next(p for p in fitter.evidence.parts if p.name == base_record(references))
     searched = regions(laboratory, references, bench.model, part)
-    search = DesignSearch(pool, bench, part, fits, laboratory)
+    most = int(min(laboratory.simulations, fitter.effort.left))
+    search = DesignSearch(pool, bench, part, fits, replace(laboratory, simulations=most), lambda: fitter.effort.left)
     search.run(searched)
     return Design(
         record=part.name,
@@ -92,7 +94,7 @@ def next_measurement(
         },
         known=_known(references, part),
         simulations=search.simulations,
-        max_simulations=laboratory.simulations,
+        max_simulations=most,
     )
 
 

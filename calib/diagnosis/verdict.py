@@ -150,14 +150,16 @@ def explained(share: float) -> str:
     return f"{100.0 * share:.1f} %" if share >= 0.99 else f"{100.0 * share:.0f} %"
 
 
-def untried(selection: Selection) -> str:
-    """The fits that were omitted for the budget, as the end of a sentence; "" where none were."""
+def untried(selection: Selection, gain: Gain | None) -> str:
+    """What was omitted for the budget, as the end of a sentence; "" where nothing was."""
+    blocks = "the gain on blocks of the calibrated records was not computed" if gain and gain.omitted else ""
     if not selection.cut_short:
-        return ""
+        return f" (the budget was spent: {blocks})" if blocks else ""
     names = [name for r in selection.rounds for name in r.untried]
     were = "was" if len(names) == 1 else "were"
     fits = f"{joined(names)} {were} not fitted, and " if names else ""
-    return f" (the budget was spent: {fits}not all further causes and exchanges of causes were tried)"
+    rest = f"not all further causes and exchanges of causes were tried{blocks and f', and {blocks}'}"
+    return f" (the budget was spent: {fits}{rest})"
 
 
 def _one_of(names: Sequence[str]) -> str:

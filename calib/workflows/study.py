@@ -365,7 +365,7 @@ class Calibration:
         candidates : effects that may be the cause, in the place of the study's `diagnosis` candidates: "all", or by
             name ("all" among them), as {"name": ..., "bodies": [...]}, "package.module:THING" or `calib.Effect`
         jobs, pool : take the place of the study's
-        budget : a number of simulations, or a time such as "10 min", after which no further fit begins
+        budget : a number of simulations, or a time such as "10 min", after which no fit or search begins
         seed : of the noise that is drawn; None: the study's
         quiet : no progress on stderr
 

@@ -103,8 +103,9 @@ def study(known, model=OSCILLATOR):
 
 
 def diagnosed(
-    known, library=LIBRARY, model=OSCILLATOR, budget=None, jobs=1, on_progress=lambda *state: None, **changed
-):
+    known, library=LIBRARY, model=OSCILLATOR, budget=None, jobs=1, on_progress=lambda *state: None,
+    on_stage=lambda text: None, **changed,
+):  # fmt: skip
     made = replace(study(known, model), jobs=jobs)
     others = {name: reference for name, reference in known.items() if reference.use != "calibrate"}
     values = {**model.nominal, **TRUTH, "damping": 2.5, "stiffness": 3950.0, **changed}
@@ -113,6 +114,7 @@ def diagnosed(
         "pool": InProcess if jobs == 1 else None,
         "budget": Budget.of(budget),
         "on_progress": on_progress,
+        "on_stage": on_stage,
     }
     return diagnose(made, others, values, effects(*library), **options)
 
@@ -394,6 +396,19 @@ def test_a_budget_that_is_spent_ends_the_search_and_what_was_not_tried_is_said(g
     assert "the budget was spent" in short.summary
     assert as_dict(short)["cut_short"]
     assert "the budget" not in gross.summary
+
+
+def test_where_the_budget_is_spent_no_fit_is_made_for_the_gain_and_that_is_said():
+    known = {n: r for n, r in references(["cubic_stiffness"], k3=3e5).items() if r.use != "holdout"}
+    stages = []
+    long, short = diagnosed(known), diagnosed(known, budget="20", on_stage=stages.append)
+    assert long.gain.proven
+    assert short.gain.omitted
+    assert short.simulations < long.simulations - 40
+    assert short.summary.endswith("and the gain on blocks of the calibrated records was not computed)")
+    assert [a.parameter for a in short.gain.agreements] == [a.parameter for a in long.gain.agreements]
+    assert stages[-2:] == ["gain, without fits: the budget is spent", "misfit"]
+    assert as_dict(short)["gain"]["before"] is None
 
 
 @pytest.mark.parametrize("budget", [None, "60"])

@@ -45,6 +45,20 @@ def test_a_budget_of_time_is_spent_by_the_clock():
     assert effort.spent
 
 
+def test_what_a_budget_leaves_is_in_simulations_at_the_pace_so_far():
+    now = [100.0]
+    effort = Effort(InProcess(simulate), Budget.of("2 min"), clock=lambda: now[0])
+    list(effort.map([30]))
+    now[0] += 60.0
+    assert effort.left == pytest.approx(30.0)
+    now[0] += 90.0
+    assert effort.left == 0.0
+    counted = Effort(InProcess(simulate), Budget.of("40"))
+    list(counted.map([30]))
+    assert counted.left == 10
+    assert Effort(InProcess(simulate)).left == np.inf
+
+
 @pytest.mark.parametrize("text", ["soon", "-3", "0", "5 mm", "", "0 s"])
 def test_a_budget_that_is_none_names_what_was_expected(text):
     with pytest.raises(CalibError, match="budget: expected .*, got "):

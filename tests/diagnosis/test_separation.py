@@ -9,6 +9,7 @@ import pytest
 from calib import records
 from calib.diagnosis.bench import Bench, Run
 from calib.diagnosis.design_search import GRID_ASPECT
+from calib.diagnosis.effort import Budget, Effort
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.laboratory import DesignPoint, Laboratory, inapplicable_tests
@@ -153,7 +154,7 @@ class Counted(InProcess):
         return super().map(payloads)
 
 
-def designed(laboratory, harmonics=(0.0, 120.0), **simulator):
+def designed(laboratory, harmonics=(0.0, 120.0), budget=None, **simulator):
     """Search for the next measurement beside one tone, between models with these harmonics; and its pool."""
     model = Model(Resonant(**simulator))
     measured = model.run({"harmonic": 0.0}, DRIVE, REQUEST).sel(body=["mass"])
@@ -173,12 +174,23 @@ def designed(laboratory, harmonics=(0.0, 120.0), **simulator):
         point = Point(values, (), {"tone": bench(Run("tone", values))})
         fit = Fit(point, (), np.zeros(rows.size), none, (), (), none, np.zeros(rows.size, dtype=int))
         rivals.append(SimpleNamespace(name=f"h{harmonic:g}", fit=fit))
-    fitter = SimpleNamespace(evidence=Evidence((part,)), with_derivatives=lambda fit: fit)
     pool = Counted(bench)
-    return next_measurement(pool, bench, fitter, rivals, laboratory), pool
+    effort = Effort(pool, budget)
+    fitter = SimpleNamespace(evidence=Evidence((part,)), with_derivatives=lambda fit: fit, effort=effort)
+    return next_measurement(pool if budget is None else effort, bench, fitter, rivals, laboratory), pool
 
 
 BENCH = Laboratory(frequency=(5.0, 40.0), amplitude=(2e-4, 3e-3), tests=("steady tone",), channels=(), simulations=300)
+
+
+@pytest.mark.parametrize("simulations", [0, 40, 150])
+def test_the_search_takes_no_more_simulations_than_the_budget_leaves(simulations):
+    design, _ = designed(BENCH, budget=Budget(simulations=simulations))
+    assert design.max_simulations == simulations
+    assert 0.5 * simulations <= design.simulations <= simulations
+    assert bool(design.measurements) == (simulations > 0)
+    if not simulations:
+        assert "the allowed number of simulations does not suffice" in design.unavailable.values()
 
 
 def test_the_best_tone_is_at_the_resonance_and_at_the_largest_amplitude():
