@@ -97,3 +97,13 @@ class NotUnpicklable:
 
 def _fail():
     raise ImportError("no module named 'somewhere_else'")
+
+
+def hang_at_first(case):
+    """Hang so many times, counted in a file; then answer."""
+    file, times = case
+    with open(file, "a") as calls:
+        calls.write(".")
+    if Path(file).stat().st_size <= times:
+        time.sleep(1000)
+    return "done"

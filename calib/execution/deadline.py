@@ -44,10 +44,12 @@ def within(limit: float | None, timeout: float | None = None) -> Iterator[None]:
         _LIMIT.reset(token)
 
 
-def remaining(since: float) -> float:
+def remaining(since: float, suspended: float = 0.0) -> float:
     """Time that is left of the call, to a part of it that began at `since`, by time.monotonic()  [s].
 
     The part may take as long as a call that need not import or compile anything. Infinite without a limit.
+
+    suspended : time since then in which the process did not run, which does not count  [s]
     """
-    limit, now = _LIMIT.get(), time.monotonic()
+    limit, now = _LIMIT.get(), time.monotonic() - suspended
     return min(limit.until - now, limit.seconds - (now - since))

@@ -21,9 +21,11 @@ from calib.execution.pools.child import call, prepare
 from calib.execution.pools.limits import Allowance, CallLimits
 from calib.execution.pools.sent import SentFunction
 from calib.execution.pools.starting import WithoutMain
+from calib.execution.suspension import suspended
 
 RETRIED = object()
 GIGABYTE = 1e9  # byte
+MAX_REPETITIONS = 3  # of a call that was out of time because this process was suspended
 
 
 class Slot:
@@ -44,6 +46,7 @@ class Slot:
         self._compiled: set[str] = set()  # stages of which the process has come back with a call
         self._worked = False  # whether the process has taken up a call
         self._retried = False
+        self._repetitions, self._suspended = 0, 0.0  # of the call under way; time suspended before it  [s]
         self._future: Future[bytes] = Future()  # of the call under way
         self._payload, self._stage = b"", ""
         self._since, self._limit = 0.0, limits.timeout
@@ -68,7 +71,7 @@ class Slot:
     def start(self, payload: bytes, stage: str, done: Callable[[Future[bytes]], None]) -> None:
         """Hand out one call; `done` is called, in another thread, when it has ended."""
         self._payload, self._stage = payload, stage
-        self._retried = False
+        self._retried, self._repetitions = False, 0
         self._schedule(done)
 
     def _schedule(self, done: Callable[[Future[bytes]], None]) -> None:
@@ -80,7 +83,7 @@ class Slot:
         self._limit = self._limits.timeout
         if self._limit is not None and self._stage not in self._compiled:
             self._limit += self._allowances[self._stage].seconds
-        self._since, self._exceeded = time.perf_counter(), 0.0
+        self._since, self._exceeded, self._suspended = time.perf_counter(), 0.0, suspended()
         try:
             with uninterrupted():  # a process whose start is interrupted would be owned by nobody
                 self._future = self._pool.schedule(
@@ -92,7 +95,10 @@ class Slot:
         self._future.add_done_callback(done)
 
     def result(self, done: Callable[[Future[bytes]], None]) -> Any:
-        """Pickled result, or Failure, of the call that has ended; RETRIED where its process died before taking it up.
+        """Pickled result, or Failure, of the call that has ended; RETRIED where it is made again.
+
+        That is so where its process died before taking it up, and where its time has passed while this process, which
+        ends calls by the wall clock, was suspended.
 
         Raises
         ------
@@ -112,6 +118,10 @@ class Slot:
         self._worked = True
         self._compiled.clear()  # pebble has replaced the process
         if isinstance(error, TimeoutError):
+            if suspended() > self._suspended and self._repetitions < MAX_REPETITIONS:
+                self._repetitions += 1
+                self._schedule(done)
+                return RETRIED
             return Failure(TIMEOUT, f"no result within {self._limit:g} s of wall-clock time", seconds)
         if isinstance(error, CodeChanged):
             raise error

@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from calib.execution.deadline import remaining
-from calib.execution.guarded import ProgramEnd, run_guarded
+from calib.execution.guarded import LAST_LOOK, ProgramEnd, run_guarded
+from calib.execution.suspension import SuspensionClock
 from calib.simulators.command.run_folder import RunFolder
 
 LOG = "calib.log"  # file of the run folder with all that the program prints
@@ -25,6 +26,8 @@ FAILED, INACTIVE, TIMEOUT = "program failed", "inactive", "timeout"  # statuses 
 @dataclass
 class Watch:
     """Looks at a run that goes on, and says when it is to be given up.
+
+    Time in which this process was suspended, and the program with it, does not count.
 
     Attributes
     ----------
@@ -43,6 +46,7 @@ class Watch:
     _text: str = ""
     _size: int = -1
     _begin: float = field(default_factory=time.monotonic)
+    _clock: SuspensionClock = field(default_factory=lambda: SuspensionClock(time.monotonic, LAST_LOOK))
     _active: float = 0.0
     _limit: float = 0.0
 
@@ -52,15 +56,21 @@ class Watch:
 
     def __call__(self) -> str:
         """Return why the run is to be given up; empty where it is not."""
+        try:
+            return self._looked(self._clock.look())
+        finally:
+            self._clock.forget()  # what the look itself has taken
+
+    def _looked(self, suspended: float) -> str:
         if text := self.matched():
             return self._given_up(FAILED, text)
         if self._searched > MAX_LOG_BYTES:
             return self._given_up(FAILED, f"it printed more than {MAX_LOG_BYTES / 2**20:g} MiB")
-        if remaining(self._begin) < min(MAX_MARGIN_S, MARGIN_SHARE * self._limit):
-            passed = time.monotonic() - self._begin
+        if remaining(self._begin, suspended) < min(MAX_MARGIN_S, MARGIN_SHARE * self._limit):
+            passed = time.monotonic() - suspended - self._begin
             return self._given_up(TIMEOUT, f"no result within {passed:.3g} s of wall-clock time")
         if self.inactivity < math.inf:
-            size, now = _bytes_below(self.folder), time.monotonic()
+            size, now = _bytes_below(self.folder), time.monotonic() - suspended
             if size != self._size:
                 self._size, self._active = size, now
             elif now - self._active > self.inactivity:
