@@ -12,6 +12,7 @@ from calib.cli.status import StudyStatus
 from calib.modelling.parameter import Parameter
 from calib.objective import MISFIT
 from calib.records import OK
+from calib.report.pages.verdict import far_sentences, residual_sentences
 from calib.study import CalibrationResult
 from calib.units import reading, shown
 
@@ -111,7 +112,10 @@ def _remarks(result: CalibrationResult) -> list[str]:
         lines.append(f"[yellow]no intervals:[/] {escape(why)}")
     for feature in result.unreachable:
         lines.append(f"[yellow]no point of the window reaches[/] {escape(str(feature))}")
-    lines += [f"[yellow]mind:[/] {escape(remark)}" for remark in result.remarks]
+    far = far_sentences(result.score.total)
+    lines += [f"[yellow]mind:[/] {escape(remark)}" for remark in (*result.remarks, *far)]
+    doubt = "" if all(one.is_noise for one in result.residual) else "[yellow]mind:[/] "
+    lines += [f"{doubt}{escape(sentence)}" for sentence in residual_sentences(result)]
     if result.confirmation is not None and result.confirmation.succeeded:
         count, chosen = len(result.confirmation.leaders), result.confirmation.chosen
         lines.append(f"{count} leader{'' if count == 1 else 's'} of the search confirmed, trial {chosen} taken")

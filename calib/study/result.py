@@ -183,6 +183,26 @@ class FailureSummary:
 
 
 @dataclass(frozen=True)
+class ChannelResidual:
+    """The residual of a channel beside its noise, where that is known.
+
+    Attributes
+    ----------
+    record, body, channel : that it is of
+    ratio : root mean square of the residual in units of the noise, whitened by its autocorrelation  [1]
+    source : of the noise level: "stated in the record" or "cycle to cycle"
+    is_noise : whether it is no more than noise, a level that is 10 % off allowed for
+    """
+
+    record: str
+    body: str
+    channel: str
+    ratio: float
+    source: str
+    is_noise: bool
+
+
+@dataclass(frozen=True)
 class CalibrationResult:
     """What a calibration found; numbers in SI, None where they are not known or not finite.
 
@@ -204,6 +224,7 @@ class CalibrationResult:
     holdout : record that was held out -> how it is predicted
     confirmation : of the leaders of the search; None where the simulator has no confirming one
     confidence : at the best point
+    residual : of each channel whose noise is known
     remarks : what else to mind, a sentence each, without its full stop
     best_trial : number of the best trial
     reproduced : whether it gave its logged score when it was evaluated again; None where it was not
@@ -232,6 +253,7 @@ class CalibrationResult:
     holdout: Mapping[str, HeldOutSummary] = field(default_factory=dict)
     confirmation: ConfirmationSummary | None = None
     confidence: ConfidenceSummary | None = None
+    residual: tuple[ChannelResidual, ...] = ()
     remarks: tuple[str, ...] = ()
     best_trial: int | None = None
     reproduced: bool | None = None
@@ -250,11 +272,11 @@ class CalibrationResult:
     def as_dict(self) -> dict[str, Any]:
         """Return the object of result.json, which `json.dumps(..., allow_nan=False)` takes.
 
-        `reproduced` and `model` are left out where they are None.
+        `reproduced` and `model` are left out where they are None, `residual` where no noise is known.
         """
         own = plain(self)
-        for key in ("reproduced", "model"):
-            if own[key] is None:
+        for key, absent in (("reproduced", None), ("model", None), ("residual", [])):
+            if own[key] == absent:
                 del own[key]
         return own
 

@@ -12,6 +12,7 @@ from calib.study.confirmation import Confirmation
 from calib.study.result import (
     FAILED,
     CalibrationResult,
+    ChannelResidual,
     ConfidenceSummary,
     ConfirmationSummary,
     FailureSummary,
@@ -35,6 +36,7 @@ def summarised(
     confirmation: Confirmation | None = None,
     confidence: ConfidenceSummary | None = None,
     holdout: Mapping[str, HeldOutSummary] | None = None,
+    residual: Sequence[ChannelResidual] = (),
     remarks: Sequence[str] = (),
     reproduced: bool | None = None,
     simulations: int | None = None,
@@ -51,6 +53,7 @@ def summarised(
     confirmation : of the leaders of the search, None where the simulator has no confirming one
     confidence : at the best point
     holdout : record -> what `held_out` or `not_simulated` returns
+    residual : of each channel whose noise is known, at the best point
     remarks : what else to mind, a sentence each, without its full stop
     reproduced : whether the best trial gave its logged score when it was evaluated again; None where it was not
     simulations : runs of the simulator, everything counted
@@ -77,6 +80,7 @@ def summarised(
         holdout=holdout or {},
         confirmation=None if confirmation is None else _confirmation(confirmation),
         confidence=confidence,
+        residual=tuple(residual),
         remarks=tuple(remarks),
         best_trial=None if best is None else best.number,
         reproduced=reproduced,

@@ -42,6 +42,7 @@ from calib.study_file import StudyFile, load
 from calib.workflows.amplitudes import implausible_amplitudes
 from calib.workflows.dry_run import check_simulator_runs
 from calib.workflows.evaluations import CALIBRATED, CONFIRM, SEARCH, Case, Evaluations, IdleWorkers, held_out_references
+from calib.workflows.residual import residuals_beside_noise
 from calib.workflows.stored import base_study, end_of_search, scored, stored_study
 
 MAX_FREE_TRIGGER_SHARE = 0.5  # of the distance: a free trigger is recommended where it leaves less
@@ -268,6 +269,7 @@ def _summarised(
         confirmation=confirmation,
         confidence=None if confidence is None else confidence.summary(),
         holdout=_prediction_summaries(file, predictions),
+        residual=residuals_beside_noise(study.objective, None if point is None else point.evaluation),
         remarks=[
             *([] if point is None or not point.repetition else [point.repetition]),
             *([] if confirmation is None else confirmation.remarks),
@@ -344,6 +346,7 @@ def _read_back(file: StudyFile, folder: Path, records: Mapping[str, xr.Dataset] 
             best=top,
             score=point.evaluation.score if point is not None and isinstance(point.evaluation, Evaluation) else None,
             holdout=_prediction_summaries(file, predictions),
+            residual=residuals_beside_noise(study.objective, None if point is None else point.evaluation),
             remarks=_remarks(study, point),
         )
     return Calibrated(header, trials, point, predictions, summary)

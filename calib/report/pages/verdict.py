@@ -35,7 +35,8 @@ def verdict(result: CalibrationResult) -> Verdict:
     lost = any(held.status != OK for held in result.holdout.values())
     unconfirmed = result.confirmation is not None and not result.confirmed
     tone: Tone = "good"
-    if result.unreachable or result.at_edge or lost or result.remarks or total > MAX_AGREEMENT_DISTANCE:
+    doubtful = result.unreachable or result.at_edge or lost or result.remarks or total > MAX_AGREEMENT_DISTANCE
+    if doubtful or not all(one.is_noise for one in result.residual):
         tone = "mind"
     if result.motion.wrong or unconfirmed:
         tone = "bad"
@@ -61,11 +62,7 @@ def _points(result: CalibrationResult, total: float) -> list[str]:
             "A better value may lie outside."
         )
     points += [f"{group.text}." for group in result.undetermined]
-    if total > MAX_AGREEMENT_DISTANCE:
-        points.append(
-            f"The distance is more than {100.0 * MAX_AGREEMENT_DISTANCE:.0f} %; "
-            "the residuals below show where the motions differ."
-        )
+    points += [f"{sentence}." for sentence in (*far_sentences(total), *residual_sentences(result))]
     points += [f"{capitalised(remark)}." for remark in result.remarks]
     confidence = result.confidence
     if confidence is not None and confidence.status == "not available":
@@ -73,6 +70,34 @@ def _points(result: CalibrationResult, total: float) -> list[str]:
     elif confidence is not None and confidence.reason:
         points.append(f"Note on the standard errors: {confidence.reason}.")
     return points
+
+
+def far_sentences(total: float | None) -> list[str]:
+    """Say, without a full stop, that the simulation does not agree with the measurement, where it does not.
+
+    total : distance  [1]
+    """
+    if total is None or not total > MAX_AGREEMENT_DISTANCE:
+        return []
+    limit = f"{100.0 * MAX_AGREEMENT_DISTANCE:.0f} %"
+    return [f"The distance is more than {limit}; the residuals in the report show where the motions differ"]
+
+
+def residual_sentences(result: CalibrationResult) -> list[str]:
+    """Say, without a full stop, whether what the calibration leaves is noise, where that is known."""
+    channels = result.residual
+    if not channels:
+        return []
+    beyond = [one for one in channels if not one.is_noise]
+    largest = max(beyond or channels, key=lambda one: one.ratio)
+    ratio = f"{number(largest.ratio, 3)} times its noise ({largest.source})"
+    where = f"{largest.channel} of {largest.body} in {largest.record}"
+    if not beyond:
+        return [f"The residual is noise, as far as that is known: at most {ratio}, in {where}"]
+    of = f", and more than noise in {len(beyond)} of {count(len(channels), 'channel')}" if len(channels) > 1 else ""
+    return [
+        f"The residual is more than noise: {ratio} in {where}{of}. `calib diagnose` tests which effect the model lacks"
+    ]
 
 
 def _kind_of_motion(motion: MotionSummary) -> list[str]:

@@ -1,0 +1,77 @@
+"""The residual of a calibration beside the noise of its records, where that is known."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+
+from calib.diagnosis.bench import SimulatedRows
+from calib.diagnosis.criteria import CRITERIA
+from calib.diagnosis.evidence import pairs_compared
+from calib.diagnosis.excess import significant
+from calib.diagnosis.gathering import gathered
+from calib.diagnosis.noise import MIN_LEVEL, RESIDUAL
+from calib.diagnosis.part import Part
+from calib.execution.pool import Failure
+from calib.objective import Objective
+from calib.records import OK, prescribed
+from calib.records.cycles import IRREGULAR, kind_of_motion
+from calib.study import Evaluation
+from calib.study.result import ChannelResidual
+
+MAX_FLOOR_RATIO = 1.5  # of a noise level over the least one, up to which it is that, and the noise is not known  [1]
+
+
+def residuals_beside_noise(
+    objective: Objective, evaluation: Evaluation | Failure | None
+) -> tuple[ChannelResidual, ...]:
+    """Compare the residual of each channel with its noise: stated in the record, or seen from cycle to cycle.
+
+    None of a motion of another kind than measured, of irregular motions, of few samples, of noise that is not known.
+
+    evaluation : of the calibrated model on all records of the objective
+    """
+    if not isinstance(evaluation, Evaluation) or evaluation.score.status != OK or evaluation.score.wrong:
+        return ()
+    rows = pairs_compared(objective)
+    found: list[ChannelResidual] = []
+    for name in objective.scored:
+        reference, motion = objective.references[name], kind_of_motion(objective.references[name].record)
+        if motion.kind == IRREGULAR or reference.record.sizes["time"] < CRITERIA.min_noise_samples:
+            continue
+        view = _rows(objective, name, rows[name], evaluation.records[name])
+        if view is not None:
+            evidence = gathered({name: reference}, rows, {name: motion.period or 1}, {name: view})
+            found += _compared(evidence.parts[0], view)
+    return tuple(found)
+
+
+def _rows(
+    objective: Objective, name: str, pairs: Sequence[tuple[str, str]], simulated: xr.Dataset
+) -> SimulatedRows | None:
+    """Rows of a simulated record on the time base of the measured one; None where a channel is missing."""
+    aligned = objective.aligned(name, simulated)
+    if not all(channel in aligned.variables for _, channel in pairs):
+        return None
+    bodies = [str(body) for body in aligned.body.values]
+    rows = np.array([aligned[channel].values[bodies.index(body)] for body, channel in pairs])
+    usable = bool(pairs) and bool(np.isfinite(rows).all())
+    return SimulatedRows(rows, aligned["trust"].values, given=prescribed(simulated)) if usable else None
+
+
+def _compared(part: Part, view: SimulatedRows) -> list[ChannelResidual]:
+    found = []
+    for (body, channel), noise, measured, row, weight in zip(
+        part.rows, part.noise, part.measured, view.rows, part.weight, strict=True
+    ):
+        counted = float((weight**2).sum())
+        least = MIN_LEVEL * float(np.sqrt(np.mean(measured**2)))
+        if noise.source == RESIDUAL or counted < CRITERIA.min_noise_samples or noise.sigma <= MAX_FLOOR_RATIO * least:
+            continue
+        white = noise.whitened(measured - row, weight)
+        chi2 = float(white @ white)
+        excess, std = chi2 - CRITERIA.max_variance_ratio * counted, math.sqrt(2.0 * counted)
+        ratio = math.sqrt(chi2 / counted)
+        found.append(ChannelResidual(part.name, body, channel, ratio, noise.source, not significant(excess, std)))
+    return found
