@@ -18,6 +18,10 @@ class CalibError(Exception):
         return CONTROL.sub(lambda match: ascii(match[0])[1:-1], super().__str__())
 
 
+class FirstRunFailed(CalibError):
+    """The run that is made before a search has failed: nothing was simulated."""
+
+
 class WorkersLost(CalibError):
     """The workers that evaluate can be reached no longer: the run ends as if it was killed, and can go on."""
 

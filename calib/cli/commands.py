@@ -82,7 +82,7 @@ def run(
                      best.nc       the best record
                      trials.jsonl  every trial
 
-    Exit code: 0 done, 1 a mistake in the study, 3 stopped by you or for want of workers, 4 no trial ended well.
+    Exit code: 0 done, 1 a mistake in the study, 3 stopped by you or for want of workers, 4 nothing was simulated.
     """
     from calib.cli.status import folder_of
     from calib.cli.tables import show_result

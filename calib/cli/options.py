@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from calib.errors import CalibError, WorkersLost, nearest
+from calib.errors import CalibError, FirstRunFailed, WorkersLost, nearest
 
 POOL_KEYS = ("jobs", "memory")  # of a [pool] table; other options are those of the class that it names
 ALLOCATIONS_PER_COLLECTION = 100_000  # of cyclic garbage; Python's 700 take a fifth of the time of imports and ledgers
@@ -109,6 +109,9 @@ def reporting_mistakes(command: Callable[..., Any]) -> Callable[..., Any]:
             except WorkersLost as error:
                 click.echo(f"calib: {error}; what was finished is kept, and the same command goes on", err=True)
                 sys.exit(EXIT_STOPPED)
+            except FirstRunFailed as error:
+                click.echo(f"calib: {error}", err=True)
+                sys.exit(EXIT_NOTHING)
             except CalibError as error:
                 click.echo(f"calib: {error}", err=True)
             except OSError as error:

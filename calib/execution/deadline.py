@@ -44,6 +44,11 @@ def within(limit: float | None, timeout: float | None = None) -> Iterator[None]:
         _LIMIT.reset(token)
 
 
+def timeout() -> float:
+    """Time-out of the call that need not import or compile anything; infinite without one  [s]."""
+    return _LIMIT.get().seconds
+
+
 def remaining(since: float, suspended: float = 0.0) -> float:
     """Time that is left of the call, to a part of it that began at `since`, by time.monotonic()  [s].
 

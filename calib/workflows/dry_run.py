@@ -10,7 +10,7 @@ from typing import Any
 
 import xarray as xr
 
-from calib.errors import CalibError
+from calib.errors import CalibError, FirstRunFailed
 from calib.execution.files import whole
 from calib.execution.pool import REFUSED, Failure
 from calib.execution.workers import workers
@@ -69,7 +69,7 @@ def check_simulator_runs(file: StudyFile, on_stage: Callable[[str], None] = lamb
 
     Raises
     ------
-    CalibError : it has failed; the message says how
+    FirstRunFailed : it has failed; the message says how
     """
     if not hasattr(file.study.model.simulator, "dry_run") or _passed(file):
         return
@@ -77,7 +77,7 @@ def check_simulator_runs(file: StudyFile, on_stage: Callable[[str], None] = lamb
     dry = _tried(file)
     if not dry.succeeded:
         attrs = dry.run.record.attrs
-        raise CalibError(
+        raise FirstRunFailed(
             f"the first run, of record {dry.record!r} at the starting or nominal values, failed ({attrs['status']}): "
             f"{attrs['reason']}; `calib run --dry-run {file.path}` shows it; start values of [windows] choose another "
             "point"

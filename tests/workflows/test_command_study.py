@@ -125,6 +125,7 @@ def test_a_dry_run_of_a_wrong_reader_shows_the_columns_there_are(tmp_path, truth
     assert "no column 'y'" in " ".join(answer.output.replace("│", " ").split())
     with pytest.raises(CalibError, match="the first run, of record 'bench' .* no column 'y'"):
         run(path)
+    assert CliRunner().invoke(main, ["run", str(path)]).exit_code == answer.exit_code
     assert not (tmp_path / "out" / "trials.jsonl").exists()
 
 

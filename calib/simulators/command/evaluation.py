@@ -211,15 +211,16 @@ def _climbed(
             break
         if rung < len(deck.lines):
             (folder.path / LOG).rename(folder.path / f"{LOG}.{rung}")
-    record = failed(_bodies(around), tried[-1].status, _reason(tried, name), **attrs)
+    place = f"{around.results.name}/{RUNS}/{name}" if name else ""
+    record = failed(_bodies(around), tried[-1].status, _reason(tried, place), **attrs)
     return ProgramRun(record, deck.files, tuple(tried), columns)
 
 
-def _reason(tried: list[TriedLine], folder: str) -> str:
+def _reason(tried: list[TriedLine], place: str) -> str:
     """Return why all command lines failed, how the log of the last one ends, and where the run is kept."""
     reason = "; ".join(f"{one.command}: {one.reason}" for one in tried)
     details = [f"its log ends: {tried[-1].tail}"] if tried[-1].tail else []
-    details += [f"kept in {RUNS}/{folder}"] if folder else []
+    details += [f"kept in {place}"] if place else []
     return f"{reason}{DETAILS}{'; '.join(details)}" if details else reason
 
 

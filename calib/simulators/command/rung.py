@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from calib.execution.deadline import remaining
+from calib.execution.deadline import remaining, timeout
 from calib.execution.guarded import LAST_LOOK, ProgramEnd, run_guarded
 from calib.execution.suspension import SuspensionClock
 from calib.simulators.command.run_folder import RunFolder
@@ -67,8 +67,7 @@ class Watch:
         if self._searched > MAX_LOG_BYTES:
             return self._given_up(FAILED, f"it printed more than {MAX_LOG_BYTES / 2**20:g} MiB")
         if remaining(self._begin, suspended) < min(MAX_MARGIN_S, MARGIN_SHARE * self._limit):
-            passed = time.monotonic() - suspended - self._begin
-            return self._given_up(TIMEOUT, f"no result within {passed:.3g} s of wall-clock time")
+            return self._given_up(TIMEOUT, f"no result within {timeout():g} s of wall-clock time")
         if self.inactivity < math.inf:
             size, now = _bytes_below(self.folder), time.monotonic() - suspended
             if size != self._size:

@@ -156,7 +156,7 @@ def test_where_all_command_lines_fail_each_says_why(tmp_path):
     assert "one.sh: it ended with exit code 1; " in reason
     assert "two.sh: it ended with exit code 2; details: its log ends: two" in reason
     [kept] = left(tmp_path)
-    assert reason.endswith(f"kept in runs/{kept}")
+    assert reason.endswith(f"kept in out/runs/{kept}")
     assert sorted(path.name for path in (tmp_path / "out/runs" / kept).iterdir()) == ["calib.log", "calib.log.1"]
 
 
