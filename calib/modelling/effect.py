@@ -107,6 +107,8 @@ class Effect:
             return f"it refines {needed}, which simulator {name!r} cannot refine"
         if self.site in PYTHON_SITES:
             return ""
+        if not simulator.sites:
+            return f"it acts at {self.site!r}, but simulator {name!r} takes no force laws"
         if self.site not in simulator.sites:
             return f"it acts at {self.site!r}, but simulator {name!r} takes laws at {sorted(simulator.sites)}"
         if self.law.states > getattr(simulator, "law_states", STATES):

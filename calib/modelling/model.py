@@ -78,6 +78,11 @@ class Model:
         return " + ".join([self.simulator.name, *(effect.name for effect in self.effects)])
 
     @property
+    def title(self) -> str:
+        """Its name, the simulator called as it calls itself in `title`, such as by the program that it runs."""
+        return " + ".join([getattr(self.simulator, "title", self.simulator.name), *(e.name for e in self.effects)])
+
+    @property
     def bodies(self) -> tuple[str, ...]:
         """Bodies whose motion the simulator gives."""
         return self.simulator.bodies

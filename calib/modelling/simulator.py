@@ -111,6 +111,7 @@ class Simulator(Protocol):
         compute nothing, without running: a study is refused whose starting values, or ends of windows, are such ones.
     23. Optionally `remarks`, sentences on what its options leave open: told as a search begins, and kept with its
         result.
+    24. Optionally `title`, what a report calls it, such as the program that it runs. Absent: its name.
 
     `calib.testing.SimulatorSuite` checks all this.
     """

@@ -14,6 +14,7 @@ from calib.store import Trial
 from calib.store.trial import best
 from calib.study.reachability import reach
 
+MIN_SPREAD_TRIALS = 2  # of a screen that ended well, of which it is said what they reach
 RATE_SECONDS = 20.0  # s over which the rate of trials is taken
 
 
@@ -101,6 +102,9 @@ class Progress:
         """Say, before the search, which measured features no point of the screen comes to."""
         features = reach(self._screened)
         if self._quiet or not features:
+            return
+        if sum(trial.status == OK for trial in self._screened) < MIN_SPREAD_TRIALS:
+            self._console.print("the screen is too small to say which measured features it reaches")
             return
         away = [r for r in features if not r.reached]
         for r in away:

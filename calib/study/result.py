@@ -153,6 +153,8 @@ class ModelSummary:
     parameters : of the simulator and its effects, by name
     initial : parameter of the initial state -> body and channel
     incidental : options of the simulator without influence on records
+    title : what a report calls it
+    takes_laws : whether the simulator takes force laws
     """
 
     name: str
@@ -160,6 +162,8 @@ class ModelSummary:
     parameters: Mapping[str, ParameterSummary] = field(default_factory=dict)
     initial: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     incidental: tuple[str, ...] = ()
+    title: str = ""
+    takes_laws: bool = True
 
     @classmethod
     def of(cls, model: Model) -> "ModelSummary":
@@ -170,6 +174,8 @@ class ModelSummary:
             {name: ParameterSummary(one.unit, one.nominal, one.meaning) for name, one in model.parameters.items()},
             dict(model.initial),
             tuple(sorted(getattr(model.simulator, "incidental", ()))),
+            model.title,
+            bool(model.simulator.sites),
         )
 
 

@@ -40,6 +40,7 @@ def test_the_leaders_are_counted_while_they_are_confirmed(capsys):
         ([1.5e-3, 1.8e-3], "no point of the screen reaches displacement amplitude of bob in swing: measured 1 mm, "
                            "nearest 1.5 mm (50 % off)"),
         ([0.8e-3, 1.8e-3], "the screen reaches every measured feature"),
+        ([0.8e-3], "the screen is too small to say which measured features it reaches"),
     ],
 )  # fmt: skip
 def test_what_the_screen_does_not_reach_is_said_before_the_search(amplitudes, said):

@@ -24,7 +24,8 @@ STUDY = SimpleNamespace(
         name="beam",
         bodies=("beam",),
         initial={"start": ("beam", "displacement")},
-        simulator=None,
+        simulator=SimpleNamespace(sites=frozenset()),
+        title="beam.exe (command)",
         parameters={"gap": Parameter("gap", "m", 1e-3, "clearance"), "limit": Parameter("limit", "N", math.inf, "")},
     ),
     space=Space({"gap": Window(1e-4, 2e-3)}),
@@ -58,6 +59,7 @@ def test_every_promised_key_is_there():
 def test_the_model_is_described_as_far_as_a_report_shows_it():
     model = CalibrationResult.from_dict(json.loads(json.dumps(of_the_study().as_dict()))).model
     assert (model.name, model.bodies) == ("beam", ("beam",))
+    assert (model.title, model.takes_laws) == ("beam.exe (command)", False)
     assert model.parameters["gap"] == ParameterSummary("m", 1e-3, "clearance")
     stored = StoredSimulator(model)
     assert stored.initial == {"start": ("beam", "displacement")}

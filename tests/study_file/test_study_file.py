@@ -295,7 +295,7 @@ def test_a_bench_has_no_frequency_where_no_record_is_harmonic():
         ("simulator = \"tiny_simulators:Echo\"", 'simulator = "four_doff"', "simulator", "did you mean 'four_dof'?"),
         ("[windows]", "options = { falt = 1 }\n[windows]", "options", "unknown option of"),
         ("[windows]", "effects = ['gap_ofset']\n[windows]", "effects", "did you mean 'gap_offset'?"),
-        ("[windows]", "effects = ['gap_offset']\n[windows]", "effects", "takes laws at []"),
+        ("[windows]", "effects = ['gap_offset']\n[windows]", "effects", "takes no force laws"),
         ("[windows]", "fixed = { gain = 1 }\n[windows]", "gain", "keep one of them"),
         ("[windows]", "fixed = { gian = 1 }\n[windows]", "fixed", "did you mean 'gain'?"),
         ("gain = {", "gian = {", "gian", "unknown parameter 'gian' (did you mean 'gain'?); this model has gain,"),

@@ -82,6 +82,7 @@ def test_a_report_needs_neither_program_nor_templates(tmp_path, truth):
     path = lay_out_study(tmp_path, truth, budget=8)
     run(path)
     before = page_content(tmp_path / "out" / "report.html")
+    assert "Calibration of bouncer (command) against 1 record" in before
     for file in tmp_path.iterdir():
         if file.is_file() and file != path:
             file.unlink()

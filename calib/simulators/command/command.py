@@ -3,6 +3,7 @@
 import copy
 import inspect
 import math
+import shlex
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -97,6 +98,12 @@ class Command:
         other = copy.copy(self)
         other._afresh = True
         return other
+
+    @property
+    def title(self) -> str:
+        """Name of the program, with that of the simulator."""
+        program = shlex.split(self._options.program.run[0])[0]
+        return f"{Path(program).name} ({self.name})"
 
     @property
     def cores(self) -> int:

@@ -406,6 +406,13 @@ def test_where_the_acceleration_is_too_uncertain_nothing_is_said_to_be_noise(lac
     assert ("The figures of the missing acceleration" in text) == (lack > 0.0)
 
 
+@pytest.mark.parametrize(("takes_laws", "advice"), [(True, "calib new effect"), (False, "takes no force laws")])
+def test_a_simulator_without_force_laws_is_not_offered_one(takes_laws, advice):
+    said = points(result(document("unexplained", VALUES)), takes_laws=takes_laws)
+    assert any(advice in sentence for sentence in said)
+    assert takes_laws == any("calib new effect" in sentence for sentence in said)
+
+
 @pytest.mark.parametrize("several", [False, True])
 def test_of_records_with_one_channel_each_only_the_records_are_compared(several, study):
     said = document("named", VALUES)

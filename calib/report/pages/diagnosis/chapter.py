@@ -87,14 +87,14 @@ def chapter(
     result : of the calibration as it is now
     """
     outcomes = {suspect.effect: outcome(suspect, diagnosis) for suspect in diagnosis.suspects}
-    forces = body_forces(motions)
+    forces, model = body_forces(motions), result.model
     return DiagnosisChapter(
         verdict=diagnosis.verdict.replace("_", " "),
         tone=_tone(diagnosis),
         stale=stale(diagnosis, result),
         headline=headline(diagnosis),
         points=(
-            *points(diagnosis, with_force_plots=any(force.significant for force in forces)),
+            *points(diagnosis, any(force.significant for force in forces), not model or model.takes_laws),
             *similar_effects(diagnosis, outcomes),
             *wrong_signs(diagnosis, outcomes),
         ),

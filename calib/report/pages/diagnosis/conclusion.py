@@ -65,10 +65,11 @@ def _cause(name: str, diagnosis: DiagnosisResult) -> str:
     return f"{name}{equation}" if known is None else f"{name}{equation}, {', '.join(sizes(known))}"
 
 
-def points(diagnosis: DiagnosisResult, with_force_plots: bool = True) -> list[str]:
+def points(diagnosis: DiagnosisResult, with_force_plots: bool = True, takes_laws: bool = True) -> list[str]:
     """Sentences on what the verdict rests on, and what follows from it.
 
     with_force_plots : whether the page shows the missing acceleration
+    takes_laws : whether the simulator takes force laws
     """
     failed = [gate for gate in diagnosis.gates if not gate.passed]
     sentences = [f"{capitalised(gate.name)}: {gate.summary}. What to do: {remedy(gate)}." for gate in failed]
@@ -81,6 +82,11 @@ def points(diagnosis: DiagnosisResult, with_force_plots: bool = True) -> list[st
         )
     if diagnosis.verdict == UNEXPLAINED:
         own = "an effect that is no candidate yet is added as one file (calib new effect)."
+        if not takes_laws:
+            own = (
+                "the simulator takes no force laws: an effect that is no candidate yet is one of the sensors, or one "
+                'that changes parameters of the simulator (site "structure"), such as that of a term it has itself.'
+            )
         figures = "The figures of the missing acceleration show the form that a law would need"
         sentences.append(f"{figures}; {own}" if with_force_plots else capitalised(own))
     sentences += [*_faults(diagnosis), *_extension(diagnosis)]
