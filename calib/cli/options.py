@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 from calib.errors import CalibError, FirstRunFailed, WorkersLost, nearest
+from calib.execution.interrupt import ended_like_ctrl_c
 
 POOL_KEYS = ("jobs", "memory")  # of a [pool] table; other options are those of the class that it names
 ALLOCATIONS_PER_COLLECTION = 100_000  # of cyclic garbage; Python's 700 take a fifth of the time of imports and ledgers
@@ -102,7 +103,8 @@ def reporting_mistakes(command: Callable[..., Any]) -> Callable[..., Any]:
         with warnings.catch_warnings():
             warnings.showwarning = _note
             try:
-                return command(*args, **options)
+                with ended_like_ctrl_c():
+                    return command(*args, **options)
             except KeyboardInterrupt:
                 click.echo("\nstopped", err=True)
                 sys.exit(EXIT_STOPPED)

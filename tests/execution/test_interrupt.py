@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from calib.execution.interrupt import uninterrupted
+from calib.execution.interrupt import ended_like_ctrl_c, uninterrupted
 
 
 @pytest.fixture(autouse=True)
@@ -64,3 +64,25 @@ def test_in_another_thread_nothing_is_held_back_from_this_one():
     thread.join()
     assert found == [True]
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_what_would_kill_the_process_ends_a_block_like_ctrl_c(number):
+    def ended():
+        with ended_like_ctrl_c():
+            os.kill(os.getpid(), number)
+            wait()
+
+    with pytest.raises(KeyboardInterrupt):
+        ended()
+    assert signal.getsignal(number) == signal.SIG_DFL
+
+
+def test_a_signal_that_is_ignored_stays_ignored():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with ended_like_ctrl_c():
+            os.kill(os.getpid(), signal.SIGHUP)
+            assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)

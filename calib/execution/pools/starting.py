@@ -7,9 +7,12 @@ from functools import partial
 from multiprocessing import resource_tracker, spawn
 from multiprocessing.context import ForkServerContext, ForkServerProcess
 from multiprocessing.forkserver import ensure_running, set_forkserver_preload
+from multiprocessing.util import get_temp_dir
 from typing import Any
 
 from calib.execution.interrupt import uninterrupted
+from calib.execution.pools import server_end
+from calib.execution.pools.server_end import FOLDER_VARIABLE
 
 THREAD_VARIABLES = (  # of the environment: number of threads of a BLAS
     "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS",
@@ -44,9 +47,9 @@ class WithoutMain(ForkServerContext):
 def start_server(modules: list[str]) -> None:
     """Start the fork server, if there is none yet, with `modules` imported and one thread for BLAS."""
     with _starting:
-        before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
-        os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
-        set_forkserver_preload(modules)
+        before = {name: os.environ.get(name) for name in (*THREAD_VARIABLES, FOLDER_VARIABLE)}
+        os.environ.update({**dict.fromkeys(THREAD_VARIABLES, "1"), FOLDER_VARIABLE: get_temp_dir()})
+        set_forkserver_preload([server_end.__name__, *modules])
         try:
             resource_tracker.ensure_running()  # first: it unblocks SIGINT when it starts
             with uninterrupted():
