@@ -4,7 +4,7 @@ import threading
 import time
 from collections.abc import Callable
 
-LOOK_INTERVAL = 0.25  # s, between two looks at the clock
+WAKE_INTERVAL = 0.25  # s, between two looks at the clock
 MIN_GAP = 1.0  # s, between the look that is due and that which comes: less is a busy machine
 
 
@@ -17,7 +17,7 @@ class SuspensionClock:
     interval : between two looks, at most, while the process runs  [s]
     """
 
-    def __init__(self, clock: Callable[[], float], interval: float = LOOK_INTERVAL):
+    def __init__(self, clock: Callable[[], float], interval: float = WAKE_INTERVAL):
         self._clock, self._interval = clock, interval
         self._last, self._total = clock(), 0.0
         self._looking = threading.Lock()
@@ -56,5 +56,5 @@ def suspended() -> float:
 
 def _watch(clock: SuspensionClock) -> None:
     while True:
-        time.sleep(LOOK_INTERVAL)
+        time.sleep(WAKE_INTERVAL)
         clock.look()

@@ -53,8 +53,7 @@ def summarised(
     confirmation : of the leaders of the search, None where the simulator has no confirming one
     confidence : at the best point
     holdout : record -> what `held_out` or `not_simulated` returns
-    residual : of each channel whose noise is known, at the best point
-    remarks : what else to mind, a sentence each, without its full stop
+    residual, remarks : as in `CalibrationResult`
     reproduced : whether the best trial gave its logged score when it was evaluated again; None where it was not
     simulations : runs of the simulator, everything counted
     seconds : wall-clock time  [s]; it, and that of the confirmation, are all that differs between two runs of one study
