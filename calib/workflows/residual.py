@@ -15,7 +15,7 @@ from calib.diagnosis.noise import MIN_LEVEL, RESIDUAL
 from calib.diagnosis.part import Part
 from calib.execution.pool import Failure
 from calib.objective import Objective
-from calib.records import OK, prescribed
+from calib.records import OK, STATE, prescribed
 from calib.records.cycles import IRREGULAR, kind_of_motion
 from calib.study import Evaluation
 from calib.study.result import ChannelResidual
@@ -37,14 +37,22 @@ def residuals_beside_noise(
     rows = pairs_compared(objective)
     found: list[ChannelResidual] = []
     for name in objective.scored:
-        reference, motion = objective.references[name], kind_of_motion(objective.references[name].record)
-        if motion.kind == IRREGULAR or reference.record.sizes["time"] < CRITERIA.min_noise_samples:
+        reference, cycle = objective.references[name], _cycle(objective.references[name].record)
+        if cycle is None or reference.record.sizes["time"] < CRITERIA.min_noise_samples:
             continue
         view = _rows(objective, name, rows[name], evaluation.records[name])
         if view is not None:
-            evidence = gathered({name: reference}, rows, {name: motion.period or 1}, {name: view})
+            evidence = gathered({name: reference}, rows, {name: cycle}, {name: view})
             found += _compared(evidence.parts[0], view)
     return tuple(found)
+
+
+def _cycle(measured: xr.Dataset) -> int | None:
+    """Periods of the excitation after which a measured motion repeats; None where it is irregular."""
+    if not any(channel in measured for channel in STATE):  # of a force, say: the kind of motion is not known
+        return 1
+    motion = kind_of_motion(measured)
+    return None if motion.kind == IRREGULAR else motion.period or 1
 
 
 def _rows(

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from calib import records
 from calib.cli import tables
 from calib.execution.pool import Failure
 from calib.modelling.model import Model
@@ -16,6 +17,7 @@ from calib.report.pages.verdict import verdict
 from calib.study import CalibrationResult
 from calib.study.evaluation import evaluate
 from calib.study.result import ScoreSummary
+from calib.workflows import residual
 from calib.workflows.residual import residuals_beside_noise
 
 DRIVE = Excitation("mass", "force", frequency=9.0, amplitude=20.0)
@@ -62,6 +64,13 @@ def test_nothing_is_said_where_the_noise_is_not_known():
     assert compared(noise=0.0, stated=False) == ()
     for nothing in (None, Failure("timeout", "late", 1.0)):
         assert residuals_beside_noise(SimpleNamespace(), nothing) == ()
+
+
+def test_a_record_of_a_force_alone_repeats_after_its_period():
+    time = np.arange(600) / 900.0
+    force = np.sin(2.0 * np.pi * DRIVE.frequency * time)[None]
+    record = records.make(time, ["mass"], {"force": force}, frequency=DRIVE.frequency)
+    assert residual._cycle(record) == 1
 
 
 def printed(result):
