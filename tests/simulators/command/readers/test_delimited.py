@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from calib.errors import CalibError
@@ -113,6 +113,7 @@ def cell(value, exponent, decimal):
     return f"{value!r}".replace("e", exponent).replace(".", decimal)
 
 
+@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])  # it may be the machine that is slow
 @given(
     table=st.lists(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=3, max_size=3), min_size=1),
     separator=st.sampled_from([";", "\t", "|", " "]),
