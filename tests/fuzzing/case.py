@@ -22,7 +22,7 @@ from calib.errors import CalibError
 
 MAX_SECONDS = 20  # s, processor time of a case
 MAX_WAIT = 100.0  # s, wall-clock time of a case: on a machine whose cores are shared, it is longer
-MAX_BYTES = 10**9  # of a case: the whole process
+MAX_BYTES = 700_000_000  # of a case, beyond those of the process that forks: 1 GB with the 300 MB of calib itself
 ADDRESS_SPACE = 6 * 2**30  # bytes beyond those of the process that forks; above it, memory is refused
 MAX_MESSAGE = 20_000  # characters of a refusal
 NOTES = "notes"  # file beside the folder of a case, of what it touched outside
@@ -72,7 +72,7 @@ class Outcome:
     status : "read", "refused", or what is wrong with it
     detail : message or traceback
     signature : by which failures of one cause are recognised; empty where it is good
-    seconds, bytes : processor time, and the largest memory of the process
+    seconds, bytes : processor time, and the largest memory of the process beyond that of the one that forks
     """
 
     kind: str
@@ -160,7 +160,7 @@ def _made(kind: Kind, sample: str, rng: random.Random, folder: Path) -> list[str
 def in_child(kind: Kind, folder: Path) -> Outcome:
     """Read a folder in a forked child process, within limits of time and memory."""
     ours, theirs = os.pipe()
-    begin = time.monotonic()
+    begin, own = time.monotonic(), _resident_bytes()
     child = os.fork()
     if child == 0:
         os.close(ours)
@@ -173,7 +173,7 @@ def in_child(kind: Kind, folder: Path) -> Outcome:
     _, status, usage = os.wait4(child, 0)
     seconds = usage.ru_utime + usage.ru_stime
     outcome = Outcome(kind.name, 0, "", [], **(json.loads(text) if text else {"status": "died"}))
-    outcome.seconds, outcome.bytes = seconds, usage.ru_maxrss * 1024
+    outcome.seconds, outcome.bytes = seconds, max(0, usage.ru_maxrss * 1024 - own)
     spent = os.WIFSIGNALED(status) and os.WTERMSIG(status) in (signal.SIGXCPU, signal.SIGKILL)
     if late or spent:
         outcome.status, outcome.detail = "too long", (folder.parent / STACK).read_text()
@@ -187,6 +187,10 @@ def in_child(kind: Kind, folder: Path) -> Outcome:
     elif outcome.good and outcome.bytes > MAX_BYTES:
         outcome.status, outcome.signature = f"took {outcome.bytes / 1e9:.2f} GB", "memory"
     return outcome
+
+
+def _resident_bytes() -> int:
+    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
 
 
 def _answer(pipe: int, begin: float) -> tuple[str, bool]:
