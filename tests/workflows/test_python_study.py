@@ -175,7 +175,7 @@ def test_a_search_that_is_stopped_keeps_what_there_is(monkeypatch):
 
 def test_an_effect_is_given_as_the_thing_itself(tmp_path):
     assert study(effects=[EFFECT, "plot_scale"]).document["model"]["effects"] == ["channel_gain", "plot_scale"]
-    with pytest.raises(calib.CalibError, match="model.effects.*'memory'.*takes laws at"):
+    with pytest.raises(calib.CalibError, match="model.effects.*'memory'.*takes no force laws"):
         study(effects=[MEMORY])
 
 
