@@ -3,7 +3,9 @@
 import signal
 import subprocess
 import sys
+import tempfile
 import time
+from pathlib import Path
 
 import pytest
 from child_environment import environment
@@ -19,11 +21,17 @@ if __name__ == "__main__":
 """
 
 
+@pytest.fixture
+def short_folder():
+    """A folder of a short path: that of a socket has at most 107 characters."""
+    with tempfile.TemporaryDirectory(prefix="calib-") as folder:
+        yield Path(folder)
+
+
 @pytest.mark.parametrize("killed", [False, True])
-def test_the_folder_of_the_socket_of_the_fork_server_is_deleted(tmp_path, killed):
-    script, temporary = tmp_path / "script.py", tmp_path / "temporary"
+def test_the_folder_of_the_socket_of_the_fork_server_is_deleted(tmp_path, killed, short_folder):
+    script, temporary = tmp_path / "script.py", short_folder
     script.write_text(SCRIPT)
-    temporary.mkdir()
     with subprocess.Popen(
         [sys.executable, script], env={**environment(), "TMPDIR": str(temporary)},
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
