@@ -484,9 +484,9 @@ def test_a_trial_that_is_logged_holds_neither_its_residuals_nor_what_others_shar
         trial(n, features=[{**feature, "simulated": 0.5 + n}] * 8, residuals=np.arange(1000.0) + n) for n in range(40)
     ]
 
-    def growth(number):
+    def held_memory(number, attempt):
         tracemalloc.start()
-        with Store(tmp_path / str(number), view=None) as store:
+        with Store(tmp_path / f"{number} {attempt}", view=None) as store:
             store.open(HEADER)
             held = [store.append(one) for one in made[:number]]
             assert [list(one.features) for one in held] == [one.features for one in made[:number]]
@@ -494,10 +494,11 @@ def test_a_trial_that_is_logged_holds_neither_its_residuals_nor_what_others_shar
             gc.collect()
             return tracemalloc.get_traced_memory()[0]
 
-    growth(1)
-    few, many = growth(20), growth(40)
+    held_memory(1, 0)
+    differences = [held_memory(40, attempt) - held_memory(20, attempt) for attempt in range(3)]
     tracemalloc.stop()
-    assert (many - few) / 20 < 0.4 * made[0].residuals.nbytes
+    # the least: threads of other tests in this process allocate too
+    assert min(differences) / 20 < 0.4 * made[0].residuals.nbytes
 
 
 def test_stored_residuals_outlive_their_store_and_are_pickled_as_numbers(tmp_path):
