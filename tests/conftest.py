@@ -5,6 +5,7 @@ from collections import Counter
 from functools import partial
 
 import pytest
+from dask_processes import DaskProcesses
 
 from calib.execution.pools.starting import THREAD_VARIABLES
 
@@ -42,3 +43,11 @@ def fork_server():
 
     with LocalPool(partial(calibrate, DelaminatedBeam, FourDof, Oscillator)) as pool:
         assert list(pool.map([])) == []  # the server starts, and no child
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory):
+    """A Dask scheduler, and a worker of two threads."""
+    with DaskProcesses(tmp_path_factory.mktemp("dask")) as processes:
+        processes.add_worker(threads=2)
+        yield processes

@@ -40,6 +40,11 @@ def whole(path: Path) -> Iterator[Path]:
         raise
 
 
+def lies_within(path: Path, folder: Path) -> bool:
+    """Whether a file lies in a folder or below, symbolic links followed."""
+    return Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder))  # `Path.resolve` fails on a ring
+
+
 def checksum(path: Path) -> str:
     """SHA-256 of a file, in hexadecimal digits."""
     with open(path, "rb") as file:

@@ -7,10 +7,10 @@ import io
 import json
 import random
 import sys
-import tarfile
 
 import numpy as np
 import pytest
+from fuzzing.kinds.figure import archived
 from fuzzing.mutations import damaged
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -45,16 +45,6 @@ PROJECT = {
 TABLE = b'# source = "s"\n# [[curve]]\n# body = "b"\n# kind = "phase curve"\n# units = ["mm", "m/s"]\nq,v\n' + b"".join(
     f"{np.cos(a):.6f},{-np.sin(a):.6f}\n".encode() for a in np.linspace(0.0, 6.2, 40)
 )
-
-
-def archived(project):
-    raw = io.BytesIO()
-    with tarfile.open(fileobj=raw, mode="w") as tar:
-        for name, content in (("p/info.json", b'{"json": "wpd.json"}'), ("p/wpd.json", project)):
-            info = tarfile.TarInfo(name)
-            info.size = len(content)
-            tar.addfile(info, io.BytesIO(content))
-    return raw.getvalue()
 
 
 def seeds():

@@ -11,7 +11,7 @@ import signal
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Protocol
@@ -155,6 +155,13 @@ def _made(kind: Kind, sample: str, rng: random.Random, folder: Path) -> list[str
         return json.loads(text)
     except ValueError:
         return ["not possible"]
+
+
+def write_files(files: Mapping[str, bytes], folder: Path) -> None:
+    """Write the files of a sample, by their path in a folder."""
+    for name, content in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(content)
 
 
 def in_child(kind: Kind, folder: Path) -> Outcome:

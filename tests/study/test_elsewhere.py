@@ -35,13 +35,6 @@ SINGLE_NODE = PoolSettings(
 
 
 @pytest.fixture(scope="module")
-def cluster(tmp_path_factory):
-    with DaskProcesses(tmp_path_factory.mktemp("dask")) as processes:
-        processes.add_worker(threads=2)
-        yield processes
-
-
-@pytest.fixture(scope="module")
 def single_node():
     yield SINGLE_NODE
     started.end_all()

@@ -94,8 +94,9 @@ class Inputs:
         ------
         CalibError : a template cannot be rendered at these values
         """
-        files = {name: rendered(template, values).encode() for name, template in self.templates.items()}
-        lines = [shlex.split(rendered(line, values)) for line in self.lines]
+        texts = rendered(self.texts, values)
+        files = {name: text.encode() for name, text in zip(self.templates, texts, strict=False)}
+        lines = [shlex.split(text) for text in texts[len(self.templates) :]]
         if not all(lines):
             raise CalibError("run: a command line is empty at these values; mend its template")
         return Deck(files, self.copied, tuple(map(tuple, lines)))

@@ -2,7 +2,7 @@
 
 import os
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from calib.errors import CalibError, CodeChanged
@@ -102,8 +102,7 @@ def known_program(
             f"run: there is no program {word!r} that can be executed; install it, put its folder on PATH, or state "
             "its path, relative to the study file"
         )
-    known = known_file(name, Path(path), identity)
-    return KnownFile(name, word, known.identity, known.stamp, search, version)
+    return replace(known_file(name, Path(path), identity), path=word, search=search, version=version)
 
 
 def located(word: str, search: str | None) -> Path | None:

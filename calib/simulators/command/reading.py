@@ -1,6 +1,5 @@
 """From the columns of an output to a record on the instants that were asked for."""
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ import xarray as xr
 from scipy.interpolate import PchipInterpolator
 
 from calib.errors import CalibError, nearest
+from calib.execution.files import lies_within
 from calib.records import MIN_SECTION_PERIODS, STATE, make
 from calib.simulators.command.options import OutputReading, ReadChannel
 from calib.simulators.command.readers import Columns, reader
@@ -69,7 +69,7 @@ def read_columns(folder: Path, reading: OutputReading, modules: Path | None) -> 
     OutputFault : it is missing, or no such file as the reader expects
     """
     path = folder / reading.file
-    if not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):  # `resolve` fails on a ring
+    if not lies_within(path, folder):
         raise OutputFault(UNREADABLE, f"{reading.file} lies outside the run folder")
     try:
         return reader(reading.reader, modules)(path, **reading.options)

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any
 
 from jinja2 import Environment, StrictUndefined, Template, TemplateError, nodes
@@ -19,8 +19,8 @@ from calib.simulators.command.formats import fixed, fortran
 from calib.units import coherent, from_si
 
 SUFFIX = ".j2"  # of a file that is rendered
-MAX_RENDERING_SECONDS = 10  # s of processor time, of one file
-MAX_RENDERING_BYTES = 2**29  # bytes of memory, of one file
+MAX_RENDERING_SECONDS = 10  # s of processor time, of all files of one run
+MAX_RENDERING_BYTES = 2**29  # bytes of memory, of all files of one run
 SHOWN_LINE_CHARACTERS = 100  # of the line of a template in a message
 MAX_INTEGER_BITS = 4096  # of an integer that a template works out
 KEPT_FILTERS = (
@@ -197,17 +197,20 @@ def check_names(
         )
 
 
-def rendered(template: TemplateText, values: Mapping[str, Any]) -> str:
-    """Render a template.
+def rendered(templates: Sequence[TemplateText], values: Mapping[str, Any]) -> list[str]:
+    """Render templates, in one process that is forked for it.
 
     Raises
     ------
     CalibError : something in it is undefined, does not fit its field or is no number, with the line
     """
     try:
-        return apart(partial(_rendered, template, values), MAX_RENDERING_SECONDS, MAX_RENDERING_BYTES)
+        return apart(
+            lambda: [_rendered(template, values) for template in templates], MAX_RENDERING_SECONDS, MAX_RENDERING_BYTES
+        )
     except OSError as error:
-        raise TemplateFault(f"{template.name}: cannot be rendered: {error}; is a loop too long?") from error
+        names = ", ".join(template.name for template in templates)
+        raise TemplateFault(f"{names}: cannot be rendered: {error}; is a loop too long?") from error
 
 
 def _rendered(template: TemplateText, values: Mapping[str, Any]) -> str:

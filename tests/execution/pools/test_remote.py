@@ -19,13 +19,6 @@ from calib.execution.workers import workers
 
 
 @pytest.fixture(scope="module")
-def cluster(tmp_path_factory):
-    with DaskProcesses(tmp_path_factory.mktemp("dask")) as processes:
-        processes.add_worker(threads=2)
-        yield processes
-
-
-@pytest.fixture(scope="module")
 def executors():
     yield
     started.end_all()

@@ -10,6 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from echo_study import write_study
+from fuzzing.case import write_files
 from fuzzing.mutations import damaged, shuffled_lines, text_damaged, tree_damaged
 
 from calib.cli.status import study_status, view_of
@@ -64,9 +65,7 @@ class _Ledgers:
         return list(_files())
 
     def make(self, sample: str, rng: random.Random | None, folder: Path) -> list[str]:
-        for name, content in _files()[sample].items():
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            (folder / name).write_bytes(content)
+        write_files(_files()[sample], folder)
         if rng is None:
             return []
         names = sorted(p.relative_to(folder).as_posix() for p in (folder / "out").rglob("*") if p.is_file())

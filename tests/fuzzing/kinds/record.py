@@ -13,6 +13,7 @@ from typing import Any
 import h5py
 import numpy as np
 from echo_study import write_study
+from fuzzing.case import write_files
 from fuzzing.mutations import NUMBERS, TEXTS, damaged, text_damaged, tree_damaged
 from scipy.io import savemat
 
@@ -264,9 +265,7 @@ class _Records:
         return ["netcdf", "netcdf", "netcdf", *_files()]
 
     def make(self, sample: str, rng: random.Random | None, folder: Path) -> list[str]:
-        for name, content in _files()[sample].items():
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            (folder / name).write_bytes(content)
+        write_files(_files()[sample], folder)
         if rng is None:
             return []
         path = self._record(folder)

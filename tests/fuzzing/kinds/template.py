@@ -197,7 +197,7 @@ class _Templates:
         nominal = {p.name: p.nominal for p in PARAMETERS}
         drive = Excitation("mass", "force", frequency=20.0, amplitude=1e-3, phase=0.5)
         values = deck_values(PARAMETERS, nominal, drive, Request(periods=2, samples=200), 3, 2)
-        text = rendered(template, values)
+        [text] = rendered([template], values)
         text.encode()
         check_names([template], [], {**{name: () for name in nominal}, **KNOWN})
 

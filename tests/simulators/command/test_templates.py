@@ -23,7 +23,8 @@ def values(excitation=DRIVE, settle=3, **request):
 
 
 def deck(text, **more):
-    return rendered(TemplateText("deck.inp.j2", text), values(**more))
+    [content] = rendered([TemplateText("deck.inp.j2", text)], values(**more))
+    return content
 
 
 def checked(text, parameters=("youngs",)):
@@ -204,7 +205,7 @@ def test_a_value_that_does_not_fit_its_field_is_refused():
 
 def test_texts_of_templates_survive_a_pickle():
     text = TemplateText("a.j2", "{{ gap }}")
-    assert rendered(pickle.loads(pickle.dumps(text)), values()) == "0.001"
+    assert rendered([pickle.loads(pickle.dumps(text))], values()) == ["0.001"]
 
 
 @pytest.mark.parametrize(

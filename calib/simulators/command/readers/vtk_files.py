@@ -8,6 +8,7 @@ from defusedxml import ElementTree
 from defusedxml.common import DefusedXmlException
 
 from calib.errors import CalibError
+from calib.execution.files import lies_within
 from calib.simulators.command.readers.lines import check_size
 from calib.simulators.command.readers.number import number
 
@@ -45,8 +46,14 @@ def _numbered(path: Path, step: float | None) -> list[tuple[float, Path]]:
         if own and own[1] == match[1] and other.suffix == path.suffix and int(own[2]) >= int(match[2]):
             if int(own[2]) in files:
                 raise CalibError(f"{other}: {files[int(own[2])].name} has the same number; remove one")
+            _check_within(path, other.name)
             files[int(own[2])] = other
     return [(count * step, files[count]) for count in sorted(files)]
+
+
+def _check_within(path: Path, name: str) -> None:
+    if not lies_within(path.parent / name, path.parent):
+        raise CalibError(f"{path}: expected files in its own folder, got {name!r}")
 
 
 def _collected(path: Path) -> list[tuple[float, Path]]:
@@ -61,8 +68,7 @@ def _collected(path: Path) -> list[tuple[float, Path]]:
         if PurePosixPath(name).suffix not in SUFFIXES:
             raise CalibError(f"{path}: expected files of the kinds {', '.join(SUFFIXES)}, got {name!r}")
         file = path.parent / name
-        if not file.resolve().is_relative_to(path.parent.resolve()):
-            raise CalibError(f"{path}: expected files in its own folder, got {name!r}")
+        _check_within(path, name)
         if not file.is_file():
             raise CalibError(f"{path}: {name!r} is not there; did the program stop?")
         files.append((number(entry.get("timestep", ""), path, 1, "timestep"), file))

@@ -101,6 +101,17 @@ def test_a_collection_that_is_none_is_refused(series, message, text):
         read(series, points={"tip": 1})
 
 
+def test_a_link_to_a_file_elsewhere_is_refused(series):
+    first, later = series.with_name("out_0000.vtu"), series.with_name("out_0010.vtu")
+    elsewhere = series.parent.parent / "elsewhere.vtu"
+    later.rename(elsewhere)
+    later.symlink_to(elsewhere)
+    for path, options in ((series, {}), (first, {"step": 1.0})):
+        with pytest.raises(CalibError, match="expected files in its own folder, got 'out_0010.vtu'"):
+            read(path, points={"tip": 1}, **options)
+    elsewhere.unlink()
+
+
 def test_series_that_are_none_are_refused(series):
     first = series.with_name("out_0000.vtu")
     with pytest.raises(CalibError, match="numbered files state no time; state step"):
