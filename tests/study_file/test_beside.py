@@ -1,9 +1,5 @@
 """Simulators and effects that lie beside the study file."""
 
-import os
-import subprocess
-import sys
-
 import pytest
 from click.testing import CliRunner
 from echo_study import write_study
@@ -81,19 +77,3 @@ def test_the_number_of_child_processes_is_bounded(tmp_path):
     path.write_text(path.read_text().replace("jobs = 2", "jobs = 5000"))
     with pytest.raises(CalibError, match="study.jobs.*less than or equal to 512, got 5000"):
         load(path)
-
-
-def test_status_and_report_import_nothing_that_the_study_file_names(tmp_path):
-    path = study_with(tmp_path, "watched_spring")
-    assert CliRunner().invoke(main, ["run", str(path), "--budget", "10", "--quiet"]).exit_code == 0
-    left = tmp_path / "left_behind"
-    (tmp_path / "watched_spring.py").write_text(f"import pathlib\n\npathlib.Path({str(left)!r}).touch()\n{OWN}")
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *filter(None, sys.path)])}
-
-    def asked(command):
-        subprocess.run([sys.executable, "-m", "calib", command, str(path)], env=environment, check=True)
-        return left.exists()
-
-    assert not asked("status")
-    assert not asked("report")
-    assert asked("run"), "the file would have been left"
