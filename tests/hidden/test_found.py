@@ -45,15 +45,9 @@ def test_nothing_is_found_where_the_clock_knows_nothing_of_the_drive(simulator, 
     assert seek(tmp_path).verdict == "none"
 
 
-@pytest.mark.parametrize(
-    ("simulator", "seed", "told"),
-    [
-        ("oscillator", 610, ["channel_lag", "quadratic_drag"]),  # plot_shear is like both, but of several sizes
-        ("four_dof", 600, ["gap_offset", "quadratic_drag"]),  # coloured noise, and gaps beside impacts
-    ],
-)
-def test_two_causes_in_a_laboratory_drawn_by_chance_are_found(simulator, seed, told):
-    [case] = cases(simulator, ["two"], range(seed, seed + 1), 40.0, DRIFT, {})
+def test_two_causes_in_a_laboratory_drawn_by_chance_are_found():
+    [case] = cases("oscillator", ["two"], range(610, 611), 40.0, DRIFT, {})
+    told = ["channel_lag", "quadratic_drag"]  # plot_shear is like both, but of several sizes
     row = played(case)
     assert key(json.loads(json.dumps(row))) == key(case)
     assert sorted(row["effect"]) == told
