@@ -1,6 +1,7 @@
-"""What all tests share: one thread a process for linear algebra, the fork server of child processes, and the order."""
+"""What all tests share: one thread a process for linear algebra, the fork server, signals, and the order."""
 
 import os
+import signal
 from collections import Counter
 from functools import partial
 
@@ -12,6 +13,11 @@ from calib.execution.pools.starting import THREAD_VARIABLES
 # before numpy is imported: as in the child processes of a pool, for the processes of the tests share the cores, and a
 # BLAS whose threads wait for one another takes several times as long
 os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
+
+# a shell without job control starts what runs in the background with SIGINT ignored, and so would be what a test starts
+# and interrupts
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 LONG_FILES = (  # few tests, and some forty seconds or more
     "docs/test_blocks.py", "hidden/test_drawn.py", "hidden/test_foreign_beam.py", "hidden/test_found.py",
