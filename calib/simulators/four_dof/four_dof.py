@@ -18,7 +18,8 @@ from calib.records.excitation import Excitation
 from calib.simulators.four_dof.drives import BODIES, DRIVES, LAYER, DriveName, structure
 from calib.simulators.four_dof.lumped import lumped
 from calib.simulators.impact.assembly import STEPS_PER_PERIOD, ImpactDrive, assemble
-from calib.simulators.impact.initial_state import start, with_law_states
+from calib.simulators.impact.contact_laws import CONTACTS, ContactName, stop_law, with_contact
+from calib.simulators.impact.initial_state import start, with_memory
 from calib.simulators.impact.modes import modal, regimes
 from calib.simulators.impact.period_map import ImpactMap, impact_map, shifted
 from calib.simulators.impact.problem import PORT, ImpactState, Problem
@@ -65,18 +66,20 @@ class FourDof:
     steps_per_period : of the fixed step (default 250.37: where it divides the period, the error locks to the grid and
         the band of the phase curve disappears), or of the collocation (default 48); it need not be whole
     onto_surface : whether an impact at the end of a fixed step also puts the layer back on the surface
+    contact : "rigid" (default), or the law of a compliant contact: "kelvin_voigt", "hunt_crossley" or
+        "lankarani_nikravesh", see `impact.contact_laws`. Its force acts on the layer alone, as an impact does (paper,
+        eq. (2)); with a contact_time of 0 the stop is rigid
 
     Notes
     -----
     The motion settles until its stroboscopic section repeats to 1e-10 after 1 to 16 periods, at most for 1000 periods;
     `Request.settle` counts periods instead. `Request.initial_state` is (q1..q4, q1'..q4') in [m], [m/s], and where the
-    state of a record goes on, the internal states of the force laws.
+    state of a record goes on, the internal states of the force laws and, with contact "lankarani_nikravesh", the speed
+    at which a present contact began.
     """
 
     name = "four_dof"
     bodies = BODIES
-    parameters = PARAMETERS
-    sites = frozenset({"force", "gap", "restitution", "excitation"})
 
     def __init__(
         self,
@@ -84,6 +87,7 @@ class FourDof:
         mode: Literal["exact", "fixed_step"] = "exact",
         steps_per_period: float | None = None,
         onto_surface: bool = False,
+        contact: ContactName = "rigid",
     ) -> None:
         if drive not in DRIVES:
             raise CalibError(f"unknown drive {drive!r}; four_dof has {', '.join(DRIVES)}{nearest(drive, DRIVES)}")
@@ -97,6 +101,18 @@ class FourDof:
         self.mode = mode
         self.steps_per_period = float(steps_per_period)
         self.onto_surface = bool(onto_surface)
+        if contact not in CONTACTS:
+            raise CalibError(
+                f"unknown contact {contact!r}; four_dof has {', '.join(CONTACTS)}{nearest(contact, CONTACTS)}"
+            )
+        if contact != "rigid" and mode == "fixed_step":
+            raise CalibError(
+                f"mode 'fixed_step' takes impacts at the ends of steps, which contact {contact!r} does not have; "
+                "take mode 'exact'"
+            )
+        self.contact = contact
+        self.parameters = with_contact(PARAMETERS, contact)
+        self.sites = frozenset({"force", "gap", "excitation"} | ({"restitution"} if contact == "rigid" else set()))
         self.refinement = UNREFINED
 
     @property
@@ -208,7 +224,8 @@ class FourDof:
         """Put together what the kernel runs; `duration` [s] where the excitation is no harmonic."""
         kind = DRIVES[self.drive]
         gap = values["gap"] + sum(law.function(0.0, law.p) for law in at_site(laws, "gap"))
-        free = structure(kind, lumped(values), modal(values["damping"]), gap, values["restitution"])
+        contact, restitution, laws = stop_law(self.contact, values, laws)
+        free = structure(kind, lumped(values), modal(values["damping"]), gap, restitution)
         scale = values["amplitude"]
         if kind.spring:
             unit = regimes(free, 1.0, 2.0 * np.pi * values["reference_frequency"])
@@ -239,6 +256,7 @@ class FourDof:
             fixed_step=self.mode == "fixed_step",
             onto_surface=self.onto_surface,
             refinement=self.refinement,
+            contact=contact,
         )
 
     def _check_drive(self, excitation: Excitation) -> None:
@@ -266,14 +284,14 @@ class FourDof:
     def _start(self, problem: Problem, request: Request) -> ImpactState:
         free, n = list(DRIVES[self.drive].coordinates), len(BODIES)
         initial = np.zeros(2 * n) if request.initial_state is None else np.asarray(request.initial_state, dtype=float)
-        return with_law_states(start(problem, initial[:n][free], initial[n : 2 * n][free]), initial[2 * n :])
+        return with_memory(problem, start(problem, initial[:n][free], initial[n : 2 * n][free]), initial[2 * n :])
 
     def _state(self, motion: SimulatedMotion) -> np.ndarray:
         """State at phase zero after the recorded periods, as `Request.initial_state` takes it."""
         free = list(DRIVES[self.drive].coordinates)
         state = np.zeros((2, len(BODIES)))
         state[:, free] = motion.sections[-1, : 2 * len(free)].reshape(2, len(free))
-        return np.concatenate([state.ravel(), motion.law_states])
+        return np.concatenate([state.ravel(), motion.memory])
 
     def _attrs(self, excitation: Excitation, values: Mapping[str, float]) -> dict[str, Any]:
         attrs = {

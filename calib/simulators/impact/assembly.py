@@ -7,9 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.modelling.laws import BoundLaw, at_site
+from calib.simulators.impact.contact_laws import ContactLaw
 from calib.simulators.impact.flow import MAX_SERIES_ARGUMENT
-from calib.simulators.impact.modes import LinearStructure, regimes
-from calib.simulators.impact.problem import PORT, Problem, Regimes
+from calib.simulators.impact.modes import LinearStructure, Stop, regimes
+from calib.simulators.impact.problem import PORT, Compliance, Problem, Regimes
 from calib.simulators.impact.refinement import UNREFINED, Refinement
 from calib.simulators.slots import acting, fill
 
@@ -17,6 +18,8 @@ STEPS_PER_PERIOD = 48  # where loads are collocated, of order 8; fewer do not re
 EVENT_TOLERANCE = 1e-11  # of the time of an event, over the highest angular frequency  [1]
 LIFT_TIME = 2.5e-4  # flight after a release without event search, over the highest angular frequency  [1]
 STICKING_HEIGHT = 1e-12  # share of the motion's scale below which a rebound sticks
+MAX_LINEAR_ANGLE, MAX_ANGLE = 3.0, 1.0  # of the highest frequency over a step in a linear contact, in another  [rad]
+MIN_SPEED_SHARE = 1e-3  # of the motion's scale of speed: slower impacts count as that in a loss over their speed  [1]
 DIVERGENCE_FACTOR = 1e6  # times its scale, a motion counts as diverged
 
 
@@ -62,6 +65,7 @@ def assemble(
     fixed_step: bool = False,
     onto_surface: bool = False,
     refinement: Refinement = UNREFINED,
+    contact: ContactLaw | None = None,
 ) -> Problem:
     """Put together what the kernel takes.
 
@@ -72,11 +76,13 @@ def assemble(
     step : length of the steps [s]; None for a 48th of the period, or less where the structure asks for it. It matters
         where loads are collocated or events are not located
     fixed_step : whether impacts are taken at the ends of steps
+    contact : law of a compliant stop; None where it is rigid
     """
     stop, both = structure.stop, regimes(structure, drive.amplitude, drive.omega)
     slots = _law_slots(structure, laws, coordinates)
     collocated = bool(slots.counts[:2].any() or drive.knots.size or both.load_constant.any())
     fastest = _highest_frequency(both, drive)
+    located = max(fastest, contact.highest_frequency) if contact else fastest
     return Problem(
         regimes=both,
         stop=stop is not None,
@@ -91,12 +97,13 @@ def assemble(
         onto_surface=onto_surface,
         step=float(_longest_step(drive, step, collocated, fixed_step, fastest) / refinement.time_step),
         collocated=collocated,
-        resolution=_event_resolution(fastest, drive.period, refinement),
-        lift=float(LIFT_TIME / fastest),
+        resolution=_event_resolution(located, drive.period, refinement),
+        lift=float(LIFT_TIME / located),
         limit=float(DIVERGENCE_FACTOR * length * max(1.0, fastest)),
         knots=np.ascontiguousarray(drive.knots, dtype=float),
         table=np.ascontiguousarray(drive.table, dtype=float),
         push=_push(structure),
+        compliance=_compliance(contact, stop, both, drive, length, fastest * refinement.time_step),
         **slots._asdict(),
     )
 
@@ -131,6 +138,29 @@ def _event_resolution(fastest: float, period: float, refinement: Refinement) -> 
     """Tolerance of the times of events [s]: refined, but not below what a time within the period can show."""
     resolution = EVENT_TOLERANCE / fastest
     return float(max(resolution / refinement.event_tolerance, min(resolution, np.spacing(period))))
+
+
+def _compliance(
+    contact: ContactLaw | None, stop: Stop | None, both: Regimes, drive: ImpactDrive, length: float, fastest: float
+) -> Compliance:
+    """Return the contact as the kernel takes it, its force along the jump of the velocities at a rigid impact."""
+    n = both.stiffness.shape[1]
+    if contact is None or stop is None:
+        return Compliance(False, 0.0, 1.0, 0.0, 0.0, False, 0.0, np.zeros(n), np.inf, np.inf)
+    linear = contact.exponent == 1.0 and contact.loss == 0.0
+    reach = MAX_LINEAR_ANGLE if linear else MAX_ANGLE
+    return Compliance(
+        active=True,
+        stiffness=contact.stiffness,
+        exponent=contact.exponent,
+        damping=contact.damping,
+        loss=contact.loss,
+        by_speed=contact.by_speed,
+        slowest=MIN_SPEED_SHARE * length * max(drive.omega, np.sqrt(np.abs(both.stiffness[0]).min())),
+        load=both.project[0] @ np.asarray(stop.hit, dtype=float),
+        step=float(reach / max(fastest, contact.highest_frequency)),
+        free_step=float(MAX_LINEAR_ANGLE / fastest),
+    )
 
 
 def _push(structure: LinearStructure) -> np.ndarray:

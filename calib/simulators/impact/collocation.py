@@ -14,14 +14,16 @@ from numba import njit
 
 from calib.modelling.laws import STATES
 from calib.simulators.compilation import WITHIN
-from calib.simulators.impact.coordinates import to_coordinates
+from calib.simulators.impact.coordinates import modal_row, to_coordinates
 from calib.simulators.impact.flow import impulse_response, load_responses
 from calib.simulators.impact.polynomial import BETWEEN, FIT, INTEGRAL, NODES, POINTS, PROBE_INDEX, polynomial, slope
 from calib.simulators.impact.problem import (
     AT_PERIOD,
+    COMPRESSION,
     CONTACT,
     EXCITATION_LAWS,
     FORCE_LAWS,
+    FREE,
     LAW_STATES,
     PIECE,
     PORT_LAWS,
@@ -30,6 +32,7 @@ from calib.simulators.impact.problem import (
     Regimes,
 )
 from calib.simulators.impact.scratch import Scratch
+from calib.simulators.impact.series import expand, motion_within
 from calib.simulators.slots import excitation, force
 
 MAX_SWEEPS = 15  # of the fixed point
@@ -123,6 +126,44 @@ def _set_responses(
             w.free_q[b, j], w.free_dq[b, j] = w.q[b], w.dq[b]
         if problem.counts[PORT_LAWS] > 0:
             w.free_q[n, j], w.free_dq[n, j] = _clearance(problem, r, w.y, w.v, time + tau, u, du)
+
+
+@njit(**WITHIN)
+def set_given_loads(problem: Problem, state: ImpactState, time: float, step: float, w: Scratch) -> None:
+    """Write what the input makes of the loads and of the clearance over a step out of a rigid contact, without laws."""
+    for b in range(w.law.shape[0]):
+        for j in range(5):
+            w.law[b, j] = 0.0
+    _set_input(problem, state, time, step, w)
+    _set_base(problem.regimes, FREE, step, w)
+    _set_added(problem, FREE, step, w)
+
+
+@njit(**WITHIN)
+def _clear_responses(w: Scratch) -> None:
+    """Let the loads make nothing of the motion: in a compliant contact its series hold them already."""
+    for i in range(w.y.size):
+        for j in range(PROBE_INDEX + 1):
+            for k in range(5):
+                w.response_y[i, j, k] = 0.0
+                w.response_v[i, j, k] = 0.0
+
+
+@njit(**WITHIN)
+def _set_motion_in_contact(
+    problem: Problem, state: ImpactState, time: float, step: float, first: int, end: int, w: Scratch
+) -> None:
+    """Write, at some of the points, the motion in a compliant contact from its series."""
+    for j in range(first, end):
+        x = POINTS[j]
+        motion_within(problem, state, w, step, x * step, w.y, w.v)
+        u, du = polynomial(w.input, x), slope(w.input, x) / step
+        to_coordinates(problem.regimes, FREE, w.y, w.v, problem.omega, time + x * step, u, du, w.q, w.dq)
+        for b in range(w.q.size):
+            w.free_q[b, j], w.free_dq[b, j] = w.q[b], w.dq[b]
+        if problem.counts[PORT_LAWS] > 0:
+            place = _clearance(problem, FREE, w.y, w.v, time + x * step, u, du)
+            w.free_q[w.q.size, j], w.free_dq[w.q.size, j] = place
 
 
 @njit(**WITHIN)
@@ -273,10 +314,9 @@ def _repeat_first(w: Scratch) -> None:
 
 @njit(**WITHIN)
 def _is_resolved(
-    problem: Problem, r: int, state: ImpactState, time: float, start: float, step: float, speed: float, w: Scratch
+    problem: Problem, r: int, state: ImpactState, start: float, step: float, speed: float, w: Scratch
 ) -> bool:
     """Whether the polynomials through the nodes hold between them: of the laws, and of the rates of their states."""
-    _set_responses(problem, r, state, time, step, PROBE_INDEX, PROBE_INDEX + 1, w)
     if problem.counts[LAW_STATES] > 0:
         _integrate_states(problem, state.z, step, PROBE_INDEX, PROBE_INDEX + 1, w)
     _laws_at(problem, r, start, step, PROBE_INDEX, w)
@@ -306,17 +346,26 @@ def _is_resolved(
 @njit(**WITHIN)
 def collocate(problem: Problem, r: int, state: ImpactState, time: float, step: float, w: Scratch) -> bool:
     """Work out all loads over a step from `time` [s] since the whole period; return whether they hold."""
+    compliant = r >= COMPRESSION
+    r = modal_row(r)
     _set_input(problem, state, time, step, w)
     _set_base(problem.regimes, r, step, w)
     converged = True
     if problem.counts[FORCE_LAWS] > 0:
         start = state.counters[AT_PERIOD] * problem.period + time
-        _set_responses(problem, r, state, time, step, 0, PROBE_INDEX, w)
+        if compliant:
+            _set_added(problem, r, step, w)  # without laws: these add nothing to a clearance
+            _clear_responses(w)
+        else:
+            _set_responses(problem, r, state, time, step, 0, PROBE_INDEX, w)
         if problem.counts[LAW_STATES] > 0:
             _hold_states(state.z, w)
         speed = _modal_speed(problem.regimes, r, state.y, state.v)
         held, before, earlier = False, math.inf, math.inf
         for sweep in range(MAX_SWEEPS):
+            if compliant:
+                expand(problem, state, time, step, w)
+                _set_motion_in_contact(problem, state, time, step, 0, PROBE_INDEX, w)
             for j in range(5):
                 if (j == 0) == (sweep == 0):  # the first node does not change
                     _laws_at(problem, r, start, step, j, w)
@@ -333,6 +382,10 @@ def collocate(problem: Problem, r: int, state: ImpactState, time: float, step: f
                 break
             before, earlier = change, before
         if converged and problem.exact:
-            converged = _is_resolved(problem, r, state, time, start, step, speed, w)
+            if compliant:
+                _set_motion_in_contact(problem, state, time, step, PROBE_INDEX, PROBE_INDEX + 1, w)
+            else:
+                _set_responses(problem, r, state, time, step, PROBE_INDEX, PROBE_INDEX + 1, w)
+            converged = _is_resolved(problem, r, state, start, step, speed, w)
     _set_added(problem, r, step, w)
     return converged

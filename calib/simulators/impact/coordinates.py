@@ -5,8 +5,14 @@ import math
 import numpy as np
 from numba import njit
 
-from calib.simulators.compilation import WITHIN
-from calib.simulators.impact.problem import Regimes
+from calib.simulators.compilation import INLINED, WITHIN
+from calib.simulators.impact.problem import CONTACT, FREE, Regimes
+
+
+@njit(**INLINED)
+def modal_row(r: int) -> int:
+    """Row of `Regimes` in whose modes the motion of regime `r` is given: a compliant contact has those out of it."""
+    return CONTACT if r == CONTACT else FREE
 
 
 @njit(**WITHIN)

@@ -49,6 +49,21 @@ def sticks(problem: Problem, rate: float, acceleration: float, e: float) -> bool
 
 
 @njit(**WITHIN)
+def note_impact(
+    problem: Problem, state: ImpactState, now: float, speed: float, impacts: np.ndarray, w: Scratch
+) -> None:
+    """Count an impact at `now` [s] since the whole period; note it, its closing speed [m/s] and the motion in `w`."""
+    row, n = state.counters[IMPACTS], w.q.size
+    if row < impacts.shape[0]:
+        impacts[row, 0] = state.counters[AT_PERIOD] * problem.period + now
+        impacts[row, 1] = speed
+        for j in range(n):
+            impacts[row, 2 + j] = w.q[j]
+            impacts[row, 2 + n + j] = w.dq[j]
+    state.counters[IMPACTS] += 1
+
+
+@njit(**WITHIN)
 def meet_stop(
     problem: Problem,
     state: ImpactState,
@@ -78,17 +93,10 @@ def meet_stop(
     state.counters[TOUCH] = HIT if free else RELEASED
     e = 0.0
     if free:
-        row, n = state.counters[IMPACTS], w.q.size
-        if row < impacts.shape[0]:
-            impacts[row, 0] = state.counters[AT_PERIOD] * problem.period + now
-            impacts[row, 1] = -rate
-            for j in range(n):
-                impacts[row, 2 + j] = w.q[j]
-                impacts[row, 2 + n + j] = w.dq[j]
-        state.counters[IMPACTS] += 1
+        note_impact(problem, state, now, -rate, impacts, w)
         e = coefficient(problem, -rate)
         place = value if located or problem.onto_surface else 0.0
-        for j in range(n):
+        for j in range(w.q.size):
             w.dq[j] -= (1.0 + e) * rate * problem.hit[j]
             w.q[j] -= place * problem.hit[j]
         rate = -e * rate

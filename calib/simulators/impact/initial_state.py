@@ -1,17 +1,35 @@
 """The state that a run starts from, and the coordinates of a state."""
 
+import math
+
 import numpy as np
 
 from calib.modelling.laws import STATES
-from calib.simulators.impact.coordinates import to_coordinates
-from calib.simulators.impact.problem import CONTACT, FREE, HIT, REGIME, RELEASED, TOUCH, ImpactState, Problem
+from calib.simulators.impact.coordinates import modal_row, to_coordinates
+from calib.simulators.impact.problem import (
+    CLOSING,
+    COMPRESSION,
+    CONTACT,
+    FREE,
+    HIT,
+    LAW_STATES,
+    PARTED,
+    REGIME,
+    RELEASED,
+    TOUCH,
+    ImpactState,
+    Problem,
+)
 from calib.simulators.impact.scratch import scratch
+from calib.simulators.impact.series import contact_acceleration
 
 
 def start(problem: Problem, q: np.ndarray, dq: np.ndarray) -> ImpactState:
     """Return the state at phase zero with coordinates q [m] and velocities dq [m/s] (n,).
 
-    Where the stop would be penetrated, or is touched and not being left, the run starts in contact.
+    Where the stop would be penetrated, or is touched and not being left, the run starts in contact. A compliant stop is
+    penetrated as it is given; the closing speed at which that contact began is taken from the energy that it holds,
+    without losses.
     """
     both, omega = problem.regimes, problem.omega
     u, du = problem.table[0, :2] if len(problem.table) else (0.0, 0.0)
@@ -21,7 +39,7 @@ def start(problem: Problem, q: np.ndarray, dq: np.ndarray) -> ImpactState:
         return y, both.project[r] @ (dq - both.motion[r] @ [0.0, omega, 0.0] - both.motion_input[r] * du)
 
     y, v = modal(FREE, q, dq)
-    touch, regime = 0, FREE
+    touch, regime, speed = 0, FREE, 0.0
     if problem.stop:
         acceleration = -2.0 * both.rate[FREE] * v - both.stiffness[FREE] * y
         clearance = both.witness_y[FREE] @ y + both.witness[FREE] @ [1.0, 0.0, 1.0] + both.witness_input[FREE, 0] * u
@@ -29,14 +47,28 @@ def start(problem: Problem, q: np.ndarray, dq: np.ndarray) -> ImpactState:
         opening = both.witness_y[FREE] @ acceleration - both.witness[FREE, 0] * omega**2
         # a state from within a contact lies beside the surface by rounding
         at_rest = abs(clearance) <= problem.height and abs(rate) * problem.lift <= problem.height and opening < 0.0
-        if clearance <= 0.0 or at_rest:
+        if problem.compliance.active:
+            regime, touch, speed = _in_compliance(problem, -clearance, -rate)
+        elif clearance <= 0.0 or at_rest:
             q = q - clearance * problem.hit
             regime = CONTACT if rate < 0.0 or at_rest else FREE
             touch = 0 if regime == CONTACT else (HIT if rate > 0.0 else RELEASED)
             y, v = modal(regime, q, dq - rate * problem.hit if regime == CONTACT else dq)
-    state = ImpactState(y, v, np.zeros((*problem.acts.shape, STATES)), np.zeros(2), np.zeros(7, dtype=np.int64))
+    state = ImpactState(y, v, np.zeros((*problem.acts.shape, STATES)), np.zeros(3), np.zeros(7, dtype=np.int64))
     state.counters[REGIME], state.counters[TOUCH] = regime, touch
+    state.clock[CLOSING] = speed
     return state
+
+
+def _in_compliance(problem: Problem, depth: float, rate: float) -> tuple[int, int, float]:
+    """Regime, touch and closing speed [m/s] of a start with this penetration [m] and rate [m/s]."""
+    if depth < 0.0 or (depth == 0.0 and rate > 0.0):  # the latter meets the surface at once
+        return FREE, 0, 0.0
+    if depth == 0.0:
+        return FREE, HIT if rate < 0.0 else RELEASED, 0.0
+    law = problem.compliance
+    speed = math.sqrt(rate**2 + 2.0 * law.stiffness * depth ** (law.exponent + 1.0) / (law.exponent + 1.0))
+    return COMPRESSION if contact_acceleration(problem, depth, rate, speed) > 0.0 else PARTED, 0, speed
 
 
 def coordinates_at_phase_zero(problem: Problem, state: ImpactState) -> tuple[np.ndarray, np.ndarray]:
@@ -44,13 +76,31 @@ def coordinates_at_phase_zero(problem: Problem, state: ImpactState) -> tuple[np.
     n, w = len(state.y), scratch(len(state.y))
     u, du = problem.table[0, :2] if len(problem.table) else (0.0, 0.0)
     to_coordinates(
-        problem.regimes, state.counters[REGIME], state.y, state.v, problem.omega, state.clock[0], u, du, w.q, w.dq
-    )
+        problem.regimes, modal_row(state.counters[REGIME]), state.y, state.v, problem.omega, state.clock[0], u, du,
+        w.q, w.dq,
+    )  # fmt: skip
     return w.q[:n], w.dq[:n]
 
 
-def with_law_states(state: ImpactState, law_states: np.ndarray) -> ImpactState:
-    """Return the state with the internal states of the force laws that a motion ended with, where the sizes agree."""
-    if law_states.size == state.z.size:
-        state.z[:] = law_states.reshape(state.z.shape)
+def memory(problem: Problem, state: ImpactState) -> np.ndarray:
+    """Return what a state holds beside coordinates and velocities.
+
+    These are the internal states of the force laws, where there are any, and the closing speed at which the present
+    contact began [m/s], where its loss depends on that; zero out of contact.
+    """
+    laws = state.z.ravel() if problem.counts[LAW_STATES] else np.zeros(0)
+    if not problem.compliance.by_speed:
+        return laws
+    return np.append(laws, state.clock[CLOSING] if state.counters[REGIME] != FREE else 0.0)
+
+
+def with_memory(problem: Problem, state: ImpactState, values: np.ndarray) -> ImpactState:
+    """Return the state with the `memory` that a motion ended with, where the sizes agree."""
+    by_speed = problem.compliance.by_speed
+    if by_speed and values.size in (1, state.z.size + 1):
+        if values[-1] > 0.0 and state.counters[REGIME] != FREE:
+            state.clock[CLOSING] = values[-1]
+        values = values[:-1]
+    if values.size == state.z.size:
+        state.z[:] = values.reshape(state.z.shape)
     return state

@@ -6,12 +6,11 @@ import numpy as np
 from numba import njit
 
 from calib.simulators.compilation import COMPILED, WITHIN
-from calib.simulators.impact.coordinates import to_coordinates
-from calib.simulators.impact.flow import flow
+from calib.simulators.impact.coordinates import modal_row, to_coordinates
 from calib.simulators.impact.polynomial import polynomial, slope
 from calib.simulators.impact.problem import AT_PERIOD, REGIME, SECTIONS, STEPS, ImpactState, Problem
 from calib.simulators.impact.scratch import Scratch
-from calib.simulators.impact.step import complete_step, next_step
+from calib.simulators.impact.step import complete_step, flow_within, next_step
 from calib.simulators.impact.witness import EVENT, FAILED
 
 DONE, SETTLED, DIVERGED, SPENT = 0, 1, 2, 3  # how a run ends
@@ -34,7 +33,7 @@ def write_row(
     n = w.q.size
     u = polynomial(w.input, tau / step)
     du = slope(w.input, tau / step) / step
-    to_coordinates(problem.regimes, r, y, v, problem.omega, time + tau, u, du, w.q, w.dq)
+    to_coordinates(problem.regimes, modal_row(r), y, v, problem.omega, time + tau, u, du, w.q, w.dq)
     for j in range(n):
         row[j] = w.q[j]
         row[n + j] = w.dq[j]
@@ -103,7 +102,6 @@ def advance(
     ye, ve = state.y.copy(), state.v.copy()
     sample, done = 0, 0
     begin = state.counters[SECTIONS]
-    regimes, loaded = problem.regimes, problem.collocated
     while done < periods:
         r, time = state.counters[REGIME], state.clock[0]
         outcome, tau, step = next_step(problem, state, w, ye, ve)
@@ -115,14 +113,14 @@ def advance(
         last = problem.exact and done == periods - 1 and outcome != EVENT and time + tau >= problem.period
         while sample < times.size and (times[sample] < since + tau or last):
             at = min(max(times[sample] - since, 0.0), tau)
-            flow(regimes, r, state.y, state.v, loaded, w.load, step, at, ye, ve)
+            flow_within(problem, state, step, at, w, ye, ve)
             write_row(problem, r, ye, ve, time, at, step, w, samples[sample])
             sample += 1
 
         to_end = problem.period - time
         ends, settled = tau >= to_end, False
         if ends and state.counters[SECTIONS] == state.counters[AT_PERIOD]:
-            flow(regimes, r, state.y, state.v, loaded, w.load, step, to_end, ye, ve)
+            flow_within(problem, state, step, to_end, w, ye, ve)
             write_row(problem, r, ye, ve, time, to_end, step, w, sections[done])
             state.counters[SECTIONS] += 1
             done += 1

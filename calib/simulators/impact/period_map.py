@@ -12,7 +12,7 @@ from calib.modelling.orbit import Orbit, Tangent
 from calib.records import OK
 from calib.records.excitation import Excitation
 from calib.simulators.impact import kernel
-from calib.simulators.impact.initial_state import start
+from calib.simulators.impact.initial_state import memory, start, with_memory
 from calib.simulators.impact.near_misses import nearest_passes
 from calib.simulators.impact.problem import AT_PERIOD, FORCE_LAWS, IMPACTS, PORT, ImpactState, Problem
 from calib.simulators.impact.run import STATUS
@@ -29,9 +29,10 @@ MAX_MINIMA = 64  # of the clearance in a period
 class ImpactMap:
     """Period map of a structure with a stop; see `calib.modelling.orbit.PeriodMap`.
 
-    The state holds the free coordinates [m], their velocities [m/s], and the internal states of the force laws. A state
-    beyond the stop is put back onto it. Of the impacts in 64 periods, the first 16384 are returned: 256 a period, and
-    where laws have internal states 256 of each period.
+    The state holds the free coordinates [m], their velocities [m/s], the internal states of the force laws and, where
+    the loss of a compliant contact depends on it, the closing speed at which the present contact began [m/s], zero out
+    of contact. A state beyond a rigid stop is put back onto it. Of the impacts in 64 periods, the first 16384 are
+    returned: 256 a period, and where the state holds more than the motion 256 of each period.
 
     Attributes
     ----------
@@ -66,8 +67,9 @@ class ImpactMap:
         """Go on from `state` by whole periods."""
         n = len(self.problem.hit)
         now = self._started(state)
-        rows, inner = np.zeros((periods, 2 * n + 2)), np.zeros((periods, len(self.law_states)))
-        batch = 1 if self.law_states else BATCH_PERIODS  # the kernel's rows do not hold internal states
+        by_speed = self.problem.compliance.by_speed
+        rows, inner = np.zeros((periods, 2 * n + 2)), np.zeros((periods, len(self.law_states) + by_speed))
+        batch = 1 if inner.shape[1] else BATCH_PERIODS  # the kernel's rows do not hold what is beside the motion
         impact_rows = np.empty((MAX_IMPACTS_PER_PERIOD * min(batch, periods), 2 + 2 * n))
         impacts = [np.zeros((0, 2 + 2 * n))]
         w, none, code = scratch(n), np.zeros((0, 2 * n + 2)), kernel.DONE
@@ -75,7 +77,9 @@ class ImpactMap:
         for first in range(0, periods, batch):
             part = rows[first : first + batch]
             code = kernel.advance(self.problem, now, w, len(part), 0.0, budget, part, np.zeros(0), none, impact_rows)
-            inner[first] = [now.z[place] for place in self.law_states]
+            if inner.shape[1]:
+                closing = [memory(self.problem, now)[-1]] if by_speed else []
+                inner[first] = [*(now.z[place] for place in self.law_states), *closing]
             impacts.append(impact_rows[: int(now.counters[IMPACTS])].copy())
             now.counters[IMPACTS] = 0
             if code != kernel.DONE:
@@ -97,11 +101,12 @@ class ImpactMap:
         if self.problem.counts[FORCE_LAWS] > 0:
             return None
         n, m = len(self.problem.hit), vectors.shape[1]
-        rows, growth = np.zeros((periods, 2 * n + 2)), np.zeros((periods, m, m))
+        rows, growth = np.zeros((periods, 2 * n + 3)), np.zeros((periods, m, m))
         vectors = np.array(vectors, dtype=float, order="C")
         begin, budget = self._started(state), MAX_STEPS_PER_PERIOD * periods
         _, done = carry(self.problem, begin, scratch(n), periods, budget, self.scale, rows, vectors, growth)
-        return Tangent(rows[:done, : 2 * n], vectors, growth[:done])
+        kept = [*range(2 * n), *([2 * n + 2] if self.problem.compliance.by_speed else [])]
+        return Tangent(rows[:done, kept], vectors, growth[:done])
 
     def near_misses(self, state: np.ndarray) -> np.ndarray:
         """Local minima of the clearance over one period [m]."""
@@ -117,7 +122,11 @@ class ImpactMap:
         n = len(self.problem.hit)
         state = np.asarray(state, dtype=float)
         now = start(self.problem, state[:n], state[n : 2 * n])
-        for place, value in zip(self.law_states, state[2 * n :], strict=True):
+        inner = state[2 * n :]
+        if self.problem.compliance.by_speed:
+            with_memory(self.problem, now, inner[-1:])
+            inner = inner[:-1]
+        for place, value in zip(self.law_states, inner, strict=True):
             now.z[place] = value
         return now
 
@@ -171,14 +180,20 @@ def impact_map(
     names = [f"{bodies[i]}.{channel}" for channel in ("displacement", "velocity") for i in free]
     places = [*(bodies[i] for i in free), PORT]
     names += [f"{places[j]}.law {slot + 1} state {k + 1}" for slot, j, k in law_states]
+    units = ("m",) * n + ("m/s",) * n + ("1",) * len(law_states)
+    scale = [np.full(n, length), np.full(n, length * problem.omega), np.ones(len(law_states))]
+    if problem.compliance.by_speed:
+        names.append(f"{PORT}.closing speed")
+        units = (*units, "m/s")
+        scale.append(np.full(1, length * problem.omega))
     at_start = np.zeros(2 * n) if initial is None else np.asarray(initial, dtype=float)
     return ImpactMap(
         problem=problem,
         bodies=tuple(bodies),
         names=tuple(names),
-        units=("m",) * n + ("m/s",) * n + ("1",) * len(law_states),
-        scale=np.concatenate([np.full(n, length), np.full(n, length * problem.omega), np.ones(len(law_states))]),
-        initial=np.concatenate([at_start, np.zeros(len(law_states))]),
+        units=units,
+        scale=np.concatenate(scale),
+        initial=np.concatenate([at_start, np.zeros(len(names) - 2 * n)]),
         law_states=law_states,
         channels=channels,
     )

@@ -48,6 +48,40 @@ class Regimes(NamedTuple):
     witness_law: np.ndarray
 
 
+class Compliance(NamedTuple):
+    """A stop that yields.
+
+    Over the penetration d [m] and its rate d' [m/s], the contact opens the clearance by the acceleration
+
+        max(0, stiffness d^exponent (1 + loss d') + damping d')
+
+    which is the contact force per unit mass of the body that an impact turns round.
+
+    Attributes
+    ----------
+    active : whether the stop yields; it is rigid otherwise
+    stiffness : [m^(1 - exponent)/s^2]
+    exponent : 1 or more  [1]
+    damping : [1/s]
+    loss : [s/m], or [1] where it is divided by the closing speed of the impact at hand
+    by_speed : whether it is
+    slowest : closing speed that a slower one counts as, where it is  [m/s]
+    load : (n,) modal load, out of contact, per unit of the acceleration
+    step, free_step : longest step in contact under the force, and without  [s]
+    """
+
+    active: bool
+    stiffness: float
+    exponent: float
+    damping: float
+    loss: float
+    by_speed: bool
+    slowest: float
+    load: np.ndarray
+    step: float
+    free_step: float
+
+
 class Problem(NamedTuple):
     """Everything that a run holds fixed.
 
@@ -76,6 +110,7 @@ class Problem(NamedTuple):
     acts : (SLOTS, n + 1) whether a force law acts on a coordinate, and last, at the port: there it sees the clearance,
         out of contact, and nothing in contact
     push : (n,) acceleration of the coordinates per unit of a law at the port
+    compliance : of the stop
     """
 
     regimes: Regimes
@@ -105,6 +140,7 @@ class Problem(NamedTuple):
     counts: np.ndarray
     acts: np.ndarray
     push: np.ndarray
+    compliance: Compliance
 
 
 class ImpactState(NamedTuple):
@@ -112,11 +148,13 @@ class ImpactState(NamedTuple):
 
     Attributes
     ----------
-    y, v : (n,) modal part of the motion in the present regime
+    y, v : (n,) modal part of the motion in the present regime; in a compliant contact, that of the free regime
     z : (SLOTS, n + 1, STATES) internal states of the force laws
-    clock : (2,) time since the last whole period [s]; time spent in contact [s]
-    counters : (7,) whole periods done; regime (0 free, 1 contact); steps taken; piece of the table;
-        whether the stop is being touched (HIT, RELEASED, else 0); impacts; sections taken
+    clock : (3,) time since the last whole period [s]; time spent in contact [s]; closing speed at which the last
+        compliant contact began [m/s]
+    counters : (7,) whole periods done; regime (FREE, CONTACT of a rigid stop, COMPRESSION or PARTED of a compliant
+        one); steps taken; piece of the table; whether the stop is being touched (HIT, RELEASED, else 0); impacts;
+        sections taken
     """
 
     y: np.ndarray
@@ -126,8 +164,10 @@ class ImpactState(NamedTuple):
     counters: np.ndarray
 
 
-FREE, CONTACT = 0, 1  # entry REGIME of the counters
+# entry REGIME of the counters; PARTED: beyond the surface of a compliant stop, whose force has come down to zero
+FREE, CONTACT, COMPRESSION, PARTED = range(4)
 PORT = "interface"  # the body's name by which a force law acts between the two that meet
 AT_PERIOD, REGIME, STEPS, PIECE, TOUCH, IMPACTS, SECTIONS = range(7)  # entries of `ImpactState.counters`
+CLOSING = 2  # entry of `ImpactState.clock`
 HIT, RELEASED = 1, 2  # entry TOUCH of the counters, 0 otherwise
 FORCE_LAWS, EXCITATION_LAWS, RESTITUTION_LAWS, LAW_STATES, PORT_LAWS = range(5)  # entries of `Problem.counts`

@@ -7,7 +7,8 @@ import numpy as np
 
 from calib.records import MIN_SECTION_PERIODS, OK
 from calib.simulators.impact import kernel
-from calib.simulators.impact.problem import AT_PERIOD, IMPACTS, LAW_STATES, SECTIONS, STEPS, ImpactState, Problem
+from calib.simulators.impact.initial_state import memory
+from calib.simulators.impact.problem import AT_PERIOD, IMPACTS, SECTIONS, STEPS, ImpactState, Problem
 from calib.simulators.impact.scratch import Scratch, scratch
 from calib.simulators.impact.shooting import shoot
 
@@ -26,9 +27,9 @@ class SimulatedMotion(NamedTuple):
     samples : (k, 2 n + 2) q [m], q' [m/s], U, U' at the requested times; U without its harmonic part
     sections : (MIN_SECTION_PERIODS or more, 2 n + 2) the same at the end of each of the last periods
     impacts : (k, 2 + 2 n) of the recorded periods: time since their start [s], closing speed [m/s], (q, q') before
-    contact : share of the recorded time in permanent contact  [1]
+    contact : share of the recorded time in permanent contact, or in compliant contact under a force  [1]
     steps : that the run took
-    law_states : (SLOTS * n * STATES,) internal states of the force laws at the end, (0,) where the laws have none
+    memory : at the end, see `initial_state.memory`
     """
 
     status: str
@@ -39,7 +40,7 @@ class SimulatedMotion(NamedTuple):
     impacts: np.ndarray
     contact: float
     steps: int
-    law_states: np.ndarray
+    memory: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +122,7 @@ def simulate(
     return SimulatedMotion(
         STATUS.get(outcome, OK), _reason(outcome, run), len(dropped), samples,
         np.concatenate([dropped, recorded, after])[-max(sections, periods, 1) :],
-        impacts, contact, int(state.counters[STEPS]), state.z.ravel() if problem.counts[LAW_STATES] else np.zeros(0),
+        impacts, contact, int(state.counters[STEPS]), memory(problem, state),
     )  # fmt: skip
 
 

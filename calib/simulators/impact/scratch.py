@@ -6,6 +6,8 @@ import numpy as np
 
 from calib.modelling.laws import SLOTS, STATES
 
+ORDER = 32  # highest, of the Taylor series of the motion in a compliant contact
+
 
 class Scratch(NamedTuple):
     """Arrays a step is worked out in; the last index counts coefficients in tau / step (5) or nodes and probe (6)."""
@@ -28,6 +30,10 @@ class Scratch(NamedTuple):
     v: np.ndarray
     q: np.ndarray  # (n,) coordinates
     dq: np.ndarray
+    contact_step: np.ndarray  # (1,) length of step over which the series under a contact's force held last  [s]
+    series: np.ndarray  # (ORDER + 1, n) Taylor coefficients of the modal motion in a compliant contact
+    depth: np.ndarray  # (8, ORDER + 1) the same of the penetration, its rate, the force and what these are made of
+    expansion: np.ndarray  # (3,) order of the series; whether the force has its part of stiffness; what ends the step
 
 
 def scratch(n: int) -> Scratch:
@@ -37,4 +43,5 @@ def scratch(n: int) -> Scratch:
         np.zeros((n + 1, 6)), np.zeros((n + 1, 6)), np.zeros((n, 6, 5)), np.zeros((n, 6, 5)),
         np.zeros((SLOTS, n + 1, STATES, 6)), np.zeros((SLOTS, n + 1, STATES, 6)),
         np.zeros((2, STATES)), np.full(1, np.inf), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
+        np.full(1, np.inf), np.zeros((ORDER + 1, n)), np.zeros((8, ORDER + 1)), np.zeros(3, dtype=np.int64),
     )  # fmt: skip

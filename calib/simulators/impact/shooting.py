@@ -55,13 +55,16 @@ def shoot(problem: Problem, state: ImpactState, w: Scratch, budget: int) -> Impa
     """State at phase zero near `state` that returns after one period; None where there is none, or it is not found.
 
     Broyden's steps (1965) on P(x) - x, preconditioned by the derivative of the map without its force laws, which
-    saltation gives exactly. A motion that this derivative calls unstable is not what waiting would lead to: None.
+    saltation gives exactly. A motion that this derivative calls unstable is not what waiting would lead to: None. None,
+    too, where the contact remembers its closing speed.
 
     Parameters
     ----------
     state : at phase zero
     budget : steps that the periods of the shooting may take together
     """
+    if problem.compliance.by_speed:
+        return None
     q, dq = coordinates_at_phase_zero(problem, state)
     scale, size = _scale(problem, q, dq, state.z), 2 * q.size
     begin = np.concatenate([q, dq, state.z.ravel()])[: scale.size] / scale

@@ -15,6 +15,7 @@ from calib.simulators.impact.events import meet_stop
 from calib.simulators.impact.flow import flow
 from calib.simulators.impact.problem import (
     AT_PERIOD,
+    COMPRESSION,
     CONTACT,
     FORCE_LAWS,
     LAW_STATES,
@@ -26,6 +27,8 @@ from calib.simulators.impact.problem import (
     Problem,
 )
 from calib.simulators.impact.scratch import Scratch
+from calib.simulators.impact.series import motion_within
+from calib.simulators.impact.surface import meet_surface, next_step_in_contact
 from calib.simulators.impact.witness import EVENT, NO_EVENT, first_zero, witness
 
 MIN_STEP_FRACTION = 1.0 / 2048.0  # of the longest step: shorter ones are not halved, whether their loads hold or not
@@ -69,6 +72,8 @@ def next_step(
     """
     r, time = state.counters[REGIME], state.clock[0]
     step = _step_length(problem, state)
+    if r >= COMPRESSION:
+        return next_step_in_contact(problem, state, step, w)
     laws_act = problem.exact and problem.counts[FORCE_LAWS] > 0
     # 0.99: no sliver is left of the step, which rounding might make nothing of
     if laws_act and 2.0 * w.resolved_step[0] < 0.99 * step:
@@ -111,6 +116,18 @@ def next_step(
         step = tau
 
 
+@njit(**WITHIN)
+def flow_within(
+    problem: Problem, state: ImpactState, step: float, tau: float, w: Scratch, y_end: np.ndarray, v_end: np.ndarray
+) -> None:
+    """Write the modal motion at `tau` into the step that `next_step` has worked out into y_end, v_end (n,)."""
+    if state.counters[REGIME] >= COMPRESSION:
+        motion_within(problem, state, w, step, tau, y_end, v_end)
+    else:
+        r, loaded = state.counters[REGIME], problem.collocated
+        flow(problem.regimes, r, state.y, state.v, loaded, w.load, step, tau, y_end, v_end)
+
+
 @njit(**INLINED)
 def complete_step(
     problem: Problem,
@@ -136,7 +153,7 @@ def complete_step(
     finite : whether the motion is; the state is unchanged where it is not
     """
     r, time = state.counters[REGIME], state.clock[0]
-    flow(problem.regimes, r, state.y, state.v, problem.collocated, w.load, step, tau, ye, ve)
+    flow_within(problem, state, step, tau, w, ye, ve)
     if not math.isfinite(ye[0] + ve[0]):
         return False
     for i in range(state.y.size):
@@ -146,10 +163,13 @@ def complete_step(
             for b in range(state.z.shape[1]):
                 for k in range(state.z.shape[2]):
                     state.z[i, b, k] = w.z[i, b, k, 4]
-    if r == CONTACT:
+    if r in (CONTACT, COMPRESSION):
         state.clock[1] += tau
     state.counters[TOUCH] = 0
-    if problem.stop and (outcome == EVENT or not problem.exact):
+    if problem.compliance.active:
+        if outcome == EVENT:
+            meet_surface(problem, state, time, tau, step, impacts, w)
+    elif problem.stop and (outcome == EVENT or not problem.exact):
         meet_stop(problem, state, time, tau, step, outcome == EVENT, impacts, w)
     state.clock[0] = time + tau
     if tau >= problem.period - time:

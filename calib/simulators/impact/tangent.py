@@ -15,11 +15,14 @@ import numpy as np
 from numba import njit
 
 from calib.simulators.compilation import COMPILED, WITHIN
+from calib.simulators.impact.coordinates import modal_row
 from calib.simulators.impact.events import coefficient
 from calib.simulators.impact.flow import impulse_response
 from calib.simulators.impact.kernel import DIVERGED, DONE, SPENT, within, write_row
 from calib.simulators.impact.polynomial import polynomial, slope
 from calib.simulators.impact.problem import (
+    CLOSING,
+    COMPRESSION,
     CONTACT,
     FREE,
     REGIME,
@@ -30,6 +33,7 @@ from calib.simulators.impact.problem import (
     Regimes,
 )
 from calib.simulators.impact.scratch import Scratch
+from calib.simulators.impact.series import carry_differences
 from calib.simulators.impact.step import complete_step, next_step
 from calib.simulators.impact.witness import EVENT, FAILED, witness
 
@@ -220,6 +224,45 @@ def _cross(
         _release(problem, before, after, dy, dv, delay)
 
 
+@njit(**WITHIN)
+def _loss_slope(problem: Problem, speed: float) -> float:
+    """Derivative of the loss factor of a compliant contact by its closing speed  [s^2/m^2]."""
+    law = problem.compliance
+    return -law.loss / (speed * speed) if law.by_speed and speed > law.slowest else 0.0
+
+
+@njit(**COMPILED)
+def _enter(
+    problem: Problem,
+    y: np.ndarray,
+    v: np.ndarray,
+    state: ImpactState,
+    time: float,
+    tau: float,
+    step: float,
+    w: Scratch,
+    dy: np.ndarray,
+    dv: np.ndarray,
+    dspeed: np.ndarray,
+) -> None:
+    """Saltation where a compliant contact begins: the state goes on, its acceleration jumps by that of the damper.
+
+    At all other events of such a contact the force is zero on both sides, and so is the jump.
+    """
+    _, first, second, _ = witness(
+        problem.regimes, FREE, y, v, problem.omega, time + tau, problem.collocated, w.load, w.added, step, tau, 0.0
+    )
+    delay = np.zeros(dspeed.size)
+    if first < 0.0:
+        _delays(problem, FREE, first, dy, dv, delay)
+    for k in range(delay.size):
+        dspeed[k] = -second * delay[k]
+        for i in range(dy.shape[0]):
+            dspeed[k] -= problem.regimes.witness_y[FREE, i] * dv[i, k]
+        for i in range(dy.shape[0]):
+            dv[i, k] -= problem.compliance.load[i] * problem.compliance.damping * state.clock[CLOSING] * delay[k]
+
+
 @njit(**COMPILED)
 def _make_orthonormal(vectors: np.ndarray, upper: np.ndarray) -> None:
     """Replace the columns of `vectors` (d, m) by orthonormal ones Q and write R (m, m), vectors = Q R.
@@ -249,10 +292,20 @@ def _make_orthonormal(vectors: np.ndarray, upper: np.ndarray) -> None:
 
 @njit(**WITHIN)
 def _to_section(
-    regimes: Regimes, r: int, dy: np.ndarray, dv: np.ndarray, scale: np.ndarray, vectors: np.ndarray
+    regimes: Regimes,
+    r: int,
+    dy: np.ndarray,
+    dv: np.ndarray,
+    dspeed: np.ndarray,
+    scale: np.ndarray,
+    vectors: np.ndarray,
 ) -> None:
-    """Write `vectors` (2 n, m), in units of `scale`, of the modal differences dy, dv (n, m) in regime `r`."""
-    n = dy.shape[0]
+    """Write `vectors`, in units of `scale`, of the modal differences dy, dv (n, m), dspeed (m,) in regime `r`."""
+    n, free = dy.shape[0], r == FREE
+    if vectors.shape[0] > 2 * n:
+        for k in range(dspeed.size):
+            vectors[2 * n, k] = 0.0 if free else dspeed[k] / scale[2 * n]
+    r = modal_row(r)
     for j in range(n):
         for k in range(dy.shape[1]):
             q, dq = 0.0, 0.0
@@ -265,10 +318,19 @@ def _to_section(
 
 @njit(**WITHIN)
 def _from_section(
-    regimes: Regimes, r: int, vectors: np.ndarray, scale: np.ndarray, dy: np.ndarray, dv: np.ndarray
+    regimes: Regimes,
+    r: int,
+    vectors: np.ndarray,
+    scale: np.ndarray,
+    dy: np.ndarray,
+    dv: np.ndarray,
+    dspeed: np.ndarray,
 ) -> None:
-    """Write dy, dv (n, m) of `vectors`: the inverse of `_to_section`."""
+    """Write dy, dv (n, m), dspeed (m,) of `vectors`: the inverse of `_to_section`."""
     n = dy.shape[0]
+    for k in range(dspeed.size):
+        dspeed[k] = vectors[2 * n, k] * scale[2 * n] if vectors.shape[0] > 2 * n else 0.0
+    r = modal_row(r)
     for i in range(n):
         for k in range(dy.shape[1]):
             dy[i, k] = 0.0
@@ -299,9 +361,11 @@ def carry(
     w : Scratch
     periods : periods to go
     budget : steps after which the run is given up
-    scale : (2 n,) in which the differences are measured  [m], [m/s]
-    sections : (periods, 2 n + 2) written as in `kernel.advance`
-    vectors : (2 n, m) written: in, the differences in units of `scale`; out, made orthonormal after the last period
+    scale : (2 n,) or (2 n + 1,) in which the differences are measured  [m], [m/s]
+    sections : (periods, 2 n + 2) written as in `kernel.advance`; of a problem whose contact remembers its closing speed
+        (periods, 2 n + 3) with that speed last, zero out of contact  [m/s]
+    vectors : (2 n, m), or with the closing speed (2 n + 1, m), written: in, the differences in units of `scale`; out,
+        made orthonormal after the last period
     growth : (periods, m, m) zeros; written: the triangular factors, see `calib.modelling.orbit.Tangent`
 
     Returns
@@ -312,9 +376,9 @@ def carry(
     n, m = state.y.size, vectors.shape[1]
     regimes, no_impacts = problem.regimes, np.zeros((0, 2 + 2 * n))
     ye, ve = state.y.copy(), state.v.copy()
-    dy, dv = np.zeros((n, m)), np.zeros((n, m))
+    dy, dv, dspeed = np.zeros((n, m)), np.zeros((n, m)), np.zeros(m)
     _make_orthonormal(vectors, np.zeros((m, m)))
-    _from_section(regimes, state.counters[REGIME], vectors, scale, dy, dv)
+    _from_section(regimes, state.counters[REGIME], vectors, scale, dy, dv, dspeed)
     done = 0
     while done < periods:
         r, time = state.counters[REGIME], state.clock[0]
@@ -325,15 +389,24 @@ def carry(
             return SPENT, done
         if not complete_step(problem, state, outcome, tau, step, no_impacts, w, ye, ve):
             return DIVERGED, done
-        _flow_differences(regimes, r, tau, dy, dv)
+        if r == COMPRESSION:
+            loss_slope = _loss_slope(problem, state.clock[CLOSING])
+            carry_differences(problem, state, loss_slope, step, tau, w, dy, dv, dspeed)
+        else:
+            _flow_differences(regimes, modal_row(r), tau, dy, dv)
         if tau >= problem.period - time:
             write_row(problem, r, ye, ve, time, tau, step, w, sections[done])
             if not within(sections[done], n, problem.limit):
                 return DIVERGED, done
-            _to_section(regimes, r, dy, dv, scale, vectors)
+            if problem.compliance.by_speed:
+                sections[done, 2 * n + 2] = state.clock[CLOSING] if r != FREE else 0.0
+            _to_section(regimes, r, dy, dv, dspeed, scale, vectors)
             _make_orthonormal(vectors, growth[done])
-            _from_section(regimes, r, vectors, scale, dy, dv)
+            _from_section(regimes, r, vectors, scale, dy, dv, dspeed)
             done += 1
-        if outcome == EVENT and problem.stop:
+        if outcome == EVENT and problem.compliance.active:
+            if r == FREE:
+                _enter(problem, ye, ve, state, time, tau, step, w, dy, dv, dspeed)
+        elif outcome == EVENT and problem.stop:
             _cross(problem, r, ye, ve, state, time, tau, step, w, dy, dv)
     return DONE, done

@@ -17,7 +17,8 @@ from calib.modelling.parameter import Parameter
 from calib.modelling.simulator import Request
 from calib.records.excitation import Excitation, Samples
 from calib.simulators.impact.assembly import ImpactDrive, assemble
-from calib.simulators.impact.initial_state import start, with_law_states
+from calib.simulators.impact.contact_laws import CONTACTS, ContactName, stop_law, with_contact
+from calib.simulators.impact.initial_state import start, with_memory
 from calib.simulators.impact.modes import LinearStructure, Stop, viscous
 from calib.simulators.impact.period_map import ImpactMap, impact_map, shifted
 from calib.simulators.impact.problem import PORT
@@ -54,7 +55,7 @@ STOP_PARAMETERS = (
 
 
 class Oscillator:
-    """One mass: m x'' + c x' + k x = excitation + load + laws and, with `stop`, x <= gap.
+    """One mass: m x'' + c x' + k x = excitation + load + laws and, with `stop`, x <= gap or a compliant contact beyond.
 
     What moves it, by the quantity of the excitation:
 
@@ -76,6 +77,10 @@ class Oscillator:
     before time 0; one with a harmonic input from `Request.initial_state` (x, x'), where that is given. A recorded
     displacement passes the zero-phase low-pass of its cutoff before it is differentiated.
 
+    With `contact` = "rigid" (the default) an impact follows Newton's law; "kelvin_voigt", "hunt_crossley" and
+    "lankarani_nikravesh" name the law of a compliant contact, which gives force over penetration and its rate (see
+    `calib.simulators.impact.contact_laws`). With a contact_time of 0 that is a rigid stop.
+
     The linear part is solved exactly, impacts are located exactly; see `calib.simulators.impact`.
     """
 
@@ -84,16 +89,27 @@ class Oscillator:
     excitations = frozenset(PLACES.items())
     initial = {"initial_displacement": (BODY, "displacement"), "initial_velocity": (BODY, "velocity")}
 
-    def __init__(self, hold: str = "cubic", stop: bool = False) -> None:
+    def __init__(self, hold: str = "cubic", stop: bool = False, contact: ContactName = "rigid") -> None:
         if hold not in HOLDS:
             raise CalibError(f"hold is one of {list(HOLDS)}, got {hold!r}{nearest(hold, HOLDS)}")
+        if contact not in CONTACTS:
+            raise CalibError(
+                f"unknown contact {contact!r}; oscillator has {', '.join(CONTACTS)}{nearest(contact, CONTACTS)}"
+            )
+        if contact != "rigid" and not stop:
+            raise CalibError(
+                f"contact {contact!r} is that of a stop, and there is none; add stop = true to the options"
+            )
         self.hold = hold
         self.stop = stop
+        self.contact = contact
         self.numerics = frozenset({"time_step", "event_tolerance"} if stop else {"time_step"})
         self.refinement = UNREFINED
-        self.parameters = PARAMETERS + (STOP_PARAMETERS if stop else ())
+        self.parameters = PARAMETERS + (with_contact(STOP_PARAMETERS, contact) if stop else ())
         self.places = {"body": (BODY,), **({"interface": (PORT,)} if stop else {})}
-        self.sites = frozenset({"force", "excitation"} | ({"gap", "restitution"} if stop else set()))
+        self.sites = frozenset({"force", "excitation"} | ({"gap"} if stop else set()))
+        if stop and contact == "rigid":
+            self.sites |= {"restitution"}
 
     def finer(self, what: str, factor: float) -> "Oscillator":
         """Return the same with the steps of its loads, or the tolerance of its events, divided by `factor`."""
@@ -141,11 +157,12 @@ class Oscillator:
         if values["mass"] <= 0.0:
             raise ValueError(f"a mass of {values['mass']:g} kg")
         excitation = shifted(excitation, phase)
-        structure = _structure(values, excitation.quantity, laws)
+        contact, restitution, laws = stop_law(self.contact, values, laws)
+        structure = _structure(values, excitation.quantity, laws, restitution)
         drive = _drive(excitation, values["amplitude"], self.hold, np.zeros(0))
         length = _length(values, structure, excitation, drive.period)
         return impact_map(
-            assemble(structure, drive, laws, self.bodies, length=length, refinement=self.refinement),
+            assemble(structure, drive, laws, self.bodies, length=length, refinement=self.refinement, contact=contact),
             self.bodies,
             (0,),
             laws,
@@ -164,7 +181,11 @@ class Oscillator:
         attrs: dict[str, Any],
     ) -> xr.Dataset:
         harmonic = excitation.harmonic
-        structure = _structure(values, excitation.quantity, laws)
+        try:
+            contact, restitution, laws = stop_law(self.contact, values, laws)
+        except ValueError as error:
+            return records.failed(self.bodies, "impossible value", str(error), **attrs)
+        structure = _structure(values, excitation.quantity, laws, restitution)
         drive = _drive(excitation, values["amplitude"], self.hold, times)
         begins = excitation.as_samples.time[0] if excitation.recorded else 0.0
         duration = drive.period - begins
@@ -176,11 +197,12 @@ class Oscillator:
             length=_length(values, structure, excitation, duration),
             step=None if harmonic else duration / MIN_STEPS,
             refinement=self.refinement,
+            contact=contact,
         )
         begin = np.array([values["initial_displacement"], values["initial_velocity"]])
         if harmonic and request.initial_state is not None:
             begin = np.asarray(request.initial_state, dtype=float)
-        state = with_law_states(start(problem, begin[:1], begin[1:2]), begin[2:])
+        state = with_memory(problem, start(problem, begin[:1], begin[1:2]), begin[2:])
         state.clock[0] = begins
         if harmonic:
             motion = simulate(
@@ -232,7 +254,9 @@ def _attrs(values: Mapping[str, float], excitation: Excitation) -> dict[str, Any
     return attrs
 
 
-def _structure(values: Mapping[str, float], quantity: str, laws: Sequence[BoundLaw]) -> LinearStructure:
+def _structure(
+    values: Mapping[str, float], quantity: str, laws: Sequence[BoundLaw], restitution: float
+) -> LinearStructure:
     """Put together mass, spring, damper, servo, stop and what the drive does to them."""
     stiffness, damping = values["stiffness"], values["damping"]
     load = [0.0, 0.0, 0.0]  # per unit of U, U', U''
@@ -248,7 +272,7 @@ def _structure(values: Mapping[str, float], quantity: str, laws: Sequence[BoundL
     stop = None
     if "gap" in values:
         gap = values["gap"] + sum(law.function(0.0, law.p) for law in at_site(laws, "gap"))
-        stop = Stop(np.array([-1.0]), np.array([-1.0]), gap, values["restitution"])
+        stop = Stop(np.array([-1.0]), np.array([-1.0]), gap, restitution)
     return LinearStructure(
         mass=np.array([[values["mass"]]]),
         stiffness=np.array([[stiffness]]),
@@ -308,7 +332,7 @@ def _record(times: np.ndarray, motion: SimulatedMotion, harmonic: bool, attrs: d
     stationary: dict[str, Any] = {}
     if harmonic:
         section = {"displacement": motion.sections[None, :, 0], "velocity": motion.sections[None, :, 1]}
-        stationary = {"section": section, "state": np.concatenate([motion.sections[-1, :2], motion.law_states])}
+        stationary = {"section": section, "state": np.concatenate([motion.sections[-1, :2], motion.memory])}
     return records.make(times, (BODY,), channels, impacts=(inside[:, 0], inside[:, 1]), **stationary, **attrs)
 
 

@@ -1,0 +1,348 @@
+"""Taylor series of the motion in a compliant contact, whatever its law.
+
+The modes out of contact go on under the contact force, which depends on them through the penetration alone: so each
+order costs one number of the force and one of each mode. Coefficients are those of (tau / step)^k. A linear law's
+series reaches rounding in steps of 3 over its angular frequency; another law's step is what the series allow. A power
+d^n with n > 1 has no series about d = 0: next to there its force is so small that its impulse along a path of constant
+velocity serves, and steps grow and shrink with the distance from there.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from calib.simulators.compilation import INLINED, WITHIN
+from calib.simulators.impact.problem import CLOSING, COMPRESSION, FREE, HIT, REGIME, TOUCH, ImpactState, Problem
+from calib.simulators.impact.scratch import ORDER, Scratch
+
+TRUNCATION = 1e-12  # terms of the series below that share of the largest are left out
+MAX_ORDER = 22  # where the law is not linear: an order costs as many products as it counts
+MAX_JUMPS = 10_000  # over a step before its zero is given up
+MIN_ORDER = 6  # so that the polynomials of the loads have entered
+SMALL_CHANGE = 1e-9  # of velocity, as a share of it, up to which the force next to d = 0 acts as if that were constant
+_INVERSE = np.array([1.0 / ((k + 1) * (k + 2)) for k in range(ORDER)])
+_RECIPROCAL = np.array([1.0 / max(1, k) for k in range(ORDER)])
+DEPTH, RATE, FORCE, POWER, WITNESS, BY_DEPTH, BY_RATE, BY_LOSS = range(8)  # rows of `Scratch.depth`
+
+
+@njit(**WITHIN)
+def loss_at(problem: Problem, speed: float) -> float:
+    """Loss factor [s/m] in a contact that began at a closing speed [m/s]."""
+    law = problem.compliance
+    return law.loss / max(speed, law.slowest) if law.by_speed else law.loss
+
+
+@njit(**WITHIN)
+def contact_acceleration(problem: Problem, depth: float, rate: float, speed: float) -> float:
+    """Acceleration [m/s^2] by the contact, negative where a tension-free contact has parted; depth [m], rate [m/s]."""
+    law = problem.compliance
+    return law.stiffness * max(depth, 0.0) ** law.exponent * (1.0 + loss_at(problem, speed) * rate) + law.damping * rate
+
+
+@njit(**WITHIN)
+def time_of_small_force(problem: Problem, speed: float, acceleration: float) -> float:
+    """Time [s] from d = 0 over which d^n makes next to nothing of the velocity; d sets out with these rates."""
+    law = problem.compliance
+    n = law.exponent
+    share = SMALL_CHANGE * (n + 1.0) / law.stiffness
+    time = math.inf
+    if speed > 0.0:
+        time = (share / (2.0 * speed) ** (n - 1.0)) ** (1.0 / (n + 1.0))
+    if acceleration > 0.0:
+        time = min(time, (share / acceleration ** (n - 1.0)) ** (0.5 / n))
+    return time
+
+
+@njit(**WITHIN)
+def expand(problem: Problem, state: ImpactState, time: float, step: float, w: Scratch) -> float:
+    """Write the series over a step from `time` [s] since the whole period; its loads are set.
+
+    Returns
+    -------
+    tail : size of its last terms, as a share of the largest; 0 where it has converged, NaN where it is not finite
+    """
+    regimes, law, n = problem.regimes, problem.compliance, state.y.size
+    a, depth, rate, force, power = w.series, w.depth[DEPTH], w.depth[RATE], w.depth[FORCE], w.depth[POWER]
+    pressed = 1.0 if state.counters[REGIME] == COMPRESSION else 0.0
+    stiffness = law.stiffness if w.expansion[1] != 0 else 0.0  # of d^n, where that has its part
+    loaded, loss = problem.collocated, loss_at(problem, state.clock[CLOSING])
+    exponent, damping = law.exponent, law.damping
+    linear = exponent == 1.0 and loss == 0.0
+    per_step, square, turn = 1.0 / step, step * step, problem.omega * step
+    c, s = math.cos(problem.omega * time), math.sin(problem.omega * time)
+    wc, ws = regimes.witness[FREE, 0], regimes.witness[FREE, 1]
+    drive, drive_next = wc * c + ws * s, (ws * c - wc * s) * turn  # two terms of the drive's part in the clearance
+    clearance, opening, largest = drive + regimes.witness[FREE, 2], drive_next, 0.0
+    if loaded:
+        clearance += w.added[0]
+        opening += w.added[1]
+    for i in range(n):
+        a[0, i], a[1, i] = state.y[i], state.v[i] * step
+        clearance += regimes.witness_y[FREE, i] * a[0, i]
+        opening += regimes.witness_y[FREE, i] * a[1, i]
+        largest = max(largest, abs(a[1, i]))
+    depth[0], depth[1] = -clearance, -opening
+    if state.counters[TOUCH] == HIT and depth[0] < 0.0:
+        depth[0] = 0.0  # but for rounding
+    deepest = abs(depth[1])
+    last = ORDER if linear else MAX_ORDER
+    small, order, tail, before, product = 0, last, math.inf, math.inf, 0.0
+    for k in range(last - 1):
+        rate[k] = (k + 1) * per_step * depth[k + 1]
+        value = damping * rate[k]
+        if linear:
+            value += stiffness * depth[k]
+        elif stiffness > 0.0:
+            if exponent == 1.0:
+                power[k] = depth[k]
+            elif k == 0:
+                power[0] = depth[0] ** exponent
+            else:  # d p' = n p d', p = d^n
+                slower = 0.0
+                for j in range(1, k):
+                    slower += j * power[j] * depth[k - j]
+                power[k] = (exponent * step * product - slower) * _RECIPROCAL[k] / depth[0]
+            product = 0.0
+            for j in range(k + 1):
+                product += power[j] * rate[k - j]
+            value += stiffness * (power[k] + loss * product)
+        force[k] = value
+        value *= pressed
+        drive, drive_next = drive_next, -turn * turn * _INVERSE[k] * drive
+        clearance, term = drive_next, 0.0
+        if loaded and k < 3:
+            clearance += w.added[k + 2]
+        for i in range(n):
+            load = w.load[i, k] if loaded and k < 5 else 0.0
+            still = square * (load - regimes.stiffness[FREE, i] * a[k, i])
+            still -= 2.0 * (k + 1) * step * regimes.rate[FREE, i] * a[k + 1, i]
+            x = (still + square * law.load[i] * value) * _INVERSE[k]
+            a[k + 2, i] = x
+            clearance += regimes.witness_y[FREE, i] * still * _INVERSE[k]
+            term = max(term, abs(x))
+        clearance += square * value * _INVERSE[k]  # a unit of the acceleration is one of the clearance's
+        depth[k + 2] = -clearance
+        term, deep = term * (k + 2), abs(clearance) * (k + 2)
+        largest, deepest = max(largest, term), max(deepest, deep)
+        if term <= TRUNCATION * largest and deep <= TRUNCATION * deepest and k + 2 >= MIN_ORDER:
+            small += 1
+            if small == 2:
+                order = k + 2
+                break
+        else:
+            small = 0
+            before = tail
+            tail = max(term / largest if largest > 0.0 else 0.0, deep / deepest if deepest > 0.0 else 0.0)
+    for k in range(order - 1, ORDER + 1):
+        rate[k], force[k], power[k] = 0.0, 0.0, 0.0
+    for k in range(order + 1, ORDER + 1):
+        depth[k] = 0.0
+    w.expansion[0] = order
+    if not math.isfinite(largest + deepest + depth[order]):
+        return math.nan
+    return 0.0 if small > 0 else max(tail, before)
+
+
+@njit(**WITHIN)
+def rescale(w: Scratch, ratio: float) -> None:
+    """Let the series hold for a step that is `ratio` times as long."""
+    factor = 1.0
+    for k in range(w.expansion[0] + 1):
+        for i in range(w.series.shape[1]):
+            w.series[k, i] *= factor
+        for row in (DEPTH, RATE, FORCE, POWER):
+            w.depth[row, k] *= factor
+        factor *= ratio
+
+
+@njit(**WITHIN)
+def _small_force(problem: Problem, state: ImpactState, tau: float, depth_at: float, power: float, w: Scratch) -> float:
+    """Integral of stiffness d^(power - 1) (1 + loss d') up to `tau`, where d went evenly to `depth_at` [m]."""
+    begin, end = max(0.0, w.depth[DEPTH, 0]), max(0.0, depth_at)
+    if begin == end or tau == 0.0:
+        return 0.0
+    lossy = 1.0 + loss_at(problem, state.clock[CLOSING]) * w.depth[RATE, 0]
+    return problem.compliance.stiffness * lossy * (end**power - begin**power) / (power * (end - begin)) * tau
+
+
+@njit(**WITHIN)
+def motion_within(
+    problem: Problem, state: ImpactState, w: Scratch, step: float, tau: float, y: np.ndarray, v: np.ndarray
+) -> None:
+    """Write the modal motion at `tau` into the step."""
+    x, order, law = tau / step, w.expansion[0], problem.compliance
+    for i in range(y.size):
+        value, slope = w.series[order, i], 0.0
+        for k in range(order - 1, -1, -1):
+            slope = slope * x + value
+            value = value * x + w.series[k, i]
+        y[i], v[i] = value, slope / step
+    if w.expansion[1] == 0 and state.counters[REGIME] == COMPRESSION:
+        depth = 0.0
+        for k in range(order, -1, -1):
+            depth = depth * x + w.depth[DEPTH, k]
+        impulse = _small_force(problem, state, tau, depth, law.exponent + 1.0, w)
+        for i in range(y.size):
+            v[i] += law.load[i] * impulse
+
+
+@njit(**INLINED)
+def _until_zero(value: float, slope: float, curvature: float) -> float:
+    """First zero of value + slope x - curvature x^2 / 2 beyond 0, where value is not negative; infinite without one."""
+    if curvature <= 0.0:
+        return -value / slope if slope < 0.0 else math.inf
+    root = math.sqrt(slope * slope + 2.0 * curvature * value)
+    return 2.0 * value / (root - slope) if slope < 0.0 else (slope + root) / curvature
+
+
+@njit(**WITHIN)
+def first_root(series: np.ndarray, begin: int, end: int, resolution: float) -> tuple[float, int]:
+    """First zero in [0, 1] of sum_k series[k] x^(k - begin), which is positive before it; infinite without one.
+
+    As in `witness.first_zero`, a bound says how far one may go without passing a zero, here one on the third
+    derivative. NaN: it was given up. The jumps made are counted.
+    """
+    third, change = 0.0, 0.0
+    for k in range(begin + 1, end + 1):
+        size = abs(series[k])
+        third += (k - begin) * (k - begin - 1) * (k - begin - 2) * size
+        change += size
+    if series[begin] > change:
+        return math.inf, 1
+    x, jumps = 0.0, 0
+    while x < 1.0:
+        if jumps == MAX_JUMPS:
+            return math.nan, jumps
+        jumps += 1
+        value, slope, half = series[end], 0.0, 0.0
+        for k in range(end - 1, begin - 1, -1):
+            half = half * x + slope
+            slope = slope * x + value
+            value = value * x + series[k]
+        if value <= 0.0:
+            return x, jumps
+        reach = 1.0 - x
+        ahead = _until_zero(value, slope, third * reach / 3.0 - 2.0 * half)
+        if ahead < reach:  # a shorter reach has a lower bound on the curvature
+            reach = min(reach, 4.0 * ahead)
+            ahead = min(reach, _until_zero(value, slope, third * reach / 3.0 - 2.0 * half))
+        if slope < 0.0 and ahead < resolution:
+            return (x + ahead if x + ahead <= 1.0 else math.inf), jumps
+        x += max(ahead, resolution)
+    return math.inf, jumps
+
+
+@njit(**WITHIN)
+def end_of_parting(
+    problem: Problem, begin: float, end: float, resolution: float, step: float, w: Scratch
+) -> tuple[float, int]:
+    """First zero in [begin, end] of stiffness d^n + damping d', which is negative before it; infinite without one.
+
+    With a bound on |d'''|, a convex function of time lies above it: where that is negative at the end of an interval as
+    at its start, there is no zero in between. The jumps made are counted; NaN: it was given up.
+    """
+    law, order, depth = problem.compliance, w.expansion[0], w.depth[DEPTH]
+    third = 0.0
+    for k in range(3, order + 1):
+        third += k * (k - 1) * (k - 2) * abs(depth[k])
+    x, jumps = begin, 0
+    while x < end:
+        value, slope, second = depth[order], 0.0, 0.0
+        for k in range(order - 1, -1, -1):
+            second = second * x + 2.0 * slope
+            slope = slope * x + value
+            value = value * x + depth[k]
+        second, ahead = max(0.0, second), end - x
+        while True:
+            if jumps == MAX_JUMPS:
+                return math.nan, jumps
+            jumps += 1
+            highest = max(0.0, value + ahead * (slope + ahead * (0.5 * second + third * ahead / 6.0)))
+            fastest = slope + ahead * (second + 0.5 * third * ahead)
+            if law.stiffness * highest**law.exponent + law.damping * fastest / step < 0.0:
+                break
+            ahead *= 0.5
+            if ahead < resolution:
+                return x, jumps
+        x += ahead
+    return math.inf, jumps
+
+
+@njit(**WITHIN)
+def _expand_slopes(problem: Problem, loss: float, w: Scratch) -> None:
+    """Write the series of the force's derivatives by the penetration, by its rate and by the loss factor."""
+    law, n = problem.compliance, problem.compliance.exponent
+    depth, rate, power = w.depth[DEPTH], w.depth[RATE], w.depth[POWER]
+    by_depth, by_rate, by_loss, lower = w.depth[BY_DEPTH], w.depth[BY_RATE], w.depth[BY_LOSS], w.depth[WITNESS]
+    stiff = w.expansion[1] != 0
+    for k in range(ORDER + 1):
+        if not stiff:
+            lower[k] = 0.0
+        elif n == 1.0:
+            lower[k] = 1.0 if k == 0 else 0.0
+        elif k == 0:
+            lower[k] = depth[0] ** (n - 1.0)
+        else:
+            total = 0.0
+            for j in range(1, k + 1):
+                total += (n * j - k) * depth[j] * lower[k - j]
+            lower[k] = total / (k * depth[0])
+        by_loss[k], product = 0.0, 0.0
+        if loss != 0.0:
+            for j in range(k + 1):
+                by_loss[k] += law.stiffness * power[j] * rate[k - j]
+                product += lower[j] * rate[k - j]
+        by_depth[k] = law.stiffness * n * (lower[k] + loss * product)
+        by_rate[k] = law.stiffness * loss * power[k] + (law.damping if k == 0 else 0.0)
+
+
+@njit(**WITHIN)
+def carry_differences(
+    problem: Problem,
+    state: ImpactState,
+    loss_slope: float,
+    step: float,
+    tau: float,
+    w: Scratch,
+    dy: np.ndarray,
+    dv: np.ndarray,
+    dspeed: np.ndarray,
+) -> None:
+    """Carry dy, dv (n, m) on by `tau` into a step of compression whose series are written; those of the loads vanish.
+
+    dspeed (m,) are differences of the closing speed [m/s], by which the loss factor falls at `loss_slope`.
+    """
+    regimes, law, n = problem.regimes, problem.compliance, dy.shape[0]
+    loss, at = loss_at(problem, state.clock[CLOSING]), 0.0
+    simple = loss == 0.0 and law.exponent == 1.0
+    small_force = 0.0
+    if w.expansion[1] == 0:
+        for k in range(w.expansion[0], -1, -1):
+            at = at * tau / step + w.depth[DEPTH, k]
+        small_force = law.exponent * _small_force(problem, state, tau, at, law.exponent, w)
+    _expand_slopes(problem, loss, w)
+    by_depth, by_rate, by_loss, depth = w.depth[BY_DEPTH], w.depth[BY_RATE], w.depth[BY_LOSS], w.depth[WITNESS]
+    a, x, square = w.series, tau / step, step * step
+    for column in range(dy.shape[1]):
+        depth[0], depth[1] = 0.0, 0.0
+        for i in range(n):
+            a[0, i], a[1, i] = dy[i, column], dv[i, column] * step
+            depth[0] -= regimes.witness_y[FREE, i] * a[0, i]
+            depth[1] -= regimes.witness_y[FREE, i] * a[1, i]
+        for k in range(ORDER - 1):
+            value = by_loss[k] * loss_slope * dspeed[column]
+            for j in range(1 if simple else k + 1):
+                value += by_depth[j] * depth[k - j] + by_rate[j] * (k - j + 1) * depth[k - j + 1] / step
+            depth[k + 2] = 0.0
+            for i in range(n):
+                f = law.load[i] * value - regimes.stiffness[FREE, i] * a[k, i]
+                f = square * f - 2.0 * regimes.rate[FREE, i] * step * (k + 1) * a[k + 1, i]
+                a[k + 2, i] = f * _INVERSE[k]
+                depth[k + 2] -= regimes.witness_y[FREE, i] * a[k + 2, i]
+        for i in range(n):
+            value, slope = a[ORDER, i], 0.0
+            for k in range(ORDER - 1, -1, -1):
+                slope = slope * x + value
+                value = value * x + a[k, i]
+            dy[i, column], dv[i, column] = value, slope / step + law.load[i] * small_force * depth[0]

@@ -1,0 +1,175 @@
+"""The way of a motion into a compliant contact, through it and out of it.
+
+The contact begins where the clearance comes to zero, and its force is that of the law while that is not negative. The
+surface has no memory: where the force comes down to zero before the bodies have separated (a damper holds them back),
+they part, and the force is back as soon as the law is positive again. An impact is counted where the clearance comes
+to zero, not where parted bodies meet anew before they have separated.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from calib.simulators.compilation import WITHIN
+from calib.simulators.impact.collocation import collocate, set_given_loads
+from calib.simulators.impact.coordinates import to_coordinates
+from calib.simulators.impact.events import note_impact
+from calib.simulators.impact.polynomial import polynomial, slope
+from calib.simulators.impact.problem import (
+    CLOSING,
+    COMPRESSION,
+    FORCE_LAWS,
+    FREE,
+    HIT,
+    PARTED,
+    REGIME,
+    RELEASED,
+    STEPS,
+    TOUCH,
+    ImpactState,
+    Problem,
+)
+from calib.simulators.impact.scratch import Scratch
+from calib.simulators.impact.series import (
+    DEPTH,
+    FORCE,
+    RATE,
+    TRUNCATION,
+    WITNESS,
+    end_of_parting,
+    expand,
+    first_root,
+    loss_at,
+    rescale,
+    time_of_small_force,
+)
+from calib.simulators.impact.witness import EVENT, FAILED, NO_EVENT, witness
+
+SEPARATION, NO_FORCE, FORCE_AGAIN = 1, 2, 3  # what ends a step in contact
+MAX_SHORTENINGS = 60  # of a step whose series or loads do not hold
+MAX_SHARE_OF_DISTANCE = 0.8  # of the time to d = 0, ahead or behind, that a step takes where n > 1
+MAX_TAIL = 1e-6  # of a series that is cut to a shorter step as it is; with a longer one it is made anew
+MAX_RETAKES = 4  # times a step is taken anew up to the event in it, where force laws act
+
+
+@njit(**WITHIN)
+def _step_within_power(problem: Problem, state: ImpactState, time: float, reach: float, w: Scratch) -> float:
+    """Length of the next step [s] under a force with n > 1; it is written whether d^n has its part in the force."""
+    step = min(reach, min(problem.compliance.step, 1.5 * w.contact_step[0]))
+    if problem.collocated:
+        set_given_loads(problem, state, time, step, w)
+    depth, rate, second, _ = witness(
+        problem.regimes, FREE, state.y, state.v, problem.omega, time, problem.collocated, w.load, w.added, step, 0.0,
+        0.0,
+    )  # fmt: skip
+    depth, rate, second = max(0.0, -depth), -rate, -second
+    if state.counters[TOUCH] == HIT:
+        depth = 0.0
+    small = time_of_small_force(problem, abs(rate), abs(second) if rate >= 0.0 else 0.0)
+    distance = depth / abs(rate) if rate != 0.0 else (math.inf if depth > 0.0 else 0.0)
+    w.expansion[1] = distance >= small
+    if w.expansion[1]:
+        return min(step, MAX_SHARE_OF_DISTANCE * distance)
+    return min(step, small if rate >= 0.0 else 4.0 * distance)
+
+
+@njit(**WITHIN)
+def _first_event(problem: Problem, state: ImpactState, step: float, w: Scratch) -> float:
+    """First end of the regime, as a share of the step, infinite without one; what it is, is written."""
+    law, touch = problem.compliance, state.counters[TOUCH]
+    pressed = state.counters[REGIME] == COMPRESSION
+    order, own, resolution = w.expansion[0], w.depth[WITNESS], problem.resolution / step
+    by_separation, by_force, jumps = math.inf, math.inf, 0
+    if not pressed or law.damping == 0.0:
+        begin = 1 if touch == HIT and w.depth[DEPTH, 0] == 0.0 else 0
+        by_separation, jumps = first_root(w.depth[DEPTH], begin, order, resolution)
+        state.counters[STEPS] += jumps
+    loss = loss_at(problem, state.clock[CLOSING])
+    if law.damping > 0.0 and not pressed and law.exponent != 1.0:
+        begins = problem.lift / step if touch == RELEASED else 0.0
+        by_force, jumps = end_of_parting(problem, begins, min(1.0, by_separation), resolution, step, w)
+    elif law.damping > 0.0:
+        sign = 1.0 if pressed else -1.0
+        for k in range(order + 1):
+            own[k] = sign * w.depth[FORCE, k]
+        begin = 1 if touch == RELEASED or (touch == HIT and own[0] <= 0.0) else 0
+        by_force, jumps = first_root(own, begin, order, resolution)
+    elif loss > 0.0:  # the sign of a force that is a power of d times this
+        sign = 1.0 if pressed else -1.0
+        for k in range(order + 1):
+            own[k] = sign * (loss * w.depth[RATE, k] + (1.0 if k == 0 else 0.0))
+        by_force, jumps = first_root(own, 1 if touch == RELEASED else 0, order, resolution)
+    state.counters[STEPS] += jumps
+    w.expansion[2] = SEPARATION if by_separation <= by_force else (NO_FORCE if pressed else FORCE_AGAIN)
+    return min(by_separation, by_force)
+
+
+@njit(**WITHIN)
+def next_step_in_contact(problem: Problem, state: ImpactState, reach: float, w: Scratch) -> tuple[int, float, float]:
+    """Work out the motion over the next step in contact, at most `reach` [s] long, and find where it ends.
+
+    Returns
+    -------
+    outcome, tau, step : as of `step.next_step`
+    """
+    law, time = problem.compliance, state.clock[0]
+    pressed = state.counters[REGIME] == COMPRESSION
+    w.expansion[1] = pressed or law.exponent == 1.0
+    step = min(reach, law.step if pressed else law.free_step)
+    if pressed and law.exponent != 1.0:
+        step = _step_within_power(problem, state, time, reach, w)
+    elif pressed and law.loss > 0.0:
+        step = min(step, 1.2 * w.contact_step[0])
+    shortenings, retakes = 0, 0
+    while shortenings <= MAX_SHORTENINGS:
+        state.counters[STEPS] += 1
+        holds = collocate(problem, state.counters[REGIME], state, time, step, w) if problem.collocated else True
+        tail = expand(problem, state, time, step, w)
+        if not (math.isfinite(w.depth[DEPTH, w.expansion[0]]) and math.isfinite(tail)):
+            return FAILED, 0.0, step
+        if tail > 0.0 or not holds:
+            shortenings += 1
+            ratio = 0.9 * (TRUNCATION / tail) ** (1.0 / (w.expansion[0] - 1)) if tail > 0.0 else 0.5
+            step *= ratio
+            if problem.collocated or tail > MAX_TAIL:
+                continue
+            rescale(w, ratio)
+        at = _first_event(problem, state, step, w)
+        if math.isnan(at):
+            return FAILED, 0.0, step
+        if pressed and shortenings > 0:
+            w.contact_step[0] = step
+        elif pressed:
+            w.contact_step[0] = max(w.contact_step[0], step)
+        if at > 1.0:
+            return NO_EVENT, step, step
+        kind = w.expansion[2]
+        if problem.counts[FORCE_LAWS] == 0 or retakes == MAX_RETAKES or at == 0.0 or at > 1.0 - 1e-9:
+            return EVENT, at * step, step
+        retakes += 1
+        w.expansion[2] = kind
+        step = step * min(1.0, at + 1e-10)  # within a step the laws' loads are of lower order than at its end
+    return FAILED, 0.0, step
+
+
+@njit(**WITHIN)
+def meet_surface(
+    problem: Problem, state: ImpactState, time: float, tau: float, step: float, impacts: np.ndarray, w: Scratch
+) -> None:
+    """Take the event at `tau` into the step that began at `time`; the state is the one there, and goes on."""
+    r, now = state.counters[REGIME], time + tau
+    value, rate, _, _ = witness(
+        problem.regimes, FREE, state.y, state.v, problem.omega, now, problem.collocated, w.load, w.added, step, tau, 0.0
+    )
+    if r == FREE:
+        u, du = polynomial(w.input, tau / step), slope(w.input, tau / step) / step
+        to_coordinates(problem.regimes, FREE, state.y, state.v, problem.omega, now, u, du, w.q, w.dq)
+        note_impact(problem, state, now, -rate, impacts, w)
+        state.clock[CLOSING] = max(0.0, -rate)
+        state.counters[REGIME], state.counters[TOUCH] = COMPRESSION, HIT
+    elif w.expansion[2] == SEPARATION or value >= 0.0:
+        state.counters[REGIME], state.counters[TOUCH] = FREE, (HIT if rate > 0.0 else RELEASED)
+    else:
+        state.counters[REGIME] = PARTED if r == COMPRESSION else COMPRESSION
+        state.counters[TOUCH] = RELEASED
