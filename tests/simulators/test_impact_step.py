@@ -19,7 +19,7 @@ def test_a_step_is_found_where_its_loads_do_not_hold_up_to_the_event(monkeypatch
     monkeypatch.setattr(steps, "flow", lambda *state: None)
     monkeypatch.setattr(steps, "witness", lambda *state: (0.5, -1.0, 0.0, 0.0))  # half a second more
     monkeypatch.setattr(steps, "first_zero", lambda *state: (steps.EVENT, 0.9 * state[10], 1))
-    outcome, tau, step = steps.next_step.py_func(problem, state, w, None, None)
+    outcome, tau, step = steps.next_step_out_of_compliance.py_func(problem, state, w, None, None)
     assert outcome == steps.EVENT
     assert tau < step <= 1.0
     assert state.counters[steps.STEPS] < 20

@@ -10,7 +10,7 @@ from calib.modelling.laws import BoundLaw, at_site
 from calib.simulators.impact.contact_laws import ContactLaw
 from calib.simulators.impact.flow import MAX_SERIES_ARGUMENT
 from calib.simulators.impact.modes import LinearStructure, Stop, regimes
-from calib.simulators.impact.problem import PORT, Compliance, Problem, Regimes
+from calib.simulators.impact.problem import PORT, RIGID, Compliance, Problem, Regimes
 from calib.simulators.impact.refinement import UNREFINED, Refinement
 from calib.simulators.slots import acting, fill
 
@@ -144,22 +144,20 @@ def _compliance(
     contact: ContactLaw | None, stop: Stop | None, both: Regimes, drive: ImpactDrive, length: float, fastest: float
 ) -> Compliance:
     """Return the contact as the kernel takes it, its force along the jump of the velocities at a rigid impact."""
-    n = both.stiffness.shape[1]
     if contact is None or stop is None:
-        return Compliance(False, 0.0, 1.0, 0.0, 0.0, False, 0.0, np.zeros(n), np.inf, np.inf)
+        return RIGID
     linear = contact.exponent == 1.0 and contact.loss == 0.0
     reach = MAX_LINEAR_ANGLE if linear else MAX_ANGLE
     return Compliance(
-        active=True,
         stiffness=contact.stiffness,
         exponent=contact.exponent,
         damping=contact.damping,
         loss=contact.loss,
         by_speed=contact.by_speed,
         slowest=MIN_SPEED_SHARE * length * max(drive.omega, np.sqrt(np.abs(both.stiffness[0]).min())),
-        load=both.project[0] @ np.asarray(stop.hit, dtype=float),
         step=float(reach / max(fastest, contact.highest_frequency)),
         free_step=float(MAX_LINEAR_ANGLE / fastest),
+        load=both.project[0] @ np.asarray(stop.hit, dtype=float),
     )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from calib.modelling.laws import STATES
-from calib.simulators.compilation import WITHIN
+from calib.simulators.compilation import INLINED, WITHIN
 from calib.simulators.impact.coordinates import modal_row, to_coordinates
 from calib.simulators.impact.flow import impulse_response, load_responses
 from calib.simulators.impact.polynomial import BETWEEN, FIT, INTEGRAL, NODES, POINTS, PROBE_INDEX, polynomial, slope
@@ -27,12 +27,14 @@ from calib.simulators.impact.problem import (
     LAW_STATES,
     PIECE,
     PORT_LAWS,
+    REGIME,
     ImpactState,
     Problem,
     Regimes,
 )
 from calib.simulators.impact.scratch import Scratch
 from calib.simulators.impact.series import expand, motion_within
+from calib.simulators.impact.stop_kinds import by_stop
 from calib.simulators.slots import excitation, force
 
 MAX_SWEEPS = 15  # of the fixed point
@@ -164,6 +166,33 @@ def _set_motion_in_contact(
         if problem.counts[PORT_LAWS] > 0:
             place = _clearance(problem, FREE, w.y, w.v, time + x * step, u, du)
             w.free_q[w.q.size, j], w.free_dq[w.q.size, j] = place
+
+
+@njit(**WITHIN)
+def _respond_in_compliance(
+    problem: Problem, r: int, state: ImpactState, time: float, step: float, first: int, end: int, w: Scratch
+) -> None:
+    if state.counters[REGIME] < COMPRESSION:
+        _set_responses(problem, r, state, time, step, first, end, w)
+        return
+    if first == 0:
+        set_given_loads(problem, state, time, step, w)
+        _clear_responses(w)
+    _set_motion_in_contact(problem, state, time, step, first, end, w)
+
+
+def _need_not_follow(problem: Problem, state: ImpactState, time: float, step: float, w: Scratch) -> None:
+    """Let the motion follow its loads, where `_laws_at` does not do that."""
+
+
+def _follow_in_compliance(problem: Problem, state: ImpactState, time: float, step: float, w: Scratch) -> None:
+    if state.counters[REGIME] >= COMPRESSION:
+        expand(problem, state, time, step, w)
+        _set_motion_in_contact(problem, state, time, step, 0, PROBE_INDEX, w)
+
+
+_respond = by_stop(_set_responses, _respond_in_compliance, WITHIN)
+_follow = by_stop(_need_not_follow, _follow_in_compliance, INLINED)
 
 
 @njit(**WITHIN)
@@ -346,26 +375,19 @@ def _is_resolved(
 @njit(**WITHIN)
 def collocate(problem: Problem, r: int, state: ImpactState, time: float, step: float, w: Scratch) -> bool:
     """Work out all loads over a step from `time` [s] since the whole period; return whether they hold."""
-    compliant = r >= COMPRESSION
     r = modal_row(r)
     _set_input(problem, state, time, step, w)
     _set_base(problem.regimes, r, step, w)
     converged = True
     if problem.counts[FORCE_LAWS] > 0:
         start = state.counters[AT_PERIOD] * problem.period + time
-        if compliant:
-            _set_added(problem, r, step, w)  # without laws: these add nothing to a clearance
-            _clear_responses(w)
-        else:
-            _set_responses(problem, r, state, time, step, 0, PROBE_INDEX, w)
+        _respond(problem, r, state, time, step, 0, PROBE_INDEX, w)
         if problem.counts[LAW_STATES] > 0:
             _hold_states(state.z, w)
         speed = _modal_speed(problem.regimes, r, state.y, state.v)
         held, before, earlier = False, math.inf, math.inf
         for sweep in range(MAX_SWEEPS):
-            if compliant:
-                expand(problem, state, time, step, w)
-                _set_motion_in_contact(problem, state, time, step, 0, PROBE_INDEX, w)
+            _follow(problem, state, time, step, w)
             for j in range(5):
                 if (j == 0) == (sweep == 0):  # the first node does not change
                     _laws_at(problem, r, start, step, j, w)
@@ -382,10 +404,7 @@ def collocate(problem: Problem, r: int, state: ImpactState, time: float, step: f
                 break
             before, earlier = change, before
         if converged and problem.exact:
-            if compliant:
-                _set_motion_in_contact(problem, state, time, step, PROBE_INDEX, PROBE_INDEX + 1, w)
-            else:
-                _set_responses(problem, r, state, time, step, PROBE_INDEX, PROBE_INDEX + 1, w)
+            _respond(problem, r, state, time, step, PROBE_INDEX, PROBE_INDEX + 1, w)
             converged = _is_resolved(problem, r, state, start, step, speed, w)
     _set_added(problem, r, step, w)
     return converged

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from calib.simulators.compilation import WITHIN
+from calib.simulators.compilation import INLINED, WITHIN
 from calib.simulators.impact.coordinates import to_coordinates, to_modes
 from calib.simulators.impact.polynomial import polynomial, slope
 from calib.simulators.impact.problem import (
@@ -48,7 +48,7 @@ def sticks(problem: Problem, rate: float, acceleration: float, e: float) -> bool
     return 2.0 * rate < -acceleration * problem.step  # a flight shorter than a step
 
 
-@njit(**WITHIN)
+@njit(**INLINED)
 def note_impact(
     problem: Problem, state: ImpactState, now: float, speed: float, impacts: np.ndarray, w: Scratch
 ) -> None:

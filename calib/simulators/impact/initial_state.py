@@ -21,7 +21,6 @@ from calib.simulators.impact.problem import (
     Problem,
 )
 from calib.simulators.impact.scratch import scratch
-from calib.simulators.impact.series import contact_acceleration
 
 
 def start(problem: Problem, q: np.ndarray, dq: np.ndarray) -> ImpactState:
@@ -47,7 +46,7 @@ def start(problem: Problem, q: np.ndarray, dq: np.ndarray) -> ImpactState:
         opening = both.witness_y[FREE] @ acceleration - both.witness[FREE, 0] * omega**2
         # a state from within a contact lies beside the surface by rounding
         at_rest = abs(clearance) <= problem.height and abs(rate) * problem.lift <= problem.height and opening < 0.0
-        if problem.compliance.active:
+        if problem.compliance is not None:
             regime, touch, speed = _in_compliance(problem, -clearance, -rate)
         elif clearance <= 0.0 or at_rest:
             q = q - clearance * problem.hit
@@ -68,18 +67,25 @@ def _in_compliance(problem: Problem, depth: float, rate: float) -> tuple[int, in
         return FREE, HIT if rate < 0.0 else RELEASED, 0.0
     law = problem.compliance
     speed = math.sqrt(rate**2 + 2.0 * law.stiffness * depth ** (law.exponent + 1.0) / (law.exponent + 1.0))
-    return COMPRESSION if contact_acceleration(problem, depth, rate, speed) > 0.0 else PARTED, 0, speed
+    loss = law.loss / max(speed, law.slowest) if law.by_speed else law.loss
+    force = law.stiffness * depth**law.exponent * (1.0 + loss * rate) + law.damping * rate
+    return COMPRESSION if force > 0.0 else PARTED, 0, speed
 
 
 def coordinates_at_phase_zero(problem: Problem, state: ImpactState) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates [m] and velocities [m/s] (n,) of a state at phase zero."""
-    n, w = len(state.y), scratch(len(state.y))
+    n, w = len(state.y), scratch(len(state.y), problem.compliance is not None)
     u, du = problem.table[0, :2] if len(problem.table) else (0.0, 0.0)
     to_coordinates(
         problem.regimes, modal_row(state.counters[REGIME]), state.y, state.v, problem.omega, state.clock[0], u, du,
         w.q, w.dq,
     )  # fmt: skip
     return w.q[:n], w.dq[:n]
+
+
+def remembers_speed(problem: Problem) -> bool:
+    """Whether the state in a contact holds the closing speed at which that began."""
+    return problem.compliance is not None and problem.compliance.by_speed
 
 
 def memory(problem: Problem, state: ImpactState) -> np.ndarray:
@@ -89,15 +95,14 @@ def memory(problem: Problem, state: ImpactState) -> np.ndarray:
     contact began [m/s], where its loss depends on that; zero out of contact.
     """
     laws = state.z.ravel() if problem.counts[LAW_STATES] else np.zeros(0)
-    if not problem.compliance.by_speed:
+    if not remembers_speed(problem):
         return laws
     return np.append(laws, state.clock[CLOSING] if state.counters[REGIME] != FREE else 0.0)
 
 
 def with_memory(problem: Problem, state: ImpactState, values: np.ndarray) -> ImpactState:
     """Return the state with the `memory` that a motion ended with, where the sizes agree."""
-    by_speed = problem.compliance.by_speed
-    if by_speed and values.size in (1, state.z.size + 1):
+    if remembers_speed(problem) and values.size in (1, state.z.size + 1):
         if values[-1] > 0.0 and state.counters[REGIME] != FREE:
             state.clock[CLOSING] = values[-1]
         values = values[:-1]

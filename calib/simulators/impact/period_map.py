@@ -12,11 +12,11 @@ from calib.modelling.orbit import Orbit, Tangent
 from calib.records import OK
 from calib.records.excitation import Excitation
 from calib.simulators.impact import kernel
-from calib.simulators.impact.initial_state import memory, start, with_memory
+from calib.simulators.impact.initial_state import memory, remembers_speed, start, with_memory
 from calib.simulators.impact.near_misses import nearest_passes
 from calib.simulators.impact.problem import AT_PERIOD, FORCE_LAWS, IMPACTS, PORT, ImpactState, Problem
 from calib.simulators.impact.run import STATUS
-from calib.simulators.impact.scratch import scratch
+from calib.simulators.impact.scratch import Scratch, scratch
 from calib.simulators.impact.tangent import carry
 
 MAX_STEPS_PER_PERIOD = 20_000  # on average over the periods of a run
@@ -67,12 +67,12 @@ class ImpactMap:
         """Go on from `state` by whole periods."""
         n = len(self.problem.hit)
         now = self._started(state)
-        by_speed = self.problem.compliance.by_speed
+        by_speed = remembers_speed(self.problem)
         rows, inner = np.zeros((periods, 2 * n + 2)), np.zeros((periods, len(self.law_states) + by_speed))
         batch = 1 if inner.shape[1] else BATCH_PERIODS  # the kernel's rows do not hold what is beside the motion
         impact_rows = np.empty((MAX_IMPACTS_PER_PERIOD * min(batch, periods), 2 + 2 * n))
         impacts = [np.zeros((0, 2 + 2 * n))]
-        w, none, code = scratch(n), np.zeros((0, 2 * n + 2)), kernel.DONE
+        w, none, code = self._scratch(), np.zeros((0, 2 * n + 2)), kernel.DONE
         budget = MAX_STEPS_PER_PERIOD * periods
         for first in range(0, periods, batch):
             part = rows[first : first + batch]
@@ -104,8 +104,8 @@ class ImpactMap:
         rows, growth = np.zeros((periods, 2 * n + 3)), np.zeros((periods, m, m))
         vectors = np.array(vectors, dtype=float, order="C")
         begin, budget = self._started(state), MAX_STEPS_PER_PERIOD * periods
-        _, done = carry(self.problem, begin, scratch(n), periods, budget, self.scale, rows, vectors, growth)
-        kept = [*range(2 * n), *([2 * n + 2] if self.problem.compliance.by_speed else [])]
+        _, done = carry(self.problem, begin, self._scratch(), periods, budget, self.scale, rows, vectors, growth)
+        kept = [*range(2 * n), *([2 * n + 2] if remembers_speed(self.problem) else [])]
         return Tangent(rows[:done, kept], vectors, growth[:done])
 
     def near_misses(self, state: np.ndarray) -> np.ndarray:
@@ -115,7 +115,9 @@ class ImpactMap:
         if not self.problem.stop:
             return minima[:0]
         no_impacts = np.zeros((0, 2 + 2 * n))
-        count = nearest_passes(self.problem, self._started(state), scratch(n), MAX_STEPS_PER_PERIOD, no_impacts, minima)
+        count = nearest_passes(
+            self.problem, self._started(state), self._scratch(), MAX_STEPS_PER_PERIOD, no_impacts, minima
+        )
         return minima[: max(0, count)]
 
     def _started(self, state: np.ndarray) -> ImpactState:
@@ -123,12 +125,15 @@ class ImpactMap:
         state = np.asarray(state, dtype=float)
         now = start(self.problem, state[:n], state[n : 2 * n])
         inner = state[2 * n :]
-        if self.problem.compliance.by_speed:
+        if remembers_speed(self.problem):
             with_memory(self.problem, now, inner[-1:])
             inner = inner[:-1]
         for place, value in zip(self.law_states, inner, strict=True):
             now.z[place] = value
         return now
+
+    def _scratch(self) -> Scratch:
+        return scratch(len(self.problem.hit), self.problem.compliance is not None)
 
     def _impacts(self, rows: np.ndarray) -> np.ndarray:
         """Period, phase and closing speed (k, 3) of the kernel's rows of impacts."""
@@ -182,7 +187,7 @@ def impact_map(
     names += [f"{places[j]}.law {slot + 1} state {k + 1}" for slot, j, k in law_states]
     units = ("m",) * n + ("m/s",) * n + ("1",) * len(law_states)
     scale = [np.full(n, length), np.full(n, length * problem.omega), np.ones(len(law_states))]
-    if problem.compliance.by_speed:
+    if remembers_speed(problem):
         names.append(f"{PORT}.closing speed")
         units = (*units, "m/s")
         scale.append(np.full(1, length * problem.omega))

@@ -59,27 +59,28 @@ class Compliance(NamedTuple):
 
     Attributes
     ----------
-    active : whether the stop yields; it is rigid otherwise
     stiffness : [m^(1 - exponent)/s^2]
     exponent : 1 or more  [1]
     damping : [1/s]
     loss : [s/m], or [1] where it is divided by the closing speed of the impact at hand
     by_speed : whether it is
     slowest : closing speed that a slower one counts as, where it is  [m/s]
-    load : (n,) modal load, out of contact, per unit of the acceleration
     step, free_step : longest step in contact under the force, and without  [s]
+    load : (n,) modal load, out of contact, per unit of the acceleration
     """
 
-    active: bool
     stiffness: float
     exponent: float
     damping: float
     loss: float
     by_speed: bool
     slowest: float
-    load: np.ndarray
     step: float
     free_step: float
+    load: np.ndarray
+
+
+RIGID: Compliance = None  # type: ignore[assignment]  # kernels that need a compliance are compiled for one only
 
 
 class Problem(NamedTuple):
@@ -110,7 +111,7 @@ class Problem(NamedTuple):
     acts : (SLOTS, n + 1) whether a force law acts on a coordinate, and last, at the port: there it sees the clearance,
         out of contact, and nothing in contact
     push : (n,) acceleration of the coordinates per unit of a law at the port
-    compliance : of the stop
+    compliance : of the stop, None where it is rigid; kernels are compiled for the one and for the other
     """
 
     regimes: Regimes
@@ -140,7 +141,7 @@ class Problem(NamedTuple):
     counts: np.ndarray
     acts: np.ndarray
     push: np.ndarray
-    compliance: Compliance
+    compliance: Compliance = RIGID
 
 
 class ImpactState(NamedTuple):

@@ -30,18 +30,15 @@ class Scratch(NamedTuple):
     v: np.ndarray
     q: np.ndarray  # (n,) coordinates
     dq: np.ndarray
-    contact_step: np.ndarray  # (1,) length of step over which the series under a contact's force held last  [s]
-    series: np.ndarray  # (ORDER + 1, n) Taylor coefficients of the modal motion in a compliant contact
-    depth: np.ndarray  # (8, ORDER + 1) the same of the penetration, its rate, the force and what these are made of
-    expansion: np.ndarray  # (3,) order of the series; whether the force has its part of stiffness; what ends the step
+    contact: np.ndarray  # (9 + n, ORDER + 1) of a compliant contact, see `series`; None where the stop is rigid
 
 
-def scratch(n: int) -> Scratch:
-    """Allocate for n coordinates."""
+def scratch(n: int, compliant: bool = False) -> Scratch:
+    """Allocate for n coordinates, and a stop that may be compliant."""
     return Scratch(
         np.zeros(5), np.zeros((n, 5)), np.zeros((n, 5)), np.zeros(5), np.zeros((n, 6)), np.zeros((n, 5)),
         np.zeros((n + 1, 6)), np.zeros((n + 1, 6)), np.zeros((n, 6, 5)), np.zeros((n, 6, 5)),
         np.zeros((SLOTS, n + 1, STATES, 6)), np.zeros((SLOTS, n + 1, STATES, 6)),
         np.zeros((2, STATES)), np.full(1, np.inf), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
-        np.full(1, np.inf), np.zeros((ORDER + 1, n)), np.zeros((8, ORDER + 1)), np.zeros(3, dtype=np.int64),
+        np.zeros((9 + n, ORDER + 1)) if compliant else None,  # type: ignore[arg-type]  # as `Problem.compliance`
     )  # fmt: skip

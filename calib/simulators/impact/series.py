@@ -13,7 +13,16 @@ import numpy as np
 from numba import njit
 
 from calib.simulators.compilation import INLINED, WITHIN
-from calib.simulators.impact.problem import CLOSING, COMPRESSION, FREE, HIT, REGIME, TOUCH, ImpactState, Problem
+from calib.simulators.impact.problem import (
+    CLOSING,
+    COMPRESSION,
+    FREE,
+    HIT,
+    REGIME,
+    TOUCH,
+    ImpactState,
+    Problem,
+)
 from calib.simulators.impact.scratch import ORDER, Scratch
 
 TRUNCATION = 1e-12  # terms of the series below that share of the largest are left out
@@ -23,21 +32,19 @@ MIN_ORDER = 6  # so that the polynomials of the loads have entered
 SMALL_CHANGE = 1e-9  # of velocity, as a share of it, up to which the force next to d = 0 acts as if that were constant
 _INVERSE = np.array([1.0 / ((k + 1) * (k + 2)) for k in range(ORDER)])
 _RECIPROCAL = np.array([1.0 / max(1, k) for k in range(ORDER)])
-DEPTH, RATE, FORCE, POWER, WITNESS, BY_DEPTH, BY_RATE, BY_LOSS = range(8)  # rows of `Scratch.depth`
+# rows of `Scratch.contact`: series of the penetration, its rate, the force and what these are made of; what is known of
+# the series; and from `MODES` on those of the modes
+DEPTH, RATE, FORCE, POWER, WITNESS, BY_DEPTH, BY_RATE, BY_LOSS, KNOWN, MODES = range(10)
+# entries of the row `KNOWN`: order of the series; whether the force has its part of d^n; what ends the step; length of
+# step over which the series under the force held last [s], 0 before the first
+LAST, STIFF, END, HELD = range(4)
 
 
-@njit(**WITHIN)
+@njit(**INLINED)
 def loss_at(problem: Problem, speed: float) -> float:
     """Loss factor [s/m] in a contact that began at a closing speed [m/s]."""
     law = problem.compliance
     return law.loss / max(speed, law.slowest) if law.by_speed else law.loss
-
-
-@njit(**WITHIN)
-def contact_acceleration(problem: Problem, depth: float, rate: float, speed: float) -> float:
-    """Acceleration [m/s^2] by the contact, negative where a tension-free contact has parted; depth [m], rate [m/s]."""
-    law = problem.compliance
-    return law.stiffness * max(depth, 0.0) ** law.exponent * (1.0 + loss_at(problem, speed) * rate) + law.damping * rate
 
 
 @njit(**WITHIN)
@@ -63,9 +70,15 @@ def expand(problem: Problem, state: ImpactState, time: float, step: float, w: Sc
     tail : size of its last terms, as a share of the largest; 0 where it has converged, NaN where it is not finite
     """
     regimes, law, n = problem.regimes, problem.compliance, state.y.size
-    a, depth, rate, force, power = w.series, w.depth[DEPTH], w.depth[RATE], w.depth[FORCE], w.depth[POWER]
+    a, depth, rate, force, power = (
+        w.contact[MODES:],
+        w.contact[DEPTH],
+        w.contact[RATE],
+        w.contact[FORCE],
+        w.contact[POWER],
+    )
     pressed = 1.0 if state.counters[REGIME] == COMPRESSION else 0.0
-    stiffness = law.stiffness if w.expansion[1] != 0 else 0.0  # of d^n, where that has its part
+    stiffness = law.stiffness if w.contact[KNOWN, STIFF] != 0 else 0.0  # of d^n, where that has its part
     loaded, loss = problem.collocated, loss_at(problem, state.clock[CLOSING])
     exponent, damping = law.exponent, law.damping
     linear = exponent == 1.0 and loss == 0.0
@@ -78,10 +91,10 @@ def expand(problem: Problem, state: ImpactState, time: float, step: float, w: Sc
         clearance += w.added[0]
         opening += w.added[1]
     for i in range(n):
-        a[0, i], a[1, i] = state.y[i], state.v[i] * step
-        clearance += regimes.witness_y[FREE, i] * a[0, i]
-        opening += regimes.witness_y[FREE, i] * a[1, i]
-        largest = max(largest, abs(a[1, i]))
+        a[i, 0], a[i, 1] = state.y[i], state.v[i] * step
+        clearance += regimes.witness_y[FREE, i] * a[i, 0]
+        opening += regimes.witness_y[FREE, i] * a[i, 1]
+        largest = max(largest, abs(a[i, 1]))
     depth[0], depth[1] = -clearance, -opening
     if state.counters[TOUCH] == HIT and depth[0] < 0.0:
         depth[0] = 0.0  # but for rounding
@@ -115,10 +128,10 @@ def expand(problem: Problem, state: ImpactState, time: float, step: float, w: Sc
             clearance += w.added[k + 2]
         for i in range(n):
             load = w.load[i, k] if loaded and k < 5 else 0.0
-            still = square * (load - regimes.stiffness[FREE, i] * a[k, i])
-            still -= 2.0 * (k + 1) * step * regimes.rate[FREE, i] * a[k + 1, i]
+            still = square * (load - regimes.stiffness[FREE, i] * a[i, k])
+            still -= 2.0 * (k + 1) * step * regimes.rate[FREE, i] * a[i, k + 1]
             x = (still + square * law.load[i] * value) * _INVERSE[k]
-            a[k + 2, i] = x
+            a[i, k + 2] = x
             clearance += regimes.witness_y[FREE, i] * still * _INVERSE[k]
             term = max(term, abs(x))
         clearance += square * value * _INVERSE[k]  # a unit of the acceleration is one of the clearance's
@@ -138,7 +151,7 @@ def expand(problem: Problem, state: ImpactState, time: float, step: float, w: Sc
         rate[k], force[k], power[k] = 0.0, 0.0, 0.0
     for k in range(order + 1, ORDER + 1):
         depth[k] = 0.0
-    w.expansion[0] = order
+    w.contact[KNOWN, LAST] = order
     if not math.isfinite(largest + deepest + depth[order]):
         return math.nan
     return 0.0 if small > 0 else max(tail, before)
@@ -148,21 +161,21 @@ def expand(problem: Problem, state: ImpactState, time: float, step: float, w: Sc
 def rescale(w: Scratch, ratio: float) -> None:
     """Let the series hold for a step that is `ratio` times as long."""
     factor = 1.0
-    for k in range(w.expansion[0] + 1):
-        for i in range(w.series.shape[1]):
-            w.series[k, i] *= factor
+    for k in range(int(w.contact[KNOWN, LAST]) + 1):
         for row in (DEPTH, RATE, FORCE, POWER):
-            w.depth[row, k] *= factor
+            w.contact[row, k] *= factor
+        for row in range(MODES, w.contact.shape[0]):
+            w.contact[row, k] *= factor
         factor *= ratio
 
 
 @njit(**WITHIN)
 def _small_force(problem: Problem, state: ImpactState, tau: float, depth_at: float, power: float, w: Scratch) -> float:
     """Integral of stiffness d^(power - 1) (1 + loss d') up to `tau`, where d went evenly to `depth_at` [m]."""
-    begin, end = max(0.0, w.depth[DEPTH, 0]), max(0.0, depth_at)
+    begin, end = max(0.0, w.contact[DEPTH, 0]), max(0.0, depth_at)
     if begin == end or tau == 0.0:
         return 0.0
-    lossy = 1.0 + loss_at(problem, state.clock[CLOSING]) * w.depth[RATE, 0]
+    lossy = 1.0 + loss_at(problem, state.clock[CLOSING]) * w.contact[RATE, 0]
     return problem.compliance.stiffness * lossy * (end**power - begin**power) / (power * (end - begin)) * tau
 
 
@@ -171,17 +184,17 @@ def motion_within(
     problem: Problem, state: ImpactState, w: Scratch, step: float, tau: float, y: np.ndarray, v: np.ndarray
 ) -> None:
     """Write the modal motion at `tau` into the step."""
-    x, order, law = tau / step, w.expansion[0], problem.compliance
+    x, order, law = tau / step, int(w.contact[KNOWN, LAST]), problem.compliance
     for i in range(y.size):
-        value, slope = w.series[order, i], 0.0
+        value, slope = w.contact[MODES + i, order], 0.0
         for k in range(order - 1, -1, -1):
             slope = slope * x + value
-            value = value * x + w.series[k, i]
+            value = value * x + w.contact[MODES + i, k]
         y[i], v[i] = value, slope / step
-    if w.expansion[1] == 0 and state.counters[REGIME] == COMPRESSION:
+    if w.contact[KNOWN, STIFF] == 0 and state.counters[REGIME] == COMPRESSION:
         depth = 0.0
         for k in range(order, -1, -1):
-            depth = depth * x + w.depth[DEPTH, k]
+            depth = depth * x + w.contact[DEPTH, k]
         impulse = _small_force(problem, state, tau, depth, law.exponent + 1.0, w)
         for i in range(y.size):
             v[i] += law.load[i] * impulse
@@ -242,7 +255,7 @@ def end_of_parting(
     With a bound on |d'''|, a convex function of time lies above it: where that is negative at the end of an interval as
     at its start, there is no zero in between. The jumps made are counted; NaN: it was given up.
     """
-    law, order, depth = problem.compliance, w.expansion[0], w.depth[DEPTH]
+    law, order, depth = problem.compliance, int(w.contact[KNOWN, LAST]), w.contact[DEPTH]
     third = 0.0
     for k in range(3, order + 1):
         third += k * (k - 1) * (k - 2) * abs(depth[k])
@@ -272,10 +285,11 @@ def end_of_parting(
 @njit(**WITHIN)
 def _expand_slopes(problem: Problem, loss: float, w: Scratch) -> None:
     """Write the series of the force's derivatives by the penetration, by its rate and by the loss factor."""
-    law, n = problem.compliance, problem.compliance.exponent
-    depth, rate, power = w.depth[DEPTH], w.depth[RATE], w.depth[POWER]
-    by_depth, by_rate, by_loss, lower = w.depth[BY_DEPTH], w.depth[BY_RATE], w.depth[BY_LOSS], w.depth[WITNESS]
-    stiff = w.expansion[1] != 0
+    law = problem.compliance
+    n = law.exponent
+    depth, rate, power = w.contact[DEPTH], w.contact[RATE], w.contact[POWER]
+    by_depth, by_rate, by_loss, lower = w.contact[BY_DEPTH], w.contact[BY_RATE], w.contact[BY_LOSS], w.contact[WITNESS]
+    stiff = w.contact[KNOWN, STIFF] != 0
     for k in range(ORDER + 1):
         if not stiff:
             lower[k] = 0.0
@@ -317,32 +331,32 @@ def carry_differences(
     loss, at = loss_at(problem, state.clock[CLOSING]), 0.0
     simple = loss == 0.0 and law.exponent == 1.0
     small_force = 0.0
-    if w.expansion[1] == 0:
-        for k in range(w.expansion[0], -1, -1):
-            at = at * tau / step + w.depth[DEPTH, k]
+    if w.contact[KNOWN, STIFF] == 0:
+        for k in range(int(w.contact[KNOWN, LAST]), -1, -1):
+            at = at * tau / step + w.contact[DEPTH, k]
         small_force = law.exponent * _small_force(problem, state, tau, at, law.exponent, w)
     _expand_slopes(problem, loss, w)
-    by_depth, by_rate, by_loss, depth = w.depth[BY_DEPTH], w.depth[BY_RATE], w.depth[BY_LOSS], w.depth[WITNESS]
-    a, x, square = w.series, tau / step, step * step
+    by_depth, by_rate, by_loss, depth = w.contact[BY_DEPTH], w.contact[BY_RATE], w.contact[BY_LOSS], w.contact[WITNESS]
+    a, x, square = w.contact[MODES:], tau / step, step * step
     for column in range(dy.shape[1]):
         depth[0], depth[1] = 0.0, 0.0
         for i in range(n):
-            a[0, i], a[1, i] = dy[i, column], dv[i, column] * step
-            depth[0] -= regimes.witness_y[FREE, i] * a[0, i]
-            depth[1] -= regimes.witness_y[FREE, i] * a[1, i]
+            a[i, 0], a[i, 1] = dy[i, column], dv[i, column] * step
+            depth[0] -= regimes.witness_y[FREE, i] * a[i, 0]
+            depth[1] -= regimes.witness_y[FREE, i] * a[i, 1]
         for k in range(ORDER - 1):
             value = by_loss[k] * loss_slope * dspeed[column]
             for j in range(1 if simple else k + 1):
                 value += by_depth[j] * depth[k - j] + by_rate[j] * (k - j + 1) * depth[k - j + 1] / step
             depth[k + 2] = 0.0
             for i in range(n):
-                f = law.load[i] * value - regimes.stiffness[FREE, i] * a[k, i]
-                f = square * f - 2.0 * regimes.rate[FREE, i] * step * (k + 1) * a[k + 1, i]
-                a[k + 2, i] = f * _INVERSE[k]
-                depth[k + 2] -= regimes.witness_y[FREE, i] * a[k + 2, i]
+                f = law.load[i] * value - regimes.stiffness[FREE, i] * a[i, k]
+                f = square * f - 2.0 * regimes.rate[FREE, i] * step * (k + 1) * a[i, k + 1]
+                a[i, k + 2] = f * _INVERSE[k]
+                depth[k + 2] -= regimes.witness_y[FREE, i] * a[i, k + 2]
         for i in range(n):
-            value, slope = a[ORDER, i], 0.0
+            value, slope = a[i, ORDER], 0.0
             for k in range(ORDER - 1, -1, -1):
                 slope = slope * x + value
-                value = value * x + a[k, i]
+                value = value * x + a[i, k]
             dy[i, column], dv[i, column] = value, slope / step + law.load[i] * small_force * depth[0]

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.optimize import NoConvergence, broyden1
 
 from calib.simulators.impact import kernel
-from calib.simulators.impact.initial_state import coordinates_at_phase_zero, start
+from calib.simulators.impact.initial_state import coordinates_at_phase_zero, remembers_speed, start
 from calib.simulators.impact.problem import FORCE_LAWS, LAW_STATES, STEPS, ImpactState, Problem
 from calib.simulators.impact.scratch import Scratch
 from calib.simulators.impact.tangent import carry
@@ -63,7 +63,7 @@ def shoot(problem: Problem, state: ImpactState, w: Scratch, budget: int) -> Impa
     state : at phase zero
     budget : steps that the periods of the shooting may take together
     """
-    if problem.compliance.by_speed:
+    if remembers_speed(problem):
         return None
     q, dq = coordinates_at_phase_zero(problem, state)
     scale, size = _scale(problem, q, dq, state.z), 2 * q.size

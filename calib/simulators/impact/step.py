@@ -18,6 +18,7 @@ from calib.simulators.impact.problem import (
     COMPRESSION,
     CONTACT,
     FORCE_LAWS,
+    FREE,
     LAW_STATES,
     PIECE,
     REGIME,
@@ -28,6 +29,7 @@ from calib.simulators.impact.problem import (
 )
 from calib.simulators.impact.scratch import Scratch
 from calib.simulators.impact.series import motion_within
+from calib.simulators.impact.stop_kinds import by_stop
 from calib.simulators.impact.surface import meet_surface, next_step_in_contact
 from calib.simulators.impact.witness import EVENT, NO_EVENT, first_zero, witness
 
@@ -55,7 +57,7 @@ def _step_length(problem: Problem, state: ImpactState) -> float:
 
 
 @njit(**WITHIN)
-def next_step(
+def next_step_out_of_compliance(
     problem: Problem, state: ImpactState, w: Scratch, ye: np.ndarray, ve: np.ndarray
 ) -> tuple[int, float, float]:
     """Work out the loads over the next step, and find where it ends.
@@ -72,8 +74,6 @@ def next_step(
     """
     r, time = state.counters[REGIME], state.clock[0]
     step = _step_length(problem, state)
-    if r >= COMPRESSION:
-        return next_step_in_contact(problem, state, step, w)
     laws_act = problem.exact and problem.counts[FORCE_LAWS] > 0
     # 0.99: no sliver is left of the step, which rounding might make nothing of
     if laws_act and 2.0 * w.resolved_step[0] < 0.99 * step:
@@ -117,15 +117,63 @@ def next_step(
 
 
 @njit(**WITHIN)
-def flow_within(
+def _next_step_with_compliance(
+    problem: Problem, state: ImpactState, w: Scratch, ye: np.ndarray, ve: np.ndarray
+) -> tuple[int, float, float]:
+    if state.counters[REGIME] >= COMPRESSION:
+        return next_step_in_contact(problem, state, _step_length(problem, state), w)
+    return next_step_out_of_compliance(problem, state, w, ye, ve)
+
+
+def _flow_with_rigid_stop(
     problem: Problem, state: ImpactState, step: float, tau: float, w: Scratch, y_end: np.ndarray, v_end: np.ndarray
 ) -> None:
     """Write the modal motion at `tau` into the step that `next_step` has worked out into y_end, v_end (n,)."""
+    r, loaded = state.counters[REGIME], problem.collocated
+    flow(problem.regimes, r, state.y, state.v, loaded, w.load, step, tau, y_end, v_end)
+
+
+def _flow_with_compliance(
+    problem: Problem, state: ImpactState, step: float, tau: float, w: Scratch, y_end: np.ndarray, v_end: np.ndarray
+) -> None:
     if state.counters[REGIME] >= COMPRESSION:
         motion_within(problem, state, w, step, tau, y_end, v_end)
     else:
-        r, loaded = state.counters[REGIME], problem.collocated
-        flow(problem.regimes, r, state.y, state.v, loaded, w.load, step, tau, y_end, v_end)
+        flow(problem.regimes, FREE, state.y, state.v, problem.collocated, w.load, step, tau, y_end, v_end)
+
+
+def _meet_rigid_stop(
+    problem: Problem,
+    state: ImpactState,
+    outcome: int,
+    time: float,
+    tau: float,
+    step: float,
+    impacts: np.ndarray,
+    w: Scratch,
+) -> None:
+    """Take the event, if there is one, at the end of a step."""
+    if problem.stop and (outcome == EVENT or not problem.exact):
+        meet_stop(problem, state, time, tau, step, outcome == EVENT, impacts, w)
+
+
+def _meet_compliant_stop(
+    problem: Problem,
+    state: ImpactState,
+    outcome: int,
+    time: float,
+    tau: float,
+    step: float,
+    impacts: np.ndarray,
+    w: Scratch,
+) -> None:
+    if outcome == EVENT:
+        meet_surface(problem, state, time, tau, step, impacts, w)
+
+
+next_step = by_stop(next_step_out_of_compliance, _next_step_with_compliance, WITHIN)
+flow_within = by_stop(_flow_with_rigid_stop, _flow_with_compliance, INLINED)
+_meet = by_stop(_meet_rigid_stop, _meet_compliant_stop, INLINED)
 
 
 @njit(**INLINED)
@@ -166,11 +214,7 @@ def complete_step(
     if r in (CONTACT, COMPRESSION):
         state.clock[1] += tau
     state.counters[TOUCH] = 0
-    if problem.compliance.active:
-        if outcome == EVENT:
-            meet_surface(problem, state, time, tau, step, impacts, w)
-    elif problem.stop and (outcome == EVENT or not problem.exact):
-        meet_stop(problem, state, time, tau, step, outcome == EVENT, impacts, w)
+    _meet(problem, state, outcome, time, tau, step, impacts, w)
     state.clock[0] = time + tau
     if tau >= problem.period - time:
         state.counters[AT_PERIOD] += 1

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numba import njit
 
-from calib.simulators.compilation import WITHIN
+from calib.simulators.compilation import INLINED, WITHIN
 from calib.simulators.impact.collocation import collocate, set_given_loads
 from calib.simulators.impact.coordinates import to_coordinates
 from calib.simulators.impact.events import note_impact
@@ -33,8 +33,13 @@ from calib.simulators.impact.problem import (
 from calib.simulators.impact.scratch import Scratch
 from calib.simulators.impact.series import (
     DEPTH,
+    END,
     FORCE,
+    HELD,
+    KNOWN,
+    LAST,
     RATE,
+    STIFF,
     TRUNCATION,
     WITNESS,
     end_of_parting,
@@ -53,10 +58,17 @@ MAX_TAIL = 1e-6  # of a series that is cut to a shorter step as it is; with a lo
 MAX_RETAKES = 4  # times a step is taken anew up to the event in it, where force laws act
 
 
+@njit(**INLINED)
+def _longer(w: Scratch, factor: float) -> float:
+    """Length of the step over which the series held last, times a factor; infinite before the first  [s]."""
+    held = w.contact[KNOWN, HELD]
+    return factor * held if held > 0.0 else math.inf
+
+
 @njit(**WITHIN)
 def _step_within_power(problem: Problem, state: ImpactState, time: float, reach: float, w: Scratch) -> float:
     """Length of the next step [s] under a force with n > 1; it is written whether d^n has its part in the force."""
-    step = min(reach, min(problem.compliance.step, 1.5 * w.contact_step[0]))
+    step = min(reach, min(problem.compliance.step, _longer(w, 1.5)))
     if problem.collocated:
         set_given_loads(problem, state, time, step, w)
     depth, rate, second, _ = witness(
@@ -68,8 +80,8 @@ def _step_within_power(problem: Problem, state: ImpactState, time: float, reach:
         depth = 0.0
     small = time_of_small_force(problem, abs(rate), abs(second) if rate >= 0.0 else 0.0)
     distance = depth / abs(rate) if rate != 0.0 else (math.inf if depth > 0.0 else 0.0)
-    w.expansion[1] = distance >= small
-    if w.expansion[1]:
+    w.contact[KNOWN, STIFF] = distance >= small
+    if distance >= small:
         return min(step, MAX_SHARE_OF_DISTANCE * distance)
     return min(step, small if rate >= 0.0 else 4.0 * distance)
 
@@ -79,11 +91,11 @@ def _first_event(problem: Problem, state: ImpactState, step: float, w: Scratch) 
     """First end of the regime, as a share of the step, infinite without one; what it is, is written."""
     law, touch = problem.compliance, state.counters[TOUCH]
     pressed = state.counters[REGIME] == COMPRESSION
-    order, own, resolution = w.expansion[0], w.depth[WITNESS], problem.resolution / step
+    order, own, resolution = int(w.contact[KNOWN, LAST]), w.contact[WITNESS], problem.resolution / step
     by_separation, by_force, jumps = math.inf, math.inf, 0
     if not pressed or law.damping == 0.0:
-        begin = 1 if touch == HIT and w.depth[DEPTH, 0] == 0.0 else 0
-        by_separation, jumps = first_root(w.depth[DEPTH], begin, order, resolution)
+        begin = 1 if touch == HIT and w.contact[DEPTH, 0] == 0.0 else 0
+        by_separation, jumps = first_root(w.contact[DEPTH], begin, order, resolution)
         state.counters[STEPS] += jumps
     loss = loss_at(problem, state.clock[CLOSING])
     if law.damping > 0.0 and not pressed and law.exponent != 1.0:
@@ -92,16 +104,16 @@ def _first_event(problem: Problem, state: ImpactState, step: float, w: Scratch) 
     elif law.damping > 0.0:
         sign = 1.0 if pressed else -1.0
         for k in range(order + 1):
-            own[k] = sign * w.depth[FORCE, k]
+            own[k] = sign * w.contact[FORCE, k]
         begin = 1 if touch == RELEASED or (touch == HIT and own[0] <= 0.0) else 0
         by_force, jumps = first_root(own, begin, order, resolution)
     elif loss > 0.0:  # the sign of a force that is a power of d times this
         sign = 1.0 if pressed else -1.0
         for k in range(order + 1):
-            own[k] = sign * (loss * w.depth[RATE, k] + (1.0 if k == 0 else 0.0))
+            own[k] = sign * (loss * w.contact[RATE, k] + (1.0 if k == 0 else 0.0))
         by_force, jumps = first_root(own, 1 if touch == RELEASED else 0, order, resolution)
     state.counters[STEPS] += jumps
-    w.expansion[2] = SEPARATION if by_separation <= by_force else (NO_FORCE if pressed else FORCE_AGAIN)
+    w.contact[KNOWN, END] = SEPARATION if by_separation <= by_force else (NO_FORCE if pressed else FORCE_AGAIN)
     return min(by_separation, by_force)
 
 
@@ -115,22 +127,22 @@ def next_step_in_contact(problem: Problem, state: ImpactState, reach: float, w: 
     """
     law, time = problem.compliance, state.clock[0]
     pressed = state.counters[REGIME] == COMPRESSION
-    w.expansion[1] = pressed or law.exponent == 1.0
+    w.contact[KNOWN, STIFF] = pressed or law.exponent == 1.0
     step = min(reach, law.step if pressed else law.free_step)
     if pressed and law.exponent != 1.0:
         step = _step_within_power(problem, state, time, reach, w)
     elif pressed and law.loss > 0.0:
-        step = min(step, 1.2 * w.contact_step[0])
+        step = min(step, _longer(w, 1.2))
     shortenings, retakes = 0, 0
     while shortenings <= MAX_SHORTENINGS:
         state.counters[STEPS] += 1
         holds = collocate(problem, state.counters[REGIME], state, time, step, w) if problem.collocated else True
         tail = expand(problem, state, time, step, w)
-        if not (math.isfinite(w.depth[DEPTH, w.expansion[0]]) and math.isfinite(tail)):
+        if not (math.isfinite(w.contact[DEPTH, int(w.contact[KNOWN, LAST])]) and math.isfinite(tail)):
             return FAILED, 0.0, step
         if tail > 0.0 or not holds:
             shortenings += 1
-            ratio = 0.9 * (TRUNCATION / tail) ** (1.0 / (w.expansion[0] - 1)) if tail > 0.0 else 0.5
+            ratio = 0.9 * (TRUNCATION / tail) ** (1.0 / (int(w.contact[KNOWN, LAST]) - 1)) if tail > 0.0 else 0.5
             step *= ratio
             if problem.collocated or tail > MAX_TAIL:
                 continue
@@ -139,16 +151,16 @@ def next_step_in_contact(problem: Problem, state: ImpactState, reach: float, w: 
         if math.isnan(at):
             return FAILED, 0.0, step
         if pressed and shortenings > 0:
-            w.contact_step[0] = step
+            w.contact[KNOWN, HELD] = step
         elif pressed:
-            w.contact_step[0] = max(w.contact_step[0], step)
+            w.contact[KNOWN, HELD] = max(w.contact[KNOWN, HELD], step)
         if at > 1.0:
             return NO_EVENT, step, step
-        kind = w.expansion[2]
+        kind = w.contact[KNOWN, END]
         if problem.counts[FORCE_LAWS] == 0 or retakes == MAX_RETAKES or at == 0.0 or at > 1.0 - 1e-9:
             return EVENT, at * step, step
         retakes += 1
-        w.expansion[2] = kind
+        w.contact[KNOWN, END] = kind
         step = step * min(1.0, at + 1e-10)  # within a step the laws' loads are of lower order than at its end
     return FAILED, 0.0, step
 
@@ -168,7 +180,7 @@ def meet_surface(
         note_impact(problem, state, now, -rate, impacts, w)
         state.clock[CLOSING] = max(0.0, -rate)
         state.counters[REGIME], state.counters[TOUCH] = COMPRESSION, HIT
-    elif w.expansion[2] == SEPARATION or value >= 0.0:
+    elif w.contact[KNOWN, END] == SEPARATION or value >= 0.0:
         state.counters[REGIME], state.counters[TOUCH] = FREE, (HIT if rate > 0.0 else RELEASED)
     else:
         state.counters[REGIME] = PARTED if r == COMPRESSION else COMPRESSION

@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numba import njit
 
-from calib.simulators.compilation import COMPILED, WITHIN
+from calib.simulators.compilation import COMPILED, INLINED, WITHIN
 from calib.simulators.impact.coordinates import modal_row
 from calib.simulators.impact.events import coefficient
 from calib.simulators.impact.flow import impulse_response
@@ -35,6 +35,7 @@ from calib.simulators.impact.problem import (
 from calib.simulators.impact.scratch import Scratch
 from calib.simulators.impact.series import carry_differences
 from calib.simulators.impact.step import complete_step, next_step
+from calib.simulators.impact.stop_kinds import by_stop
 from calib.simulators.impact.witness import EVENT, FAILED, witness
 
 MAX_ROUNDING_SHARE = 1e-13  # of the largest difference: what rounding leaves of one that a contact reduces to zero
@@ -181,7 +182,7 @@ def _release(
 
 
 @njit(**COMPILED)
-def _cross(
+def _cross_rigid_stop(
     problem: Problem,
     r: int,
     y: np.ndarray,
@@ -193,6 +194,7 @@ def _cross(
     w: Scratch,
     dy: np.ndarray,
     dv: np.ndarray,
+    dspeed: np.ndarray,
 ) -> None:
     """Carry dy, dv (n, m) over the event at `tau` into the step that began at `time`.
 
@@ -232,8 +234,9 @@ def _loss_slope(problem: Problem, speed: float) -> float:
 
 
 @njit(**COMPILED)
-def _enter(
+def _cross_surface(
     problem: Problem,
+    r: int,
     y: np.ndarray,
     v: np.ndarray,
     state: ImpactState,
@@ -249,10 +252,12 @@ def _enter(
 
     At all other events of such a contact the force is zero on both sides, and so is the jump.
     """
+    if r != FREE:
+        return
     _, first, second, _ = witness(
         problem.regimes, FREE, y, v, problem.omega, time + tau, problem.collocated, w.load, w.added, step, tau, 0.0
     )
-    delay = np.zeros(dspeed.size)
+    law, delay = problem.compliance, np.zeros(dspeed.size)
     if first < 0.0:
         _delays(problem, FREE, first, dy, dv, delay)
     for k in range(delay.size):
@@ -260,7 +265,43 @@ def _enter(
         for i in range(dy.shape[0]):
             dspeed[k] -= problem.regimes.witness_y[FREE, i] * dv[i, k]
         for i in range(dy.shape[0]):
-            dv[i, k] -= problem.compliance.load[i] * problem.compliance.damping * state.clock[CLOSING] * delay[k]
+            dv[i, k] -= law.load[i] * law.damping * state.clock[CLOSING] * delay[k]
+
+
+def _carry_step_with_rigid_stop(
+    problem: Problem,
+    r: int,
+    state: ImpactState,
+    step: float,
+    tau: float,
+    w: Scratch,
+    dy: np.ndarray,
+    dv: np.ndarray,
+    dspeed: np.ndarray,
+) -> None:
+    """Carry dy, dv (n, m) on by `tau` into a step in regime `r`."""
+    _flow_differences(problem.regimes, r, tau, dy, dv)
+
+
+def _carry_step_with_compliance(
+    problem: Problem,
+    r: int,
+    state: ImpactState,
+    step: float,
+    tau: float,
+    w: Scratch,
+    dy: np.ndarray,
+    dv: np.ndarray,
+    dspeed: np.ndarray,
+) -> None:
+    if r == COMPRESSION:
+        carry_differences(problem, state, _loss_slope(problem, state.clock[CLOSING]), step, tau, w, dy, dv, dspeed)
+    else:
+        _flow_differences(problem.regimes, FREE, tau, dy, dv)
+
+
+_carry_step = by_stop(_carry_step_with_rigid_stop, _carry_step_with_compliance, INLINED)
+_cross = by_stop(_cross_rigid_stop, _cross_surface, COMPILED)
 
 
 @njit(**COMPILED)
@@ -389,24 +430,17 @@ def carry(
             return SPENT, done
         if not complete_step(problem, state, outcome, tau, step, no_impacts, w, ye, ve):
             return DIVERGED, done
-        if r == COMPRESSION:
-            loss_slope = _loss_slope(problem, state.clock[CLOSING])
-            carry_differences(problem, state, loss_slope, step, tau, w, dy, dv, dspeed)
-        else:
-            _flow_differences(regimes, modal_row(r), tau, dy, dv)
+        _carry_step(problem, r, state, step, tau, w, dy, dv, dspeed)
         if tau >= problem.period - time:
             write_row(problem, r, ye, ve, time, tau, step, w, sections[done])
             if not within(sections[done], n, problem.limit):
                 return DIVERGED, done
-            if problem.compliance.by_speed:
+            if vectors.shape[0] > 2 * n:
                 sections[done, 2 * n + 2] = state.clock[CLOSING] if r != FREE else 0.0
             _to_section(regimes, r, dy, dv, dspeed, scale, vectors)
             _make_orthonormal(vectors, growth[done])
             _from_section(regimes, r, vectors, scale, dy, dv, dspeed)
             done += 1
-        if outcome == EVENT and problem.compliance.active:
-            if r == FREE:
-                _enter(problem, ye, ve, state, time, tau, step, w, dy, dv, dspeed)
-        elif outcome == EVENT and problem.stop:
-            _cross(problem, r, ye, ve, state, time, tau, step, w, dy, dv)
+        if outcome == EVENT and problem.stop:
+            _cross(problem, r, ye, ve, state, time, tau, step, w, dy, dv, dspeed)
     return DONE, done
