@@ -25,11 +25,11 @@ from calib.simulators.impact.problem import (
 )
 from calib.simulators.impact.scratch import ORDER, Scratch
 
-TRUNCATION = 1e-12  # terms of the series below that share of the largest are left out
+TRUNCATION = 1e-13  # terms of the series below that share of the largest are left out
 MAX_ORDER = 22  # where the law is not linear: an order costs as many products as it counts
 MAX_JUMPS = 10_000  # over a step before its zero is given up
 MIN_ORDER = 6  # so that the polynomials of the loads have entered
-SMALL_CHANGE = 1e-9  # of velocity, as a share of it, up to which the force next to d = 0 acts as if that were constant
+SMALL_CHANGE = 1e-11  # of velocity, as a share of it, up to which the force next to d = 0 acts as if that were constant
 _INVERSE = np.array([1.0 / ((k + 1) * (k + 2)) for k in range(ORDER)])
 _RECIPROCAL = np.array([1.0 / max(1, k) for k in range(ORDER)])
 # rows of `Scratch.contact`: series of the penetration, its rate, the force and what these are made of; what is known of
@@ -154,7 +154,7 @@ def expand(problem: Problem, state: ImpactState, time: float, step: float, w: Sc
     w.contact[KNOWN, LAST] = order
     if not math.isfinite(largest + deepest + depth[order]):
         return math.nan
-    return 0.0 if small > 0 else max(tail, before)
+    return 0.0 if small == 2 else max(tail, before)
 
 
 @njit(**WITHIN)
