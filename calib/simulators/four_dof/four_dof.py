@@ -66,9 +66,15 @@ class FourDof:
     steps_per_period : of the fixed step (default 250.37: where it divides the period, the error locks to the grid and
         the band of the phase curve disappears), or of the collocation (default 48); it need not be whole
     onto_surface : whether an impact at the end of a fixed step also puts the layer back on the surface
-    contact : "rigid" (default), or the law of a compliant contact: "kelvin_voigt", "hunt_crossley" or
-        "lankarani_nikravesh", see `impact.contact_laws`. Its force acts on the layer alone, as an impact does (paper,
-        eq. (2)); with a contact_time of 0 the stop is rigid
+    contact : "rigid" (default: Newton's law of impact), or the law of a compliant contact, by which the layer is pushed
+        off the beam at a penetration d [m] and its rate d' [m/s], per unit mass of the layer  [m/s^2]:
+
+        "kelvin_voigt" by max(0, k d^n + c d'); "hunt_crossley" by max(0, k d^n (1 + hunt_crossley d')) (Hunt and
+        Crossley 1975); "lankarani_nikravesh" by max(0, k d^n (1 + 3 (1 - e^2) d' / (4 v0))), v0 the closing speed of
+        the impact at hand, e its restitution (Lankarani and Nikravesh 1990). n is contact_exponent; k follows from
+        contact_time, how long a loss-free impact at 1 m/s lasts, c from the restitution of a layer that flies freely.
+        At a contact_time of 0 the stop is rigid. The force acts on the layer alone, as an impact does (paper, eq. (2));
+        see `impact.contact_laws`
 
     Notes
     -----
@@ -80,6 +86,8 @@ class FourDof:
 
     name = "four_dof"
     bodies = BODIES
+    parameters = PARAMETERS
+    sites = frozenset({"force", "gap", "restitution", "excitation"})
 
     def __init__(
         self,
@@ -111,8 +119,9 @@ class FourDof:
                 "take mode 'exact'"
             )
         self.contact = contact
-        self.parameters = with_contact(PARAMETERS, contact)
-        self.sites = frozenset({"force", "gap", "excitation"} | ({"restitution"} if contact == "rigid" else set()))
+        if contact != "rigid":
+            self.parameters = with_contact(PARAMETERS, contact)
+            self.sites = frozenset({"force", "gap", "excitation"})
         self.refinement = UNREFINED
 
     @property

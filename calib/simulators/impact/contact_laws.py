@@ -18,6 +18,7 @@ follows from the restitution e of a free mass for n = 1; for another n, the one 
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import Literal, NamedTuple
 
@@ -51,7 +52,10 @@ def with_contact(parameters: tuple[Parameter, ...], name: ContactName) -> tuple[
     if name == "hunt_crossley":
         own = tuple(parameter for parameter in parameters if parameter.name != "restitution")
         return (*own, _TIME, _LOSS, _exponent(1.5))
-    return (*parameters, _TIME, _exponent(1.0 if name == "kelvin_voigt" else 1.5))
+    meaning = "coefficient of restitution from which the loss of the contact follows"
+    own = tuple(replace(parameter, meaning=meaning) if parameter.name == "restitution" else parameter
+                for parameter in parameters)  # fmt: skip
+    return (*own, _TIME, _exponent(1.0 if name == "kelvin_voigt" else 1.5))
 
 
 class ContactLaw(NamedTuple):

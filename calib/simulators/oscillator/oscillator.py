@@ -77,9 +77,18 @@ class Oscillator:
     before time 0; one with a harmonic input from `Request.initial_state` (x, x'), where that is given. A recorded
     displacement passes the zero-phase low-pass of its cutoff before it is differentiated.
 
-    With `contact` = "rigid" (the default) an impact follows Newton's law; "kelvin_voigt", "hunt_crossley" and
-    "lankarani_nikravesh" name the law of a compliant contact, which gives force over penetration and its rate (see
-    `calib.simulators.impact.contact_laws`). With a contact_time of 0 that is a rigid stop.
+    With `contact` = "rigid" (the default) an impact at the stop follows Newton's law. The others are laws of a
+    compliant contact: the force per unit mass [m/s^2] over the penetration d [m] and its rate d' [m/s].
+
+    =====================  ====================================  ======================================================
+    "kelvin_voigt"         max(0, k d^n + c d')                  c from the restitution of a mass that flies freely
+    "hunt_crossley"        max(0, k d^n (1 + h d'))              h = hunt_crossley; Hunt and Crossley 1975
+    "lankarani_nikravesh"  max(0, k d^n (1 + 3 (1 - e^2) d'      v0 the closing speed of the impact at hand, e =
+                           / (4 v0)))                            restitution; Lankarani and Nikravesh 1990
+    =====================  ====================================  ======================================================
+
+    n is contact_exponent; k follows from contact_time, how long a loss-free impact at 1 m/s lasts. At a contact_time of
+    0 the stop is rigid. See `calib.simulators.impact.contact_laws`.
 
     The linear part is solved exactly, impacts are located exactly; see `calib.simulators.impact`.
     """
