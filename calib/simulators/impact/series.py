@@ -20,13 +20,14 @@ from calib.simulators.impact.problem import (
     HIT,
     REGIME,
     TOUCH,
+    Compliance,
     ImpactState,
     Problem,
+    Regimes,
 )
 from calib.simulators.impact.scratch import ORDER, Scratch
 
 TRUNCATION = 1e-13  # terms of the series below that share of the largest are left out
-MAX_ORDER = 22  # where the law is not linear: an order costs as many products as it counts
 MAX_JUMPS = 10_000  # over a step before its zero is given up
 MIN_ORDER = 6  # so that the polynomials of the loads have entered
 SMALL_CHANGE = 1e-11  # of velocity, as a share of it, up to which the force next to d = 0 acts as if that were constant
@@ -36,21 +37,20 @@ _RECIPROCAL = np.array([1.0 / max(1, k) for k in range(ORDER)])
 # the series; and from `MODES` on those of the modes
 DEPTH, RATE, FORCE, POWER, WITNESS, BY_DEPTH, BY_RATE, BY_LOSS, KNOWN, MODES = range(10)
 # entries of the row `KNOWN`: order of the series; whether the force has its part of d^n; what ends the step; length of
-# step over which the series under the force held last [s], 0 before the first
-LAST, STIFF, END, HELD = range(4)
+# step over which the series under the force held last [s]; time next to d = 0 over which d^n makes next to nothing of
+# the velocity [s], both 0 before the first
+LAST, STIFF, END, HELD, SMALL = range(5)
 
 
 @njit(**INLINED)
-def loss_at(problem: Problem, speed: float) -> float:
+def loss_at(law: Compliance, speed: float) -> float:
     """Loss factor [s/m] in a contact that began at a closing speed [m/s]."""
-    law = problem.compliance
     return law.loss / max(speed, law.slowest) if law.by_speed else law.loss
 
 
 @njit(**WITHIN)
-def time_of_small_force(problem: Problem, speed: float, acceleration: float) -> float:
+def time_of_small_force(law: Compliance, speed: float, acceleration: float) -> float:
     """Time [s] from d = 0 over which d^n makes next to nothing of the velocity; d sets out with these rates."""
-    law = problem.compliance
     n = law.exponent
     share = SMALL_CHANGE * (n + 1.0) / law.stiffness
     time = math.inf
@@ -61,35 +61,68 @@ def time_of_small_force(problem: Problem, speed: float, acceleration: float) -> 
     return time
 
 
+@njit(**INLINED)
+def _sums(power: np.ndarray, weighted: np.ndarray, depth: np.ndarray, k: int) -> tuple[float, float]:
+    """Return the sums of power[j] depth[k + 1 - j] and of weighted[j] depth[k + 1 - j] over j = 0..k, in two chains."""
+    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    for j in range(0, k, 2):
+        left, right = depth[k + 1 - j], depth[k - j]
+        a += power[j] * left
+        b += power[j + 1] * right
+        c += weighted[j] * left
+        d += weighted[j + 1] * right
+    if k % 2 == 0:
+        a += power[k] * depth[1]
+        c += weighted[k] * depth[1]
+    return a + b, c + d
+
+
 @njit(**WITHIN)
-def expand(problem: Problem, state: ImpactState, time: float, step: float, w: Scratch) -> float:
-    """Write the series over a step from `time` [s] since the whole period; its loads are set.
+def expand(
+    regimes: Regimes,
+    law: Compliance,
+    omega: float,
+    loaded: bool,
+    load: np.ndarray,
+    added: np.ndarray,
+    state: ImpactState,
+    time: float,
+    step: float,
+    contact: np.ndarray,
+) -> float:
+    """Write the series over a step from `time` [s] since the whole period.
+
+    Parameters
+    ----------
+    loaded, load, added : as of `witness.witness`, with which those of the contact's force add up
+    contact : `Scratch.contact`, written
 
     Returns
     -------
     tail : size of its last terms, as a share of the largest; 0 where it has converged, NaN where it is not finite
     """
-    regimes, law, n = problem.regimes, problem.compliance, state.y.size
+    n = state.y.size
     a, depth, rate, force, power = (
-        w.contact[MODES:],
-        w.contact[DEPTH],
-        w.contact[RATE],
-        w.contact[FORCE],
-        w.contact[POWER],
+        contact[MODES:],
+        contact[DEPTH],
+        contact[RATE],
+        contact[FORCE],
+        contact[POWER],
     )
+    own = contact[WITNESS]
     pressed = 1.0 if state.counters[REGIME] == COMPRESSION else 0.0
-    stiffness = law.stiffness if w.contact[KNOWN, STIFF] != 0 else 0.0  # of d^n, where that has its part
-    loaded, loss = problem.collocated, loss_at(problem, state.clock[CLOSING])
+    stiffness = law.stiffness if contact[KNOWN, STIFF] != 0 else 0.0  # of d^n, where that has its part
+    loss = loss_at(law, state.clock[CLOSING])
     exponent, damping = law.exponent, law.damping
     linear = exponent == 1.0 and loss == 0.0
-    per_step, square, turn = 1.0 / step, step * step, problem.omega * step
-    c, s = math.cos(problem.omega * time), math.sin(problem.omega * time)
+    per_step, square, turn = 1.0 / step, step * step, omega * step
+    c, s = math.cos(omega * time), math.sin(omega * time)
     wc, ws = regimes.witness[FREE, 0], regimes.witness[FREE, 1]
     drive, drive_next = wc * c + ws * s, (ws * c - wc * s) * turn  # two terms of the drive's part in the clearance
     clearance, opening, largest = drive + regimes.witness[FREE, 2], drive_next, 0.0
     if loaded:
-        clearance += w.added[0]
-        opening += w.added[1]
+        clearance += added[0]
+        opening += added[1]
     for i in range(n):
         a[i, 0], a[i, 1] = state.y[i], state.v[i] * step
         clearance += regimes.witness_y[FREE, i] * a[i, 0]
@@ -99,9 +132,10 @@ def expand(problem: Problem, state: ImpactState, time: float, step: float, w: Sc
     if state.counters[TOUCH] == HIT and depth[0] < 0.0:
         depth[0] = 0.0  # but for rounding
     deepest = abs(depth[1])
-    last = ORDER if linear else MAX_ORDER
-    small, order, tail, before, product = 0, last, math.inf, math.inf, 0.0
-    for k in range(last - 1):
+    per_depth = 1.0 / depth[0] if depth[0] > 0.0 else 0.0
+    small, order, tail, before = 0, ORDER, 0.0, 0.0
+    plain, weighted = 0.0, 0.0  # sums over j of p_j d_(k - j) and j p_j d_(k - j), p = d^n, up to p_(k - 1)
+    for k in range(ORDER - 1):
         rate[k] = (k + 1) * per_step * depth[k + 1]
         value = damping * rate[k]
         if linear:
@@ -111,24 +145,20 @@ def expand(problem: Problem, state: ImpactState, time: float, step: float, w: Sc
                 power[k] = depth[k]
             elif k == 0:
                 power[0] = depth[0] ** exponent
-            else:  # d p' = n p d', p = d^n
-                slower = 0.0
-                for j in range(1, k):
-                    slower += j * power[j] * depth[k - j]
-                power[k] = (exponent * step * product - slower) * _RECIPROCAL[k] / depth[0]
-            product = 0.0
-            for j in range(k + 1):
-                product += power[j] * rate[k - j]
-            value += stiffness * (power[k] + loss * product)
+            else:  # d p' = n p d'
+                power[k] = (exponent * plain - (exponent + 1.0) * _RECIPROCAL[k] * weighted) * per_depth
+            own[k] = k * power[k]
+            plain, weighted = _sums(power, own, depth, k)
+            value += stiffness * (power[k] + loss * per_step * ((k + 1) * plain - weighted))
         force[k] = value
         value *= pressed
         drive, drive_next = drive_next, -turn * turn * _INVERSE[k] * drive
         clearance, term = drive_next, 0.0
         if loaded and k < 3:
-            clearance += w.added[k + 2]
+            clearance += added[k + 2]
         for i in range(n):
-            load = w.load[i, k] if loaded and k < 5 else 0.0
-            still = square * (load - regimes.stiffness[FREE, i] * a[i, k])
+            f = load[i, k] if loaded and k < 5 else 0.0
+            still = square * (f - regimes.stiffness[FREE, i] * a[i, k])
             still -= 2.0 * (k + 1) * step * regimes.rate[FREE, i] * a[i, k + 1]
             x = (still + square * law.load[i] * value) * _INVERSE[k]
             a[i, k + 2] = x
@@ -145,57 +175,68 @@ def expand(problem: Problem, state: ImpactState, time: float, step: float, w: Sc
                 break
         else:
             small = 0
-            before = tail
-            tail = max(term / largest if largest > 0.0 else 0.0, deep / deepest if deepest > 0.0 else 0.0)
+            if k >= ORDER - 6:  # a parity of terms may be zero
+                before, tail = (
+                    tail,
+                    max(term / largest if largest > 0.0 else 0.0, deep / deepest if deepest > 0.0 else 0.0),
+                )
     for k in range(order - 1, ORDER + 1):
         rate[k], force[k], power[k] = 0.0, 0.0, 0.0
     for k in range(order + 1, ORDER + 1):
         depth[k] = 0.0
-    w.contact[KNOWN, LAST] = order
+    contact[KNOWN, LAST] = order
     if not math.isfinite(largest + deepest + depth[order]):
         return math.nan
     return 0.0 if small == 2 else max(tail, before)
 
 
 @njit(**WITHIN)
-def rescale(w: Scratch, ratio: float) -> None:
+def rescale(contact: np.ndarray, ratio: float) -> None:
     """Let the series hold for a step that is `ratio` times as long."""
     factor = 1.0
-    for k in range(int(w.contact[KNOWN, LAST]) + 1):
+    for k in range(int(contact[KNOWN, LAST]) + 1):
         for row in (DEPTH, RATE, FORCE, POWER):
-            w.contact[row, k] *= factor
-        for row in range(MODES, w.contact.shape[0]):
-            w.contact[row, k] *= factor
+            contact[row, k] *= factor
+        for row in range(MODES, contact.shape[0]):
+            contact[row, k] *= factor
         factor *= ratio
 
 
 @njit(**WITHIN)
-def _small_force(problem: Problem, state: ImpactState, tau: float, depth_at: float, power: float, w: Scratch) -> float:
+def _small_force(
+    law: Compliance, state: ImpactState, tau: float, depth_at: float, power: float, contact: np.ndarray
+) -> float:
     """Integral of stiffness d^(power - 1) (1 + loss d') up to `tau`, where d went evenly to `depth_at` [m]."""
-    begin, end = max(0.0, w.contact[DEPTH, 0]), max(0.0, depth_at)
+    begin, end = max(0.0, contact[DEPTH, 0]), max(0.0, depth_at)
     if begin == end or tau == 0.0:
         return 0.0
-    lossy = 1.0 + loss_at(problem, state.clock[CLOSING]) * w.contact[RATE, 0]
-    return problem.compliance.stiffness * lossy * (end**power - begin**power) / (power * (end - begin)) * tau
+    lossy = 1.0 + loss_at(law, state.clock[CLOSING]) * contact[RATE, 0]
+    return law.stiffness * lossy * (end**power - begin**power) / (power * (end - begin)) * tau
 
 
 @njit(**WITHIN)
 def motion_within(
-    problem: Problem, state: ImpactState, w: Scratch, step: float, tau: float, y: np.ndarray, v: np.ndarray
+    law: Compliance,
+    state: ImpactState,
+    contact: np.ndarray,
+    step: float,
+    tau: float,
+    y: np.ndarray,
+    v: np.ndarray,
 ) -> None:
     """Write the modal motion at `tau` into the step."""
-    x, order, law = tau / step, int(w.contact[KNOWN, LAST]), problem.compliance
+    x, order = tau / step, int(contact[KNOWN, LAST])
     for i in range(y.size):
-        value, slope = w.contact[MODES + i, order], 0.0
+        value, slope = contact[MODES + i, order], 0.0
         for k in range(order - 1, -1, -1):
             slope = slope * x + value
-            value = value * x + w.contact[MODES + i, k]
+            value = value * x + contact[MODES + i, k]
         y[i], v[i] = value, slope / step
-    if w.contact[KNOWN, STIFF] == 0 and state.counters[REGIME] == COMPRESSION:
+    if contact[KNOWN, STIFF] == 0 and state.counters[REGIME] == COMPRESSION:
         depth = 0.0
         for k in range(order, -1, -1):
-            depth = depth * x + w.contact[DEPTH, k]
-        impulse = _small_force(problem, state, tau, depth, law.exponent + 1.0, w)
+            depth = depth * x + contact[DEPTH, k]
+        impulse = _small_force(law, state, tau, depth, law.exponent + 1.0, contact)
         for i in range(y.size):
             v[i] += law.load[i] * impulse
 
@@ -248,14 +289,14 @@ def first_root(series: np.ndarray, begin: int, end: int, resolution: float) -> t
 
 @njit(**WITHIN)
 def end_of_parting(
-    problem: Problem, begin: float, end: float, resolution: float, step: float, w: Scratch
+    law: Compliance, begin: float, end: float, resolution: float, step: float, contact: np.ndarray
 ) -> tuple[float, int]:
     """First zero in [begin, end] of stiffness d^n + damping d', which is negative before it; infinite without one.
 
     With a bound on |d'''|, a convex function of time lies above it: where that is negative at the end of an interval as
     at its start, there is no zero in between. The jumps made are counted; NaN: it was given up.
     """
-    law, order, depth = problem.compliance, int(w.contact[KNOWN, LAST]), w.contact[DEPTH]
+    order, depth = int(contact[KNOWN, LAST]), contact[DEPTH]
     third = 0.0
     for k in range(3, order + 1):
         third += k * (k - 1) * (k - 2) * abs(depth[k])
@@ -328,13 +369,13 @@ def carry_differences(
     dspeed (m,) are differences of the closing speed [m/s], by which the loss factor falls at `loss_slope`.
     """
     regimes, law, n = problem.regimes, problem.compliance, dy.shape[0]
-    loss, at = loss_at(problem, state.clock[CLOSING]), 0.0
+    loss, at = loss_at(law, state.clock[CLOSING]), 0.0
     simple = loss == 0.0 and law.exponent == 1.0
     small_force = 0.0
     if w.contact[KNOWN, STIFF] == 0:
         for k in range(int(w.contact[KNOWN, LAST]), -1, -1):
             at = at * tau / step + w.contact[DEPTH, k]
-        small_force = law.exponent * _small_force(problem, state, tau, at, law.exponent, w)
+        small_force = law.exponent * _small_force(law, state, tau, at, law.exponent, w.contact)
     _expand_slopes(problem, loss, w)
     by_depth, by_rate, by_loss, depth = w.contact[BY_DEPTH], w.contact[BY_RATE], w.contact[BY_LOSS], w.contact[WITNESS]
     a, x, square = w.contact[MODES:], tau / step, step * step

@@ -27,6 +27,7 @@ from calib.simulators.impact.problem import (
     RELEASED,
     STEPS,
     TOUCH,
+    Compliance,
     ImpactState,
     Problem,
 )
@@ -39,6 +40,7 @@ from calib.simulators.impact.series import (
     KNOWN,
     LAST,
     RATE,
+    SMALL,
     STIFF,
     TRUNCATION,
     WITNESS,
@@ -65,20 +67,39 @@ def _longer(w: Scratch, factor: float) -> float:
     return factor * held if held > 0.0 else math.inf
 
 
-@njit(**WITHIN)
+@njit(**INLINED)
+def _penetration(problem: Problem, state: ImpactState, time: float, step: float, w: Scratch) -> tuple[float, float]:
+    """Penetration [m], zero at least, and its rate [m/s] at the start of a step; what the input adds is written."""
+    regimes, omega = problem.regimes, problem.omega
+    c, s = math.cos(omega * time), math.sin(omega * time)
+    wc, ws = regimes.witness[FREE, 0], regimes.witness[FREE, 1]
+    clearance, rate = wc * c + ws * s + regimes.witness[FREE, 2], omega * (ws * c - wc * s)
+    if problem.collocated:
+        clearance += w.added[0]
+        rate += w.added[1] / step
+    for i in range(state.y.size):
+        clearance += regimes.witness_y[FREE, i] * state.y[i]
+        rate += regimes.witness_y[FREE, i] * state.v[i]
+    return max(0.0, -clearance), -rate
+
+
+@njit(**INLINED)
 def _step_within_power(problem: Problem, state: ImpactState, time: float, reach: float, w: Scratch) -> float:
     """Length of the next step [s] under a force with n > 1; it is written whether d^n has its part in the force."""
     step = min(reach, min(problem.compliance.step, _longer(w, 1.5)))
     if problem.collocated:
         set_given_loads(problem, state, time, step, w)
-    depth, rate, second, _ = witness(
-        problem.regimes, FREE, state.y, state.v, problem.omega, time, problem.collocated, w.load, w.added, step, 0.0,
-        0.0,
-    )  # fmt: skip
-    depth, rate, second = max(0.0, -depth), -rate, -second
+    depth, rate = _penetration(problem, state, time, step, w)
+    small = w.contact[KNOWN, SMALL]
+    if state.counters[TOUCH] == HIT or small == 0.0:
+        _, _, second, _ = witness(
+            problem.regimes, FREE, state.y, state.v, problem.omega, time, problem.collocated, w.load, w.added, step,
+            0.0, 0.0,
+        )  # fmt: skip
+        small = time_of_small_force(problem.compliance, abs(rate), abs(second) if rate >= 0.0 else 0.0)
+        w.contact[KNOWN, SMALL] = small
     if state.counters[TOUCH] == HIT:
         depth = 0.0
-    small = time_of_small_force(problem, abs(rate), abs(second) if rate >= 0.0 else 0.0)
     distance = depth / abs(rate) if rate != 0.0 else (math.inf if depth > 0.0 else 0.0)
     w.contact[KNOWN, STIFF] = distance >= small
     if distance >= small:
@@ -87,33 +108,35 @@ def _step_within_power(problem: Problem, state: ImpactState, time: float, reach:
 
 
 @njit(**WITHIN)
-def _first_event(problem: Problem, state: ImpactState, step: float, w: Scratch) -> float:
+def _first_event(
+    law: Compliance, state: ImpactState, step: float, resolution: float, lift: float, contact: np.ndarray
+) -> float:
     """First end of the regime, as a share of the step, infinite without one; what it is, is written."""
-    law, touch = problem.compliance, state.counters[TOUCH]
+    touch = state.counters[TOUCH]
     pressed = state.counters[REGIME] == COMPRESSION
-    order, own, resolution = int(w.contact[KNOWN, LAST]), w.contact[WITNESS], problem.resolution / step
+    order, own, resolution = int(contact[KNOWN, LAST]), contact[WITNESS], resolution / step
     by_separation, by_force, jumps = math.inf, math.inf, 0
     if not pressed or law.damping == 0.0:
-        begin = 1 if touch == HIT and w.contact[DEPTH, 0] == 0.0 else 0
-        by_separation, jumps = first_root(w.contact[DEPTH], begin, order, resolution)
+        begin = 1 if touch == HIT and contact[DEPTH, 0] == 0.0 else 0
+        by_separation, jumps = first_root(contact[DEPTH], begin, order, resolution)
         state.counters[STEPS] += jumps
-    loss = loss_at(problem, state.clock[CLOSING])
+    loss = loss_at(law, state.clock[CLOSING])
     if law.damping > 0.0 and not pressed and law.exponent != 1.0:
-        begins = problem.lift / step if touch == RELEASED else 0.0
-        by_force, jumps = end_of_parting(problem, begins, min(1.0, by_separation), resolution, step, w)
+        begins = lift / step if touch == RELEASED else 0.0
+        by_force, jumps = end_of_parting(law, begins, min(1.0, by_separation), resolution, step, contact)
     elif law.damping > 0.0:
         sign = 1.0 if pressed else -1.0
         for k in range(order + 1):
-            own[k] = sign * w.contact[FORCE, k]
+            own[k] = sign * contact[FORCE, k]
         begin = 1 if touch == RELEASED or (touch == HIT and own[0] <= 0.0) else 0
         by_force, jumps = first_root(own, begin, order, resolution)
     elif loss > 0.0:  # the sign of a force that is a power of d times this
         sign = 1.0 if pressed else -1.0
         for k in range(order + 1):
-            own[k] = sign * (loss * w.contact[RATE, k] + (1.0 if k == 0 else 0.0))
+            own[k] = sign * (loss * contact[RATE, k] + (1.0 if k == 0 else 0.0))
         by_force, jumps = first_root(own, 1 if touch == RELEASED else 0, order, resolution)
     state.counters[STEPS] += jumps
-    w.contact[KNOWN, END] = SEPARATION if by_separation <= by_force else (NO_FORCE if pressed else FORCE_AGAIN)
+    contact[KNOWN, END] = SEPARATION if by_separation <= by_force else (NO_FORCE if pressed else FORCE_AGAIN)
     return min(by_separation, by_force)
 
 
@@ -137,7 +160,9 @@ def next_step_in_contact(problem: Problem, state: ImpactState, reach: float, w: 
     while shortenings <= MAX_SHORTENINGS:
         state.counters[STEPS] += 1
         holds = collocate(problem, state.counters[REGIME], state, time, step, w) if problem.collocated else True
-        tail = expand(problem, state, time, step, w)
+        tail = expand(
+            problem.regimes, law, problem.omega, problem.collocated, w.load, w.added, state, time, step, w.contact
+        )
         if not (math.isfinite(w.contact[DEPTH, int(w.contact[KNOWN, LAST])]) and math.isfinite(tail)):
             return FAILED, 0.0, step
         if tail > 0.0 or not holds:
@@ -146,8 +171,8 @@ def next_step_in_contact(problem: Problem, state: ImpactState, reach: float, w: 
             step *= ratio
             if problem.collocated or tail > MAX_TAIL:
                 continue
-            rescale(w, ratio)
-        at = _first_event(problem, state, step, w)
+            rescale(w.contact, ratio)
+        at = _first_event(law, state, step, problem.resolution, problem.lift, w.contact)
         if math.isnan(at):
             return FAILED, 0.0, step
         if pressed and shortenings > 0:
