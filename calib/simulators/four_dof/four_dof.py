@@ -86,7 +86,7 @@ class FourDof:
 
     name = "four_dof"
     bodies = BODIES
-    parameters = PARAMETERS
+    parameters: tuple[Parameter, ...] = PARAMETERS
     sites = frozenset({"force", "gap", "restitution", "excitation"})
 
     def __init__(

@@ -103,7 +103,7 @@ def assemble(
         knots=np.ascontiguousarray(drive.knots, dtype=float),
         table=np.ascontiguousarray(drive.table, dtype=float),
         push=_push(structure),
-        compliance=_compliance(contact, stop, both, drive, length, fastest * refinement.time_step),
+        compliance=_compliance(contact, stop, both, drive, length, fastest, refinement),
         **slots._asdict(),
     )
 
@@ -141,7 +141,13 @@ def _event_resolution(fastest: float, period: float, refinement: Refinement) -> 
 
 
 def _compliance(
-    contact: ContactLaw | None, stop: Stop | None, both: Regimes, drive: ImpactDrive, length: float, fastest: float
+    contact: ContactLaw | None,
+    stop: Stop | None,
+    both: Regimes,
+    drive: ImpactDrive,
+    length: float,
+    fastest: float,
+    refinement: Refinement,
 ) -> Compliance:
     """Return the contact as the kernel takes it, its force along the jump of the velocities at a rigid impact."""
     if contact is None or stop is None:
@@ -155,8 +161,8 @@ def _compliance(
         loss=contact.loss,
         by_speed=contact.by_speed,
         slowest=MIN_SPEED_SHARE * length * max(drive.omega, np.sqrt(np.abs(both.stiffness[0]).min())),
-        step=float(reach / max(fastest, contact.highest_frequency)),
-        free_step=float(MAX_LINEAR_ANGLE / fastest),
+        step=float(reach / max(fastest, contact.highest_frequency) / refinement.time_step),
+        free_step=float(MAX_LINEAR_ANGLE / fastest / refinement.time_step),
         load=both.project[0] @ np.asarray(stop.hit, dtype=float),
     )
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from calib.modelling.laws import SLOTS, STATES
 
-ORDER = 32  # highest, of the Taylor series of the motion in a compliant contact
+ORDER = 40  # highest, of the Taylor series of the motion in a compliant contact
 
 
 class Scratch(NamedTuple):
