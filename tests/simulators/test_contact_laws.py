@@ -125,6 +125,14 @@ def test_a_stiff_contact_comes_to_the_rigid_stop_with_order_one_in_its_contact_t
 
 
 @pytest.mark.parametrize("contact", LAWS)
+@pytest.mark.parametrize("time", [1e-6, 1e-4, 1e-2, 1.0])
+def test_contacts_of_any_duration_are_simulated(contact, time):
+    record = Model(FourDof(contact=contact)).run({"contact_time": time}, SHAKER, Request(periods=1, samples=20))
+    assert record.attrs["status"] == "ok", record.attrs["reason"]
+    assert np.isfinite(record.displacement).all()
+
+
+@pytest.mark.parametrize("contact", LAWS)
 def test_what_no_contact_has_is_a_status(contact):
     for values in ({"contact_time": -1e-3}, {"contact_exponent": 0.5}, {"contact_exponent": math.nan}):
         for model, excitation in ((Model(FourDof(contact=contact)), SHAKER),

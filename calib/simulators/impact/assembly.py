@@ -82,7 +82,6 @@ def assemble(
     slots = _law_slots(structure, laws, coordinates)
     collocated = bool(slots.counts[:2].any() or drive.knots.size or both.load_constant.any())
     fastest = _highest_frequency(both, drive)
-    located = max(fastest, contact.highest_frequency) if contact else fastest
     return Problem(
         regimes=both,
         stop=stop is not None,
@@ -97,8 +96,8 @@ def assemble(
         onto_surface=onto_surface,
         step=float(_longest_step(drive, step, collocated, fixed_step, fastest) / refinement.time_step),
         collocated=collocated,
-        resolution=_event_resolution(located, drive.period, refinement),
-        lift=float(LIFT_TIME / located),
+        resolution=_event_resolution(fastest, drive.period, refinement),
+        lift=float(LIFT_TIME / max(fastest, contact.highest_frequency if contact else 0.0)),
         limit=float(DIVERGENCE_FACTOR * length * max(1.0, fastest)),
         knots=np.ascontiguousarray(drive.knots, dtype=float),
         table=np.ascontiguousarray(drive.table, dtype=float),

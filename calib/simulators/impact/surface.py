@@ -57,6 +57,7 @@ SEPARATION, NO_FORCE, FORCE_AGAIN = 1, 2, 3  # what ends a step in contact
 MAX_SHORTENINGS = 60  # of a step whose series or loads do not hold
 MAX_SHARE_OF_DISTANCE = 0.8  # of the time to d = 0, ahead or behind, that a step takes where n > 1
 MAX_TAIL = 1e-6  # of a series that is cut to a shorter step as it is; with a longer one it is made anew
+MIN_RESOLUTION, MAX_RESOLUTION = 1e-15, 1e-12  # of events, as a share of the step: less does not show in it
 MAX_RETAKES = 4  # times a step is taken anew up to the event in it, where force laws act
 
 
@@ -114,7 +115,8 @@ def _first_event(
     """First end of the regime, as a share of the step, infinite without one; what it is, is written."""
     touch = state.counters[TOUCH]
     pressed = state.counters[REGIME] == COMPRESSION
-    order, own, resolution = int(contact[KNOWN, LAST]), contact[WITNESS], resolution / step
+    order, own = int(contact[KNOWN, LAST]), contact[WITNESS]
+    resolution = max(min(resolution / step, MAX_RESOLUTION), MIN_RESOLUTION)
     by_separation, by_force, jumps = math.inf, math.inf, 0
     if not pressed or law.damping == 0.0:
         begin = 1 if touch == HIT and contact[DEPTH, 0] == 0.0 else 0
