@@ -33,9 +33,9 @@ ContactName = Literal["rigid", "kelvin_voigt", "hunt_crossley", "lankarani_nikra
 CONTACTS: tuple[ContactName, ...] = ("rigid", "kelvin_voigt", "hunt_crossley", "lankarani_nikravesh")
 REFERENCE_SPEED = 1.0  # m/s, of the impact that lasts `contact_time`
 MAX_DAMPING_RATIO = 50.0  # of kelvin_voigt; its restitution of 1e-4 stands for all below
-MAX_EXPONENT = 3.0
+MAX_EXPONENT = 3.0  # of the penetration  [1]
 MAX_SERIES_LOSS = 3e-3  # loss factor times speed below which the restitution is taken from its series  [1]
-MAX_NEWTON_STEPS = 60  # for the restitution of a lossy contact
+MAX_RESTITUTION_STEPS = 60  # for the restitution of a lossy contact
 
 _TIME = Parameter("contact_time", "s", 5e-4, "duration of a loss-free impact at 1 m/s", null=0.0, low=0.0)
 _LOSS = Parameter("hunt_crossley", "s/m", 0.3, "loss factor of the contact", null=0.0, low=0.0)
@@ -182,7 +182,7 @@ def of_loss(e: float, speed: float, p: np.ndarray) -> float:
         return 1.0 - x * (2.0 / 3.0 - x * (4.0 / 9.0 - x * (44.0 / 135.0 - x * 104.0 / 405.0))) - e
     target = x - math.log1p(x)
     s = -1.0 - target  # ln(1 - y), from the side from which Newton's steps come near without passing
-    for _ in range(MAX_NEWTON_STEPS):
+    for _ in range(MAX_RESTITUTION_STEPS):
         step = (math.expm1(s) - s - target) / math.expm1(s)
         s -= step
         if abs(step) < 1e-15 * abs(s):

@@ -28,7 +28,7 @@ from calib.simulators.impact.problem import (
 from calib.simulators.impact.scratch import ORDER, Scratch
 
 TRUNCATION = 1e-13  # terms of the series below that share of the largest are left out
-MAX_JUMPS = 10_000  # over a step before its zero is given up
+MAX_SERIES_JUMPS = 10_000  # over a step before its zero is given up
 MIN_ORDER = 6  # so that the polynomials of the loads have entered
 SMALL_CHANGE = 1e-11  # of velocity, as a share of it, up to which the force next to d = 0 acts as if that were constant
 _INVERSE = np.array([1.0 / ((k + 1) * (k + 2)) for k in range(ORDER)])
@@ -266,7 +266,7 @@ def first_root(series: np.ndarray, begin: int, end: int, resolution: float) -> t
         return math.inf, 1
     x, jumps = 0.0, 0
     while x < 1.0:
-        if jumps == MAX_JUMPS:
+        if jumps == MAX_SERIES_JUMPS:
             return math.nan, jumps
         jumps += 1
         value, slope, half = series[end], 0.0, 0.0
@@ -309,7 +309,7 @@ def end_of_parting(
             value = value * x + depth[k]
         second, ahead = max(0.0, second), end - x
         while True:
-            if jumps == MAX_JUMPS:
+            if jumps == MAX_SERIES_JUMPS:
                 return math.nan, jumps
             jumps += 1
             highest = max(0.0, value + ahead * (slope + ahead * (0.5 * second + third * ahead / 6.0)))

@@ -58,7 +58,7 @@ MAX_SHORTENINGS = 60  # of a step whose series or loads do not hold
 MAX_SHARE_OF_DISTANCE = 0.8  # of the time to d = 0, ahead or behind, that a step takes where n > 1
 MAX_TAIL = 1e-6  # of a series that is cut to a shorter step as it is; with a longer one it is made anew
 MIN_RESOLUTION, MAX_RESOLUTION = 1e-15, 1e-12  # of events, as a share of the step: less does not show in it
-MAX_RETAKES = 4  # times a step is taken anew up to the event in it, where force laws act
+MAX_CONTACT_RETAKES = 4  # times a step is taken anew up to the event in it, where force laws act
 
 
 @njit(**INLINED)
@@ -184,7 +184,7 @@ def next_step_in_contact(problem: Problem, state: ImpactState, reach: float, w: 
         if at > 1.0:
             return NO_EVENT, step, step
         kind = w.contact[KNOWN, END]
-        if problem.counts[FORCE_LAWS] == 0 or retakes == MAX_RETAKES or at == 0.0 or at > 1.0 - 1e-9:
+        if problem.counts[FORCE_LAWS] == 0 or retakes == MAX_CONTACT_RETAKES or at == 0.0 or at > 1.0 - 1e-9:
             return EVENT, at * step, step
         retakes += 1
         w.contact[KNOWN, END] = kind
