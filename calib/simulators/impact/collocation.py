@@ -191,11 +191,11 @@ def _follow_in_compliance(problem: Problem, state: ImpactState, time: float, ste
         _set_motion_in_contact(problem, state, time, step, 0, PROBE_INDEX, w)
 
 
-_respond = by_stop(_set_responses, _respond_in_compliance, WITHIN)
+_respond = by_stop(_set_responses, _respond_in_compliance, INLINED)
 _follow = by_stop(_need_not_follow, _follow_in_compliance, INLINED)
 
 
-@njit(**WITHIN)
+@njit(**INLINED)
 def _sum_at(problem: Problem, b: int, t: float, x: float, v: float, j: int, w: Scratch) -> float:
     """Sum of the force laws at the coordinate `b` (or the port), which moves by x, v; their rates are written."""
     total = 0.0
@@ -229,7 +229,7 @@ def _clearance(
     return value, rate
 
 
-@njit(**WITHIN)
+@njit(**INLINED)
 def _laws_at(problem: Problem, r: int, start: float, step: float, j: int, w: Scratch) -> None:
     """Write the accelerations by the laws and the rates of their internal states at point `j`."""
     regimes, n = problem.regimes, w.q.size
@@ -270,7 +270,7 @@ def _integrate_states(problem: Problem, z: np.ndarray, step: float, first: int, 
                     w.z[i, b, k, j] = z[i, b, k] + step * total
 
 
-@njit(**WITHIN)
+@njit(**INLINED)
 def _refit(regimes: Regimes, r: int, w: Scratch) -> tuple[float, float]:
     """Write the load's coefficients from the laws at the nodes; return its largest change and its size."""
     change, size = 0.0, 0.0
@@ -341,7 +341,7 @@ def _repeat_first(w: Scratch) -> None:
                     w.dz[i, b, k, j] = w.dz[i, b, k, 0]
 
 
-@njit(**WITHIN)
+@njit(**INLINED)
 def _is_resolved(
     problem: Problem, r: int, state: ImpactState, start: float, step: float, speed: float, w: Scratch
 ) -> bool:
