@@ -28,6 +28,7 @@ from calib.simulators.oscillator import Oscillator
 from calib.testing import SimulatorSuite
 
 LAWS = ("kelvin_voigt", "hunt_crossley", "lankarani_nikravesh")
+pytestmark = pytest.mark.slow  # the kernel is compiled for them; a sample runs uncompiled in `test_uncompiled_contact`
 PERIOD = 1.0 / 26.24  # s
 NORMAL, HIT = np.array([0.0, -1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0, 0.0])
 SHAKER = Excitation("end", "displacement", frequency=26.24, amplitude=1.5e-3)
@@ -52,7 +53,7 @@ def drawn(contact, seed):
 
 
 @pytest.mark.parametrize("contact", LAWS)
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(i, marks=pytest.mark.slow) for i in range(2, 20))])
+@pytest.mark.parametrize("seed", range(20))
 def test_the_motion_agrees_with_dop853(contact, seed):
     values, periods = drawn(contact, seed), 2
     mass, stiffness, damping, load = spring_drive(values, 1.5e-3)
@@ -109,9 +110,8 @@ def random_orbits(contact, count, seed=11):
 
 
 @pytest.mark.parametrize("contact", LAWS)
-@pytest.mark.parametrize("count", [2, pytest.param(12, marks=pytest.mark.slow)])
-def test_multipliers_agree_with_differences_of_the_map(contact, count):
-    for map, state in random_orbits(contact, count):
+def test_multipliers_agree_with_differences_of_the_map(contact):
+    for map, state in random_orbits(contact, count=12):
         after, exact = jacobian(map, state)
         np.testing.assert_array_equal(after, map.orbit(state, 1).states[0])
         expected, found = np.linalg.eigvals(differences(map, state, 1e-4)), np.linalg.eigvals(exact)
@@ -326,7 +326,6 @@ class TestConformanceOfLankaraniNikravesh(TestConformanceOfHuntCrossley):
         return Oscillator(stop=True, contact="lankarani_nikravesh")
 
 
-@pytest.mark.slow
 def test_it_runs_without_the_compiler():
     code = (
         "from calib.simulators.four_dof import FourDof; from calib.modelling.model import Model;"

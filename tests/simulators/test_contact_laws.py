@@ -18,6 +18,7 @@ DECAY = Excitation("mass", "free decay")
 SHAKER = Excitation("end", "displacement", frequency=26.24, amplitude=1.5e-3)
 FREE = {"damping": 0.0, "stiffness": 0.0, "gap": 1e-3}  # a mass that flies, and meets a stop
 LAWS = ("kelvin_voigt", "hunt_crossley", "lankarani_nikravesh")
+compiled = pytest.mark.slow  # the kernel is compiled for them; a sample runs uncompiled in `test_uncompiled_contact`
 
 
 def thrown(contact, speed, times=(0.0, 1.0), **values):
@@ -51,6 +52,7 @@ def test_the_restitution_of_the_formula_is_that_of_an_integration():
         assert restitution_of(ratio) == pytest.approx(-run.y[1, -1], rel=1e-9)
 
 
+@compiled
 @pytest.mark.parametrize("e", [0.01, 0.05, math.exp(-2.0), 0.5, 0.95, 1.0])
 @pytest.mark.parametrize("time", [1e-2, 1e-4])
 def test_a_kelvin_voigt_contact_has_the_restitution_that_it_is_given(e, time):
@@ -59,6 +61,7 @@ def test_a_kelvin_voigt_contact_has_the_restitution_that_it_is_given(e, time):
     )
 
 
+@compiled
 @pytest.mark.parametrize("exponent", [1.0, 1.2, 1.5])
 @pytest.mark.parametrize("loss", [0.0, 0.3, 5.0])
 def test_the_restitution_of_a_hunt_crossley_contact_does_not_depend_on_its_exponent(exponent, loss):
@@ -68,6 +71,7 @@ def test_the_restitution_of_a_hunt_crossley_contact_does_not_depend_on_its_expon
     )
 
 
+@compiled
 @pytest.mark.parametrize("exponent", [1.0, 1.5])
 @pytest.mark.parametrize("speed", [0.05, 2.0])
 def test_the_restitution_of_a_lankarani_nikravesh_contact_does_not_depend_on_the_speed(exponent, speed):
@@ -85,6 +89,7 @@ def test_the_restitution_of_a_loss_obeys_its_equation(x):
     assert quad(lambda v: v / (1.0 - v), 0.0, y, epsabs=0.0, epsrel=1e-13)[0] == pytest.approx(loss, rel=1e-8)
 
 
+@compiled
 @pytest.mark.parametrize("exponent", [1.0, 1.25, 1.5])
 @pytest.mark.parametrize("speed", [1.0, 0.1])
 def test_a_loss_free_impact_lasts_the_contact_time_at_a_metre_a_second(exponent, speed):
@@ -110,6 +115,7 @@ def test_at_no_contact_time_the_stop_is_rigid_bit_for_bit(contact, e):
     np.testing.assert_array_equal(yielding.impact_speed.values, rigid.impact_speed.values)
 
 
+@compiled
 @pytest.mark.parametrize("contact", LAWS)
 def test_a_stiff_contact_comes_to_the_rigid_stop_with_order_one_in_its_contact_time(contact):
     law = {"restitution": 0.3} if contact != "hunt_crossley" else {"hunt_crossley": 2.0}
@@ -124,6 +130,7 @@ def test_a_stiff_contact_comes_to_the_rigid_stop_with_order_one_in_its_contact_t
     np.testing.assert_allclose(orders, 1.0, atol=0.1)
 
 
+@compiled
 @pytest.mark.parametrize("contact", LAWS)
 @pytest.mark.parametrize("time", [1e-6, 1e-4, 1e-2, 1.0])
 def test_contacts_of_any_duration_are_simulated(contact, time):
