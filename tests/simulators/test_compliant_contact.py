@@ -12,6 +12,7 @@ from simulators.four_dof_peer import spring_drive
 from simulators.test_period_map import differences
 
 from calib.dynamics.tangent import jacobian
+from calib.effects.quadratic_drag import EFFECT as DRAG
 from calib.errors import CalibError
 from calib.modelling.effect import Effect
 from calib.modelling.laws import force, restitution
@@ -280,6 +281,17 @@ def test_force_laws_act_in_the_contact_as_out_of_it(contact, place):
     assert law.impact_time.size == own.impact_time.size >= 2
     np.testing.assert_allclose(law.displacement, own.displacement, rtol=0, atol=1e-10)
     np.testing.assert_allclose(law.velocity, own.velocity, rtol=0, atol=1e-7)  # of lower order within a step
+
+
+@pytest.mark.parametrize(
+    ("contact", "loss"), [("kelvin_voigt", {"restitution": 0.5}), ("hunt_crossley", {"hunt_crossley": 20.0})]
+)
+def test_long_runs_with_force_laws_come_to_their_end(contact, loss):
+    """Impacts of all depths: some lose nearly all in a moment, some end where rounding has the force at zero."""
+    values = {**loss, "contact_time": 0.02 / 26.24, "contact_exponent": 1.0, "c2": 1.0}
+    model = Model(FourDof(contact=contact), [DRAG])
+    record = model.run(values, SHAKER, Request(periods=300, samples=1, settle=0, step_budget=200_000))
+    assert record.attrs["status"] == "ok", record.attrs["reason"]
 
 
 def test_internal_states_of_force_laws_go_on_through_the_contact():

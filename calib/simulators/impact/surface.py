@@ -165,8 +165,10 @@ def next_step_in_contact(problem: Problem, state: ImpactState, reach: float, w: 
         tail = expand(
             problem.regimes, law, problem.omega, problem.collocated, w.load, w.added, state, time, step, w.contact
         )
-        if not (math.isfinite(w.contact[DEPTH, int(w.contact[KNOWN, LAST])]) and math.isfinite(tail)):
-            return FAILED, 0.0, step
+        if not math.isfinite(tail):  # over so long a step the series grow beyond bounds, or the loads made of them
+            shortenings += 1
+            step *= 0.5
+            continue
         if tail > 0.0 or not holds:
             shortenings += 1
             ratio = 0.9 * (TRUNCATION / tail) ** (1.0 / (int(w.contact[KNOWN, LAST]) - 1)) if tail > 0.0 else 0.5
@@ -184,7 +186,8 @@ def next_step_in_contact(problem: Problem, state: ImpactState, reach: float, w: 
         if at > 1.0:
             return NO_EVENT, step, step
         kind = w.contact[KNOWN, END]
-        if problem.counts[FORCE_LAWS] == 0 or retakes == MAX_CONTACT_RETAKES or at == 0.0 or at > 1.0 - 1e-9:
+        immediate = at * step <= problem.resolution  # a step as short as that might not show the event anew
+        if problem.counts[FORCE_LAWS] == 0 or retakes == MAX_CONTACT_RETAKES or immediate or at > 1.0 - 1e-9:
             return EVENT, at * step, step
         retakes += 1
         w.contact[KNOWN, END] = kind
