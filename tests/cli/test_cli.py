@@ -17,6 +17,7 @@ from child_environment import environment
 from click.testing import CliRunner
 from echo_study import write_study
 from printed import cells
+from undrawn import undrawn
 
 from calib import records
 from calib.cli import main
@@ -115,26 +116,24 @@ def test_a_run_scores_the_record_held_out_that_is_the_same_like_the_calibrated_o
     assert found["motion"]["kind"] == "period-1"
 
 
-def test_json_alone_is_on_stdout(tmp_path):
-    path = write_study(tmp_path)
-    ended = calib("run", path, "--json")
-    assert json.loads(ended.stdout) == json.loads((tmp_path / "out" / "result.json").read_text())
-
-
+@undrawn()
 def test_quiet_says_nothing(tmp_path):
     ended = calib("run", write_study(tmp_path), "--quiet")
     assert (ended.stdout, ended.stderr) == ("", "")
 
 
-def test_a_finished_study_run_again_makes_no_trial_and_finds_the_same(tmp_path):
+@undrawn()
+def test_json_alone_is_on_stdout_and_a_finished_study_run_again_makes_no_trial_and_finds_the_same(tmp_path):
     path = write_study(tmp_path)
     first = json.loads(calib("run", path, "--json").stdout)
+    assert first == json.loads((tmp_path / "out" / "result.json").read_text())
     ledger = (tmp_path / "out" / "trials.jsonl").read_bytes()
     second = json.loads(calib("run", path, "--json").stdout)
     assert (tmp_path / "out" / "trials.jsonl").read_bytes() == ledger
     assert {**first, "seconds": 0} == {**second, "seconds": 0}
 
 
+@undrawn()
 def test_two_jobs_find_what_one_finds(tmp_path):
     path = write_study(tmp_path)
     one = json.loads(calib("run", path, "--json", "--out", tmp_path / "one").stdout)
@@ -142,6 +141,7 @@ def test_two_jobs_find_what_one_finds(tmp_path):
     assert {**one, "seconds": 0} == {**two, "seconds": 0}
 
 
+@undrawn()
 def test_a_changed_study_is_refused_and_says_what_changed(tmp_path):
     calib("run", write_study(tmp_path), "--budget", 10)
     path = write_study(tmp_path, ("high = 2.0", "high = 3.0"))
@@ -152,12 +152,14 @@ def test_a_changed_study_is_refused_and_says_what_changed(tmp_path):
     calib("run", path, "--fresh", "--budget", 10)
 
 
+@undrawn()
 def test_the_budget_may_grow(tmp_path):
     path = write_study(tmp_path)
     calib("run", path, "--budget", 12)
     assert json.loads(calib("run", path, "--budget", 20, "--json").stdout)["trials"] == 20
 
 
+@undrawn()
 def test_ctrl_c_keeps_the_trials_and_says_how_to_go_on(tmp_path):
     endless = ("budget = 24", "budget = 100000"), ('name = "multistart"', 'name = "optuna"\nsampler = "random"')
     path = write_study(tmp_path, *endless)
@@ -179,6 +181,7 @@ def test_ctrl_c_keeps_the_trials_and_says_how_to_go_on(tmp_path):
     assert json.loads(calib("status", path, "--json").stdout)["state"] == "unfinished"
 
 
+@undrawn()
 def test_a_full_disk_ends_with_a_message_and_the_ledger_intact(tmp_path):
     path = write_study(tmp_path)
     calib("run", path, "--budget", 12)
@@ -203,6 +206,7 @@ def test_a_full_disk_ends_with_a_message_and_the_ledger_intact(tmp_path):
     calib("run", path)
 
 
+@undrawn()
 def test_a_read_only_folder_ends_with_a_message_and_the_ledger_intact(tmp_path):
     as_user = [] if os.geteuid() else ["setpriv", "--inh-caps=-all", "--bounding-set=-all"]  # root may write anywhere
     if as_user and not shutil.which("setpriv"):
@@ -258,6 +262,7 @@ def test_no_report_is_written_of_another_study_than_was_run(tmp_path, finished):
     assert (tmp_path / "out" / "report.html").read_bytes() == before
 
 
+@undrawn()
 @pytest.mark.parametrize("left", ["", '{"format": 1, "id": "fa'])
 def test_a_run_killed_before_its_header_was_written_begins(tmp_path, left):
     path = write_study(tmp_path)

@@ -18,6 +18,7 @@ from click.testing import CliRunner
 from echo_study import write_study
 from kills import KILLS
 from marked_processes import MARK, new_mark, survivors
+from undrawn import undrawn
 from written_page import page_content
 
 import calib
@@ -65,27 +66,35 @@ def lay_out_study(folder, truth, budget=24, study=None, **options):
     return folder / "study.toml"
 
 
+@undrawn()
 def run(path, **more):
     return calibrate(path, quiet=True, **more)
 
 
-def test_the_true_values_are_found(tmp_path, truth):
-    result = run(lay_out_study(tmp_path, truth, study={"jobs": 2}))
+@pytest.fixture(scope="module")
+def calibrated(tmp_path_factory, truth):
+    """Study file of the program, and what its calibration has found."""
+    path = lay_out_study(tmp_path_factory.mktemp("calibrated"), truth, study={"jobs": 2})
+    return path, calibrate(path, quiet=True)
+
+
+def test_the_true_values_are_found(calibrated):
+    path, result = calibrated
     assert result.values == pytest.approx(TRUTH, rel=1e-3)
     assert result.motion.kind == "period-1"
     assert result.failed == 0
-    runs = tmp_path / "out" / "runs"
+    runs = path.parent / "out" / "runs"
     assert [path.name for path in runs.iterdir() if any(path.iterdir())] == ["dry-run"]
 
 
-def test_a_report_needs_neither_program_nor_templates(tmp_path, truth):
-    path = lay_out_study(tmp_path, truth, budget=8)
-    run(path)
-    before = page_content(tmp_path / "out" / "report.html")
+def test_a_report_needs_neither_program_nor_templates(calibrated, tmp_path):
+    path = calibrated[0]
+    before = page_content(path.parent / "out" / "report.html")
     assert "Calibration of bouncer (command) against 1 record" in before
-    for file in tmp_path.iterdir():
-        if file.is_file() and file != path:
-            file.unlink()
+    taken = [file for file in path.parent.iterdir() if not file.is_dir() and file != path]
+    assert {file.name for file in taken} == {"bouncer", "deck.in.j2"}
+    for file in taken:
+        file.rename(tmp_path / file.name)
     assert page_content(rebuild(path)) == before
 
 
@@ -294,6 +303,7 @@ def test_values_that_no_template_takes_are_mistakes_of_the_options_or_of_the_win
         load(path)
 
 
+@undrawn()
 def test_a_study_in_python_finds_its_files_in_the_working_folder(tmp_path, truth, monkeypatch):
     monkeypatch.chdir(lay_out(tmp_path / "here"))
     study = calib.Study(

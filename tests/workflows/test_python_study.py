@@ -10,6 +10,7 @@ import pytest
 from child_environment import environment
 from echo_study import TRUTH
 from tiny_simulators import MEMORY, Echo, Mute
+from undrawn import undrawn
 
 import calib
 from calib.effects.channel_gain import EFFECT
@@ -60,6 +61,7 @@ def calibrated():
     return study().run(quiet=True)
 
 
+@undrawn()
 def test_it_finds_what_the_study_file_finds(calibrated, tmp_path):
     said = calibrate(echo_study.write_study(tmp_path), quiet=True)
     assert calibrated.values == pytest.approx(said.values, rel=1e-9)
@@ -83,6 +85,7 @@ def test_a_result_shows_itself(calibrated, tmp_path):
         calibrated.plot("bnch")
 
 
+@undrawn()
 def test_of_several_records_all_are_drawn_unless_one_is_named():
     both = study(records=[record(name="first"), record(name="second", velocity=None, sigma=None)], budget=10)
     found = both.run(quiet=True)
@@ -93,6 +96,7 @@ def test_of_several_records_all_are_drawn_unless_one_is_named():
     assert found.plot()._repr_png_().startswith(b"\x89PNG")
 
 
+@undrawn()
 def test_numbers_in_mm_that_state_no_unit_are_remarked_on(calibrated):
     bare = study(records=[record(name="bench", units={"time": "ms"}, sigma=None)], budget=10).run(quiet=True)
     [remark] = [text for text in bare.summary.remarks if "unit" in text]
@@ -128,6 +132,7 @@ def test_candidates_of_a_diagnosis_are_checked_as_in_a_study_file(calibrated):
         calibrated.diagnose(candidates={"name": "channel_gain", "bodie": ["mass"]})
 
 
+@undrawn()
 def test_without_a_folder_nothing_is_left():
     found = study(budget=10).run(quiet=True)
     folder = found.folder
@@ -143,6 +148,7 @@ def test_a_study_that_cannot_be_run_leaves_nothing_behind(monkeypatch, tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
+@undrawn()
 def test_with_a_folder_it_is_the_study_of_the_command_line_and_is_gone_on_with(tmp_path):
     found = study(budget=12).run(tmp_path / "here", quiet=True)
     assert found.folder == tmp_path / "here" / "out"
@@ -161,6 +167,7 @@ def test_a_study_is_read_as_it_was_saved(tmp_path):
     assert moved.document == saved.document
 
 
+@undrawn()
 def test_a_search_that_is_stopped_keeps_what_there_is(monkeypatch):
     def stop(self, trial, top, count):
         if count == 10:
@@ -305,6 +312,7 @@ def test_a_simulator_that_lacks_a_part_of_its_contract_is_refused_before_any_tri
         study(simulator=simulator)
 
 
+@undrawn()
 def test_a_study_of_which_every_trial_fails_warns_with_the_reason():
     with pytest.warns(UserWarning, match="none of 4 trials ended ok .*Mute.run returned None; expected a record"):
         found = study(simulator=Mute, budget=4, study={"screen": 2}).run(quiet=True)
@@ -322,22 +330,28 @@ def test_an_unknown_name_is_answered_with_those_there_are():
         _ = calib.Stduy
 
 
-def test_a_simulator_of_an_interactive_session_runs_in_its_process():
+def test_simulator_and_effect_of_an_interactive_session_run_in_its_process():
     code = (
-        "import warnings, echo_study, calib; from tiny_simulators import Echo\n"
+        "import warnings, echo_study, calib; from calib.modelling.laws import sensor\n"
+        "from tiny_simulators import Echo\n"
         "class Mine(Echo): pass\n"
-        "record = calib.Record(echo_study.bench(), 'bench')\n"
-        "study = calib.Study(Mine, [record], {'gain': (0.5, 2.0)}, budget=8, jobs=2)\n"
+        "@sensor\n"
+        "def scaled(record, p): return record.assign(displacement=record.displacement * (1.0 + p['more']))\n"
+        "MORE = calib.Effect('more', 'sensor', scaled, (calib.Parameter('more', '1', 0.0, 'x', null=0.0),), 'x')\n"
         "with warnings.catch_warnings(record=True) as told:\n"
         "    warnings.simplefilter('always')\n"
+        "    study = calib.Study(Mine, [calib.Record(echo_study.bench(), 'bench')], {'gain': (0.5, 2.0)},\n"
+        "                        effects=[MORE], budget=8, jobs=2)\n"
         "    found = study.run(quiet=True)\n"
         "assert any('defined in this session' in str(w.message) for w in told), told\n"
-        "print(round(found.values['gain'], 1))\n"
+        "model = study.document['model']\n"
+        "print(model['simulator'], *model['effects'], round(found.values['gain'], 1))\n"
     )
-    assert said_by(code) == "1.2"
+    assert said_by(code) == "__main__:Mine __main__:MORE 1.2"
 
 
 @pytest.fixture(scope="module")
+@undrawn()
 def applied():
     """A study whose record has an offset that its model lacks, diagnosed, and the cause applied."""
     shifted = record(name="bench", displacement={"mass": 1e3 * BENCH.displacement.values[0] + 0.3})
@@ -345,6 +359,7 @@ def applied():
     return said, said.apply()
 
 
+@undrawn()
 def test_a_cause_is_applied_and_calibrated(applied):
     said, extended = applied
     assert (said.verdict, said.causes) == ("one_of", [])  # one steady tone cannot test a prediction
@@ -365,6 +380,7 @@ def test_an_applied_study_outlives_what_it_came_from(applied, tmp_path):
     assert str(folder) not in path.read_text()
 
 
+@undrawn()
 def test_a_folder_of_another_study_is_left_as_it_is(tmp_path):
     study(budget=10).run(tmp_path, quiet=True)
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
@@ -385,6 +401,7 @@ def test_a_file_that_is_no_study_is_left_as_it_is(content, tmp_path):
     assert (tmp_path / "study.toml").read_bytes() == content
 
 
+@undrawn()
 def test_a_study_with_a_module_beside_it_takes_it_along(tmp_path):
     text = "from tiny_simulators import Echo\n\n\nclass Own(Echo):\n    name = 'own'\n"
     (tmp_path / "echo_of_a_study.py").write_text(text)
@@ -421,22 +438,6 @@ def test_samples_that_are_masked_or_no_real_numbers_are_refused():
         record(displacement={"mass": masked})
     with pytest.raises(calib.CalibError, match="time: expected real numbers, got a duration"):
         record(time=np.arange(400).astype("timedelta64[ms]"))
-
-
-def test_an_effect_of_an_interactive_session_runs_in_its_process():
-    code = (
-        "import warnings, echo_study, calib; from calib.modelling.laws import sensor\n"
-        "from tiny_simulators import Echo\n"
-        "@sensor\n"
-        "def scaled(record, p): return record.assign(displacement=record.displacement * (1.0 + p['more']))\n"
-        "MORE = calib.Effect('more', 'sensor', scaled, (calib.Parameter('more', '1', 0.0, 'x', null=0.0),), 'x')\n"
-        "study = calib.Study(Echo, [calib.Record(echo_study.bench(), 'b')], {'gain': (0.5, 2.0)}, effects=[MORE],\n"
-        "                    budget=8, jobs=2)\n"
-        "warnings.simplefilter('ignore')\n"
-        "found = study.run(quiet=True)\n"
-        "print(study.document['model']['effects'], round(found.values['gain'], 1))\n"
-    )
-    assert said_by(code) == "['__main__:MORE'] 1.2"
 
 
 def test_an_effect_of_a_module_is_known_by_that_module():

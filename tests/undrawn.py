@@ -1,0 +1,17 @@
+"""Calibrations that draw nothing, for tests that look at no picture: drawing takes most of a short run."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from calib.store.store import Store
+
+
+@contextmanager
+def undrawn() -> Iterator[None]:
+    """Leave the pictures of the trials out, and all of the report but its file; also a decorator."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Store, "_draw", lambda store, trial, records: None)
+        patch.setattr("calib.workflows.calibrate.render", lambda *shown: "")
+        yield
