@@ -38,7 +38,7 @@ def oscillator(cache):
     return bench("oscillator", cache)
 
 
-@pytest.mark.parametrize("share", SHARES)
+@pytest.mark.parametrize("share", [SHARES[0], *(pytest.param(share, marks=pytest.mark.slow) for share in SHARES[1:])])
 def test_what_two_effects_express_is_no_remainder(share, oscillator):
     at = copy(oscillator)
     at.system = replace(at.system, remainders=("quintic",))

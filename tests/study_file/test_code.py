@@ -1,6 +1,7 @@
 """The code outside calib that a study uses."""
 
 import os
+import runpy
 import subprocess
 import sys
 import tomllib
@@ -97,25 +98,25 @@ def test_a_class_of_a_notebook_is_known_by_its_compiled_code():
     assert of_another_order != code
 
 
-def test_a_class_of_a_script_is_known_by_its_compiled_code_and_the_modules_beside(tmp_path):
+def test_a_class_of_a_script_is_known_by_its_compiled_code_and_the_modules_beside(tmp_path, monkeypatch, capsys):
     (tmp_path / "beside_script.py").write_text("GAIN = 1.0\n")
-    (tmp_path / "script.py").write_text(
-        "import sys, test_code, beside_script\nclass Thing:\n    def run(self): return 1.0\n"
+    text = (
+        "import sys, beside_script\nfrom study_file import test_code\nclass Thing:\n    def run(self): return 1.0\n"
         "budget = int(sys.argv[1])\nprint(test_code.used_code(test_code.stated('__main__:Thing'), None))\n"
     )
+    monkeypatch.syspath_prepend(tmp_path)
 
-    def code(budget):
-        path = {"PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), environment()["PYTHONPATH"]])}
-        command = [sys.executable, "script.py", budget]
-        return subprocess.run(
-            command, cwd=tmp_path, env={**environment(), **path}, capture_output=True, text=True, check=True
-        ).stdout
+    def code(text, budget):
+        (tmp_path / "script.py").write_text(text)
+        monkeypatch.setattr(sys, "argv", ["script.py", budget])
+        runpy.run_path(str(tmp_path / "script.py"), run_name="__main__")
+        return capsys.readouterr().out
 
-    first = code("10")
-    assert "'__main__:Thing': 'compiled sha256 " in first
-    assert "'beside_script': 'sha256 " in first
-    text = (tmp_path / "script.py").read_text()
-    (tmp_path / "script.py").write_text(f"{text}# another line\n")
-    assert code("20") == first
-    (tmp_path / "script.py").write_text(text.replace("return 1.0", "return 2.0"))
-    assert code("10") != first
+    try:
+        first = code(text, "10")
+        assert "'__main__:Thing': 'compiled sha256 " in first
+        assert "'beside_script': 'sha256 " in first
+        assert code(f"{text}# another line\n", "20") == first
+        assert code(text.replace("return 1.0", "return 2.0"), "10") != first
+    finally:
+        sys.modules.pop("beside_script", None)

@@ -340,7 +340,7 @@ def test_a_point_that_fails_is_data_and_costs_no_other(tmp_path, fault, status, 
     a = [*np.linspace(0.2, 0.3, 11), 0.305, 0.31, 0.32]
     sweep = plan({"a": a}, Mapped(faults={fault: [0.305]}), carry=carry)
     told = []
-    found = run(sweep, tmp_path / "sweep.nc", timeout=1.0, on_done=lambda *done: told.append(done))
+    found = run(sweep, tmp_path / "sweep.nc", timeout=0.5, on_done=lambda *done: told.append(done))
     bad = found.isel({found.kind.dims[0]: 11})
     assert (bad.kind, bad.status) == ("failed", status)
     assert reason in bad.evidence.item()

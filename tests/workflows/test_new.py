@@ -6,6 +6,7 @@ import sys
 import pytest
 from child_environment import environment
 from click.testing import CliRunner
+from undrawn import undrawn
 
 from calib.cli import main
 from calib.errors import CalibError
@@ -14,19 +15,22 @@ from calib.workflows.dry_run import dry_run_study
 from calib.workflows.new import DAMPING, MASS, STIFFNESS, new
 
 
-@pytest.mark.parametrize("kind", ["simulator", "effect"])
-def test_a_skeleton_passes_the_suite_of_its_kind(kind, tmp_path):
-    ended = CliRunner().invoke(main, ["new", kind, "own_thing", "--folder", str(tmp_path)])
-    assert ended.exit_code == 0, ended.output
-    assert f"own_thing:{'EFFECT' if kind == 'effect' else 'OwnThing'}" in ended.stdout
+def test_skeletons_pass_the_suites_of_their_kinds(tmp_path):
+    for kind, name, reference in (("simulator", "swing", "swing:Swing"), ("effect", "own_law", "own_law:EFFECT")):
+        ended = CliRunner().invoke(main, ["new", kind, name, "--folder", str(tmp_path)])
+        assert ended.exit_code == 0, ended.output
+        assert reference in ended.stdout
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-n", "0", "test_own_thing.py"],
+        [sys.executable, "-m", "pytest", "-v", "-n", "0", "test_swing.py", "test_own_law.py"],
         cwd=tmp_path, env=environment(), capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout
-    assert "passed" in done.stdout
+    assert {line.partition("::")[0] for line in done.stdout.splitlines() if " PASSED " in line} == {
+        "test_swing.py", "test_own_law.py",
+    }  # fmt: skip
 
 
+@undrawn()
 def test_a_new_study_finds_what_its_record_was_made_from(tmp_path):
     new("study", "bench", tmp_path)
     found = calibrate(tmp_path / "bench", quiet=True)
@@ -56,6 +60,7 @@ def test_a_program_belongs_to_a_study(tmp_path):
         new("simulator", "swing", tmp_path, program=True)
 
 
+@undrawn()
 def test_a_new_simulator_runs_in_a_study_beside_it(tmp_path):
     new("study", "bench", tmp_path)
     new("simulator", "swing", tmp_path / "bench")

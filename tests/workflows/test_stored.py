@@ -1,14 +1,14 @@
 """The report and the status of a finished study import and run nothing of what its file names but the features."""
 
 import shutil
-import subprocess
 import sys
 
 import pytest
-from child_environment import environment
+from click.testing import CliRunner
 from echo_study import TEXT, write_study
 from written_page import page_content
 
+from calib.cli import main
 from calib.workflows.stored import stored_study
 
 MARKER = "imported"
@@ -42,14 +42,14 @@ GAIN = replace(EFFECT, name="own_gain")
 
 
 def calib(folder, *command):
-    return subprocess.run(
-        [sys.executable, "-m", "calib", *command],
-        cwd=folder,
-        env=environment(),
-        check=True,
-        capture_output=True,
-        text=True,
-    )
+    """Run a command on the study in a folder as a new process would: nothing of the folder is imported yet."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "path", [*sys.path])
+        for name in ("foreign", "foreign_effects"):
+            sys.modules.pop(name, None)
+        ended = CliRunner().invoke(main, [*command, str(folder)], catch_exceptions=False)
+    assert ended.exit_code == 0, ended.output
+    return ended
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def finished(tmp_path_factory):
         folder, ('"tiny_simulators:Echo"', '"foreign:Own"'), ('"multistart"', '"foreign:Search"'),
         text=TEXT + CANDIDATES,
     )  # fmt: skip
-    calib(folder, "run", "--quiet", ".")
+    calib(folder, "run", "--quiet")
     assert (folder / MARKER).exists()
     (folder / MARKER).unlink()
     return folder
@@ -71,8 +71,8 @@ def finished(tmp_path_factory):
 def test_neither_report_nor_status_import_simulator_optimiser_or_candidates(finished):
     before = page_content(finished / "out" / "report.html")
     (finished / "out" / "report.html").unlink()
-    assert "finished" in calib(finished, "status", ".").stdout
-    calib(finished, "report", ".")
+    assert "finished" in calib(finished, "status").stdout
+    calib(finished, "report")
     assert not (finished / MARKER).exists()
     assert page_content(finished / "out" / "report.html") == before
 
@@ -83,7 +83,7 @@ def test_a_report_needs_the_simulator_where_a_best_record_is_missing(finished, t
     assert stored_study(folder) is not None
     (folder / "out" / "best.nc").unlink()
     assert stored_study(folder) is None
-    calib(folder, "report", ".")
+    calib(folder, "report")
     assert (folder / MARKER).exists()
 
 
@@ -92,5 +92,5 @@ def test_a_study_that_has_gone_on_since_its_result_is_evaluated_anew(finished, t
     shutil.copytree(finished, folder)
     path = folder / "out" / "trials.jsonl"
     path.write_text("".join(path.read_text().splitlines(keepends=True)[:9]))  # it has no longer the best trial
-    calib(folder, "report", ".")
+    calib(folder, "report")
     assert "not finished" in (folder / "out" / "report.html").read_text()
