@@ -200,7 +200,9 @@ def test_a_seed_gives_the_same_files_and_another_one_other_noise(cache, tmp_path
     assert not (first.displacement == other.displacement).any()
 
 
-@pytest.mark.parametrize(("simulator", "options"), CASES)
+@pytest.mark.parametrize(
+    ("simulator", "options"), [*CASES[:2], *(pytest.param(*case, marks=pytest.mark.slow) for case in CASES[2:])]
+)
 def test_the_study_can_be_read_and_tells_nothing_of_what_is_hidden(simulator, options, cache, tmp_path):
     effect = ("quadratic_stiffness", "channel_gain")
     study = hide(simulator, effect, 8.0, 1, folder=tmp_path, cache=cache, nuisance=("trigger",), **options)

@@ -25,7 +25,10 @@ def autocorrelation(memory, size):
     return full / full[0]
 
 
-@pytest.mark.parametrize(("simulator", "options"), [("four_dof", {}), ("oscillator", {"stop": True})])
+@pytest.mark.parametrize(
+    ("simulator", "options"),
+    [pytest.param("four_dof", {}, marks=pytest.mark.slow), ("oscillator", {"stop": True})],
+)
 def test_a_free_clock_looks_at_the_motion_that_the_steady_one_sees(simulator, options, cache):
     """Samples of both, taken in one flight with those of the free clock between them."""
     steady = bench(simulator, cache, **options)
@@ -141,7 +144,7 @@ def test_the_noise_of_a_record_is_the_drawn_one(cache, tmp_path):
     assert abs(np.corrcoef(white[1:], white[:-1])[0, 1]) < 0.1
 
 
-@pytest.mark.parametrize("simulator", ["four_dof", "oscillator"])
+@pytest.mark.parametrize("simulator", [pytest.param("four_dof", marks=pytest.mark.slow), "oscillator"])
 def test_strength_is_z_in_the_records_as_they_are_drawn(simulator, cache, tmp_path):
     hidden = hide(simulator, "quadratic_drag", 12.0, 1, folder=tmp_path, cache=cache, laboratory=FREE)
     assert hidden.z["quadratic_drag"] == pytest.approx(12.0, rel=0.03)

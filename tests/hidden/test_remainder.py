@@ -92,7 +92,7 @@ def test_the_coupling_of_two_bodies_pushes_none_of_them_without_the_other():
 
 def test_the_seed_draws_the_kind_and_the_records_have_it(cache, tmp_path):
     kinds = set()
-    for seed in range(4):
+    for seed in (2, 3):
         hidden = hide("oscillator", None, None, seed, folder=tmp_path / str(seed), cache=cache, remainder=0.05)
         kinds.add(hidden.remainder)
         at = bench("oscillator", cache)

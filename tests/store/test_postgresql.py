@@ -134,16 +134,16 @@ def test_a_server_killed_and_restarted_in_the_middle_has_all_trials_in_the_end(t
     store.open(HEADER)
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
-        for number in range(60):
-            if number in (10, 40):
+        for number in range(30):
+            if number in (5, 20):
                 wait_until(lambda: is_begun(url))
                 server.kill()
             store.append(trial(number) if number % 7 else failed(number))
-            if number in (20, 50):
+            if number in (10, 25):
                 server.start()
         store.close()
     assert [str(one.message) for one in told if "the Optuna view" in str(one.message)][1:] == []
-    assert len(shown(url)) == 60
+    assert len(shown(url)) == 30
     assert shown(url) == expected(tmp_path)
 
 
@@ -179,7 +179,7 @@ def test_a_server_that_stays_away_is_made_good_at_the_next_opening(tmp_path, ser
 
 
 def test_a_server_that_hangs_holds_no_study_up(tmp_path, server, url, monkeypatch):
-    monkeypatch.setattr(mirror, "MAX_SILENCE", 2.0)
+    monkeypatch.setattr(mirror, "MAX_SILENCE", 1.0)
     store = Store(tmp_path, url)
     store.open(HEADER)
     store.append(trial(0))
@@ -190,7 +190,7 @@ def test_a_server_that_hangs_holds_no_study_up(tmp_path, server, url, monkeypatc
         for number in range(1, 100):
             store.append(trial(number))
         assert time.monotonic() - begin < 30.0  # s; a trial that waited for the server would wait for ever
-        with pytest.warns(UserWarning, match="no answer within 2 s"):
+        with pytest.warns(UserWarning, match="no answer within 1 s"):
             store.close()
     finally:
         server.signal(signal.SIGCONT)

@@ -212,7 +212,7 @@ def test_a_flipped_bit_in_a_header_is_refused_and_nothing_is_lost(tmp_path):
     lines = path.read_text().splitlines()
     assert "format" in json.loads(lines[2])
     for number in (0, 2):
-        for place in range(len(lines[number])):
+        for place in range(0, len(lines[number]), 3):
             path.write_text(
                 "".join(line + "\n" for line in [*lines[:number], flipped(lines[number], place), *lines[number + 1 :]])
             )

@@ -29,7 +29,7 @@ from study_fakes import study
 from calib.store import Store
 if __name__ == "__main__":
     folder, jobs = sys.argv[1], int(sys.argv[2])
-    study({budget}, jobs=jobs, seconds=0.004, trouble="diverge").run(Store(folder))
+    study({budget}, jobs=jobs, seconds=0.004, trouble="diverge").run(Store(folder, view=None))
 """
 
 

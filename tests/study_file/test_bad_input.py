@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from echo_study import bench, write_study
+from undrawn import undrawn
 
 from calib import records
 from calib.cli import main
@@ -162,6 +163,7 @@ def test_the_command_line_says_it_without_a_traceback(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@undrawn()
 @pytest.mark.parametrize(
     ("fault", "status", "reason"),
     [

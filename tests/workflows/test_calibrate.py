@@ -4,6 +4,7 @@ import json
 
 import pytest
 from echo_study import bench, write_study
+from undrawn import undrawn
 
 from calib import records
 from calib.errors import CalibError
@@ -20,6 +21,7 @@ def test_the_main_job_from_python_leaves_the_files_and_returns_what_they_say(tmp
     assert capfd.readouterr() == ("", "")
 
 
+@undrawn()
 def test_progress_is_on_stderr_and_no_stage_is_named_that_has_nothing_to_do(tmp_path, capfd):
     calibrate(write_study(tmp_path), tmp_path / "elsewhere", budget=12)
     said = capfd.readouterr().err

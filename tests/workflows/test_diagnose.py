@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import tomlkit
 from click.testing import CliRunner
+from undrawn import undrawn
 
 from calib.cli import main
 from calib.diagnosis.transfer import Transfer
@@ -77,6 +78,7 @@ def record(amplitude, seed):
 
 
 @pytest.fixture(scope="module")
+@undrawn()
 def folder(tmp_path_factory):
     """A calibrated study."""
     place = tmp_path_factory.mktemp("spring")

@@ -6,6 +6,7 @@ import warnings
 
 import pytest
 from echo_study import write_study
+from undrawn import undrawn
 
 from calib.store import read
 from calib.store.trial import FORMER_CODE
@@ -40,6 +41,7 @@ def run(tmp_path, monkeypatch):
     sys.modules.pop("identity_bench", None)
 
 
+@undrawn()
 def test_a_gain_that_was_halved_between_two_runs_is_told_and_old_scores_are_gone(run, tmp_path):
     first = run(STEADY, 12)
     with pytest.warns(UserWarning, match="the code of module identity_bench has changed"):
@@ -56,7 +58,8 @@ def test_a_gain_that_was_halved_between_two_runs_is_told_and_old_scores_are_gone
 
 
 def test_an_unchanged_simulator_goes_on_without_a_word(run, tmp_path):
-    run(STEADY, 12)
+    with undrawn():
+        run(STEADY, 12)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         found = run(STEADY, 16)

@@ -11,7 +11,7 @@ from output_formats import FORMATS, TIME
 from calib.errors import CalibError
 from calib.simulators.command.readers import reader
 
-TRIES = 20
+TRIES = 12
 MAX_PEAK_BYTES = 2**26  # bytes: none of the files holds more than 10 kB
 
 
