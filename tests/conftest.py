@@ -22,7 +22,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 LONG_FILES = (  # few tests, and some forty seconds or more
     "docs/test_blocks.py", "hidden/test_drawn.py", "hidden/test_foreign_beam.py", "hidden/test_found.py",
     "measured/test_benchmarks.py", "measured/test_diagnosis.py", "measured/test_spring_disc.py", "paper/test_fe.py",
-    "paper/test_story.py", "study/test_killed.py", "sweep/test_killed_sweep.py", "tests/test_calculix_beam.py",
+    "paper/test_story.py", "simulators/test_compliant_contact.py", "study/test_elsewhere.py", "study/test_killed.py",
+    "study/test_recovery.py", "sweep/test_killed_sweep.py", "tests/test_calculix_beam.py",
     "workflows/test_command_study.py",
 )  # fmt: skip
 

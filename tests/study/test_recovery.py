@@ -11,9 +11,9 @@ from calib.modelling.parameter import Window
 @pytest.mark.slow
 def test_stated_intervals_cover_the_truth(tmp_path):
     """A sample: `tests/benchmarks/bench_intervals.py` plays as many as are asked for."""
-    rows = coverage(range(5), tmp_path)
+    rows = coverage(range(3), tmp_path)
     missed = [row[:3] for row in rows if not row[3]]
-    assert len(rows) >= 100
+    assert len(rows) >= 60
     assert 0.01 * len(rows) <= len(missed) <= 0.12 * len(rows), missed
 
 
