@@ -37,7 +37,8 @@ class Effect:
         port between two bodies (see `calib.modelling.laws`); the simulator states which bodies are at a place
     borrowed : parameters of the simulator, whose values follow the effect's own in the law's p
     changes : of a law of the structure, alternatives of parameters of the simulator that it changes, of which the first
-        that the simulator has entirely is taken; of a numerical law, alternatives of what it refines
+        that the simulator has entirely is taken; of a numerical law, alternatives of what it refines; of a law of the
+        stop, alternatives of contacts of which the simulator has one
     transient : whether the law is explicit in time: no motion under it is periodic. It acts on motions that begin:
         a motion that has settled under a harmonic excitation has no initial instant, and the law does not change it
     differentiable : whether the record has a usable derivative by the parameters at their null
@@ -80,8 +81,8 @@ class Effect:
             raise CalibError(f"effect {name!r} has no null value; give one of its parameters a null")
         if self.place not in PLACES or (self.place != "body" and self.site != "force"):
             raise CalibError(f"effect {name!r} at place {self.place!r}; force laws act at one of {', '.join(PLACES)}")
-        if bool(self.changes) != (self.site in ("structure", "numerical")):
-            raise CalibError(f"effect {name!r} at {self.site!r}: those at structure and numerical state `changes`")
+        if bool(self.changes) != (self.site in ("structure", "stop", "numerical")):
+            raise CalibError(f"effect {name!r} at {self.site!r}: those at structure, stop, numerical state `changes`")
         for key in self.natural:
             if key not in {p.name for p in self.parameters}:
                 raise CalibError(f"effect {name!r} has natural sizes of {key!r}, which is no parameter of it")
@@ -99,14 +100,8 @@ class Effect:
         """Why `simulator` cannot take the effect, "" where it can."""
         name = simulator.name
         own = {p.name for p in simulator.parameters}
-        if self.site == "structure" and self._changed(own) is None:
-            needed = " or ".join(", ".join(alternative) for alternative in self.changes)
-            return f"it changes {needed}, which simulator {name!r} does not have"
-        if self.site == "numerical" and self._changed(getattr(simulator, "numerics", ())) is None:
-            needed = " or ".join(", ".join(alternative) for alternative in self.changes)
-            return f"it refines {needed}, which simulator {name!r} cannot refine"
         if self.site in PYTHON_SITES:
-            return ""
+            return self._unchangeable(simulator, own)
         if not simulator.sites:
             return f"it acts at {self.site!r}, but simulator {name!r} takes no force laws"
         if self.site not in simulator.sites:
@@ -117,6 +112,17 @@ class Effect:
         if borrowed:
             return f"it needs {', '.join(borrowed)}, which simulator {name!r} does not have"
         return self._unplaced(simulator)
+
+    def _unchangeable(self, simulator: Simulator, own: Collection[str]) -> str:
+        """Why the simulator, of these parameters, has nothing that the effect changes; "" where it has."""
+        name, needed = simulator.name, " or ".join(", ".join(alternative) for alternative in self.changes)
+        if self.site == "structure" and self._changed(own) is None:
+            return f"it changes {needed}, which simulator {name!r} does not have"
+        if self.site == "stop" and self._changed(getattr(simulator, "contacts", ())) is None:
+            return f"it needs a rigid stop that contact {needed} can replace, which simulator {name!r} does not have"
+        if self.site == "numerical" and self._changed(getattr(simulator, "numerics", ())) is None:
+            return f"it refines {needed}, which simulator {name!r} cannot refine"
+        return ""
 
     def _unplaced(self, simulator: Simulator) -> str:
         places = places_of(simulator)
@@ -151,8 +157,8 @@ class Effect:
         new = self.law.function(tuple(own[name] for name in names), self._numbers(values))
         return {**own, **dict(zip(names, map(float, new), strict=True))}
 
-    def refine(self, simulator: Simulator, values: Mapping[str, float]) -> Simulator:
-        """Return the simulator that is run in the place of `simulator` (site `numerical`)."""
+    def substitute(self, simulator: Simulator, values: Mapping[str, float]) -> Simulator:
+        """Return the simulator that is run in the place of `simulator` (sites `stop` and `numerical`)."""
         return self.law.function(simulator, self._numbers(values))
 
     def sense(self, record: xr.Dataset, values: Mapping[str, float]) -> xr.Dataset:

@@ -20,7 +20,9 @@ excitation  (t, phase, amplitude, x, p)   [its unit]   time [s], phase of the dr
                                                        undisturbed; added to the excitation
 structure   (present, p)                  new values   values of some parameters of the simulator, in SI and in the
                                                        order in which the effect names them (plain Python, as the
-                                                       next two)
+                                                       next three)
+stop        (simulator, p)                a simulator  the simulator, parameters by name; that with another stop in
+                                                       the place of its own takes them beside its parameters
 numerical   (simulator, p)                a simulator  the simulator, parameters by name
 sensor      (record, p)                   a record     the simulated record, parameters by name
 =========== ============================= ============ ================================================================
@@ -58,7 +60,7 @@ SIGNATURES = {
     "restitution": _f(_f, _f, _array),
     "excitation": _f(_f, _f, _f, _f, _array),
 }
-PYTHON_SITES = ("structure", "numerical", "sensor")  # in plain Python, served by the model
+PYTHON_SITES = ("structure", "stop", "numerical", "sensor")  # in plain Python, served by the model
 SITES = (*SIGNATURES, *PYTHON_SITES)
 
 
@@ -121,6 +123,11 @@ def excitation(function: Callable) -> Law:
 def structure(function: Callable) -> Law:
     """Make a law of a function (present: tuple, p: dict) -> new values of parameters of the simulator."""
     return _site("structure")(function)
+
+
+def stop(function: Callable) -> Law:
+    """Make a law of a function (simulator, p: dict) -> the simulator with another stop, which takes p too."""
+    return _site("stop")(function)
 
 
 def numerical(function: Callable) -> Law:

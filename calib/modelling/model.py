@@ -14,7 +14,7 @@ from calib.modelling.orbit import PeriodMap
 from calib.modelling.parameter import Parameter
 from calib.modelling.simulator import MappedSimulator, Request, Simulator
 from calib.modelling.simulator_check import as_record, check_simulator
-from calib.records import INTERVAL, OK
+from calib.records import INTERVAL, OK, failed
 from calib.records.excitation import Excitation
 
 
@@ -124,8 +124,12 @@ class Model:
         own = self._own(values)
         begins = not excitation.harmonic or request.settle == 0
         laws = self._laws(values, own, begins)
-        simulator = self._refined(values)
-        record = as_record(simulator.run(own, excitation, laws, request), simulator)
+        simulator, own = self._replaced(values, own)
+        unserved = self._unserved(simulator, laws)
+        if unserved:
+            record = failed(simulator.bodies, "impossible value", unserved)
+        else:
+            record = as_record(simulator.run(own, excitation, laws, request), simulator)
         if record.attrs["status"] == OK:
             for effect in self._acting(values):
                 if effect.site == "sensor":
@@ -188,7 +192,11 @@ class Model:
                 raise CalibError(f"effect {effect.name!r} is explicit in time, and no period is like the one before")
         own = self._own(values)
         laws = self._laws(values, own, begins=False)
-        return _mapped(self._refined(values)).period_map(own, excitation, laws, phase)
+        simulator, own = self._replaced(values, own)
+        unserved = self._unserved(simulator, laws)
+        if unserved:
+            raise CalibError(unserved)
+        return _mapped(simulator).period_map(own, excitation, laws, phase)
 
     def _complete(self, values: Mapping[str, float]) -> dict[str, float]:
         """Fill `values` up with nominal ones."""
@@ -204,13 +212,25 @@ class Model:
                 own = effect.restructure(own, values)
         return own
 
-    def _refined(self, values: Mapping[str, float]) -> Simulator:
-        """Return the simulator that the numerical effects put in the place of the model's."""
+    def _replaced(self, values: Mapping[str, float], own: dict[str, float]) -> tuple[Simulator, dict[str, float]]:
+        """Return the simulator that effects on stop and numerics put in the place of the model's, and its values.
+
+        own : values of the parameters of the model's simulator
+        """
         simulator = self.simulator
-        for effect in self._acting(values):
-            if effect.site == "numerical":
-                simulator = effect.refine(simulator, values)
-        return simulator
+        for site in ("stop", "numerical"):
+            for effect in self._acting(values):
+                if effect.site == site:
+                    simulator = effect.substitute(simulator, values)
+        return simulator, {p.name: own.get(p.name, values.get(p.name, p.nominal)) for p in simulator.parameters}
+
+    def _unserved(self, simulator: Simulator, laws: Sequence[BoundLaw]) -> str:
+        """Why a simulator in the place of the model's cannot take the laws that the model's takes; "" where it can."""
+        sites = sorted({law.site for law in laws} - set(simulator.sites)) if simulator is not self.simulator else []
+        if not sites:
+            return ""
+        stops = [effect.name for effect in self.effects if effect.site == "stop"]
+        return f"an effect at {sites[0]!r} and {stops[0]!r} exclude one another; leave one of them at its null value"
 
     def _acting(self, values: Mapping[str, float]) -> list[Effect]:
         return [effect for effect in self.effects if not effect.at_null(values)]

@@ -64,8 +64,8 @@ class Simulator(Protocol):
     To write one:
 
     1. `name`, the `bodies` whose motion it gives, its `parameters` (each with unit, nominal value and meaning) and the
-       `sites` at which it takes laws (see `calib.modelling.laws`; "structure", "numerical" and "sensor" are served by
-       the model and need not be listed).
+       `sites` at which it takes laws (see `calib.modelling.laws`; "structure", "stop", "numerical" and "sensor" are
+       served by the model and need not be listed).
     2. `run` returns a record (see `calib.records.record`): displacement and velocity over (body, time), time 0 at phase
        zero of the excitation, whole periods of the stationary motion; with an excitation that has a period also the
        stroboscopic section of the last 64 periods or more; where a study asks for fewer of a slow program, of those.
@@ -112,6 +112,8 @@ class Simulator(Protocol):
     23. Optionally `remarks`, sentences on what its options leave open: told as a search begins, and kept with its
         result.
     24. Optionally `title`, what a report calls it, such as the program that it runs. Absent: its name.
+    25. Optionally `compliant(contact)`, the same simulator with a compliant contact of that name in the place of its
+        rigid stop, and `contacts`, the set of those that it has; see `StoppedSimulator`.
 
     `calib.testing.SimulatorSuite` checks all this.
     """
@@ -164,4 +166,17 @@ class RefinableSimulator(Simulator, Protocol):
 
     def finer(self, what: str, factor: float) -> "RefinableSimulator":
         """Return the same simulator with its time step, or its tolerance of events, divided by `factor`."""
+        ...
+
+
+class StoppedSimulator(Simulator, Protocol):
+    """A simulator whose rigid stop a compliant contact can replace."""
+
+    @property
+    def contacts(self) -> frozenset[str]:
+        """Names of laws of a compliant contact; empty without a rigid stop."""
+        ...
+
+    def compliant(self, contact: str) -> Simulator:
+        """Return the same simulator with such a contact, whose parameters it has beside or instead of Newton's."""
         ...

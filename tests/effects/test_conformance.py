@@ -5,6 +5,7 @@ import pytest
 import short_beam
 
 from calib import plugins
+from calib.errors import CalibError
 from calib.modelling.model import Model
 from calib.modelling.simulator import Request
 from calib.records import record
@@ -90,6 +91,8 @@ CASES = [
     Case("interface_shift", **BEAM, interface_shift=1e-4),
     Case("adhesion", adhesion=1e-5),
     Case("rate_restitution", rate_exponent=0.1),
+    Case("compliant_contact", contact_time=5e-4),
+    Case("hertz_contact", contact_time=5e-4),
     Case("contact_compliance", **BEAM, hunt_crossley=0.3),
     Case("squeeze_film", squeeze=0.01),
     sensed("channel_gain", gain_displacement=0.02, gain_velocity=-0.01),
@@ -190,6 +193,38 @@ def test_restitution_falls_with_speed_and_slow_impacts_stick():
     held, p = law_of("adhesion", adhesion=0.01)
     assert 0.5 + held(0.5, 1.0, p) == pytest.approx(np.sqrt(0.24))
     assert 0.5 + held(0.5, 0.1, p) == 0.0
+
+
+@pytest.mark.parametrize(("name", "contact"), [("compliant_contact", "kelvin_voigt"), ("hertz_contact", "gonthier")])
+def test_a_stop_that_yields_is_the_contact_of_the_simulator_and_comes_near_newton_as_it_shortens(name, contact):
+    values, changes = {"restitution": 0.3}, []
+    model, stated = Model(FourDof(), [EFFECTS[name]]), Model(FourDof(contact=contact))
+    plain = model.run(values, EffectSuite.excitation, SHORT)
+    for time in (4e-5, 2e-5):
+        found, expected = (
+            m.run({**values, "contact_time": time}, EffectSuite.excitation, SHORT) for m in (model, stated)
+        )
+        np.testing.assert_array_equal(found.velocity, expected.velocity)
+        changes.append(float(np.abs(found.displacement - plain.displacement).max()))
+    assert changes[0] == pytest.approx(2.0 * changes[1], rel=0.1)
+
+
+def test_the_stop_of_an_oscillator_yields_too():
+    values, drive = {"contact_time": 1e-2}, Excitation("mass", "force", frequency=4.0, amplitude=4.0)
+    found = Model(Oscillator(stop=True), [EFFECTS["compliant_contact"]]).run(values, drive, SHORT)
+    expected = Model(Oscillator(stop=True, contact="kelvin_voigt")).run(values, drive, SHORT)
+    np.testing.assert_array_equal(found.velocity, expected.velocity)
+
+
+def test_a_stop_that_yields_and_a_law_of_its_restitution_exclude_one_another():
+    model = Model(FourDof(), [EFFECTS["compliant_contact"], EFFECTS["rate_restitution"]])
+    record = model.run({"contact_time": 1e-4, "rate_exponent": 0.1}, EffectSuite.excitation, SHORT)
+    assert (record.attrs["status"], "'restitution' and 'compliant_contact'" in record.attrs["reason"]) == (
+        "impossible value", True,
+    )  # fmt: skip
+    with pytest.raises(CalibError, match="exclude one another"):
+        model.period_map({"contact_time": 1e-4, "rate_exponent": 0.1}, EffectSuite.excitation)
+    assert model.run({"rate_exponent": 0.1}, EffectSuite.excitation, SHORT).attrs["status"] == "ok"
 
 
 # --- instruments

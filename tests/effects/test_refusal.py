@@ -19,15 +19,20 @@ ON_A_BODY = {
 DRIVE = {"drive_harmonic_2", "drive_harmonic_3", "drive_modulation", "frequency_drift"}
 LUMPED = SENSOR | STATES | ON_A_BODY | DRIVE | {"added_mass", "time_step"}
 IMPACT = {"gap_offset", "adhesion", "rate_restitution", "squeeze_film", "event_tolerance"}
+YIELDING = {"compliant_contact", "hertz_contact"}
 TAKEN = {
-    "four_dof": (FourDof(), LUMPED | IMPACT | {"support", "glue_bond"}),
+    "four_dof": (FourDof(), LUMPED | IMPACT | YIELDING | {"support", "glue_bond"}),
     "four_dof, fixed step": (
         FourDof(mode="fixed_step"),
         (LUMPED | IMPACT | {"support", "glue_bond"}) - {"event_tolerance"},
     ),
-    "four_dof, both ends driven": (FourDof("symmetric"), LUMPED | IMPACT | {"glue_bond"}),
+    "four_dof, compliant": (
+        FourDof(contact="kelvin_voigt"),
+        (LUMPED | IMPACT | {"support", "glue_bond"}) - {"adhesion", "rate_restitution"},
+    ),
+    "four_dof, both ends driven": (FourDof("symmetric"), LUMPED | IMPACT | YIELDING | {"glue_bond"}),
     "oscillator": (Oscillator(), LUMPED),
-    "oscillator, stop": (Oscillator(stop=True), LUMPED | IMPACT),
+    "oscillator, stop": (Oscillator(stop=True), LUMPED | IMPACT | YIELDING),
     "delaminated_beam": (
         DelaminatedBeam(),
         SENSOR | ON_A_BODY | DRIVE | {"gap_offset", "interface_shift", "contact_compliance", "time_step"},

@@ -12,7 +12,7 @@ import calib
 from calib.effects import channel_lag, gap_offset, quadratic_drag
 from calib.errors import CalibError
 from calib.modelling.effect import Effect
-from calib.modelling.laws import SLOTS, force, gap, numerical, slots, structure
+from calib.modelling.laws import SLOTS, force, gap, numerical, slots, stop, structure
 from calib.modelling.model import Model
 from calib.modelling.parameter import Parameter
 from calib.modelling.simulator import MappedSimulator, RefinableSimulator, Request, Simulator
@@ -139,6 +139,17 @@ BORROWING = Effect(
 )  # fmt: skip
 
 
+@stop
+def softened(simulator, p):
+    """Return the simulator with a soft stop."""
+    return simulator.compliant("soft")
+
+
+SOFTENED = Effect(
+    "softened", "stop", softened, (Parameter("softness", "1", 0.0, "", null=0.0),), "", changes=(("soft",),)
+)
+
+
 class Placed(Still):
     """Has places, a second parameter, and a step that can be refined."""
 
@@ -173,6 +184,28 @@ def test_a_numerical_law_puts_another_simulator_in_the_place_of_the_models():
     assert model.simulator.given[1] == 1.0
 
 
+def test_a_law_of_the_stop_puts_a_simulator_in_the_place_of_the_models_and_gives_it_its_parameters():
+    class Soft(Placed):
+        parameters = (Placed.parameters[0], Parameter("softness", "1", 9.0, ""), Parameter("sides", "1", 2.0, ""))
+        sites = frozenset({"force"})
+
+    class Stopped(Placed):
+        contacts = frozenset({"soft"})
+
+        def compliant(self, contact):
+            other = Soft()
+            other.seen = self
+            return other
+
+    model = Model(Stopped(), [SOFTENED, gap_offset.EFFECT])
+    model.run({"softness": 3.0}, DRIVE)
+    assert model.simulator.given[0] == {"gap": 1e-3, "softness": 3.0, "sides": 2.0}
+    failing = model.run({"softness": 3.0, "dg": 1e-4}, DRIVE)
+    assert "'gap' and 'softened' exclude one another" in failing.attrs["reason"]
+    model.run({"dg": 1e-4}, DRIVE)
+    assert "softness" not in model.simulator.given[0]
+
+
 def test_a_law_at_a_place_is_bound_to_the_bodies_there_and_borrows_what_the_structure_has():
     model = Model(Placed(), [BORROWING, MOVED])
     values = {"size": 3.0, "moved": 1e-4}
@@ -186,11 +219,12 @@ def test_a_law_at_a_place_is_bound_to_the_bodies_there_and_borrows_what_the_stru
     [
         (MOVED, "it changes g_max, s or gap, s, which simulator 'still' does not have"),
         (FINER, "it refines time_step, which simulator 'still' cannot refine"),
+        (SOFTENED, "it needs a rigid stop that contact soft can replace, which simulator 'still' does not have"),
         (BORROWING, "it acts at the interface, which simulator 'still' does not have"),
         (replace(BORROWING, borrowed=("width",)), "it needs width"),
         (channel_lag.EFFECT, ""),
     ],
-    ids=["structure", "numerical", "place", "borrowed", "sensor"],
+    ids=["structure", "numerical", "stop", "place", "borrowed", "sensor"],
 )
 def test_an_effect_says_why_a_simulator_cannot_take_it(effect, said):
     reason = effect.refusal(Still())

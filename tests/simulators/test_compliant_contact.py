@@ -53,7 +53,7 @@ def drawn(contact, seed):
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("contact", LAWS)
+@pytest.mark.parametrize("contact", [*LAWS, "gonthier"])
 @pytest.mark.parametrize("seed", range(20))
 def test_the_motion_agrees_with_dop853(contact, seed):
     values, periods = drawn(contact, seed), 2

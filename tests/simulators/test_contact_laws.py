@@ -11,13 +11,20 @@ from calib.modelling.model import Model
 from calib.modelling.simulator import Request
 from calib.records.excitation import Excitation
 from calib.simulators.four_dof import FourDof
-from calib.simulators.impact.contact_laws import contact_law, damping_ratio, of_loss, restitution_of, stiffness
+from calib.simulators.impact.contact_laws import (
+    contact_law,
+    damping_ratio,
+    loss_of,
+    of_loss,
+    restitution_of,
+    stiffness,
+)
 from calib.simulators.oscillator import Oscillator
 
 DECAY = Excitation("mass", "free decay")
 SHAKER = Excitation("end", "displacement", frequency=26.24, amplitude=1.5e-3)
 FREE = {"damping": 0.0, "stiffness": 0.0, "gap": 1e-3}  # a mass that flies, and meets a stop
-LAWS = ("kelvin_voigt", "hunt_crossley", "lankarani_nikravesh")
+LAWS = ("kelvin_voigt", "hunt_crossley", "lankarani_nikravesh", "gonthier")
 compiled = pytest.mark.slow  # the kernel is compiled for them; a sample runs uncompiled in `test_uncompiled_contact`
 
 
@@ -69,6 +76,20 @@ def test_the_restitution_of_a_hunt_crossley_contact_does_not_depend_on_its_expon
     assert rebound("hunt_crossley", 0.7, hunt_crossley=loss, contact_exponent=exponent) == pytest.approx(
         expected, rel=1e-9
     )
+
+
+def test_the_loss_of_a_restitution_is_that_of_gonthiers_equation():
+    for e in (0.02, 0.3, 0.9):
+        loss = loss_of(e)
+        assert 1.0 + loss == pytest.approx((1.0 - e * loss) * math.exp(loss * (1.0 + e)), rel=1e-9)
+    assert (loss_of(1.0), loss_of(1e-4)) == (0.0, 100.0)
+
+
+@compiled
+@pytest.mark.parametrize("exponent", [1.0, 1.5])
+@pytest.mark.parametrize(("speed", "e"), [(0.05, 0.05), (2.0, 0.05), (0.3, 0.8)])
+def test_a_gonthier_contact_has_the_restitution_that_it_is_given_whatever_exponent_and_speed(exponent, speed, e):
+    assert rebound("gonthier", speed, restitution=e, contact_exponent=exponent) == pytest.approx(e, rel=1e-8)
 
 
 @compiled

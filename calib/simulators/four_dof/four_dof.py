@@ -18,7 +18,7 @@ from calib.records.excitation import Excitation
 from calib.simulators.four_dof.drives import BODIES, DRIVES, LAYER, DriveName, structure
 from calib.simulators.four_dof.lumped import lumped
 from calib.simulators.impact.assembly import STEPS_PER_PERIOD, ImpactDrive, assemble
-from calib.simulators.impact.contact_laws import CONTACTS, ContactName, stop_law, with_contact
+from calib.simulators.impact.contact_laws import COMPLIANT, CONTACTS, ContactName, stop_law, with_contact
 from calib.simulators.impact.initial_state import start, with_memory
 from calib.simulators.impact.modes import modal, regimes
 from calib.simulators.impact.period_map import ImpactMap, impact_map, shifted
@@ -71,7 +71,8 @@ class FourDof:
 
         "kelvin_voigt" by max(0, k d^n + c d'); "hunt_crossley" by max(0, k d^n (1 + hunt_crossley d')) (Hunt and
         Crossley 1975); "lankarani_nikravesh" by max(0, k d^n (1 + 3 (1 - e^2) d' / (4 v0))), v0 the closing speed of
-        the impact at hand, e its restitution (Lankarani and Nikravesh 1990). n is contact_exponent; k follows from
+        the impact at hand, e its restitution (Lankarani and Nikravesh 1990); "gonthier" by
+        max(0, k d^n (1 + a d' / v0)), a such that e is the restitution (2004). n is contact_exponent; k follows from
         contact_time, how long a loss-free impact at 1 m/s lasts, c from the restitution of a layer that flies freely.
         At a contact_time of 0 the stop is rigid. The force acts on the layer alone, as an impact does (paper, eq. (2));
         see `impact.contact_laws`
@@ -80,8 +81,8 @@ class FourDof:
     -----
     The motion settles until its stroboscopic section repeats to 1e-10 after 1 to 16 periods, at most for 1000 periods;
     `Request.settle` counts periods instead. `Request.initial_state` is (q1..q4, q1'..q4') in [m], [m/s], and where the
-    state of a record goes on, the internal states of the force laws and, with contact "lankarani_nikravesh", the speed
-    at which a present contact began.
+    state of a record goes on, the internal states of the force laws and, with contact "lankarani_nikravesh"
+    or "gonthier", the speed at which a present contact began.
     """
 
     name = "four_dof"
@@ -133,6 +134,17 @@ class FourDof:
         """Return the same with steps, or the tolerance of events and the height of sticking, divided by `factor`."""
         other = copy.copy(self)
         other.refinement = self.refinement.times(what, factor)
+        return other
+
+    @property
+    def contacts(self) -> frozenset[str]:
+        """Laws of a compliant contact by which `compliant` replaces the rigid stop."""
+        return COMPLIANT if self.contact == "rigid" and self.mode == "exact" else frozenset()
+
+    def compliant(self, contact: ContactName) -> "FourDof":
+        """Return the same with a compliant contact in the place of the rigid stop."""
+        other = FourDof(self.drive, self.mode, self.steps_per_period, self.onto_surface, contact)
+        other.refinement = self.refinement
         return other
 
     @property

@@ -7,13 +7,16 @@ kelvin_voigt          max(0, k d^n + c d')                            Kelvin and
 hunt_crossley         max(0, k d^n (1 + hunt_crossley d'))            Hunt & Crossley, J. Appl. Mech. 42 (1975) 440
 lankarani_nikravesh   max(0, k d^n (1 + 3 (1 - e^2) d' / (4 v0)))     Lankarani & Nikravesh, J. Mech. Des. 112 (1990)
                                                                       369; v0 the closing speed of this impact
+gonthier              max(0, k d^n (1 + a d' / v0))                   Gonthier et al., Multibody System Dynamics 11
+                                                                      (2004) 209; a(e) so that e is the restitution
 ====================  ==============================================  ==============================================
 
 with n = contact_exponent (1 a flat contact, 1.5 Hertz's of a sphere) and e = restitution. The stiffness is stated by
 contact_time, how long a loss-free impact at 1 m/s lasts: a record shows that time, the departure from a rigid stop is
 proportional to it, and at 0 the stop is rigid. For n = 1 it is half a period of the mass on the contact's spring,
 whatever the speed; for another n it falls with the speed to the power (n - 1) / (n + 1). For kelvin_voigt the damper
-follows from the restitution e of a free mass for n = 1; for another n, the one that has it for n = 1 is taken.
+follows from the restitution e of a free mass for n = 1; for another n, the one that has it for n = 1 is taken. That of
+gonthier follows from e whatever n and the speed: 1 + a = (1 - e a) exp(a (1 + e)).
 """
 
 import math
@@ -29,10 +32,13 @@ from scipy.special import gamma
 from calib.modelling.laws import LAW_PARAMETERS, BoundLaw, restitution
 from calib.modelling.parameter import Parameter
 
-ContactName = Literal["rigid", "kelvin_voigt", "hunt_crossley", "lankarani_nikravesh"]
-CONTACTS: tuple[ContactName, ...] = ("rigid", "kelvin_voigt", "hunt_crossley", "lankarani_nikravesh")
+ContactName = Literal["rigid", "kelvin_voigt", "hunt_crossley", "lankarani_nikravesh", "gonthier"]
+CONTACTS: tuple[ContactName, ...] = ("rigid", "kelvin_voigt", "hunt_crossley", "lankarani_nikravesh", "gonthier")
+COMPLIANT: frozenset[str] = frozenset(CONTACTS) - {"rigid"}
+BY_SPEED = ("lankarani_nikravesh", "gonthier")  # whose loss is relative to the closing speed
 REFERENCE_SPEED = 1.0  # m/s, of the impact that lasts `contact_time`
 MAX_DAMPING_RATIO = 50.0  # of kelvin_voigt; its restitution of 1e-4 stands for all below
+MAX_LOSS = 100.0  # of gonthier, over the closing speed; its restitution of 0.01 stands for all below  [1]
 MAX_EXPONENT = 3.0  # of the penetration  [1]
 MAX_SERIES_LOSS = 3e-3  # loss factor times speed below which the restitution is taken from its series  [1]
 MAX_RESTITUTION_STEPS = 60  # for the restitution of a lossy contact
@@ -111,6 +117,8 @@ def contact_law(name: ContactName, values: Mapping[str, float]) -> ContactLaw | 
         damping = 2.0 * damping_ratio(e) * frequency
     elif name == "hunt_crossley":
         loss = values["hunt_crossley"]
+    elif name == "gonthier":
+        loss = loss_of(e)
     else:
         loss = 0.75 * (1.0 - e * e)
     return ContactLaw(
@@ -118,7 +126,7 @@ def contact_law(name: ContactName, values: Mapping[str, float]) -> ContactLaw | 
         exponent=n,
         damping=damping,
         loss=loss,
-        by_speed=name == "lankarani_nikravesh",
+        by_speed=name in BY_SPEED,
         highest_frequency=max(frequency, damping),
     )
 
@@ -169,6 +177,20 @@ def damping_ratio(restitution: float) -> float:
     if restitution <= restitution_of(MAX_DAMPING_RATIO):
         return MAX_DAMPING_RATIO
     return float(brentq(lambda z: restitution_of(z) - restitution, 0.0, MAX_DAMPING_RATIO, xtol=1e-15, rtol=1e-14))
+
+
+@lru_cache(maxsize=1024)
+def loss_of(restitution: float) -> float:
+    """Loss factor times closing speed [1] of a contact with a restitution [1]: the inverse of `of_loss`."""
+
+    def excess(loss: float) -> float:
+        return float(of_loss.function(0.0, 1.0, np.array([loss]))) - restitution
+
+    if restitution >= 1.0:
+        return 0.0
+    if excess(MAX_LOSS) >= 0.0:
+        return MAX_LOSS
+    return float(brentq(excess, 0.0, MAX_LOSS, xtol=1e-15, rtol=1e-14))
 
 
 @restitution

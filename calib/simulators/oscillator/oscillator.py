@@ -17,7 +17,7 @@ from calib.modelling.parameter import Parameter
 from calib.modelling.simulator import Request
 from calib.records.excitation import Excitation, Samples
 from calib.simulators.impact.assembly import ImpactDrive, assemble
-from calib.simulators.impact.contact_laws import CONTACTS, ContactName, stop_law, with_contact
+from calib.simulators.impact.contact_laws import COMPLIANT, CONTACTS, ContactName, stop_law, with_contact
 from calib.simulators.impact.initial_state import start, with_memory
 from calib.simulators.impact.modes import LinearStructure, Stop, viscous
 from calib.simulators.impact.period_map import ImpactMap, impact_map, shifted
@@ -85,6 +85,7 @@ class Oscillator:
     "hunt_crossley"        max(0, k d^n (1 + h d'))              h = hunt_crossley; Hunt and Crossley 1975
     "lankarani_nikravesh"  max(0, k d^n (1 + 3 (1 - e^2) d'      v0 the closing speed of the impact at hand, e =
                            / (4 v0)))                            restitution; Lankarani and Nikravesh 1990
+    "gonthier"             max(0, k d^n (1 + a d' / v0))         a so that e is the restitution; Gonthier et al. 2004
     =====================  ====================================  ======================================================
 
     n is contact_exponent; k follows from contact_time, how long a loss-free impact at 1 m/s lasts. At a contact_time of
@@ -113,6 +114,7 @@ class Oscillator:
         self.stop = stop
         self.contact = contact
         self.numerics = frozenset({"time_step", "event_tolerance"} if stop else {"time_step"})
+        self.contacts = COMPLIANT if stop and contact == "rigid" else frozenset()
         self.refinement = UNREFINED
         self.parameters = PARAMETERS + (with_contact(STOP_PARAMETERS, contact) if stop else ())
         self.places = {"body": (BODY,), **({"interface": (PORT,)} if stop else {})}
@@ -124,6 +126,12 @@ class Oscillator:
         """Return the same with the steps of its loads, or the tolerance of its events, divided by `factor`."""
         other = copy.copy(self)
         other.refinement = self.refinement.times(what, factor)
+        return other
+
+    def compliant(self, contact: ContactName) -> "Oscillator":
+        """Return the same with a compliant contact in the place of the rigid stop."""
+        other = Oscillator(self.hold, self.stop, contact)
+        other.refinement = self.refinement
         return other
 
     def run(
