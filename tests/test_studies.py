@@ -25,6 +25,12 @@ def diagnosed(study, out):
     return json.loads((out / "diagnosis.json").read_text())
 
 
+def noise_of(records):
+    """Misfit of the truth: standard deviation of the noise over that of the channel, rms over channels and records."""
+    ratios = [r[f"{c}_sigma"] / r[c].std("time") for r in records for c in ("displacement", "velocity")]
+    return float(np.sqrt(np.mean([ratio.values**2 for ratio in ratios])))
+
+
 @pytest.fixture(scope="module")
 def minimal(tmp_path_factory):
     """Folder of the results of studies/minimal."""
@@ -54,6 +60,23 @@ def test_a_wider_gap_or_a_larger_scale_of_the_records_stands_in_for_the_complian
     assert found["misfit"]["share"] > 0.99
     sizes = {t["record"]: t["size"] for t in found["gain"]["transfers"] if t["parameter"] == "dg"}
     assert sizes == pytest.approx({"clapping": 4.80e-5, "slower": 4.47e-5, "louder": 5.22e-5}, rel=0.02)
+
+
+@pytest.mark.slow
+def test_a_compliant_contact_is_named_where_a_record_of_slower_impacts_takes_part(tmp_path):
+    ran("minimal_compliant", tmp_path)
+    found = diagnosed(STUDIES / "minimal_compliant", tmp_path)
+    assert (found["verdict"], found["causes"], found["class"]) == (
+        "named",
+        ["compliant_contact"],
+        [["compliant_contact"]],
+    )
+    sizes = {t["record"]: t["size"] for t in found["gain"]["transfers"] if t["parameter"] == "contact_time"}
+    assert sizes == pytest.approx(dict.fromkeys(("clapping", "softer", "louder", "slower"), 4.983e-4), rel=0.03)
+    names = ("louder", "slower")
+    floor = noise_of([read(STUDIES.parent / "experiments_ref" / "clapping_compliant" / f"{n}.nc") for n in names])
+    assert found["gain"]["before"] > 1.5 * floor
+    assert found["gain"]["after"] == pytest.approx(floor, rel=0.03)
 
 
 @pytest.mark.slow

@@ -197,13 +197,12 @@ def test_restitution_falls_with_speed_and_slow_impacts_stick():
 
 @pytest.mark.parametrize(("name", "contact"), [("compliant_contact", "kelvin_voigt"), ("hertz_contact", "gonthier")])
 def test_a_stop_that_yields_is_the_contact_of_the_simulator_and_comes_near_newton_as_it_shortens(name, contact):
-    values, changes = {"restitution": 0.3}, []
+    driven = EffectSuite.excitation, EffectSuite.request
+    values, changes = EffectSuite.values, []
     model, stated = Model(FourDof(), [EFFECTS[name]]), Model(FourDof(contact=contact))
-    plain = model.run(values, EffectSuite.excitation, SHORT)
+    plain = model.run(values, *driven)
     for time in (4e-5, 2e-5):
-        found, expected = (
-            m.run({**values, "contact_time": time}, EffectSuite.excitation, SHORT) for m in (model, stated)
-        )
+        found, expected = (m.run({**values, "contact_time": time}, *driven) for m in (model, stated))
         np.testing.assert_array_equal(found.velocity, expected.velocity)
         changes.append(float(np.abs(found.displacement - plain.displacement).max()))
     assert changes[0] == pytest.approx(2.0 * changes[1], rel=0.1)

@@ -15,7 +15,7 @@ from calib.modelling.effect import Effect
 from calib.modelling.laws import SLOTS, force, gap, numerical, slots, stop, structure
 from calib.modelling.model import Model
 from calib.modelling.parameter import Parameter
-from calib.modelling.simulator import MappedSimulator, RefinableSimulator, Request, Simulator
+from calib.modelling.simulator import MappedSimulator, RefinableSimulator, Request, Simulator, StoppedSimulator
 from calib.records import record
 from calib.records.excitation import Excitation
 
@@ -248,9 +248,14 @@ def test_an_effect_survives_as_a_key_and_through_a_pickle():
 
 def test_the_guide_of_a_simulator_numbers_its_items_and_names_what_is_read():
     guide = Simulator.__doc__
-    assert [int(number) for number in re.findall(r"^    (\d+)\. ", guide, re.M)] == list(range(1, 25))
-    optional = set(re.findall(r"Optionally `(\w+)", guide)) | {"numerics"}
-    read = {n for protocol in (MappedSimulator, RefinableSimulator) for n in vars(protocol) if not n.startswith("_")}
+    assert [int(number) for number in re.findall(r"^    (\d+)\. ", guide, re.M)] == list(range(1, 26))
+    optional = set(re.findall(r"Optionally `(\w+)", guide)) | {"numerics", "contacts"}
+    read = {
+        n
+        for protocol in (MappedSimulator, RefinableSimulator, StoppedSimulator)
+        for n in vars(protocol)
+        if not n.startswith("_")
+    }
     for path in Path(calib.__file__).parent.rglob("*.py"):
         text = path.read_text()
         read |= set(re.findall(r"(?:get|has)attr\((?:\w+\.)*simulator, \"(\w+)\"", text))
