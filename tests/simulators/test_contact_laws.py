@@ -79,7 +79,7 @@ def test_the_restitution_of_a_hunt_crossley_contact_does_not_depend_on_its_expon
 
 
 def test_the_loss_of_a_restitution_is_that_of_gonthiers_equation():
-    for e in (0.02, 0.3, 0.9):
+    for e in (0.1, 0.3, 0.9):
         loss = loss_of(e)
         assert 1.0 + loss == pytest.approx((1.0 - e * loss) * math.exp(loss * (1.0 + e)), rel=1e-9)
     assert (loss_of(1.0), loss_of(1e-4)) == (0.0, 100.0)
@@ -130,7 +130,7 @@ def test_at_no_contact_time_the_stop_is_rigid_bit_for_bit(contact, e):
     if contact == "hunt_crossley":
         assert yielding.attrs["status"] == "ok"
         return
-    newton = e if contact == "kelvin_voigt" else of_loss.function(0.0, 1.0, np.array([0.75 * (1.0 - e * e)]))
+    newton = e if contact != "lankarani_nikravesh" else of_loss.function(0.0, 1.0, np.array([0.75 * (1.0 - e * e)]))
     rigid = Model(FourDof()).run({"restitution": newton}, SHAKER, request)
     np.testing.assert_array_equal(yielding.displacement.values, rigid.displacement.values)
     np.testing.assert_array_equal(yielding.impact_speed.values, rigid.impact_speed.values)
