@@ -105,14 +105,13 @@ def _exchanged_by_records(
 ) -> tuple[Selection, Gain]:
     """Put a rival in the place of a cause that the records refute, or whose size differs from record to record.
 
-    Where the records refute the only cause and its rivals, either way, those are tried that explained less in its
-    search: a size that differs proves a model error, beside which the sum of squares of the fit does not decide.
+    Where records held out refute the only cause and its rivals, those are tried that explained less in its search.
     """
     differing = {one.effect: one.variation for one in selection.differing_by_record}
     refuted = gain.refutes
     several = [(c, own) for c, own in zip(selection.causes, selection.alternatives, strict=True) if len(own) > 1]
     groups = [(c, own) for c, own in several if refuted or c.name in differing]
-    if len(selection.causes) == 1 and (refuted or differing):
+    if refuted and len(selection.causes) == 1:
         groups.append((selection.causes[0], selection.runners_up[: CRITERIA.max_runners_up]))
     for cause, rivals in groups:
         better = []

@@ -20,8 +20,6 @@ FITTER = InTurn(effort=SimpleNamespace(spent=False))
         ({"c": KNOWN}, "", ("c",)),
         ({"b": VAGUE, "c": KNOWN}, "", ("c",)),  # sizes so vague would not show what told a apart
         ({"b": ELSEWHERE}, "", ("a", "b", "c")),  # nor would those of another record
-        ({"d": KNOWN}, "", ("d",)),  # it explained less in its search, and only it has one size
-        ({"c": KNOWN, "d": KNOWN}, "", ("c",)),  # rivals come first
         ({"rejected": KNOWN}, "", ()),
         ({"weak": KNOWN}, "", ()),  # it explains too little beside what remains
         ({"a": KNOWN, "fails": KNOWN}, "a", ()),  # with it what refuted a cannot be simulated
@@ -38,7 +36,7 @@ def test_of_causes_that_explain_alike_those_are_preferred_that_have_one_size_and
     """Stand-ins for selections, of which each has a cause with rivals."""
 
     class Alike:
-        is_explained, remainder_is_significant = True, False
+        is_explained, remainder_is_significant, runners_up = True, False, ()
 
         def __init__(self, name, names):
             self.name, self.names, self.is_homogeneous = name, names, name in one_size
@@ -48,8 +46,6 @@ def test_of_causes_that_explain_alike_those_are_preferred_that_have_one_size_and
             own = [SimpleNamespace(name=n, aic_penalty=2.0, chi2_reduction=1.0) for n in names]
             self.alternatives = (tuple(self.cause(one) for one in own),)
             self.causes = self.alternatives[0][:1]
-            behind = [SimpleNamespace(name=n, aic_penalty=2.0, chi2_reduction=0.5) for n in "d" if n in one_size]
-            self.runners_up = tuple(self.cause(one) for one in behind)
 
         def cause(self, one):
             return SimpleNamespace(**vars(one), candidate=SimpleNamespace(free=(one.name,)))
