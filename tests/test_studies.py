@@ -80,7 +80,7 @@ def test_a_compliant_contact_is_named_where_a_record_of_slower_impacts_takes_par
 
 
 @pytest.mark.slow
-def test_with_the_drive_as_stated_the_gap_alone_stands_in(tmp_path):
+def test_with_the_drive_as_stated_the_gap_stands_in_or_the_contact_yields(tmp_path):
     study = tmp_path / "study.toml"
     text = (STUDIES / "minimal" / "study.toml").read_text().replace("../..", str(STUDIES.parent))
     lines = [line for line in text.splitlines() if not line.startswith("amplitude =")]
@@ -88,7 +88,7 @@ def test_with_the_drive_as_stated_the_gap_alone_stands_in(tmp_path):
     ran(study, tmp_path / "out")
     found = diagnosed(study, tmp_path / "out")
     assert found["stand_ins"] == ["gap_offset"]
-    assert found["said"].startswith("gap_offset explains most")
+    assert found["said"].startswith("one of gap_offset, hertz_contact explains most")
     assert found["parameters"]["dg"]["after"] == pytest.approx(4.8e-5, rel=0.05)
 
 
