@@ -222,6 +222,8 @@ class Model:
             for effect in self._acting(values):
                 if effect.site == site:
                     simulator = effect.substitute(simulator, values)
+        if simulator is self.simulator:
+            return simulator, own
         return simulator, {p.name: own.get(p.name, values.get(p.name, p.nominal)) for p in simulator.parameters}
 
     def _unserved(self, simulator: Simulator, laws: Sequence[BoundLaw]) -> str:

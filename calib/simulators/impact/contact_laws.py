@@ -120,7 +120,7 @@ def contact_law(name: ContactName, values: Mapping[str, float]) -> ContactLaw | 
     elif name == "gonthier":
         loss = loss_of(e)
     else:
-        loss = 0.75 * (1.0 - e * e)
+        loss = lankarani_nikravesh_loss(e)
     return ContactLaw(
         stiffness=stiffness(time, n),
         exponent=n,
@@ -139,8 +139,13 @@ def rigid_limit(name: ContactName, values: Mapping[str, float]) -> tuple[float, 
         return 0.0, [BoundLaw("restitution", of_loss.function, p)]
     e = values["restitution"]
     if name == "lankarani_nikravesh":
-        return float(of_loss.function(0.0, 1.0, np.array([0.75 * (1.0 - e * e)]))), []
+        return float(of_loss.function(0.0, 1.0, np.array([lankarani_nikravesh_loss(e)]))), []
     return e, []
+
+
+def lankarani_nikravesh_loss(e: float) -> float:
+    """Loss factor times the closing speed [1] of Lankarani and Nikravesh (1990) for a restitution `e`."""
+    return 0.75 * (1.0 - e * e)
 
 
 def stiffness(time: float, exponent: float) -> float:
