@@ -16,6 +16,7 @@ from calib.diagnosis.excess import bias_std, chi2_std, excess_chi2, significant
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.gathering import gathered
 from calib.diagnosis.harmonic_excess import harmonic_excess, model_error_chi2
+from calib.diagnosis.joint_misfit import JointMisfit, joint_misfit
 from calib.diagnosis.part import Part
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.score import Projection
@@ -78,6 +79,8 @@ class Gain:
     unaffected : those of the records that no cause changes: they test only the rest of the model
     transfers, agreements, shifts : see there
     fitted_agree : whether the records of the fit agree on all sizes, without the records held out
+    joint : misfit of the extended model refitted to all records at once; None where none was held out, or could not be
+        simulated
     """
 
     kind: str
@@ -92,6 +95,7 @@ class Gain:
     agreements: tuple[Agreement, ...] = ()
     shifts: tuple[Shift, ...] = ()
     fitted_agree: bool = True
+    joint: JointMisfit | None = None
 
     @property
     def omitted(self) -> bool:
@@ -132,9 +136,9 @@ def gained(
     threshold : of the normal deviate, from which the records' sizes differ
     """
     shifts = _shifts(fitter, null, final)
-    columns = derivatives_by_record(fitter, fitter.evidence, final, final.columns)
+    fitted = derivatives_by_record(fitter, fitter.evidence, final, final.columns)
     significant_remainder = significant(excess_chi2(fitter.evidence, final), chi2_std(fitter.evidence))
-    transfers = refitted_to_each_record(fitter.evidence, final, columns, significant_remainder, held=False)
+    transfers = refitted_to_each_record(fitter.evidence, final, fitted, significant_remainder, held=False)
     held = [name for name, reference in bench.objective.references.items() if reference.use == "holdout"]
     if not held:
         return _of_blocks(fitter, null, final, causes, seed, shifts=shifts, **_sizes(transfers, threshold))
@@ -148,8 +152,9 @@ def gained(
     columns = derivatives_by_record(fitter, evidence, there)
     transfers += refitted_to_each_record(evidence, there, columns, significant_remainder, held=True)
     unaffected = tuple(name for name, own in columns.items() if not acting_causes(there, own))
-    sizes = _sizes(transfers, threshold)
-    return _summed(RECORDS, parts, seed, failed=failed, unaffected=unaffected, shifts=shifts, **sizes)
+    everything = [(fitter.evidence, final.point.simulated, fitted), (evidence, after, columns)]
+    rest = {"shifts": shifts, "joint": joint_misfit(everything, len(final.names)), **_sizes(transfers, threshold)}
+    return _summed(RECORDS, parts, seed, failed=failed, unaffected=unaffected, **rest)
 
 
 def _simulated(

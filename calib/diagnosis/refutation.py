@@ -13,6 +13,7 @@ from calib.diagnosis.gain import Gain, gained
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.revision import exchanged, left_out, paired
 from calib.diagnosis.search import simplest
+from calib.diagnosis.second_cause import with_second_cause
 from calib.diagnosis.selection import Selection
 from calib.diagnosis.suspect import Refitted
 
@@ -32,7 +33,7 @@ def revised_by_records(
     records, each of which determines it well enough to detect the same variation. Where a misfit rises, those of all
     causes are tried: none is preferred with which that of the same records rises too. Where no rival is better, the
     cause that differs, or the weakest one, is left out if the others explain enough without it. A single cause may
-    stand for two: the best pair is then tried in its place.
+    stand for two: the best pair is then tried in its place, at last one that only records held out reveal.
     """
     selection, gain = _with_gain(fitter, bench, selection, seed)
     tried = exchanged_by_records = _exchanged_by_records(fitter, bench, selection, gain, seed)
@@ -46,6 +47,9 @@ def revised_by_records(
         pair = paired(fitter, tried[0], candidates, seed)
         outcome = tried if pair is None else _with_gain(fitter, bench, pair, seed)
         tried = outcome if _stands_in_each_record(*outcome) or (_stands(*outcome) and not _stands(*tried)) else tried
+    if not _stands(*tried) and len(tried[0].causes) == 1 and not fitter.effort.spent:
+        revealed = with_second_cause(fitter, *tried, partial(_with_gain, fitter, bench, seed=seed))
+        return exchanged_by_records if revealed is None else revealed
     if not _stands(*tried):
         return exchanged_by_records
     return _with_rivals_that_stand(fitter, bench, *tried, seed)
