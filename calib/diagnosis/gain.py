@@ -153,7 +153,7 @@ def gained(
     transfers += refitted_to_each_record(evidence, there, columns, significant_remainder, held=True)
     unaffected = tuple(name for name, own in columns.items() if not acting_causes(there, own))
     everything = [(fitter.evidence, final.point.simulated, fitted), (evidence, after, columns)]
-    rest = {"shifts": shifts, "joint": joint_misfit(everything, len(final.names)), **_sizes(transfers, threshold)}
+    rest = {"shifts": shifts, "joint": joint_misfit(final, everything), **_sizes(transfers, threshold)}
     return _summed(RECORDS, parts, seed, failed=failed, unaffected=unaffected, **rest)
 
 

@@ -9,7 +9,10 @@ import numpy as np
 from calib.diagnosis.bench import SimulatedRows
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.excess import significant
+from calib.diagnosis.fit import Fit
 from calib.diagnosis.score import Projection
+
+JOINT_RANK_TOLERANCE = 1e-8  # singular value over the largest, of columns of unit length  [1]
 
 
 @dataclass(frozen=True)
@@ -20,10 +23,12 @@ class JointMisfit:
     ----------
     excess_chi2 : chi-square beyond the degrees of freedom
     chi2_std : standard deviation of the chi-square of noise alone
+    values : of the parameters of the model, by name, in SI
     """
 
     excess_chi2: float
     chi2_std: float
+    values: Mapping[str, float]
 
     @property
     def is_significant(self) -> bool:
@@ -32,7 +37,7 @@ class JointMisfit:
 
 
 def joint_misfit(
-    several: Sequence[tuple[Evidence, Mapping[str, SimulatedRows], Mapping[str, np.ndarray]]], count: int
+    fit: Fit, several: Sequence[tuple[Evidence, Mapping[str, SimulatedRows], Mapping[str, np.ndarray]]]
 ) -> JointMisfit | None:
     """Refit a model to all records of several pieces of evidence: one step of Gauss and Newton.
 
@@ -40,10 +45,11 @@ def joint_misfit(
 
     Parameters
     ----------
-    several : evidence, simulations, and record -> (n, k) derivatives by the parameters of the model, which are the same
-        for all records, then by those of that record alone
-    count : of the first of these
+    fit : the model
+    several : evidence, simulations, and record -> (n, k) derivatives by the parameters `fit.names`, then by those of
+        that record alone
     """
+    count = len(fit.names)
     slopes, residuals, degrees, counted = [], [], 0.0, 0.0
     for evidence, simulations, columns in several:
         if set(columns) != set(evidence.names):
@@ -56,7 +62,10 @@ def joint_misfit(
             slopes.append(alone(columns[name][:, :count]))
             residuals.append(alone(residual[own]))
             degrees -= alone.rank
-    shared = Projection(np.vstack(slopes))
-    remaining = shared(np.concatenate(residuals))
-    degrees += counted - shared.rank
-    return JointMisfit(float(remaining @ remaining) - degrees, math.sqrt(2.0 * counted))
+    together, residual = np.vstack(slopes), np.concatenate(residuals)
+    length = np.maximum(np.linalg.norm(together, axis=0), 1e-300)
+    moves, _, rank, _ = np.linalg.lstsq(together / length, residual, rcond=JOINT_RANK_TOLERANCE)
+    remaining = residual - together @ (moves / length)
+    values = {name: fit.value(name) + float(move) for name, move in zip(fit.names, moves / length, strict=True)}
+    excess = float(remaining @ remaining) - (degrees + counted - int(rank))
+    return JointMisfit(excess, math.sqrt(2.0 * counted), values)

@@ -1,6 +1,6 @@
 """A second cause that records held out reveal, and that those of the fit do not show."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -106,6 +106,10 @@ def _those_that_stand(
         if not fit.names:
             continue
         both, gain = tested(_selected(fitter, selection, fitter.with_derivatives(fit), pair))
+        if gain.joint is not None and not gain.joint.is_significant:
+            further = _fitted_from(fitter, both.final, gain.joint.values)
+            if further.names and further.chi2 < both.final.chi2:
+                both, gain = tested(_selected(fitter, selection, fitter.with_derivatives(further), pair))
         one_size = both.is_sufficient and not both.differing_by_record
         if one_size and not gain.refutes and gain.joint is not None and not gain.joint.is_significant:
             standing.append(_Pair(pair, both, gain, gain.joint))
@@ -124,6 +128,15 @@ def _fitted_between(fitter: Fitter, null: Fit, one: Refitted, other: Refitted) -
         sizes |= suspect.candidate.values(halved)
     point = replace(null.point, values={**null.point.values, **values})
     return fitter.fit(point, (one.candidate, other.candidate), sizes)
+
+
+def _fitted_from(fitter: Fitter, fit: Fit, values: Mapping[str, float]) -> Fit:
+    """Fit the model of another fit again, from these values: of many that fit about as well, those of all records."""
+    candidates = fit.candidates
+    sizes = {name: fit.value(name) for candidate in candidates for name in candidate.absent()}
+    moved = {name: value for name, value in values.items() if name not in sizes}
+    sizes |= {name: value for name, value in values.items() if name in sizes}
+    return fitter.fit(replace(fit.point, values={**fit.point.values, **moved}), candidates, sizes)
 
 
 def _selected(fitter: Fitter, selection: Selection, fit: Fit, suspects: Sequence[Refitted]) -> Selection:
