@@ -16,6 +16,8 @@ from calib.diagnosis.selection import Selection
 from calib.diagnosis.stepwise import StepwiseState, as_selection
 from calib.diagnosis.suspect import Refitted, leading_variants
 
+MAX_JOINT_STEPS = 4  # towards the values that all records have  [count]
+
 Outcome = tuple[Selection, Gain]
 
 
@@ -43,7 +45,7 @@ def with_second_cause(
     if not pairs:
         return None
     second = min(pairs, key=_criterion).members[1]
-    others = [(other, second) for other in (*rivals, *partners) if other.name not in (cause.name, second.name)]
+    others = [(other, second) for other in partners if other.name != second.name]
     pairs += _those_that_stand(fitter, selection, others, tested)
     least = min(_criterion(pair) for pair in pairs)
     ties = [pair for pair in pairs if _criterion(pair) <= least + CRITERIA.aic_tie]
@@ -81,14 +83,45 @@ class _Pair:
         return sum(cause.aic_penalty for cause in self.members)
 
 
+def _refitted_towards_all(
+    fitter: Fitter,
+    selection: Selection,
+    fit: Fit,
+    pair: tuple[Refitted, Refitted],
+    tested: Callable[[Selection], Outcome],
+) -> Outcome:
+    """Test a pair; of models that fit the records of the fit about as well, take the one nearest to all records."""
+    now = tested(_selected(fitter, selection, fitter.with_derivatives(fit), pair))
+    for _ in range(MAX_JOINT_STEPS):
+        both, gain = now
+        if gain.joint is None or gain.joint.is_significant:
+            break
+        further = _fitted_from(fitter, both.final, gain.joint.values)
+        if not further.names or further.chi2 > fit.chi2 + CRITERIA.aic_tie:
+            break
+        ahead = tested(_selected(fitter, selection, fitter.with_derivatives(further), pair))
+        improved = _joint_excess(now) - _joint_excess(ahead)
+        now = ahead if improved > 0.0 else now
+        if not improved > CRITERIA.min_change_chi2:
+            break
+    return now
+
+
+def _joint_excess(outcome: Outcome) -> float:
+    """Excess chi-square of a model refitted to all records; infinite where it is unknown."""
+    _, gain = outcome
+    return np.inf if gain.joint is None else gain.joint.excess_chi2
+
+
 def _partners(selection: Selection, cause: Refitted, rivals: Sequence[Refitted]) -> list[Refitted]:
-    """Suspects that explain about as much as the cause in its search and are no rivals of it, the best first."""
+    """Rivals of the cause, and suspects that explain about as much in its search, the best first."""
     search = next(r for r in selection.rounds if r.chosen is not None)
     taken = {rival.name for rival in rivals}
     least = CRITERIA.min_explained_share * cause.chi2_reduction
     suspects = [s for s in search.suspects if isinstance(s, Refitted) and s.fit.names and s.name not in taken]
     enough = [s for s in leading_variants(suspects) if s.chi2_reduction >= least and not s.candidate.effect.noise]
-    return sorted(enough, key=lambda s: -s.chi2_reduction)[: CRITERIA.max_pairs]
+    others = sorted(enough, key=lambda s: -s.chi2_reduction)[: CRITERIA.max_pairs]
+    return [*(rival for rival in rivals if rival.name != cause.name), *others]
 
 
 def _those_that_stand(
@@ -105,11 +138,7 @@ def _those_that_stand(
         fit = _fitted_between(fitter, selection.null, *pair)
         if not fit.names:
             continue
-        both, gain = tested(_selected(fitter, selection, fitter.with_derivatives(fit), pair))
-        if gain.joint is not None and not gain.joint.is_significant:
-            further = _fitted_from(fitter, both.final, gain.joint.values)
-            if further.names and further.chi2 < both.final.chi2:
-                both, gain = tested(_selected(fitter, selection, fitter.with_derivatives(further), pair))
+        both, gain = _refitted_towards_all(fitter, selection, fit, pair, tested)
         one_size = both.is_sufficient and not both.differing_by_record
         if one_size and not gain.refutes and gain.joint is not None and not gain.joint.is_significant:
             standing.append(_Pair(pair, both, gain, gain.joint))

@@ -133,8 +133,11 @@ def proposal(measurements: Sequence[MeasurementResult]) -> str:
     best = measurements[0]
     if best.z_max >= DECISIVE_Z:
         return f"To measure next: {best.description}, {best.prediction}"
-    most = max(m.z_max for m in measurements)
-    return f"To measure next: no measurement within the bounds would distinguish them (z = {most:.2g} at most)"
+    text = f"To measure next: no measurement within the bounds would distinguish them (z = {best.z_max:.2g} at most)"
+    promised = max(m.z_max for m in measurements)
+    if promised < DECISIVE_Z:
+        return text
+    return f"{text}; derivatives alone predict up to z = {promised:.2g}, which simulations do not confirm"
 
 
 def _excess(misfit: MisfitResult, diagnosis: DiagnosisResult) -> str:
