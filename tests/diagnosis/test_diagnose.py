@@ -440,6 +440,15 @@ def test_the_number_of_simulations_is_foreseen_to_a_factor_of_two(cubic):
     assert max(begun) / found.simulations < 2.0
 
 
+@pytest.mark.slow
+def test_a_cause_of_another_size_in_a_record_held_out_is_not_mended_by_a_second_cause():
+    known = references(["cubic_stiffness"], k3=5e5)
+    known["held"] = references(["cubic_stiffness"], k3=7e5)["held"]
+    found = diagnosed(known)
+    assert (found.verdict, found.stand_ins) == ("unexplained", ("cubic_stiffness",))
+    assert found.gain.joint.is_significant
+
+
 @pytest.mark.parametrize(("held", "verdict"), [(5e5, "named"), (7e5, "unexplained")])
 def test_a_cause_of_another_size_in_a_record_held_out_stands_in_for_another(held, verdict):
     """In the records that it was fitted to it leaves nothing but noise, and lowers the misfit of the one held out."""

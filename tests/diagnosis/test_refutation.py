@@ -57,7 +57,7 @@ def test_of_causes_that_explain_alike_those_are_preferred_that_have_one_size_and
         detectable, records = one_size.get(own.name, KNOWN)
         agreement = SimpleNamespace(parameter=own.name, agree=True, detectable=detectable, records=records)
         refutes, tries = own.name in refuted, own.name != "fails"
-        found = {"agreements": (agreement,), "refutes": refutes, "covers": lambda _: tries}
+        found = {"agreements": (agreement,), "refutes": refutes, "covers": lambda _: tries, "joint": None}
         return own, SimpleNamespace(name=own.name, **found)
 
     def exchanged(fitter, selection, cause, rival, reason):
@@ -109,7 +109,7 @@ def test_a_cause_that_the_records_refute_is_left_out_where_the_others_hold(
         return None if names in insufficient else Chosen(names)
 
     def with_gain(fitter, bench, own, seed):
-        return own, SimpleNamespace(refutes=own.name in refuted)
+        return own, SimpleNamespace(refutes=own.name in refuted, joint=None)
 
     monkeypatch.setattr("calib.diagnosis.refutation.left_out", left_out)
     monkeypatch.setattr("calib.diagnosis.refutation._with_gain", with_gain)
@@ -151,7 +151,7 @@ def test_where_more_is_left_each_rival_stands_in_the_place_of_the_cause(
     def with_gain(fitter, bench, own, seed):
         interval = (0.1, 0.2) if own.names in vague else (0.3, 0.4)
         refutes = own.names[0] in refuted
-        tried = {"refutes": refutes, "covers": lambda _: True, "interval": interval, "agreements": ()}
+        tried = {"refutes": refutes, "covers": lambda _: True, "interval": interval, "agreements": (), "joint": None}
         return own, SimpleNamespace(**tried)
 
     monkeypatch.setattr("calib.diagnosis.refutation.exchanged", lambda f, s, cause, rival, reason: Chosen(rival.name))
@@ -190,7 +190,7 @@ def test_the_best_pair_is_tried_where_an_only_cause_does_not_stand(monkeypatch, 
     both = None if pair is None else selection(pair, pair in stands)
     monkeypatch.setattr("calib.diagnosis.refutation.paired", lambda *given: both)
     monkeypatch.setattr(
-        "calib.diagnosis.refutation._with_gain", lambda *given: (given[2], SimpleNamespace(refutes=False))
+        "calib.diagnosis.refutation._with_gain", lambda *given: (given[2], SimpleNamespace(refutes=False, joint=None))
     )
     found, _ = revised_by_records(FITTER, None, selection("c", "c" in stands), (), 0)
     assert found.name == ("ab" if taken else "c")
