@@ -48,7 +48,7 @@ from numba.core.errors import NumbaExperimentalFeatureWarning
 warnings.filterwarnings("ignore", category=NumbaExperimentalFeatureWarning)
 
 SLOTS = 4  # laws per site that a kernel takes
-LAW_PARAMETERS = 8  # numbers per law
+LAW_PARAMETERS = 80  # numbers per law: a free function of two arguments takes 78
 STATES = 4  # internal states per force law
 
 _f = types.float64
