@@ -79,7 +79,7 @@ def predicted(evidence: Evidence, base: Fit, extended: Fit, candidate: Candidate
     own = (*candidate.free, *candidate.form)
     segments, rows = evidence.segments(), evidence.rows()
     falls, tested, without, uncertainty = [], [], 0.0, 0.0
-    for name, left_out in _folds(evidence):
+    for name, left_out in folds(evidence):
         changed = extended.is_changed_by(candidate, extended.columns[left_out])
         if not changed or _information(extended, own, ~left_out) < MIN_INFORMATION_SHARE:
             continue
@@ -111,7 +111,7 @@ class _LeftOut:
         return float(self.residual @ self.residual)
 
 
-def _folds(evidence: Evidence) -> list[tuple[str, np.ndarray]]:
+def folds(evidence: Evidence) -> list[tuple[str, np.ndarray]]:
     """Name and residuals (N,) of each fold."""
     segments = evidence.segments()
     if len(evidence.parts) > 1:

@@ -118,11 +118,11 @@ class Fitter:
         rival : chi-square that another model attains: a fit that is predicted to attain no less is abandoned after a
             few steps
         """
-        point = _extended(start, candidates, sizes or {})
+        point = extended(start, candidates, sizes or {})
         directions = self.directions(point, candidates)
         low, high = np.array([d.low for d in directions]), np.array([d.high for d in directions])
         x = np.clip([d.at for d in directions], low, high)
-        now = self._evaluated(point, directions, x, candidates, solved=True)
+        now = self.evaluated(point, directions, x, candidates, solved=True)
         if now is None:
             return self._failed(start, candidates)
         fresh, nonlinear = columns is None, False
@@ -144,7 +144,7 @@ class Fitter:
             gain_ratio = (now.chi2 - fit.chi2) / predicted
             fresh = gain_ratio <= MIN_UPDATE_GAIN_RATIO
             nonlinear = not fresh and (nonlinear or abs(gain_ratio - 1.0) > MAX_GAIN_ERROR)
-            now, x = self.with_derivatives(fit) if fresh else _updated(fit, now, x_ahead - x), x_ahead
+            now, x = self.with_derivatives(fit) if fresh else updated(fit, now, x_ahead - x), x_ahead
         return replace(now, reason=f"no convergence in {MAX_FIT_STEPS} steps")
 
     def is_at_an_edge(self, fit: Fit) -> bool:
@@ -162,7 +162,7 @@ class Fitter:
         directions = self.directions(fit.point, fit.candidates)
         windows = self.space.windows
         x = np.array([windows[d.name].value(0.5) if d.name in windows else d.at for d in directions])
-        now = self._evaluated(fit.point, directions, x, fit.candidates, solved=True)
+        now = self.evaluated(fit.point, directions, x, fit.candidates, solved=True)
         return None if now is None else self.with_derivatives(now)
 
     def expected_simulations(self, scored: int, fits: int) -> int:
@@ -203,7 +203,7 @@ class Fitter:
         tried = [(1.0, False), (1.0, True), *((0.5**k, False) for k in range(1, MAX_FIT_HALVINGS))]
         for share, solved in tried if free else [pair for pair in tried if not pair[1]]:
             x_ahead, change = x + share * step, share * (now.columns @ step)
-            fit = self._evaluated(now.point, directions, x_ahead, candidates, change, solved)
+            fit = self.evaluated(now.point, directions, x_ahead, candidates, change, solved)
             if fit is not None and fit.chi2 < now.chi2:
                 return x_ahead, fit
         return None
@@ -239,7 +239,7 @@ class Fitter:
         starts = {name: view.start for name, view in views.items() if view.start is not None}
         return {name: starts[name].moved(own) for name, own in moves.items()}
 
-    def _evaluated(
+    def evaluated(
         self,
         origin: Point,
         directions: Sequence[Direction],
@@ -332,7 +332,7 @@ class Fitter:
         return [[next(together) for _ in candidate.parameters] for candidate in candidates]
 
 
-def _updated(ahead: Fit, behind: Fit, step: np.ndarray) -> Fit:
+def updated(ahead: Fit, behind: Fit, step: np.ndarray) -> Fit:
     """Return the fit ahead of a step (k,) with the derivatives behind it, by Broyden's update."""
     slopes = behind.free(behind.columns)
     scale = np.linalg.norm(slopes, axis=0)
@@ -342,7 +342,7 @@ def _updated(ahead: Fit, behind: Fit, step: np.ndarray) -> Fit:
     return replace(ahead, columns=columns, steps=behind.steps)
 
 
-def _extended(start: Point, candidates: Sequence[Candidate], sizes: Mapping[str, float]) -> Point:
+def extended(start: Point, candidates: Sequence[Candidate], sizes: Mapping[str, float]) -> Point:
     """Return the point with these candidates in its model, and no others, at these sizes."""
     effects = tuple(candidate.effect for candidate in candidates)
     held = {name: value for candidate in candidates for name, value in candidate.absent().items()}

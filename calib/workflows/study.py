@@ -29,6 +29,8 @@ from calib.study_file import PythonOrigin, StudyFile, load
 from calib.study_file.references import expanded
 from calib.workflows.calibrate import UNFINISHED, calibrate_file, rebuild, summary_so_far
 from calib.workflows.diagnose import diagnose_study
+from calib.workflows.discover import discover_study
+from calib.workflows.discovered import Discovered
 from calib.workflows.document import (
     MAIN,
     default_terms,
@@ -382,6 +384,12 @@ class Calibration:
                 on_progress=count, candidates="all" if candidates == "all" else stated,
             )  # fmt: skip
         return Diagnosed(summary, None if extended is None else Study.read(extended), self)
+
+    def discover(self, *, jobs: int | None = None, seed: int | None = None, quiet: bool = False) -> Discovered:
+        """Search for the force that the model misses: `calib discover`; arguments as in `diagnose`."""
+        with Count("simulations", quiet) as count:
+            summary = discover_study(self.path, jobs=jobs, seed=seed, on_progress=count)
+        return Discovered(summary, self.summary.name)
 
     def __repr__(self) -> str:
         return calibration_text(self.summary)

@@ -18,8 +18,8 @@ from calib.modelling.parameter import Parameter
 
 DISPLACEMENT, VELOCITY = "displacement", "velocity"
 UNITS = {DISPLACEMENT: "m", VELOCITY: "m/s"}
-INTERVALS_OF_ONE, INTERVALS_OF_TWO = 12, 5  # between breakpoints, of a function of one argument and of two  [count]
-GRADE = 1.6  # exponent by which breakpoints of the velocity are denser at rest, where friction turns about  [1]
+INTERVALS = {(DISPLACEMENT,): 12, (VELOCITY,): 16, (DISPLACEMENT, VELOCITY): 5}  # of each argument  [count]
+GRADE = 2.2  # exponent by which breakpoints of the velocity alone are denser at rest, where friction turns about  [1]
 DEGREE = 3  # of the splines
 
 
@@ -181,15 +181,16 @@ def free_force(body: str, arguments: Sequence[str], visited: dict[str, tuple[flo
     arguments : "displacement", "velocity", or both
     visited : argument -> its least and largest value in the records  [m], [m/s]
     """
-    intervals = INTERVALS_OF_ONE if len(arguments) == 1 else INTERVALS_OF_TWO
-    return FreeForce(body, tuple(arguments), tuple(breakpoints(a, *visited[a], intervals) for a in arguments))
+    intervals = INTERVALS[tuple(arguments)]
+    grade = GRADE if tuple(arguments) == (VELOCITY,) else 1.0
+    return FreeForce(body, tuple(arguments), tuple(breakpoints(*visited[a], intervals, grade) for a in arguments))
 
 
-def breakpoints(argument: str, low: float, high: float, intervals: int) -> np.ndarray:
-    """Breakpoints (intervals + 1,) from low to high; of a velocity that changes its sign, denser at rest."""
+def breakpoints(low: float, high: float, intervals: int, grade: float = 1.0) -> np.ndarray:
+    """Breakpoints (intervals + 1,) from low to high; where zero is inside, denser there by an exponent."""
     s = np.linspace(-1.0, 1.0, intervals + 1)
-    if argument == VELOCITY and low < 0.0 < high:
-        graded = np.sign(s) * np.abs(s) ** GRADE
+    if grade != 1.0 and low < 0.0 < high:
+        graded = np.sign(s) * np.abs(s) ** grade
         return np.where(graded < 0.0, -low * graded, high * graded)
     return low + 0.5 * (1.0 + s) * (high - low)
 

@@ -1,0 +1,360 @@
+"""Where a missing force acts, and of what it is a function: free forces fitted inside the simulator, and compared."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, closing
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.diagnosis.bench import Bench, Run, simulated
+from calib.diagnosis.candidate import Candidate, candidates
+from calib.diagnosis.criteria import CRITERIA
+from calib.diagnosis.discovery.free_force import DISPLACEMENT, VELOCITY, FreeForce, free_force
+from calib.diagnosis.discovery.left_out import LeftOutMisfit, left_out_misfit
+from calib.diagnosis.discovery.penalised import FreeModel, PenalisedFit, States, penalised_fit, visited_states
+from calib.diagnosis.effort import Effort
+from calib.diagnosis.excess import chi2_std, excess_chi2, significant
+from calib.diagnosis.fit import Fit
+from calib.diagnosis.gates import Gate
+from calib.diagnosis.preparation import NotDiagnosable, Prepared, bench_of, numerical, prepared
+from calib.diagnosis.screening import screened
+from calib.diagnosis.speculation import SpeculativePool
+from calib.diagnosis.suspect import Scored, Screened, is_testable
+from calib.diagnosis.verdict import failures
+from calib.execution.pool import OpenPool
+from calib.execution.workers import workers
+from calib.modelling.effect import Effect, places_of
+from calib.modelling.simulator import Simulator
+from calib.objective import Reference
+from calib.study import CalibrationStudy
+
+FOUND, NOTHING, UNDETERMINED, NOT_POSSIBLE = "found", "nothing", "undetermined", "not_diagnosable"
+ONE, OTHER, BOTH = (DISPLACEMENT,), (VELOCITY,), (DISPLACEMENT, VELOCITY)
+Arguments = tuple[tuple[str, ...], ...]  # of the additive functions of a model
+MIN_PREDICTION_STD = 2.0  # difference of two predictions, over its standard error, that counts  [1]: two-sigma rule
+FITS_PER_BODY, STEPS_PER_FREE_FIT = 3, 8  # as measured  [count]
+
+
+@dataclass(frozen=True, eq=False)
+class ForceTrial:
+    """A model with free forces on one body, fitted and judged by what it predicts.
+
+    Attributes
+    ----------
+    body : on which they act
+    arguments : of each of the additive functions
+    fitted : the model
+    left_out : misfit of the records that were left out in turn; None where none can be
+    """
+
+    body: str
+    arguments: Arguments
+    fitted: PenalisedFit
+    left_out: LeftOutMisfit | None
+
+
+@dataclass(frozen=True, eq=False)
+class Discovery:
+    """The result of a search for a force law.
+
+    Attributes
+    ----------
+    verdict : "found", "nothing", "undetermined" (the records cannot tell) or "not_diagnosable"
+    summary : the verdict in a sentence
+    gates : that were tested
+    trials : models that were fitted, in their order
+    chosen : the simplest model that predicts as well as the best; None where nothing was found
+    rivals : bodies on which a force predicts as well, the chosen one excluded
+    states : of the body in the simulations of the chosen model, None without one
+    null : the calibrated model, fitted; None where a gate failed
+    null_left_out : misfit of the left-out records without a force
+    excess_chi2 : of the calibrated model, and of the chosen one (0 without one)
+    seconds, simulations : of the search  [s]
+    """
+
+    verdict: str
+    summary: str
+    gates: tuple[Gate, ...]
+    trials: tuple[ForceTrial, ...] = ()
+    chosen: ForceTrial | None = None
+    rivals: tuple[str, ...] = ()
+    states: States | None = None
+    null: Fit | None = None
+    null_left_out: LeftOutMisfit | None = None
+    excess_chi2: tuple[float, float] = (0.0, 0.0)
+    seconds: float = 0.0
+    simulations: int = 0
+
+
+def discover(
+    study: CalibrationStudy,
+    others: Mapping[str, Reference],
+    values: Mapping[str, float],
+    effects: Sequence[Effect],
+    seed: int = 0,
+    pool: Callable[[Bench], AbstractContextManager[OpenPool]] | None = None,
+    on_stage: Callable[[str], None] = lambda text: None,
+    on_progress: Callable[[int, int], None] = lambda done, foreseen: None,
+) -> Discovery:
+    """Search for the force that a calibrated study misses, as a free function of the state of a body.
+
+    Parameters
+    ----------
+    study : its model, objective and windows; effects that the model has are free at the same time
+    others : references that it is not calibrated on, by name; those of use "holdout" are not looked at
+    values : calibrated, in SI
+    effects : of which those of the noise and of the solver count
+    seed : of the noise that is drawn for the threshold
+    pool : makes a pool of the function it maps; None: that of the study
+    on_stage, on_progress : called with the stage that begins; with simulations done, and those expected in all
+
+    Raises
+    ------
+    CalibError : a mistake in the arguments
+    """
+    begin = time.monotonic()
+    bench = bench_of(study, others)
+    make = pool or (lambda function: workers(function, study.evaluated_by, study.timeout, modules=study.code))
+    with make(bench) as open_pool, closing(SpeculativePool(open_pool, 0)) as ahead:
+        effort = Effort(ahead, None, on_progress)
+        discovery = _discovered(effort, bench, study, values, effects, seed, on_stage)
+    return replace(discovery, seconds=time.monotonic() - begin, simulations=effort.done)
+
+
+def _discovered(
+    pool: Effort,
+    bench: Bench,
+    study: CalibrationStudy,
+    values: Mapping[str, float],
+    effects: Sequence[Effect],
+    seed: int,
+    on_stage: Callable[[str], None],
+) -> Discovery:
+    reason = _refusal(study.model.simulator)
+    if reason:
+        return Discovery(NOT_POSSIBLE, reason, ())
+    regions = _regions(pool, bench, values)
+    if not regions:
+        return Discovery(
+            NOT_POSSIBLE, "no body moves in the records or their simulations: there is no state to visit", ()
+        )
+    forces: dict[tuple[str, tuple[str, ...]], FreeForce] = {}
+    for body, region in regions.items():
+        forces |= {(body, arguments): free_force(body, arguments, region) for arguments in (ONE, OTHER)}
+    instrumental = [effect for effect in effects if effect.noise]
+    suspected = [*(force.effect for force in forces.values()), *instrumental, *numerical(effects)]
+    ready = prepared(pool, bench, study, values, suspected, on_stage)
+    if isinstance(ready, NotDiagnosable):
+        return Discovery(NOT_POSSIBLE, failures(ready.gates), ready.gates)
+    search = _ForceSearch(ready, forces, regions, _looked_at(bench), study, seed)
+    return search.result(on_stage)
+
+
+def _refusal(simulator: Simulator) -> str:
+    """Why no free force can act in a simulator; "" where it can."""
+    if "force" in simulator.sites:
+        return ""
+    return f"simulator {simulator.name!r} takes no force laws: a force cannot be searched inside it"
+
+
+def _looked_at(bench: Bench) -> dict[str, Reference]:
+    """References but those held out."""
+    return {name: r for name, r in bench.objective.references.items() if r.use != "holdout"}
+
+
+def _regions(pool: Effort, bench: Bench, values: Mapping[str, float]) -> dict[str, dict[str, tuple[float, float]]]:
+    """Least and largest displacement [m] and velocity [m/s] of each body on which a force may act, in all records.
+
+    Measured ones where they are compared, simulated ones elsewhere.
+    """
+    simulator, references = bench.model.simulator, _looked_at(bench)
+    bodies = places_of(simulator).get("body", simulator.bodies)
+    regions = {}
+    for body in bodies:
+        rows = ((body, DISPLACEMENT), (body, VELOCITY))
+        runs = [Run(name, values, rows=rows) for name in references]
+        simulations = simulated(pool, runs)
+        ends: list[np.ndarray] = []
+        for (name, reference), view in zip(references.items(), simulations, strict=True):
+            if set(rows) <= set(bench.rows[name]):
+                index = [str(b) for b in reference.record.body.values].index(body)
+                ends.append(np.array([reference.record[c].values[index] for _, c in rows]))
+            elif view.usable:
+                ends.append(view.rows)
+        if ends:
+            whole = np.concatenate(ends, axis=1)
+            regions[body] = States(*whole).region
+    return {body: region for body, region in regions.items() if all(high > low for low, high in region.values())}
+
+
+class _ForceSearch:
+    """Free forces on all bodies: scored, fitted from the simplest on, compared by what they predict."""
+
+    def __init__(
+        self,
+        ready: Prepared,
+        forces: Mapping[tuple[str, tuple[str, ...]], FreeForce],
+        regions: Mapping[str, Mapping[str, tuple[float, float]]],
+        references: Mapping[str, Reference],
+        study: CalibrationStudy,
+        seed: int,
+    ):
+        self.ready, self.fitter, self.null = ready, ready.fitter, ready.null
+        self.forces, self.regions, self.references = dict(forces), regions, references
+        self.study, self.seed = study, seed
+        self.candidates = {candidate.name: candidate for candidate in ready.suspects}
+        self.trials: list[ForceTrial] = []
+        self.scored: dict[str, Scored] = {}
+
+    def result(self, on_stage: Callable[[str], None]) -> Discovery:
+        """Search, and say what was found."""
+        on_stage("places")
+        suspects, threshold = self._screened([self.candidates[f.name] for f in self.forces.values()])
+        leading = _leading(suspects, threshold)
+        if not leading and significant(self._excess(self.null), chi2_std(self.fitter.evidence)):
+            on_stage("places, functions of two arguments")
+            both = [self._of_two(body) for body in self.regions]
+            suspects, threshold = self._screened(both)
+            leading = _leading(suspects, threshold)
+        if not leading:
+            largest = max((abs(s.z) for s in suspects), default=0.0)
+            return self._nothing(f"no free force is significant: the largest |z| is {largest:.1f} of {threshold:.1f}")
+        bodies = list(dict.fromkeys(_body(s.candidate) for s in leading))
+        self.fitter.effort.foresee(self._expected(len(bodies)))
+        for body in bodies:
+            self._fit_body(body, on_stage)
+        return self._judged(on_stage)
+
+    # --- scores and fits ----------------------------------------------------------------------------------------------
+
+    def _screened(self, some: Sequence[Candidate]) -> tuple[list[Screened], float]:
+        suspects, threshold = screened(self.fitter, self.null, some, self.seed)
+        self.scored |= {s.name: s for s in suspects if isinstance(s, Scored)}
+        return suspects, threshold
+
+    def _of_two(self, body: str) -> Candidate:
+        """Free function of both arguments on a body, as a candidate."""
+        force = free_force(body, BOTH, dict(self.regions[body]))
+        self.forces[body, BOTH] = force
+        [candidate], _ = candidates(self.study.model, [force.effect], self.references, self.study.space.names)
+        self.candidates[force.name] = candidate
+        return candidate
+
+    def _fit_body(self, body: str, on_stage: Callable[[str], None]) -> None:
+        """Fit forces on a body: of each argument alone, of both, and as a surface where these leave a misfit."""
+        for arguments in ((ONE,), (OTHER,), (ONE, OTHER)):
+            self._fit(body, arguments, on_stage)
+        std = chi2_std(self.fitter.evidence)
+        if min(significant(self._excess(t.fitted.fit), std) for t in self.trials if t.body == body):
+            self._of_two(body)
+            self._fit(body, (BOTH,), on_stage)
+
+    def _fit(self, body: str, arguments: Arguments, on_stage: Callable[[str], None]) -> None:
+        on_stage(f"{body}: {described(arguments)}")
+        forces = tuple(self.forces[body, a] for a in arguments)
+        own = tuple(self.candidates[force.name] for force in forces)
+        model = FreeModel(forces, own, visited_states(self.fitter, self.null.point, body))
+        known = [self.scored[c.name].derivatives for c in own if c.name in self.scored]
+        columns = np.column_stack(known) if len(known) == len(own) else None
+        fitted = penalised_fit(self.fitter, self.null, model, columns)
+        self.trials.append(
+            ForceTrial(body, arguments, fitted, left_out_misfit(self.fitter.evidence, fitted.fit, fitted))
+        )
+
+    def _excess(self, fit: Fit) -> float:
+        return excess_chi2(self.fitter.evidence, fit)
+
+    def _expected(self, bodies: int) -> float:
+        """Expected number of simulations."""
+        return bodies * FITS_PER_BODY * self.fitter.expected_simulations(4, STEPS_PER_FREE_FIT)
+
+    # --- judgement ----------------------------------------------------------------------------------------------------
+
+    def _nothing(self, summary: str) -> Discovery:
+        return Discovery(NOTHING, summary, self.ready.gates, tuple(self.trials), null=self.null,
+                         excess_chi2=(self._excess(self.null), 0.0))  # fmt: skip
+
+    def _judged(self, on_stage: Callable[[str], None]) -> Discovery:
+        """Take the simplest model that predicts as well as the best, or none."""
+        on_stage("prediction")
+        before = left_out_misfit(self.fitter.evidence, self.null)
+        if before is None:
+            return replace(self._nothing(UNTESTED), verdict=UNDETERMINED)
+        best = min(self.trials, key=_predicted)
+        assert best.left_out is not None  # as there are folds
+        gain, error = before.above(best.left_out)
+        if gain <= MIN_PREDICTION_STD * error:
+            text = f"no free force predicts left-out records better: chi-square falls by {gain:.3g} +- {error:.2g}"
+            return replace(self._nothing(text), null_left_out=before)
+        equal = [t for t in self.trials if t.left_out is not None and _is_tie(t.left_out, best.left_out)]
+        chosen = min(equal, key=lambda t: (_complexity(t), _predicted(t)))
+        states = visited_states(self.fitter, chosen.fitted.fit.point, chosen.body)
+        rivals = tuple(dict.fromkeys(t.body for t in equal if t.body != chosen.body))
+        excess = self._excess(self.null), self._excess(chosen.fitted.fit)
+        return Discovery(
+            FOUND, _summary(chosen, equal, rivals, excess, before), self.ready.gates, tuple(self.trials), chosen,
+            rivals, states, self.null, before, excess,
+        )  # fmt: skip
+
+
+UNTESTED = (
+    "a force is missing, but the records cannot tell of what it is a function: in one steady tone displacement and "
+    'velocity lie on one curve; record further amplitudes, or a free decay, with use = "name"'
+)
+
+
+def described(arguments: Arguments) -> str:
+    """Arguments of additive functions in words."""
+    if arguments == (BOTH,):
+        return "surface over displacement and velocity"
+    return " + ".join(f"function of {own[0]}" for own in arguments)
+
+
+def _leading(suspects: Sequence[Screened], threshold: float) -> list[Scored]:
+    """Suspects above the threshold that predict about as much as the best."""
+    above = [s for s in suspects if is_testable(s) and abs(s.z) > threshold]
+    largest = max((s.predicted_reduction for s in above), default=0.0)
+    return [s for s in above if s.predicted_reduction >= CRITERIA.min_leader_share * largest]
+
+
+def _body(candidate: Candidate) -> str:
+    [body] = candidate.effect.bodies or ()
+    return body
+
+
+def _predicted(trial: ForceTrial) -> float:
+    """Sum of squares of the left-out records."""
+    return np.inf if trial.left_out is None else trial.left_out.chi2
+
+
+def _is_tie(one: LeftOutMisfit, best: LeftOutMisfit) -> bool:
+    """Whether a model predicts as well as the best."""
+    difference, error = one.above(best)
+    return difference <= MIN_PREDICTION_STD * error
+
+
+def _complexity(trial: ForceTrial) -> int:
+    """Rank of a model by its functions: of one argument, additive, a surface."""
+    return len(trial.arguments) + (BOTH in trial.arguments) * 2
+
+
+def _summary(
+    chosen: ForceTrial,
+    equal: Sequence[ForceTrial],
+    rivals: Sequence[str],
+    excess: tuple[float, float],
+    before: LeftOutMisfit,
+) -> str:
+    """Say what was found in a few sentences."""
+    share = 1.0 - max(0.0, excess[1]) / max(excess[0], 1e-300)
+    others = [described(t.arguments) for t in equal if t is not chosen and t.body == chosen.body]
+    text = (
+        f"a force on {chosen.body} is missing: a {described(chosen.arguments)} explains {share:.0%} of the excess "
+        f"chi-square; chi-square of left-out records {before.chi2:.4g} -> {_predicted(chosen):.4g}"
+    )
+    if others:
+        text += f". It predicts as well as a {', a '.join(others)}"
+    if rivals:
+        text += f". A force on {', '.join(rivals)} predicts as well"
+    return text

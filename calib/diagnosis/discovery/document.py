@@ -1,0 +1,108 @@
+"""The result of a search for a force law: the objects of discovery.json, their fields in the order of its keys."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from calib.diagnosis.document import GateResult
+from calib.store.plain import plain, typed
+
+
+@dataclass(frozen=True)
+class FunctionResult:
+    """A function of the force, per unit mass of the body, over the region that the records visit.
+
+    Attributes
+    ----------
+    arguments : "displacement" or "velocity", or both
+    units : of each
+    region : least and largest value of each that is visited; outside the function is continued linearly
+    points : values of each argument at which the function is stated
+    force, error : there, and the standard error  [m/s^2]; of two arguments, all values of the second for the first
+        value of the first, and so on
+    visited : whether the records visit the neighbourhood of each of these points
+    """
+
+    arguments: tuple[str, ...]
+    units: tuple[str, ...]
+    region: tuple[tuple[float, float], ...]
+    points: tuple[tuple[float, ...], ...]
+    force: tuple[float, ...]
+    error: tuple[float, ...]
+    visited: tuple[bool, ...]
+
+
+@dataclass(frozen=True)
+class TrialResult:
+    """A model with free forces that was fitted.
+
+    Attributes
+    ----------
+    body : on which they act
+    functions : in words
+    chi2, left_out_chi2 : of all records, and of each while it was left out; None where none can be
+    effective_parameters : effective number of coefficients  [1]
+    """
+
+    body: str
+    functions: str
+    chi2: float
+    left_out_chi2: float | None
+    effective_parameters: float
+
+
+@dataclass(frozen=True)
+class DiscoveryResult:
+    """What a search for a force law found; numbers in SI.
+
+    Attributes
+    ----------
+    verdict : "found", "nothing", "undetermined" (the records cannot tell) or "not_diagnosable"
+    summary : the verdict in a sentence
+    body : on which the force acts; "" where none was found
+    arguments : on which it depends
+    functions : whose sum it is
+    rms : root mean square of the force over the visited states, and of its standard error  [m/s^2]
+    explained : share of the excess chi-square of the calibrated model  [1]
+    left_out : names of the records, or blocks of time, that were left out in turn
+    left_out_chi2 : sum of squares on these without the force and with it, in units of the noise's variance
+    undetermined : linear functions that calibrated parameters absorb: the force is stated without them
+    rivals : bodies on which a force predicts as well
+    trials : models that were fitted
+    gates : conditions of the search
+    parameters : calibrated values beside the force
+    values : calibrated values from which the search began
+    simulations, seconds : cost; wall-clock time  [s]
+    """
+
+    verdict: str
+    summary: str = ""
+    body: str = ""
+    arguments: tuple[str, ...] = ()
+    functions: tuple[FunctionResult, ...] = ()
+    rms: tuple[float, ...] = ()
+    explained: float | None = None
+    left_out: tuple[str, ...] = ()
+    left_out_chi2: tuple[float, ...] = ()
+    undetermined: tuple[str, ...] = ()
+    rivals: tuple[str, ...] = ()
+    trials: tuple[TrialResult, ...] = ()
+    gates: tuple[GateResult, ...] = ()
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    values: Mapping[str, float] = field(default_factory=dict)
+    simulations: int = 0
+    seconds: float = 0.0
+
+    @classmethod
+    def from_dict(cls, document: Mapping[str, Any]) -> "DiscoveryResult":
+        """Return the result that the object of discovery.json describes.
+
+        Raises
+        ------
+        ValueError : the object is no such result
+        """
+        return typed(cls, document)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the object of discovery.json, which `json.dumps(..., allow_nan=False)` takes."""
+        return dict(plain(self))

@@ -1,0 +1,129 @@
+"""A search for a force law as its result is written: functions on grids, with their errors."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from calib.diagnosis.discovery.discover import Discovery, ForceTrial, described
+from calib.diagnosis.discovery.document import DiscoveryResult, FunctionResult, TrialResult
+from calib.diagnosis.discovery.free_force import DISPLACEMENT, UNITS, VELOCITY
+from calib.diagnosis.discovery.penalised import States
+from calib.diagnosis.document import GateResult
+
+POINTS_OF_ONE, POINTS_OF_TWO = 101, 25  # of each argument, of a function of one and of two  [count]
+PURE_SHARE = 0.999  # of the squares of an absorbed function that one argument alone makes, to be called by it  [1]
+
+
+def discovery_result(discovery: Discovery, values: Mapping[str, float]) -> DiscoveryResult:
+    """Return what is written of a search that began at the calibrated `values`."""
+    gates = tuple(GateResult(g.name, g.passed, g.summary, g.z, g.tried) for g in discovery.gates)
+    common = DiscoveryResult(
+        verdict=discovery.verdict,
+        summary=discovery.summary,
+        trials=tuple(_trial(trial) for trial in discovery.trials),
+        gates=gates,
+        values=dict(values),
+        simulations=discovery.simulations,
+        seconds=discovery.seconds,
+    )
+    chosen, states, before = discovery.chosen, discovery.states, discovery.null_left_out
+    if chosen is None or states is None or before is None or chosen.left_out is None:
+        return common
+    force, error = chosen.fitted.surface(states.x, states.v)
+    null, left = discovery.excess_chi2
+    fit = chosen.fitted.fit
+    calibrated = [name for name in fit.names if name not in chosen.fitted.model.coefficients]
+    return DiscoveryResult(
+        **{
+            **vars(common),
+            "body": chosen.body,
+            "arguments": tuple(dict.fromkeys(a for own in chosen.arguments for a in own)),
+            "functions": functions(chosen, states),
+            "rms": (float(np.sqrt(np.mean(force**2))), float(np.sqrt(np.mean(error**2)))),
+            "explained": 1.0 - max(0.0, left) / max(null, 1e-300),
+            "left_out": before.names,
+            "left_out_chi2": (before.chi2, chosen.left_out.chi2),
+            "undetermined": undetermined(chosen),
+            "rivals": discovery.rivals,
+            "parameters": {name: fit.value(name) for name in calibrated},
+        }
+    )
+
+
+def functions(trial: ForceTrial, states: States) -> tuple[FunctionResult, ...]:
+    """Functions of a model over the visited region, without what calibration absorbs.
+
+    Of additive functions the first alone has a constant: those after it vanish at zero.
+    """
+    results = []
+    for number, arguments in enumerate(trial.arguments):
+        count = POINTS_OF_ONE if len(arguments) == 1 else POINTS_OF_TWO
+        points = [np.linspace(*states.region[a], count) for a in arguments]
+        grid = [axis.ravel() for axis in np.meshgrid(*points, indexing="ij")]
+        at = dict(zip(arguments, grid, strict=True))
+        rows = _rows(trial, number, at, grid[0].size)
+        force, error = trial.fitted.combination(rows)
+        results.append(
+            FunctionResult(
+                arguments=arguments,
+                units=tuple(UNITS[a] for a in arguments),
+                region=tuple(states.region[a] for a in arguments),
+                points=tuple(tuple(axis.tolist()) for axis in points),
+                force=tuple(force.tolist()),
+                error=tuple(error.tolist()),
+                visited=tuple(_visited(points, [_along(states, a) for a in arguments]).ravel().tolist()),
+            )
+        )
+    return tuple(results)
+
+
+def _rows(trial: ForceTrial, number: int, at: Mapping[str, np.ndarray], count: int) -> np.ndarray:
+    """Rows (count, p) by the coefficients of all functions: the values of one of them at these arguments."""
+    forces, zero = trial.fitted.model.forces, np.zeros(count)
+    blocks = [np.zeros((count, len(force.coefficients))) for force in forces]
+    blocks[number] = forces[number].matrix(at.get(DISPLACEMENT, zero), at.get(VELOCITY, zero))
+    if number:
+        blocks[number] = blocks[number] - forces[number].matrix(zero, zero)
+    else:
+        for other in range(1, len(forces)):
+            blocks[other] = forces[other].matrix(zero, zero)
+    return np.column_stack(blocks)
+
+
+def _along(states: States, argument: str) -> np.ndarray:
+    """Visited values of an argument."""
+    return states.x if argument == DISPLACEMENT else states.v
+
+
+def _visited(points: list[np.ndarray], values: list[np.ndarray]) -> np.ndarray:
+    """Whether states are visited within one step of each point of a grid."""
+    nearest = [np.rint((v - p[0]) / (p[1] - p[0])).astype(int) for p, v in zip(points, values, strict=True)]
+    seen = np.zeros([p.size for p in points], dtype=bool)
+    inside = [np.clip(own, 0, p.size - 1) for p, own in zip(points, nearest, strict=True)]
+    seen[tuple(inside)] = True
+    wide = np.pad(seen, 1)
+    for axis in range(wide.ndim):
+        wide = wide | np.roll(wide, 1, axis) | np.roll(wide, -1, axis)
+    return np.asarray(wide[tuple(slice(1, -1) for _ in points)])
+
+
+def undetermined(trial: ForceTrial) -> tuple[str, ...]:
+    """Linear functions that calibrated parameters absorb, in words."""
+    fitted = trial.fitted
+    shapes = fitted.model.visited @ fitted.smoothing.absorbed
+    names = []
+    x, v = fitted.model.states.x, fitted.model.states.v
+    for text, shape in (("a constant", np.ones_like(x)), ("a multiple of the displacement", x),
+                        ("a multiple of the velocity", v)):  # fmt: skip
+        inside = shapes @ (np.linalg.pinv(shapes) @ shape)
+        if inside @ inside > PURE_SHARE * (shape @ shape):
+            names.append(text)
+    return tuple(names)
+
+
+def _trial(trial: ForceTrial) -> TrialResult:
+    left_out = None if trial.left_out is None else trial.left_out.chi2
+    fitted = trial.fitted
+    return TrialResult(
+        trial.body, described(trial.arguments), fitted.fit.chi2, left_out, fitted.effective_parameters
+    )  # fmt: skip

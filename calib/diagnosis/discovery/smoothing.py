@@ -1,0 +1,197 @@
+"""Penalised least squares for the coefficients of free functions, with the weight of the penalty by REML.
+
+    minimise |y - A c|^2 + w |D c|^2 + |R c|^2
+
+y and A are free of what calibrated parameters and nuisances absorb, D are second differences, and R is a weak
+prior that decides where the data do not. The weight w maximises the restricted likelihood (Wood, Generalized Additive
+Models, 2017, section 6.2.4; Wahba, Annals of Statistics 13 (1985) 1378), in which the penalties are
+the inverse variances of a Gaussian prior of the coefficients, the unknown level of the noise in common.
+
+Some functions cannot be distinguished from calibrated parameters: a multiple of the displacement beside a calibrated
+stiffness changes nothing that the stiffness does not. Linear functions of which calibration absorbs all but a share of
+less than `MIN_LEFT_SHARE` are left to the prior, which makes the force as small as possible over the visited states: it
+is then what the calibrated law does not express.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import cho_solve, eigh
+
+MIN_LEFT_SHARE = 0.01  # of the length of a change that calibration has to leave, to determine a function by it  [1]
+NULL_SPACE_TOLERANCE = 1e-9  # singular value over the largest, below which a function is not penalised  [1]
+RELATIVE_JITTER = 1e-9  # of the largest eigenvalue, added where a matrix has to be positive definite  [1]
+WEIGHT_DECADES = -8.0, 6.0, 57  # of the weights that are tried, over that of which both terms have the same trace
+
+
+@dataclass(frozen=True, eq=False)
+class Smoothing:
+    """A linearised problem for the coefficients of free functions.
+
+    Inside, coefficients are those of the columns of `frame`: rough functions, then linear ones, for which
+    the matrices are well conditioned after scaling.
+
+    Attributes
+    ----------
+    frame : (p, p) functions of which the others are composed, by their coefficients
+    gram, moment : (p, p), (p,) A' A and A' y without the directions that calibration absorbs
+    square : y' y
+    freedom : number of residuals less that of calibrated parameters and nuisances
+    roughness : (p, p) D' D
+    prior : (p, p) R' R
+    absorbed : (p, q) linear functions that calibration absorbs, by their coefficients
+    """
+
+    frame: np.ndarray
+    gram: np.ndarray
+    moment: np.ndarray
+    square: float
+    freedom: float
+    roughness: np.ndarray
+    prior: np.ndarray
+    absorbed: np.ndarray
+
+    @classmethod
+    def of(
+        cls,
+        columns: np.ndarray,
+        projected: np.ndarray,
+        target: np.ndarray,
+        freedom: float,
+        differences: np.ndarray,
+        visited: np.ndarray,
+        scale: float,
+    ) -> "Smoothing":
+        """Set the problem up.
+
+        Parameters
+        ----------
+        columns : (N, p) changes of the data with the coefficients
+        projected : (N, p) the same without what calibrated parameters and nuisances absorb
+        target : (N,) y
+        freedom : see above
+        differences : (k, p) D
+        visited : (n, p) basis functions at the visited states
+        scale : standard deviation of the function over these by the prior, in that of the noise  [m/s^2]
+        """
+        linear = _linear(columns, projected, differences)
+        free = projected - (projected @ linear.absorbed) @ linear.dual.T
+        frame = np.column_stack([linear.rough, linear.functions])
+        turned, there = free @ frame, visited @ frame
+        prior = there.T @ there / (len(visited) * scale**2)
+        rough = differences @ linear.rough
+        roughness = np.zeros_like(prior)
+        roughness[: rough.shape[1], : rough.shape[1]] = rough.T @ rough
+        return cls(
+            frame=frame,
+            gram=turned.T @ turned,
+            moment=turned.T @ target,
+            square=float(target @ target),
+            freedom=freedom,
+            roughness=roughness,
+            prior=prior + RELATIVE_JITTER * np.diag(prior).max() * np.eye(len(prior)),
+            absorbed=linear.absorbed,
+        )
+
+    def criterion(self, weight: float) -> float:
+        """Minus twice the logarithm of the restricted likelihood, but for a constant."""
+        prior, posterior = _Scaled(weight * self.roughness + self.prior), self._posterior(weight)
+        left = self.square - float(self.moment @ posterior.solved(self.moment))
+        determinants = posterior.log_determinant - prior.log_determinant
+        return self.freedom * float(np.log(max(left, 1e-300))) + determinants
+
+    def _posterior(self, weight: float) -> "_Scaled":
+        return _Scaled(self.gram + weight * self.roughness + self.prior)
+
+    @cached_property
+    def weight(self) -> float:
+        """Weight of the penalty that maximises the restricted likelihood."""
+        unit = np.trace(self.gram) / max(float(np.trace(self.roughness)), 1e-300)
+        low, high, number = WEIGHT_DECADES
+        weights = max(unit, 1e-300) * np.logspace(low, high, int(number))
+        return float(weights[int(np.argmin([self.criterion(w) for w in weights]))])
+
+    def coefficients(self, weight: float) -> np.ndarray:
+        """Coefficients (p,) of the minimum."""
+        return self.frame @ self._posterior(weight).solved(self.moment)
+
+    def penalty(self, weight: float, coefficients: np.ndarray) -> float:
+        """Value of the penalties at coefficients (p,)."""
+        return float(np.sum((self.root(weight) @ coefficients) ** 2))
+
+    def root(self, weight: float) -> np.ndarray:
+        """Rows (p, p) whose squares sum up to the penalties: they augment the data of a least-squares problem."""
+        return np.asarray(np.linalg.solve(self.frame.T, _Scaled(weight * self.roughness + self.prior).factor).T)
+
+    def covariance(self, weight: float) -> np.ndarray:
+        """Covariance (p, p) of the coefficients by noise of unit variance and the prior (Wahba; Wood, section 6.10)."""
+        return self.frame @ self._posterior(weight).solved(self.frame.T)
+
+    def effective_parameters(self, weight: float) -> float:
+        """Effective number of coefficients: trace of the influence of the data on them."""
+        return float(np.trace(self._posterior(weight).solved(self.gram)))
+
+    def gauge(self, visited: np.ndarray) -> np.ndarray:
+        """Matrix (p, p) that takes from coefficients what calibration absorbs, over the visited states.
+
+        visited : (n, p) basis functions there
+        """
+        functions = visited @ self.absorbed
+        return np.eye(visited.shape[1]) - self.absorbed @ (np.linalg.pinv(functions) @ visited)
+
+
+class _Scaled:
+    """A positive definite matrix, factorised with a unit diagonal."""
+
+    def __init__(self, matrix: np.ndarray):
+        self._scale = np.sqrt(np.diag(matrix))
+        unit = matrix / np.multiply.outer(self._scale, self._scale)
+        self._lower = np.linalg.cholesky(unit + RELATIVE_JITTER * np.eye(len(matrix)))
+
+    @property
+    def factor(self) -> np.ndarray:
+        """Lower factor (p, p) of Cholesky."""
+        return self._scale[:, None] * self._lower
+
+    @property
+    def log_determinant(self) -> float:
+        """Logarithm of the determinant."""
+        return float(2.0 * np.sum(np.log(np.diag(self._lower) * self._scale)))
+
+    def solved(self, right: np.ndarray) -> np.ndarray:
+        """Solution for right-hand sides (p,) or (p, q)."""
+        scale = self._scale if right.ndim == 1 else self._scale[:, None]
+        return np.asarray(cho_solve((self._lower, True), right / scale) / scale)
+
+
+@dataclass(frozen=True, eq=False)
+class _LinearFunctions:
+    """Functions that the penalty takes for smooth, and the others.
+
+    Attributes
+    ----------
+    rough : (p, r) functions on which the penalty has an influence, by their coefficients
+    functions : (p, s) linear functions
+    absorbed : (p, q) those of them that calibration absorbs
+    dual : (p, q) vectors whose products with these are unity
+    """
+
+    rough: np.ndarray
+    functions: np.ndarray
+    absorbed: np.ndarray
+    dual: np.ndarray
+
+
+def _linear(columns: np.ndarray, projected: np.ndarray, differences: np.ndarray) -> _LinearFunctions:
+    """Split functions by their smoothness, and linear ones by whether calibration absorbs them."""
+    _, size, turn = np.linalg.svd(differences)
+    rank = int(np.sum(size > NULL_SPACE_TOLERANCE * size[0]))
+    smooth = turn[rank:].T
+    one, other = columns @ smooth, projected @ smooth
+    whole = one.T @ one
+    whole += RELATIVE_JITTER * np.linalg.norm(whole, 2) * np.eye(len(whole))
+    squared_share, directions = eigh(other.T @ other, whole)
+    inside = squared_share < MIN_LEFT_SHARE**2
+    absorbed, dual = smooth @ directions[:, inside], smooth @ (whole @ directions[:, inside])
+    return _LinearFunctions(turn[:rank].T, smooth @ directions, absorbed, dual)

@@ -1,0 +1,76 @@
+"""Figure of a force that was found in the records, over the states that they visit."""
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from calib.diagnosis.discovery.document import DiscoveryResult, FunctionResult
+from calib.report.plots.missing_force import SIGNS
+from calib.report.plots.style import LINE, SIMULATED, STYLE, TEXT_WIDTH, shown_unit
+
+BAND_STD = 1.96  # half width of a 95 % band, in standard errors  [1]
+LABELS = {"displacement": "Displacement", "velocity": "Velocity"}
+CURVE_HEIGHT, SURFACE_HEIGHT = 2.5, 2.9  # of the figure  [inch]
+
+
+def found_force_figure(result: DiscoveryResult) -> Figure | None:
+    """Force per unit mass over its arguments with its 95 % band; None where none was found.
+
+    A function of one argument is a curve, one of two a map with the half width of its band beside it.
+    """
+    if not result.functions:
+        return None
+    surface = len(result.functions[0].arguments) == 2
+    panels = 2 if surface else len(result.functions)
+    with mpl.rc_context(STYLE):
+        width = TEXT_WIDTH if panels > 1 else 0.6 * TEXT_WIDTH
+        figure = Figure(figsize=(width, SURFACE_HEIGHT if surface else CURVE_HEIGHT), layout="constrained")
+        axes = figure.subplots(1, panels, squeeze=False)[0]
+        if surface:
+            _maps(figure, axes, result.functions[0])
+        else:
+            for own, function in zip(axes, result.functions, strict=True):
+                _curve(own, function)
+            axes[0].set_ylabel(f"Force on {result.body}\nper unit mass [m/s²]")
+    return figure
+
+
+def _curve(axes: Axes, function: FunctionResult) -> None:
+    """Draw a function of one argument with its band."""
+    force, error = np.array(function.force), np.array(function.error)
+    factor, unit = shown_unit(function.units[0], float(np.abs(function.points[0]).max()))
+    at = factor * np.array(function.points[0])
+    axes.axhline(0.0, color=LINE, linewidth=0.7)
+    axes.fill_between(
+        at, force - BAND_STD * error, force + BAND_STD * error, color=SIMULATED, alpha=0.2, linewidth=0,
+        label="95 % band",
+    )  # fmt: skip
+    axes.plot(at, force, color=SIMULATED, linewidth=1.3, label="force")
+    axes.set(xlabel=f"{LABELS[function.arguments[0]]} [{unit}]")
+    axes.margins(x=0.0)
+    axes.legend(loc="best")
+
+
+def _maps(figure: Figure, axes: np.ndarray, function: FunctionResult) -> None:
+    """Draw a function of two arguments, and the half width of its band, where states are visited."""
+    shape = tuple(len(points) for points in function.points)
+    visited = np.array(function.visited).reshape(shape)
+    scales = [
+        shown_unit(unit, float(np.abs(points).max()))
+        for unit, points in zip(function.units, map(np.array, function.points), strict=True)
+    ]
+    x, v = (factor * np.array(p) for (factor, _), p in zip(scales, function.points, strict=True))
+    force = np.where(visited, np.array(function.force).reshape(shape), np.nan)
+    half = np.where(visited, BAND_STD * np.array(function.error).reshape(shape), np.nan)
+    top = float(np.nanmax(np.abs(force))) or 1.0
+    drawn = (
+        (axes[0], force, "Force per unit mass [m/s²]", Normalize(-top, top), SIGNS),
+        (axes[1], half, "Half width of the 95 % band [m/s²]", Normalize(0.0, float(np.nanmax(half)) or 1.0), "Greys"),
+    )
+    for own, value, label, norm, colours in drawn:
+        mesh = own.pcolormesh(x, v, value.T, norm=norm, cmap=colours, shading="nearest", rasterized=True)
+        bar = figure.colorbar(mesh, ax=own, location="top", shrink=0.9, aspect=24, pad=0.02)
+        bar.set_label(label)
+        own.set(xlabel=f"Displacement [{scales[0][1]}]", ylabel=f"Velocity [{scales[1][1]}]")

@@ -1,0 +1,64 @@
+"""The search of a study for the force law that its model misses, and the files that say what was found."""
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from calib.diagnosis.discovery.discover import discover
+from calib.diagnosis.discovery.document import DiscoveryResult
+from calib.diagnosis.discovery.serialise import discovery_result
+from calib.execution.files import whole
+from calib.report.plots.found_force import found_force_figure
+from calib.report.plots.style import png
+from calib.study_file import load
+from calib.workflows.calibrated import calibrated_values
+
+DISCOVERY, FORCE_PICTURE = "discovery.json", "discovery.png"
+
+
+def discover_study(
+    path: str | Path,
+    out: str | Path | None = None,
+    *,
+    seed: int | None = None,
+    jobs: int | None = None,
+    on_stage: Callable[[str], None] = lambda text: None,
+    on_progress: Callable[[int, int], None] = lambda done, foreseen: None,
+    pool: Mapping[str, Any] | None = None,
+) -> DiscoveryResult:
+    """Search a calibrated study for the force that its model misses: `calib discover` from Python.
+
+    Writes discovery.json and, where a force is found, discovery.png into the folder of the results.
+
+    Parameters
+    ----------
+    path : study file, or a folder with a study.toml; `calib run` must have found values
+    out : folder of the results; None: the study's
+    seed : of the noise that is drawn; None: the study's
+    jobs : takes the place of the file's
+    on_stage : called with what is being done
+    on_progress : called with the simulations that are done, and those that are foreseen in all
+    pool : keys of a [pool] table that takes the place of the file's
+
+    Raises
+    ------
+    CalibError : a mistake in the study file, or the study has not been calibrated
+    """
+    file = load(path, jobs=jobs, out=out, pool=pool)
+    values = calibrated_values(file, file.folder)
+    discovery = discover(
+        file.study, file.others, values, file.suspects(), seed=file.study.seed if seed is None else seed,
+        on_stage=on_stage, on_progress=on_progress,
+    )  # fmt: skip
+    document = discovery_result(discovery, values).as_dict()
+    result = DiscoveryResult.from_dict(document)
+    with whole(file.folder / DISCOVERY) as temporary:
+        temporary.write_text(json.dumps(document, indent=2, allow_nan=False), encoding="utf-8")
+    figure = found_force_figure(result)
+    if figure is None:
+        (file.folder / FORCE_PICTURE).unlink(missing_ok=True)
+    else:
+        with whole(file.folder / FORCE_PICTURE) as temporary:
+            temporary.write_bytes(png(figure))
+    return result

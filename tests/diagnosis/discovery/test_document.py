@@ -1,0 +1,27 @@
+"""The result of a search for a force law as JSON."""
+
+import json
+
+import pytest
+
+from calib.diagnosis.discovery.document import DiscoveryResult, FunctionResult, TrialResult
+from calib.diagnosis.document import GateResult
+
+FUNCTION = FunctionResult(
+    ("velocity",), ("m/s",), ((-0.3, 0.4),), ((-0.3, 0.0, 0.4),), (2.0, 0.0, -3.0), (0.1, 0.2, 0.1), (True,) * 3
+)
+FOUND = DiscoveryResult(
+    "found", "a force", "mass", ("velocity",), (FUNCTION,), (1.5, 0.1), 0.97, ("a", "b"), (900.0, 500.0),
+    ("a multiple of the velocity",), (), (TrialResult("mass", "function of velocity", 500.0, None, 6.5),),
+    (GateResult("noise", True, "known"),), {"stiffness": 4e3}, {"stiffness": 3.9e3}, 120, 3.5,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("result", [FOUND, DiscoveryResult("nothing", "no free force is significant")])
+def test_a_result_is_read_as_it_was_written(result):
+    assert DiscoveryResult.from_dict(json.loads(json.dumps(result.as_dict(), allow_nan=False))) == result
+
+
+def test_what_is_no_result_is_refused():
+    with pytest.raises(ValueError, match="verdict"):
+        DiscoveryResult.from_dict({"summary": "nothing"})

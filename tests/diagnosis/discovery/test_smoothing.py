@@ -1,0 +1,78 @@
+"""Penalised least squares for free functions, on linear problems whose answers are known."""
+
+import numpy as np
+import pytest
+
+from calib.diagnosis.discovery.free_force import DISPLACEMENT, free_force
+from calib.diagnosis.discovery.smoothing import Smoothing
+from calib.diagnosis.score import Projection
+
+FORCE = free_force("mass", [DISPLACEMENT], {DISPLACEMENT: (-1.0, 1.0)})
+X = np.sin(np.linspace(0.0, 20.0, 600))
+BASIS = FORCE.matrix(X, X)
+SCALE = 100.0
+
+
+def problem(values, absorbed=(), noise=1.0, seed=0):
+    """Data of values (n,) and noise; columns that calibration absorbs."""
+    data = values + noise * np.random.default_rng(seed).standard_normal(X.size)
+    others = Projection(np.column_stack(absorbed) if absorbed else np.zeros((X.size, 0)))
+    freedom = X.size - others.rank
+    return Smoothing.of(BASIS, others(BASIS), others(data), freedom, FORCE.roughness, BASIS, SCALE)
+
+
+def rms(values):
+    return np.sqrt(np.mean(values**2))
+
+
+def test_a_smooth_function_is_found_with_its_error():
+    errors, standard = [], []
+    for seed in range(20):
+        truth = 10.0 * np.sin(2.0 * X)
+        smoothing = problem(truth, seed=seed)
+        error = BASIS @ smoothing.coefficients(smoothing.weight) - truth
+        errors.append(rms(error))
+        standard.append(np.mean(np.sum((BASIS @ smoothing.covariance(smoothing.weight)) * BASIS, axis=1)))
+    assert max(errors) < 0.25  # of noise 1 in 600 samples
+    assert np.sqrt(np.mean(np.square(errors)) / np.mean(standard)) == pytest.approx(1.0, abs=0.25)
+
+
+def test_the_weight_is_larger_where_the_function_is_smoother():
+    line, wave = problem(10.0 * X), problem(10.0 * np.sin(9.0 * X))
+    assert line.weight > 100.0 * wave.weight
+    assert line.effective_parameters(line.weight) < 3.5
+    assert wave.effective_parameters(wave.weight) > 8.0
+
+
+def test_weight_and_estimate_agree_with_the_restricted_likelihood_by_its_definition():
+    smoothing = problem(3.0 * np.cos(4.0 * X))
+    weights = smoothing.weight * np.array([0.01, 1.0, 100.0])
+    data = 3.0 * np.cos(4.0 * X) + np.random.default_rng(0).standard_normal(X.size)
+    jitter = 1e-9 * np.diag(smoothing.prior).max() * np.eye(BASIS.shape[1])
+    for weight in weights:
+        precision = weight * FORCE.roughness.T @ FORCE.roughness + BASIS.T @ BASIS / (X.size * SCALE**2) + jitter
+        covariance = np.eye(X.size) + BASIS @ np.linalg.solve(precision, BASIS.T)
+        sign, determinant = np.linalg.slogdet(covariance)
+        by_definition = X.size * np.log(data @ np.linalg.solve(covariance, data)) + determinant
+        assert smoothing.criterion(weight) == pytest.approx(by_definition, rel=1e-5)
+    assert smoothing.criterion(weights[1]) < min(smoothing.criterion(weights[0]), smoothing.criterion(weights[2]))
+
+
+def test_a_linear_part_that_calibration_absorbs_is_left_out():
+    smoothing = problem(10.0 * X + 5.0 * X**3, absorbed=[X])
+    assert smoothing.absorbed.shape[1] == 1
+    gauge = smoothing.gauge(BASIS)
+    value = BASIS @ gauge @ smoothing.coefficients(smoothing.weight)
+    expected = 5.0 * (X**3 - X * (X @ X**3) / (X @ X))
+    assert rms(value - expected) < 0.2
+    assert X @ value == pytest.approx(0.0, abs=1e-6)
+    assert BASIS @ gauge @ np.linalg.lstsq(BASIS, X, rcond=None)[0] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_the_root_of_the_penalty_gives_the_same_estimate_as_further_data():
+    smoothing = problem(10.0 * np.sin(3.0 * X))
+    data = 10.0 * np.sin(3.0 * X) + np.random.default_rng(0).standard_normal(X.size)
+    root = smoothing.root(smoothing.weight)
+    stacked = np.linalg.lstsq(np.vstack([BASIS, root]), np.concatenate([data, np.zeros(len(root))]), rcond=None)[0]
+    assert smoothing.coefficients(smoothing.weight) == pytest.approx(stacked, abs=1e-6)
+    assert smoothing.penalty(smoothing.weight, stacked) == pytest.approx(float(np.sum((root @ stacked) ** 2)))

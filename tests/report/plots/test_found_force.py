@@ -1,0 +1,42 @@
+"""The figure of a force that was found."""
+
+import numpy as np
+
+from calib.diagnosis.discovery.document import DiscoveryResult, FunctionResult
+from calib.report.plots.found_force import found_force_figure
+from calib.report.plots.style import png
+
+X, V = tuple(np.linspace(-4e-3, 5e-3, 21)), tuple(np.linspace(-0.3, 0.3, 11))
+
+
+def function(arguments, points, units, force):
+    number = force.size
+    region = tuple((p[0], p[-1]) for p in points)
+    error, visited = tuple([0.2] * number), tuple([True] * number)
+    return FunctionResult(arguments, units, region, points, tuple(force.ravel()), error, visited)
+
+
+def found(*functions):
+    return DiscoveryResult("found", body="mass", functions=functions)
+
+
+def test_a_function_of_one_argument_is_a_curve_in_its_band():
+    along_x = function(("displacement",), (X,), ("m",), np.array(X) * 500.0)
+    along_v = function(("velocity",), (V,), ("m/s",), np.array(V) * 3.0)
+    figure = found_force_figure(found(along_x, along_v))
+    one, other = figure.axes
+    assert (one.get_xlabel(), other.get_xlabel()) == ("Displacement [mm]", "Velocity [m/s]")
+    band = one.collections[0].get_paths()[0].vertices[:, 1]
+    assert band.max() == np.float64(5e-3 * 500.0 + 1.96 * 0.2)
+    assert png(figure).startswith(b"\x89PNG")
+
+
+def test_a_surface_is_a_map_beside_that_of_its_band():
+    force = 500.0 * np.array(X)[:, None] * np.array(V)
+    figure = found_force_figure(found(function(("displacement", "velocity"), (X, V), ("m", "m/s"), force)))
+    assert [axes.get_xlabel() for axes in figure.axes[:2]] == ["Displacement [mm]"] * 2
+    assert figure.axes[0].collections[0].get_array().shape == (11, 21)
+
+
+def test_without_a_force_there_is_no_figure():
+    assert found_force_figure(DiscoveryResult("nothing")) is None

@@ -1,0 +1,137 @@
+"""`calib discover` on a small study whose law is in no library, files and all."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from undrawn import undrawn
+
+from calib.cli import main
+from calib.diagnosis.discovery.document import DiscoveryResult
+from calib.modelling.effect import Effect
+from calib.modelling.laws import force
+from calib.modelling.model import Model
+from calib.modelling.parameter import Parameter
+from calib.modelling.simulator import Request
+from calib.records import make, write
+from calib.records.excitation import Excitation
+from calib.report.plots.style import png
+from calib.simulators.oscillator import Oscillator
+from calib.workflows.discovered import Discovered
+
+TIMES = np.arange(90) / 180.0  # s
+SIZE = 2e4  # 1/(m s^2): stiffer on both sides, in proportion to x |x|
+STUDY = """
+[study]
+name = "bent spring"
+seed = 1
+budget = 12
+
+[[record]]
+name = "soft"
+path = "soft.nc"
+
+[[record]]
+name = "hard"
+path = "hard.nc"
+
+[model]
+simulator = "oscillator"
+fixed = { mass = 1.0 }
+
+[windows]
+damping = { low = 0.5, high = 8.0 }
+stiffness = { low = 3000.0, high = 5000.0 }
+
+[[term]]
+feature = "time_history"
+"""
+
+
+@force
+def bent(t, x, v, p, z, dz):
+    """Return the force per unit mass [m/s^2] of a spring that is in no library."""
+    return -p[0] * x * abs(x)
+
+
+BENT = Effect("bent", "force", bent, (Parameter("bend", "1/(m s^2)", 0.0, "of the spring", null=0.0),), "stiffer")
+
+
+def record(amplitude, seed, size):
+    """A swept force on the spring, with noise of 1 %."""
+    rng = np.random.default_rng(seed)
+    value = amplitude * np.sin(2.0 * np.pi * (6.0 * TIMES + 10.0 * TIMES**2))
+    drive = Excitation("mass", "force", time=TIMES, value=value)
+    values = {"mass": 1.0, "damping": 2.0, "stiffness": 4000.0, "bend": size}
+    motion = Model(Oscillator(), [BENT]).run(values, drive, Request(times=TIMES))
+    channels = {}
+    for channel in ("displacement", "velocity"):
+        rows = motion[channel].values
+        channels[channel] = rows + 0.01 * rows.std() * rng.standard_normal(rows.shape)
+        channels[f"{channel}_sigma"] = np.full(rows.shape, 0.01 * rows.std())
+    made = make(TIMES, ["mass"], channels, place="mass", quantity="force")
+    return made.assign(excitation=("time", value, {"units": "N"}))
+
+
+@undrawn()
+def calibrated(place, size):
+    for name, amplitude, seed in (("soft", 6.0, 0), ("hard", 9.0, 1)):
+        write(record(amplitude, seed, size), place / f"{name}.nc")
+    (place / "study.toml").write_text(STUDY)
+    assert CliRunner().invoke(main, ["run", str(place), "-q"]).exit_code == 0
+    return place
+
+
+def discovered(place):
+    answer = CliRunner().invoke(main, ["discover", str(place), "-j", "1"], catch_exceptions=False)
+    assert answer.exit_code == 0
+    return answer.output, DiscoveryResult.from_dict(json.loads((place / "out" / "discovery.json").read_text()))
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    place = calibrated(tmp_path_factory.mktemp("bent"), SIZE)
+    return place, *discovered(place)
+
+
+def test_body_and_argument_are_found(found):
+    _, output, result = found
+    assert (result.verdict, result.body, result.arguments) == ("found", "mass", ("displacement",))
+    assert "a force on mass is missing: a function of displacement" in output
+    assert result.explained > 0.9
+    assert result.left_out == ("soft", "hard")
+    assert result.left_out_chi2[1] < result.left_out_chi2[0]
+
+
+def test_the_force_is_the_hidden_one_beside_the_stiffness(found):
+    _, output, result = found
+    [function] = result.functions
+    x, force_found = np.array(function.points[0]), np.array(function.force)
+    total = force_found - (result.parameters["stiffness"] - 4000.0) * x
+    true = -SIZE * x * np.abs(x)
+    assert np.sqrt(np.mean((total - true) ** 2) / np.mean(true**2)) < 0.1
+    assert result.undetermined == ("a multiple of the displacement",)
+    assert "not determined beside the calibrated parameters: a multiple of the displacement" in output
+    apart = force_found - true
+    apart -= x * (x @ apart) / (x @ x)
+    assert np.mean(np.abs(apart) < 2.0 * np.array(function.error)) > 0.8
+
+
+def test_the_force_is_drawn_and_shown(found):
+    place, _, result = found
+    assert (place / "out" / "discovery.png").read_bytes().startswith(b"\x89PNG")
+    shown = Discovered(result, "bent spring")
+    assert repr(shown).startswith("force law of 'bent spring': found: force on mass over displacement\n")
+    assert "data:image/png;base64," in shown._repr_html_()
+    assert png(shown.plot().figure).startswith(b"\x89PNG")
+
+
+@pytest.mark.slow
+def test_nothing_is_found_where_nothing_is_missing(tmp_path):
+    place = calibrated(tmp_path, 0.0)
+    output, result = discovered(place)
+    assert result.verdict == "nothing"
+    assert not result.functions
+    assert not (place / "out" / "discovery.png").exists()
+    assert "nothing: " in output
