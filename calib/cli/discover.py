@@ -60,7 +60,7 @@ def _trials(result: DiscoveryResult) -> Table:
     for heading in ("chi-square", "left out", "parameters"):
         table.add_column(heading, justify="right")
     for trial in result.trials:
-        left_out = "-" if trial.left_out_chi2 is None else f"{trial.left_out_chi2:.5g}"
+        left_out = "-" if trial.left_out_deviance is None else f"{trial.left_out_deviance:.5g}"
         row = f"{trial.chi2:.5g}", left_out, f"{trial.effective_parameters:.1f}"
         table.add_row(escape(trial.body), trial.functions, *row)
     return table

@@ -101,7 +101,7 @@ def test_body_and_argument_are_found(found):
     assert "a force on mass is missing: a function of displacement" in output
     assert result.explained > 0.9
     assert result.left_out == ("soft", "hard")
-    assert result.left_out_chi2[1] < result.left_out_chi2[0]
+    assert result.left_out_deviance[1] < result.left_out_deviance[0]
 
 
 def test_the_force_is_the_hidden_one_beside_the_stiffness(found):

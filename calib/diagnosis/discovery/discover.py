@@ -285,7 +285,7 @@ class _ForceSearch:
         assert best.left_out is not None  # as there are folds
         gain, error = before.above(best.left_out)
         if gain <= MIN_PREDICTION_STD * error:
-            text = f"no free force predicts left-out records better: chi-square falls by {gain:.3g} +- {error:.2g}"
+            text = f"no free force predicts left-out records better: their deviance falls by {gain:.3g} +- {error:.2g}"
             return replace(self._nothing(text), null_left_out=before)
         equal = [t for t in self.trials if t.left_out is not None and _is_tie(t.left_out, best.left_out)]
         chosen = min(equal, key=lambda t: (_complexity(t), _predicted(t)))
@@ -324,8 +324,8 @@ def _body(candidate: Candidate) -> str:
 
 
 def _predicted(trial: ForceTrial) -> float:
-    """Sum of squares of the left-out records."""
-    return np.inf if trial.left_out is None else trial.left_out.chi2
+    """Predictive deviance of the left-out records."""
+    return np.inf if trial.left_out is None else trial.left_out.deviance
 
 
 def _is_tie(one: LeftOutMisfit, best: LeftOutMisfit) -> bool:
@@ -351,7 +351,7 @@ def _summary(
     others = [described(t.arguments) for t in equal if t is not chosen and t.body == chosen.body]
     text = (
         f"a force on {chosen.body} is missing: a {described(chosen.arguments)} explains {share:.0%} of the excess "
-        f"chi-square; chi-square of left-out records {before.chi2:.4g} -> {_predicted(chosen):.4g}"
+        f"chi-square; predictive deviance of left-out records {before.deviance:.4g} -> {_predicted(chosen):.4g}"
     )
     if others:
         text += f". It predicts as well as a {', a '.join(others)}"

@@ -40,14 +40,15 @@ class TrialResult:
     ----------
     body : on which they act
     functions : in words
-    chi2, left_out_chi2 : of all records, and of each while it was left out; None where none can be
+    chi2, left_out_deviance : chi-square of all records; predictive deviance of each while it was left out (see
+        `calib.diagnosis.discovery.left_out`), None where none can be
     effective_parameters : effective number of coefficients  [1]
     """
 
     body: str
     functions: str
     chi2: float
-    left_out_chi2: float | None
+    left_out_deviance: float | None
     effective_parameters: float
 
 
@@ -65,7 +66,7 @@ class DiscoveryResult:
     rms : root mean square of the force over the visited states, and of its standard error  [m/s^2]
     explained : share of the excess chi-square of the calibrated model  [1]
     left_out : names of the records, or blocks of time, that were left out in turn
-    left_out_chi2 : sum of squares on these without the force and with it, in units of the noise's variance
+    left_out_deviance : predictive deviance of these without the force and with it
     undetermined : linear functions that calibrated parameters absorb: the force is stated without them
     rivals : bodies on which a force predicts as well
     trials : models that were fitted
@@ -83,7 +84,7 @@ class DiscoveryResult:
     rms: tuple[float, ...] = ()
     explained: float | None = None
     left_out: tuple[str, ...] = ()
-    left_out_chi2: tuple[float, ...] = ()
+    left_out_deviance: tuple[float, ...] = ()
     undetermined: tuple[str, ...] = ()
     rivals: tuple[str, ...] = ()
     trials: tuple[TrialResult, ...] = ()

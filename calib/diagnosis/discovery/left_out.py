@@ -2,10 +2,15 @@
 
 One fold after the other is left out, as in `calib.diagnosis.prediction`: the model is refitted to the others,
 linearised about its fit to all data and with the same penalty, and only the left-out record's own nuisances are solved
-for in it.
+for in it. What counts is the predictive deviance, minus twice the logarithm of the density that the refitted model
+gives the left-out data, a proper score (Gneiting & Raftery, Journal of the American Statistical Association 102 (2007)
+359): with the derivatives J there and the covariance C of the refit,
+
+    r' (1 + J C J')^-1 r + log det (1 + J C J').
+
+Where a record visits states that the others do not, the prediction is uncertain and is not expected to be exact.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,24 +30,24 @@ class LeftOutMisfit:
     Attributes
     ----------
     names : of the folds
-    squares : (segment,) sums of squares of the segments of all folds, in units of the noise's variance
+    deviances : (segment,) predictive deviance, but for a constant, of the segments of all folds
     """
 
     names: tuple[str, ...]
-    squares: np.ndarray
+    deviances: np.ndarray
 
     @property
-    def chi2(self) -> float:
-        """Sum of squares over all folds."""
-        return float(self.squares.sum())
+    def deviance(self) -> float:
+        """Predictive deviance of all folds: chi-square where the prediction is certain."""
+        return float(self.deviances.sum())
 
     def above(self, other: "LeftOutMisfit") -> tuple[float, float]:
-        """Sum of squares less that of another model on the same folds, and its standard error.
+        """Deviance less that of another model on the same folds, and its standard error.
 
         The differences of the segments count as independent (Diebold & Mariano, Journal of Business and Economic
         Statistics 13 (1995) 253).
         """
-        difference = self.squares - other.squares
+        difference = self.deviances - other.deviances
         return float(difference.sum()), float(np.sqrt(difference.size * np.var(difference, ddof=1)))
 
 
@@ -52,14 +57,13 @@ def left_out_misfit(evidence: Evidence, fit: Fit, penalised: PenalisedFit | None
     penalised : of a model with free forces, whose fit it is
     """
     segments = evidence.segments()
-    names, squares = [], []
+    names, deviances = [], []
     rows, target = _penalty(fit, penalised)
     for name, left_out in folds(evidence):
-        residual = _residual(fit, left_out, rows, target)
         numbers = segments[left_out]
-        squares.append(np.bincount(numbers - numbers.min(), residual**2))
+        deviances.append(_deviances(fit, left_out, rows, target, numbers - numbers.min()))
         names.append(name)
-    return LeftOutMisfit(tuple(names), np.concatenate(squares)) if names else None
+    return LeftOutMisfit(tuple(names), np.concatenate(deviances)) if names else None
 
 
 def _penalty(fit: Fit, penalised: PenalisedFit | None) -> tuple[np.ndarray, np.ndarray]:
@@ -73,12 +77,24 @@ def _penalty(fit: Fit, penalised: PenalisedFit | None) -> tuple[np.ndarray, np.n
     return rows, -root @ penalised.coefficients
 
 
-def _residual(fit: Fit, left_out: np.ndarray, rows: np.ndarray, target: Sequence[float] | np.ndarray) -> np.ndarray:
-    """Residual (n,) of the left-out data (N,) by the model refitted to the others."""
+def _deviances(
+    fit: Fit, left_out: np.ndarray, rows: np.ndarray, target: np.ndarray, segments: np.ndarray
+) -> np.ndarray:
+    """Predictive deviance (segment,) of the left-out data (N,) by the model refitted to the others.
+
+    segments : (n,) numbers of the segments of the left-out data, from 0 on
+    """
     columns = fit.free(fit.columns)
     scale = np.linalg.norm(columns, axis=0)
     scale[scale == 0.0] = 1.0
     training = np.vstack([columns[~left_out], rows]) / scale
     wanted = np.concatenate([fit.residual[~left_out], target])
-    step = np.linalg.lstsq(training, wanted, rcond=LEFT_OUT_RANK_TOLERANCE)[0] / scale
-    return np.asarray(fit.residual[left_out] - columns[left_out] @ step)
+    left, singular, turn = np.linalg.svd(training, full_matrices=False)
+    moved = singular > LEFT_OUT_RANK_TOLERANCE * singular.max(initial=0.0)
+    there = (columns[left_out] / scale) @ (turn[moved].T / singular[moved])  # per standard deviation of the refit
+    residual = fit.residual[left_out] - there @ (left[:, moved].T @ wanted)
+    information = np.eye(there.shape[1]) + there.T @ there
+    scaled = residual - there @ np.linalg.solve(information, there.T @ residual)
+    number = int(segments.max()) + 1
+    spread = float(np.linalg.slogdet(information)[1]) / number
+    return np.bincount(segments, residual * scaled, number) + spread

@@ -42,7 +42,7 @@ def discovery_result(discovery: Discovery, values: Mapping[str, float]) -> Disco
             "rms": (float(np.sqrt(np.mean(force**2))), float(np.sqrt(np.mean(error**2)))),
             "explained": 1.0 - max(0.0, left) / max(null, 1e-300),
             "left_out": before.names,
-            "left_out_chi2": (before.chi2, chosen.left_out.chi2),
+            "left_out_deviance": (before.deviance, chosen.left_out.deviance),
             "undetermined": undetermined(chosen),
             "rivals": discovery.rivals,
             "parameters": {name: fit.value(name) for name in calibrated},
@@ -122,7 +122,7 @@ def undetermined(trial: ForceTrial) -> tuple[str, ...]:
 
 
 def _trial(trial: ForceTrial) -> TrialResult:
-    left_out = None if trial.left_out is None else trial.left_out.chi2
+    left_out = None if trial.left_out is None else trial.left_out.deviance
     fitted = trial.fitted
     return TrialResult(
         trial.body, described(trial.arguments), fitted.fit.chi2, left_out, fitted.effective_parameters

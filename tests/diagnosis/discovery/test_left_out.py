@@ -1,0 +1,93 @@
+"""The prediction of records that are left out, against densities written down."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from calib.diagnosis.discovery.left_out import LeftOutMisfit, left_out_misfit
+from calib.diagnosis.fit import Fit
+from calib.diagnosis.signature import Point
+
+SIZES = 30, 40, 35  # samples of three records
+
+
+class Records:
+    """Records one after the other, in segments of five samples."""
+
+    names = ("a", "b", "c")
+    parts = names
+
+    def of(self, name):
+        number = self.names.index(name)
+        return slice(sum(SIZES[:number]), sum(SIZES[: number + 1]))
+
+    def segments(self):
+        return np.arange(sum(SIZES)) // 5
+
+
+def linear_fit(columns, data):
+    """Least-squares fit of columns (N, k) to data (N,)."""
+    size = np.linalg.lstsq(columns, data, rcond=None)[0]
+    names = tuple(f"p{k}" for k in range(columns.shape[1]))
+    point = Point(dict(zip(names, size, strict=True)), (), {})
+    none = np.zeros((len(data), 0))
+    return Fit(point, (), data - columns @ size, columns, names, (), none, np.zeros(len(data), dtype=int))
+
+
+def drawn(number, seed=0):
+    rng = np.random.default_rng(seed)
+    columns = rng.standard_normal((sum(SIZES), number))
+    return columns, columns @ np.ones(number) + rng.standard_normal(sum(SIZES))
+
+
+def test_the_deviance_is_that_of_the_predictive_density():
+    columns, data = drawn(3)
+    misfit = left_out_misfit(Records(), linear_fit(columns, data))
+    expected = 0.0
+    for name in Records.names:
+        out = np.zeros(len(data), dtype=bool)
+        out[Records().of(name)] = True
+        inverse = np.linalg.inv(columns[~out].T @ columns[~out])
+        mean = columns[out] @ inverse @ columns[~out].T @ data[~out]
+        spread = np.eye(out.sum()) + columns[out] @ inverse @ columns[out].T
+        expected -= 2.0 * multivariate_normal(mean, spread).logpdf(data[out]) + out.sum() * np.log(2.0 * np.pi)
+    assert misfit.names == Records.names
+    assert misfit.deviances.size == sum(SIZES) // 5
+    assert misfit.deviance == pytest.approx(expected)
+
+
+def test_a_superfluous_parameter_predicts_worse_and_a_missing_one_much_worse():
+    differences = []
+    for seed in range(30):
+        columns, data = drawn(2, seed)
+        enough, more, fewer = (
+            left_out_misfit(Records(), linear_fit(c, data))
+            for c in (columns, np.column_stack([columns, drawn(1, 100 + seed)[0]]), columns[:, :1])
+        )
+        differences.append((more.above(enough)[0], *fewer.above(enough)))
+    more, fewer, error = np.mean(differences, axis=0)
+    assert 0.0 < more < 10.0
+    assert fewer > 3.0 * error
+
+
+def test_a_direction_that_the_others_do_not_determine_is_uncertain_not_wrong():
+    columns, data = drawn(2)
+    alone = np.zeros((len(data), 1))
+    alone[Records().of("c")] = 1.0
+    data = data + 50.0 * alone[:, 0]
+    whole = np.column_stack([columns, alone + 1e-3 * drawn(1, 7)[0]])
+    misfit = left_out_misfit(Records(), linear_fit(whole, data))
+    certain = left_out_misfit(Records(), linear_fit(columns, data))
+    assert misfit.deviance < 0.01 * certain.deviance
+
+
+def test_one_steady_tone_leaves_nothing_to_predict():
+    tone = SimpleNamespace(parts=[SimpleNamespace(period=0.1, name="a")], names=["a"], segments=Records().segments)
+    assert left_out_misfit(tone, linear_fit(*drawn(1))) is None
+
+
+def test_a_difference_has_the_error_of_independent_segments():
+    one, other = (LeftOutMisfit(("a",), np.array(values)) for values in ([3.0, 5.0, 4.0], [1.0, 2.0, 3.0]))
+    assert one.above(other) == pytest.approx((6.0, np.sqrt(3.0 * 1.0)))
