@@ -19,6 +19,7 @@ from calib.records.excitation import Excitation
 from calib.report.plots.style import png
 from calib.simulators.oscillator import Oscillator
 from calib.workflows.discovered import Discovered
+from calib.workflows.study import Study
 
 TIMES = np.arange(90) / 180.0  # s
 SIZE = 2e4  # 1/(m s^2): stiffer on both sides, in proportion to x |x|
@@ -135,3 +136,22 @@ def test_nothing_is_found_where_nothing_is_missing(tmp_path):
     assert not result.functions
     assert not (place / "out" / "discovery.png").exists()
     assert "nothing: " in output
+
+
+@pytest.mark.slow
+def test_python_and_json_say_what_the_command_says(found):
+    place, _, result = found
+    from_python = Study.read(place).run(quiet=True).discover(quiet=True)
+    assert isinstance(from_python, Discovered)
+    assert from_python.summary.functions == result.functions
+    answer = CliRunner().invoke(main, ["discover", str(place), "--json"], catch_exceptions=False)
+    assert DiscoveryResult.from_dict(json.loads(answer.stdout)).functions == result.functions
+
+
+def test_a_study_that_was_not_calibrated_is_refused(tmp_path):
+    write(record(6.0, 0, 0.0), tmp_path / "soft.nc")
+    write(record(9.0, 1, 0.0), tmp_path / "hard.nc")
+    (tmp_path / "study.toml").write_text(STUDY)
+    answer = CliRunner().invoke(main, ["discover", str(tmp_path)])
+    assert answer.exit_code != 0
+    assert "calibrate first, with `calib run" in answer.output

@@ -279,16 +279,16 @@ class _ForceSearch:
         """Take the simplest model that predicts as well as the best, or none."""
         on_stage("prediction")
         before = left_out_misfit(self.fitter.evidence, self.null)
-        if before is None:
+        predictions = [(trial, trial.left_out) for trial in self.trials if trial.left_out is not None]
+        if before is None or not predictions:
             return replace(self._nothing(UNTESTED), verdict=UNDETERMINED)
-        best = min(self.trials, key=_predicted)
-        assert best.left_out is not None  # as there are folds
-        gain, error = before.above(best.left_out)
+        _, best = min(predictions, key=lambda pair: pair[1].deviance)
+        gain, error = before.above(best)
         if gain <= MIN_PREDICTION_STD * error:
             text = f"no free force predicts left-out records better: their deviance falls by {gain:.3g} +- {error:.2g}"
             return replace(self._nothing(text), null_left_out=before)
-        equal = [t for t in self.trials if t.left_out is not None and _is_tie(t.left_out, best.left_out)]
-        chosen = min(equal, key=lambda t: (_complexity(t), _predicted(t)))
+        equal = [trial for trial, left_out in predictions if _is_tie(left_out, best)]
+        chosen = min(equal, key=lambda trial: (_complexity(trial), _predicted(trial)))
         states = visited_states(self.fitter, chosen.fitted.fit.point, chosen.body)
         rivals = tuple(dict.fromkeys(t.body for t in equal if t.body != chosen.body))
         excess = self._excess(self.null), self._excess(chosen.fitted.fit)

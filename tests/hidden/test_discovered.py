@@ -1,0 +1,59 @@
+"""Force laws that no library has, hidden by another integrator and found as free functions."""
+
+from functools import partial
+
+import hidden.hider
+import numpy as np
+import pytest
+from hidden.hider import hide
+
+from calib.diagnosis.discovery.discover import FOUND, NOTHING, discover
+from calib.execution.pool import InProcess
+from calib.store import Store
+from calib.study import evaluate
+from calib.study_file import load
+
+pytestmark = pytest.mark.slow
+
+LENGTH, OMEGA = 5e-3, 2.0 * np.pi * 10.0  # m, rad/s: natural scales of the oscillator
+STIFFNESS, DAMPING = 3950.0, 2.5  # N/m, N s/m: of its truth, at a mass of 1 kg
+SIZE = 0.01 * OMEGA**2 * LENGTH  # m/s^2: hundredth of the largest acceleration
+LAWS = {
+    "cubic": ({"k3": SIZE / LENGTH**3}, lambda x, v: -SIZE * (x / LENGTH) ** 3, ("displacement",)),
+    "drag": (
+        {"c2": SIZE / (OMEGA * LENGTH) ** 2},
+        lambda x, v: -SIZE * v * np.abs(v) / (OMEGA * LENGTH) ** 2,
+        ("velocity",),
+    ),
+    "friction": (
+        {"friction": SIZE, "friction_slip": 0.01},
+        lambda x, v: -SIZE * np.tanh(v / 0.01),
+        ("velocity",),
+    ),
+    "asymmetric": ({"k2": SIZE / LENGTH**2}, lambda x, v: -SIZE * (x / LENGTH) ** 2, ("displacement",)),
+}
+
+
+def discovered(folder):
+    file = load(folder)
+    calibration = file.study.run(Store(folder / "out"), InProcess(partial(evaluate, file.study.without_search())))
+    values = {**file.study.space.fixed, **calibration.best.values}
+    return discover(file.study, file.others, values, file.suspects(), pool=InProcess)
+
+
+@pytest.mark.parametrize("kind", LAWS)
+def test_the_arguments_and_the_force_are_found(kind, cache, tmp_path, monkeypatch):
+    acting, law, arguments = LAWS[kind]
+    monkeypatch.setattr(hidden.hider, "drawn_remainder", lambda at, share, seed: (kind, acting))
+    hide("oscillator", None, None, 0, folder=tmp_path, cache=cache, remainder=0.1)
+    found = discovered(tmp_path)
+    assert (found.verdict, found.chosen.arguments) == (FOUND, (arguments,))
+    fitted, x, v = found.chosen.fitted, found.states.x, found.states.v
+    spring = -(fitted.fit.value("stiffness") - STIFFNESS) * x - (fitted.fit.value("damping") - DAMPING) * v
+    force, true = fitted.model.matrix(x, v) @ fitted.coefficients + spring, law(x, v)
+    assert np.sqrt(np.mean((force - true) ** 2) / np.mean(true**2)) < 0.1
+
+
+def test_no_force_is_found_where_none_is_hidden(cache, tmp_path):
+    hide("oscillator", None, None, 1, folder=tmp_path, cache=cache)
+    assert discovered(tmp_path).verdict == NOTHING
