@@ -32,7 +32,6 @@ from calib.study import CalibrationStudy
 FOUND, NOTHING, UNDETERMINED, NOT_POSSIBLE = "found", "nothing", "undetermined", "not_diagnosable"
 ONE, OTHER, BOTH = (DISPLACEMENT,), (VELOCITY,), (DISPLACEMENT, VELOCITY)
 Arguments = tuple[tuple[str, ...], ...]  # of the additive functions of a model
-MIN_PREDICTION_STD = 2.0  # difference of two predictions, over its standard error, that counts  [1]: two-sigma rule
 FITS_PER_BODY, STEPS_PER_FREE_FIT = 3, 8  # as measured  [count]
 
 
@@ -283,11 +282,13 @@ class _ForceSearch:
         if before is None or not predictions:
             return replace(self._nothing(UNTESTED), verdict=UNDETERMINED)
         _, best = min(predictions, key=lambda pair: pair[1].deviance)
-        gain, error = before.above(best)
-        if gain <= MIN_PREDICTION_STD * error:
-            text = f"no free force predicts left-out records better: their deviance falls by {gain:.3g} +- {error:.2g}"
+        if not best.is_better(before):
+            text = (
+                "no free force predicts left-out records better: their predictive deviance is "
+                f"{best.deviance:.5g} with the best, {before.deviance:.5g} without"
+            )
             return replace(self._nothing(text), null_left_out=before)
-        equal = [trial for trial, left_out in predictions if _is_tie(left_out, best)]
+        equal = [trial for trial, left_out in predictions if not best.is_better(left_out)]
         chosen = min(equal, key=lambda trial: (_complexity(trial), _predicted(trial)))
         states = visited_states(self.fitter, chosen.fitted.fit.point, chosen.body)
         rivals = tuple(dict.fromkeys(t.body for t in equal if t.body != chosen.body))
@@ -326,12 +327,6 @@ def _body(candidate: Candidate) -> str:
 def _predicted(trial: ForceTrial) -> float:
     """Predictive deviance of the left-out records."""
     return np.inf if trial.left_out is None else trial.left_out.deviance
-
-
-def _is_tie(one: LeftOutMisfit, best: LeftOutMisfit) -> bool:
-    """Whether a model predicts as well as the best."""
-    difference, error = one.above(best)
-    return difference <= MIN_PREDICTION_STD * error
 
 
 def _complexity(trial: ForceTrial) -> int:

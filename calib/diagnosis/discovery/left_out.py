@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.discovery.penalised import PenalisedFit
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.fit import Fit
@@ -30,25 +31,27 @@ class LeftOutMisfit:
     Attributes
     ----------
     names : of the folds
-    deviances : (segment,) predictive deviance, but for a constant, of the segments of all folds
+    deviances : (fold,) predictive deviance, but for a constant, of each
+    count : number of residuals
     """
 
     names: tuple[str, ...]
     deviances: np.ndarray
+    count: int
 
     @property
     def deviance(self) -> float:
         """Predictive deviance of all folds: chi-square where the prediction is certain."""
         return float(self.deviances.sum())
 
-    def above(self, other: "LeftOutMisfit") -> tuple[float, float]:
-        """Deviance less that of another model on the same folds, and its standard error.
+    def is_better(self, other: "LeftOutMisfit") -> bool:
+        """Whether it predicts the same folds better than another model: by more than a tie in AIC.
 
-        The differences of the segments count as independent (Diebold & Mariano, Journal of Business and Economic
-        Statistics 13 (1995) 253).
+        Where it leaves more than noise, differences are judged by the quasi-likelihood, divided by its reduced
+        deviance (Burnham & Anderson 2002, section 2.5).
         """
-        difference = self.deviances - other.deviances
-        return float(difference.sum()), float(np.sqrt(difference.size * np.var(difference, ddof=1)))
+        dispersion = max(1.0, self.deviance / max(1, self.count))
+        return other.deviance - self.deviance > CRITERIA.aic_tie * dispersion
 
 
 def left_out_misfit(evidence: Evidence, fit: Fit, penalised: PenalisedFit | None = None) -> LeftOutMisfit | None:
@@ -56,14 +59,12 @@ def left_out_misfit(evidence: Evidence, fit: Fit, penalised: PenalisedFit | None
 
     penalised : of a model with free forces, whose fit it is
     """
-    segments = evidence.segments()
     names, deviances = [], []
     rows, target = _penalty(fit, penalised)
     for name, left_out in folds(evidence):
-        numbers = segments[left_out]
-        deviances.append(_deviances(fit, left_out, rows, target, numbers - numbers.min()))
+        deviances.append(_deviance(fit, left_out, rows, target))
         names.append(name)
-    return LeftOutMisfit(tuple(names), np.concatenate(deviances)) if names else None
+    return LeftOutMisfit(tuple(names), np.array(deviances), fit.residual.size) if names else None
 
 
 def _penalty(fit: Fit, penalised: PenalisedFit | None) -> tuple[np.ndarray, np.ndarray]:
@@ -77,13 +78,8 @@ def _penalty(fit: Fit, penalised: PenalisedFit | None) -> tuple[np.ndarray, np.n
     return rows, -root @ penalised.coefficients
 
 
-def _deviances(
-    fit: Fit, left_out: np.ndarray, rows: np.ndarray, target: np.ndarray, segments: np.ndarray
-) -> np.ndarray:
-    """Predictive deviance (segment,) of the left-out data (N,) by the model refitted to the others.
-
-    segments : (n,) numbers of the segments of the left-out data, from 0 on
-    """
+def _deviance(fit: Fit, left_out: np.ndarray, rows: np.ndarray, target: np.ndarray) -> float:
+    """Predictive deviance of the left-out data (N,) by the model refitted to the others."""
     columns = fit.free(fit.columns)
     scale = np.linalg.norm(columns, axis=0)
     scale[scale == 0.0] = 1.0
@@ -95,6 +91,4 @@ def _deviances(
     residual = fit.residual[left_out] - there @ (left[:, moved].T @ wanted)
     information = np.eye(there.shape[1]) + there.T @ there
     scaled = residual - there @ np.linalg.solve(information, there.T @ residual)
-    number = int(segments.max()) + 1
-    spread = float(np.linalg.slogdet(information)[1]) / number
-    return np.bincount(segments, residual * scaled, number) + spread
+    return float(residual @ scaled + np.linalg.slogdet(information)[1])
