@@ -241,25 +241,40 @@ class _ForceSearch:
         return candidate
 
     def _fit_body(self, body: str, on_stage: Callable[[str], None]) -> None:
-        """Fit forces on a body: of each argument alone, of both, and as a surface where these leave a misfit."""
-        for arguments in ((ONE,), (OTHER,), (ONE, OTHER)):
-            self._fit(body, arguments, on_stage)
-        std = chi2_std(self.fitter.evidence)
-        if min(significant(self._excess(t.fitted.fit), std) for t in self.trials if t.body == body):
-            self._of_two(body)
-            self._fit(body, (BOTH,), on_stage)
+        """Fit forces on a body: of each argument alone, of both, and as a surface where these leave a misfit.
 
-    def _fit(self, body: str, arguments: Arguments, on_stage: Callable[[str], None]) -> None:
+        The sum of two begins where the better of them ended. Where it predicts better, that one is fitted again from
+        there: from a large misfit a fit may have ended early.
+        """
+        single = [self._fitted(body, arguments, on_stage) for arguments in ((ONE,), (OTHER,))]
+        better = min(range(2), key=lambda k: single[k].fitted.fit.chi2)
+        both = self._fitted(body, (ONE, OTHER), on_stage, single[better].fitted)
+        if both.fitted.fit.chi2 < single[better].fitted.fit.chi2 and _predicts_better(both, single[better]):
+            again = self._fitted(body, single[better].arguments, on_stage, both.fitted)
+            single[better] = min(single[better], again, key=lambda trial: trial.fitted.fit.chi2)
+        trials = [*single, both]
+        std = chi2_std(self.fitter.evidence)
+        if all(significant(self._excess(trial.fitted.fit), std) for trial in trials):
+            self._of_two(body)
+            trials.append(self._fitted(body, (BOTH,), on_stage))
+        self.trials += trials
+
+    def _fitted(
+        self, body: str, arguments: Arguments, on_stage: Callable[[str], None], begin: PenalisedFit | None = None
+    ) -> ForceTrial:
+        """Fit forces, from where they are absent or from the values that another fit has of the same parameters."""
         on_stage(f"{body}: {described(arguments)}")
         forces = tuple(self.forces[body, a] for a in arguments)
         own = tuple(self.candidates[force.name] for force in forces)
         model = FreeModel(forces, own, visited_states(self.fitter, self.null.point, body))
         known = [self.scored[c.name].derivatives for c in own if c.name in self.scored]
         columns = np.column_stack(known) if len(known) == len(own) else None
-        fitted = penalised_fit(self.fitter, self.null, model, columns)
-        self.trials.append(
-            ForceTrial(body, arguments, fitted, left_out_misfit(self.fitter.evidence, fitted.fit, fitted))
-        )
+        values = None
+        if begin is not None:
+            free = {*model.coefficients, *self.null.names}
+            values = {name: begin.fit.value(name) for name in begin.fit.names if name in free}
+        fitted = penalised_fit(self.fitter, self.null, model, columns, values)
+        return ForceTrial(body, arguments, fitted, left_out_misfit(self.fitter.evidence, fitted.fit, fitted))
 
     def _excess(self, fit: Fit) -> float:
         return excess_chi2(self.fitter.evidence, fit)
@@ -327,6 +342,13 @@ def _body(candidate: Candidate) -> str:
 def _predicted(trial: ForceTrial) -> float:
     """Predictive deviance of the left-out records."""
     return np.inf if trial.left_out is None else trial.left_out.deviance
+
+
+def _predicts_better(one: ForceTrial, other: ForceTrial) -> bool:
+    """Whether a model predicts left-out records better than another."""
+    if one.left_out is None or other.left_out is None:
+        return False
+    return one.left_out.is_better(other.left_out)
 
 
 def _complexity(trial: ForceTrial) -> int:

@@ -5,7 +5,7 @@ the linearised problem (the performance iteration of Gu, Journal of the American
 1051). Calibrated parameters, causes that the model has and nuisances are free at the same time.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -142,24 +142,35 @@ class PenalisedFit:
         return basis @ self.coefficients, np.sqrt(self.dispersion * np.maximum(0.0, variance))
 
 
-def penalised_fit(fitter: Fitter, base: Fit, model: FreeModel, columns: np.ndarray | None = None) -> PenalisedFit:
+def penalised_fit(
+    fitter: Fitter,
+    base: Fit,
+    model: FreeModel,
+    columns: np.ndarray | None = None,
+    begin: Mapping[str, float] | None = None,
+) -> PenalisedFit:
     """Fit calibrated parameters, causes and the coefficients of free forces.
 
     Parameters
     ----------
     base : the model without the forces
     columns : (N, p) derivatives by the coefficients where the forces are absent; None: computed
+    begin : values in the place of those of the base and of absent forces, where the fit begins; None for these
     """
     candidates = (*base.candidates, *model.candidates)
-    absent = {name: value for c in model.candidates for name, value in c.absent().items()}
-    start = extended(base.point, candidates, absent)
+    values = {name: value for c in model.candidates for name, value in c.absent().items()} | dict(begin or {})
+    start = extended(base.point, candidates, values)
     directions = fitter.directions(start, candidates)
     x = np.array([d.at for d in directions])
     now = replace(base, point=start, candidates=candidates, names=tuple(d.name for d in directions))
-    fresh = columns is None
-    now = fitter.with_derivatives(now) if columns is None else replace(
-        now, columns=np.column_stack([base.columns, columns])
-    )  # fmt: skip
+    elsewhere = fitter.evaluated(start, directions, x, candidates, solved=True) if begin else None
+    fresh = columns is None or elsewhere is not None
+    if elsewhere is not None:
+        now = fitter.with_derivatives(elsewhere)
+    elif columns is None:
+        now = fitter.with_derivatives(now)
+    else:
+        now = replace(now, columns=np.column_stack([base.columns, columns]))
     for _ in range(MAX_PENALISED_STEPS):
         ahead = _advanced(fitter, now, model, directions, x)
         if ahead is None:
