@@ -155,7 +155,8 @@ def penalised_fit(
     ----------
     base : the model without the forces
     columns : (N, p) derivatives by the coefficients where the forces are absent; None: computed
-    begin : values in the place of those of the base and of absent forces, where the fit begins; None for these
+    begin : values by name in the place of those of the base and of absent forces; None, or where the simulation of a
+        record fails there: these
     """
     candidates = (*base.candidates, *model.candidates)
     values = {name: value for c in model.candidates for name, value in c.absent().items()} | dict(begin or {})
@@ -164,6 +165,8 @@ def penalised_fit(
     x = np.array([d.at for d in directions])
     now = replace(base, point=start, candidates=candidates, names=tuple(d.name for d in directions))
     elsewhere = fitter.evaluated(start, directions, x, candidates, solved=True) if begin else None
+    if begin and elsewhere is None:  # a record cannot be simulated there
+        return penalised_fit(fitter, base, model, columns)
     fresh = columns is None or elsewhere is not None
     if elsewhere is not None:
         now = fitter.with_derivatives(elsewhere)
