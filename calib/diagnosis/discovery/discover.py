@@ -243,15 +243,17 @@ class _ForceSearch:
     def _fit_body(self, body: str, on_stage: Callable[[str], None]) -> None:
         """Fit forces on a body: of each argument alone, of both, and as a surface where these leave a misfit.
 
-        The sum of two begins where the better of them ended. Where it predicts better, that one is fitted again from
-        there: from a large misfit a fit may have ended early.
+        From a large misfit a fit may end early: a sum that ends above one of its terms is fitted again from where that
+        ended, and a term from where a sum ended that predicts better.
         """
         single = [self._fitted(body, arguments, on_stage) for arguments in ((ONE,), (OTHER,))]
         better = min(range(2), key=lambda k: single[k].fitted.fit.chi2)
-        both = self._fitted(body, (ONE, OTHER), on_stage, single[better].fitted)
-        if both.fitted.fit.chi2 < single[better].fitted.fit.chi2 and _predicts_better(both, single[better]):
+        both = self._fitted(body, (ONE, OTHER), on_stage)
+        if both.fitted.fit.chi2 > single[better].fitted.fit.chi2:
+            both = _closer(both, self._fitted(body, both.arguments, on_stage, single[better].fitted))
+        elif _predicts_better(both, single[better]):
             again = self._fitted(body, single[better].arguments, on_stage, both.fitted)
-            single[better] = min(single[better], again, key=lambda trial: trial.fitted.fit.chi2)
+            single[better] = _closer(single[better], again)
         trials = [*single, both]
         std = chi2_std(self.fitter.evidence)
         if all(significant(self._excess(trial.fitted.fit), std) for trial in trials):
@@ -342,6 +344,11 @@ def _body(candidate: Candidate) -> str:
 def _predicted(trial: ForceTrial) -> float:
     """Predictive deviance of the left-out records."""
     return np.inf if trial.left_out is None else trial.left_out.deviance
+
+
+def _closer(one: ForceTrial, other: ForceTrial) -> ForceTrial:
+    """Of two fits of a model, the one of the lower chi-square."""
+    return min(one, other, key=lambda trial: trial.fitted.fit.chi2)
 
 
 def _predicts_better(one: ForceTrial, other: ForceTrial) -> bool:

@@ -190,7 +190,7 @@ def _linear(columns: np.ndarray, projected: np.ndarray, differences: np.ndarray)
     smooth = turn[rank:].T
     one, other = columns @ smooth, projected @ smooth
     whole = one.T @ one
-    whole += RELATIVE_JITTER * np.linalg.norm(whole, 2) * np.eye(len(whole))
+    whole += RELATIVE_JITTER * max(1.0, float(np.linalg.norm(whole, 2))) * np.eye(len(whole))
     squared_share, directions = eigh(other.T @ other, whole)
     inside = squared_share < MIN_LEFT_SHARE**2
     absorbed, dual = smooth @ directions[:, inside], smooth @ (whole @ directions[:, inside])
