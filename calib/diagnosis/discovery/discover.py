@@ -12,7 +12,7 @@ from calib.diagnosis.candidate import Candidate, candidates
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.discovery.free_force import DISPLACEMENT, VELOCITY, FreeForce, free_force
 from calib.diagnosis.discovery.left_out import LeftOutMisfit, left_out_misfit
-from calib.diagnosis.discovery.penalised import FreeModel, PenalisedFit, States, penalised_fit, visited_states
+from calib.diagnosis.discovery.penalised import FreeModel, PenalisedFit, States, nested, penalised_fit, visited_states
 from calib.diagnosis.effort import Effort
 from calib.diagnosis.excess import chi2_std, excess_chi2, significant
 from calib.diagnosis.fit import Fit
@@ -244,16 +244,18 @@ class _ForceSearch:
         """Fit forces on a body: of each argument alone, of both, and as a surface where these leave a misfit.
 
         From a large misfit a fit may end early: a sum that ends above one of its terms is fitted again from where that
-        ended, and a term from where a sum ended that predicts better.
+        ended, and where a sum predicts better than its terms, the one that is closest to it is fitted from there.
         """
         single = [self._fitted(body, arguments, on_stage) for arguments in ((ONE,), (OTHER,))]
-        better = min(range(2), key=lambda k: single[k].fitted.fit.chi2)
+        better = min(single, key=_chi2)
         both = self._fitted(body, (ONE, OTHER), on_stage)
-        if both.fitted.fit.chi2 > single[better].fitted.fit.chi2:
-            both = _closer(both, self._fitted(body, both.arguments, on_stage, single[better].fitted))
-        elif _predicts_better(both, single[better]):
-            again = self._fitted(body, single[better].arguments, on_stage, both.fitted)
-            single[better] = _closer(single[better], again)
+        if _chi2(both) > _chi2(better):
+            both = min(both, self._fitted(body, both.arguments, on_stage, _values(better)), key=_chi2)
+        elif _predicts_better(both, better):
+            closest = [nested(both.fitted, trial.fitted.model) for trial in single]
+            k = min(range(2), key=lambda k: closest[k][0])
+            again = self._fitted(body, single[k].arguments, on_stage, closest[k][1])
+            single[k] = min(single[k], again, key=_chi2)
         trials = [*single, both]
         std = chi2_std(self.fitter.evidence)
         if all(significant(self._excess(trial.fitted.fit), std) for trial in trials):
@@ -262,20 +264,20 @@ class _ForceSearch:
         self.trials += trials
 
     def _fitted(
-        self, body: str, arguments: Arguments, on_stage: Callable[[str], None], begin: PenalisedFit | None = None
+        self,
+        body: str,
+        arguments: Arguments,
+        on_stage: Callable[[str], None],
+        begin: Mapping[str, float] | None = None,
     ) -> ForceTrial:
-        """Fit forces, from where they are absent or from the values that another fit has of the same parameters."""
+        """Fit forces, from where they are absent or from values by name."""
         on_stage(f"{body}: {described(arguments)}")
         forces = tuple(self.forces[body, a] for a in arguments)
         own = tuple(self.candidates[force.name] for force in forces)
         model = FreeModel(forces, own, visited_states(self.fitter, self.null.point, body))
         known = [self.scored[c.name].derivatives for c in own if c.name in self.scored]
         columns = np.column_stack(known) if len(known) == len(own) else None
-        values = None
-        if begin is not None:
-            free = {*model.coefficients, *self.null.names}
-            values = {name: begin.fit.value(name) for name in begin.fit.names if name in free}
-        fitted = penalised_fit(self.fitter, self.null, model, columns, values)
+        fitted = penalised_fit(self.fitter, self.null, model, columns, begin)
         return ForceTrial(body, arguments, fitted, left_out_misfit(self.fitter.evidence, fitted.fit, fitted))
 
     def _excess(self, fit: Fit) -> float:
@@ -346,9 +348,14 @@ def _predicted(trial: ForceTrial) -> float:
     return np.inf if trial.left_out is None else trial.left_out.deviance
 
 
-def _closer(one: ForceTrial, other: ForceTrial) -> ForceTrial:
-    """Of two fits of a model, the one of the lower chi-square."""
-    return min(one, other, key=lambda trial: trial.fitted.fit.chi2)
+def _chi2(trial: ForceTrial) -> float:
+    """Chi-square of a model."""
+    return trial.fitted.fit.chi2
+
+
+def _values(trial: ForceTrial) -> dict[str, float]:
+    """Values of the parameters of a model."""
+    return {name: trial.fitted.fit.value(name) for name in trial.fitted.fit.names}
 
 
 def _predicts_better(one: ForceTrial, other: ForceTrial) -> bool:

@@ -1,8 +1,11 @@
 """Fits of models with free forces: all parameters at once, the forces as smooth as the data let them be.
 
-Steps of Gauss and Newton on the penalised sum of squares; at each of them the weight of the penalty is that of
+Steps of Gauss and Newton on the penalised sum of squares, damped where the whole step reduces it too little
+(Marquardt, SIAM Journal on Applied Mathematics 11 (1963) 431); at each of them the weight of the penalty is that of
 the linearised problem (the performance iteration of Gu, Journal of the American Statistical Association 87 (1992)
-1051). Calibrated parameters, causes that the model has and nuisances are free at the same time.
+1051). A force that changes the motion altogether has further minima, the more the more parameters it has: fits begin
+with few effective parameters, from the minimum of which they go on with those that the data let them have. Calibrated
+parameters, causes that the model has and nuisances are free at the same time.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,7 +24,10 @@ from calib.diagnosis.score import Projection
 from calib.diagnosis.signature import Direction, Point
 
 MAX_PENALISED_STEPS = 20  # of a fit  [count]
-MAX_PENALISED_HALVINGS = 6  # of a step that does not reduce the penalised sum of squares  [count]
+MAX_DAMPINGS = 8  # of a step that does not reduce the penalised sum of squares  [count]
+MIN_DAMPING, DAMPING_FACTOR = 0.01, 5.0  # share of the diagonal that is added, the first and its growth  [1]
+MIN_GAIN = 0.05  # actual over predicted reduction, below which a step is damped further  [1]
+STAGES = 3.0, np.inf  # effective parameters beyond linear that each function may have, one after the other  [1]
 MIN_PENALISED_REDUCTION = 0.2  # of the penalised sum of squares, over the mean square: a smaller one ends a fit  [1]
 MIN_RELIABLE_GAIN = 0.7  # actual over predicted reduction, below which derivatives are taken anew  [1]
 
@@ -162,7 +168,7 @@ def penalised_fit(
     values = {name: value for c in model.candidates for name, value in c.absent().items()} | dict(begin or {})
     start = extended(base.point, candidates, values)
     directions = fitter.directions(start, candidates)
-    x = np.array([d.at for d in directions])
+    x = np.clip([d.at for d in directions], *_bounds(directions))
     now = replace(base, point=start, candidates=candidates, names=tuple(d.name for d in directions))
     elsewhere = fitter.evaluated(start, directions, x, candidates, solved=True) if begin else None
     if begin and elsewhere is None:  # a record cannot be simulated there
@@ -174,20 +180,30 @@ def penalised_fit(
         now = fitter.with_derivatives(now)
     else:
         now = replace(now, columns=np.column_stack([base.columns, columns]))
-    for _ in range(MAX_PENALISED_STEPS):
-        ahead = _advanced(fitter, now, model, directions, x)
-        if ahead is None:
-            if fresh:
-                break
-            now, fresh = fitter.with_derivatives(now), True
-            continue
-        x_ahead, fit, gain = ahead
-        fresh = gain < MIN_RELIABLE_GAIN
-        now, x = fitter.with_derivatives(fit) if fresh else updated(fit, now, x_ahead - x), x_ahead
+    for allowed in STAGES if elsewhere is None else STAGES[-1:]:
+        now, x, fresh = _minimised(fitter, now, model, directions, x, fresh, allowed)
     if not fresh:
         now = fitter.with_derivatives(now)
     smoothing = linearised(now, model, now.residual.size)
     return PenalisedFit(now, model, smoothing, smoothing.weight)
+
+
+def nested(richer: PenalisedFit, model: FreeModel) -> tuple[float, dict[str, float]]:
+    """Penalised sum of squares and values at the minimum of a model of fewer forces, linearised about a richer fit."""
+    fit, coefficients = richer.fit, set(richer.model.coefficients) - set(model.coefficients)
+    kept = np.array([name not in coefficients for name in fit.names])
+    names = tuple(np.array(fit.names)[kept].tolist())
+    x = np.array([fit.value(name) for name in fit.names])
+    columns = fit.free(fit.columns)
+    without = replace(
+        fit, residual=fit.residual + columns[:, ~kept] @ x[~kept], columns=fit.columns[:, kept], names=names
+    )
+    smoothing = linearised(without, model, fit.residual.size)
+    own, weight = np.isin(names, model.coefficients), smoothing.weight
+    step = _step(without.residual, columns[:, kept], own, smoothing, weight, x[kept], 0.0)
+    ahead, left = x[kept] + step, without.residual - columns[:, kept] @ step
+    total = float(left @ left) + smoothing.penalty(weight, ahead[own])
+    return total, {name: float(value) for name, value in zip(names, ahead, strict=True)}
 
 
 def linearised(fit: Fit, model: FreeModel, count: float) -> Smoothing:
@@ -207,33 +223,105 @@ def linearised(fit: Fit, model: FreeModel, count: float) -> Smoothing:
     )  # fmt: skip
 
 
+@dataclass(frozen=True, eq=False)
+class _Advance:
+    """A step of a fit.
+
+    Attributes
+    ----------
+    converged : whether no further reduction of the penalised sum of squares is predicted
+    x, fit : after the step; None where none was taken
+    gain : actual over predicted reduction  [1]
+    damping : of the next step  [1]
+    """
+
+    converged: bool
+    x: np.ndarray | None = None
+    fit: Fit | None = None
+    gain: float = 0.0
+    damping: float = 0.0
+
+
+def _minimised(
+    fitter: Fitter,
+    now: Fit,
+    model: FreeModel,
+    directions: Sequence[Direction],
+    x: np.ndarray,
+    fresh: bool,
+    allowed: float,
+) -> tuple[Fit, np.ndarray, bool]:
+    """Fit, parameters, and whether its derivatives are those at its point, where no step reduces the penalised sum.
+
+    allowed : effective parameters of each function, beyond linear ones; where there is a limit, the minimum is a start
+        for the next fit, and derivatives that were updated on the way may show it
+    """
+    damping = 0.0
+    for _ in range(MAX_PENALISED_STEPS):
+        ahead = _advanced(fitter, now, model, directions, x, allowed, damping)
+        if ahead.fit is None or ahead.x is None:
+            if fresh or (ahead.converged and np.isfinite(allowed)):
+                break
+            now, fresh = fitter.with_derivatives(now), True
+            continue
+        fresh, damping = ahead.gain < MIN_RELIABLE_GAIN, ahead.damping
+        now = fitter.with_derivatives(ahead.fit) if fresh else updated(ahead.fit, now, ahead.x - x)
+        x = ahead.x
+    return now, x, fresh
+
+
 def _advanced(
-    fitter: Fitter, now: Fit, model: FreeModel, directions: Sequence[Direction], x: np.ndarray
-) -> tuple[np.ndarray, Fit, float] | None:
-    """Parameters and fit after a step, and its actual over its predicted reduction; None where none reduces further."""
+    fitter: Fitter,
+    now: Fit,
+    model: FreeModel,
+    directions: Sequence[Direction],
+    x: np.ndarray,
+    allowed: float,
+    damping: float,
+) -> _Advance:
+    """Take a step, damped the more the longer none reduces the penalised sum of squares."""
     own = np.isin(now.names, model.coefficients)
     smoothing = linearised(now, model, now.residual.size)
-    weight = smoothing.weight
-    step = np.zeros(x.size)
-    step[own] = smoothing.coefficients(weight) - x[own]
+    weight = smoothing.weight_of(allowed * len(model.forces))
     columns = now.free(now.columns)
-    scale = np.linalg.norm(columns, axis=0)
-    scale[scale == 0.0] = 1.0
-    remainder = now.residual - columns[:, own] @ step[own]
-    step[~own] = np.linalg.lstsq(columns[:, ~own] / scale[~own], remainder, rcond=1e-9)[0] / scale[~own]
-    low, high = np.array([d.low for d in directions]), np.array([d.high for d in directions])
+    low, high = _bounds(directions)
     before = now.chi2 + smoothing.penalty(weight, x[own])
-    for halving in range(MAX_PENALISED_HALVINGS):
-        x_ahead = np.clip(x + 0.5**halving * step, low, high)
-        change = columns @ (x_ahead - x)
-        left = now.residual - change
+    least = MIN_PENALISED_REDUCTION * max(1.0, now.chi2 / now.residual.size)
+    for _ in range(MAX_DAMPINGS):
+        x_ahead = np.clip(x + _step(now.residual, columns, own, smoothing, weight, x, damping), low, high)
+        left = now.residual - columns @ (x_ahead - x)
         predicted = before - float(left @ left) - smoothing.penalty(weight, x_ahead[own])
-        if halving == 0 and predicted < MIN_PENALISED_REDUCTION * max(1.0, now.chi2 / now.residual.size):
-            return None
+        if predicted < least:
+            return _Advance(converged=True)
         fit = fitter.evaluated(now.point, directions, x_ahead, now.candidates, now.columns @ (x_ahead - x))
-        if fit is None:
-            continue
-        reduction = before - fit.chi2 - smoothing.penalty(weight, x_ahead[own])
-        if reduction > 0.0:
-            return x_ahead, fit, reduction / max(predicted, 1e-300)
-    return None
+        reduction = -1.0 if fit is None else before - fit.chi2 - smoothing.penalty(weight, x_ahead[own])
+        if fit is not None and reduction > MIN_GAIN * predicted:
+            eased = damping / DAMPING_FACTOR if reduction > MIN_RELIABLE_GAIN * predicted else damping
+            return _Advance(False, x_ahead, fit, reduction / predicted, eased if eased >= MIN_DAMPING else 0.0)
+        damping = max(MIN_DAMPING, DAMPING_FACTOR * damping)
+    return _Advance(converged=False)
+
+
+def _bounds(directions: Sequence[Direction]) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest values (k,) of parameters."""
+    return np.array([d.low for d in directions]), np.array([d.high for d in directions])
+
+
+def _step(
+    residual: np.ndarray,
+    columns: np.ndarray,
+    own: np.ndarray,
+    smoothing: Smoothing,
+    weight: float,
+    x: np.ndarray,
+    damping: float,
+) -> np.ndarray:
+    """Step (k,) of Gauss and Newton, damped after Marquardt: of the coefficients `own`, then of the others."""
+    step = np.zeros(x.size)
+    step[own] = smoothing.coefficients(weight, damping, x[own]) - x[own]
+    scale = np.linalg.norm(columns[:, ~own], axis=0)
+    scale[scale == 0.0] = 1.0
+    rows = np.vstack([columns[:, ~own] / scale, np.sqrt(damping) * np.eye(scale.size)])
+    target = np.concatenate([residual - columns[:, own] @ step[own], np.zeros(scale.size)])
+    step[~own] = np.linalg.lstsq(rows, target, rcond=1e-9)[0] / scale
+    return step

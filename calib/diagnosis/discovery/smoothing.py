@@ -107,14 +107,23 @@ class Smoothing:
     @cached_property
     def weight(self) -> float:
         """Weight of the penalty that maximises the restricted likelihood."""
+        return float(self._weights[int(np.argmin([self.criterion(w) for w in self._weights]))])
+
+    @cached_property
+    def _weights(self) -> np.ndarray:
+        """Weights that are tried, increasing."""
         unit = np.trace(self.gram) / max(float(np.trace(self.roughness)), 1e-300)
         low, high, number = WEIGHT_DECADES
-        weights = max(unit, 1e-300) * np.logspace(low, high, int(number))
-        return float(weights[int(np.argmin([self.criterion(w) for w in weights]))])
+        return max(unit, 1e-300) * np.logspace(low, high, int(number))
 
-    def coefficients(self, weight: float) -> np.ndarray:
-        """Coefficients (p,) of the minimum."""
-        return self.frame @ self._posterior(weight).solved(self.moment)
+    def coefficients(self, weight: float, damping: float = 0.0, near: np.ndarray | None = None) -> np.ndarray:
+        """Coefficients (p,) of the minimum, or between it and those `near` (p,) by the damping of Marquardt."""
+        if damping == 0.0 or near is None:
+            return self.frame @ self._posterior(weight).solved(self.moment)
+        matrix = self.gram + weight * self.roughness + self.prior
+        held = damping * np.diag(matrix)
+        right = self.moment + held * np.linalg.solve(self.frame, near)
+        return self.frame @ _Scaled(matrix + np.diag(held)).solved(right)
 
     def penalty(self, weight: float, coefficients: np.ndarray) -> float:
         """Value of the penalties at coefficients (p,)."""
@@ -127,6 +136,18 @@ class Smoothing:
     def covariance(self, weight: float) -> np.ndarray:
         """Covariance (p, p) of the coefficients by noise of unit variance and the prior (Wahba; Wood, section 6.10)."""
         return self.frame @ self._posterior(weight).solved(self.frame.T)
+
+    def weight_of(self, effective_parameters: float) -> float:
+        """Least weight at which there are no more effective parameters than these, but for those of linear functions.
+
+        Not less than `weight`.
+        """
+        if not np.isfinite(effective_parameters):
+            return self.weight
+        weights = self._weights[self._weights >= self.weight]
+        linear = self.effective_parameters(float(self._weights[-1]))
+        inside = [w for w in weights if self.effective_parameters(float(w)) <= linear + effective_parameters]
+        return float(inside[0]) if inside else float(self._weights[-1])
 
     def effective_parameters(self, weight: float) -> float:
         """Effective number of coefficients: trace of the influence of the data on them."""
