@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError, nearest
-from calib.modelling.laws import LAW_PARAMETERS, PYTHON_SITES, SITES, STATES, BoundLaw, Law
+from calib.modelling.laws import LAW_PARAMETERS, MAX_LAW_PARAMETERS, PYTHON_SITES, SITES, STATES, BoundLaw, Law
 from calib.modelling.parameter import Parameter
 from calib.modelling.simulator import Simulator
 
@@ -74,9 +74,9 @@ class Effect:
             raise CalibError(f"effect {name!r} acts at {self.site!r}; sites are {', '.join(SITES)}")
         if self.law.site != self.site:
             raise CalibError(f"effect {name!r} acts at {self.site!r}, but its law is one of {self.law.site!r}")
-        if len(self.parameters) + len(self.borrowed) > LAW_PARAMETERS:
+        if len(self.parameters) + len(self.borrowed) > MAX_LAW_PARAMETERS:
             count = len(self.parameters) + len(self.borrowed)
-            raise CalibError(f"effect {name!r} has {count} parameters; a law takes {LAW_PARAMETERS}")
+            raise CalibError(f"effect {name!r} has {count} parameters; a law takes {MAX_LAW_PARAMETERS}")
         if all(p.null is None for p in self.parameters):
             raise CalibError(f"effect {name!r} has no null value; give one of its parameters a null")
         if self.place not in PLACES or (self.place != "body" and self.site != "force"):
@@ -143,8 +143,8 @@ class Effect:
 
     def bound(self, values: Mapping[str, float], places: Mapping[str, tuple[str, ...]] | None = None) -> BoundLaw:
         """Return the law with its numbers taken from `values`, at the bodies that the simulator has at `places`."""
-        p = np.zeros(LAW_PARAMETERS)
         names = [*(q.name for q in self.parameters), *self.borrowed]
+        p = np.zeros(max(LAW_PARAMETERS, len(names)))
         p[: len(names)] = [values[name] for name in names]
         bodies = self.bodies
         if bodies is None and self.place != "body":

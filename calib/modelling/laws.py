@@ -48,7 +48,8 @@ from numba.core.errors import NumbaExperimentalFeatureWarning
 warnings.filterwarnings("ignore", category=NumbaExperimentalFeatureWarning)
 
 SLOTS = 4  # laws per site that a kernel takes
-LAW_PARAMETERS = 80  # numbers per law: a free function of two arguments takes 78
+MAX_LAW_PARAMETERS = 80  # numbers per law: a free function of two arguments takes 78
+LAW_PARAMETERS = 8  # numbers that a row holds at least: rows of usual laws lie side by side in the processor's cache
 STATES = 4  # internal states per force law
 
 _f = types.float64
@@ -146,7 +147,7 @@ class BoundLaw:
 
     Attributes
     ----------
-    p : (LAW_PARAMETERS,) values in the order of the effect's parameters, padded with zeros
+    p : (n,) values in the order of the effect's parameters, padded with zeros to at least LAW_PARAMETERS
     bodies : the bodies it acts on; None means all that the simulator has
     """
 
@@ -207,7 +208,7 @@ def slots(laws: Sequence[BoundLaw], site: str) -> tuple[tuple[Callable, ...], np
     Returns
     -------
     functions : tuple of SLOTS compiled laws, the empty ones giving zero
-    parameters : (SLOTS, LAW_PARAMETERS)
+    parameters : (SLOTS, numbers), as many as the longest law takes
     count : how many slots are taken
 
     Raises
@@ -217,8 +218,8 @@ def slots(laws: Sequence[BoundLaw], site: str) -> tuple[tuple[Callable, ...], np
     here = at_site(laws, site)
     if len(here) > SLOTS:
         raise ValueError(f"{len(here)} laws at site {site!r}, a kernel takes {SLOTS}")
-    parameters = np.zeros((SLOTS, LAW_PARAMETERS))
+    parameters = np.zeros((SLOTS, max((law.p.size for law in here), default=LAW_PARAMETERS)))
     for row, law in zip(parameters, here, strict=False):
-        row[:] = law.p
+        row[: law.p.size] = law.p
     empty = [_EMPTY[site].function] * (SLOTS - len(here))
     return (*(law.function for law in here), *empty), parameters, len(here)

@@ -29,7 +29,7 @@ def _address(function: Callable, site: str) -> int:
 
 
 def fill(laws: Sequence[BoundLaw], site: str) -> tuple[np.ndarray, np.ndarray, int]:
-    """Return the laws of `site` for a kernel: addresses (SLOTS,), numbers (SLOTS, LAW_PARAMETERS), count of laws."""
+    """Return the laws of `site` for a kernel: addresses (SLOTS,), numbers (SLOTS, n), count of laws."""
     functions, parameters, count = slots(laws, site)
     if UNCOMPILED:
         return np.array(functions, dtype=object), parameters, count

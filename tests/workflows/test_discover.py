@@ -96,6 +96,7 @@ def found(tmp_path_factory):
     return place, *discovered(place)
 
 
+@pytest.mark.slow
 def test_body_and_argument_are_found(found):
     _, output, result = found
     assert (result.verdict, result.body, result.arguments) == ("found", "mass", ("displacement",))
@@ -105,6 +106,7 @@ def test_body_and_argument_are_found(found):
     assert result.left_out_deviance[1] < result.left_out_deviance[0]
 
 
+@pytest.mark.slow
 def test_the_force_is_the_hidden_one_beside_the_stiffness(found):
     _, output, result = found
     [function] = result.functions
@@ -119,6 +121,7 @@ def test_the_force_is_the_hidden_one_beside_the_stiffness(found):
     assert np.mean(np.abs(apart) < 2.0 * np.array(function.error)) > 0.8
 
 
+@pytest.mark.slow
 def test_the_force_is_drawn_and_shown(found):
     place, _, result = found
     assert (place / "out" / "discovery.png").read_bytes().startswith(b"\x89PNG")

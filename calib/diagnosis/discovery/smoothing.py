@@ -13,6 +13,7 @@ less than `MIN_LEFT_SHARE` are left to the prior, which makes the force as small
 is then what the calibrated law does not express.
 """
 
+from bisect import bisect_left
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -145,9 +146,9 @@ class Smoothing:
         if not np.isfinite(effective_parameters):
             return self.weight
         weights = self._weights[self._weights >= self.weight]
-        linear = self.effective_parameters(float(self._weights[-1]))
-        inside = [w for w in weights if self.effective_parameters(float(w)) <= linear + effective_parameters]
-        return float(inside[0]) if inside else float(self._weights[-1])
+        most = self.effective_parameters(float(weights[-1])) + effective_parameters
+        first = bisect_left(weights.tolist(), -most, key=lambda weight: -self.effective_parameters(weight))
+        return float(weights[min(first, weights.size - 1)])
 
     def effective_parameters(self, weight: float) -> float:
         """Effective number of coefficients: trace of the influence of the data on them."""

@@ -105,7 +105,7 @@ class Problem(NamedTuple):
     knots : (k + 1,) ends of the table's pieces  [s]; (0,) without a table
     table : (k, 4) coefficients of U = c0 + c1 s + c2 s^2 + c3 s^3, s the time since the piece's start  [s]
     force, excitation, restitution_laws : laws of each site (see `slots`)
-    force_p, excitation_p, restitution_p : (SLOTS, LAW_PARAMETERS)
+    force_p, excitation_p, restitution_p : (SLOTS, numbers)
     counts : (5,) laws at the sites force, excitation, restitution; internal states of all force laws; force laws at the
         port
     acts : (SLOTS, n + 1) whether a force law acts on a coordinate, and last, at the port: there it sees the clearance,

@@ -14,7 +14,7 @@ from calib.diagnosis.discovery.free_force import (
     free_force,
     over_states,
 )
-from calib.modelling.laws import LAW_PARAMETERS
+from calib.modelling.laws import MAX_LAW_PARAMETERS
 from calib.modelling.model import Model
 from calib.records.excitation import Excitation
 from calib.simulators.oscillator import Oscillator
@@ -88,7 +88,7 @@ def test_breakpoints_of_the_velocity_are_denser_at_rest():
 def test_its_numbers_fit_into_a_law():
     assert max(np.count_nonzero(numbers(free_force("mass", a, REGION), np.ones(k))) for a, k in (
         ([DISPLACEMENT], 15), ([VELOCITY], 19), ([DISPLACEMENT, VELOCITY], 64)
-    )) <= LAW_PARAMETERS  # fmt: skip
+    )) <= MAX_LAW_PARAMETERS  # fmt: skip
 
 
 def test_it_is_absent_at_null_and_acts_as_the_law_that_it_approximates():

@@ -7,7 +7,7 @@ from straight_line import MODEL, START, TIME, TRUE, WINDOWS, Evidence, straight
 from calib.diagnosis.bench import SimulatedRows
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.discovery.free_force import DISPLACEMENT, VELOCITY, free_force
-from calib.diagnosis.discovery.penalised import FreeModel, States, penalised_fit
+from calib.diagnosis.discovery.penalised import FreeModel, States, nested, penalised_fit
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.signature import Point
 from calib.execution.pool import InProcess
@@ -68,6 +68,20 @@ def test_forces_of_two_arguments_add_up():
     value, _ = found.surface(STATES.x, STATES.v)
     assert np.sqrt(np.mean((value - value.mean() - one - other) ** 2)) < 0.7
     assert found.effective_parameters < 18.0
+
+
+def test_a_term_is_fitted_by_a_step_from_the_sum_that_has_it():
+    force = 8.0 * STATES.x**3
+    _, found = fitted(free_model(DISPLACEMENT, VELOCITY), force)
+    ahead = {}
+    for argument in (DISPLACEMENT, VELOCITY):
+        model = free_model(argument)
+        chi2, values = nested(found, model)
+        own = model.visited @ np.array([values[name] for name in model.coefficients])
+        ahead[argument] = chi2, own - own.mean()
+        assert {*model.coefficients, *WINDOWS} == set(values)
+    assert ahead[DISPLACEMENT][0] < 1.2 * TIME.size < ahead[VELOCITY][0]
+    assert np.sqrt(np.mean((ahead[DISPLACEMENT][1] - force + force.mean()) ** 2)) < 0.7
 
 
 def test_without_a_force_nothing_but_noise_is_fitted():

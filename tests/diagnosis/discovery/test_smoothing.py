@@ -44,6 +44,24 @@ def test_the_weight_is_larger_where_the_function_is_smoother():
     assert wave.effective_parameters(wave.weight) > 8.0
 
 
+def test_a_weight_leaves_as_many_parameters_as_asked_for():
+    wave = problem(10.0 * np.sin(9.0 * X))
+    for allowed in (1.0, 3.0, 5.0):
+        beyond_linear = wave.effective_parameters(wave.weight_of(allowed)) - 2.0
+        assert 0.6 * allowed < beyond_linear <= allowed + 0.01
+    assert wave.weight_of(np.inf) == wave.weight_of(50.0) == wave.weight
+
+
+def test_damped_coefficients_lie_between_those_before_and_the_minimum():
+    smoothing = problem(10.0 * np.sin(3.0 * X))
+    near, least = np.zeros(BASIS.shape[1]), smoothing.coefficients(smoothing.weight)
+    apart = [
+        rms(BASIS @ (smoothing.coefficients(smoothing.weight, d, near) - least)) for d in (0.0, 0.01, 1.0, 1e3, 1e9)
+    ]
+    assert apart == sorted(apart)
+    assert (apart[0], apart[-1]) == pytest.approx((0.0, rms(BASIS @ least)), rel=1e-3)
+
+
 def test_weight_and_estimate_agree_with_the_restricted_likelihood_by_its_definition():
     smoothing = problem(3.0 * np.cos(4.0 * X))
     weights = smoothing.weight * np.array([0.01, 1.0, 100.0])
