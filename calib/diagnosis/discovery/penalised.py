@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from calib.diagnosis.bench import Run, simulated
 from calib.diagnosis.candidate import Candidate
@@ -26,6 +27,7 @@ from calib.diagnosis.signature import Direction, Point
 MAX_PENALISED_STEPS = 20  # of a fit  [count]
 MAX_DAMPINGS = 8  # of a step that does not reduce the penalised sum of squares  [count]
 MIN_DAMPING, DAMPING_FACTOR = 0.01, 5.0  # share of the diagonal that is added, the first and its growth  [1]
+SHARE_OF_EACH = 1e-3  # of the prior of a sum, by which each of its forces is small  [1]
 MIN_GAIN = 0.05  # actual over predicted reduction, below which a step is damped further  [1]
 STAGES = 3.0, np.inf  # effective parameters beyond linear that each function may have, one after the other  [1]
 MIN_PENALISED_REDUCTION = 0.2  # of the penalised sum of squares, over the mean square: a smaller one ends a fit  [1]
@@ -91,13 +93,17 @@ class FreeModel:
     @cached_property
     def differences(self) -> np.ndarray:
         """Second differences (k, p) of all forces."""
-        blocks = [force.roughness for force in self.forces]
-        whole = np.zeros((sum(len(b) for b in blocks), sum(b.shape[1] for b in blocks)))
-        row = column = 0
-        for block in blocks:
-            whole[row : row + len(block), column : column + block.shape[1]] = block
-            row, column = row + len(block), column + block.shape[1]
-        return whole
+        return block_diag(*(force.roughness for force in self.forces))
+
+    @cached_property
+    def prior(self) -> np.ndarray:
+        """Mean square (p, p) of the force over the visited states, over that of its natural scale.
+
+        That of each of the forces counts a little: a constant may be a part of either of two, and is shared by them.
+        """
+        each = block_diag(*(force.matrix(self.states.x, self.states.v) for force in self.forces))
+        squares = self.visited.T @ self.visited + SHARE_OF_EACH * each.T @ each
+        return squares / (len(self.visited) * self.scale**2)
 
     @property
     def scale(self) -> float:
@@ -219,7 +225,7 @@ def linearised(fit: Fit, model: FreeModel, count: float) -> Smoothing:
     value = np.array([fit.value(name) for name in np.array(fit.names)[own]])
     target = others(fit.residual + columns @ value)
     return Smoothing.of(
-        columns, projected, target, count - others.rank, model.differences, model.visited, model.scale
+        columns, projected, target, count - others.rank, model.differences, model.prior
     )  # fmt: skip
 
 

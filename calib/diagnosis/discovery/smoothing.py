@@ -61,8 +61,7 @@ class Smoothing:
         target: np.ndarray,
         freedom: float,
         differences: np.ndarray,
-        visited: np.ndarray,
-        scale: float,
+        prior: np.ndarray,
     ) -> "Smoothing":
         """Set the problem up.
 
@@ -73,14 +72,12 @@ class Smoothing:
         target : (N,) y
         freedom : see above
         differences : (k, p) D
-        visited : (n, p) basis functions at the visited states
-        scale : standard deviation of the function over these by the prior, in that of the noise  [m/s^2]
+        prior : (p, p) R' R
         """
         linear = _linear(columns, projected, differences)
         free = projected - (projected @ linear.absorbed) @ linear.dual.T
         frame = np.column_stack([linear.rough, linear.functions])
-        turned, there = free @ frame, visited @ frame
-        prior = there.T @ there / (len(visited) * scale**2)
+        turned, prior = free @ frame, frame.T @ prior @ frame
         rough = differences @ linear.rough
         roughness = np.zeros_like(prior)
         roughness[: rough.shape[1], : rough.shape[1]] = rough.T @ rough

@@ -10,7 +10,7 @@ from calib.diagnosis.score import Projection
 FORCE = free_force("mass", [DISPLACEMENT], {DISPLACEMENT: (-1.0, 1.0)})
 X = np.sin(np.linspace(0.0, 20.0, 600))
 BASIS = FORCE.matrix(X, X)
-SCALE = 100.0
+PRIOR = BASIS.T @ BASIS / (X.size * 100.0**2)
 
 
 def problem(values, absorbed=(), noise=1.0, seed=0):
@@ -18,7 +18,7 @@ def problem(values, absorbed=(), noise=1.0, seed=0):
     data = values + noise * np.random.default_rng(seed).standard_normal(X.size)
     others = Projection(np.column_stack(absorbed) if absorbed else np.zeros((X.size, 0)))
     freedom = X.size - others.rank
-    return Smoothing.of(BASIS, others(BASIS), others(data), freedom, FORCE.roughness, BASIS, SCALE)
+    return Smoothing.of(BASIS, others(BASIS), others(data), freedom, FORCE.roughness, PRIOR)
 
 
 def rms(values):
@@ -68,7 +68,7 @@ def test_weight_and_estimate_agree_with_the_restricted_likelihood_by_its_definit
     data = 3.0 * np.cos(4.0 * X) + np.random.default_rng(0).standard_normal(X.size)
     jitter = 1e-9 * np.diag(smoothing.prior).max() * np.eye(BASIS.shape[1])
     for weight in weights:
-        precision = weight * FORCE.roughness.T @ FORCE.roughness + BASIS.T @ BASIS / (X.size * SCALE**2) + jitter
+        precision = weight * FORCE.roughness.T @ FORCE.roughness + PRIOR + jitter
         covariance = np.eye(X.size) + BASIS @ np.linalg.solve(precision, BASIS.T)
         sign, determinant = np.linalg.slogdet(covariance)
         by_definition = X.size * np.log(data @ np.linalg.solve(covariance, data)) + determinant
