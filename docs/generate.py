@@ -19,7 +19,7 @@ from pydantic_core import PydanticUndefined
 
 from calib import plugins
 from calib.cli import main
-from calib.cli.catalogue import facts, parameters
+from calib.cli.catalogue import effect_groups, facts, parameters
 from calib.digitise.spec import AxisTable, CurveTable, FigureToml, PanelTable, PointTable, PrintedExcitation
 from calib.study_file import schema
 
@@ -164,9 +164,18 @@ def family(group: str) -> str:
     return "\n\n".join(_member(name, item) for name, item in sorted(members.items()))
 
 
-def _member(name: str, item: Any) -> str:
+def effects() -> str:
+    """Return a section for each group of effects, with one for each effect in it."""
+    members = plugins.load_all("calib.effects")
+    parts = []
+    for group, names in effect_groups(members).items():
+        parts += [f"### Effects: {group}", *(_member(name, members[name], "####") for name in names)]
+    return "\n\n".join(parts)
+
+
+def _member(name: str, item: Any, heading: str = "###") -> str:
     lead, _, rest = dict(facts(item))["meaning"].partition("\n\n")
-    lines = [f"### {name}", "", f"{lead[:1].upper()}{lead[1:]}", ""]
+    lines = [f"{heading} {name}", "", f"{lead[:1].upper()}{lead[1:]}", ""]
     if rest:
         lines += [prose(rest), ""]
     lines += [f"- {key}: {_marked(key, value)}" for key, value in facts(item) if key != "meaning" and value]
@@ -252,7 +261,7 @@ GENERATED = {
     "keys of a figure's description": lambda: keys(FIGURE_TABLES),
     "commands": commands,
     "simulators": lambda: family("simulators"),
-    "effects": lambda: family("effects"),
+    "effects": effects,
     "features": lambda: family("features"),
     "optimisers": lambda: family("optimisers"),
     "readers": lambda: family("readers"),

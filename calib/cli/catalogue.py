@@ -8,7 +8,7 @@ from typing import Any
 
 from calib import plugins
 from calib.errors import CalibError, nearest
-from calib.modelling.effect import Effect
+from calib.modelling.effect import GROUPS, Effect
 from calib.modelling.parameter import Parameter
 from calib.study_file import StudyToml
 from calib.study_file.load import CONTRACT_ARGUMENTS
@@ -20,6 +20,26 @@ def catalogue() -> dict[str, dict[str, str]]:
         group.rpartition(".")[2]: {name: _first_line(thing) for name, thing in plugins.load_all(group).items()}
         for group in plugins.GROUPS
     }
+
+
+def sections() -> dict[str, dict[str, str]]:
+    """Return title -> name -> one line on it: the catalogue with the effects by what they are."""
+    groups = catalogue()
+    parts = {}
+    for group, things in groups.items():
+        if group != "effects":
+            parts[group] = things
+            continue
+        for kind, names in effect_groups(plugins.load_all("calib.effects")).items():
+            parts[f"{group}: {kind}"] = {name: things[name] for name in names}
+    return parts
+
+
+def effect_groups(effects: Mapping[str, Any]) -> dict[str, list[str]]:
+    """Return group -> names of the effects in it, in the order of `calib.modelling.effect.GROUPS`."""
+    known = {name: effect.group for name, effect in effects.items() if isinstance(effect, Effect)}
+    groups = {group: [name for name, own in known.items() if own == group] for group in GROUPS}
+    return {group: names for group, names in groups.items() if names}
 
 
 def thing(name: str) -> Any:
@@ -46,6 +66,7 @@ def thing(name: str) -> Any:
 def facts(item: Any) -> Iterator[tuple[str, str]]:
     """Yield name and text of each fact about a member of a family besides its parameters."""
     if isinstance(item, Effect):
+        yield "group", item.group
         yield "site", item.site if item.place == "body" else f"{item.site}, at the {item.place}"
         yield "meaning", item.meaning
         yield "equation", item.equation

@@ -362,8 +362,10 @@ def list_(name: str | None, schema: bool, as_json: bool) -> None:
     if schema:
         click.echo(catalogue.schema())
     elif name is None:
-        groups = catalogue.catalogue()
-        click.echo(json.dumps(groups, indent=2)) if as_json else tables.show_catalogue(groups)
+        if as_json:
+            click.echo(json.dumps(catalogue.catalogue(), indent=2))
+        else:
+            tables.show_catalogue(catalogue.sections())
     else:
         thing = catalogue.thing(name)
         facts, parameters = dict(catalogue.facts(thing)), catalogue.parameters(thing)

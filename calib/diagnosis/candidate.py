@@ -228,9 +228,9 @@ def _variants(effect: Effect, scales: Scales, references: Mapping[str, Reference
         for p in effect.parameters
         if p.null is None
     ]
-    bounds = _bounds(effect, scale)
     variants = []
     for held in itertools.product(*grids):
+        bounds = _bounds(effect, scale, dict(held))
         for own in [free] if effect.differentiable else [(name,) for name in free]:
             absent = {name: effect.null[name] for name in free if name not in own}
             sizes = _sizes(effect, own, scale, references)
@@ -241,14 +241,18 @@ def _variants(effect: Effect, scales: Scales, references: Mapping[str, Reference
     return variants
 
 
-def _bounds(effect: Effect, scale: Mapping[str, float]) -> dict[str, tuple[float, float]]:
-    """Bounds of the parameters that give an effect its form: those it is tried at, and somewhat beyond."""
+def _bounds(effect: Effect, scale: Mapping[str, float], held: Mapping[str, float]) -> dict[str, tuple[float, float]]:
+    """Bounds of the parameters that give an effect its form: those of one sign it is tried at, and somewhat beyond.
+
+    held : of this variant; where it is zero, and of a parameter of the numerics, it stays
+    """
     bounds = {}
     for p in effect.parameters:
-        if p.null is None and effect.differentiable:
-            held = _held(p, effect, scale[p.name])
-            if min(held) > 0.0:
-                bounds[p.name] = max(p.low, min(held) / FORM_BOUND_RATIO), min(p.high, max(held) * FORM_BOUND_RATIO)
+        if p.name in held and held[p.name] != 0.0 and effect.differentiable and p.kind == "physical":
+            sign = np.sign(held[p.name])
+            sizes = [sign * value for value in _held(p, effect, scale[p.name]) if sign * value > 0.0]
+            ends = sorted((sign * min(sizes) / FORM_BOUND_RATIO, sign * max(sizes) * FORM_BOUND_RATIO))
+            bounds[p.name] = max(p.low, float(ends[0])), min(p.high, float(ends[1]))
     return bounds
 
 

@@ -40,6 +40,7 @@ EFFECT = Effect(
     ),
     meaning="play in the mount: a plateau after each reversal, ringing after impacts",
     equation="-backlash_stiffness d, d = dead zone of x - z; z' = v where the spring's force reaches backlash_force",
+    group="contact",
     confused=("gap_offset", "presliding"),
     natural={"backlash_width": (0.1, 0.3, 0.6), "backlash_force": (10.0,)},
     cite="Worden & Tomlinson, Nonlinearity in Structural Dynamics (2001), section 2.3.3",

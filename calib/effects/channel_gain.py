@@ -30,6 +30,6 @@ EFFECT = Effect(
     ),
     meaning="a sensor's sensitivity is not what was thought: the phase curve is stretched along one axis",
     equation="channel (1 + gain)",
-    confused=("plot_scale", "axis_tilt"),
+    confused=("plot_scale", "axis_tilt", "channel_nonlinearity"),
     cite="McConnell & Varoto, Vibration Testing: Theory and Practice (2008)",
 )

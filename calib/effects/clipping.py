@@ -40,7 +40,7 @@ EFFECT = Effect(
     ),
     meaning="a sensor or an amplifier saturates: the phase curve is cut off straight",
     equation="min(max(channel, -clip), clip)",
-    confused=("gap_offset", "channel_gain"),
+    confused=("gap_offset", "channel_gain", "channel_nonlinearity"),
     differentiable=False,
     natural={"clip_displacement": (0.9, 0.7), "clip_velocity": (0.9, 0.7)},
     guess=guess,

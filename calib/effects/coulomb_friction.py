@@ -25,7 +25,8 @@ EFFECT = Effect(
     ),
     meaning="dry friction on a body: decay is linear in time and stops off zero, odd harmonics",
     equation="-friction tanh(v / friction_slip)",
-    confused=("linear_drag", "presliding"),
+    group="friction",
+    confused=("linear_drag", "presliding", "stribeck"),
     natural={"friction_slip": (0.01, 0.05)},
     cite="Worden & Tomlinson, Nonlinearity in Structural Dynamics (2001), section 2.3.5",
 )

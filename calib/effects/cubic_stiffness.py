@@ -20,6 +20,7 @@ EFFECT = Effect(
     parameters=(Parameter("k3", "1/(m^2 s^2)", 0.0, "cubic stiffness over mass; hardening where positive", null=0.0),),
     meaning="stretching of a bent body: the frequency rises with the amplitude squared, third harmonic",
     equation="-k3 x^3",
+    group="stiffness",
     confused=("softening", "detuning_drift", "presliding"),
     cite="Worden & Tomlinson, Nonlinearity in Structural Dynamics (2001), section 2.3.1 and chapter 3",
 )

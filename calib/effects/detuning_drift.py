@@ -20,6 +20,7 @@ EFFECT = Effect(
     parameters=(Parameter("detuning", "1/s^3", 0.0, "rise of the stiffness over mass per time", null=0.0),),
     meaning="warming or settling during the record: the frequency moves with time, not with the amplitude",
     equation="-detuning t x",
+    group="stiffness",
     confused=("softening", "cubic_stiffness", "frequency_drift"),
     transient=True,
 )

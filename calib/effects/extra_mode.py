@@ -33,7 +33,8 @@ EFFECT = Effect(
     ),
     meaning="one more mode, as a resonator on the body: ringing after impacts, a dip and a peak over frequency",
     equation="+mode_mass (w^2 (u - x) + 2 mode_damping w (u' - v)), u'' = -w^2 (u - x) - 2 mode_damping w (u' - v)",
-    confused=("channel_lag", "velocity_lowpass", "backlash"),
+    group="structure",
+    confused=("channel_lag", "velocity_lowpass", "backlash", "fractional_damping"),
     natural={"mode_frequency": (0.3, 0.8, 1.6)},
     cite="Den Hartog, Mechanical Vibrations (1956), chapter 3: the damped vibration absorber",
 )

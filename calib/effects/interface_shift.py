@@ -21,6 +21,7 @@ EFFECT = Effect(
     parameters=(Parameter("interface_shift", "m", 0.0, "part of the gap that is a shift", null=0.0, low=0.0),),
     meaning="the gap is wide up to its ends: impacts are fast but smooth, the layer's amplitude is smaller",
     equation="g_max - interface_shift, s + interface_shift",
+    group="contact",
     confused=("gap_offset", "squeeze_film", "linear_drag", "coulomb_friction"),
     changes=(("g_max", "s"),),
     cite="Parameter estimation for finite element analyses of stationary oscillations "

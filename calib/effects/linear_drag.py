@@ -20,6 +20,7 @@ EFFECT = Effect(
     parameters=(Parameter("c1", "1/s", 0.0, "linear drag, c / m", null=0.0, low=0.0),),
     meaning="a damper between a body and its surroundings: loss per cycle ~ amplitude^2, also without contact",
     equation="-c1 v",
-    confused=("quadratic_drag", "coulomb_friction", "squeeze_film"),
+    group="damping",
+    confused=("quadratic_drag", "coulomb_friction", "squeeze_film", "fractional_damping", "delayed_feedback"),
     cite="Worden & Tomlinson, Nonlinearity in Structural Dynamics (2001), chapter 1",
 )

@@ -20,6 +20,6 @@ EFFECT = Effect(
     parameters=(Parameter("preload", "m/s^2", 0.0, "constant force per unit mass", null=0.0),),
     meaning="weight, a pretensioned mount or glue: the body rests beside where it is thought to",
     equation="+preload",
-    confused=("gap_offset", "channel_offset", "quadratic_stiffness"),
+    confused=("gap_offset", "channel_offset", "quadratic_stiffness", "magnetic_attraction"),
     cite="Worden & Tomlinson, Nonlinearity in Structural Dynamics (2001)",
 )

@@ -24,7 +24,8 @@ EFFECT = Effect(
     ),
     meaning="friction with a stiffness before it slips: the frequency rises at small amplitudes, hysteresis at any",
     equation="-dahl_force z, z' = (v / dahl_distance) (1 - z sgn v)",
-    confused=("coulomb_friction", "cubic_stiffness", "backlash"),
+    group="friction",
+    confused=("coulomb_friction", "cubic_stiffness", "backlash", "bouc_wen", "stribeck"),
     natural={"dahl_distance": (0.02, 0.1, 0.5)},
     cite="Dahl, A Solid Friction Model, Aerospace Corporation TOR-0158 (1968)",
 )

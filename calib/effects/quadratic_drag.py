@@ -20,6 +20,7 @@ EFFECT = Effect(
     parameters=(Parameter("c2", "1/m", 0.0, "quadratic drag, 1/2 rho C_d A / m", null=0.0, low=0.0),),
     meaning="resistance of the air, growing with the velocity squared: loss per cycle ~ amplitude^3, odd harmonics",
     equation="-c2 v |v|",
-    confused=("linear_drag", "coulomb_friction"),
+    group="damping",
+    confused=("linear_drag", "coulomb_friction", "power_law_damping"),
     cite="Worden & Tomlinson, Nonlinearity in Structural Dynamics (2001), section 2.3.4",
 )

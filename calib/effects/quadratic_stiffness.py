@@ -20,6 +20,7 @@ EFFECT = Effect(
     parameters=(Parameter("k2", "1/(m s^2)", 0.0, "quadratic stiffness over mass", null=0.0),),
     meaning="curvature or a one-sided mount: even harmonics, and the mean moves with the amplitude squared",
     equation="-k2 x^2",
-    confused=("preload", "drive_harmonic_2", "channel_offset"),
+    group="stiffness",
+    confused=("preload", "drive_harmonic_2", "channel_offset", "magnetic_attraction"),
     cite="Worden & Tomlinson, Nonlinearity in Structural Dynamics (2001), chapter 3",
 )

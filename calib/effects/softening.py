@@ -20,6 +20,7 @@ EFFECT = Effect(
     parameters=(Parameter("kx", "1/(m s^2)", 0.0, "stiffness over mass per displacement", null=0.0),),
     meaning="joints that loosen or harden: the frequency moves in proportion to the amplitude, odd harmonics",
     equation="-kx x |x|",
+    group="stiffness",
     confused=("cubic_stiffness", "detuning_drift"),
     cite="Worden & Tomlinson, Nonlinearity in Structural Dynamics (2001)",
 )

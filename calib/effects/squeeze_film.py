@@ -23,6 +23,7 @@ EFFECT = Effect(
     parameters=(Parameter("squeeze", "1/s", 0.0, "damping of the open gap over mass", null=0.0, low=0.0),),
     meaning="a cushion of air in the closing gap: loss just before contact, softened impacts",
     equation="-squeeze v (gap / max(x, 0.02 gap))^3 between layer and beam, x the clearance",
+    group="contact",
     confused=("interface_shift", "linear_drag", "adhesion"),
     place="interface",
     borrowed=("gap",),

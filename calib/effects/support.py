@@ -23,6 +23,7 @@ EFFECT = Effect(
     ),
     meaning="what holds the structure has a stiffness and a damping of its own: rigid motion, frequencies shift",
     equation="-support_stiffness x - support_damping v at the supports",
+    group="structure",
     confused=("linear_drag", "added_mass"),
     place="support",
     cite="Ewins, Modal Testing (2000)",

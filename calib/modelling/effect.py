@@ -13,6 +13,11 @@ from calib.modelling.simulator import Simulator
 
 ALL = None  # bodies: whatever the simulator has
 PLACES = ("body", "support", "interface")
+GROUPS = ("stiffness", "damping", "friction", "load", "contact", "structure", "drive", "instrument", "numerics")
+GROUP_OF_SITE = {
+    "force": "load", "gap": "contact", "contact": "contact", "restitution": "contact", "stop": "contact",
+    "excitation": "drive", "structure": "structure", "numerical": "numerics", "sensor": "instrument",
+}  # fmt: skip
 SIZES = (0.01, 0.03, 0.1)  # typical sizes of an effect, in natural scales of its parameters
 
 
@@ -31,6 +36,7 @@ class Effect:
     Attributes
     ----------
     equation : what is added, in plain text
+    group : what it is, one of `GROUPS`, by which it is listed; not stated: by its site, of a force a load
     confused : names of effects that it tends to be mistaken for
     bodies : on which a force law acts; ALL leaves it to `place`
     place : where a force law acts where no bodies are named: "body" (on all bodies), "support", or "interface", the
@@ -56,6 +62,7 @@ class Effect:
     parameters: tuple[Parameter, ...]
     meaning: str
     equation: str = ""
+    group: str = ""
     confused: tuple[str, ...] = ()
     bodies: tuple[str, ...] | None = ALL
     place: str = "body"
@@ -72,6 +79,10 @@ class Effect:
         name = self.name
         if self.site not in SITES:
             raise CalibError(f"effect {name!r} acts at {self.site!r}; sites are {', '.join(SITES)}")
+        if not self.group:
+            object.__setattr__(self, "group", GROUP_OF_SITE[self.site])
+        if self.group not in GROUPS:
+            raise CalibError(f"effect {name!r} is of group {self.group!r}; groups are {', '.join(GROUPS)}")
         if self.law.site != self.site:
             raise CalibError(f"effect {name!r} acts at {self.site!r}, but its law is one of {self.law.site!r}")
         if len(self.parameters) + len(self.borrowed) > MAX_LAW_PARAMETERS:

@@ -362,8 +362,12 @@ def test_list_shows_what_a_study_may_name():
         group = group if line.startswith(" ") else line.strip()
         if re.match(r"   \w", line):
             said.setdefault(group, []).append(line.split()[0])
-    assert list(said) == ["simulators", "effects", "features", "optimisers", "readers"]
-    assert said == {group: sorted(load_all(f"calib.{group}")) for group in said}
+    families = list(dict.fromkeys(title.partition(":")[0] for title in said))
+    assert families == ["simulators", "effects", "features", "optimisers", "readers"]
+    for family in families:
+        listed = [name for title, names in said.items() if title.partition(":")[0] == family for name in names]
+        assert sorted(listed) == sorted(load_all(f"calib.{family}"))
+    assert said["effects: friction"] == ["bouc_wen", "coulomb_friction", "iwan", "presliding", "stribeck"]
 
 
 @pytest.mark.parametrize(
