@@ -73,6 +73,14 @@ CASES = [
     Case("quadratic_drag", c2=0.5),
     Case("coulomb_friction", friction=0.1, friction_slip=3e-3),
     Case("presliding", dahl_force=0.1, dahl_distance=1e-3),
+    Case("bouc_wen", hysteresis_force=0.1, hysteresis_distance=1e-3),
+    Case("iwan", iwan_force=0.1, iwan_distance=1e-3),
+    Case("stribeck", stribeck_force=0.1, stribeck_distance=2e-4, stribeck_speed=0.02),
+    Case("power_law_damping", power_damping=0.1),
+    Case("fractional_damping", fractional_stiffness=200.0, fractional_frequency=26.24),
+    Case("damping_drift", damping_rise=5.0),
+    Case("magnetic_attraction", magnet_strength=1e-6, magnet_distance=5e-3),
+    Case("delayed_feedback", feedback_stiffness=200.0, feedback_damping=0.5, feedback_delay=5e-3),
     Case("cubic_stiffness", k3=1e9),
     Case("quadratic_stiffness", k2=1e6),
     Case("softening", kx=1e6),
@@ -86,6 +94,7 @@ CASES = [
     Case("drive_harmonic_3", h3_cos=0.02, h3_sin=0.01),
     Case("drive_modulation", modulation=0.1),
     Case("frequency_drift", chirp=0.1),
+    Case("phase_jitter", jitter_sin=0.02, jitter_cos=0.01, jitter_frequency=10.0),
     Case("backlash", backlash_stiffness=300.0, backlash_width=5e-4, backlash_force=1.0),
     Case("gap_offset", dg=1e-4),
     Case("interface_shift", **BEAM, interface_shift=1e-4),
@@ -96,6 +105,7 @@ CASES = [
     Case("contact_compliance", **BEAM, hunt_crossley=0.3),
     Case("squeeze_film", squeeze=0.01),
     sensed("channel_gain", gain_displacement=0.02, gain_velocity=-0.01),
+    sensed("channel_nonlinearity", cubic_displacement=3e3, cubic_velocity=1.0),
     sensed("channel_offset", offset_displacement=1e-4, offset_velocity=1e-2),
     sensed("channel_drift", drift_displacement=1e-3, drift_velocity=0.1),
     sensed("channel_lag", lag=1e-4),
@@ -135,7 +145,7 @@ def test_what_is_explicit_in_time_has_no_part_in_a_motion_that_has_settled(name)
 
 
 def test_the_file_of_an_effect_has_its_name_and_what_it_is_confused_with_is_known():
-    assert len(EFFECTS) >= 38
+    assert len(EFFECTS) >= 48
     for name, effect in EFFECTS.items():
         assert effect.name == name
         assert set(effect.confused) <= set(EFFECTS) - {name}

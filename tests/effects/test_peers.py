@@ -34,11 +34,30 @@ VALUES = {
     "extra_mode": {"mode_mass": 0.05, "mode_frequency": 80.0, "mode_damping": 0.02},
     "backlash": {"backlash_stiffness": 2e3, "backlash_width": 3e-4, "backlash_force": 1.0},
     "squeeze_film": {"squeeze": 0.02},
+    "bouc_wen": {
+        "hysteresis_force": 0.5,
+        "hysteresis_distance": 5e-4,
+        "hysteresis_exponent": 1.5,
+        "hysteresis_shape": 0.6,
+    },
+    "iwan": {"iwan_force": 0.5, "iwan_distance": 8e-4, "iwan_exponent": -0.4, "iwan_ratio": 0.6},
+    "stribeck": {
+        "stribeck_force": 0.3,
+        "stribeck_distance": 4e-4,
+        "stribeck_rise": 0.5,
+        "stribeck_speed": 0.05,
+    },
+    "power_law_damping": {"power_damping": 0.3, "power_exponent": 1.5},
+    "fractional_damping": {"fractional_stiffness": 500.0, "fractional_order": 0.4, "fractional_frequency": 20.0},
+    "magnetic_attraction": {"magnet_strength": 3e-6, "magnet_distance": -6e-3},
+    "delayed_feedback": {"feedback_stiffness": 300.0, "feedback_damping": -0.5, "feedback_delay": 8e-3},
 }
 MIXED = [
     ("presliding", "extra_mode", "squeeze_film", "quadratic_drag"),
     ("backlash", "cubic_stiffness", "linear_drag", "preload"),
     ("coulomb_friction", "softening", "quadratic_stiffness", "squeeze_film"),
+    ("bouc_wen", "fractional_damping", "power_law_damping", "magnetic_attraction"),
+    ("iwan", "stribeck", "delayed_feedback"),
 ]
 BODY = "q3"
 

@@ -11,12 +11,14 @@ from calib.simulators.oscillator import Oscillator
 
 EFFECTS = plugins.load_all("calib.effects")
 SENSOR = {name for name, effect in EFFECTS.items() if effect.site == "sensor"}
-STATES = {"presliding", "backlash", "extra_mode"}
+STATES = {
+    "presliding", "backlash", "extra_mode", "bouc_wen", "iwan", "stribeck", "fractional_damping", "delayed_feedback"
+}  # fmt: skip
 ON_A_BODY = {
     "linear_drag", "quadratic_drag", "coulomb_friction", "cubic_stiffness", "quadratic_stiffness", "softening",
-    "preload", "detuning_drift",
+    "preload", "detuning_drift", "power_law_damping", "damping_drift", "magnetic_attraction",
 }  # fmt: skip
-DRIVE = {"drive_harmonic_2", "drive_harmonic_3", "drive_modulation", "frequency_drift"}
+DRIVE = {"drive_harmonic_2", "drive_harmonic_3", "drive_modulation", "frequency_drift", "phase_jitter"}
 LUMPED = SENSOR | STATES | ON_A_BODY | DRIVE | {"added_mass", "time_step"}
 IMPACT = {"gap_offset", "adhesion", "rate_restitution", "squeeze_film", "event_tolerance"}
 YIELDING = {"compliant_contact", "hertz_contact"}
@@ -51,9 +53,9 @@ def test_a_simulator_takes_these_effects_and_says_why_no_others(case):
 
 
 def test_there_are_enough_to_tell_apart():
-    assert len(TAKEN["four_dof"][1]) >= 30
-    assert len(TAKEN["oscillator"][1]) >= 25
-    assert len(SENSOR) == 12
+    assert len(TAKEN["four_dof"][1]) >= 40
+    assert len(TAKEN["oscillator"][1]) >= 35
+    assert len(SENSOR) == 13
 
 
 @pytest.mark.parametrize(
