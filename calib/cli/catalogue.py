@@ -71,6 +71,8 @@ def facts(item: Any) -> Iterator[tuple[str, str]]:
         yield "meaning", item.meaning
         yield "equation", item.equation
         yield "confused with", ", ".join(item.confused)
+        if item.generalises:
+            yield "generalises", ", ".join(item.generalises)
         yield "absent at", ", ".join(f"{name} = {value:g}" for name, value in item.null.items())
         if item.cite:
             yield "source", item.cite

@@ -55,6 +55,8 @@ class Criteria:
         where the other explains most  [1]; convention
     min_rescored_share : predicted reduction, relative to the largest, of a suspect whose derivatives are recomputed
         where they are of another model  [1]; half of `min_leader_share`
+    min_general_share : |z| of a simpler suspect, relative to the threshold, from which on more general ones are tested
+        [1]; the signatures of those in the library have a cosine of 0.85 or more with that of a simpler one
     max_absorbed_share : length of a signature that calibration absorbs, relative to the whole, from which on an effect
         without derivative is not refitted  [1]; convention
     max_nonlinearity : reduction of chi-square by a refit less the predicted one, relative to that, beyond which the
@@ -102,6 +104,7 @@ class Criteria:
     min_leader_share: float = 0.3
     min_signature_cosine: float = 0.95
     min_rescored_share: float = 0.15
+    min_general_share: float = 0.85
     max_absorbed_share: float = 0.9999
     max_nonlinearity: float = 0.25
     min_trial_reduction: float = 0.5

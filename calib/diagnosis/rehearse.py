@@ -194,7 +194,7 @@ def rehearse(
         ready = prepared(open_pool, bench, study, values, effects, lambda text: None)
         if isinstance(ready, NotDiagnosable):
             raise CalibError(f"the study cannot be rehearsed, for it cannot be diagnosed: {failures(ready.gates)}")
-        suspects, _ = screened(ready.fitter, ready.null, ready.suspects, study.seed)
+        suspects, _ = screened(ready.fitter, ready.null, ready.suspects, study.seed, staged=False)
     fitted = ready.null.point.values
     variants = leading_variants(suspects)
     cases = [RehearsalCase(NOTHING, 0.0, {}, seed) for seed in range(seeds * len(strengths))]

@@ -1,17 +1,20 @@
 """Score tests of all candidates on what a model leaves."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from calib.diagnosis.candidate import Candidate
+from calib.diagnosis.criteria import CRITERIA
+from calib.diagnosis.excess import chi2_std, excess_chi2, significant
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.score import Signature, score_test, threshold
 from calib.diagnosis.signature import Slope
 from calib.diagnosis.suspect import Scored, Screened, Untestable
 
+DEFERRED = "not tested: no simpler effect is near the threshold, and the model has no misfit"
 NO_DERIVATIVE = "it has no derivative where it is absent, so no score test; it is judged by the samples themselves"
 
 
@@ -33,15 +36,52 @@ KnownDerivatives = dict[int, Derivatives]  # by the id of the candidate
 
 
 def screened(
-    fitter: Fitter, base: Fit, candidates: Sequence[Candidate], seed: int, known: KnownDerivatives | None = None
+    fitter: Fitter,
+    base: Fit,
+    candidates: Sequence[Candidate],
+    seed: int,
+    known: KnownDerivatives | None = None,
+    staged: bool = True,
 ) -> tuple[list[Screened], float]:
     """Test all candidates on the residual of the model `base`: suspects, the strongest first, and the threshold of |z|.
+
+    Those that generalise others cost most, and change the records similarly to simpler ones: they are tested where any
+    of these is near the threshold, or where the model has a misfit.
 
     Parameters
     ----------
     known : derivatives that are not recomputed; those that are computed here are added
+    staged : whether those that generalise others wait for the simpler ones
     """
-    derivatives, reasons = _derivatives(fitter, base, candidates, {} if known is None else known)
+    known = {} if known is None else known
+    simple = [c for c in candidates if not (staged and c.effect.generalises)]
+    derivatives, reasons = _derivatives(fitter, base, simple, known)
+    suspects, limit = _scored(fitter, base, simple, seed, derivatives, reasons)
+    general = [c for c in candidates if staged and c.effect.generalises]
+    if general and _shows(fitter, base, suspects, limit):
+        more, why = _derivatives(fitter, base, general, known)
+        suspects, limit = _scored(fitter, base, candidates, seed, {**derivatives, **more}, {**reasons, **why})
+    else:
+        suspects += [Untestable(c, DEFERRED, deferred=True) for c in general]
+    return suspects, limit
+
+
+def _shows(fitter: Fitter, base: Fit, suspects: Sequence[Screened], limit: float) -> bool:
+    """Whether a suspect is near the threshold `limit` of |z|, or the model `base` has a misfit."""
+    strongest = max((abs(s.z) for s in suspects if s.is_testable), default=0.0)
+    misfit = significant(excess_chi2(fitter.evidence, base), chi2_std(fitter.evidence))
+    return misfit or strongest > CRITERIA.min_general_share * limit
+
+
+def _scored(
+    fitter: Fitter,
+    base: Fit,
+    candidates: Sequence[Candidate],
+    seed: int,
+    derivatives: KnownDerivatives,
+    reasons: Mapping[int, str],
+) -> tuple[list[Screened], float]:
+    """Score candidates by their derivatives; suspects, the strongest first, and the threshold of |z|."""
     projection, segments = base.projection, fitter.evidence.segments()
     residual = projection(base.residual)
     signatures = {key: Signature.of(d.columns, projection, d.relative_error) for key, d in derivatives.items()}

@@ -58,7 +58,8 @@ class Round:
     def margin(self) -> float:
         """Reduction of chi-square by the best rival less that by the best distinguishable suspect, or less nothing."""
         rivals = {rival.name for rival in self.rivals}
-        others = (s.chi2_reduction for s in self.suspects if isinstance(s, Refitted) and s.name not in rivals)
+        refitted = (s for s in self.suspects if isinstance(s, Refitted) and s.name not in rivals)
+        others = (s.chi2_reduction for s in refitted if not rivals & set(s.generalises))
         return max(rival.chi2_reduction for rival in self.rivals) - max(others, default=0.0)
 
 
@@ -145,7 +146,7 @@ def _leaders(suspects: Sequence[Screened], significant: Sequence[Scored], excess
     leaders: list[Screened] = []
     leaders += [s for s in leading if s.predicted_reduction >= least][: CRITERIA.max_refits]
     if significant or excess_std > CRITERIA.significance_std:
-        untestable = [s for s in suspects if not s.is_testable and not s.candidate.effect.noise]
+        untestable = [s for s in suspects if not (s.is_testable or s.deferred or s.candidate.effect.noise)]
         leaders += [s for s in untestable if s.absorbed < CRITERIA.max_absorbed_share]
     return leaders
 
@@ -367,14 +368,17 @@ def rival_suspects(evidence: Evidence, refitted: Sequence[Refitted], threshold: 
 
     A simpler one is a rival too where the gain by the further parameters of the best is below the threshold of |z|:
     beside it they would be no cause either. Where the best leaves more than noise, differences are judged by the
-    quasi-likelihood, divided by its reduced chi-square (Burnham & Anderson 2002, section 2.5).
+    quasi-likelihood, divided by its reduced chi-square (Burnham & Anderson 2002, section 2.5). One that contains
+    another rival as a special case is none: it explains no more.
     """
     ordered = sorted(refitted, key=lambda s: s.aic_penalty - s.chi2_reduction)
     if not ordered:
         return ()
     best = ordered[0]
     dispersion = max(1.0, best.fit.chi2 / max(1.0, degrees_of_freedom(evidence, best.fit)))
-    return tuple(leading_variants(s for s in ordered if _is_rival(s, best, dispersion, threshold)))
+    rivals = leading_variants(s for s in ordered if _is_rival(s, best, dispersion, threshold))
+    names = {rival.name for rival in rivals}
+    return tuple(rival for rival in rivals if not names & set(rival.generalises))
 
 
 def with_possible_causes(

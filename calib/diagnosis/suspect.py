@@ -30,6 +30,11 @@ class _OfCandidate:
         return self.candidate.name
 
     @property
+    def generalises(self) -> tuple[str, ...]:
+        """Names of the effects that it contains as special cases."""
+        return self.candidate.effect.generalises
+
+    @property
     def parameter_count(self) -> int:
         """Number of its parameters that are fitted."""
         return len(self.candidate.free) + len(self.candidate.form)
@@ -47,9 +52,11 @@ class Untestable(_OfCandidate):
     Attributes
     ----------
     reason : why there is none
+    deferred : whether it was not simulated, because simpler effects show nothing
     """
 
     reason: str
+    deferred: bool = False
     predicted_reduction = known_reduction = z = absorbed = 0.0
     is_testable = False
 
@@ -101,6 +108,7 @@ class Scored(_OfCandidate):
     signature: Signature
     detectable: np.ndarray
     reason: str = ""
+    deferred = False
 
     @property
     def is_testable(self) -> bool:

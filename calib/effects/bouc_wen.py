@@ -31,6 +31,7 @@ EFFECT = Effect(
     equation="-hysteresis_force z, z' = (v / hysteresis_distance) (1 - |z|^hysteresis_exponent (b sgn(v z) + 1 - b))",
     group="friction",
     confused=("presliding", "iwan", "cubic_stiffness"),
+    generalises=("presliding",),
     natural={"hysteresis_distance": (0.1, 0.6)},
     cite="Wen, Method for Random Vibration of Hysteretic Systems, J. Engineering Mechanics Division ASCE 102 (1976) "
     "249",

@@ -12,8 +12,7 @@ def controller(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: n
     """Return the force per unit mass [m/s^2]: -k x(t - T) - c v(t - T), by the Pade approximant [3/4] of exp(-s T).
 
     With s T = q: (840 - 360 q + 60 q^2 - 4 q^3) / (840 + 480 q + 120 q^2 + 16 q^3 + q^4), z the states of its
-    controllable canonical form. Its phase is right to 0.005 rad up to the angular frequency 3 / T; the body was at zero
-    before the run.
+    controllable canonical form; within 0.5 % up to the angular frequency 3 / T. The body was at zero before the run.
     """
     rate = 1.0 / p[2]
     for k in range(3):
@@ -36,6 +35,7 @@ EFFECT = Effect(
     meaning="an actuator, a servo or a cutting tool that answers late: damping of either sign, by the frequency",
     equation="-feedback_stiffness x(t - T) - feedback_damping v(t - T), T = feedback_delay",
     confused=("linear_drag", "fractional_damping", "channel_lag"),
+    generalises=("linear_drag",),
     natural={"feedback_delay": (1.0,)},
     cite="Hu & Wang, Dynamics of Controlled Mechanical Systems with Delayed Feedback (2002)",
 )

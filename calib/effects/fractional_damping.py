@@ -49,6 +49,7 @@ EFFECT = Effect(
     equation="-fractional_stiffness (d/dt)^a x / (2 pi fractional_frequency)^a, four poles, a = fractional_order",
     group="damping",
     confused=("linear_drag", "power_law_damping", "extra_mode"),
+    generalises=("linear_drag",),
     natural={"fractional_frequency": (1.0 / (2.0 * math.pi),)},
     cite="Bagley & Torvik, A Theoretical Basis for the Application of Fractional Calculus to Viscoelasticity, "
     "J. Rheology 27 (1983) 201",

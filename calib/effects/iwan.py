@@ -49,6 +49,7 @@ EFFECT = Effect(
     "z_k' = (v / phi_k) (1 - z_k^2 where v z_k > 0)",
     group="friction",
     confused=("bouc_wen", "presliding", "cubic_stiffness"),
+    generalises=("bouc_wen",),
     natural={"iwan_distance": (0.5,)},
     cite="Segalman, A Four-Parameter Iwan Model for Lap-Type Joints, J. Applied Mechanics 72 (2005) 752",
 )

@@ -31,6 +31,5 @@ EFFECT = Effect(
     "w = 2 pi jitter_frequency",
     confused=("frequency_drift", "drive_modulation"),
     transient=True,
-    natural={"jitter_frequency": (0.03, 0.5)},
     cite="McConnell & Varoto, Vibration Testing: Theory and Practice (2008)",
 )

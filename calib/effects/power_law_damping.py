@@ -28,6 +28,7 @@ EFFECT = Effect(
     equation="-power_damping |v / (1 m/s)|^power_exponent sgn v",
     group="damping",
     confused=("quadratic_drag", "linear_drag", "coulomb_friction"),
+    generalises=("linear_drag", "quadratic_drag"),
     natural={"power_damping": (0.01, 0.1, 1.0), "power_exponent": (1.5, 3.0)},
     cite="Ruzicka & Derby, Influence of Damping in Vibration Isolation (1971)",
 )

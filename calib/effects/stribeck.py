@@ -32,6 +32,7 @@ EFFECT = Effect(
     "g = 1 + stribeck_rise exp(-(v / stribeck_speed)^2)",
     group="friction",
     confused=("coulomb_friction", "presliding"),
+    generalises=("presliding",),
     natural={"stribeck_distance": (0.05,), "stribeck_rise": (0.5,), "stribeck_speed": (0.1,)},
     cite="Canudas de Wit, Olsson, Astrom & Lischinsky, A New Model for Control of Systems with Friction, "
     "IEEE Transactions on Automatic Control 40 (1995) 419",

@@ -38,6 +38,8 @@ class Effect:
     equation : what is added, in plain text
     group : what it is, one of `GROUPS`, by which it is listed; not stated: by its site, of a force a load
     confused : names of effects that it tends to be mistaken for
+    generalises : names of effects that it contains as special cases: a diagnosis tests it only where others show, and
+        names these where they explain as much
     bodies : on which a force law acts; ALL leaves it to `place`
     place : where a force law acts where no bodies are named: "body" (on all bodies), "support", or "interface", the
         port between two bodies (see `calib.modelling.laws`); the simulator states which bodies are at a place
@@ -64,6 +66,7 @@ class Effect:
     equation: str = ""
     group: str = ""
     confused: tuple[str, ...] = ()
+    generalises: tuple[str, ...] = ()
     bodies: tuple[str, ...] | None = ALL
     place: str = "body"
     borrowed: tuple[str, ...] = ()

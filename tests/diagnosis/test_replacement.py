@@ -25,7 +25,9 @@ NAMES = ("wave", "dip", "soft", "step", "mix", "twin")
 
 def effect(name):
     parameters = [Parameter(name, "1", 0.0, "", null=0.0)]
-    return SimpleNamespace(name=name, null={name: 0.0}, parameters=parameters, differentiable=True, guess=None)
+    return SimpleNamespace(
+        name=name, null={name: 0.0}, parameters=parameters, differentiable=True, guess=None, generalises=()
+    )
 
 
 CANDIDATES = [Candidate(effect(name), (name,), {}, {name: 100.0}) for name in NAMES[:4]]

@@ -18,13 +18,14 @@ SIZE, LIMIT = 1000.0, 3.4
 EVIDENCE = SimpleNamespace(counted=lambda: SIZE)
 
 
-def suspect(name, parameters, reduction, chi2):
+def suspect(name, parameters, reduction, chi2, generalises=()):
     """Stand in for a suspect that reduces chi-square by `reduction` to `chi2`."""
     fit = SimpleNamespace(chi2=chi2, columns=np.zeros((0, 0)), nuisances=np.zeros((0, 0)))
     penalty = 2.0 * parameters
     return SimpleNamespace(
-        name=name, parameter_count=parameters, aic_penalty=penalty, chi2_reduction=reduction, fit=fit
-    )
+        name=name, parameter_count=parameters, aic_penalty=penalty, chi2_reduction=reduction, fit=fit,
+        generalises=generalises,
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -43,6 +44,13 @@ def suspect(name, parameters, reduction, chi2):
 def test_a_rival_is_alike_within_what_its_parameters_and_the_noise_allow(parameters, behind, left, alike):
     best, other = suspect("best", 2, 200.0, left), suspect("other", parameters, 200.0 - behind, left)
     assert [s.name for s in rival_suspects(EVIDENCE, [other, best], LIMIT)] == ["best", "other"][: 1 + alike]
+
+
+@pytest.mark.parametrize(("behind", "names"), [(5.0, ["simple"]), (7.0, ["general"])])
+def test_a_law_that_explains_no_more_than_its_special_case_is_no_rival_of_it(behind, names):
+    general = suspect("general", 1, 200.0, SIZE, ("simple",))
+    simple = suspect("simple", 1, 200.0 - behind, SIZE)
+    assert [s.name for s in rival_suspects(EVIDENCE, [general, simple], LIMIT)] == names
 
 
 def fitted(name, reduction, *residual):

@@ -103,6 +103,12 @@ def test_empty_slots_give_nothing():
     assert sum(f(0.0, row) for f, row in zip(functions, p, strict=True)) == 2e-4
 
 
+def test_an_effect_that_says_no_group_is_listed_by_its_site_and_an_unknown_group_is_refused():
+    assert (gap_offset.EFFECT.group, channel_lag.EFFECT.group) == ("contact", "instrument")
+    with pytest.raises(CalibError, match="groups are stiffness, damping"):
+        replace(gap_offset.EFFECT, group="gaps")
+
+
 def test_an_effect_needs_a_null():
     with pytest.raises(CalibError, match="no null"):
         Effect("x", "gap", gap(lambda place, p: p[0]), (Parameter("a", "m", 0.0, ""),), meaning="")
