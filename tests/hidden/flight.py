@@ -91,6 +91,19 @@ class Laws(NamedTuple):
     rate_speed: float = 1.0
     squeeze: float = 0.0
     lowpass: float = 0.0
+    hysteresis_force: float = 0.0
+    hysteresis_distance: float = 1.0
+    hysteresis_exponent: float = 2.0
+    hysteresis_shape: float = 0.5
+    stribeck_force: float = 0.0
+    stribeck_distance: float = 1.0
+    stribeck_rise: float = 0.0
+    stribeck_speed: float = 1.0
+    power_damping: float = 0.0
+    power_exponent: float = 1.0
+    magnet_strength: float = 0.0
+    magnet_distance: float = 1.0
+    damping_rise: float = 0.0
     quintic: float = 0.0
     second_stop: float = 0.0
     stop_place: float = 1.0
@@ -106,8 +119,10 @@ class Laws(NamedTuple):
 
     @property
     def stateful(self) -> bool:
-        """Whether a law has states of its own: z of Dahl, u and u' of the attached mode, the low-passed velocity."""
-        return self.dahl_force != 0.0 or self.mode_mass != 0.0 or self.lowpass != 0.0
+        """Whether a law has states of its own: z of one friction, u and u' of an attached mode, low-passed velocity."""
+        sliding = self.dahl_force != 0.0, self.hysteresis_force != 0.0, self.stribeck_force != 0.0
+        assert sum(sliding) < 2, "a body has one z: hide one of Dahl's friction, Bouc-Wen's and Stribeck's"
+        return any(sliding) or self.mode_mass != 0.0 or self.lowpass != 0.0
 
 
 @njit(cache=True)
@@ -144,6 +159,11 @@ def on_body(t, x, v, z, p):
     a = -p.c1 * v - p.c2 * v * abs(v) - p.k3 * x**3 - p.k2 * x**2 - p.kx * x * abs(x) + p.preload - p.detuning * t * x
     if p.friction != 0.0:
         a -= p.friction * math.tanh(v / p.friction_slip)
+    a -= p.damping_rise * t * v
+    if p.power_damping != 0.0:
+        a -= p.power_damping * math.copysign(abs(v) ** p.power_exponent, v)
+    if p.magnet_strength != 0.0:
+        a -= p.magnet_strength * math.copysign(1.0, p.magnet_distance) / (p.magnet_distance + x) ** 2
     if p.quintic != 0.0:
         a -= p.quintic * x**5
     if p.second_stop != 0.0:  # as spheres touch
@@ -211,6 +231,19 @@ def rates(t, y, memory, plant, p, out):
             if plant.body[i] and p.dahl_force != 0.0:
                 a -= p.dahl_force * y[s]
                 out[s] = (v - abs(v) * y[s]) / p.dahl_distance
+            if plant.body[i] and p.hysteresis_force != 0.0:  # Bouc's three terms, of which A = 1
+                a -= p.hysteresis_force * y[s]
+                even, odd = abs(y[s]) ** p.hysteresis_exponent, abs(y[s]) ** (p.hysteresis_exponent - 1.0) * y[s]
+                turned = p.hysteresis_shape * abs(v) * odd + (1.0 - p.hysteresis_shape) * v * even
+                out[s] = (v - turned) / p.hysteresis_distance
+            if (
+                plant.body[i] and p.stribeck_force != 0.0
+            ):  # LuGre, whose bristles have the stiffness force over distance
+                bristle = y[s] * p.stribeck_distance
+                level = p.stribeck_force * (1.0 + p.stribeck_rise * math.exp(-((v / p.stribeck_speed) ** 2)))
+                bent = p.stribeck_force / p.stribeck_distance * bristle
+                a -= bent
+                out[s] = (v - bent / level * abs(v)) / p.stribeck_distance
             if plant.body[i] and p.mode_mass != 0.0:
                 w = 2.0 * math.pi * p.mode_frequency
                 pull = w * w * (y[s + 1] - x) + 2.0 * p.mode_damping * w * (y[s + 2] - v)

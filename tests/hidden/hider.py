@@ -152,7 +152,7 @@ def _sized(
     """Parameters of the effects, SI, each of this strength or size; and the z of each."""
     values, z = {}, {}
     for name in effects:
-        if name not in at.system.effects:
+        if name not in at.system.hideable:
             raise Refused(f"{at.system.name} has no site for {name!r}")
         known = at.size_for(name, strength) if size is None else size
         values |= at.hidden(name, known)

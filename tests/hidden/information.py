@@ -294,7 +294,7 @@ class Bench:
         return self._number(self._size, effect, z)
 
     def _size(self, effect: str, z: float) -> float:
-        if effect not in self.system.effects:
+        if effect not in self.system.hideable:
             raise Refused(f"{self.system.name} has no site for {effect!r}")
         if effect == "outliers":
             raise Refused("outliers are noise, of which there is no z; give their share as the size")

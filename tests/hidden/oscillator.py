@@ -25,6 +25,9 @@ EFFECTS = (
     "velocity_lowpass", "velocity_differencing", "plot_shear", "plot_scale", "axis_tilt", "clipping", "quantisation",
     "outliers",
 )  # fmt: skip
+UNDRAWN = (
+    "bouc_wen", "stribeck", "power_law_damping", "magnetic_attraction", "damping_drift", "channel_nonlinearity",
+)  # fmt: skip
 DRIVEN = ("drive_modulation",)  # of a drive that begins
 AT_STOP = ("gap_offset", "adhesion", "rate_restitution", "squeeze_film")
 
@@ -98,6 +101,7 @@ def system(
         feature="time_history",
         structure={"added_mass": "mass"},
         effects=EFFECTS + (AT_STOP if stop else ()) + (DRIVEN if transient == "multisine" else ()),
+        undrawn=UNDRAWN,
         length=5e-3,
         omega=2.0 * np.pi * 10.0,
         periods=8,

@@ -31,6 +31,10 @@ def _gain(times, a, b, look):
     return lambda t, x, v, look: ((1.0 + a) * x, (1.0 + b) * v)
 
 
+def _bent(times, a, b, look):
+    return lambda t, x, v, look: (x + a * x**3, v + b * v**3)
+
+
 def _offset(times, a, b, look):
     return lambda t, x, v, look: (x + a, v + b)
 
@@ -88,6 +92,7 @@ ABSENT = {"clip_displacement": np.inf, "clip_velocity": np.inf}
 LAWS = {  # in the order in which a signal meets them; the low-pass goes with the equations of motion
     ("lag",): _lag,
     ("differencing",): _differencing,
+    ("cubic_displacement", "cubic_velocity"): _bent,
     ("gain_displacement", "gain_velocity"): _gain,
     ("offset_displacement", "offset_velocity"): _offset,
     ("drift_displacement", "drift_velocity"): _drift,

@@ -11,7 +11,11 @@ from hidden.flight import Laws, Plant
 from hidden.motion import Motion, repeating, starting
 from hidden.sensors import sensed
 
-TRANSIENT = ("modulation", "detuning")  # laws that are explicit in time: of records that begin, not of what repeats
+TRANSIENT = (
+    "modulation",
+    "detuning",
+    "damping_rise",
+)  # laws that are explicit in time: of records that begin, not of what repeats
 
 
 class Plan(NamedTuple):
@@ -62,7 +66,8 @@ class System:
     place, quantity : of the excitation
     feature : what is compared
     structure : hidden parameter -> the parameter that it is a relative change of
-    effects : hidden in it
+    effects : hidden in it, drawn ones among them
+    undrawn : effects that can be hidden in it too; a case that is drawn stays the same where the library grows
     length, omega : natural scales  [m], [rad/s]
     periods, samples : of a harmonic record
     time : (n,) of another record  [s]
@@ -93,7 +98,13 @@ class System:
     clocks: Mapping[str, Clock] | None = None
     remainders: tuple[str, ...] = ("second_stop", "quintic", "parametric", "magnet", "cogging", "valve")
     step: float = 1e-5
+    undrawn: tuple[str, ...] = ()
     cycles: tuple[float, float] = (2.5, 100.0)
+
+    @property
+    def hideable(self) -> tuple[str, ...]:
+        """Effects that can be hidden in it."""
+        return self.effects + self.undrawn
 
     def clock(self, plan: Plan) -> Clock:
         """Clock of a record."""

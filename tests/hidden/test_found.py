@@ -21,6 +21,9 @@ TONE = Plan("tone", "calibrate", "harmonic", 8.0, 3.4)  # its third harmonic is 
     [
         ("oscillator", "coulomb_friction"),
         ("oscillator", "drive_harmonic_2"),
+        ("oscillator", "damping_drift"),
+        ("oscillator", "channel_nonlinearity"),
+        ("oscillator", "stribeck"),
         ("four_dof", "quadratic_drag"),
         ("four_dof", "gap_offset"),
     ],
