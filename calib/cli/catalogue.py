@@ -8,7 +8,7 @@ from typing import Any
 
 from calib import plugins
 from calib.errors import CalibError, nearest
-from calib.modelling.effect import GROUPS, Effect
+from calib.modelling.effect import EFFECT_GROUPS, Effect
 from calib.modelling.parameter import Parameter
 from calib.study_file import StudyToml
 from calib.study_file.load import CONTRACT_ARGUMENTS
@@ -36,9 +36,9 @@ def sections() -> dict[str, dict[str, str]]:
 
 
 def effect_groups(effects: Mapping[str, Any]) -> dict[str, list[str]]:
-    """Return group -> names of the effects in it, in the order of `calib.modelling.effect.GROUPS`."""
+    """Return group -> names of the effects in it, in the order of `calib.modelling.effect.EFFECT_GROUPS`."""
     known = {name: effect.group for name, effect in effects.items() if isinstance(effect, Effect)}
-    groups = {group: [name for name, own in known.items() if own == group] for group in GROUPS}
+    groups = {group: [name for name, own in known.items() if own == group] for group in EFFECT_GROUPS}
     return {group: names for group, names in groups.items() if names}
 
 

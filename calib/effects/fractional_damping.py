@@ -8,8 +8,8 @@ from calib.modelling.effect import Effect
 from calib.modelling.laws import force
 from calib.modelling.parameter import Parameter
 
-POLES = 4  # nodes that are states
-RATIO = 7.0  # of neighbouring poles: within 1.5 % over five times the middle frequency either way, 4 % over twenty
+DIFFUSIVE_POLES = 4  # nodes that are states
+POLE_RATIO = 7.0  # of neighbouring poles: within 1.5 % over five times the middle frequency either way, 4 % over twenty
 
 
 @force(states=4)
@@ -22,15 +22,15 @@ def springpot(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np
     """
     w = 2.0 * math.pi * p[2]
     a = p[1]
-    pole = RATIO ** (-0.5 * (POLES - 1))  # the slowest, over w
-    weight = math.sin(math.pi * a) / math.pi * math.log(RATIO) * pole**a
-    pull = weight / (RATIO**a - 1.0) * x
-    for k in range(POLES):
+    pole = POLE_RATIO ** (-0.5 * (DIFFUSIVE_POLES - 1))  # the slowest, over w
+    weight = math.sin(math.pi * a) / math.pi * math.log(POLE_RATIO) * pole**a
+    pull = weight / (POLE_RATIO**a - 1.0) * x
+    for k in range(DIFFUSIVE_POLES):
         dz[k] = v - pole * w * z[k]
         pull += weight * z[k]
-        pole *= RATIO
-        weight *= RATIO**a
-    pull += weight / (1.0 - RATIO ** (a - 1.0)) * v / (pole * w)
+        pole *= POLE_RATIO
+        weight *= POLE_RATIO**a
+    pull += weight / (1.0 - POLE_RATIO ** (a - 1.0)) * v / (pole * w)
     return -p[0] * pull
 
 

@@ -6,10 +6,8 @@ from calib.modelling.effect import Effect
 from calib.modelling.laws import force
 from calib.modelling.parameter import Parameter
 
-FIRST_EDGE = (
-    1.0 / 16.0
-)  # of the cells of slip displacements, over the largest one; each edge is four times the last  [1]
-CELLS = 3  # sliders that stand for the power law; a fourth is the last to slip
+FIRST_CELL_EDGE = 1.0 / 16.0  # of slip displacements, over the largest; each further edge is four times the last  [1]
+POWER_LAW_SLIDERS = 3  # sliders that stand for the power law; a fourth is the last to slip
 
 
 @force(states=4)
@@ -22,10 +20,10 @@ def joint(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.nda
     """
     stiff, slip = p[2] + 1.0, p[2] + 2.0
     total = 1.0 / slip + p[3] / stiff
-    pull, low, high = 0.0, 0.0, FIRST_EDGE
-    for k in range(CELLS + 1):
+    pull, low, high = 0.0, 0.0, FIRST_CELL_EDGE
+    for k in range(POWER_LAW_SLIDERS + 1):
         share, distance = p[3] / stiff, 1.0  # the last slider
-        if k < CELLS:
+        if k < POWER_LAW_SLIDERS:
             share = (high**slip - low**slip) / slip
             distance = share * stiff / (high**stiff - low**stiff)
             low, high = high, 4.0 * high

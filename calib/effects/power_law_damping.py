@@ -6,13 +6,11 @@ from calib.modelling.effect import Effect
 from calib.modelling.laws import force
 from calib.modelling.parameter import Parameter
 
-REFERENCE_SPEED = 1.0  # m/s, at which the size is the force
-
 
 @force
 def damper(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
     """Return the force per unit mass [m/s^2] at the velocity v [m/s]: -a |v / (1 m/s)|^n sgn v."""
-    size = p[0] * abs(v / REFERENCE_SPEED) ** p[1]
+    size = p[0] * abs(v) ** p[1]  # v over 1 m/s
     return -size if v > 0.0 else size
 
 

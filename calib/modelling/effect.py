@@ -13,7 +13,7 @@ from calib.modelling.simulator import Simulator
 
 ALL = None  # bodies: whatever the simulator has
 PLACES = ("body", "support", "interface")
-GROUPS = ("stiffness", "damping", "friction", "load", "contact", "structure", "drive", "instrument", "numerics")
+EFFECT_GROUPS = ("stiffness", "damping", "friction", "load", "contact", "structure", "drive", "instrument", "numerics")
 GROUP_OF_SITE = {
     "force": "load", "gap": "contact", "contact": "contact", "restitution": "contact", "stop": "contact",
     "excitation": "drive", "structure": "structure", "numerical": "numerics", "sensor": "instrument",
@@ -36,7 +36,7 @@ class Effect:
     Attributes
     ----------
     equation : what is added, in plain text
-    group : what it is, one of `GROUPS`, by which it is listed; not stated: by its site, of a force a load
+    group : what it is, one of `EFFECT_GROUPS`, by which it is listed; not stated: by its site, of a force a load
     confused : names of effects that it tends to be mistaken for
     generalises : names of effects that it contains as special cases: a diagnosis tests it only where others show, and
         names these where they explain as much
@@ -84,8 +84,8 @@ class Effect:
             raise CalibError(f"effect {name!r} acts at {self.site!r}; sites are {', '.join(SITES)}")
         if not self.group:
             object.__setattr__(self, "group", GROUP_OF_SITE[self.site])
-        if self.group not in GROUPS:
-            raise CalibError(f"effect {name!r} is of group {self.group!r}; groups are {', '.join(GROUPS)}")
+        if self.group not in EFFECT_GROUPS:
+            raise CalibError(f"effect {name!r} is of group {self.group!r}; groups are {', '.join(EFFECT_GROUPS)}")
         if self.law.site != self.site:
             raise CalibError(f"effect {name!r} acts at {self.site!r}, but its law is one of {self.law.site!r}")
         if len(self.parameters) + len(self.borrowed) > MAX_LAW_PARAMETERS:
