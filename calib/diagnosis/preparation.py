@@ -99,7 +99,9 @@ def prepared(
     if masks is not None:
         null, gates[-1] = _regathered(fitter, null, bench, records, None, masks)
     if _is_noise_undetermined(fitter.evidence, null):
-        slopes = fitter.candidate_slopes(null, [c for c in suspects if c.effect.differentiable])
+        # those that generalise others change the records similarly, and would leave the noise no more
+        explaining = [c for c in suspects if c.effect.differentiable and not c.effect.generalises]
+        slopes = fitter.candidate_slopes(null, explaining)
         columns = [slope.column for own in slopes for slope in own if slope.column is not None]
         left = remainder(fitter.evidence, null, columns)
         null, gates[-1] = _regathered(fitter, null, bench, records, left, masks)
@@ -151,9 +153,9 @@ def _gates_of_simulations(
 
 
 def _expected_scores(evidence: Evidence, suspects: Sequence[Candidate]) -> int:
-    """Number of parameters to be scored; twice where the noise is estimated from the residual of all candidates."""
-    searches = 1 + any(noise.source == RESIDUAL for part in evidence.parts for noise in part.compared_noise)
-    return searches * sum(len(c.free) for c in suspects)
+    """Number of parameters to be scored; most of them twice where the noise is estimated from what they all leave."""
+    twice = any(noise.source == RESIDUAL for part in evidence.parts for noise in part.compared_noise)
+    return sum(len(c.free) * (2 if twice and not c.effect.generalises else 1) for c in suspects)
 
 
 def _regathered(

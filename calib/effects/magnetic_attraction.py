@@ -32,6 +32,7 @@ EFFECT = Effect(
     meaning="a magnet or an electrode beside the body: it rests nearer to it and is softer; even harmonics",
     equation="-magnet_strength sgn d / (d + x)^2, d = magnet_distance, |d + x| >= 0.1 |d| on the magnet's side",
     confused=("quadratic_stiffness", "preload", "cubic_stiffness"),
+    generalises=("preload",),  # far away
     natural={"magnet_distance": (2.0, -2.0)},
     cite="Schweitzer & Maslen (eds.), Magnetic Bearings (2009)",
 )

@@ -15,7 +15,7 @@ def seek(
 ) -> Diagnosis:
     """Calibrate the study in `folder`, and diagnose it in this process.
 
-    without : effects that are taken out of the library
+    without : effects that are taken out of the library, and those that contain them with them
     only : effects that the library is reduced to, unless empty
     next_measurement : whether it is sought, where several causes are left
     """
@@ -23,6 +23,6 @@ def seek(
     study = file.study
     found = study.run(Store(folder / "out"), InProcess(partial(evaluate, study.without_search())))
     values = {**study.space.fixed, **found.best.values}
-    effects = [e for e in file.suspects() if e.name not in without and (not only or e.name in only)]
+    effects = [e for e in file.suspects() if not {e.name, *e.generalises} & set(without) and (not only or e.name in only)]
     laboratory = file.laboratory if next_measurement else None
     return diagnose(study, file.others, values, effects, seed=study.seed, pool=InProcess, laboratory=laboratory)
