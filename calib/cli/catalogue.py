@@ -73,6 +73,8 @@ def facts(item: Any) -> Iterator[tuple[str, str]]:
         yield "confused with", ", ".join(item.confused)
         if item.generalises:
             yield "generalises", ", ".join(item.generalises)
+        if item.requires:
+            yield "requires", f"{item.requires}; a diagnosis suspects it where candidates name it"
         yield "absent at", ", ".join(f"{name} = {value:g}" for name, value in item.null.items())
         if item.cite:
             yield "source", item.cite

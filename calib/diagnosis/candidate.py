@@ -198,6 +198,8 @@ def _refusal(model: Model, effect: Effect, references: Mapping[str, Reference], 
     reason = effect.refusal(model.simulator)
     if reason:
         return reason
+    if effect.requires:
+        return f"it requires {effect.requires}; where there is one, name it among [diagnosis] candidates"
     own = {p.name for p in model.simulator.parameters}
     changed = next((names for names in effect.changes if all(name in own for name in names)), ())
     if effect.site == "structure" and changed and all(name in searched for name in changed):

@@ -36,6 +36,7 @@ EFFECT = Effect(
     equation="-feedback_stiffness x(t - T) - feedback_damping v(t - T), T = feedback_delay",
     confused=("linear_drag", "fractional_damping", "channel_lag"),
     generalises=("linear_drag",),
+    requires="a controller or a cutting tool that acts on the body",
     natural={"feedback_delay": (1.0,)},
     cite="Hu & Wang, Dynamics of Controlled Mechanical Systems with Delayed Feedback (2002)",
 )

@@ -40,6 +40,8 @@ class Effect:
     confused : names of effects that it tends to be mistaken for
     generalises : names of effects that it contains as special cases: a diagnosis tests it only where others show, and
         names these where they explain as much
+    requires : apparatus without which it cannot act and which few laboratories have, such as "a controller"; "" for
+        none. A diagnosis suspects it only where its candidates name it
     bodies : on which a force law acts; ALL leaves it to `place`
     place : where a force law acts where no bodies are named: "body" (on all bodies), "support", or "interface", the
         port between two bodies (see `calib.modelling.laws`); the simulator states which bodies are at a place
@@ -67,6 +69,7 @@ class Effect:
     group: str = ""
     confused: tuple[str, ...] = ()
     generalises: tuple[str, ...] = ()
+    requires: str = ""
     bodies: tuple[str, ...] | None = ALL
     place: str = "body"
     borrowed: tuple[str, ...] = ()

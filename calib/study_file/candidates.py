@@ -1,7 +1,7 @@
 """Effects that a diagnosis may name, as a study file or Python states them."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,31 @@ from calib.modelling.effect import Effect
 from calib.study_file.mistakes import Mistakes, PythonOrigin, read_as
 from calib.study_file.schema import DiagnosisTable, EffectTable
 
-Candidates = tuple[tuple[str, tuple[str, ...] | None], ...]  # effects, with the bodies they act on
 ALL = "all"  # among names: every registered effect that has no entry of its own
+
+
+@dataclass(frozen=True)
+class CandidateEntry:
+    """An effect that a diagnosis may name.
+
+    Attributes
+    ----------
+    reference : name of an entry point, or "package.module:Thing"
+    bodies : on which it acts; None: where the simulator has its place
+    named : whether it is stated by itself, and not as one of all: what it requires is then there
+    """
+
+    reference: str
+    bodies: tuple[str, ...] | None = None
+    named: bool = True
+
+    def effect(self, folder: Path | None) -> Effect:
+        """Return the effect, which requires nothing more where it is named."""
+        effect = named_effect(self.reference, self.bodies, folder)
+        return replace(effect, requires="") if self.named and effect.requires else effect
+
+
+Candidates = tuple[CandidateEntry, ...]
 
 
 def named_effect(name: str, bodies: Sequence[str] | None, folder: Path | None) -> Effect:
@@ -28,6 +51,11 @@ def named_effect(name: str, bodies: Sequence[str] | None, folder: Path | None) -
     if not isinstance(effect, Effect):
         raise CalibError(f"{name!r} is no effect but a {type(effect).__name__}")
     return effect if bodies is None else replace(effect, bodies=tuple(bodies))
+
+
+def registered_candidates() -> Candidates:
+    """Candidates where none are stated: all effects that are registered."""
+    return tuple(CandidateEntry(name, named=False) for name in plugins.names("calib.effects"))
 
 
 def stated_candidates(stated: str | Sequence[Any], folder: Path) -> Candidates | None:
@@ -54,13 +82,14 @@ def read_candidates(asked: Sequence[EffectTable] | None, mistakes: Mistakes, *ke
     if asked is None:
         return None
     named = {entry.name for entry in asked}
-    candidates: list[tuple[str, tuple[str, ...] | None]] = []
+    candidates: list[CandidateEntry] = []
     for index, entry in enumerate(asked):
         if entry.name == ALL and entry.bodies is None:
-            candidates += [(name, None) for name in plugins.names("calib.effects") if name not in named]
-            named.update(plugins.names("calib.effects"))
+            others = [one for one in registered_candidates() if one.reference not in named]
+            candidates += others
+            named.update(one.reference for one in others)
             continue
         with mistakes.at(*key, index):
             named_effect(entry.name, entry.bodies, mistakes.modules)
-        candidates.append((entry.name, None if entry.bodies is None else tuple(entry.bodies)))
+        candidates.append(CandidateEntry(entry.name, None if entry.bodies is None else tuple(entry.bodies)))
     return tuple(candidates)

@@ -21,7 +21,7 @@ from calib.objective import Objective, Reference, Term
 from calib.store.plain import plain
 from calib.store.record_files import Keep
 from calib.study import CalibrationStudy, ModelSummary, check_searched, check_stated
-from calib.study_file.candidates import Candidates, named_effect, read_candidates
+from calib.study_file.candidates import Candidates, named_effect, read_candidates, registered_candidates
 from calib.study_file.code import used_code
 from calib.study_file.folder import results_folder
 from calib.study_file.laboratory import read_laboratory
@@ -48,8 +48,7 @@ class StudyFile:
     others : the references that are not calibrated on ("holdout", "name"), by name
     folder : where results go unless the command line says otherwise
     view, keep : of the store: the Optuna view ("journal" or a URL), the records kept
-    candidates : effects that a diagnosis may name, with the bodies they act on (None: where the simulator has their
-        place); None are all that are registered
+    candidates : effects that a diagnosis may name; None are all that are registered
     laboratory : what it can do in a next measurement
     """
 
@@ -82,15 +81,11 @@ class StudyFile:
         ------
         CalibError : one of them does not load
         """
-        registered = plugins.names("calib.effects")
-        asked = [(name, None) for name in registered] if self.candidates is None else list(self.candidates)
-        effects = [named_effect(name, bodies, self.path.parent) for name, bodies in asked]
+        folder, registered = self.path.parent, registered_candidates()
+        asked = registered if self.candidates is None else self.candidates
+        effects = [one.effect(folder) for one in asked]
         known = {effect.name for effect in effects}
-        gates = (
-            [named_effect(name, None, self.path.parent) for name in registered if name not in known]
-            if self.candidates
-            else []
-        )
+        gates = [one.effect(folder) for one in registered if one.reference not in known] if asked else []
         return effects + [effect for effect in gates if effect.site == "numerical"]
 
     def effect_references(self) -> dict[str, str]:
@@ -102,8 +97,8 @@ class StudyFile:
         ------
         CalibError : one of them does not load
         """
-        asked = plugins.names("calib.effects") if self.candidates is None else [name for name, _ in self.candidates]
-        return {named_effect(reference, None, self.path.parent).name: reference for reference in asked}
+        asked = registered_candidates() if self.candidates is None else self.candidates
+        return {one.effect(self.path.parent).name: one.reference for one in asked}
 
     def setting(
         self, values: Mapping[str, float] | None = None, record: str | None = None, phase: float = 0.0

@@ -339,7 +339,10 @@ class DiagnosisTable(TomlTable):
         list[Annotated[EffectTable, BeforeValidator(_effect, json_schema_input_type=str | EffectTable)]] | None,
         BeforeValidator(_candidates, json_schema_input_type=Literal["all"] | list[str | EffectTable]),
     ] = None
-    """Effects that may be the cause, by name or as { name, bodies }; "all", alone or among them: all installed ones."""
+    """Effects that may be the cause, by name or as { name, bodies }; "all", alone or among them: all installed ones.
+
+    Those that require an apparatus, such as `delayed_feedback` a controller, are suspected only where they are named.
+    """
     bench: BenchTable = BenchTable()
     """What the laboratory can do in a next measurement."""
 

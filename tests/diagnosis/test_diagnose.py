@@ -237,7 +237,7 @@ def test_outliers_are_named_and_taken_out():
 
 
 def test_effects_that_cannot_act_are_refused_with_the_reason():
-    library = effects("gap_offset", "support", "drive_harmonic_2", "added_mass", "clipping")
+    library = effects("gap_offset", "support", "drive_harmonic_2", "added_mass", "delayed_feedback", "clipping")
     found, refused = candidates(OSCILLATOR, library, references(), ["mass"])
     assert {c.name for c in found} == {"clipping"}
     assert len(found) == 2  # one of each channel
@@ -245,6 +245,7 @@ def test_effects_that_cannot_act_are_refused_with_the_reason():
     assert "support" in refused["support"]
     assert "harmonic" in refused["drive_harmonic_2"]
     assert "searched already" in refused["added_mass"]
+    assert "requires a controller" in refused["delayed_feedback"]
 
 
 @pytest.mark.slow

@@ -221,6 +221,15 @@ def test_all_among_the_candidates_is_every_effect_without_an_entry_of_its_own(tm
     assert len(file.candidates) == len(effects)
 
 
+@pytest.mark.parametrize(
+    ("listed", "there"), [('"all"', False), ('["all"]', False), ('["all", "delayed_feedback"]', True)]
+)
+def test_what_an_effect_requires_is_there_where_candidates_name_it(tmp_path, listed, there):
+    file = load(write_study(tmp_path, ("[windows]", f"[diagnosis]\ncandidates = {listed}\n\n[windows]")))
+    effects = {effect.name: effect for effect in file.suspects()}
+    assert bool(effects["delayed_feedback"].requires) != there
+
+
 # --- the bench of a laboratory
 
 
