@@ -23,6 +23,7 @@ def seek(
     study = file.study
     found = study.run(Store(folder / "out"), InProcess(partial(evaluate, study.without_search())))
     values = {**study.space.fixed, **found.best.values}
-    effects = [e for e in file.suspects() if not {e.name, *e.generalises} & set(without) and (not only or e.name in only)]
+    kept = [e for e in file.suspects() if not {e.name, *e.generalises} & set(without)]
+    effects = [e for e in kept if not only or e.name in only]
     laboratory = file.laboratory if next_measurement else None
     return diagnose(study, file.others, values, effects, seed=study.seed, pool=InProcess, laboratory=laboratory)
