@@ -59,6 +59,7 @@ MIXED = [
     ("bouc_wen", "fractional_damping", "power_law_damping", "magnetic_attraction"),
     ("iwan", "stribeck", "delayed_feedback"),
 ]
+MANY_STATES = MIXED[3:]
 BODY = "q3"
 
 
@@ -90,8 +91,19 @@ def effects_of(names, bodies=None):
     return [EFFECTS[n] if EFFECTS[n].place != "body" else replace(EFFECTS[n], bodies=bodies) for n in names]
 
 
-@pytest.mark.parametrize("names", [*MIXED, ("support", "squeeze_film", "softening", "extra_mode")], ids="-".join)
-@pytest.mark.parametrize("gap", [1e-3, 2e-4])
+@pytest.mark.parametrize(
+    ("names", "gap"),
+    [
+        pytest.param(
+            names,
+            gap,
+            marks=pytest.mark.slow if gap == 1e-3 and names in MANY_STATES else (),
+            id="-".join([f"{gap}", *names]),
+        )
+        for names in [*MIXED, ("support", "squeeze_film", "softening", "extra_mode")]
+        for gap in (1e-3, 2e-4)
+    ],
+)
 def test_impacts_of_the_minimal_model(names, gap):
     count, frequency = 6, 26.24
     simulator = FourDof().finer("time_step", 24.0)

@@ -1,4 +1,4 @@
-"""Laws of damping, hysteresis and feedback against their special cases and transfer functions."""
+"""Laws of damping, hysteresis, play and feedback against their special cases and transfer functions."""
 
 import numpy as np
 import pytest
@@ -91,6 +91,33 @@ def test_friction_is_higher_at_rest_than_in_fast_sliding():
         force, rates = law(0.0, v, [z])
         assert force == pytest.approx(-2.0 * z)
         assert rates[0] * 1e-5 / v == pytest.approx(0.0, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("law", "sticks"),
+    [
+        (Bound("stribeck", stribeck_force=2.0, stribeck_distance=1e-4), True),
+        (Bound("presliding", dahl_force=2.0, dahl_distance=1e-4), True),
+        (Bound("coulomb_friction", friction=2.0, friction_slip=1e-3), False),
+    ],
+    ids=["stribeck", "presliding", "coulomb_friction"],
+)
+def test_a_load_below_the_friction_is_held_at_rest_by_a_law_with_a_state(law, sticks):
+    load, step, x, v, z = 1.6, 1e-4, 0.0, 0.0, np.zeros(law.states)
+    for _ in range(5_000):  # semi-implicit Euler, half a second
+        force, rates = law(x, v, z)
+        v += step * (load + force - 100.0 * v)
+        x, z = x + step * v, z + step * rates
+    assert (abs(v) < 1e-9) == sticks
+    assert (x < 3e-4) == sticks
+
+
+def test_backlash_whose_mount_does_not_slide_is_play_on_two_sides():
+    law = Bound("backlash", backlash_stiffness=100.0, backlash_width=1e-3, backlash_force=1.0)
+    for x in (-3e-3, -5e-4, 0.0, 5e-4, 3e-3):
+        force, rates = law(x, np.sign(x), [0.0])
+        assert force == pytest.approx(-100.0 * np.sign(x) * max(0.0, abs(x) - 1e-3))
+        assert rates[0] == 0.0
 
 
 @pytest.mark.parametrize("order", [0.2, 0.5, 0.8])
