@@ -32,6 +32,7 @@ from calib.plugins import load
 from calib.records import make
 from calib.records.excitation import Excitation
 from calib.study import CalibrationStudy
+from calib.study_file.candidates import CandidateEntry
 
 OSCILLATOR = Model(load("calib.simulators", "oscillator")())
 TIMES = np.arange(500) / 500.0  # s
@@ -42,7 +43,8 @@ TRUTH = {"mass": 1.0, "damping": 2.0, "stiffness": 4000.0}
 
 
 def effects(*names):
-    return [load("calib.effects", name) for name in names]
+    """Effects as candidates that are stated by name."""
+    return [CandidateEntry(name).effect(None) for name in names]
 
 
 def sweep(amplitude):
@@ -237,8 +239,9 @@ def test_outliers_are_named_and_taken_out():
 
 
 def test_effects_that_cannot_act_are_refused_with_the_reason():
-    library = effects("gap_offset", "support", "drive_harmonic_2", "added_mass", "delayed_feedback", "clipping")
-    found, refused = candidates(OSCILLATOR, library, references(), ["mass"])
+    library = effects("gap_offset", "support", "drive_harmonic_2", "added_mass", "clipping")
+    of_all = load("calib.effects", "delayed_feedback")
+    found, refused = candidates(OSCILLATOR, [*library, of_all], references(), ["mass"])
     assert {c.name for c in found} == {"clipping"}
     assert len(found) == 2  # one of each channel
     assert "takes laws at" in refused["gap_offset"]
@@ -246,6 +249,13 @@ def test_effects_that_cannot_act_are_refused_with_the_reason():
     assert "harmonic" in refused["drive_harmonic_2"]
     assert "searched already" in refused["added_mass"]
     assert "requires a controller" in refused["delayed_feedback"]
+
+
+@pytest.mark.slow
+def test_delayed_feedback_is_named_where_it_is_among_the_candidates_by_name():
+    truth = {"feedback_stiffness": -60.0, "feedback_delay": 0.03}
+    found = diagnosed(references(["delayed_feedback"], **truth), library=(*LIBRARY, "delayed_feedback"))
+    assert (found.verdict, found.causes) == ("named", ("delayed_feedback",))
 
 
 @pytest.mark.slow
