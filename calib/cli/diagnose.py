@@ -16,7 +16,7 @@ from rich.table import Table
 from calib.cli.options import pool_table
 from calib.cli.status import folder_of
 from calib.diagnosis.document import DiagnosisResult, SuspectResult
-from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, explained
+from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED, explained
 from calib.execution.progress import LINE_INTERVAL
 from calib.report.formatting import distinguishing_digits
 from calib.report.pages.diagnosis.conclusion import REFITTED, left_out, proposal
@@ -122,6 +122,8 @@ def show(diagnosis: DiagnosisResult, folder: Path, extended: Path | None, consol
         console.print(escape(proposal(diagnosis.measurements)), soft_wrap=True)
         for line in _design(diagnosis):
             console.print(escape(line), soft_wrap=True)
+    if diagnosis.verdict == UNEXPLAINED:
+        console.print("calib discover looks for a force that no effect has, as a free function", soft_wrap=True)
     console.print(f"{diagnosis.simulations} simulations in {diagnosis.seconds:.1f} s")
     console.print(f"files:  {escape(str(folder))}/ (diagnosis.json, diagnosis.nc, report.html)", soft_wrap=True)
     if extended is not None:

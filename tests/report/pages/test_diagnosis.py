@@ -210,6 +210,9 @@ def test_where_no_measurement_would_decide_it_says_so():
     tried = [found | {"z_max": most} for found, most in zip(said["measurements"], (2.0, 2.2), strict=True)]
     sentence = "To measure next: no measurement within the bounds would distinguish them (z = 2.2 at most)."
     assert sentence in points(result(said | {"measurements": tried}))
+    tried[1]["z_max"] = 282.0  # of a measurement that ranks behind, for simulations do not confirm it
+    text = " ".join(points(result(said | {"measurements": tried})))
+    assert "(z = 2 at most); derivatives alone predict up to z = 2.8e+02, which simulations do not confirm." in text
     assert points(result(said | {"measurements": []}))[-1].startswith("To measure next: unknown, ")
 
 
@@ -411,6 +414,16 @@ def test_a_simulator_without_force_laws_is_not_offered_one(takes_laws, advice):
     said = points(result(document("unexplained", VALUES)), takes_laws=takes_laws)
     assert any(advice in sentence for sentence in said)
     assert takes_laws == any("calib new effect" in sentence for sentence in said)
+    assert takes_laws == any("calib discover" in sentence for sentence in said)
+
+
+@pytest.mark.parametrize(("left", "offered"), [(1000.0, True), (10.0, False)])
+def test_where_named_effects_leave_a_misfit_a_search_for_a_force_is_offered(left, offered):
+    told = result(document("named", VALUES))
+    misfit = replace(told.misfit, remaining_chi2=left, chi2_std=100.0)
+    for takes_laws in (True, False):
+        said = points(replace(told, misfit=misfit), takes_laws=takes_laws)
+        assert any("calib discover" in sentence for sentence in said) == (offered and takes_laws)
 
 
 @pytest.mark.parametrize("several", [False, True])

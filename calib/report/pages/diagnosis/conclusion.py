@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.design_document import MeasurementResult
 from calib.diagnosis.document import DiagnosisResult, GainResult, GateResult, MisfitResult
+from calib.diagnosis.excess import significant
 from calib.diagnosis.measurement import DECISIVE_Z
 from calib.diagnosis.preparation import OUTLIERS, QUANTISATION
 from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED, explained, joined
@@ -27,6 +28,11 @@ REMEDIES = {
 REFINE = (
     "make the simulator's step or tolerance finer in [model] and calibrate again: as it is, an error of the solver "
     "would be mistaken for a physical effect"
+)
+
+DISCOVER_REST = (
+    "What the extended model leaves may be a force that no effect has: calibrate it (calib run); calib discover then "
+    "looks for that force as a free function beside the effects that were named."
 )
 
 
@@ -81,7 +87,10 @@ def points(diagnosis: DiagnosisResult, with_force_plots: bool = True, takes_laws
             "An effect of the smallest detectable size in the table below, or larger, would have been found."
         )
     if diagnosis.verdict == UNEXPLAINED:
-        own = "an effect that is no candidate yet is added as one file (calib new effect)."
+        own = (
+            "calib discover looks for the force that is missing, as a free function on each body; an effect that is "
+            "no candidate yet is added as one file (calib new effect)."
+        )
         if not takes_laws:
             own = (
                 "the simulator takes no force laws: an effect that is no candidate yet is one of the sensors, or one "
@@ -89,6 +98,8 @@ def points(diagnosis: DiagnosisResult, with_force_plots: bool = True, takes_laws
             )
         figures = "The figures of the missing acceleration show the form that a law would need"
         sentences.append(f"{figures}; {own}" if with_force_plots else capitalised(own))
+    elif takes_laws and diagnosis.misfit is not None and added(diagnosis) and _leaves_misfit(diagnosis.misfit):
+        sentences.append(DISCOVER_REST)
     sentences += [*_faults(diagnosis), *_extension(diagnosis)]
     if diagnosis.verdict == ONE_OF and diagnosis.design is not None:
         sentences.append(f"{proposal(diagnosis.measurements)}.")
@@ -133,11 +144,12 @@ def proposal(measurements: Sequence[MeasurementResult]) -> str:
     best = measurements[0]
     if best.z_max >= DECISIVE_Z:
         return f"To measure next: {best.description}, {best.prediction}"
-    text = f"To measure next: no measurement within the bounds would distinguish them (z = {best.z_max:.2g} at most)"
-    promised = max(m.z_max for m in measurements)
-    if promised < DECISIVE_Z:
+    decisive = [m.z_max for m in measurements if m.z_max >= DECISIVE_Z]
+    most = max(m.z_max for m in measurements if m.z_max < DECISIVE_Z)
+    text = f"To measure next: no measurement within the bounds would distinguish them (z = {most:.2g} at most)"
+    if not decisive:
         return text
-    return f"{text}; derivatives alone predict up to z = {promised:.2g}, which simulations do not confirm"
+    return f"{text}; derivatives alone predict up to z = {max(decisive):.2g}, which simulations do not confirm"
 
 
 def _excess(misfit: MisfitResult, diagnosis: DiagnosisResult) -> str:
@@ -151,6 +163,11 @@ def _excess(misfit: MisfitResult, diagnosis: DiagnosisResult) -> str:
     return (
         f"{text}; with {_extension_names(diagnosis)} it is {_rms_over_noise(misfit.remaining_chi2, misfit)}: {share}."
     )
+
+
+def _leaves_misfit(misfit: MisfitResult) -> bool:
+    """Whether the extended model leaves more than noise."""
+    return significant(misfit.remaining_chi2, misfit.chi2_std)
 
 
 def _rms_over_noise(excess: float, misfit: MisfitResult) -> str:
