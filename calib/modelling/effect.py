@@ -27,6 +27,25 @@ def places_of(simulator: object) -> Mapping[str, tuple[str, ...]]:
 
 
 @dataclass(frozen=True)
+class Interface:
+    """What a force law sees at an interface: clearance = gap + sum of factor times displacement of the bodies.
+
+    Attributes
+    ----------
+    gap : parameter that is the clearance at rest  [m]
+    factors : of the bodies' displacements; those of the two that meet are 1 and -1
+    """
+
+    gap: str
+    factors: Mapping[str, float]
+
+
+def interfaces_of(simulator: object) -> Mapping[str, Interface]:
+    """Interfaces of a simulator where laws act, as its attribute `interfaces` states them; empty without it."""
+    return getattr(simulator, "interfaces", {})
+
+
+@dataclass(frozen=True)
 class Effect:
     """A law at a site with the parameters it takes, in their order.
 

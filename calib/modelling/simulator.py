@@ -114,6 +114,9 @@ class Simulator(Protocol):
     24. Optionally `title`, what a report calls it, such as the program that it runs. Absent: its name.
     25. Optionally `compliant(contact)`, the same simulator with a compliant contact of that name in the place of its
         rigid stop, and `contacts`, the set of those that it has; see `StoppedSimulator`.
+    26. Optionally `interfaces`, a mapping of the ports of `places` to a `calib.modelling.effect.Interface`, which says
+        how the clearance there follows from the displacements. Absent: a force law that is searched as a free function
+        is not searched there.
 
     `calib.testing.SimulatorSuite` checks all this.
     """

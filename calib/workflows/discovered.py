@@ -4,6 +4,7 @@ import base64
 import html
 
 from calib.diagnosis.discovery.document import DiscoveryResult
+from calib.diagnosis.discovery.place import AT_INTERFACE
 from calib.errors import CalibError
 from calib.report.plots.found_force import found_force_figure
 from calib.workflows.plot import Plot
@@ -39,7 +40,10 @@ class Discovered:
         return Plot(figure)
 
     def __repr__(self) -> str:
-        where = f": force on {self.summary.body} over {', '.join(self.summary.arguments)}" if self.summary.body else ""
+        found = self.summary
+        names = [AT_INTERFACE[a] if found.interface else a for a in found.arguments]
+        place = f"at the {found.body}" if found.interface else f"on {found.body}"
+        where = f": force {place} over {', '.join(names)}" if found.body else ""
         return f"force law of {self.name!r}: {self.verdict}{where}\n  {self.summary.summary}"
 
     def _repr_html_(self) -> str:

@@ -1,7 +1,7 @@
 """Where a missing force acts, and of what it is a function: free forces fitted inside the simulator, and compared."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, closing
 from dataclasses import dataclass, replace
 
@@ -13,6 +13,7 @@ from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.discovery.free_force import DISPLACEMENT, VELOCITY, FreeForce, free_force
 from calib.diagnosis.discovery.left_out import LeftOutMisfit, left_out_misfit
 from calib.diagnosis.discovery.penalised import FreeModel, PenalisedFit, States, nested, penalised_fit, visited_states
+from calib.diagnosis.discovery.place import ForcePlace, force_places
 from calib.diagnosis.effort import Effort
 from calib.diagnosis.excess import chi2_std, excess_chi2, significant
 from calib.diagnosis.fit import Fit
@@ -24,7 +25,7 @@ from calib.diagnosis.suspect import Scored, Screened, is_testable
 from calib.diagnosis.verdict import failures
 from calib.execution.pool import OpenPool
 from calib.execution.workers import workers
-from calib.modelling.effect import Effect, places_of
+from calib.modelling.effect import Effect
 from calib.modelling.simulator import Simulator
 from calib.objective import Reference
 from calib.study import CalibrationStudy
@@ -37,20 +38,25 @@ FITS_PER_BODY, STEPS_PER_FREE_FIT = 3, 8  # as measured  [count]
 
 @dataclass(frozen=True, eq=False)
 class ForceTrial:
-    """A model with free forces on one body, fitted and judged by what it predicts.
+    """A model with free forces at one place, fitted and judged by what it predicts.
 
     Attributes
     ----------
-    body : on which they act
+    place : where they act
     arguments : of each of the additive functions
     fitted : the model
     left_out : misfit of the records that were left out in turn; None where none can be
     """
 
-    body: str
+    place: ForcePlace
     arguments: Arguments
     fitted: PenalisedFit
     left_out: LeftOutMisfit | None
+
+    @property
+    def body(self) -> str:
+        """Name of the place."""
+        return self.place.name
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +70,8 @@ class Discovery:
     gates : that were tested
     trials : models that were fitted, in their order
     chosen : the simplest model that predicts as well as the best; None where nothing was found
-    rivals : bodies on which a force predicts as well, the chosen one excluded
-    states : of the body in the simulations of the chosen model, None without one
+    rivals : places at which a force predicts as well, the chosen one excluded
+    states : of the place in the simulations of the chosen model, None without one
     null : the calibrated model, fitted; None where a gate failed
     null_left_out : misfit of the left-out records without a force
     excess_chi2 : of the calibrated model, and of the chosen one (0 without one)
@@ -96,7 +102,7 @@ def discover(
     on_stage: Callable[[str], None] = lambda text: None,
     on_progress: Callable[[int, int], None] = lambda done, foreseen: None,
 ) -> Discovery:
-    """Search for the force that a calibrated study misses, as a free function of the state of a body.
+    """Search for the force that a calibrated study misses, as a free function of the state of a body or interface.
 
     Parameters
     ----------
@@ -133,7 +139,8 @@ def _discovered(
     reason = _refusal(study.model.simulator)
     if reason:
         return Discovery(NOT_POSSIBLE, reason, ())
-    regions = _regions(pool, bench, values)
+    places = {place.name: place for place in force_places(bench.model.simulator)}
+    regions = _regions(pool, bench, values, places.values())
     if not regions:
         return Discovery(
             NOT_POSSIBLE, "no body moves in the records or their simulations: there is no state to visit", ()
@@ -146,7 +153,7 @@ def _discovered(
     ready = prepared(pool, bench, study, values, suspected, on_stage)
     if isinstance(ready, NotDiagnosable):
         return Discovery(NOT_POSSIBLE, failures(ready.gates), ready.gates)
-    search = _ForceSearch(ready, forces, regions, _looked_at(bench), study, seed)
+    search = _ForceSearch(ready, forces, places, regions, _looked_at(bench), study, seed)
     return search.result(on_stage)
 
 
@@ -162,29 +169,28 @@ def _looked_at(bench: Bench) -> dict[str, Reference]:
     return {name: r for name, r in bench.objective.references.items() if r.use != "holdout"}
 
 
-def _regions(pool: Effort, bench: Bench, values: Mapping[str, float]) -> dict[str, dict[str, tuple[float, float]]]:
-    """Least and largest displacement [m] and velocity [m/s] of each body on which a force may act, in all records.
+def _regions(
+    pool: Effort, bench: Bench, values: Mapping[str, float], places: Iterable[ForcePlace]
+) -> dict[str, dict[str, tuple[float, float]]]:
+    """Least and largest displacement [m] and velocity [m/s] that a force law sees at each place, in all records.
 
     Measured ones where they are compared, simulated ones elsewhere.
     """
-    simulator, references = bench.model.simulator, _looked_at(bench)
-    bodies = places_of(simulator).get("body", simulator.bodies)
+    references = _looked_at(bench)
     regions = {}
-    for body in bodies:
-        rows = ((body, DISPLACEMENT), (body, VELOCITY))
-        runs = [Run(name, values, rows=rows) for name in references]
-        simulations = simulated(pool, runs)
+    for place in places:
+        simulations = simulated(pool, [Run(name, values, rows=place.rows) for name in references])
         ends: list[np.ndarray] = []
         for (name, reference), view in zip(references.items(), simulations, strict=True):
-            if set(rows) <= set(bench.rows[name]):
-                index = [str(b) for b in reference.record.body.values].index(body)
-                ends.append(np.array([reference.record[c].values[index] for _, c in rows]))
+            if set(place.rows) <= set(bench.rows[name]):
+                bodies = [str(b) for b in reference.record.body.values]
+                rows = np.array([reference.record[c].values[bodies.index(body)] for body, c in place.rows])
+                ends.append(place.states(rows, values))
             elif view.usable:
-                ends.append(view.rows)
+                ends.append(place.states(view.rows, values))
         if ends:
-            whole = np.concatenate(ends, axis=1)
-            regions[body] = States(*whole).region
-    return {body: region for body, region in regions.items() if all(high > low for low, high in region.values())}
+            regions[place.name] = States(*np.concatenate(ends, axis=1)).region
+    return {name: region for name, region in regions.items() if all(high > low for low, high in region.values())}
 
 
 class _ForceSearch:
@@ -194,13 +200,14 @@ class _ForceSearch:
         self,
         ready: Prepared,
         forces: Mapping[tuple[str, tuple[str, ...]], FreeForce],
+        places: Mapping[str, ForcePlace],
         regions: Mapping[str, Mapping[str, tuple[float, float]]],
         references: Mapping[str, Reference],
         study: CalibrationStudy,
         seed: int,
     ):
         self.ready, self.fitter, self.null = ready, ready.fitter, ready.null
-        self.forces, self.regions, self.references = dict(forces), regions, references
+        self.forces, self.places, self.regions, self.references = dict(forces), places, regions, references
         self.study, self.seed = study, seed
         self.candidates = {candidate.name: candidate for candidate in ready.suspects}
         self.trials: list[ForceTrial] = []
@@ -271,14 +278,16 @@ class _ForceSearch:
         begin: Mapping[str, float] | None = None,
     ) -> ForceTrial:
         """Fit forces, from where they are absent or from values by name."""
-        on_stage(f"{body}: {described(arguments)}")
+        on_stage(f"{body}: {described(arguments, self.places[body])}")
         forces = tuple(self.forces[body, a] for a in arguments)
         own = tuple(self.candidates[force.name] for force in forces)
-        model = FreeModel(forces, own, visited_states(self.fitter, self.null.point, body))
+        model = FreeModel(forces, own, visited_states(self.fitter, self.null.point, self.places[body]))
         known = [self.scored[c.name].derivatives for c in own if c.name in self.scored]
         columns = np.column_stack(known) if len(known) == len(own) else None
         fitted = penalised_fit(self.fitter, self.null, model, columns, begin)
-        return ForceTrial(body, arguments, fitted, left_out_misfit(self.fitter.evidence, fitted.fit, fitted))
+        return ForceTrial(
+            self.places[body], arguments, fitted, left_out_misfit(self.fitter.evidence, fitted.fit, fitted)
+        )
 
     def _excess(self, fit: Fit) -> float:
         return excess_chi2(self.fitter.evidence, fit)
@@ -309,12 +318,12 @@ class _ForceSearch:
             return replace(self._nothing(text), null_left_out=before)
         equal = [trial for trial, left_out in predictions if not best.is_better(left_out)]
         chosen = min(equal, key=lambda trial: (_complexity(trial), _predicted(trial)))
-        states = visited_states(self.fitter, chosen.fitted.fit.point, chosen.body)
-        rivals = tuple(dict.fromkeys(t.body for t in equal if t.body != chosen.body))
+        states = visited_states(self.fitter, chosen.fitted.fit.point, chosen.place)
+        rivals = tuple({t.body: t.place for t in equal if t.body != chosen.body}.values())
         excess = self._excess(self.null), self._excess(chosen.fitted.fit)
         return Discovery(
             FOUND, _summary(chosen, equal, rivals, excess, before), self.ready.gates, tuple(self.trials), chosen,
-            rivals, states, self.null, before, excess,
+            tuple(place.name for place in rivals), states, self.null, before, excess,
         )  # fmt: skip
 
 
@@ -324,11 +333,11 @@ UNTESTED = (
 )
 
 
-def described(arguments: Arguments) -> str:
-    """Arguments of additive functions in words."""
+def described(arguments: Arguments, place: ForcePlace) -> str:
+    """Arguments of additive functions at a place in words."""
     if arguments == (BOTH,):
-        return "surface over displacement and velocity"
-    return " + ".join(f"function of {own[0]}" for own in arguments)
+        return f"surface over {place.in_words(DISPLACEMENT)} and {place.in_words(VELOCITY)}"
+    return " + ".join(f"function of {place.in_words(own[0])}" for own in arguments)
 
 
 def _leading(suspects: Sequence[Screened], threshold: float) -> list[Scored]:
@@ -373,19 +382,21 @@ def _complexity(trial: ForceTrial) -> int:
 def _summary(
     chosen: ForceTrial,
     equal: Sequence[ForceTrial],
-    rivals: Sequence[str],
+    rivals: Sequence[ForcePlace],
     excess: tuple[float, float],
     before: LeftOutMisfit,
 ) -> str:
     """Say what was found in a few sentences."""
     share = 1.0 - max(0.0, excess[1]) / max(excess[0], 1e-300)
-    others = [described(t.arguments) for t in equal if t is not chosen and t.body == chosen.body]
+    others = [described(t.arguments, t.place) for t in equal if t is not chosen and t.body == chosen.body]
     text = (
-        f"a force on {chosen.body} is missing: a {described(chosen.arguments)} explains {share:.0%} of the excess "
+        f"a force {chosen.place.preposition} {chosen.body} is missing: a "
+        f"{described(chosen.arguments, chosen.place)} explains {share:.0%} of the excess "
         f"chi-square; predictive deviance of left-out records {before.deviance:.4g} -> {_predicted(chosen):.4g}"
     )
     if others:
         text += f". It predicts as well as a {', a '.join(others)}"
     if rivals:
-        text += f". A force on {', '.join(rivals)} predicts as well"
+        where = ", or ".join(f"{place.preposition} {place.name}" for place in rivals)
+        text += f". A force {where} predicts as well"
     return text

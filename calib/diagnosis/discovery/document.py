@@ -38,7 +38,7 @@ class TrialResult:
 
     Attributes
     ----------
-    body : on which they act
+    body : on which they act, or name of the interface
     functions : in words
     chi2, left_out_deviance : chi-square of all records; predictive deviance of each while it was left out (see
         `calib.diagnosis.discovery.left_out`), None where none can be
@@ -60,7 +60,9 @@ class DiscoveryResult:
     ----------
     verdict : "found", "nothing", "undetermined" (the records cannot tell) or "not_diagnosable"
     summary : the verdict in a sentence
-    body : on which the force acts; "" where none was found
+    body : on which the force acts, or name of the interface; "" where none was found
+    interface : whether it acts between two bodies, as a function of their clearance, which takes the place of the
+        displacement, and of its rate
     arguments : on which it depends
     functions : whose sum it is
     rms : root mean square of the force over the visited states, and of its standard error  [m/s^2]
@@ -68,7 +70,7 @@ class DiscoveryResult:
     left_out : names of the records, or blocks of time, that were left out in turn
     left_out_deviance : predictive deviance of these without the force and with it
     undetermined : linear functions that calibrated parameters absorb: the force is stated without them
-    rivals : bodies on which a force predicts as well
+    rivals : bodies or interfaces at which a force predicts as well
     trials : models that were fitted
     gates : conditions of the search
     parameters : calibrated values beside the force
@@ -79,6 +81,7 @@ class DiscoveryResult:
     verdict: str
     summary: str = ""
     body: str = ""
+    interface: bool = False
     arguments: tuple[str, ...] = ()
     functions: tuple[FunctionResult, ...] = ()
     rms: tuple[float, ...] = ()

@@ -18,6 +18,7 @@ from scipy.linalg import block_diag
 from calib.diagnosis.bench import Run, simulated
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.discovery.free_force import DISPLACEMENT, VELOCITY, FreeForce
+from calib.diagnosis.discovery.place import ForcePlace
 from calib.diagnosis.discovery.smoothing import Smoothing
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.refit import Fitter, extended, updated
@@ -36,11 +37,11 @@ MIN_RELIABLE_GAIN = 0.7  # actual over predicted reduction, below which derivati
 
 @dataclass(frozen=True, eq=False)
 class States:
-    """States of a body that simulations visit.
+    """States of a body, or at an interface, that simulations visit.
 
     Attributes
     ----------
-    x, v : (n,) displacements [m] and velocities [m/s], of all records one after the other
+    x, v : (n,) displacements, or clearances [m], and velocities, or rates [m/s], of all records one after the other
     """
 
     x: np.ndarray
@@ -53,11 +54,10 @@ class States:
         return {name: (float(values.min()), float(values.max())) for name, values in both.items()}
 
 
-def visited_states(fitter: Fitter, point: Point, body: str) -> States:
-    """States of a body in the simulations of all records."""
-    rows = ((body, "displacement"), (body, "velocity"))
-    runs: list[Run] = [replace(run, rows=rows) for run in point.runs(fitter.evidence.names)]
-    views = [view.rows for view in simulated(fitter.pool, runs) if view.usable]
+def visited_states(fitter: Fitter, point: Point, place: ForcePlace) -> States:
+    """States that a force law sees at a place in the simulations of all records."""
+    runs: list[Run] = [replace(run, rows=place.rows) for run in point.runs(fitter.evidence.names)]
+    views = [place.states(view.rows, point.values) for view in simulated(fitter.pool, runs) if view.usable]
     return States(*np.concatenate(views, axis=1)) if views else States(np.zeros(0), np.zeros(0))
 
 

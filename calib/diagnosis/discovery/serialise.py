@@ -37,6 +37,7 @@ def discovery_result(discovery: Discovery, values: Mapping[str, float]) -> Disco
         **{
             **vars(common),
             "body": chosen.body,
+            "interface": bool(chosen.place.gap),
             "arguments": tuple(dict.fromkeys(a for own in chosen.arguments for a in own)),
             "functions": functions(chosen, states),
             "rms": (float(np.sqrt(np.mean(force**2))), float(np.sqrt(np.mean(error**2)))),
@@ -125,5 +126,5 @@ def _trial(trial: ForceTrial) -> TrialResult:
     left_out = None if trial.left_out is None else trial.left_out.deviance
     fitted = trial.fitted
     return TrialResult(
-        trial.body, described(trial.arguments), fitted.fit.chi2, left_out, fitted.effective_parameters
+        trial.body, described(trial.arguments, trial.place), fitted.fit.chi2, left_out, fitted.effective_parameters
     )  # fmt: skip

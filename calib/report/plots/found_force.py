@@ -1,5 +1,7 @@
 """Figure of a force that was found in the records, over the states that they visit."""
 
+from collections.abc import Mapping
+
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,7 +13,8 @@ from calib.report.plots.missing_force import SIGNS
 from calib.report.plots.style import LINE, SIMULATED, STYLE, TEXT_WIDTH, shown_unit
 
 BAND_STD = 1.96  # half width of a 95 % band, in standard errors  [1]
-LABELS = {"displacement": "Displacement", "velocity": "Velocity"}
+ON_BODY = {"displacement": "Displacement", "velocity": "Velocity"}
+AT_INTERFACE = {"displacement": "Clearance", "velocity": "Rate of the clearance"}
 CURVE_HEIGHT, SURFACE_HEIGHT = 2.5, 2.9  # of the figure  [inch]
 
 
@@ -22,6 +25,7 @@ def found_force_figure(result: DiscoveryResult) -> Figure | None:
     """
     if not result.functions:
         return None
+    labels = AT_INTERFACE if result.interface else ON_BODY
     surface = len(result.functions[0].arguments) == 2
     panels = 2 if surface else len(result.functions)
     with mpl.rc_context(STYLE):
@@ -29,15 +33,16 @@ def found_force_figure(result: DiscoveryResult) -> Figure | None:
         figure = Figure(figsize=(width, SURFACE_HEIGHT if surface else CURVE_HEIGHT), layout="constrained")
         axes = figure.subplots(1, panels, squeeze=False)[0]
         if surface:
-            _maps(figure, axes, result.functions[0])
+            _maps(figure, axes, result.functions[0], labels)
         else:
             for own, function in zip(axes, result.functions, strict=True):
-                _curve(own, function)
-            axes[0].set_ylabel(f"Force on {result.body}\nper unit mass [m/s²]")
+                _curve(own, function, labels)
+            where = "at the" if result.interface else "on"
+            axes[0].set_ylabel(f"Force {where} {result.body}\nper unit mass [m/s²]")
     return figure
 
 
-def _curve(axes: Axes, function: FunctionResult) -> None:
+def _curve(axes: Axes, function: FunctionResult, labels: Mapping[str, str]) -> None:
     """Draw a function of one argument with its band."""
     force, error = np.array(function.force), np.array(function.error)
     factor, unit = shown_unit(function.units[0], float(np.abs(function.points[0]).max()))
@@ -48,12 +53,12 @@ def _curve(axes: Axes, function: FunctionResult) -> None:
         label="95 % band",
     )  # fmt: skip
     axes.plot(at, force, color=SIMULATED, linewidth=1.3, label="force")
-    axes.set(xlabel=f"{LABELS[function.arguments[0]]} [{unit}]")
+    axes.set(xlabel=f"{labels[function.arguments[0]]} [{unit}]")
     axes.margins(x=0.0)
     axes.legend(loc="best")
 
 
-def _maps(figure: Figure, axes: np.ndarray, function: FunctionResult) -> None:
+def _maps(figure: Figure, axes: np.ndarray, function: FunctionResult, labels: Mapping[str, str]) -> None:
     """Draw a function of two arguments, and the half width of its band, where states are visited."""
     shape = tuple(len(points) for points in function.points)
     visited = np.array(function.visited).reshape(shape)
@@ -73,4 +78,5 @@ def _maps(figure: Figure, axes: np.ndarray, function: FunctionResult) -> None:
         mesh = own.pcolormesh(x, v, value.T, norm=norm, cmap=colours, shading="nearest", rasterized=True)
         bar = figure.colorbar(mesh, ax=own, location="top", shrink=0.9, aspect=24, pad=0.02)
         bar.set_label(label)
-        own.set(xlabel=f"Displacement [{scales[0][1]}]", ylabel=f"Velocity [{scales[1][1]}]")
+        across, up = (f"{labels[a]} [{unit}]" for a, (_, unit) in zip(function.arguments, scales, strict=True))
+        own.set(xlabel=across, ylabel=up)

@@ -10,12 +10,13 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import LinAlgError
 
 from calib.errors import CalibError, nearest
+from calib.modelling.effect import Interface
 from calib.modelling.laws import BoundLaw, at_site
 from calib.modelling.parameter import Parameter
 from calib.modelling.simulator import Request
 from calib.records import MIN_SECTION_PERIODS, OK, STATE, failed, make, prescription
 from calib.records.excitation import Excitation
-from calib.simulators.four_dof.drives import BODIES, DRIVES, LAYER, DriveName, structure
+from calib.simulators.four_dof.drives import BEAM, BODIES, DRIVES, LAYER, DriveName, structure
 from calib.simulators.four_dof.lumped import lumped
 from calib.simulators.impact.assembly import STEPS_PER_PERIOD, ImpactDrive, assemble
 from calib.simulators.impact.contact_laws import COMPLIANT, CONTACTS, ContactName, stop_law, with_contact
@@ -152,6 +153,11 @@ class FourDof:
         """Bodies at each place where effects act: where the drive prescribes both ends, there is no support."""
         ends = tuple(BODIES[i] for i in (0, 3) if i in DRIVES[self.drive].coordinates)
         return {"body": (BODIES[LAYER],), **({"support": ends} if ends else {}), "interface": (PORT,)}
+
+    @property
+    def interfaces(self) -> dict[str, Interface]:
+        """Clearance between layer and beam."""
+        return {PORT: Interface("gap", {BODIES[LAYER]: 1.0, BODIES[BEAM]: -1.0})}
 
     @property
     def excitations(self) -> frozenset[tuple[str, str]]:

@@ -12,6 +12,7 @@ from scipy.interpolate import CubicSpline
 
 from calib import records
 from calib.errors import CalibError, nearest
+from calib.modelling.effect import Interface
 from calib.modelling.laws import BoundLaw, at_site
 from calib.modelling.parameter import Parameter
 from calib.modelling.simulator import Request
@@ -118,6 +119,7 @@ class Oscillator:
         self.refinement = UNREFINED
         self.parameters = PARAMETERS + (with_contact(STOP_PARAMETERS, contact) if stop else ())
         self.places = {"body": (BODY,), **({"interface": (PORT,)} if stop else {})}
+        self.interfaces = {PORT: Interface("gap", {BODY: -1.0})} if stop else {}
         self.sites = frozenset({"force", "excitation"} | ({"gap"} if stop else set()))
         if stop and contact == "rigid":
             self.sites |= {"restitution"}

@@ -1,0 +1,62 @@
+"""Places where a missing force may act: bodies, and interfaces between two of them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.diagnosis.discovery.free_force import DISPLACEMENT, VELOCITY
+from calib.modelling.effect import interfaces_of, places_of
+from calib.modelling.simulator import Simulator
+
+AT_INTERFACE = {DISPLACEMENT: "clearance", VELOCITY: "its rate"}  # what the arguments of a force law are there
+
+
+@dataclass(frozen=True)
+class ForcePlace:
+    """A body, or an interface, with the states that a force law sees there.
+
+    Attributes
+    ----------
+    name : by which laws act on it
+    factors : body -> factor of its displacement in the law's
+    gap : parameter that is added to it, the clearance at rest; "" on a body
+    nominal : value of that parameter where none is stated  [m]
+    """
+
+    name: str
+    factors: Mapping[str, float]
+    gap: str = ""
+    nominal: float = 0.0
+
+    @property
+    def rows(self) -> tuple[tuple[str, str], ...]:
+        """Channels of bodies from which its states follow: displacements, then velocities."""
+        return tuple((body, channel) for channel in (DISPLACEMENT, VELOCITY) for body in self.factors)
+
+    def states(self, rows: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
+        """Displacement and velocity (2, n) that the law sees, of rows (k, n) at values of parameters."""
+        factors = np.array(list(self.factors.values()))
+        of_law = np.array([factors @ own for own in np.split(rows, 2)])
+        if self.gap:
+            of_law[0] += values.get(self.gap, self.nominal)
+        return of_law
+
+    @property
+    def preposition(self) -> str:
+        """Words before its name."""
+        return "at the" if self.gap else "on"
+
+    def in_words(self, argument: str) -> str:
+        """Name of an argument of a force law here."""
+        return AT_INTERFACE[argument] if self.gap else argument
+
+
+def force_places(simulator: Simulator) -> list[ForcePlace]:
+    """Bodies on which a force is likely to act, and interfaces whose clearance the simulator states."""
+    bodies = places_of(simulator).get("body", simulator.bodies)
+    nominal = {p.name: p.nominal for p in simulator.parameters}
+    return [
+        *(ForcePlace(body, {body: 1.0}) for body in bodies),
+        *(ForcePlace(name, own.factors, own.gap, nominal[own.gap]) for name, own in interfaces_of(simulator).items()),
+    ]
