@@ -61,8 +61,6 @@ class DiscoveryResult:
     verdict : "found", "nothing", "undetermined" (the records cannot tell) or "not_diagnosable"
     summary : the verdict in a sentence
     body : on which the force acts, or name of the interface; "" where none was found
-    interface : whether it acts between two bodies, as a function of their clearance, which takes the place of the
-        displacement, and of its rate
     arguments : on which it depends
     functions : whose sum it is
     rms : root mean square of the force over the visited states, and of its standard error  [m/s^2]
@@ -76,12 +74,13 @@ class DiscoveryResult:
     parameters : calibrated values beside the force
     values : calibrated values from which the search began
     simulations, seconds : cost; wall-clock time  [s]
+    interface : whether it acts between two bodies, as a function of their clearance, which takes the place of the
+        displacement, and of its rate
     """
 
     verdict: str
     summary: str = ""
     body: str = ""
-    interface: bool = False
     arguments: tuple[str, ...] = ()
     functions: tuple[FunctionResult, ...] = ()
     rms: tuple[float, ...] = ()
@@ -96,6 +95,7 @@ class DiscoveryResult:
     values: Mapping[str, float] = field(default_factory=dict)
     simulations: int = 0
     seconds: float = 0.0
+    interface: bool = False
 
     @classmethod
     def from_dict(cls, document: Mapping[str, Any]) -> "DiscoveryResult":

@@ -287,18 +287,18 @@ def _advanced(
 ) -> _Advance:
     """Take a step, damped the more the longer none reduces the penalised sum of squares."""
     own = np.isin(now.names, model.coefficients)
-    smoothing = linearised(now, model, now.residual.size)
-    weight = smoothing.weight_of(allowed * len(model.forces))
     columns = now.free(now.columns)
-    low, high = _bounds(directions)
-    before = now.chi2 + smoothing.penalty(weight, x[own])
     least = MIN_PENALISED_REDUCTION * max(1.0, now.chi2 / now.residual.size)
-    for _ in range(MAX_DAMPINGS):
-        x_ahead = np.clip(x + _step(now.residual, columns, own, smoothing, weight, x, damping), low, high)
+    for number in range(MAX_DAMPINGS):
+        x_ahead, smoothing, weight = _ahead(now, model, x, _bounds(directions), allowed, damping)
+        before = now.chi2 + smoothing.penalty(weight, x[own])
         left = now.residual - columns @ (x_ahead - x)
         predicted = before - float(left @ left) - smoothing.penalty(weight, x_ahead[own])
+        if predicted < least and number == 0 and damping > 0.0:
+            damping = 0.0  # that of the step before hides what is left
+            continue
         if predicted < least:
-            return _Advance(converged=True)
+            return _Advance(converged=damping == 0.0)
         fit = fitter.evaluated(now.point, directions, x_ahead, now.candidates, now.columns @ (x_ahead - x))
         reduction = -1.0 if fit is None else before - fit.chi2 - smoothing.penalty(weight, x_ahead[own])
         if fit is not None and reduction > MIN_GAIN * predicted:
@@ -306,6 +306,35 @@ def _advanced(
             return _Advance(False, x_ahead, fit, reduction / predicted, eased if eased >= MIN_DAMPING else 0.0)
         damping = max(MIN_DAMPING, DAMPING_FACTOR * damping)
     return _Advance(converged=False)
+
+
+def _ahead(
+    now: Fit,
+    model: FreeModel,
+    x: np.ndarray,
+    bounds: tuple[np.ndarray, np.ndarray],
+    allowed: float,
+    damping: float,
+) -> tuple[np.ndarray, Smoothing, float]:
+    """Parameters after a damped step within bounds, the problem for the coefficients, and the weight of the penalty.
+
+    Those that would leave their bounds are held there, and the others are solved for beside them.
+    """
+    columns, own = now.free(now.columns), np.isin(now.names, model.coefficients)
+    step, held = np.zeros(x.size), np.zeros(x.size, dtype=bool)
+    while True:
+        names = tuple(np.array(now.names)[~held].tolist())
+        beside = replace(now, residual=now.residual - columns @ step, columns=now.columns[:, ~held], names=names)
+        smoothing = linearised(beside, model, now.residual.size)
+        weight = smoothing.weight_of(allowed * len(model.forces))
+        whole = step.copy()
+        whole[~held] = _step(beside.residual, columns[:, ~held], own[~held], smoothing, weight, x[~held], damping)
+        inside = np.clip(x + whole, *bounds)
+        beyond = (inside != x + whole) & ~held
+        if not beyond.any():
+            return inside, smoothing, weight
+        step[beyond] = (inside - x)[beyond]
+        held |= beyond
 
 
 def _bounds(directions: Sequence[Direction]) -> tuple[np.ndarray, np.ndarray]:
