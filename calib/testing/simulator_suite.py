@@ -20,7 +20,7 @@ import pytest
 import xarray as xr
 
 from calib.errors import CalibError
-from calib.modelling.effect import Effect
+from calib.modelling.effect import Effect, interfaces_of, places_of
 from calib.modelling.laws import STATES, contact, force, gap, restitution
 from calib.modelling.laws import excitation as excitation_law
 from calib.modelling.model import Model
@@ -234,6 +234,15 @@ class SimulatorSuite:
             assert name in {p.name for p in self.make().parameters}
             assert body in self.make().bodies
             assert channel in present
+
+    # --- the interfaces, where the simulator says what a force law sees there
+
+    def test_an_interface_is_declared_by_a_parameter_and_bodies_that_are_there(self) -> None:
+        simulator = self.make()
+        for port, interface in interfaces_of(simulator).items():
+            assert port in places_of(simulator)["interface"]
+            assert interface.gap in {parameter.name for parameter in simulator.parameters}
+            assert set(interface.factors) <= set(simulator.bodies)
 
     # --- the confirming simulator, where there is one
 

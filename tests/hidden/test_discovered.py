@@ -30,6 +30,11 @@ LAWS = {
         lambda x, v: -SIZE * np.tanh(v / 0.01),
         ("velocity",),
     ),
+    "stick": (  # which makes the misfit 500 times the noise, and the calibrated amplitude leave its window
+        {"friction": 6.0 * SIZE, "friction_slip": 0.01},
+        lambda x, v: -6.0 * SIZE * np.tanh(v / 0.01),
+        ("velocity",),
+    ),
     "asymmetric": ({"k2": SIZE / LENGTH**2}, lambda x, v: -SIZE * (x / LENGTH) ** 2, ("displacement",)),
 }
 
