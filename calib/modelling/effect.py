@@ -34,10 +34,12 @@ class Interface:
     ----------
     gap : parameter that is the clearance at rest  [m]
     factors : of the bodies' displacements; those of the two that meet are 1 and -1
+    compliant : whether the clearance is negative in contact, zero otherwise
     """
 
     gap: str
     factors: Mapping[str, float]
+    compliant: bool = False
 
 
 def interfaces_of(simulator: object) -> Mapping[str, Interface]:

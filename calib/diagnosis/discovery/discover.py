@@ -147,7 +147,7 @@ def _discovered(
         )
     forces: dict[tuple[str, tuple[str, ...]], FreeForce] = {}
     for body, region in regions.items():
-        forces |= {(body, arguments): free_force(body, arguments, region) for arguments in (ONE, OTHER)}
+        forces |= {(body, a): free_force(body, a, region, places[body].compliant) for a in (ONE, OTHER)}
     instrumental = [effect for effect in effects if effect.noise]
     suspected = [*(force.effect for force in forces.values()), *instrumental, *numerical(effects)]
     ready = prepared(pool, bench, study, values, suspected, on_stage)
@@ -241,7 +241,7 @@ class _ForceSearch:
 
     def _of_two(self, body: str) -> Candidate:
         """Free function of both arguments on a body, as a candidate."""
-        force = free_force(body, BOTH, dict(self.regions[body]))
+        force = free_force(body, BOTH, self.regions[body], self.places[body].compliant)
         self.forces[body, BOTH] = force
         [candidate], _ = candidates(self.study.model, [force.effect], self.references, self.study.space.names)
         self.candidates[force.name] = candidate

@@ -5,7 +5,7 @@ intervals have m + 3 basis functions (de Boor, A Practical Guide to Splines, 200
 function is continued linearly. The force is linear in its coefficients, and absent where all of them are zero.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -172,7 +172,9 @@ class FreeForce:
         return np.vstack([np.kron(own[0], second), np.kron(first, own[1])])
 
 
-def free_force(body: str, arguments: Sequence[str], visited: dict[str, tuple[float, float]]) -> FreeForce:
+def free_force(
+    body: str, arguments: Sequence[str], visited: Mapping[str, tuple[float, float]], in_contact: bool = False
+) -> FreeForce:
     """Return a free force over a visited region.
 
     Parameters
@@ -180,10 +182,21 @@ def free_force(body: str, arguments: Sequence[str], visited: dict[str, tuple[flo
     body : on which it acts
     arguments : "displacement", "velocity", or both
     visited : argument -> its least and largest value in the records  [m], [m/s]
+    in_contact : whether the displacement is a clearance that a compliant contact makes negative: half of its intervals
+        are then in contact, and half out of it
     """
     intervals = INTERVALS[tuple(arguments)]
     grade = GRADE if tuple(arguments) == (VELOCITY,) else 1.0
-    return FreeForce(body, tuple(arguments), tuple(breakpoints(*visited[a], intervals, grade) for a in arguments))
+    breaks = []
+    for argument in arguments:
+        low, high = visited[argument]
+        if in_contact and argument == DISPLACEMENT and low < 0.0 < high:
+            within = intervals // 2
+            out = breakpoints(0.0, high, intervals - within)
+            breaks.append(np.concatenate([breakpoints(low, 0.0, within), out[1:]]))
+        else:
+            breaks.append(breakpoints(low, high, intervals, grade))
+    return FreeForce(body, tuple(arguments), tuple(breaks))
 
 
 def breakpoints(low: float, high: float, intervals: int, grade: float = 1.0) -> np.ndarray:

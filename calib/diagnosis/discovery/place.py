@@ -22,12 +22,14 @@ class ForcePlace:
     factors : body -> factor of its displacement in the law's
     gap : parameter that is added to it, the clearance at rest; "" on a body
     nominal : value of that parameter where none is stated  [m]
+    compliant : whether the clearance is negative in contact
     """
 
     name: str
     factors: Mapping[str, float]
     gap: str = ""
     nominal: float = 0.0
+    compliant: bool = False
 
     @property
     def rows(self) -> tuple[tuple[str, str], ...]:
@@ -56,7 +58,7 @@ def force_places(simulator: Simulator) -> list[ForcePlace]:
     """Bodies on which a force is likely to act, and interfaces whose clearance the simulator states."""
     bodies = places_of(simulator).get("body", simulator.bodies)
     nominal = {p.name: p.nominal for p in simulator.parameters}
-    return [
-        *(ForcePlace(body, {body: 1.0}) for body in bodies),
-        *(ForcePlace(name, own.factors, own.gap, nominal[own.gap]) for name, own in interfaces_of(simulator).items()),
-    ]
+    places = [ForcePlace(body, {body: 1.0}) for body in bodies]
+    for name, own in interfaces_of(simulator).items():
+        places.append(ForcePlace(name, own.factors, own.gap, nominal[own.gap], own.compliant))
+    return places

@@ -157,7 +157,8 @@ class FourDof:
     @property
     def interfaces(self) -> dict[str, Interface]:
         """Clearance between layer and beam."""
-        return {PORT: Interface("gap", {BODIES[LAYER]: 1.0, BODIES[BEAM]: -1.0})}
+        factors = {BODIES[LAYER]: 1.0, BODIES[BEAM]: -1.0}
+        return {PORT: Interface("gap", factors, self.contact != "rigid")}
 
     @property
     def excitations(self) -> frozenset[tuple[str, str]]:

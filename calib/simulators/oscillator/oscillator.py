@@ -119,7 +119,7 @@ class Oscillator:
         self.refinement = UNREFINED
         self.parameters = PARAMETERS + (with_contact(STOP_PARAMETERS, contact) if stop else ())
         self.places = {"body": (BODY,), **({"interface": (PORT,)} if stop else {})}
-        self.interfaces = {PORT: Interface("gap", {BODY: -1.0})} if stop else {}
+        self.interfaces = {PORT: Interface("gap", {BODY: -1.0}, contact != "rigid")} if stop else {}
         self.sites = frozenset({"force", "excitation"} | ({"gap"} if stop else set()))
         if stop and contact == "rigid":
             self.sites |= {"restitution"}

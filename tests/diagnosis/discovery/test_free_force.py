@@ -54,6 +54,17 @@ def test_a_function_of_two_arguments_is_the_product_of_splines():
     assert force.matrix(x, v) @ np.outer(one, other).ravel() == pytest.approx(known, abs=1e-12)
 
 
+def test_half_of_a_function_of_a_clearance_lies_in_a_compliant_contact():
+    region = {DISPLACEMENT: (-1e-5, 4e-3), VELOCITY: (-0.3, 0.25)}
+    [t] = free_force("interface", [DISPLACEMENT], region, in_contact=True).breaks
+    assert (t[0], t[6], t[12]) == pytest.approx((-1e-5, 0.0, 4e-3), abs=1e-18)
+    assert (np.diff(t) > 0.0).all()
+    force = free_force("interface", [DISPLACEMENT, VELOCITY], region, in_contact=True)
+    assert [own.size for own in force.breaks] == [6, 6]
+    straight = [force.matrix(np.array([x]), np.zeros(1)) @ np.ones(len(force.coefficients)) for x in (-5e-6, 2e-3)]
+    assert straight == pytest.approx([1.0, 1.0])
+
+
 def test_outside_the_region_the_function_is_continued_linearly():
     force = free_force("mass", [DISPLACEMENT], REGION)
     c = np.random.default_rng(1).standard_normal(len(force.coefficients))
