@@ -254,7 +254,7 @@ def test_an_effect_survives_as_a_key_and_through_a_pickle():
 
 def test_the_guide_of_a_simulator_numbers_its_items_and_names_what_is_read():
     guide = Simulator.__doc__
-    assert [int(number) for number in re.findall(r"^    (\d+)\. ", guide, re.M)] == list(range(1, 26))
+    assert [int(number) for number in re.findall(r"^    (\d+)\. ", guide, re.M)] == list(range(1, 27))
     optional = set(re.findall(r"Optionally `(\w+)", guide)) | {"numerics", "contacts"}
     read = {
         n
