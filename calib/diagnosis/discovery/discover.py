@@ -230,6 +230,11 @@ class _ForceSearch:
         self.fitter.effort.foresee(self._expected(len(bodies)))
         for body in bodies:
             self._fit_body(body, on_stage)
+        std = chi2_std(self.fitter.evidence)
+        if all(significant(self._excess(trial.fitted.fit), std) for trial in self.trials):
+            for body in bodies:
+                self._of_two(body)
+                self.trials.append(self._fitted(body, (BOTH,), on_stage))
         return self._judged(on_stage)
 
     # --- scores and fits ----------------------------------------------------------------------------------------------
@@ -248,7 +253,7 @@ class _ForceSearch:
         return candidate
 
     def _fit_body(self, body: str, on_stage: Callable[[str], None]) -> None:
-        """Fit forces on a body: of each argument alone, of both, and as a surface where these leave a misfit.
+        """Fit forces on a body: of each argument alone, and of both.
 
         From a large misfit a fit may end early: a sum that ends above one of its terms is fitted again from where that
         ended, and where a sum predicts better than its terms, the one that is closest to it is fitted from there.
@@ -263,12 +268,7 @@ class _ForceSearch:
             k = min(range(2), key=lambda k: closest[k][0])
             again = self._fitted(body, single[k].arguments, on_stage, closest[k][1])
             single[k] = min(single[k], again, key=_chi2)
-        trials = [*single, both]
-        std = chi2_std(self.fitter.evidence)
-        if all(significant(self._excess(trial.fitted.fit), std) for trial in trials):
-            self._of_two(body)
-            trials.append(self._fitted(body, (BOTH,), on_stage))
-        self.trials += trials
+        self.trials += [*single, both]
 
     def _fitted(
         self,
