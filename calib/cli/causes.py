@@ -41,9 +41,10 @@ def diagnose(study: Path, **options: Any) -> None:
     print_diagnosis(study, **options)
 
 
-@click.command(short_help="The force that is missing: where it acts, and as a function of what.")
+@click.command(short_help="The force that is missing: where it acts, as a function of what, and its formula.")
 @STUDY
 @OUT
+@click.option("--apply", is_flag=True, help="Write the force as an effect file, and study.extended.toml with it.")
 @JOBS
 @POOL
 @click.option("--seed", type=click.IntRange(min=0), help="Of the noise that is drawn. [default: the study's]")
@@ -54,14 +55,16 @@ def discover(study: Path, **options: Any) -> None:
     """Find the force that the calibrated STUDY misses, as a free function of displacement, velocity or both.
 
     For laws that are in no library: the function is fitted inside the simulator, on each body in turn, and of what it
-    is a function is decided by the prediction of records that are left out. Needs what `calib run` has found.
+    is a function is decided by the prediction of records that are left out. Formulas of at most four terms are then
+    fitted inside the simulator too. Needs what `calib run` has found.
 
     \b
-    Leaves in out/:  discovery.json   verdict, force with its errors over the visited region, models compared
-                     discovery.png    the force with its 95 % band, where one was found
+    Leaves in out/:  discovery.json   verdict, force with its errors over the visited region, formulas, models compared
+                     discovery.png    the force with its 95 % band and its formula, where one was found
+    With --apply:    effects/found_NAME.py and study.extended.toml beside the study file
 
     \b
-    Example:  calib discover studies/minimal
+    Example:  calib discover studies/minimal --apply && calib run studies/minimal/study.extended.toml
     """
     from calib.cli.discover import print_discovery  # see above
 

@@ -19,22 +19,29 @@ from calib.workflows.discover import DISCOVERY, FORCE_PICTURE, discover_study
 
 
 def print_discovery(
-    study: Path, out: Path | None, jobs: int | None, pool: str | None, seed: int | None, quiet: bool, as_json: bool
+    study: Path,
+    out: Path | None,
+    apply: bool,
+    jobs: int | None,
+    pool: str | None,
+    seed: int | None,
+    quiet: bool,
+    as_json: bool,
 ) -> None:
     """Search for a force law, and print what was found."""
     with DiagnosisProgress(quiet or as_json) as progress:
-        result = discover_study(
-            study, out, seed=seed, jobs=jobs, on_stage=progress.stage, on_progress=progress.simulated,
+        result, extended = discover_study(
+            study, out, seed=seed, jobs=jobs, apply=apply, on_stage=progress.stage, on_progress=progress.simulated,
             pool=pool_table(pool),
         )  # fmt: skip
     if as_json:
         click.echo(json.dumps(result.as_dict(), indent=2, allow_nan=False))
     elif not quiet:
-        show(result, folder_of(study, out), Console(highlight=False))
+        show(result, folder_of(study, out), Console(highlight=False), extended)
 
 
-def show(result: DiscoveryResult, folder: Path, console: Console) -> None:
-    """Print the verdict, the force over its region, the models that were compared, and where the files are."""
+def show(result: DiscoveryResult, folder: Path, console: Console, extended: Path | None = None) -> None:
+    """Print the verdict, the force over its region, its formulas, the models compared, and where the files are."""
     colour = "green" if result.verdict == FOUND else "yellow"
     console.print(f"[bold {colour}]{result.verdict}[/]: {escape(result.summary)}", soft_wrap=True)
     for function in result.functions:
@@ -44,6 +51,7 @@ def show(result: DiscoveryResult, folder: Path, console: Console) -> None:
             )
         force = np.array(function.force)[np.array(function.visited)]
         console.print(f"force per unit mass there: {force.min():.3g} to {force.max():.3g} m/s^2", soft_wrap=True)
+    _formulas(result, console)
     for text in result.undetermined:
         console.print(f"not determined beside the calibrated parameters: {text}", soft_wrap=True)
     if result.trials:
@@ -51,6 +59,33 @@ def show(result: DiscoveryResult, folder: Path, console: Console) -> None:
     console.print(f"{result.simulations} simulations in {result.seconds:.1f} s")
     names = ", ".join([DISCOVERY, *([FORCE_PICTURE] if result.functions else [])])
     console.print(f"files:  {escape(str(folder))}/ ({names})", soft_wrap=True)
+    if extended is not None:
+        console.print(f"extended study:  {escape(str(extended))}   (calib run {escape(str(extended))})", soft_wrap=True)
+
+
+def _formulas(result: DiscoveryResult, console: Console) -> None:
+    """Print the formula of the force with its numbers, and the others that were refitted."""
+    formula = result.formula
+    if formula is not None:
+        console.print(f"[bold]formula[/]: {escape(formula.text)}", soft_wrap=True)
+        for n in formula.numbers:
+            error = "" if n.error is None else f" +- {n.error:.1g}"
+            console.print(f"  {n.name} = {n.value:.4g}{error} {escape(n.unit)}: {escape(n.meaning)}", soft_wrap=True)
+    elif result.functions:
+        console.print("no formula of the dictionary predicts as well as the free function", soft_wrap=True)
+    if result.formulas:
+        table = Table(title="formulas, refitted in the simulator", title_justify="left")
+        table.add_column("formula")
+        for heading in ("numbers", "chi-square", "left out", "AIC"):
+            table.add_column(heading, justify="right")
+        table.add_column("")
+        least = min(f.aic for f in result.formulas)
+        for own in result.formulas:
+            left_out = "-" if own.left_out_deviance is None else f"{own.left_out_deviance:.5g}"
+            remarks = [text for text, holds in (("tie", own.ties), ("front", own.on_front)) if holds]
+            row = str(len(own.numbers)), f"{own.chi2:.5g}", left_out, f"+{own.aic - least:.1f}", ", ".join(remarks)
+            table.add_row(escape(own.text), *row)
+        console.print(table)
 
 
 def _trials(result: DiscoveryResult) -> Table:

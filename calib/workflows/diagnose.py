@@ -66,5 +66,7 @@ def diagnose_study(
     rebuild(path, out, jobs, pool)
     selection, extended = diagnosis.selection, None
     if apply and diagnosis.verdict in (NAMED, ONE_OF) and selection is not None and selection.causes:
-        extended = extended_study(file, selection, () if diagnosis.gain is None else diagnosis.gain.transfers)
+        causes = [cause.candidate for cause in selection.causes]
+        transfers = () if diagnosis.gain is None else diagnosis.gain.transfers
+        extended = extended_study(file, selection.final, causes, file.effect_references(), transfers)
     return result, extended

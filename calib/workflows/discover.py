@@ -13,6 +13,7 @@ from calib.report.plots.found_force import found_force_figure
 from calib.report.plots.style import png
 from calib.study_file import load
 from calib.workflows.calibrated import calibrated_values
+from calib.workflows.found_effect import apply_force
 
 DISCOVERY, FORCE_PICTURE = "discovery.json", "discovery.png"
 
@@ -23,10 +24,11 @@ def discover_study(
     *,
     seed: int | None = None,
     jobs: int | None = None,
+    apply: bool = False,
     on_stage: Callable[[str], None] = lambda text: None,
     on_progress: Callable[[int, int], None] = lambda done, foreseen: None,
     pool: Mapping[str, Any] | None = None,
-) -> DiscoveryResult:
+) -> tuple[DiscoveryResult, Path | None]:
     """Search a calibrated study for the force that its model misses: `calib discover` from Python.
 
     Writes discovery.json and, where a force is found, discovery.png into the folder of the results.
@@ -37,9 +39,14 @@ def discover_study(
     out : folder of the results; None: the study's
     seed : of the noise that is drawn; None: the study's
     jobs : takes the place of the file's
+    apply : write the force as an effect file, effects/found_NAME.py, and study.extended.toml with it beside the study
     on_stage : called with what is being done
     on_progress : called with the simulations that are done, and those that are foreseen in all
     pool : keys of a [pool] table that takes the place of the file's
+
+    Returns
+    -------
+    what discovery.json says, and the path of the extended study (None where none was written)
 
     Raises
     ------
@@ -61,4 +68,4 @@ def discover_study(
     else:
         with whole(file.folder / FORCE_PICTURE) as temporary:
             temporary.write_bytes(png(figure))
-    return result
+    return result, apply_force(file, discovery) if apply else None

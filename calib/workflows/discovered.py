@@ -2,12 +2,16 @@
 
 import base64
 import html
+from typing import TYPE_CHECKING
 
-from calib.diagnosis.discovery.document import DiscoveryResult
+from calib.diagnosis.discovery.document import DiscoveryResult, FormulaResult
 from calib.diagnosis.discovery.place import AT_INTERFACE
 from calib.errors import CalibError
 from calib.report.plots.found_force import found_force_figure
 from calib.workflows.plot import Plot
+
+if TYPE_CHECKING:
+    from calib.workflows.study import Study
 
 
 class Discovered:
@@ -19,13 +23,33 @@ class Discovered:
     name : of the study
     """
 
-    def __init__(self, summary: DiscoveryResult, name: str):
-        self.summary, self.name = summary, name
+    def __init__(self, summary: DiscoveryResult, name: str, extended: "Study | None" = None):
+        self.summary, self.name, self._extended = summary, name, extended
 
     @property
     def verdict(self) -> str:
         """Return "found", "nothing", "undetermined" or "not_diagnosable"."""
         return self.summary.verdict
+
+    @property
+    def formula(self) -> FormulaResult | None:
+        """Formula of the force; None where none predicts as well as the free function."""
+        return self.summary.formula
+
+    @property
+    def extended(self) -> "Study":
+        """Study with the force in its model, as an effect file of its own.
+
+        Raises
+        ------
+        CalibError : no force was found, or it was not applied
+        """
+        if self._extended is None:
+            raise CalibError(
+                f"there is no extended study: the verdict is {self.verdict!r}, and `discover(apply=True)` writes one "
+                "where a force is found"
+            )
+        return self._extended
 
     def plot(self) -> Plot:
         """Force over the visited region with its 95 % band.
@@ -44,11 +68,25 @@ class Discovered:
         names = [AT_INTERFACE[a] if found.interface else a for a in found.arguments]
         place = f"at the {found.body}" if found.interface else f"on {found.body}"
         where = f": force {place} over {', '.join(names)}" if found.body else ""
-        return f"force law of {self.name!r}: {self.verdict}{where}\n  {self.summary.summary}"
+        formula = f"\n  {found.formula.equation}" if found.formula is not None else ""
+        return f"force law of {self.name!r}: {self.verdict}{where}\n  {found.summary}{formula}"
 
     def _repr_html_(self) -> str:
         text = f"<b>{html.escape(self.verdict)}</b><p>{html.escape(self.summary.summary)}</p>"
+        if self.summary.formula is not None:
+            text += formula_html(self.summary.formula)
         if not self.summary.functions:
             return text
         shown = base64.b64encode(self.plot()._repr_png_()).decode()
         return f'{text}<img alt="force over the visited region" src="data:image/png;base64,{shown}">'
+
+
+def formula_html(formula: FormulaResult) -> str:
+    """Formula as LaTeX, which a notebook typesets, with a table of its numbers."""
+    rows = "".join(
+        f"<tr><td>{n.name}</td><td>{n.value:.4g}</td><td>{'' if n.error is None else f'{n.error:.1g}'}</td>"
+        f"<td>{html.escape(n.unit)}</td><td>{html.escape(n.meaning)}</td></tr>"
+        for n in formula.numbers
+    )
+    heads = "<tr><th></th><th>value</th><th>std. error</th><th>unit</th><th></th></tr>"
+    return f"<p>$${html.escape(formula.latex)}$$</p><table>{heads}{rows}</table>"

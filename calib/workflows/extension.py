@@ -1,4 +1,4 @@
-"""The extended study: a study file with the causes of a diagnosis in its model, and windows for their sizes."""
+"""The extended study: a study file with the causes of its misfit in its model, and windows for their sizes."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -9,9 +9,8 @@ import numpy as np
 import tomlkit
 from tomlkit.items import AbstractTable, InlineTable, Table
 
+from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.fit import Fit
-from calib.diagnosis.selection import Selection
-from calib.diagnosis.suspect import Refitted
 from calib.diagnosis.transfer import Transfer
 from calib.execution.files import whole
 from calib.modelling.parameter import Parameter, Space, Window
@@ -24,20 +23,27 @@ HALF_WIDTH_DEPARTURES = 0.1  # in departures from null: the study's terms weigh 
 WINDOW_END_MARGIN = 0.1  # of a window: a value nearer to its end may be at its edge
 
 
-def extended_study(file: StudyFile, selection: Selection, transfers: Sequence[Transfer]) -> Path:
-    """Write the study with the causes of a diagnosis in its model; it starts where the diagnosis ended.
+def extended_study(
+    file: StudyFile,
+    final: Fit,
+    causes: Sequence[Candidate],
+    references: Mapping[str, str],
+    transfers: Sequence[Transfer] = (),
+) -> Path:
+    """Write the study with the causes of a misfit in its model; it starts where the fit with them ended.
 
     Parameters
     ----------
-    selection : of at least one cause
+    final : the fit
+    causes : at least one
+    references : effect -> reference under which a study file knows it
     transfers : sizes that single records give to the parameters of the causes
     """
     document = tomlkit.parse(file.path.read_text(encoding="utf-8"))
     document["study"]["name"] = f"{document['study']['name']} {EXTENDED}"
-    final = selection.final
     _widened(document["windows"], file.study.space, file.study.model.parameters, final)
-    _with_causes(document, file.effect_references(), selection, transfers)
-    sizes = [name for cause in selection.causes for name in cause.candidate.free]
+    _with_causes(document, references, final, causes, transfers)
+    sizes = [name for cause in causes for name in cause.free]
     for name in (*file.study.space.names, *sizes):
         document["windows"][name]["start"] = final.value(name)
     path = file.path.with_name(f"{file.path.stem}.{EXTENDED}.toml")
@@ -49,18 +55,19 @@ def extended_study(file: StudyFile, selection: Selection, transfers: Sequence[Tr
 def _with_causes(
     document: tomlkit.TOMLDocument,
     references: Mapping[str, str],
-    selection: Selection,
+    final: Fit,
+    causes: Sequence[Candidate],
     transfers: Sequence[Transfer],
 ) -> None:
     """Add the causes to the model, and a window for each parameter that was fitted with them."""
     model = document["model"]
     effects = model.setdefault("effects", tomlkit.array())
     fixed = model.setdefault("fixed", tomlkit.inline_table())
-    for cause in selection.causes:
+    for cause in causes:
         effects.append(_entry(cause, references[cause.name]))
-        for name, value in cause.candidate.held.items():
+        for name, value in cause.held.items():
             fixed[name] = float(value)
-        for name, window in _windows(cause, selection.final, transfers).items():
+        for name, window in _windows(cause, final, transfers).items():
             document["windows"][name] = tomlkit.inline_table()
             document["windows"][name].update({"low": window.low, "high": window.high})
             _remark(
@@ -70,9 +77,9 @@ def _with_causes(
             )
 
 
-def _entry(cause: Refitted, reference: str) -> str | InlineTable:
-    """Entry of [model] effects under which the effect loads that the diagnosis has found, on the same bodies."""
-    bodies = cause.candidate.effect.bodies
+def _entry(cause: Candidate, reference: str) -> str | InlineTable:
+    """Entry of [model] effects under which the effect loads that was found, on the same bodies."""
+    bodies = cause.effect.bodies
     if bodies is None:
         return reference
     entry = tomlkit.inline_table()
@@ -80,18 +87,18 @@ def _entry(cause: Refitted, reference: str) -> str | InlineTable:
     return entry
 
 
-def _windows(cause: Refitted, final: Fit, alone: Sequence[Transfer]) -> dict[str, Window]:
+def _windows(cause: Candidate, final: Fit, alone: Sequence[Transfer]) -> dict[str, Window]:
     """Window of each parameter of a cause, about its joint size and within the bounds of the parameter.
 
     It holds twice the 95 % interval and the sizes of the records that the diagnosis had, as far as they know more of it
     than that it is there, and is never narrower than a tenth of the size on each side.
     """
     windows = {}
-    for p in cause.candidate.parameters:
+    for p in cause.parameters:
         size, error = final.value(p.name), float(final.error([p.name])[0])
         interval = float(final.half_width([p.name])[0])  # wide where the error has few degrees of freedom
         departure = abs(size - (p.null if p.null is not None and np.isfinite(p.null) else 0.0))
-        least = HALF_WIDTH_DEPARTURES * (departure or cause.candidate.scale[p.name])
+        least = HALF_WIDTH_DEPARTURES * (departure or cause.scale[p.name])
         half = (
             max(HALF_WIDTH_ERRORS * error, HALF_WIDTH_INTERVALS * interval, least)
             if np.isfinite(interval)

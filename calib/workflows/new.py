@@ -72,18 +72,19 @@ def thing_of(kind: str, name: str) -> str:
 def _module(kind: str, folder: Path, words: dict[str, str]) -> dict[Path, str]:
     name = words["name"]
     return {
-        folder / f"{name}.py": _text(f"{kind}.py.j2", words),
-        folder / f"test_{name}.py": _text(f"test_{kind}.py.j2", words),
+        folder / f"{name}.py": skeleton(f"{kind}.py.j2", words),
+        folder / f"test_{name}.py": skeleton(f"test_{kind}.py.j2", words),
     }
 
 
 def _study(folder: Path, words: dict[str, str], program: bool) -> dict[Path, str]:
     names = ["study.toml", *(["deck.in.j2", "solver.py"] if program else [])]
-    texts = {folder / name: _text(f"{name}.j2", {**words, "program": program}) for name in names}
+    texts = {folder / name: skeleton(f"{name}.j2", {**words, "program": program}) for name in names}
     return {**texts, folder / f"{words['name']}.csv": _made_up()}
 
 
-def _text(template: str, words: Mapping[str, object]) -> str:
+def skeleton(template: str, words: Mapping[str, object]) -> str:
+    """Text of a file by its template and the words in it."""
     loader = PackageLoader("calib.workflows", "skeletons")
     known = Environment(
         loader=loader, undefined=StrictUndefined, keep_trailing_newline=True, autoescape=False, trim_blocks=True

@@ -385,11 +385,13 @@ class Calibration:
             )  # fmt: skip
         return Diagnosed(summary, None if extended is None else Study.read(extended), self)
 
-    def discover(self, *, jobs: int | None = None, seed: int | None = None, quiet: bool = False) -> Discovered:
-        """Search for the force that the model misses: `calib discover`; arguments as in `diagnose`."""
+    def discover(
+        self, *, apply: bool = False, jobs: int | None = None, seed: int | None = None, quiet: bool = False
+    ) -> Discovered:
+        """Search for the force that the model misses, `calib discover`; `apply` writes the study that has it too."""
         with Count("simulations", quiet) as count:
-            summary = discover_study(self.path, jobs=jobs, seed=seed, on_progress=count)
-        return Discovered(summary, self.summary.name)
+            summary, extended = discover_study(self.path, jobs=jobs, seed=seed, apply=apply, on_progress=count)
+        return Discovered(summary, self.summary.name, None if extended is None else Study.read(extended))
 
     def __repr__(self) -> str:
         return calibration_text(self.summary)

@@ -252,7 +252,7 @@ class Joint:
 
 def window(error, *alone, low=0.0, high=np.inf, size=1.0):
     stiffness = Parameter("k", "N/m", 0.0, "stiffness", null=0.0, low=low, high=high)
-    cause = SimpleNamespace(candidate=SimpleNamespace(parameters=[stiffness], scale={"k": 1e-3}))
+    cause = SimpleNamespace(parameters=[stiffness], scale={"k": 1e-3})
     return _windows(cause, Joint(error, size), alone)["k"]
 
 

@@ -18,6 +18,9 @@ from calib.records import make, write
 from calib.records.excitation import Excitation
 from calib.report.plots.style import png
 from calib.simulators.oscillator import Oscillator
+from calib.study_file import load
+from calib.workflows.diagnose import diagnose_study
+from calib.workflows.discover import discover_study
 from calib.workflows.discovered import Discovered
 from calib.workflows.study import Study
 
@@ -85,7 +88,7 @@ def calibrated(place, size):
 
 
 def discovered(place):
-    answer = CliRunner().invoke(main, ["discover", str(place), "-j", "1"], catch_exceptions=False)
+    answer = CliRunner().invoke(main, ["discover", str(place), "-j", "1", "--apply"], catch_exceptions=False)
     assert answer.exit_code == 0
     return answer.output, DiscoveryResult.from_dict(json.loads((place / "out" / "discovery.json").read_text()))
 
@@ -121,12 +124,46 @@ def test_the_force_is_the_hidden_one_beside_the_stiffness(found):
     assert np.mean(np.abs(apart) < 2.0 * np.array(function.error)) > 0.8
 
 
+def test_the_formula_of_the_force_is_first(found):
+    _, output, result = found
+    assert result.formula == result.formulas[0]
+    assert result.formula.text == "c1 x |x|"
+    [number] = result.formula.numbers
+    assert (number.unit, number.value) == ("1/(m s^2)", pytest.approx(-SIZE, abs=4.0 * number.error))
+    assert "formula: c1 x |x|\n  c1 = -" in output
+    [function] = result.functions
+    apart = np.array(function.formula) - np.array(function.force)
+    assert np.mean(np.abs(apart) < 2.5 * np.array(function.error)) > 0.8
+
+
+def test_the_extended_study_has_the_force_in_its_model(found):
+    place, output, _ = found
+    extended = load(place / "study.extended.toml")
+    [effect] = extended.study.model.effects
+    assert (effect.name, effect.equation, effect.bodies) == ("found_bent_spring", "c1 x |x|", ("mass",))
+    assert "found_c1" in extended.study.space.names
+    assert "study.extended.toml" in output
+
+
+@pytest.mark.slow
+def test_the_extended_study_runs_to_the_noise_and_nothing_more_is_found_in_it(found):
+    place, _, _ = found
+    path = place / "study.extended.toml"
+    assert CliRunner().invoke(main, ["run", str(path), "-q"], catch_exceptions=False).exit_code == 0
+    result = discover_study(path, jobs=1)[0]
+    assert result.verdict == "nothing"
+    diagnosis, _ = diagnose_study(path, jobs=1)
+    assert diagnosis.verdict == "none"
+
+
 @pytest.mark.slow
 def test_the_force_is_drawn_and_shown(found):
     place, _, result = found
     assert (place / "out" / "discovery.png").read_bytes().startswith(b"\x89PNG")
     shown = Discovered(result, "bent spring")
     assert repr(shown).startswith("force law of 'bent spring': found: force on mass over displacement\n")
+    assert "c1 x |x|; c1 = -" in repr(shown)
+    assert r"$$c_{1}\,x\,|x|$$" in shown._repr_html_()
     assert "data:image/png;base64," in shown._repr_html_()
     assert png(shown.plot().figure).startswith(b"\x89PNG")
 

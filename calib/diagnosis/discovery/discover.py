@@ -10,6 +10,7 @@ import numpy as np
 from calib.diagnosis.bench import Bench, Run, simulated
 from calib.diagnosis.candidate import Candidate, candidates
 from calib.diagnosis.criteria import CRITERIA
+from calib.diagnosis.discovery.formulas import FormulaTrial, formulas_of
 from calib.diagnosis.discovery.free_force import DISPLACEMENT, VELOCITY, FreeForce, free_force
 from calib.diagnosis.discovery.left_out import LeftOutMisfit, left_out_misfit
 from calib.diagnosis.discovery.penalised import FreeModel, PenalisedFit, States, nested, penalised_fit, visited_states
@@ -75,6 +76,7 @@ class Discovery:
     null : the calibrated model, fitted; None where a gate failed
     null_left_out : misfit of the left-out records without a force
     excess_chi2 : of the calibrated model, and of the chosen one (0 without one)
+    formulas : of the chosen model, the best first; empty without one
     seconds, simulations : of the search  [s]
     """
 
@@ -88,6 +90,7 @@ class Discovery:
     null: Fit | None = None
     null_left_out: LeftOutMisfit | None = None
     excess_chi2: tuple[float, float] = (0.0, 0.0)
+    formulas: tuple[FormulaTrial, ...] = ()
     seconds: float = 0.0
     simulations: int = 0
 
@@ -321,9 +324,10 @@ class _ForceSearch:
         states = visited_states(self.fitter, chosen.fitted.fit.point, chosen.place)
         rivals = tuple({t.body: t.place for t in equal if t.body != chosen.body}.values())
         excess = self._excess(self.null), self._excess(chosen.fitted.fit)
+        formulas = formulas_of(self.fitter, self.null, chosen.fitted, chosen.left_out, on_stage)
         return Discovery(
             FOUND, _summary(chosen, equal, rivals, excess, before), self.ready.gates, tuple(self.trials), chosen,
-            tuple(place.name for place in rivals), states, self.null, before, excess,
+            tuple(place.name for place in rivals), states, self.null, before, excess, formulas,
         )  # fmt: skip
 
 

@@ -21,6 +21,7 @@ class FunctionResult:
     force, error : there, and the standard error  [m/s^2]; of two arguments, all values of the second for the first
         value of the first, and so on
     visited : whether the records visit the neighbourhood of each of these points
+    formula : values of the formula there, less what calibration absorbs of it  [m/s^2]; empty without one
     """
 
     arguments: tuple[str, ...]
@@ -30,6 +31,59 @@ class FunctionResult:
     force: tuple[float, ...]
     error: tuple[float, ...]
     visited: tuple[bool, ...]
+    formula: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class NumberResult:
+    """A number of a formula.
+
+    Attributes
+    ----------
+    name : in its text
+    value, error : and standard error, in SI
+    unit : of both
+    meaning : in words
+    """
+
+    name: str
+    value: float
+    error: float | None
+    unit: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class FormulaResult:
+    """A formula of the force, refitted inside the simulator.
+
+    Attributes
+    ----------
+    text, latex : force per unit mass over displacement x and velocity v, with names for its numbers
+    numbers : that are fitted
+    chi2, left_out_deviance : as those of a `TrialResult`
+    aic : quasi-AIC, but for a constant that all formulas have in common  [1]
+    ties : whether it is within a tie of AIC of the best
+    on_front : whether no formula of as many numbers or fewer has a lower chi-square
+    predicts : whether it fits all records and predicts left-out ones as well as the free function
+    explains : whether the misfit that it leaves is none beside the noise
+    """
+
+    text: str
+    latex: str
+    numbers: tuple[NumberResult, ...]
+    chi2: float
+    left_out_deviance: float | None
+    aic: float
+    ties: bool
+    on_front: bool
+    predicts: bool
+    explains: bool
+
+    @property
+    def equation(self) -> str:
+        """Text with its numbers behind it."""
+        return f"{self.text}; {', '.join(f'{n.name} = {n.value:.4g} {n.unit}' for n in self.numbers)}"
 
 
 @dataclass(frozen=True)
@@ -70,6 +124,7 @@ class DiscoveryResult:
     undetermined : linear functions that calibrated parameters absorb: the force is stated without them
     rivals : bodies or interfaces at which a force predicts as well
     trials : models that were fitted
+    formulas : of the force, the best first: of those within a tie of AIC the one with the fewest numbers
     gates : conditions of the search
     parameters : calibrated values beside the force
     values : calibrated values from which the search began
@@ -90,12 +145,18 @@ class DiscoveryResult:
     undetermined: tuple[str, ...] = ()
     rivals: tuple[str, ...] = ()
     trials: tuple[TrialResult, ...] = ()
+    formulas: tuple[FormulaResult, ...] = ()
     gates: tuple[GateResult, ...] = ()
     parameters: Mapping[str, float] = field(default_factory=dict)
     values: Mapping[str, float] = field(default_factory=dict)
     simulations: int = 0
     seconds: float = 0.0
     interface: bool = False
+
+    @property
+    def formula(self) -> FormulaResult | None:
+        """Formula of the force: the first, where it predicts as well as the free function."""
+        return next((f for f in self.formulas[:1] if f.predicts), None)
 
     @classmethod
     def from_dict(cls, document: Mapping[str, Any]) -> "DiscoveryResult":

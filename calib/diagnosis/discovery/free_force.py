@@ -51,7 +51,7 @@ def _weights(
 
 
 @njit(cache=True)
-def _curve(u: float, p: np.ndarray) -> float:  # pragma: no cover - compiled
+def curve(u: float, p: np.ndarray) -> float:  # pragma: no cover - compiled
     """Function of one argument: p holds the number of intervals m, m + 1 breakpoints, m + 3 coefficients."""
     m = int(p[0])
     i, a, b, c, d = _weights(u, p, 1, m)
@@ -62,18 +62,18 @@ def _curve(u: float, p: np.ndarray) -> float:  # pragma: no cover - compiled
 @force
 def along_x(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
     """Return the force per unit mass [m/s^2] at the displacement x [m]: sum of c_k B_k(x)."""
-    return _curve(x, p)
+    return curve(x, p)
 
 
 @force
 def along_v(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
     """Return the force per unit mass [m/s^2] at the velocity v [m/s]: sum of c_k B_k(v)."""
-    return _curve(v, p)
+    return curve(v, p)
 
 
-@force
-def over_states(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
-    """Return the force per unit mass [m/s^2] at x [m] and v [m/s]: sum of c_kl B_k(x) B_l(v).
+@njit(cache=True)
+def surface(x: float, v: float, p: np.ndarray) -> float:  # pragma: no cover - compiled
+    """Function of two arguments.
 
     p holds the numbers of intervals m and n, m + 1 breakpoints of x, n + 1 of v, (m + 3) (n + 3) coefficients, those of
     one k after the other.
@@ -90,6 +90,12 @@ def over_states(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: 
     total += a2 * (b0 * p[k] + b1 * p[k + 1] + b2 * p[k + 2] + b3 * p[k + 3])
     k += row
     return total + a3 * (b0 * p[k] + b1 * p[k + 1] + b2 * p[k + 2] + b3 * p[k + 3])
+
+
+@force
+def over_states(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
+    """Return the force per unit mass [m/s^2] at x [m] and v [m/s]: sum of c_kl B_k(x) B_l(v)."""
+    return surface(x, v, p)
 
 
 LAWS: dict[tuple[str, ...], Law] = {

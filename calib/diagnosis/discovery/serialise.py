@@ -5,7 +5,15 @@ from collections.abc import Mapping
 import numpy as np
 
 from calib.diagnosis.discovery.discover import Discovery, ForceTrial, described
-from calib.diagnosis.discovery.document import DiscoveryResult, FunctionResult, TrialResult
+from calib.diagnosis.discovery.document import (
+    DiscoveryResult,
+    FormulaResult,
+    FunctionResult,
+    NumberResult,
+    TrialResult,
+)
+from calib.diagnosis.discovery.formula import Formula
+from calib.diagnosis.discovery.formulas import FormulaTrial
 from calib.diagnosis.discovery.free_force import DISPLACEMENT, UNITS, VELOCITY
 from calib.diagnosis.discovery.penalised import States
 from calib.diagnosis.document import GateResult
@@ -39,7 +47,8 @@ def discovery_result(discovery: Discovery, values: Mapping[str, float]) -> Disco
             "body": chosen.body,
             "interface": bool(chosen.place.gap),
             "arguments": tuple(dict.fromkeys(a for own in chosen.arguments for a in own)),
-            "functions": functions(chosen, states),
+            "functions": functions(chosen, states, formula_of(discovery)),
+            "formulas": tuple(map(_formula, discovery.formulas)),
             "rms": (float(np.sqrt(np.mean(force**2))), float(np.sqrt(np.mean(error**2)))),
             "explained": 1.0 - max(0.0, left) / max(null, 1e-300),
             "left_out": before.names,
@@ -51,8 +60,26 @@ def discovery_result(discovery: Discovery, values: Mapping[str, float]) -> Disco
     )
 
 
-def functions(trial: ForceTrial, states: States) -> tuple[FunctionResult, ...]:
-    """Functions of a model over the visited region, without what calibration absorbs.
+def formula_of(discovery: Discovery) -> Formula | None:
+    """Formula of the force: the first, where it predicts as well as the free force."""
+    return next((trial.formula for trial in discovery.formulas[:1] if trial.predicts), None)
+
+
+def _formula(trial: FormulaTrial) -> FormulaResult:
+    errors = trial.errors()
+    numbers = tuple(
+        NumberResult(n.name, n.value, errors[n.name] if np.isfinite(errors[n.name]) else None, n.unit, n.meaning)
+        for n in trial.formula.numbers
+    )
+    left_out = None if trial.left_out is None else trial.left_out.deviance
+    return FormulaResult(
+        trial.formula.text, trial.formula.latex, numbers, trial.fit.chi2, left_out, trial.aic, trial.ties,
+        trial.on_front, trial.predicts, trial.explains,
+    )  # fmt: skip
+
+
+def functions(trial: ForceTrial, states: States, formula: Formula | None = None) -> tuple[FunctionResult, ...]:
+    """Functions of a model over the visited region, without what calibration absorbs, and a formula of their sum.
 
     Of additive functions the first alone has a constant: those after it vanish at zero.
     """
@@ -64,6 +91,7 @@ def functions(trial: ForceTrial, states: States) -> tuple[FunctionResult, ...]:
         at = dict(zip(arguments, grid, strict=True))
         rows = _rows(trial, number, at, grid[0].size)
         force, error = trial.fitted.combination(rows)
+        own = () if formula is None else tuple(_formula_values(trial, number, at, rows, formula).tolist())
         results.append(
             FunctionResult(
                 arguments=arguments,
@@ -73,9 +101,27 @@ def functions(trial: ForceTrial, states: States) -> tuple[FunctionResult, ...]:
                 force=tuple(force.tolist()),
                 error=tuple(error.tolist()),
                 visited=tuple(_visited(points, [_along(states, a) for a in arguments]).ravel().tolist()),
+                formula=own,
             )
         )
     return tuple(results)
+
+
+def _formula_values(
+    trial: ForceTrial, number: int, at: Mapping[str, np.ndarray], rows: np.ndarray, formula: Formula
+) -> np.ndarray:
+    """Values (n,) of that part of a formula which belongs to a function, without what calibration absorbs of it.
+
+    rows : (n, p) of the function, see `_rows`
+    """
+    zero = np.zeros(len(rows))
+    x, v = at.get(DISPLACEMENT, zero), at.get(VELOCITY, zero)
+    own = Formula(tuple(t for t in formula.terms if t.arguments and t.arguments <= set(trial.arguments[number])))
+    rest = Formula(tuple(t for t in formula.terms if t not in own.terms))
+    values = own.values(x, v) + (rest.values(zero, zero) if not number else -own.values(zero, zero))
+    absorbed, states = trial.fitted.smoothing.absorbed, trial.fitted.model.states
+    share = np.linalg.pinv(trial.fitted.model.visited @ absorbed) @ formula.values(states.x, states.v)
+    return np.asarray(values - rows @ absorbed @ share)
 
 
 def _rows(trial: ForceTrial, number: int, at: Mapping[str, np.ndarray], count: int) -> np.ndarray:

@@ -8,29 +8,34 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from calib.diagnosis.discovery.document import DiscoveryResult, FunctionResult
+from calib.diagnosis.discovery.document import DiscoveryResult, FormulaResult, FunctionResult
 from calib.report.plots.missing_force import SIGNS
-from calib.report.plots.style import LINE, SIMULATED, STYLE, TEXT_WIDTH, shown_unit
+from calib.report.plots.style import LINE, MARK, SIMULATED, STYLE, TEXT_WIDTH, shown_unit
 
 BAND_STD = 1.96  # half width of a 95 % band, in standard errors  [1]
 ON_BODY = {"displacement": "Displacement", "velocity": "Velocity"}
 AT_INTERFACE = {"displacement": "Clearance", "velocity": "Rate of the clearance"}
-CURVE_HEIGHT, SURFACE_HEIGHT = 2.5, 2.9  # of the figure  [inch]
+CURVE_HEIGHT, SURFACE_HEIGHT, FORMULA_HEIGHT = 2.5, 2.9, 0.22  # of the figure, of a line of the formula  [inch]
+FORMULA_LEVELS = 7  # contours of a formula  [count]
+TERMS_OF_A_LINE, NUMBERS_OF_A_LINE = 2, 3  # of a formula, above the figure  [count]
 
 
 def found_force_figure(result: DiscoveryResult) -> Figure | None:
     """Force per unit mass over its arguments with its 95 % band; None where none was found.
 
-    A function of one argument is a curve, one of two a map with the half width of its band beside it.
+    A function of one argument is a curve, one of two a map with the half width of its band beside it. The formula,
+    where there is one, is drawn over them and stands above.
     """
     if not result.functions:
         return None
     labels = AT_INTERFACE if result.interface else ON_BODY
     surface = len(result.functions[0].arguments) == 2
     panels = 2 if surface else len(result.functions)
+    title = "" if result.formula is None else _title(result.formula)
     with mpl.rc_context(STYLE):
+        extra = FORMULA_HEIGHT * (title.count("\n") + 1) if title else 0.0
         width = TEXT_WIDTH if panels > 1 else 0.6 * TEXT_WIDTH
-        figure = Figure(figsize=(width, SURFACE_HEIGHT if surface else CURVE_HEIGHT), layout="constrained")
+        figure = Figure(figsize=(width, extra + (SURFACE_HEIGHT if surface else CURVE_HEIGHT)), layout="constrained")
         axes = figure.subplots(1, panels, squeeze=False)[0]
         if surface:
             _maps(figure, axes, result.functions[0], labels)
@@ -39,7 +44,20 @@ def found_force_figure(result: DiscoveryResult) -> Figure | None:
                 _curve(own, function, labels)
             where = "at the" if result.interface else "on"
             axes[0].set_ylabel(f"Force {where} {result.body}\nper unit mass [m/s²]")
+        if title:
+            figure.suptitle(title, fontsize=8)
     return figure
+
+
+def _title(formula: FormulaResult) -> str:
+    """Formula in lines of a few terms each, with its numbers below."""
+    terms = [f"c_{{{own}" for own in formula.latex.removeprefix("c_{").split(" + c_{")]
+    lines = [terms[k : k + TERMS_OF_A_LINE] for k in range(0, len(terms), TERMS_OF_A_LINE)]
+    written = [f"${'+' if k else ''}{' + '.join(line)}$" for k, line in enumerate(lines)]
+    numbers = [f"{n.name} = {n.value:.4g} {n.unit}".removesuffix(" 1") for n in formula.numbers]
+    per_line = NUMBERS_OF_A_LINE
+    written += [", ".join(numbers[k : k + per_line]) for k in range(0, len(numbers), per_line)]
+    return "\n".join(written)
 
 
 def _curve(axes: Axes, function: FunctionResult, labels: Mapping[str, str]) -> None:
@@ -52,7 +70,9 @@ def _curve(axes: Axes, function: FunctionResult, labels: Mapping[str, str]) -> N
         at, force - BAND_STD * error, force + BAND_STD * error, color=SIMULATED, alpha=0.2, linewidth=0,
         label="95 % band",
     )  # fmt: skip
-    axes.plot(at, force, color=SIMULATED, linewidth=1.3, label="force")
+    axes.plot(at, force, color=SIMULATED, linewidth=1.3, label="free function")
+    if function.formula:
+        axes.plot(at, function.formula, color=MARK, linewidth=1.0, linestyle="--", label="formula")
     axes.set(xlabel=f"{labels[function.arguments[0]]} [{unit}]")
     axes.margins(x=0.0)
     axes.legend(loc="best")
@@ -74,6 +94,9 @@ def _maps(figure: Figure, axes: np.ndarray, function: FunctionResult, labels: Ma
         (axes[0], force, "Force per unit mass [m/s²]", Normalize(-top, top), SIGNS),
         (axes[1], half, "Half width of the 95 % band [m/s²]", Normalize(0.0, float(np.nanmax(half)) or 1.0), "Greys"),
     )
+    if function.formula:
+        formula = np.where(visited, np.array(function.formula).reshape(shape), np.nan)
+        axes[0].contour(x, v, formula.T, levels=FORMULA_LEVELS, colors=LINE, linewidths=0.6)
     for own, value, label, norm, colours in drawn:
         mesh = own.pcolormesh(x, v, value.T, norm=norm, cmap=colours, shading="nearest", rasterized=True)
         bar = figure.colorbar(mesh, ax=own, location="top", shrink=0.9, aspect=24, pad=0.02)

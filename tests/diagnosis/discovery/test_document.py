@@ -1,18 +1,34 @@
 """The result of a search for a force law as JSON."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
-from calib.diagnosis.discovery.document import DiscoveryResult, FunctionResult, TrialResult
+from calib.diagnosis.discovery.document import (
+    DiscoveryResult,
+    FormulaResult,
+    FunctionResult,
+    NumberResult,
+    TrialResult,
+)
 from calib.diagnosis.document import GateResult
 
 FUNCTION = FunctionResult(
-    ("velocity",), ("m/s",), ((-0.3, 0.4),), ((-0.3, 0.0, 0.4),), (2.0, 0.0, -3.0), (0.1, 0.2, 0.1), (True,) * 3
+    ("velocity",),
+    ("m/s",),
+    ((-0.3, 0.4),),
+    ((-0.3, 0.0, 0.4),),
+    (2.0, 0.0, -3.0),
+    (0.1, 0.2, 0.1),
+    (True,) * 3,
+    (2.1, 0.0, -3.1),
 )
+NUMBER = NumberResult("c1", -9.0, None, "1/m", "coefficient of c1 v |v|")
+FORMULA = FormulaResult("c1 v |v|", r"c_{1}\,v\,|v|", (NUMBER,), 501.0, None, 503.0, True, True, True, False)
 FOUND = DiscoveryResult(
     "found", "a force", "mass", ("velocity",), (FUNCTION,), (1.5, 0.1), 0.97, ("a", "b"), (900.0, 500.0),
-    ("a multiple of the velocity",), (), (TrialResult("mass", "function of velocity", 500.0, None, 6.5),),
+    ("a multiple of the velocity",), (), (TrialResult("mass", "function of velocity", 500.0, None, 6.5),), (FORMULA,),
     (GateResult("noise", True, "known"),), {"stiffness": 4e3}, {"stiffness": 3.9e3}, 120, 3.5,
 )  # fmt: skip
 
@@ -20,6 +36,12 @@ FOUND = DiscoveryResult(
 @pytest.mark.parametrize("result", [FOUND, DiscoveryResult("nothing", "no free force is significant")])
 def test_a_result_is_read_as_it_was_written(result):
     assert DiscoveryResult.from_dict(json.loads(json.dumps(result.as_dict(), allow_nan=False))) == result
+
+
+def test_the_formula_is_the_first_where_it_predicts():
+    assert FOUND.formula == FORMULA
+    assert FORMULA.equation == "c1 v |v|; c1 = -9 1/m"
+    assert replace(FOUND, formulas=(replace(FORMULA, predicts=False),)).formula is None
 
 
 def test_what_is_no_result_is_refused():

@@ -1,8 +1,13 @@
 """The figure of a force that was found."""
 
-import numpy as np
+from dataclasses import replace
 
-from calib.diagnosis.discovery.document import DiscoveryResult, FunctionResult
+import numpy as np
+import pytest
+
+from calib.diagnosis.discovery.document import DiscoveryResult, FormulaResult, FunctionResult, NumberResult
+from calib.diagnosis.discovery.formula import Factor, Formula, FormulaTerm
+from calib.diagnosis.discovery.shapes import SHAPES, STEP
 from calib.report.plots.found_force import found_force_figure
 from calib.report.plots.style import png
 
@@ -36,6 +41,30 @@ def test_a_surface_is_a_map_beside_that_of_its_band():
     figure = found_force_figure(found(function(("displacement", "velocity"), (X, V), ("m", "m/s"), force)))
     assert [axes.get_xlabel() for axes in figure.axes[:2]] == ["Displacement [mm]"] * 2
     assert figure.axes[0].collections[0].get_array().shape == (11, 21)
+
+
+def test_a_formula_is_drawn_over_the_force_and_written_above():
+    curve = replace(function(("displacement",), (X,), ("m",), np.array(X) * 500.0), formula=tuple(np.array(X) * 490.0))
+    numbers = tuple(NumberResult(f"c{k}", 490.0, 1.0, "1/s^2", "") for k in (1, 2, 3))
+    latex = r"c_{1}\,x + c_{2}\,\max(0, x)^{1.5} + c_{3}\,\sin\frac{2\pi x}{a_{3}}"
+    formula = FormulaResult("", latex, numbers, 1.0, None, 1.0, True, True, True, True)
+    figure = found_force_figure(replace(found(curve), formulas=(formula,)))
+    [axes] = figure.axes
+    assert [line.get_label() for line in axes.lines][-2:] == ["free function", "formula"]
+    first, second, third = figure.get_suptitle().split("\n")
+    assert (first, second) == (
+        r"$c_{1}\,x + c_{2}\,\max(0, x)^{1.5}$", r"$+c_{3}\,\sin\frac{2\pi x}{a_{3}}$"
+    )  # fmt: skip
+    assert third == "c1 = 490 1/s^2, c2 = 490 1/s^2, c3 = 490 1/s^2"
+    assert png(figure).startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("code", [code for code in SHAPES if code])
+def test_every_shape_is_typeset(code):
+    formula = Formula((FormulaTerm((Factor(code, "displacement", (2.0, 3.0)), Factor(STEP, "velocity", (0.1, 1.0)))),))
+    result = FormulaResult(formula.text, formula.latex, (), 1.0, None, 1.0, True, True, True, True)
+    curve = function(("displacement",), (X,), ("m",), np.array(X) * 500.0)
+    assert png(found_force_figure(replace(found(curve), formulas=(result,)))).startswith(b"\x89PNG")
 
 
 def test_without_a_force_there_is_no_figure():
