@@ -79,10 +79,11 @@ def _written(folder: Path, name: str, text: str) -> str:
 def _common(file: StudyFile, name: str, discovery: Discovery, chosen: ForceTrial) -> dict[str, object]:
     """Words that both kinds of file have in common."""
     study = re.sub(r'["\\]', "'", file.study.name)
+    where = f"{chosen.place.preposition} {chosen.body}"
     return {
         "name": name,
-        "title": f"A force on {chosen.body} that was found in the records of the study '{study}'.",
-        "meaning": f"a force on {chosen.body}, found in the records of a study: a {described(chosen.arguments)}",
+        "title": f"A force {where} that was found in the records of the study '{study}'.",
+        "meaning": f"a force {where}, found in the records of a study: a {described(chosen.arguments, chosen.place)}",
         "source": f"found by calib discover in the study '{study}'",
         "summary": _wrapped(discovery.summary.replace("\\", "/")),
         "place": chosen.fitted.model.forces[0].effect.place,

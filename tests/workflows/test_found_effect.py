@@ -13,6 +13,7 @@ from calib.diagnosis.discovery.formula import Factor, Formula, FormulaTerm
 from calib.diagnosis.discovery.formulas import FormulaTrial
 from calib.diagnosis.discovery.free_force import DISPLACEMENT, VELOCITY, free_force
 from calib.diagnosis.discovery.penalised import FreeModel, PenalisedFit, States
+from calib.diagnosis.discovery.place import ForcePlace
 from calib.diagnosis.discovery.shapes import ABOVE, ODD_POWER, SINE
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.signature import Point
@@ -51,7 +52,7 @@ def found(formula):
     held = {p.name: p.nominal for force in forces for p in force.effect.parameters if p.null is None}
     free = fit({**held, **sizes}, ("damping", "stiffness", *coefficients))
     fitted = PenalisedFit(free, FreeModel(forces, (), REGION), SimpleNamespace(), 1.0)
-    trial = ForceTrial("mass", ((DISPLACEMENT,), (VELOCITY,)), fitted, None)
+    trial = ForceTrial(ForcePlace("mass", {"mass": 1.0}), ((DISPLACEMENT,), (VELOCITY,)), fitted, None)
     formulas = ()
     if formula is not None:
         numbers = {f"found_{n.name}": n.value for n in formula.numbers}

@@ -7,7 +7,7 @@ from calib.diagnosis.discovery.dictionary import MAX_DEGREE, dictionary
 from calib.diagnosis.discovery.formula import Factor, Formula, FormulaTerm, unit_text
 from calib.diagnosis.discovery.free_force import DISPLACEMENT, VELOCITY
 from calib.diagnosis.discovery.shapes import EVEN_POWER, ODD_POWER, SHAPES, SINE, STEP
-from calib.modelling.laws import LAW_PARAMETERS
+from calib.modelling.laws import MAX_LAW_PARAMETERS
 from calib.units import powers
 
 REGION = {DISPLACEMENT: (-3e-3, 4e-3), VELOCITY: (-0.3, 0.25)}
@@ -92,5 +92,5 @@ def test_it_is_absent_at_null_and_fits_into_a_law():
     candidate = formula.candidate("found", ("mass",))
     p = candidate.effect.bound({**candidate.held, **candidate.absent()}).p
     assert candidate.effect.law.function(0.0, 1e-3, 0.1, p, NONE, NONE) == 0.0
-    assert len(candidate.effect.parameters) <= LAW_PARAMETERS
+    assert len(candidate.effect.parameters) <= MAX_LAW_PARAMETERS
     assert candidate.form == tuple(f"found_{n.name}" for n in formula.shape_numbers)
