@@ -124,6 +124,7 @@ def test_the_force_is_the_hidden_one_beside_the_stiffness(found):
     assert np.mean(np.abs(apart) < 2.0 * np.array(function.error)) > 0.8
 
 
+@pytest.mark.slow
 def test_the_formula_of_the_force_is_first(found):
     _, output, result = found
     assert result.formula == result.formulas[0]
@@ -136,6 +137,7 @@ def test_the_formula_of_the_force_is_first(found):
     assert np.mean(np.abs(apart) < 2.5 * np.array(function.error)) > 0.8
 
 
+@pytest.mark.slow
 def test_the_extended_study_has_the_force_in_its_model(found):
     place, output, _ = found
     extended = load(place / "study.extended.toml")

@@ -76,7 +76,9 @@ def file(tmp_path):
     return written(tmp_path)
 
 
-@pytest.fixture(scope="module", params=[FORMULA, None], ids=["formula", "splines"])
+@pytest.fixture(
+    scope="module", params=[FORMULA, pytest.param(None, marks=pytest.mark.slow)], ids=["formula", "splines"]
+)
 def applied(request, tmp_path_factory):
     extended = load(apply_force(written(tmp_path_factory.mktemp("found")), found(request.param)))
     [effect] = extended.study.model.effects
@@ -133,6 +135,7 @@ def test_it_is_an_effect_as_calib_needs_them(applied):
     assert all(math.isfinite(size) for sizes in loaded.natural.values() for size in sizes)
 
 
+@pytest.mark.slow
 def test_a_file_of_another_author_is_not_replaced(file):
     first = apply_force(file, found(FORMULA))
     assert apply_force(file, found(None)) == first

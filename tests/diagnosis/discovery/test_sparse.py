@@ -35,7 +35,7 @@ def selected(arguments, law):
     [
         ((DISPLACEMENT,), "bent", "c1 x |x|"),
         pytest.param((VELOCITY,), "friction", "c1 tanh(v/a1)", marks=pytest.mark.slow),
-        ((DISPLACEMENT, VELOCITY), "both", "c1 x^3 + c2 v |v|"),
+        pytest.param((DISPLACEMENT, VELOCITY), "both", "c1 x^3 + c2 v |v|", marks=pytest.mark.slow),
     ],
 )
 def test_the_formula_of_a_force_is_within_a_tie_of_the_best(arguments, law, text):
@@ -47,6 +47,7 @@ def test_the_formula_of_a_force_is_within_a_tie_of_the_best(arguments, law, text
     assert own.formula.text == text
 
 
+@pytest.mark.slow
 def test_a_formula_is_refined_between_the_points_of_the_grid():
     _, found = selected((DISPLACEMENT,), "stop")
     own = next(s for s in found if s.formula.text == "c1 max(0, x - a1)^1.5")
@@ -54,6 +55,7 @@ def test_a_formula_is_refined_between_the_points_of_the_grid():
     assert own.formula.coefficients[0].value == pytest.approx(20.0, rel=0.1)
 
 
+@pytest.mark.slow
 def test_what_calibration_absorbs_is_no_term():
     _, found = selected((DISPLACEMENT,), "square")
     assert all(term.arguments for s in found for term in s.formula.terms)  # the height absorbs a constant
