@@ -79,6 +79,7 @@ def formulas_of(
     on_stage("formulas")
     problem = LinearisedForce(fitted)
     chosen = [selected.formula for selected in _refitted(selected_formulas(problem), fitted.dispersion)]
+    fitter.effort.foresee(len(chosen) * fitter.expected_simulations(SHORT_LENGTHS[-1], 1))
     trials: list[FormulaTrial] = []
     margin = CRITERIA.aic_tie * fitted.dispersion
     for round_number in range(1 + MAX_SIMPLIFIED):
