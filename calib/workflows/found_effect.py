@@ -27,6 +27,7 @@ FOLDER, BEGINNING = "effects", "found_"  # of the effect file, beside the study;
 MARK = "Written by `calib discover`."  # in each such file
 MAX_SLUG_CHARACTERS = 40  # of a study's name that the file's name takes  [count]
 SYMBOLS = {DISPLACEMENT: "X", VELOCITY: "V"}
+GROUPS = {frozenset([DISPLACEMENT]): "stiffness", frozenset([VELOCITY]): "damping"}  # of an effect, by its arguments
 SIZE_RATIOS = (0.3, 1.0, 3.0)  # of typical sizes over the found one  [1]
 
 
@@ -79,6 +80,7 @@ def _written(folder: Path, name: str, text: str) -> str:
 def _common(file: StudyFile, name: str, discovery: Discovery, chosen: ForceTrial) -> dict[str, object]:
     """Words that both kinds of file have in common."""
     study = re.sub(r'["\\]', "'", file.study.name)
+    arguments = frozenset(a for own in chosen.arguments for a in own)
     where = f"{chosen.place.preposition} {chosen.body}"
     return {
         "name": name,
@@ -86,6 +88,7 @@ def _common(file: StudyFile, name: str, discovery: Discovery, chosen: ForceTrial
         "meaning": f"a force {where}, found in the records of a study: a {described(chosen.arguments, chosen.place)}",
         "source": f"found by calib discover in the study '{study}'",
         "summary": _wrapped(discovery.summary.replace("\\", "/")),
+        "group": GROUPS.get(arguments, "load"),
         "place": chosen.fitted.model.forces[0].effect.place,
     }
 
