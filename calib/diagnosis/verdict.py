@@ -64,8 +64,9 @@ def failures(gates: Sequence[Gate]) -> str:
 
 
 def _ways(selection: Selection) -> list[str]:
-    """Each cause with the suspects that are indistinguishable from it."""
-    return [_one_of([rival.name for rival in rivals]) for rivals in selection.alternatives]
+    """Each cause with the suspects that are indistinguishable from it; of several causes those without any first."""
+    ways = sorted(([rival.name for rival in rivals] for rivals in selection.alternatives), key=lambda own: len(own) > 1)
+    return [_one_of(names, bracketed=len(ways) > 1) for names in ways]
 
 
 def _closest_ways(selection: Selection) -> tuple[str, str, str]:
@@ -132,9 +133,9 @@ def _refuted(selection: Selection, gain: Gain) -> str:
 
 
 def joined(names: Sequence[str]) -> str:
-    """Write names, or lists of them, as one enumeration."""
-    if len(names) < 2 or any(", " in name for name in names):
-        return " and ".join(names)
+    """Write names as one enumeration."""
+    if len(names) < 2:
+        return "".join(names)
     return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
@@ -162,6 +163,8 @@ def untried(selection: Selection, gain: Gain | None) -> str:
     return f" (the budget was spent: {fits}{rest})"
 
 
-def _one_of(names: Sequence[str]) -> str:
-    """Write alternatives."""
-    return names[0] if len(names) == 1 else "one of " + ", ".join(names)
+def _one_of(names: Sequence[str], bracketed: bool = False) -> str:
+    """Write alternatives; in brackets where they are a member of an enumeration."""
+    if len(names) == 1:
+        return names[0]
+    return f"({', '.join(names[:-1])} or {names[-1]})" if bracketed else f"one of {', '.join(names)}"

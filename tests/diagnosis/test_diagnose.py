@@ -22,7 +22,7 @@ from calib.diagnosis.revision import exchanged
 from calib.diagnosis.serialise import diagnosis_result
 from calib.diagnosis.suspect import Scored
 from calib.diagnosis.transfer import Agreement
-from calib.diagnosis.verdict import _alternatives, joined, verdict_of
+from calib.diagnosis.verdict import _alternatives, _ways, joined, verdict_of
 from calib.execution.pool import InProcess
 from calib.modelling.model import Model
 from calib.modelling.parameter import Space, Window
@@ -612,7 +612,19 @@ def test_names_are_written_as_one_enumeration():
     assert joined(["a"]) == "a"
     assert joined(["a", "b"]) == "a and b"
     assert joined(["a", "b", "c"]) == "a, b and c"
-    assert joined(["one of a, b", "c"]) == "one of a, b and c"
+
+
+@pytest.mark.parametrize(
+    ("alternatives", "text"),
+    [
+        (["ab"], "one of a, b"),
+        (["ab", "c"], "c and (a or b)"),
+        (["abc", "d", "ef"], "d, (a, b or c) and (e or f)"),
+    ],
+)
+def test_alternatives_of_one_of_several_causes_are_not_taken_for_one_of_all(alternatives, text):
+    own = [[SimpleNamespace(name=name) for name in names] for names in alternatives]
+    assert joined(_ways(SimpleNamespace(alternatives=own))) == text
 
 
 def test_what_remains_may_bias_a_size_by_a_share_of_the_bound(gross):

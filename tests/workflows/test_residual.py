@@ -81,7 +81,7 @@ def test_console_and_page_say_what_is_left_and_point_to_the_diagnosis():
     noise, more = (CalibrationResult(score=ScoreSummary(0.02), residual=compared(damping=d)) for d in (5.0, 50.0))
     assert verdict(noise).tone == "good"
     assert verdict(more).tone == "mind"
-    for result, said in ((noise, "The residual is noise, as far as that is known"), (more, "`calib diagnose` tests")):
+    for result, said in ((noise, "The residual is noise, as far as that is known"), (more, "calib diagnose tests")):
         assert said in printed(result)
         assert any(said in point for point in verdict(result).points)
     assert "noise" not in printed(CalibrationResult(score=ScoreSummary(0.02)))

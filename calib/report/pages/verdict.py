@@ -96,7 +96,7 @@ def residual_sentences(result: CalibrationResult) -> list[str]:
         return [f"The residual is noise, as far as that is known: at most {ratio}, in {where}"]
     of = f", and more than noise in {len(beyond)} of {count(len(channels), 'channel')}" if len(channels) > 1 else ""
     return [
-        f"The residual is more than noise: {ratio} in {where}{of}. `calib diagnose` tests which effect the model lacks"
+        f"The residual is more than noise: {ratio} in {where}{of}. calib diagnose tests which effect the model lacks"
     ]
 
 
