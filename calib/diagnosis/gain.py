@@ -79,6 +79,7 @@ class Gain:
     unaffected : those of the records that no cause changes: they test only the rest of the model
     transfers, agreements, shifts : see there
     fitted_agree : whether the records of the fit agree on all sizes, without the records held out
+    of_one_record : whether both models were fitted to a single record
     joint : misfit of the extended model refitted to all records at once; None where none was held out, or could not be
         simulated
     """
@@ -95,6 +96,7 @@ class Gain:
     agreements: tuple[Agreement, ...] = ()
     shifts: tuple[Shift, ...] = ()
     fitted_agree: bool = True
+    of_one_record: bool = False
     joint: JointMisfit | None = None
 
     @property
@@ -109,8 +111,12 @@ class Gain:
 
     @property
     def refutes(self) -> bool:
-        """Whether the misfit of all records held out together, of which a cause changes some, rises significantly."""
-        return self.kind == RECORDS and self.interval[1] < 0.0 and set(self.unaffected) < set(self.records)
+        """Whether the misfit of all records held out together, of which a cause changes some, rises significantly.
+
+        Or rises at all, where the causes were fitted to a single record, in which nothing else tests a prediction.
+        """
+        rises = self.after > self.before if self.of_one_record else self.interval[1] < 0.0
+        return self.kind == RECORDS and rises and set(self.unaffected) < set(self.records)
 
     def covers(self, other: "Gain") -> bool:
         """Whether all records on which another gain was evaluated could be simulated here too."""
@@ -153,7 +159,13 @@ def gained(
     transfers += refitted_to_each_record(evidence, there, columns, significant_remainder, held=True)
     unaffected = tuple(name for name, own in columns.items() if not acting_causes(there, own))
     everything = [(fitter.evidence, final.point.simulated, fitted), (evidence, after, columns)]
-    rest = {"shifts": shifts, "joint": joint_misfit(final, everything), **_sizes(transfers, threshold)}
+    one = len(fitter.evidence.parts) == 1
+    rest = {
+        "shifts": shifts,
+        "of_one_record": one,
+        "joint": joint_misfit(final, everything),
+        **_sizes(transfers, threshold),
+    }
     return _summed(RECORDS, parts, seed, failed=failed, unaffected=unaffected, **rest)
 
 

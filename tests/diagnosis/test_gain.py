@@ -1,8 +1,10 @@
 """What causes bring on records held out."""
 
+from dataclasses import replace
+
 import pytest
 
-from calib.diagnosis.gain import RECORDS, Gain, _sizes
+from calib.diagnosis.gain import BLOCKS, RECORDS, Gain, _sizes
 from calib.diagnosis.transfer import Transfer
 
 
@@ -11,6 +13,17 @@ def test_a_record_in_which_no_cause_acts_refutes_none():
     assert Gain(RECORDS, ("a", "b"), **rises).refutes
     assert Gain(RECORDS, ("a", "b"), **rises, unaffected=("a",)).refutes
     assert not Gain(RECORDS, ("a", "b"), **rises, unaffected=("a", "b")).refutes
+
+
+@pytest.mark.parametrize(
+    ("after", "interval", "several", "alone"),
+    [(0.2, (-0.12, -0.08), True, True), (0.11, (-0.03, 0.01), False, True), (0.09, (-0.01, 0.03), False, False)],
+)
+def test_causes_of_a_single_record_are_refuted_by_any_rise_of_the_misfit_held_out(after, interval, several, alone):
+    gain = Gain(RECORDS, ("a",), 0.1, after, interval)
+    assert gain.refutes == several
+    assert replace(gain, of_one_record=True).refutes == alone
+    assert not replace(gain, of_one_record=True, kind=BLOCKS).refutes
 
 
 @pytest.mark.parametrize(("loud", "held", "agree"), [(1.0, 1.2, True), (1.2, 1.0, False)])

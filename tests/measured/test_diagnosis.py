@@ -90,7 +90,7 @@ def test_a_whiffle_ball_lacks_drag(diagnosed):
 def test_the_bowling_ball_lacks_nothing_that_has_a_name(diagnosed):
     found = diagnosed(STUDIES / "falling_balls" / "bowling.toml", "falling_balls/ball_drops.csv")
     assert found.verdict in (NONE, UNEXPLAINED)
-    assert found.gain is None
+    assert found.gain is None or found.gain.after > found.gain.before  # what explains one drop does not predict another
 
 
 @pytest.mark.slow
