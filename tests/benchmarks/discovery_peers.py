@@ -1,0 +1,305 @@
+"""Other methods that find a force from data, beside `calib discover`, on the same records with impacts.
+
+    PYTHONPATH=tests python tests/benchmarks/bench_discovery.py --peers
+
+prints the root mean square error of the force, relative to its own root mean square, over the states that the records
+visit. The oscillator meets a rigid stop; two tones with an impact a period, a multisine and a free decay, displacement
+and velocity with 1 % noise, the hidden law at 0.03 Omega^2 L. `calib discover` calibrates damping, stiffness, amplitude
+and restitution at the same time, and is told neither impacts nor noise. The peers are told much more: the true mass,
+damping, stiffness and amplitude, the level of the noise, and the instants of the impacts, which they need. None of them
+can use what an impact does: they are given what lies between two impacts.
+
+pysindy     weak form of the velocity's equation on domains between impacts, ensembles (bagging) of STLSQ; half width of
+            the domains and threshold by leaving out one record after the other. "through impacts": domains anywhere.
+            pysindy is no dependency: `pip install pysindy` (2.1), else it is left out
+smoothed    sparse regression (STLSQ) on derivatives after Savitzky and Golay, between impacts; window and threshold in
+            the same way. It is what PySR would be given; PySR itself needs Julia, and was not run
+latent      Kalman filter and Rauch-Tung-Striebel smoother of the linear model with a latent force of Matern-3/2
+            covariance (Rogers & Friis, Mechanical Systems and Signal Processing 180 (2022) 109362), its two
+            hyperparameters of greatest likelihood, the velocity unknown anew after each impact; the latent force is
+            then averaged in bins over x, v or both, whichever predicts left-out records best
+Regressions have a library that holds the law (powers of x and v up to the fifth degree, x |x|, v |v|, sgn v; and the
+magnet, with its place and width, where that is hidden), or one that does not (without the power that is hidden; with
+three harmonics of x and v beside, where predictions prefer it).
+
+All of it at 150 samples a period and 1 kHz, then at a fifth of that.
+"""
+
+import tempfile
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from benchmarks.latent_force import by_latent_force
+from benchmarks.peer_data import Columns, Data, Force, Piece, data_of
+from hidden.foreign_laws import KINDS, Hidden, Written, hidden, system, written
+from scipy.signal import savgol_filter
+
+HIDDEN, SIZE, NOISE = ("drag", "cubic", "magnet"), 0.03, 0.01
+THRESHOLDS = np.geomspace(1e-3, 1.0, 13)  # of STLSQ, over the largest normalised coefficient  [1]
+HALVES = (0.01, 0.02, 0.03)  # s, of the domains' widths; at most half of what lies between impacts
+EVERY = (1, 5)  # of the samples, one is kept  [count]
+WINDOWS = (5, 9, 17, 33)  # of Savitzky and Golay  [samples]
+DOMAINS = 200  # of each record  [count]
+POWER = 4  # of the test functions (1 - s^2)^p
+MODELS = 20  # of an ensemble  [count]
+STLSQ_STEPS = 20  # [count]
+
+
+# --- regressions -----------------------------------------------------------------------------------------------------
+
+
+def powers(x: np.ndarray, v: np.ndarray, without: str = "") -> np.ndarray:
+    """Columns (n, k) of the usual terms at dimensionless x and v."""
+    terms = {f"x{i}v{j}": x**i * v**j for i in range(6) for j in range(6 - i)}
+    terms |= {"x|x|": x * np.abs(x), "drag": v * np.abs(v), "sgn": np.tanh(v / 0.02)}
+    terms["cubic"] = terms.pop("x3v0")
+    return np.column_stack([term for name, term in terms.items() if name != without])
+
+
+def waves(x: np.ndarray, v: np.ndarray, without: str = "") -> np.ndarray:
+    """The same with three harmonics of x and of v."""
+    turns = [wave(k * np.pi * u) for k in (0.5, 1.0, 1.5) for u in (x, v) for wave in (np.sin, np.cos)]
+    return np.column_stack([powers(x, v, without), *turns])
+
+
+def with_magnet(x: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Powers, and the magnet where it stands."""
+    shape = np.array([KINDS["magnet"].shape(own, 0.0) for own in x.tolist()])
+    return np.column_stack([powers(x, v), shape])
+
+
+def libraries(kind: str, told: bool) -> dict[str, Columns]:
+    """Libraries that hold the law that is hidden, or those that do not, of which predictions choose one."""
+    if told:
+        return {"powers": with_magnet if kind == "magnet" else powers}
+    return {name: partial(columns, without=kind) for name, columns in (("powers", powers), ("waves", waves))}
+
+
+class Rows(NamedTuple):
+    """Rows of a regression of one record: columns (n, k) and what they should make (n,)."""
+
+    columns: np.ndarray
+    target: np.ndarray
+
+
+def weak_rows(pieces: Sequence[Piece], data: Data, columns: Columns, half: float, rng: np.random.Generator) -> Rows:
+    """Weak form of v' = load - k x - c v + f on random domains: test functions (1 - s^2)^p, trapezoidal sums."""
+    rows, target = [], []
+    long = [piece for piece in pieces if piece.t[-1] - piece.t[0] > 2.0 * half]
+    if not long:
+        return Rows(np.zeros((0, columns(np.zeros(1), np.zeros(1)).shape[1])), np.zeros(0))
+    spans = np.array([piece.t[-1] - piece.t[0] - 2.0 * half for piece in long])
+    for k in rng.choice(len(long), DOMAINS, p=spans / spans.sum()):
+        piece = long[k]
+        middle = piece.t[0] + half + spans[k] * rng.uniform()
+        own = np.abs(piece.t - middle) < half
+        t, x, v, push = (column[own] for column in piece)
+        s = (t - middle) / half
+        test, slope = (1.0 - s * s) ** POWER, -2.0 * POWER * s * (1.0 - s * s) ** (POWER - 1) / half
+        step = t[1] - t[0]
+        target.append(step * (-slope @ v - test @ (push - data.linear[0] * x - data.linear[1] * v)))
+        rows.append(step * test @ columns(x / data.sizes[0], v / data.sizes[1]))
+    return Rows(np.array(rows), np.array(target))
+
+
+def weak_rows_of_pysindy(
+    pieces: Sequence[Piece], data: Data, columns: Columns, half: float, rng: np.random.Generator
+) -> Rows:
+    """The same from pysindy's weak library."""
+    import pysindy as ps
+
+    np.random.seed(int(rng.integers(2**31)))  # noqa: NPY002 - pysindy draws its domains from the global generator
+    count = columns(np.zeros(1), np.zeros(1)).shape[1]
+    long = [piece for piece in pieces if piece.t[-1] - piece.t[0] > 4.0 * half]
+    parts = [Rows(np.zeros((0, count)), np.zeros(0))]
+    total = sum(piece.t[-1] - piece.t[0] for piece in long)
+
+    def term(k: int):
+        return lambda x, v, rest: columns(*(np.asarray(u).ravel() for u in (x, v)))[:, k].reshape(np.shape(x))
+
+    def rest_of(x, v, rest):
+        return rest
+
+    functions = [rest_of, *map(term, range(count))]
+    for piece in long:
+        domains = max(2, round(DOMAINS * (piece.t[-1] - piece.t[0]) / total))
+        library = ps.WeakPDELibrary(
+            ps.CustomLibrary(functions), spatiotemporal_grid=piece.t, H_xt=half, p=POWER, K=domains
+        )
+        rest = piece.load - data.linear[0] * piece.x - data.linear[1] * piece.v
+        states = np.column_stack([piece.x / data.sizes[0], piece.v / data.sizes[1], rest])
+        states = ps.AxesArray(states, {"ax_time": 0, "ax_coord": 1})
+        rate = data.sizes[1] * np.asarray(library.convert_u_dot_integral(states))[:, 1]
+        own = np.asarray(library.fit_transform([states])[0])
+        parts.append(Rows(own[:, 1:], rate - own[:, 0]))
+    return Rows(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def smoothed_rows(pieces: Sequence[Piece], data: Data, columns: Columns, window: int) -> Rows:
+    """Accelerations from smoothed velocities at smoothed states."""
+    rows, target = [columns(np.zeros(0), np.zeros(0))], [np.zeros(0)]
+    for piece in pieces:
+        if piece.t.size <= window:
+            continue
+        step = piece.t[1] - piece.t[0]
+        x, v = (savgol_filter(column, window, 3) for column in (piece.x, piece.v))
+        a = savgol_filter(piece.v, window, 3, deriv=1, delta=step)
+        inner = slice(window // 2, -(window // 2))
+        rest = a - piece.load + data.linear[0] * x + data.linear[1] * v
+        target.append(rest[inner])
+        rows.append(columns(x / data.sizes[0], v / data.sizes[1])[inner])
+    return Rows(np.concatenate(rows), np.concatenate(target))
+
+
+def joined(rows: Sequence[Rows]) -> Rows:
+    """Rows of several records, each divided by the rms of its target."""
+    scale = [max(float(np.sqrt(np.mean(own.target**2))), 1e-300) if own.target.size else 1.0 for own in rows]
+    return Rows(
+        np.concatenate([own.columns / s for own, s in zip(rows, scale, strict=True)]),
+        np.concatenate([own.target / s for own, s in zip(rows, scale, strict=True)]),
+    )
+
+
+def stlsq(rows: Rows, threshold: float) -> np.ndarray:
+    """Coefficients (k,) by sequentially thresholded least squares on columns of unit norm (Brunton et al. 2016)."""
+    scale = np.linalg.norm(rows.columns, axis=0)
+    scale[scale == 0.0] = 1.0
+    columns, kept = rows.columns / scale, np.ones(scale.size, dtype=bool)
+    found = np.zeros(scale.size)
+    for _ in range(STLSQ_STEPS):
+        found[:] = 0.0
+        if not kept.any():
+            break
+        found[kept] = np.linalg.lstsq(columns[:, kept], rows.target, rcond=1e-10)[0]
+        still = np.abs(found) >= threshold * np.linalg.norm(rows.target)
+        if (still == kept).all():
+            break
+        kept = still
+    return found / scale
+
+
+def ensemble_of_pysindy(rows: Rows, threshold: float) -> np.ndarray:
+    """Coefficients (k,): medians of pysindy's STLSQ over bootstrapped rows, on columns of unit norm."""
+    import pysindy as ps
+
+    np.random.seed(0)  # noqa: NPY002 - pysindy draws from the global generator
+    scale = np.linalg.norm(rows.columns, axis=0)
+    scale[scale == 0.0] = 1.0
+    level = np.linalg.norm(rows.target)
+    inner = ps.STLSQ(threshold=threshold, alpha=1e-8, max_iter=STLSQ_STEPS)
+    search = ps.EnsembleOptimizer(inner, bagging=True, n_models=MODELS)
+    search.fit(rows.columns / scale, rows.target[:, None] / level)
+    return np.ravel(search.coef_) * level / scale
+
+
+class Trial(NamedTuple):
+    """Rows of each record by one library in one way, and those by which its predictions are judged."""
+
+    columns: Columns
+    rows: list[Rows]
+    judges: list[Rows]
+
+
+def regressed(trials: dict[str, Trial], sizes: tuple[float, float], solve: Callable) -> tuple[Force, str]:
+    """Coefficients by the trial and the threshold that predict left-out records best, in the weak form."""
+    best, chosen, level = np.inf, "", 0.0
+    for name, trial in trials.items():
+        for threshold in THRESHOLDS:
+            left = []
+            for k, judge in enumerate(trial.judges):
+                found = solve(joined([own for j, own in enumerate(trial.rows) if j != k]), threshold)
+                left.append(np.mean((judge.target - judge.columns @ found) ** 2) / np.mean(judge.target**2))
+            if np.mean(left) < best:
+                best, chosen, level = float(np.mean(left)), name, float(threshold)
+    found, columns = solve(joined(trials[chosen].rows), level), trials[chosen].columns
+    said = f"{np.count_nonzero(found)} terms, {chosen}, threshold {level:.2g}"
+    return lambda x, v: columns(x / sizes[0], v / sizes[1]) @ found, said
+
+
+def by_pysindy(data: Data, kind: str, told: bool, cut: bool = True) -> tuple[Force, str]:
+    """Weak form and ensemble of pysindy."""
+    records, trials = data.records if cut else [[piece] for piece in data.whole], {}
+    for name, columns in libraries(kind, told).items():
+        rng = np.random.default_rng(0)
+        judges = [weak_rows(own, data, columns, HALVES[0], rng) for own in data.records]
+        for half in HALVES:
+            rows = [weak_rows_of_pysindy(own, data, columns, half, rng) for own in records]
+            if all(own.target.size for own in rows):
+                trials[f"{name}, half width {half} s"] = Trial(columns, rows, judges)
+    return regressed(trials, data.sizes, ensemble_of_pysindy)
+
+
+def by_smoothing(data: Data, kind: str, told: bool) -> tuple[Force, str]:
+    """Sparse regression on smoothed derivatives."""
+    trials = {}
+    for name, columns in libraries(kind, told).items():
+        rng = np.random.default_rng(0)
+        judges = [weak_rows(own, data, columns, HALVES[0], rng) for own in data.records]
+        for window in WINDOWS:
+            rows = [smoothed_rows(own, data, columns, window) for own in data.records]
+            if not all(own.target.size for own in rows):
+                continue
+            trials[f"{name}, window {window}"] = Trial(columns, rows, judges)
+    return regressed(trials, data.sizes, stlsq)
+
+
+# --- the comparison --------------------------------------------------------------------------------------------------
+
+
+def methods() -> dict[str, Callable[[Data, str], tuple[Force, str]]]:
+    """Peers by name: of the data and the law, for their library."""
+    found: dict[str, Callable[[Data, str], tuple[Force, str]]] = {}
+    if find_spec("pysindy"):
+        found |= {
+            "pysindy, law in its library": partial(by_pysindy, told=True),
+            "pysindy, law not in it": partial(by_pysindy, told=False),
+            "pysindy, in it, through impacts": partial(by_pysindy, told=True, cut=False),
+        }
+    return found | {
+        "smoothed, law in its library": partial(by_smoothing, told=True),
+        "smoothed, law not in it": partial(by_smoothing, told=False),
+        "latent force": lambda data, kind: by_latent_force(data),
+    }
+
+
+def compared(seed: int, search: Callable[[Written, Hidden, np.ndarray, np.ndarray], tuple[float | None, str]]) -> None:
+    """Play all methods on all laws at both rates, and print a line each.
+
+    search : calib's: the relative error over states (n,), and what it says
+    """
+    print(f"{'method':36s}{'law':10s}{'samples':>8s}{'error':>8s}{'CPU s':>8s}")
+    for every in EVERY:
+        for kind in HIDDEN:
+            _compared(seed, kind, every, search)
+    if not find_spec("pysindy"):
+        print("pysindy is not installed and was left out: pip install pysindy")
+
+
+def _compared(seed: int, kind: str, every: int, search: Callable) -> None:
+    """Play all methods on one law."""
+    law, setup = hidden("oscillator", kind, SIZE, stop=True), system("oscillator", stop=True, every=every)
+    with tempfile.TemporaryDirectory() as place, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        at = written(setup, law, NOISE, seed, Path(place))
+        data = data_of(at, setup, (law.length, law.speed))
+        x, v = np.concatenate([flight.states for name, flight in at.flights.items() if name != "unseen"]).T
+        true = law.at(x, v)
+        for name, method in methods().items():
+            begin = time.process_time()
+            force, said = method(data, kind)
+            share = float(np.sqrt(np.mean((force(x, v) - true) ** 2) / np.mean(true**2)))
+            _tell(name, kind, setup.samples, share, begin, said)
+        begin = time.process_time()
+        error, said = search(at, law, x, v)
+        _tell("calib discover", kind, setup.samples, error, begin, said)
+
+
+def _tell(name: str, kind: str, samples: int, error: float | None, begin: float, said: str) -> None:
+    own, seconds = "none" if error is None else f"{error:.1%}", time.process_time() - begin
+    print(f"{name:36s}{kind:10s}{samples:8d}{own:>8s}{seconds:8.1f}  {said}", flush=True)
