@@ -9,11 +9,12 @@ amplitude and restitution at the same time, and is told neither impacts nor nois
 true mass, damping, stiffness and amplitude, the level of the noise, and the instants of the impacts, which they need.
 None of them can use what an impact does: they are given what lies between two impacts.
 
-pysindy     weak form of the velocity's equation on domains between impacts, ensembles (bagging) of STLSQ; half width of
-            the domains and threshold by leaving out one record after the other. "through impacts": domains anywhere.
+pysindy     weak form of the velocity's equation on domains between impacts, ensembles (bagging) of STLSQ, or
+            forward regression; half width of the domains, threshold, and number of terms by leaving out one record
+            after the other. "through impacts": domains anywhere.
             pysindy is no dependency: `pip install pysindy` (2.1), else it is left out
-smoothed    sparse regression (STLSQ) on derivatives after Savitzky and Golay, between impacts; window and threshold in
-            the same way. It is what PySR would be given; PySR itself needs Julia, and was not run
+smoothed    the same regressions on derivatives after Savitzky and Golay, between impacts; their window by the same
+            rule. It is what PySR would be given; PySR itself needs Julia, and was not run
 latent      Kalman filter and Rauch-Tung-Striebel smoother of the linear model with a latent force of Matern-3/2
             covariance (Rogers & Friis, Mechanical Systems and Signal Processing 180 (2022) 109362), its two
             hyperparameters of greatest likelihood, the velocity unknown anew after each impact; the latent force is
@@ -42,12 +43,14 @@ from scipy.signal import savgol_filter
 
 HIDDEN, NOISE = ("drag", "cubic", "magnet"), 0.01
 SETTINGS = ((0.01, 1), (0.03, 1), (0.03, 5))  # sizes of the law, and of how many samples one is kept
-THRESHOLDS = np.geomspace(1e-3, 1.0, 13)  # of STLSQ, over the largest normalised coefficient  [1]
-HALVES = (0.01, 0.02, 0.03)  # s, of the domains' widths; at most half of what lies between impacts
+THRESHOLDS = np.geomspace(0.03, 0.8, 8)  # of STLSQ, on columns and a target of unit norm  [1]
+COUNTS = (1, 2, 3, 4, 6)  # terms of a forward regression
+HALVES = (0.01, 0.02)  # s, of the domains' widths; at most half of what lies between impacts
 WINDOWS = (5, 9, 17, 33)  # of Savitzky and Golay  [samples]
-DOMAINS = 200  # of each record  [count]
+DOMAINS = 400  # of each record  [count]
+JUDGED = 0.02  # s, half of the width of those by which a prediction is judged
 POWER = 4  # of the test functions (1 - s^2)^p
-MODELS = 20  # of an ensemble  [count]
+MODELS = 10  # of an ensemble  [count]
 STLSQ_STEPS = 20  # [count]
 
 
@@ -184,6 +187,22 @@ def stlsq(rows: Rows, threshold: float) -> np.ndarray:
     return found / scale
 
 
+def forward(rows: Rows, count: int) -> np.ndarray:
+    """Coefficients (k,) of so many terms by orthogonal least squares, forwards (Billings 2013, section 3.2)."""
+    columns = rows.columns / np.maximum(np.linalg.norm(rows.columns, axis=0), 1e-300)
+    left, basis, chosen = rows.target, np.zeros((rows.target.size, 0)), []
+    for _ in range(count):
+        rest = columns - basis @ (basis.T @ columns)
+        size = np.linalg.norm(rest, axis=0)
+        gain = np.where(size > 1e-6, np.abs(left @ rest) / np.maximum(size, 1e-300), 0.0)
+        chosen.append(int(gain.argmax()))
+        basis = np.column_stack([basis, rest[:, chosen[-1]] / size[chosen[-1]]])
+        left = rows.target - basis @ (basis.T @ rows.target)
+    found = np.zeros(columns.shape[1])
+    found[chosen] = np.linalg.lstsq(rows.columns[:, chosen], rows.target, rcond=1e-12)[0]
+    return found
+
+
 def ensemble_of_pysindy(rows: Rows, threshold: float) -> np.ndarray:
     """Coefficients (k,): medians of pysindy's STLSQ over bootstrapped rows, on columns of unit norm."""
     import pysindy as ps
@@ -206,19 +225,28 @@ class Trial(NamedTuple):
     judges: list[Rows]
 
 
-def regressed(trials: dict[str, Trial], sizes: tuple[float, float], solve: Callable) -> tuple[Force, str]:
-    """Coefficients by the trial and the threshold that predict left-out records best, in the weak form."""
-    best, chosen, level = np.inf, "", 0.0
+Solver = Callable[[Rows], np.ndarray]
+
+
+def solvers(thresholded: Callable[..., np.ndarray]) -> dict[str, Solver]:
+    """Sparse regressions by name: thresholded ones, and forward ones of few terms."""
+    found: dict[str, Solver] = {f"threshold {t:.2g}": partial(thresholded, threshold=float(t)) for t in THRESHOLDS}
+    return found | {f"forward {count}": partial(forward, count=count) for count in COUNTS}
+
+
+def regressed(trials: dict[str, Trial], sizes: tuple[float, float], solve: dict[str, Solver]) -> tuple[Force, str]:
+    """Coefficients by the trial and the regression that predict left-out records best, in the weak form."""
+    best, chosen, how = np.inf, "", ""
     for name, trial in trials.items():
-        for threshold in THRESHOLDS:
+        for regression, solver in solve.items():
             left = []
             for k, judge in enumerate(trial.judges):
-                found = solve(joined([own for j, own in enumerate(trial.rows) if j != k]), threshold)
+                found = solver(joined([own for j, own in enumerate(trial.rows) if j != k]))
                 left.append(np.mean((judge.target - judge.columns @ found) ** 2) / np.mean(judge.target**2))
             if np.mean(left) < best:
-                best, chosen, level = float(np.mean(left)), name, float(threshold)
-    found, columns = solve(joined(trials[chosen].rows), level), trials[chosen].columns
-    said = f"{np.count_nonzero(found)} terms, {chosen}, threshold {level:.2g}"
+                best, chosen, how = float(np.mean(left)), name, regression
+    found, columns = solve[how](joined(trials[chosen].rows)), trials[chosen].columns
+    said = f"{np.count_nonzero(found)} terms, {chosen}, {how}"
     return lambda x, v: columns(x / sizes[0], v / sizes[1]) @ found, said
 
 
@@ -227,12 +255,12 @@ def by_pysindy(data: Data, kind: str, told: bool, cut: bool = True) -> tuple[For
     records, trials = data.records if cut else [[piece] for piece in data.whole], {}
     for name, columns in libraries(kind, told).items():
         rng = np.random.default_rng(0)
-        judges = [weak_rows(own, data, columns, HALVES[-1], rng) for own in data.records]
+        judges = [weak_rows(own, data, columns, JUDGED, rng) for own in data.records]
         for half in HALVES:
             rows = [weak_rows_of_pysindy(own, data, columns, half, rng) for own in records]
             if all(own.target.size for own in rows):
                 trials[f"{name}, half width {half} s"] = Trial(columns, rows, judges)
-    return regressed(trials, data.sizes, ensemble_of_pysindy)
+    return regressed(trials, data.sizes, solvers(ensemble_of_pysindy))
 
 
 def by_smoothing(data: Data, kind: str, told: bool) -> tuple[Force, str]:
@@ -240,13 +268,13 @@ def by_smoothing(data: Data, kind: str, told: bool) -> tuple[Force, str]:
     trials = {}
     for name, columns in libraries(kind, told).items():
         rng = np.random.default_rng(0)
-        judges = [weak_rows(own, data, columns, HALVES[-1], rng) for own in data.records]
+        judges = [weak_rows(own, data, columns, JUDGED, rng) for own in data.records]
         for window in WINDOWS:
             rows = [smoothed_rows(own, data, columns, window) for own in data.records]
             if not all(own.target.size for own in rows):
                 continue
             trials[f"{name}, window {window}"] = Trial(columns, rows, judges)
-    return regressed(trials, data.sizes, stlsq)
+    return regressed(trials, data.sizes, solvers(stlsq))
 
 
 # --- the comparison --------------------------------------------------------------------------------------------------
