@@ -235,18 +235,23 @@ def solvers(thresholded: Callable[..., np.ndarray]) -> dict[str, Solver]:
 
 
 def regressed(trials: dict[str, Trial], sizes: tuple[float, float], solve: dict[str, Solver]) -> tuple[Force, str]:
-    """Coefficients by the trial and the regression that predict left-out records best, in the weak form."""
-    best, chosen, how = np.inf, "", ""
+    """Coefficients of the trial and the regression that predict left-out records best, in the weak form.
+
+    Of those within a standard error of the best, the one of fewest terms (Breiman et al. 1984, section 3.4.3).
+    """
+    tried = []
     for name, trial in trials.items():
         for regression, solver in solve.items():
             left = []
             for k, judge in enumerate(trial.judges):
                 found = solver(joined([own for j, own in enumerate(trial.rows) if j != k]))
                 left.append(np.mean((judge.target - judge.columns @ found) ** 2) / np.mean(judge.target**2))
-            if np.mean(left) < best:
-                best, chosen, how = float(np.mean(left)), name, regression
-    found, columns = solve[how](joined(trials[chosen].rows)), trials[chosen].columns
-    said = f"{np.count_nonzero(found)} terms, {chosen}, {how}"
+            tried.append((np.array(left), name, regression))
+    best = min(tried, key=lambda own: own[0].mean())[0]
+    near = [own for own in tried if (own[0] - best).mean() <= (own[0] - best).std(ddof=1) / np.sqrt(best.size)]
+    models = [(solve[how](joined(trials[name].rows)), left.mean(), name, how) for left, name, how in near]
+    found, _, name, how = min(models, key=lambda own: (np.count_nonzero(own[0]), own[1]))
+    columns, said = trials[name].columns, f"{np.count_nonzero(found)} terms, {name}, {how}"
     return lambda x, v: columns(x / sizes[0], v / sizes[1]) @ found, said
 
 
