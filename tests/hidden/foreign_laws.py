@@ -139,11 +139,8 @@ def _oscillator_plant(values, plan: Plan) -> Plant:
     return plant._replace(tones=tones)
 
 
-def system(name: str, stop: bool = False, every: int = 1) -> System:
-    """Return the plant that records are made of: two tones, a multisine, a decay, and a multisine held out.
-
-    every : of the oscillator's samples, one is kept
-    """
+def system(name: str, stop: bool = False) -> System:
+    """Return the plant that records are made of: two tones, a multisine, a decay, and a multisine held out."""
     if name == "four_dof":
         return four_dof.system()
     base = oscillator.system(stop=stop)
@@ -152,7 +149,6 @@ def system(name: str, stop: bool = False, every: int = 1) -> System:
     own = Plan("multisine", "name", "multisine", size), Plan("unseen", "holdout", "multisine", size)
     decay = Plan("decay", "name", "decay", -9e-3 if stop else 9e-3)
     return replace(base, plans=(*tones, own[0], decay, own[1]), plant=_oscillator_plant,
-                   samples=base.samples // every, time=base.time[::every],
                    fixed={**base.fixed, "initial_displacement@decay": decay.amplitude})  # fmt: skip
 
 
