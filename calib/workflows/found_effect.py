@@ -14,7 +14,7 @@ from calib.diagnosis.candidate import Scales, candidates
 from calib.diagnosis.discovery.discover import Discovery, ForceTrial, described
 from calib.diagnosis.discovery.formula import Number
 from calib.diagnosis.discovery.formulas import FormulaTrial, prefix_of
-from calib.diagnosis.discovery.free_force import DISPLACEMENT, UNITS, VELOCITY, FreeForce
+from calib.diagnosis.discovery.free_force import DISPLACEMENT, SYMBOLS, UNITS, VELOCITY, FreeForce
 from calib.diagnosis.fit import Fit
 from calib.errors import CalibError
 from calib.execution.files import whole
@@ -26,9 +26,8 @@ from calib.workflows.new import skeleton
 FOLDER, BEGINNING = "effects", "found_"  # of the effect file, beside the study; of its name
 MARK = "Written by `calib discover`."  # in each such file
 MAX_SLUG_CHARACTERS = 40  # of a study's name that the file's name takes  [count]
-SYMBOLS = {DISPLACEMENT: "X", VELOCITY: "V"}
 GROUPS = {frozenset([DISPLACEMENT]): "stiffness", frozenset([VELOCITY]): "damping"}  # of an effect, by its arguments
-SIZE_RATIOS = (0.3, 1.0, 3.0)  # of typical sizes over the found one  [1]
+SIZE_RATIOS = (0.3, 1.0, 3.0)  # of typical sizes over that which was identified  [1]
 
 
 def apply_force(file: StudyFile, discovery: Discovery) -> Path | None:
@@ -42,20 +41,20 @@ def apply_force(file: StudyFile, discovery: Discovery) -> Path | None:
     if chosen is None:
         return None
     name = effect_name(file)
-    trial = next((t for t in discovery.formulas[:1] if t.predicts), None)
+    trial = discovery.formula_trial
     if trial is None:
-        final, text = _spline_text(file, name, discovery, chosen)
+        fit, text = _spline_text(file, name, discovery, chosen)
     else:
-        final, text = trial.fit, _formula_text(file, name, discovery, chosen, trial)
+        fit, text = trial.fit, _formula_text(file, name, discovery, chosen, trial)
     reference = _written(file.path.parent, name, text)
     effect = chosen.fitted.model.forces[0].effect
     loaded = named_effect(reference, effect.bodies, file.path.parent)
-    found, refused = candidates(
+    usable, refused = candidates(
         file.study.model, [loaded], file.study.objective.references, file.study.space.names
     )  # fmt: skip
-    if not found:
+    if not usable:
         raise CalibError(f"the effect {name!r} that was found cannot be used: {refused[name]}")
-    return extended_study(file, final, found[:1], {name: reference})
+    return extended_study(file, fit, usable[:1], {name: reference})
 
 
 def effect_name(file: StudyFile) -> str:
@@ -80,7 +79,6 @@ def _written(folder: Path, name: str, text: str) -> str:
 def _common(file: StudyFile, name: str, discovery: Discovery, chosen: ForceTrial) -> dict[str, object]:
     """Words that both kinds of file have in common."""
     study = re.sub(r'["\\]', "'", file.study.name)
-    arguments = frozenset(a for own in chosen.arguments for a in own)
     where = f"{chosen.place.preposition} {chosen.body}"
     return {
         "name": name,
@@ -88,7 +86,7 @@ def _common(file: StudyFile, name: str, discovery: Discovery, chosen: ForceTrial
         "meaning": f"a force {where}, found in the records of a study: a {described(chosen.arguments, chosen.place)}",
         "source": f"found by calib discover in the study '{study}'",
         "summary": _wrapped(discovery.summary.replace("\\", "/")),
-        "group": GROUPS.get(arguments, "load"),
+        "group": GROUPS.get(frozenset(chosen.all_arguments), "load"),
         "place": chosen.fitted.model.forces[0].effect.place,
     }
 
@@ -109,7 +107,7 @@ def _formula_text(file: StudyFile, name: str, discovery: Discovery, chosen: Forc
     ]
     used = {argument for term in formula.terms for argument in term.arguments}
     states = chosen.fitted.model.states if discovery.states is None else discovery.states
-    region = [(SYMBOLS[a], UNITS[a], *map(_digits, states.region[a])) for a in states.region if a in used]
+    region = [(SYMBOLS[a].upper(), UNITS[a], *map(_digits, states.region[a])) for a in states.region if a in used]
     return skeleton(
         "found_formula.py.j2",
         {
@@ -124,9 +122,9 @@ def _formula_text(file: StudyFile, name: str, discovery: Discovery, chosen: Forc
     )
 
 
-def _multiples(found: float) -> tuple[float, ...]:
+def _multiples(size: float) -> tuple[float, ...]:
     """Typical sizes in natural scales."""
-    return tuple(float(f"{ratio * found:.3g}") for ratio in SIZE_RATIOS)
+    return tuple(float(f"{ratio * size:.3g}") for ratio in SIZE_RATIOS)
 
 
 def _digits(value: float) -> str:
@@ -160,7 +158,7 @@ def _spline_text(file: StudyFile, name: str, discovery: Discovery, chosen: Force
             "tables": [_table(force, fitted.fit) for force in forces],
             "code": code,
             "scale": scale,
-            "arguments": ", ".join(dict.fromkeys("xv"[a == VELOCITY] for f in forces for a in f.arguments)),
+            "arguments": ", ".join(map(SYMBOLS.__getitem__, chosen.all_arguments)),
         },
     )
     own = np.isin(fitted.fit.names, fitted.model.coefficients)
@@ -172,9 +170,8 @@ def _spline_text(file: StudyFile, name: str, discovery: Discovery, chosen: Force
 
 def _call(force: FreeForce, number: int) -> str:
     """Expression for a free force with its table."""
-    if len(force.arguments) == 2:
-        return f"surface(x, v, TABLE_{number})"
-    return f"curve({'xv'[force.arguments == (VELOCITY,)]}, TABLE_{number})"
+    function = "surface" if len(force.arguments) == 2 else "curve"
+    return f"{function}({', '.join(SYMBOLS[a] for a in force.arguments)}, TABLE_{number})"
 
 
 def _table(force: FreeForce, fit: Fit) -> str:

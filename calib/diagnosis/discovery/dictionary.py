@@ -51,12 +51,12 @@ def dictionary(arguments: tuple[tuple[str, ...], ...], region: Region) -> list[F
     arguments : of each function
     region : least and largest value of each argument
     """
-    found = [FormulaTerm((Factor(EVEN_POWER, DISPLACEMENT, (0.0, 1.0)),))]
+    entries = [FormulaTerm((Factor(EVEN_POWER, DISPLACEMENT, (0.0, 1.0)),))]
     for argument in dict.fromkeys(a for own in arguments for a in own):
-        found += [FormulaTerm((factor,)) for factor in _of_one(argument, *region[argument])]
+        entries += [FormulaTerm((factor,)) for factor in _of_one(argument, *region[argument])]
     if any(len(own) == 2 for own in arguments):
-        found += list(_products(region))
-    return found
+        entries += list(_products(region))
+    return entries
 
 
 def _powers(argument: str, degree: int) -> list[Factor]:

@@ -31,10 +31,11 @@ from calib.modelling.simulator import Simulator
 from calib.objective import Reference
 from calib.study import CalibrationStudy
 
-FOUND, NOTHING, UNDETERMINED, NOT_POSSIBLE = "found", "nothing", "undetermined", "not_diagnosable"
-ONE, OTHER, BOTH = (DISPLACEMENT,), (VELOCITY,), (DISPLACEMENT, VELOCITY)
+FOUND, NOTHING, UNDETERMINED, NOT_DIAGNOSABLE = "found", "nothing", "undetermined", "not_diagnosable"
+OF_DISPLACEMENT, OF_VELOCITY, OF_STATE = (DISPLACEMENT,), (VELOCITY,), (DISPLACEMENT, VELOCITY)  # arguments
 Arguments = tuple[tuple[str, ...], ...]  # of the additive functions of a model
-FITS_PER_BODY, STEPS_PER_FREE_FIT = 3, 8  # as measured  [count]
+FITS_PER_PLACE, STEPS_PER_FREE_FIT = 3, 8  # as measured  [count]
+SURFACE_RANK = 2  # that a surface over both arguments has beyond its number of functions, as a complexity  [1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +59,11 @@ class ForceTrial:
     def body(self) -> str:
         """Name of the place."""
         return self.place.name
+
+    @property
+    def all_arguments(self) -> tuple[str, ...]:
+        """Arguments of all functions, each once."""
+        return tuple(dict.fromkeys(argument for own in self.arguments for argument in own))
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +99,16 @@ class Discovery:
     formulas: tuple[FormulaTrial, ...] = ()
     seconds: float = 0.0
     simulations: int = 0
+
+    @property
+    def formula_trial(self) -> FormulaTrial | None:
+        """Formula of the force: the first, where it predicts as well as the free force."""
+        return next((trial for trial in self.formulas[:1] if trial.predicts), None)
+
+    @property
+    def explained(self) -> float:
+        """Share of the excess chi-square that the chosen model explains  [1]."""
+        return explained_share(*self.excess_chi2)
 
 
 def discover(
@@ -141,22 +157,24 @@ def _discovered(
 ) -> Discovery:
     reason = _refusal(study.model.simulator)
     if reason:
-        return Discovery(NOT_POSSIBLE, reason, ())
+        return Discovery(NOT_DIAGNOSABLE, reason, ())
     places = {place.name: place for place in force_places(bench.model.simulator)}
     regions = _regions(pool, bench, values, places.values())
     if not regions:
         return Discovery(
-            NOT_POSSIBLE, "no body moves in the records or their simulations: there is no state to visit", ()
+            NOT_DIAGNOSABLE, "no body moves in the records or their simulations: there is no state to visit", ()
         )
     forces: dict[tuple[str, tuple[str, ...]], FreeForce] = {}
     for body, region in regions.items():
-        forces |= {(body, a): free_force(body, a, region, places[body].compliant) for a in (ONE, OTHER)}
+        forces |= {
+            (body, a): free_force(body, a, region, places[body].compliant) for a in (OF_DISPLACEMENT, OF_VELOCITY)
+        }
     instrumental = [effect for effect in effects if effect.noise]
     suspected = [*(force.effect for force in forces.values()), *instrumental, *numerical(effects)]
     ready = prepared(pool, bench, study, values, suspected, on_stage)
     if isinstance(ready, NotDiagnosable):
-        return Discovery(NOT_POSSIBLE, failures(ready.gates), ready.gates)
-    search = _ForceSearch(ready, forces, places, regions, _looked_at(bench), study, seed)
+        return Discovery(NOT_DIAGNOSABLE, failures(ready.gates), ready.gates)
+    search = _ForceSearch(ready, forces, places, regions, _not_held_out(bench), study, seed)
     return search.result(on_stage)
 
 
@@ -167,7 +185,7 @@ def _refusal(simulator: Simulator) -> str:
     return f"simulator {simulator.name!r} takes no force laws: a force cannot be searched inside it"
 
 
-def _looked_at(bench: Bench) -> dict[str, Reference]:
+def _not_held_out(bench: Bench) -> dict[str, Reference]:
     """References but those held out."""
     return {name: r for name, r in bench.objective.references.items() if r.use != "holdout"}
 
@@ -179,7 +197,7 @@ def _regions(
 
     Measured ones where they are compared, simulated ones elsewhere.
     """
-    references = _looked_at(bench)
+    references = _not_held_out(bench)
     regions = {}
     for place in places:
         simulations = simulated(pool, [Run(name, values, rows=place.rows) for name in references])
@@ -197,7 +215,7 @@ def _regions(
 
 
 class _ForceSearch:
-    """Free forces on all bodies: scored, fitted from the simplest on, compared by what they predict."""
+    """Free forces at all places: scored, fitted from the simplest on, compared by what they predict."""
 
     def __init__(
         self,
@@ -217,27 +235,27 @@ class _ForceSearch:
         self.scored: dict[str, Scored] = {}
 
     def result(self, on_stage: Callable[[str], None]) -> Discovery:
-        """Search, and say what was found."""
+        """Result of the search."""
         on_stage("places")
         suspects, threshold = self._screened([self.candidates[f.name] for f in self.forces.values()])
         leading = _leading(suspects, threshold)
         if not leading and significant(self._excess(self.null), chi2_std(self.fitter.evidence)):
             on_stage("places, functions of two arguments")
-            both = [self._of_two(body) for body in self.regions]
-            suspects, threshold = self._screened(both)
+            surfaces = [self._surface(body) for body in self.regions]
+            suspects, threshold = self._screened(surfaces)
             leading = _leading(suspects, threshold)
         if not leading:
             largest = max((abs(s.z) for s in suspects), default=0.0)
             return self._nothing(f"no free force is significant: the largest |z| is {largest:.1f} of {threshold:.1f}")
-        bodies = list(dict.fromkeys(_body(s.candidate) for s in leading))
-        self.fitter.effort.foresee(self._expected(len(bodies)))
-        for body in bodies:
-            self._fit_body(body, on_stage)
+        leading_places = list(dict.fromkeys(_place_of(s.candidate) for s in leading))
+        self.fitter.effort.foresee(self._expected(len(leading_places)))
+        for body in leading_places:
+            self._fit_place(body, on_stage)
         std = chi2_std(self.fitter.evidence)
         if all(significant(self._excess(trial.fitted.fit), std) for trial in self.trials):
-            for body in bodies:
-                self._of_two(body)
-                self.trials.append(self._fitted(body, (BOTH,), on_stage))
+            for body in leading_places:
+                self._surface(body)
+                self.trials.append(self._fitted(body, (OF_STATE,), on_stage))
         return self._judged(on_stage)
 
     # --- scores and fits ----------------------------------------------------------------------------------------------
@@ -247,23 +265,23 @@ class _ForceSearch:
         self.scored |= {s.name: s for s in suspects if isinstance(s, Scored)}
         return suspects, threshold
 
-    def _of_two(self, body: str) -> Candidate:
+    def _surface(self, body: str) -> Candidate:
         """Free function of both arguments on a body, as a candidate."""
-        force = free_force(body, BOTH, self.regions[body], self.places[body].compliant)
-        self.forces[body, BOTH] = force
+        force = free_force(body, OF_STATE, self.regions[body], self.places[body].compliant)
+        self.forces[body, OF_STATE] = force
         [candidate], _ = candidates(self.study.model, [force.effect], self.references, self.study.space.names)
         self.candidates[force.name] = candidate
         return candidate
 
-    def _fit_body(self, body: str, on_stage: Callable[[str], None]) -> None:
-        """Fit forces on a body: of each argument alone, and of both.
+    def _fit_place(self, body: str, on_stage: Callable[[str], None]) -> None:
+        """Fit forces at a place: of each argument alone, and of both.
 
         From a large misfit a fit may end early: a sum that ends above one of its terms is fitted again from where that
         ended, and where a sum predicts better than its terms, the one that is closest to it is fitted from there.
         """
-        single = [self._fitted(body, arguments, on_stage) for arguments in ((ONE,), (OTHER,))]
+        single = [self._fitted(body, arguments, on_stage) for arguments in ((OF_DISPLACEMENT,), (OF_VELOCITY,))]
         better = min(single, key=_chi2)
-        both = self._fitted(body, (ONE, OTHER), on_stage)
+        both = self._fitted(body, (OF_DISPLACEMENT, OF_VELOCITY), on_stage)
         if _chi2(both) > _chi2(better):
             both = min(both, self._fitted(body, both.arguments, on_stage, _values(better)), key=_chi2)
         elif _predicts_better(both, better):
@@ -295,9 +313,9 @@ class _ForceSearch:
     def _excess(self, fit: Fit) -> float:
         return excess_chi2(self.fitter.evidence, fit)
 
-    def _expected(self, bodies: int) -> float:
+    def _expected(self, places: int) -> float:
         """Expected number of simulations."""
-        return bodies * FITS_PER_BODY * self.fitter.expected_simulations(4, STEPS_PER_FREE_FIT)
+        return places * FITS_PER_PLACE * self.fitter.expected_simulations(4, STEPS_PER_FREE_FIT)
 
     # --- judgement ----------------------------------------------------------------------------------------------------
 
@@ -308,27 +326,32 @@ class _ForceSearch:
     def _judged(self, on_stage: Callable[[str], None]) -> Discovery:
         """Take the simplest model that predicts as well as the best, or none."""
         on_stage("prediction")
-        before = left_out_misfit(self.fitter.evidence, self.null)
+        null_left_out = left_out_misfit(self.fitter.evidence, self.null)
         predictions = [(trial, trial.left_out) for trial in self.trials if trial.left_out is not None]
-        if before is None or not predictions:
+        if null_left_out is None or not predictions:
             return replace(self._nothing(UNTESTED), verdict=UNDETERMINED)
         _, best = min(predictions, key=lambda pair: pair[1].deviance)
-        if not best.is_better(before):
+        if not best.is_better(null_left_out):
             text = (
                 "no free force predicts left-out records better: their predictive deviance is "
-                f"{best.deviance:.5g} with the best, {before.deviance:.5g} without"
+                f"{best.deviance:.5g} with the best, {null_left_out.deviance:.5g} without"
             )
-            return replace(self._nothing(text), null_left_out=before)
-        equal = [trial for trial, left_out in predictions if not best.is_better(left_out)]
-        chosen = min(equal, key=lambda trial: (_complexity(trial), _predicted(trial)))
+            return replace(self._nothing(text), null_left_out=null_left_out)
+        tied = [trial for trial, left_out in predictions if not best.is_better(left_out)]
+        chosen = min(tied, key=lambda trial: (_complexity(trial), _predicted(trial)))
         states = visited_states(self.fitter, chosen.fitted.fit.point, chosen.place)
-        rivals = tuple({t.body: t.place for t in equal if t.body != chosen.body}.values())
+        rivals = tuple({t.body: t.place for t in tied if t.body != chosen.body}.values())
         excess = self._excess(self.null), self._excess(chosen.fitted.fit)
         formulas = formulas_of(self.fitter, self.null, chosen.fitted, chosen.left_out, on_stage)
         return Discovery(
-            FOUND, _summary(chosen, equal, rivals, excess, before), self.ready.gates, tuple(self.trials), chosen,
-            tuple(place.name for place in rivals), states, self.null, before, excess, formulas,
+            FOUND, _summary(chosen, tied, rivals, excess, null_left_out), self.ready.gates, tuple(self.trials), chosen,
+            tuple(place.name for place in rivals), states, self.null, null_left_out, excess, formulas,
         )  # fmt: skip
+
+
+def explained_share(without: float, left: float) -> float:
+    """Share of the excess chi-square of a model that a further force explains  [1]."""
+    return 1.0 - max(0.0, left) / max(without, 1e-300)
 
 
 UNTESTED = (
@@ -339,7 +362,7 @@ UNTESTED = (
 
 def described(arguments: Arguments, place: ForcePlace) -> str:
     """Arguments of additive functions at a place in words."""
-    if arguments == (BOTH,):
+    if arguments == (OF_STATE,):
         return f"surface over {place.in_words(DISPLACEMENT)} and {place.in_words(VELOCITY)}"
     return " + ".join(f"function of {place.in_words(own[0])}" for own in arguments)
 
@@ -351,7 +374,7 @@ def _leading(suspects: Sequence[Screened], threshold: float) -> list[Scored]:
     return [s for s in above if s.predicted_reduction >= CRITERIA.min_leader_share * largest]
 
 
-def _body(candidate: Candidate) -> str:
+def _place_of(candidate: Candidate) -> str:
     [body] = candidate.effect.bodies or ()
     return body
 
@@ -380,23 +403,22 @@ def _predicts_better(one: ForceTrial, other: ForceTrial) -> bool:
 
 def _complexity(trial: ForceTrial) -> int:
     """Rank of a model by its functions: of one argument, additive, a surface."""
-    return len(trial.arguments) + (BOTH in trial.arguments) * 2
+    return len(trial.arguments) + SURFACE_RANK * (OF_STATE in trial.arguments)
 
 
 def _summary(
     chosen: ForceTrial,
-    equal: Sequence[ForceTrial],
+    tied: Sequence[ForceTrial],
     rivals: Sequence[ForcePlace],
     excess: tuple[float, float],
-    before: LeftOutMisfit,
+    null_left_out: LeftOutMisfit,
 ) -> str:
-    """Say what was found in a few sentences."""
-    share = 1.0 - max(0.0, excess[1]) / max(excess[0], 1e-300)
-    others = [described(t.arguments, t.place) for t in equal if t is not chosen and t.body == chosen.body]
+    """Verdict on a force in a few sentences."""
+    others = [described(t.arguments, t.place) for t in tied if t is not chosen and t.body == chosen.body]
     text = (
         f"a force {chosen.place.preposition} {chosen.body} is missing: a "
-        f"{described(chosen.arguments, chosen.place)} explains {share:.0%} of the excess "
-        f"chi-square; predictive deviance of left-out records {before.deviance:.4g} -> {_predicted(chosen):.4g}"
+        f"{described(chosen.arguments, chosen.place)} explains {explained_share(*excess):.0%} of the excess "
+        f"chi-square; predictive deviance of left-out records {null_left_out.deviance:.4g} -> {_predicted(chosen):.4g}"
     )
     if others:
         text += f". It predicts as well as a {', a '.join(others)}"

@@ -6,15 +6,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from calib.diagnosis.candidate import Candidate
-from calib.diagnosis.discovery.free_force import DISPLACEMENT, VELOCITY
+from calib.diagnosis.discovery.free_force import DISPLACEMENT, SYMBOLS, VELOCITY
 from calib.diagnosis.discovery.shapes import (
     ABOVE,
     BELOW,
+    CONSTANT,
     EVEN_POWER,
     MAX_FACTORS,
     MAX_TERMS,
     ODD_POWER,
-    ONE,
     SHAPES,
     Shape,
     shape_values,
@@ -23,7 +23,6 @@ from calib.diagnosis.discovery.shapes import (
 from calib.modelling.effect import Effect
 from calib.modelling.parameter import Parameter
 
-SYMBOLS = {DISPLACEMENT: "x", VELOCITY: "v"}
 POWERS = {DISPLACEMENT: (1.0, 0.0), VELOCITY: (1.0, -1.0)}  # of metre and second, of an argument
 LETTERS = "ab"  # of the numbers of a factor; those of a second factor are "de"
 SECOND_LETTERS = "de"
@@ -367,7 +366,7 @@ class Formula:
             term = self.terms[k - 1] if k <= len(self.terms) else FormulaTerm((), 0.0)
             layout.append((f"{prefix}_c{k}", term.coefficient))
             for i in range(MAX_FACTORS):
-                factor = term.factors[i] if i < len(term.factors) else Factor(ONE, DISPLACEMENT)
+                factor = term.factors[i] if i < len(term.factors) else Factor(CONSTANT, DISPLACEMENT)
                 layout += [
                     (f"{prefix}_shape{k}{i}", float(factor.code)),
                     (f"{prefix}_argument{k}{i}", float(factor.argument == VELOCITY)),

@@ -121,12 +121,12 @@ def _refitted(selected: Sequence[Selected], dispersion: float) -> list[Selected]
 
 
 def _trial(
-    fitter: Fitter, null: Fit, problem: LinearisedForce, formula: Formula, attained: float, again: bool
+    fitter: Fitter, null: Fit, problem: LinearisedForce, formula: Formula, attained: float, from_null: bool
 ) -> FormulaTrial | None:
     """Refit a formula, from what the linearised problem has.
 
     attained : chi-square, a tie included, that a formula has to attain
-    again : whether a short one that does not attain it is refitted from the calibrated model too
+    from_null : whether a short one that does not attain it is refitted from the calibrated model too
     """
     prefix = prefix_of([*fitter.model.parameters, *fitter.space.names])
     effect = problem.model.forces[0].effect
@@ -134,7 +134,7 @@ def _trial(
     sizes = {f"{prefix}_{n.name}": n.value for n in formula.numbers}
     starts = [{**problem.calibrated(formula), **sizes}, candidate.absent()]
     fits: list[Fit] = []
-    for start in starts if again and formula.length <= SHORT_LENGTHS[-1] else starts[:1]:
+    for start in starts if from_null and formula.length <= SHORT_LENGTHS[-1] else starts[:1]:
         fit = fitter.fit(null.point, (*null.candidates, candidate), start, rival=attained)
         fits += [fit] if fit.names else []
         if fit.names and fit.chi2 < attained:
@@ -157,7 +157,7 @@ def prefix_of(known: Sequence[str]) -> str:
 def _judged(
     fitter: Fitter, trials: Sequence[FormulaTrial], fitted: PenalisedFit, left_out: LeftOutMisfit | None
 ) -> tuple[FormulaTrial, ...]:
-    """Formulas with what is said of them, the best first."""
+    """Formulas with their judgement, the best first."""
     if not trials:
         return ()
     freedom = fitted.fit.residual.size

@@ -18,6 +18,7 @@ from calib.modelling.parameter import Parameter
 
 DISPLACEMENT, VELOCITY = "displacement", "velocity"
 UNITS = {DISPLACEMENT: "m", VELOCITY: "m/s"}
+SYMBOLS = {DISPLACEMENT: "x", VELOCITY: "v"}
 INTERVALS = {(DISPLACEMENT,): 12, (VELOCITY,): 16, (DISPLACEMENT, VELOCITY): 5}  # of each argument  [count]
 GRADE = 2.2  # exponent by which breakpoints of the velocity alone are denser at rest, where friction turns about  [1]
 DEGREE = 3  # of the splines
@@ -123,7 +124,7 @@ class FreeForce:
     @property
     def name(self) -> str:
         """Name of its effect."""
-        return f"free_force_{self.body}_{''.join('xv'[a == VELOCITY] for a in self.arguments)}"
+        return f"free_force_{self.body}_{''.join(SYMBOLS[a] for a in self.arguments)}"
 
     @property
     def coefficients(self) -> tuple[str, ...]:
@@ -149,7 +150,7 @@ class FreeForce:
             law=LAWS[self.arguments],
             parameters=(*held, *free),
             meaning=f"a free function of {' and '.join(self.arguments)} on {self.body}",
-            equation=f"f({', '.join('xv'[a == VELOCITY] for a in self.arguments)})",
+            equation=f"f({', '.join(SYMBOLS[a] for a in self.arguments)})",
             bodies=(self.body,),
             cite="de Boor, A Practical Guide to Splines (2001), chapter 9",
         )

@@ -84,11 +84,11 @@ def _deviance(fit: Fit, left_out: np.ndarray, rows: np.ndarray, target: np.ndarr
     scale = np.linalg.norm(columns, axis=0)
     scale[scale == 0.0] = 1.0
     training = np.vstack([columns[~left_out], rows]) / scale
-    wanted = np.concatenate([fit.residual[~left_out], target])
+    expected = np.concatenate([fit.residual[~left_out], target])
     left, singular, turn = np.linalg.svd(training, full_matrices=False)
     moved = singular > LEFT_OUT_RANK_TOLERANCE * singular.max(initial=0.0)
     there = (columns[left_out] / scale) @ (turn[moved].T / singular[moved])  # per standard deviation of the refit
-    residual = fit.residual[left_out] - there @ (left[:, moved].T @ wanted)
+    residual = fit.residual[left_out] - there @ (left[:, moved].T @ expected)
     information = np.eye(there.shape[1]) + there.T @ there
     scaled = residual - there @ np.linalg.solve(information, there.T @ residual)
     return float(residual @ scaled + np.linalg.slogdet(information)[1])

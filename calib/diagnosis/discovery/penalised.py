@@ -197,17 +197,17 @@ def penalised_fit(
 def nested(richer: PenalisedFit, model: FreeModel) -> tuple[float, dict[str, float]]:
     """Penalised sum of squares and values at the minimum of a model of fewer forces, linearised about a richer fit."""
     fit, coefficients = richer.fit, set(richer.model.coefficients) - set(model.coefficients)
-    kept = np.array([name not in coefficients for name in fit.names])
-    names = tuple(np.array(fit.names)[kept].tolist())
+    shared = np.array([name not in coefficients for name in fit.names])
+    names = tuple(np.array(fit.names)[shared].tolist())
     x = np.array([fit.value(name) for name in fit.names])
     columns = fit.free(fit.columns)
     without = replace(
-        fit, residual=fit.residual + columns[:, ~kept] @ x[~kept], columns=fit.columns[:, kept], names=names
+        fit, residual=fit.residual + columns[:, ~shared] @ x[~shared], columns=fit.columns[:, shared], names=names
     )
     smoothing = linearised(without, model, fit.residual.size)
     own, weight = np.isin(names, model.coefficients), smoothing.weight
-    step = _step(without.residual, columns[:, kept], own, smoothing, weight, x[kept], 0.0)
-    ahead, left = x[kept] + step, without.residual - columns[:, kept] @ step
+    step = _step(without.residual, columns[:, shared], own, smoothing, weight, x[shared], 0.0)
+    ahead, left = x[shared] + step, without.residual - columns[:, shared] @ step
     total = float(left @ left) + smoothing.penalty(weight, ahead[own])
     return total, {name: float(value) for name, value in zip(names, ahead, strict=True)}
 

@@ -18,7 +18,7 @@ from calib.diagnosis.discovery.free_force import DISPLACEMENT, UNITS, VELOCITY
 from calib.diagnosis.discovery.penalised import States
 from calib.diagnosis.document import GateResult
 
-POINTS_OF_ONE, POINTS_OF_TWO = 101, 25  # of each argument, of a function of one and of two  [count]
+CURVE_POINTS, SURFACE_POINTS = 101, 25  # of each argument, of a function of one and of two  [count]
 PURE_SHARE = 0.999  # of the squares of an absorbed function that one argument alone makes, to be called by it  [1]
 
 
@@ -34,11 +34,11 @@ def discovery_result(discovery: Discovery, values: Mapping[str, float]) -> Disco
         simulations=discovery.simulations,
         seconds=discovery.seconds,
     )
-    chosen, states, before = discovery.chosen, discovery.states, discovery.null_left_out
-    if chosen is None or states is None or before is None or chosen.left_out is None:
+    chosen, states, null_left_out = discovery.chosen, discovery.states, discovery.null_left_out
+    if chosen is None or states is None or null_left_out is None or chosen.left_out is None:
         return common
     force, error = chosen.fitted.surface(states.x, states.v)
-    null, left = discovery.excess_chi2
+    trial = discovery.formula_trial
     fit = chosen.fitted.fit
     calibrated = [name for name in fit.names if name not in chosen.fitted.model.coefficients]
     return DiscoveryResult(
@@ -46,23 +46,18 @@ def discovery_result(discovery: Discovery, values: Mapping[str, float]) -> Disco
             **vars(common),
             "body": chosen.body,
             "interface": bool(chosen.place.gap),
-            "arguments": tuple(dict.fromkeys(a for own in chosen.arguments for a in own)),
-            "functions": functions(chosen, states, formula_of(discovery)),
+            "arguments": chosen.all_arguments,
+            "functions": functions(chosen, states, None if trial is None else trial.formula),
             "formulas": tuple(map(_formula, discovery.formulas)),
             "rms": (float(np.sqrt(np.mean(force**2))), float(np.sqrt(np.mean(error**2)))),
-            "explained": 1.0 - max(0.0, left) / max(null, 1e-300),
-            "left_out": before.names,
-            "left_out_deviance": (before.deviance, chosen.left_out.deviance),
+            "explained": discovery.explained,
+            "left_out": null_left_out.names,
+            "left_out_deviance": (null_left_out.deviance, chosen.left_out.deviance),
             "undetermined": undetermined(chosen),
             "rivals": discovery.rivals,
             "parameters": {name: fit.value(name) for name in calibrated},
         }
     )
-
-
-def formula_of(discovery: Discovery) -> Formula | None:
-    """Formula of the force: the first, where it predicts as well as the free force."""
-    return next((trial.formula for trial in discovery.formulas[:1] if trial.predicts), None)
 
 
 def _formula(trial: FormulaTrial) -> FormulaResult:
@@ -85,7 +80,7 @@ def functions(trial: ForceTrial, states: States, formula: Formula | None = None)
     """
     results = []
     for number, arguments in enumerate(trial.arguments):
-        count = POINTS_OF_ONE if len(arguments) == 1 else POINTS_OF_TWO
+        count = CURVE_POINTS if len(arguments) == 1 else SURFACE_POINTS
         points = [np.linspace(*states.region[a], count) for a in arguments]
         grid = [axis.ravel() for axis in np.meshgrid(*points, indexing="ij")]
         at = dict(zip(arguments, grid, strict=True))
@@ -145,13 +140,13 @@ def _along(states: States, argument: str) -> np.ndarray:
 def _visited(points: list[np.ndarray], values: list[np.ndarray]) -> np.ndarray:
     """Whether states are visited within one step of each point of a grid."""
     nearest = [np.rint((v - p[0]) / (p[1] - p[0])).astype(int) for p, v in zip(points, values, strict=True)]
-    seen = np.zeros([p.size for p in points], dtype=bool)
+    visited = np.zeros([p.size for p in points], dtype=bool)
     inside = [np.clip(own, 0, p.size - 1) for p, own in zip(points, nearest, strict=True)]
-    seen[tuple(inside)] = True
-    wide = np.pad(seen, 1)
-    for axis in range(wide.ndim):
-        wide = wide | np.roll(wide, 1, axis) | np.roll(wide, -1, axis)
-    return np.asarray(wide[tuple(slice(1, -1) for _ in points)])
+    visited[tuple(inside)] = True
+    grown = np.pad(visited, 1)
+    for axis in range(grown.ndim):
+        grown = grown | np.roll(grown, 1, axis) | np.roll(grown, -1, axis)
+    return np.asarray(grown[tuple(slice(1, -1) for _ in points)])
 
 
 def undetermined(trial: ForceTrial) -> tuple[str, ...]:

@@ -11,8 +11,8 @@ from calib.modelling.laws import force
 MAX_TERMS, MAX_FACTORS = 4, 2  # of a formula, of a term  [count]
 TERM_NUMBERS = 9  # of a term in a law: coefficient; code, argument and two numbers of each factor  [count]
 (
-    ONE, EVEN_POWER, ODD_POWER, STEP, ABOVE, BELOW, POLE_BELOW, POLE_ABOVE, EXPONENTIAL, SINE, WELL, BUMP, STRIBECK,
-    ODD_SINE,
+    CONSTANT, EVEN_POWER, ODD_POWER, STEP, ABOVE, BELOW, POLE_BELOW, POLE_ABOVE, EXPONENTIAL, SINE, WELL, BUMP,
+    STRIBECK, ODD_SINE,
 ) = range(14)  # fmt: skip
 
 
@@ -107,7 +107,7 @@ def _none(q: float, r: float) -> float:
 
 
 SHAPES: dict[int, Shape] = {
-    ONE: Shape((None, None), (False, False), _none, "1", "1", "1.0"),
+    CONSTANT: Shape((None, None), (False, False), _none, "1", "1", "1.0"),
     EVEN_POWER: Shape((0, None), (False, False), lambda q, r: q, "|{u}|^{q}", "|{u}|^{{{q}}}", "abs({u}) ** {q}"),
     ODD_POWER: Shape(
         (0, 1), (True, False), _none, "sgn({u}) |{u}/{r}|^{q}",

@@ -128,7 +128,7 @@ class LinearisedForce:
         columns = np.column_stack([self.column(term) for term in known])
         columns = columns / np.linalg.norm(columns, axis=0)
         beam: list[tuple[int, ...]] = [()]
-        found: list[Selected] = []
+        selected: list[Selected] = []
         best = np.inf
         for number in range(1, MAX_TERMS + 1):
             beam = _leading(self._extended(beam, columns), known, len(known) if number == 1 else BEAM_WIDTH)
@@ -137,12 +137,12 @@ class LinearisedForce:
             if not refined:
                 break
             plain = [self.fitted([known[k]]) for (k, *_) in beam if not known[k].free] if number == 1 else []
-            found += [*refined, *plain]
+            selected += [*refined, *plain]
             least = min(s.aic(self.dispersion) for s in refined)
             if least > best - CRITERIA.aic_tie and number > 2:
                 break
             best = min(best, least)
-        return found
+        return selected
 
     def _extended(self, beam: Sequence[tuple[int, ...]], columns: np.ndarray) -> list[tuple[float, tuple[int, ...]]]:
         """Each set with each further column (p, K) of unit length, and the squares that are left."""
@@ -161,9 +161,9 @@ class LinearisedForce:
 def selected_formulas(problem: LinearisedForce) -> list[Selected]:
     """Formulas of a free force by its linearised problem, the lowest predicted AIC first."""
     arguments = tuple(force.arguments for force in problem.model.forces)
-    found = problem.search(dictionary(arguments, problem.model.states.region))
+    refined = problem.search(dictionary(arguments, problem.model.states.region))
     unique: dict[tuple[str, ...], Selected] = {}
-    for selected in sorted(found, key=lambda s: s.aic(problem.dispersion)):
+    for selected in sorted(refined, key=lambda s: s.aic(problem.dispersion)):
         unique.setdefault(selected.formula.structure, selected)
     return list(unique.values())
 

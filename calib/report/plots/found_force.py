@@ -13,8 +13,8 @@ from calib.report.plots.missing_force import SIGNS
 from calib.report.plots.style import LINE, MARK, SIMULATED, STYLE, TEXT_WIDTH, shown_unit
 
 BAND_STD = 1.96  # half width of a 95 % band, in standard errors  [1]
-ON_BODY = {"displacement": "Displacement", "velocity": "Velocity"}
-AT_INTERFACE = {"displacement": "Clearance", "velocity": "Rate of the clearance"}
+BODY_LABELS = {"displacement": "Displacement", "velocity": "Velocity"}
+INTERFACE_LABELS = {"displacement": "Clearance", "velocity": "Rate of the clearance"}
 CURVE_HEIGHT, SURFACE_HEIGHT, FORMULA_HEIGHT = 2.5, 2.9, 0.22  # of the figure, of a line of the formula  [inch]
 FORMULA_LEVELS = 7  # contours of a formula  [count]
 TERMS_OF_A_LINE, NUMBERS_OF_A_LINE = 2, 3  # of a formula, above the figure  [count]
@@ -28,7 +28,7 @@ def found_force_figure(result: DiscoveryResult) -> Figure | None:
     """
     if not result.functions:
         return None
-    labels = AT_INTERFACE if result.interface else ON_BODY
+    labels = INTERFACE_LABELS if result.interface else BODY_LABELS
     surface = len(result.functions[0].arguments) == 2
     panels = 2 if surface else len(result.functions)
     title = "" if result.formula is None else _title(result.formula)
