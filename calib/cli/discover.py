@@ -12,10 +12,11 @@ from rich.table import Table
 from calib.cli.diagnose import DiagnosisProgress
 from calib.cli.options import pool_table
 from calib.cli.status import folder_of
+from calib.diagnosis.discovery.artifacts import DISCOVERY
 from calib.diagnosis.discovery.discover import FOUND
 from calib.diagnosis.discovery.document import DiscoveryResult
 from calib.units import shown
-from calib.workflows.discover import DISCOVERY, FORCE_PICTURE, discover_study
+from calib.workflows.discover import FORCE_PICTURE, discover_study
 
 
 def print_discovery(
@@ -57,7 +58,7 @@ def show(result: DiscoveryResult, folder: Path, console: Console, extended: Path
     if result.trials:
         console.print(_trials(result))
     console.print(f"{result.simulations} simulations in {result.seconds:.1f} s")
-    names = ", ".join([DISCOVERY, *([FORCE_PICTURE] if result.functions else [])])
+    names = ", ".join([DISCOVERY, *([FORCE_PICTURE] if result.functions else []), "report.html"])
     console.print(f"files:  {escape(str(folder))}/ ({names})", soft_wrap=True)
     if extended is not None:
         console.print(f"extended study:  {escape(str(extended))}   (calib run {escape(str(extended))})", soft_wrap=True)

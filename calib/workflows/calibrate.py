@@ -12,6 +12,7 @@ import xarray as xr
 
 from calib.confidence import Confidence, around_best, describe_near_optimal
 from calib.diagnosis import artifacts
+from calib.diagnosis.discovery.artifacts import read_discovery
 from calib.errors import CalibError
 from calib.execution.files import whole
 from calib.execution.pool import Failure, in_order
@@ -300,7 +301,7 @@ def _reported(file: StudyFile, folder: Path, calibrated: Calibrated) -> Path:
     diagnosis, motions = artifacts.read(folder), artifacts.read_motions(folder)
     page = render(
         shown, calibrated.trials, records, calibrated.result, f"calib run {file.path}", calibrated.header, diagnosis,
-        motions, study.jobs, base_study(file),
+        motions, study.jobs, base_study(file), read_discovery(folder),
     )  # fmt: skip
     path = folder / "report.html"
     with whole(path) as temporary:

@@ -1,21 +1,21 @@
 """The search of a study for the force law that its model misses, and the files that say what was found."""
 
-import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from calib.diagnosis.discovery.artifacts import write_discovery
 from calib.diagnosis.discovery.discover import discover
 from calib.diagnosis.discovery.document import DiscoveryResult
-from calib.diagnosis.discovery.serialise import discovery_result
 from calib.execution.files import whole
 from calib.report.plots.found_force import found_force_figure
 from calib.report.plots.style import png
 from calib.study_file import load
+from calib.workflows.calibrate import rebuild
 from calib.workflows.calibrated import calibrated_values
 from calib.workflows.found_effect import apply_force
 
-DISCOVERY, FORCE_PICTURE = "discovery.json", "discovery.png"
+FORCE_PICTURE = "discovery.png"
 
 
 def discover_study(
@@ -31,7 +31,8 @@ def discover_study(
 ) -> tuple[DiscoveryResult, Path | None]:
     """Search a calibrated study for the force that its model misses: `calib discover` from Python.
 
-    Writes discovery.json and, where a force is found, discovery.png into the folder of the results.
+    Writes discovery.json and, where a force is found, discovery.png into the folder of the results, and draws
+    report.html anew with the search in it.
 
     Parameters
     ----------
@@ -58,14 +59,12 @@ def discover_study(
         file.study, file.others, values, file.suspects(), seed=file.study.seed if seed is None else seed,
         on_stage=on_stage, on_progress=on_progress,
     )  # fmt: skip
-    document = discovery_result(discovery, values).as_dict()
-    result = DiscoveryResult.from_dict(document)
-    with whole(file.folder / DISCOVERY) as temporary:
-        temporary.write_text(json.dumps(document, indent=2, allow_nan=False), encoding="utf-8")
+    result = write_discovery(discovery, file.folder, values)
     figure = found_force_figure(result)
     if figure is None:
         (file.folder / FORCE_PICTURE).unlink(missing_ok=True)
     else:
         with whole(file.folder / FORCE_PICTURE) as temporary:
             temporary.write_bytes(png(figure))
+    rebuild(path, out, jobs, pool)
     return result, apply_force(file, discovery) if apply else None

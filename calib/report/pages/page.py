@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import xarray as xr
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
+from calib.diagnosis.discovery.document import DiscoveryResult
 from calib.diagnosis.document import DiagnosisResult
 from calib.objective import MISFIT
 from calib.objective.objective import MIN_COST_OF_WRONG_KIND
@@ -14,6 +15,7 @@ from calib.report.formatting import number
 from calib.report.pages import tables
 from calib.report.pages.base_study import BaseStudy, base_points
 from calib.report.pages.diagnosis.chapter import chapter
+from calib.report.pages.discovery import discovery_chapter
 from calib.report.pages.picture import Picture, drawn, pictured
 from calib.report.pages.sections import record_section
 from calib.report.pages.verdict import verdict
@@ -44,6 +46,7 @@ def render(
     motions: Mapping[str, xr.Dataset] | None = None,
     jobs: int = 1,
     base: BaseStudy | None = None,
+    discovery: DiscoveryResult | None = None,
 ) -> str:
     """HTML of the report, self-contained.
 
@@ -58,6 +61,7 @@ def render(
     motions : content of diagnosis.nc (see `calib.report.plots.diagnosed_cycles`)
     jobs : number of processes that draw the figures
     base : the study that this one extends; None where it extends none, or none is known
+    discovery : search for a force law; None where there was none
     """
     best = next((t for t in trials if t.number == result.best_trial), None)
     names = {name: reference.use for name, reference in study.objective.references.items()}
@@ -69,6 +73,7 @@ def render(
         "sections": [shown[n] for n, use in names.items() if use == "calibrate"],
         "others": [shown[n] for n, use in names.items() if use != "calibrate"],
         "d": None if diagnosis is None else chapter(diagnosis, motions or {}, result, study),
+        "f": None if discovery is None else discovery_chapter(discovery, result),
         "search": _search(study, trials, best),
     }
     return _template().render(

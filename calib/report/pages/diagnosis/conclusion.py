@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.design_document import MeasurementResult
+from calib.diagnosis.discovery.document import DiscoveryResult
 from calib.diagnosis.document import DiagnosisResult, GainResult, GateResult, MisfitResult
 from calib.diagnosis.excess import significant
 from calib.diagnosis.measurement import DECISIVE_Z
@@ -270,7 +271,7 @@ def _interval_of_change(low: float, high: float) -> str:
     )
 
 
-def stale(diagnosis: DiagnosisResult, result: CalibrationResult) -> bool:
+def stale(diagnosis: DiagnosisResult | DiscoveryResult, result: CalibrationResult) -> bool:
     """Whether the values that were diagnosed are no longer the calibrated ones."""
     then, now = diagnosis.values, result.values
     return any(n in then and not math.isclose(then[n], x, rel_tol=MAX_RELATIVE_CHANGE) for n, x in now.items())

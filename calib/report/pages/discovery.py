@@ -1,0 +1,161 @@
+"""The chapter of a page that presents a search for a force law: the force, its formulas, the models compared."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.diagnosis.discovery.discover import FOUND, NOTHING
+from calib.diagnosis.discovery.document import DiscoveryResult, FormulaResult
+from calib.report.formatting import capitalised, count, number, quantity, rounded
+from calib.report.pages.diagnosis.conclusion import stale
+from calib.report.pages.picture import Picture, pictured
+from calib.report.pages.verdict import Tone
+from calib.report.plots.found_force import found_force_figure
+from calib.study import CalibrationResult
+
+TONES: Mapping[str, Tone] = {FOUND: "good", NOTHING: "good"}
+FORCE = (
+    "Force per unit mass over the states that the records visit, without the linear functions that calibrated "
+    "parameters absorb."
+)
+WITH_FORMULA = " The formula, less the same linear functions, is drawn over the free function and stands above."
+
+
+@dataclass(frozen=True)
+class NumberRow:
+    """A number of the formula."""
+
+    name: str
+    value: str
+    error: str
+    unit: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class FormulaRow:
+    """A formula that was refitted."""
+
+    text: str
+    numbers: int
+    chi2: str
+    left_out: str
+    aic: str
+    remarks: str
+    first: bool
+
+
+@dataclass(frozen=True)
+class ForceRow:
+    """A model with free forces that was fitted."""
+
+    place: str
+    functions: str
+    parameters: str
+    chi2: str
+    left_out: str
+
+
+@dataclass(frozen=True)
+class DiscoveryChapter:
+    """Everything that a page shows of a search for a force law, in the order of the page."""
+
+    verdict: str
+    tone: Tone
+    stale: bool
+    headline: str
+    points: tuple[str, ...]
+    force: Picture | None
+    formula: str
+    latex: str
+    numbers: tuple[NumberRow, ...]
+    formulas: tuple[FormulaRow, ...]
+    trials: tuple[ForceRow, ...]
+    effort: str
+
+
+def discovery_chapter(discovery: DiscoveryResult, result: CalibrationResult) -> DiscoveryChapter:
+    """Everything that a page shows of a search for a force law.
+
+    Parameters
+    ----------
+    result : of the calibration as it is now
+    """
+    formula = discovery.formula
+    caption = FORCE if formula is None else FORCE + WITH_FORMULA
+    return DiscoveryChapter(
+        verdict=discovery.verdict.replace("_", " "),
+        tone=TONES.get(discovery.verdict, "mind"),
+        stale=stale(discovery, result),
+        headline=f"{capitalised(discovery.summary)}.",
+        points=_points(discovery),
+        force=pictured(found_force_figure(discovery), "found-force", caption),
+        formula="" if formula is None else formula.text,
+        latex="" if formula is None else formula.latex,
+        numbers=() if formula is None else _numbers(formula),
+        formulas=_formulas(discovery),
+        trials=tuple(
+            ForceRow(t.body, t.functions, number(t.effective_parameters, 3), number(t.chi2, 5),
+                     number(t.left_out_deviance, 5))
+            for t in discovery.trials
+        ),
+        effort=f"{count(discovery.simulations, 'simulation')} in {discovery.seconds:.0f} s",
+    )  # fmt: skip
+
+
+def _points(discovery: DiscoveryResult) -> tuple[str, ...]:
+    """Sentences about a force that was found."""
+    if not discovery.functions:
+        return ()
+    regions = {
+        argument: f"{argument} {quantity(low, unit)} to {quantity(high, unit)}"
+        for function in discovery.functions
+        for argument, unit, (low, high) in zip(function.arguments, function.units, function.region, strict=True)
+    }
+    if discovery.interface:
+        regions = {
+            name: text.replace("displacement", "clearance").replace("velocity", "rate of the clearance")
+            for name, text in regions.items()
+        }
+    points = [f"The records visit {', '.join(regions.values())}. Beyond, the force is an extrapolation."]
+    if len(discovery.rms) == 2:
+        force, error = discovery.rms
+        points.append(
+            f"Root mean square over the visited states: {number(force, 3)} m/s² per unit mass, standard error "
+            f"{number(error, 2)} m/s²."
+        )
+    if discovery.formula is None:
+        points.append("No formula of the dictionary predicts as well as the free function.")
+    if discovery.undetermined:
+        points.append(f"Not determined beside the calibrated parameters: {', '.join(discovery.undetermined)}.")
+    return tuple(points)
+
+
+def _numbers(formula: FormulaResult) -> tuple[NumberRow, ...]:
+    return tuple(
+        NumberRow(
+            n.name, rounded(n.value, n.error), "" if n.error is None else number(n.error, 2),
+            "" if n.unit == "1" else n.unit, n.meaning,
+        )
+        for n in formula.numbers
+    )  # fmt: skip
+
+
+def _formulas(discovery: DiscoveryResult) -> tuple[FormulaRow, ...]:
+    """Formulas, the best first."""
+    if not discovery.formulas:
+        return ()
+    least = float(np.min([f.aic for f in discovery.formulas]))
+    return tuple(
+        FormulaRow(
+            text=own.text,
+            numbers=len(own.numbers),
+            chi2=number(own.chi2, 5),
+            left_out=number(own.left_out_deviance, 5),
+            aic=f"+{number(own.aic - least, 3)}",
+            remarks=", ".join(text for text, holds in (("tie", own.ties), ("front", own.on_front)) if holds),
+            first=own == discovery.formula,
+        )
+        for own in discovery.formulas
+    )
