@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from calib.diagnosis.candidate import Scales, candidates
-from calib.diagnosis.discovery.discover import Discovery, ForceTrial, described
+from calib.diagnosis.discovery.discover import Discovery
 from calib.diagnosis.discovery.formula import Number
 from calib.diagnosis.discovery.formulas import FormulaTrial, prefix_of
 from calib.diagnosis.discovery.free_force import DISPLACEMENT, SYMBOLS, UNITS, VELOCITY, FreeForce
+from calib.diagnosis.discovery.trial import ForceTrial, described
 from calib.diagnosis.fit import Fit
 from calib.errors import CalibError
 from calib.execution.files import whole

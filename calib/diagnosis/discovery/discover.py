@@ -1,5 +1,6 @@
 """Where a missing force acts, and of what it is a function: free forces fitted inside the simulator, and compared."""
 
+import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, closing
@@ -11,12 +12,21 @@ from calib.diagnosis.bench import Bench, Run, simulated
 from calib.diagnosis.candidate import Candidate, candidates
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.discovery.formulas import FormulaTrial, formulas_of
-from calib.diagnosis.discovery.free_force import DISPLACEMENT, VELOCITY, FreeForce, free_force
+from calib.diagnosis.discovery.free_force import FreeForce, free_force
 from calib.diagnosis.discovery.left_out import LeftOutMisfit, left_out_misfit
-from calib.diagnosis.discovery.penalised import FreeModel, PenalisedFit, States, nested, penalised_fit, visited_states
+from calib.diagnosis.discovery.penalised import FreeModel, States, nested, penalised_fit, visited_states
 from calib.diagnosis.discovery.place import ForcePlace, force_places
+from calib.diagnosis.discovery.summary import NO_STEP, UNTESTED, explained_share, summary_of
+from calib.diagnosis.discovery.trial import (
+    OF_DISPLACEMENT,
+    OF_STATE,
+    OF_VELOCITY,
+    Arguments,
+    ForceTrial,
+    described,
+)
 from calib.diagnosis.effort import Effort
-from calib.diagnosis.excess import chi2_std, excess_chi2, significant
+from calib.diagnosis.excess import chi2_std, degrees_of_freedom, excess_chi2, significant
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.gates import Gate
 from calib.diagnosis.preparation import NotDiagnosable, Prepared, bench_of, numerical, prepared
@@ -32,38 +42,7 @@ from calib.objective import Reference
 from calib.study import CalibrationStudy
 
 FOUND, NOTHING, UNDETERMINED, NOT_DIAGNOSABLE = "found", "nothing", "undetermined", "not_diagnosable"
-OF_DISPLACEMENT, OF_VELOCITY, OF_STATE = (DISPLACEMENT,), (VELOCITY,), (DISPLACEMENT, VELOCITY)  # arguments
-Arguments = tuple[tuple[str, ...], ...]  # of the additive functions of a model
 FITS_PER_PLACE, STEPS_PER_FREE_FIT = 3, 8  # as measured  [count]
-SURFACE_RANK = 2  # that a surface over both arguments has beyond its number of functions, as a complexity  [1]
-
-
-@dataclass(frozen=True, eq=False)
-class ForceTrial:
-    """A model with free forces at one place, fitted and judged by what it predicts.
-
-    Attributes
-    ----------
-    place : where they act
-    arguments : of each of the additive functions
-    fitted : the model
-    left_out : misfit of the records that were left out in turn; None where none can be
-    """
-
-    place: ForcePlace
-    arguments: Arguments
-    fitted: PenalisedFit
-    left_out: LeftOutMisfit | None
-
-    @property
-    def body(self) -> str:
-        """Name of the place."""
-        return self.place.name
-
-    @property
-    def all_arguments(self) -> tuple[str, ...]:
-        """Arguments of all functions, each once."""
-        return tuple(dict.fromkeys(argument for own in self.arguments for argument in own))
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,24 +218,43 @@ class _ForceSearch:
         on_stage("places")
         suspects, threshold = self._screened([self.candidates[f.name] for f in self.forces.values()])
         leading = _leading(suspects, threshold)
-        if not leading and significant(self._excess(self.null), chi2_std(self.fitter.evidence)):
+        if not leading and self._leaves_misfit(self.null):
             on_stage("places, functions of two arguments")
-            surfaces = [self._surface(body) for body in self.regions]
-            suspects, threshold = self._screened(surfaces)
+            suspects, threshold = self._screened([self._surface(body) for body in self.regions])
             leading = _leading(suspects, threshold)
-        if not leading:
+        places = list(dict.fromkeys(_place_of(s.candidate) for s in leading))
+        if not places and self._leaves_misfit(self.null):  # far from the measured motion no score test may be reliable
+            places = list(dict.fromkeys(_place_of(s.candidate) for s in suspects if not is_testable(s)))
+        if not places:
             largest = max((abs(s.z) for s in suspects), default=0.0)
             return self._nothing(f"no free force is significant: the largest |z| is {largest:.1f} of {threshold:.1f}")
-        leading_places = list(dict.fromkeys(_place_of(s.candidate) for s in leading))
-        self.fitter.effort.foresee(self._expected(len(leading_places)))
-        for body in leading_places:
+        self.fitter.effort.foresee(self._expected(len(places)))
+        for body in places:
             self._fit_place(body, on_stage)
-        std = chi2_std(self.fitter.evidence)
-        if all(significant(self._excess(trial.fitted.fit), std) for trial in self.trials):
-            for body in leading_places:
-                self._surface(body)
-                self.trials.append(self._fitted(body, (OF_STATE,), on_stage))
+        if all(self._leaves_misfit(trial.fitted.fit) for trial in self.trials):
+            surfaces = places
+        else:
+            surfaces = self._surfaces_beside(places, on_stage)
+        for body in surfaces:
+            self._surface(body)
+            self.trials.append(self._fitted(body, (OF_STATE,), on_stage))
         return self._judged(on_stage)
+
+    def _surfaces_beside(self, places: Sequence[str], on_stage: Callable[[str], None]) -> list[str]:
+        """Places of which a surface is significant on the residual of the simpler forces that predict best there."""
+        on_stage("places, functions of two arguments")
+        significant_there = []
+        for body in places:
+            simpler = [trial for trial in self.trials if trial.body == body]
+            best = min(simpler, key=lambda trial: trial.predictive_deviance)
+            [suspect], threshold = screened(self.fitter, best.fitted.fit, [self._surface(body)], self.seed)
+            if is_testable(suspect) and abs(suspect.z) > threshold:
+                significant_there.append(body)
+        return significant_there
+
+    def _leaves_misfit(self, fit: Fit) -> bool:
+        """Whether a model leaves more than noise."""
+        return significant(self._excess(fit), chi2_std(self.fitter.evidence))
 
     # --- scores and fits ----------------------------------------------------------------------------------------------
 
@@ -267,6 +265,8 @@ class _ForceSearch:
 
     def _surface(self, body: str) -> Candidate:
         """Free function of both arguments on a body, as a candidate."""
+        if (body, OF_STATE) in self.forces:
+            return self.candidates[self.forces[body, OF_STATE].name]
         force = free_force(body, OF_STATE, self.regions[body], self.places[body].compliant)
         self.forces[body, OF_STATE] = force
         [candidate], _ = candidates(self.study.model, [force.effect], self.references, self.study.space.names)
@@ -280,15 +280,15 @@ class _ForceSearch:
         ended, and where a sum predicts better than its terms, the one that is closest to it is fitted from there.
         """
         single = [self._fitted(body, arguments, on_stage) for arguments in ((OF_DISPLACEMENT,), (OF_VELOCITY,))]
-        better = min(single, key=_chi2)
+        better = min(single, key=lambda trial: trial.chi2)
         both = self._fitted(body, (OF_DISPLACEMENT, OF_VELOCITY), on_stage)
-        if _chi2(both) > _chi2(better):
-            both = min(both, self._fitted(body, both.arguments, on_stage, _values(better)), key=_chi2)
-        elif _predicts_better(both, better):
+        if both.chi2 > better.chi2:
+            both = min(both, self._fitted(body, both.arguments, on_stage, better.values), key=lambda trial: trial.chi2)
+        elif both.predicts_better(better):
             closest = [nested(both.fitted, trial.fitted.model) for trial in single]
             k = min(range(2), key=lambda k: closest[k][0])
             again = self._fitted(body, single[k].arguments, on_stage, closest[k][1])
-            single[k] = min(single[k], again, key=_chi2)
+            single[k] = min(single[k], again, key=lambda trial: trial.chi2)
         self.trials += [*single, both]
 
     def _fitted(
@@ -327,7 +327,10 @@ class _ForceSearch:
         """Take the simplest model that predicts as well as the best, or none."""
         on_stage("prediction")
         null_left_out = left_out_misfit(self.fitter.evidence, self.null)
-        predictions = [(trial, trial.left_out) for trial in self.trials if trial.left_out is not None]
+        improved = [trial for trial in self.trials if trial.chi2 < self.null.chi2]
+        if not improved and self._leaves_misfit(self.null):
+            return replace(self._nothing(NO_STEP), verdict=UNDETERMINED)
+        predictions = [(trial, trial.left_out) for trial in improved if trial.left_out is not None]
         if null_left_out is None or not predictions:
             return replace(self._nothing(UNTESTED), verdict=UNDETERMINED)
         _, best = min(predictions, key=lambda pair: pair[1].deviance)
@@ -338,33 +341,18 @@ class _ForceSearch:
             )
             return replace(self._nothing(text), null_left_out=null_left_out)
         tied = [trial for trial, left_out in predictions if not best.is_better(left_out)]
-        chosen = min(tied, key=lambda trial: (_complexity(trial), _predicted(trial)))
+        chosen = min(tied, key=lambda trial: (trial.complexity, trial.predictive_deviance))
         states = visited_states(self.fitter, chosen.fitted.fit.point, chosen.place)
         rivals = tuple({t.body: t.place for t in tied if t.body != chosen.body}.values())
         excess = self._excess(self.null), self._excess(chosen.fitted.fit)
         formulas = formulas_of(self.fitter, self.null, chosen.fitted, chosen.left_out, on_stage)
+        degrees = degrees_of_freedom(self.fitter.evidence, chosen.fitted.fit)
+        rms = math.sqrt(chosen.chi2 / degrees) if self._leaves_misfit(chosen.fitted.fit) else None
+        summary = summary_of(chosen, tied, rivals, excess, null_left_out, rms)
         return Discovery(
-            FOUND, _summary(chosen, tied, rivals, excess, null_left_out), self.ready.gates, tuple(self.trials), chosen,
+            FOUND, summary, self.ready.gates, tuple(self.trials), chosen,
             tuple(place.name for place in rivals), states, self.null, null_left_out, excess, formulas,
         )  # fmt: skip
-
-
-def explained_share(without: float, left: float) -> float:
-    """Share of the excess chi-square of a model that a further force explains  [1]."""
-    return 1.0 - max(0.0, left) / max(without, 1e-300)
-
-
-UNTESTED = (
-    "a force is missing, but the records cannot tell of what it is a function: in one steady tone displacement and "
-    'velocity lie on one curve; record further amplitudes, or a free decay, with use = "name"'
-)
-
-
-def described(arguments: Arguments, place: ForcePlace) -> str:
-    """Arguments of additive functions at a place in words."""
-    if arguments == (OF_STATE,):
-        return f"surface over {place.in_words(DISPLACEMENT)} and {place.in_words(VELOCITY)}"
-    return " + ".join(f"function of {place.in_words(own[0])}" for own in arguments)
 
 
 def _leading(suspects: Sequence[Screened], threshold: float) -> list[Scored]:
@@ -377,52 +365,3 @@ def _leading(suspects: Sequence[Screened], threshold: float) -> list[Scored]:
 def _place_of(candidate: Candidate) -> str:
     [body] = candidate.effect.bodies or ()
     return body
-
-
-def _predicted(trial: ForceTrial) -> float:
-    """Predictive deviance of the left-out records."""
-    return np.inf if trial.left_out is None else trial.left_out.deviance
-
-
-def _chi2(trial: ForceTrial) -> float:
-    """Chi-square of a model."""
-    return trial.fitted.fit.chi2
-
-
-def _values(trial: ForceTrial) -> dict[str, float]:
-    """Values of the parameters of a model."""
-    return {name: trial.fitted.fit.value(name) for name in trial.fitted.fit.names}
-
-
-def _predicts_better(one: ForceTrial, other: ForceTrial) -> bool:
-    """Whether a model predicts left-out records better than another."""
-    if one.left_out is None or other.left_out is None:
-        return False
-    return one.left_out.is_better(other.left_out)
-
-
-def _complexity(trial: ForceTrial) -> int:
-    """Rank of a model by its functions: of one argument, additive, a surface."""
-    return len(trial.arguments) + SURFACE_RANK * (OF_STATE in trial.arguments)
-
-
-def _summary(
-    chosen: ForceTrial,
-    tied: Sequence[ForceTrial],
-    rivals: Sequence[ForcePlace],
-    excess: tuple[float, float],
-    null_left_out: LeftOutMisfit,
-) -> str:
-    """Verdict on a force in a few sentences."""
-    others = [described(t.arguments, t.place) for t in tied if t is not chosen and t.body == chosen.body]
-    text = (
-        f"a force {chosen.place.preposition} {chosen.body} is missing: a "
-        f"{described(chosen.arguments, chosen.place)} explains {explained_share(*excess):.0%} of the excess "
-        f"chi-square; predictive deviance of left-out records {null_left_out.deviance:.4g} -> {_predicted(chosen):.4g}"
-    )
-    if others:
-        text += f". It predicts as well as a {', a '.join(others)}"
-    if rivals:
-        where = ", or ".join(f"{place.preposition} {place.name}" for place in rivals)
-        text += f". A force {where} predicts as well"
-    return text

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from calib.diagnosis.discovery.discover import Discovery, ForceTrial, described
+from calib.diagnosis.discovery.discover import Discovery
 from calib.diagnosis.discovery.document import (
     DiscoveryResult,
     FormulaResult,
@@ -16,6 +16,7 @@ from calib.diagnosis.discovery.formula import Formula
 from calib.diagnosis.discovery.formulas import FormulaTrial
 from calib.diagnosis.discovery.free_force import DISPLACEMENT, UNITS, VELOCITY
 from calib.diagnosis.discovery.penalised import States
+from calib.diagnosis.discovery.trial import ForceTrial, described
 from calib.diagnosis.document import GateResult
 
 CURVE_POINTS, SURFACE_POINTS = 101, 25  # of each argument, of a function of one and of two  [count]

@@ -65,10 +65,8 @@ def render(
     """
     best = next((t for t in trials if t.number == result.best_trial), None)
     names = {name: reference.use for name, reference in study.objective.references.items()}
-    shown = {
-        n: record_section(study, n, records.get(n), result, None if base is None else base.records.get(n))
-        for n in names
-    }
+    before = {} if base is None else base.records
+    shown = {n: record_section(study, n, records.get(n), result, before.get(n)) for n in names}
     illustrated = {
         "sections": [shown[n] for n, use in names.items() if use == "calibrate"],
         "others": [shown[n] for n, use in names.items() if use != "calibrate"],

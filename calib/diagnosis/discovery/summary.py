@@ -1,0 +1,49 @@
+"""The verdict of a search for a force law in words."""
+
+from collections.abc import Sequence
+
+from calib.diagnosis.discovery.left_out import LeftOutMisfit
+from calib.diagnosis.discovery.place import ForcePlace
+from calib.diagnosis.discovery.trial import ForceTrial, described
+
+NO_STEP = (
+    "a force is missing, but no free force that was tried reduces the misfit: the calibrated motion is too far from "
+    "the measured one; calibrate to records of smaller amplitude, or to shorter ones, first"
+)
+UNTESTED = (
+    "a force is missing, but the records cannot tell of what it is a function: in one steady tone displacement and "
+    'velocity lie on one curve; record further amplitudes, or a free decay, with use = "name"'
+)
+
+
+def explained_share(without: float, left: float) -> float:
+    """Share of the excess chi-square of a model that a further force explains  [1]."""
+    return 1.0 - max(0.0, left) / max(without, 1e-300)
+
+
+def summary_of(
+    chosen: ForceTrial,
+    tied: Sequence[ForceTrial],
+    rivals: Sequence[ForcePlace],
+    excess: tuple[float, float],
+    null_left_out: LeftOutMisfit,
+    rms: float | None,
+) -> str:
+    """Verdict on a force in a few sentences.
+
+    rms : of the whitened residual that it leaves, where that is more than noise  [1]
+    """
+    others = [described(t.arguments, t.place) for t in tied if t is not chosen and t.body == chosen.body]
+    text = (
+        f"a force {chosen.place.preposition} {chosen.body} is missing: a {described(chosen.arguments, chosen.place)} "
+        f"explains {explained_share(*excess):.0%} of the excess chi-square; "
+        f"predictive deviance of left-out records {null_left_out.deviance:.4g} -> {chosen.predictive_deviance:.4g}"
+    )
+    if others:
+        text += f". It predicts as well as a {', a '.join(others)}"
+    if rivals:
+        where = ", or ".join(f"{place.preposition} {place.name}" for place in rivals)
+        text += f". A force {where} predicts as well"
+    if rms is not None:
+        text += f". It leaves {rms:.3g} times the noise: it is the closest to what is missing, not all of it"
+    return text

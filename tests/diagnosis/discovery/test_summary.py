@@ -1,0 +1,32 @@
+"""The verdict of a search for a force law in words."""
+
+from types import SimpleNamespace
+
+from calib.diagnosis.discovery.summary import explained_share, summary_of
+from calib.diagnosis.discovery.trial import OF_DISPLACEMENT, OF_STATE, OF_VELOCITY, ForceTrial
+
+
+def trial(arguments, deviance, name="mass"):
+    place = SimpleNamespace(name=name, preposition="on", in_words=str)
+    return ForceTrial(place, arguments, SimpleNamespace(), SimpleNamespace(deviance=deviance))
+
+
+def test_models_that_tie_and_a_misfit_that_is_left_are_told():
+    chosen, tied = trial((OF_DISPLACEMENT,), 90.0), trial((OF_DISPLACEMENT, OF_VELOCITY), 88.0)
+    elsewhere = trial((OF_VELOCITY,), 89.0, "layer")
+    told = summary_of(
+        chosen, [chosen, tied, elsewhere], [elsewhere.place], (400.0, 100.0), SimpleNamespace(deviance=500.0), 1.5
+    )
+    assert told == (
+        "a force on mass is missing: a function of displacement explains 75% of the excess chi-square; predictive "
+        "deviance of left-out records 500 -> 90. It predicts as well as a function of displacement + function of "
+        "velocity. A force on layer predicts as well. It leaves 1.5 times the noise: it is the closest to what is missing, not all of it"
+    )
+    alone = summary_of(chosen, [chosen], [], (400.0, -3.0), SimpleNamespace(deviance=500.0), None)
+    assert alone.endswith("100% of the excess chi-square; predictive deviance of left-out records 500 -> 90")
+
+
+def test_a_surface_is_less_simple_than_a_sum():
+    one, both, surface = (trial(own, 1.0) for own in ((OF_VELOCITY,), (OF_DISPLACEMENT, OF_VELOCITY), (OF_STATE,)))
+    assert one.complexity < both.complexity < surface.complexity
+    assert explained_share(0.0, 5.0) < 0.0
