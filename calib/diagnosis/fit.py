@@ -109,6 +109,15 @@ class Fit:
         known = np.where(self.columns.any(axis=0), np.sqrt(np.maximum(0.0, np.diag(covariance))), np.inf)
         return known[[self.names.index(name) for name in names]]
 
+    def covariance(self, names: Sequence[str]) -> np.ndarray:
+        """Covariance (n, n) of these parameters, jointly with all others; infinite where a derivative is zero."""
+        if not self.names:
+            return np.full((len(names), len(names)), np.inf)
+        index = [self.names.index(name) for name in names]
+        covariance, _, _ = self._sandwich
+        known = self.columns.any(axis=0)[index]
+        return np.where(np.outer(known, known), covariance[np.ix_(index, index)], np.inf)
+
     def inflation(self, names: Sequence[str]) -> float:
         """Largest variance of what these parameters change over that by the noise alone; at least 1.
 

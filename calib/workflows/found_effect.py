@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.diagnosis.candidate import Scales, candidates
+from calib.diagnosis.discovery.continuation import known_region
 from calib.diagnosis.discovery.discover import Discovery
 from calib.diagnosis.discovery.formula import Number
 from calib.diagnosis.discovery.formulas import FormulaTrial, prefix_of
@@ -108,7 +109,12 @@ def _formula_text(file: StudyFile, name: str, discovery: Discovery, chosen: Forc
     ]
     used = {argument for term in formula.terms for argument in term.arguments}
     states = chosen.fitted.model.states if discovery.states is None else discovery.states
-    region = [(SYMBOLS[a].upper(), UNITS[a], *map(_digits, states.region[a])) for a in states.region if a in used]
+    known = known_region(discovery, trial, states)
+    region = [
+        (SYMBOLS[a].upper(), UNITS[a], *map(_digits, (*known[a], *visited)))
+        for a, visited in states.region.items()
+        if a in used
+    ]
     return skeleton(
         "found_formula.py.j2",
         {

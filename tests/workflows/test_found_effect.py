@@ -51,8 +51,9 @@ def found(formula):
     coefficients = [name for force in forces for name in force.coefficients]
     sizes = dict(zip(coefficients, np.linspace(-1.0, 1.0, len(coefficients)), strict=True))
     held = {p.name: p.nominal for force in forces for p in force.effect.parameters if p.null is None}
+    smoothing = SimpleNamespace(absorbed=np.zeros((len(coefficients), 0)))
     free = fit({**held, **sizes}, ("damping", "stiffness", *coefficients))
-    fitted = PenalisedFit(free, FreeModel(forces, (), REGION), SimpleNamespace(), 1.0)
+    fitted = PenalisedFit(free, FreeModel(forces, (), REGION), smoothing, 1.0)
     trial = ForceTrial(ForcePlace("mass", {"mass": 1.0}), ((DISPLACEMENT,), (VELOCITY,)), fitted, None)
     formulas = ()
     if formula is not None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from calib.diagnosis.discovery.discover import FOUND, NOTHING
 from calib.diagnosis.discovery.document import DiscoveryResult, FormulaResult
-from calib.report.formatting import capitalised, count, number, quantity, rounded
+from calib.report.formatting import capitalised, count, number, number_beside, quantity, raised, rounded
 from calib.report.pages.diagnosis.conclusion import stale
 from calib.report.pages.picture import Picture, pictured
 from calib.report.pages.verdict import Tone
@@ -135,8 +135,8 @@ def _points(discovery: DiscoveryResult) -> tuple[str, ...]:
 def _numbers(formula: FormulaResult) -> tuple[NumberRow, ...]:
     return tuple(
         NumberRow(
-            n.name, rounded(n.value, n.error), "" if n.error is None else number(n.error, 2),
-            "" if n.unit == "1" else n.unit, n.meaning,
+            n.name, rounded(n.value, n.error), "" if n.error is None else number_beside(n.error, n.value),
+            "" if n.unit == "1" else raised(n.unit), n.meaning,
         )
         for n in formula.numbers
     )  # fmt: skip

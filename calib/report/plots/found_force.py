@@ -9,6 +9,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from calib.diagnosis.discovery.document import DiscoveryResult, FormulaResult, FunctionResult
+from calib.report.formatting import number, raised
 from calib.report.plots.missing_force import SIGNS
 from calib.report.plots.style import LINE, MARK, SIMULATED, STYLE, TEXT_WIDTH, shown_unit
 
@@ -54,7 +55,10 @@ def _title(formula: FormulaResult) -> str:
     terms = [f"c_{{{own}" for own in formula.latex.removeprefix("c_{").split(" + c_{")]
     lines = [terms[k : k + TERMS_OF_A_LINE] for k in range(0, len(terms), TERMS_OF_A_LINE)]
     written = [f"${'+' if k else ''}{' + '.join(line)}$" for k, line in enumerate(lines)]
-    numbers = [f"{n.name} = {n.value:.4g} {n.unit}".removesuffix(" 1") for n in formula.numbers]
+    numbers = [
+        f"${n.name[0]}_{{{n.name[1:]}}}$ = {number(n.value)} {raised(n.unit)}".removesuffix(" 1")
+        for n in formula.numbers
+    ]
     per_line = NUMBERS_OF_A_LINE
     written += [", ".join(numbers[k : k + per_line]) for k in range(0, len(numbers), per_line)]
     return "\n".join(written)

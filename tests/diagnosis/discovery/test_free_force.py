@@ -102,6 +102,7 @@ def test_its_numbers_fit_into_a_law():
     )) <= MAX_LAW_PARAMETERS  # fmt: skip
 
 
+@pytest.mark.slow  # compiles a kernel with the law in it
 def test_it_is_absent_at_null_and_acts_as_the_law_that_it_approximates():
     simulator, drive = Oscillator(), Excitation("mass", "force", frequency=10.0, amplitude=4.0)
     force = free_force("mass", [DISPLACEMENT], {DISPLACEMENT: (-2e-2, 2e-2)})

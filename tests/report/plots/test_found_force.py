@@ -55,7 +55,7 @@ def test_a_formula_is_drawn_over_the_force_and_written_above():
     assert (first, second) == (
         r"$c_{1}\,x + c_{2}\,\max(0, x)^{1.5}$", r"$+c_{3}\,\sin\frac{2\pi x}{a_{3}}$"
     )  # fmt: skip
-    assert third == "c1 = 490 1/s^2, c2 = 490 1/s^2, c3 = 490 1/s^2"
+    assert third == ", ".join(f"$c_{{{k}}}$ = 490 1/s²" for k in (1, 2, 3))
     assert png(figure).startswith(b"\x89PNG")
 
 
