@@ -115,7 +115,7 @@ class Fit:
             return np.full((len(names), len(names)), np.inf)
         index = [self.names.index(name) for name in names]
         covariance, _, _ = self._sandwich
-        known = self.columns.any(axis=0)[index]
+        known = np.any(self.columns[:, index], axis=0)
         return np.where(np.outer(known, known), covariance[np.ix_(index, index)], np.inf)
 
     def inflation(self, names: Sequence[str]) -> float:

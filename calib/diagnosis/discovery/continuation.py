@@ -18,7 +18,7 @@ MAX_CONTINUATION = 0.5  # beyond each end of the visited region, over its width 
 CONTINUATION_POINTS = 25  # that are tried beyond each end  [count]
 MAX_ERROR_SHARE = 0.1  # of a continued force that its error may be: root mean squares  [1]
 MAX_COMPANIONS = 40  # visited values of the other argument, over which these means are taken  [count]
-RELATIVE_STEP = 1e-4  # of a difference by a number of the formula, in its standard errors or its value  [1]
+NUMBER_STEP = 1e-4  # of a difference by a number of the formula, in its standard errors or its value  [1]
 
 
 def known_region(discovery: Discovery, trial: FormulaTrial, states: States) -> dict[str, tuple[float, float]]:
@@ -101,7 +101,7 @@ def _standard_error(trial: FormulaTrial, states: States) -> float:
         return np.inf
     slopes = []
     for number, error in zip(numbers, np.sqrt(np.diag(covariance)), strict=True):
-        step = RELATIVE_STEP * float(error) or RELATIVE_STEP * abs(number.value) or RELATIVE_STEP
+        step = NUMBER_STEP * float(error) or NUMBER_STEP * abs(number.value) or NUMBER_STEP
         ends = [formula.at({**values, number.name: number.value + s}).values(states.x, states.v) for s in (-step, step)]
         slopes.append((ends[1] - ends[0]) / (2.0 * step))
     rows = np.column_stack(slopes)

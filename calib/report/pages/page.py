@@ -57,13 +57,11 @@ def render(
     result : of the calibration; what it does not know is left out of the page
     command : that makes the page again
     header : of the ledger; versions and processor are shown
-    diagnosis : None where there was none
+    diagnosis, discovery : None where there was none
     motions : content of diagnosis.nc (see `calib.report.plots.diagnosed_cycles`)
     jobs : number of processes that draw the figures
     base : the study that this one extends; None where it extends none, or none is known
-    discovery : search for a force law; None where there was none
     """
-    best = next((t for t in trials if t.number == result.best_trial), None)
     names = {name: reference.use for name, reference in study.objective.references.items()}
     before = {} if base is None else base.records
     shown = {n: record_section(study, n, records.get(n), result, before.get(n)) for n in names}
@@ -72,7 +70,7 @@ def render(
         "others": [shown[n] for n, use in names.items() if use != "calibrate"],
         "d": None if diagnosis is None else chapter(diagnosis, motions or {}, result, study),
         "f": None if discovery is None else discovery_chapter(discovery, result),
-        "search": _search(study, trials, best),
+        "search": _search(study, trials, result),
     }
     return _template().render(
         illustrated,
@@ -124,9 +122,10 @@ def _warnings(study: CalibrationStudy) -> list[RecordWarning]:
     return [RecordWarning(text, tuple(names)) for text, names in names_by_text.items()]
 
 
-def _search(study: CalibrationStudy, trials: Sequence[Trial], best: Trial | None) -> list[Picture | None]:
+def _search(study: CalibrationStudy, trials: Sequence[Trial], result: CalibrationResult) -> list[Picture | None]:
     """Figures of the search; none where there is no trial yet."""
     if not trials:
         return []
+    best = next((t for t in trials if t.number == result.best_trial), None)
     kinds = kinds_of_motion(trials, study.space, study.model.parameters, best)
     return [pictured(score_history(trials), "history", SCORE_HISTORY), pictured(kinds, "kinds", KINDS)]
