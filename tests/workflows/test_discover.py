@@ -67,8 +67,8 @@ def record(amplitude, seed, size):
     rng = np.random.default_rng(seed)
     value = amplitude * np.sin(2.0 * np.pi * (6.0 * TIMES + 10.0 * TIMES**2))
     drive = Excitation("mass", "force", time=TIMES, value=value)
-    values = {"mass": 1.0, "damping": 2.0, "stiffness": 4000.0, "bend": size}
-    motion = Model(Oscillator(), [BENT]).run(values, drive, Request(times=TIMES))
+    values = {"mass": 1.0, "damping": 2.0, "stiffness": 4000.0} | ({"bend": size} if size else {})
+    motion = Model(Oscillator(), [BENT] if size else []).run(values, drive, Request(times=TIMES))
     channels = {}
     for channel in ("displacement", "velocity"):
         rows = motion[channel].values

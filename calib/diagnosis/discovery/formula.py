@@ -262,7 +262,7 @@ class Formula:
     def coefficients(self) -> tuple[Number, ...]:
         """Coefficients of the terms, in their order."""
         return tuple(
-            Number(f"c{k}", term.coefficient, term.unit, f"coefficient of {self._term(term, k, 'plain')}", 0.0)
+            Number(f"c{k}", term.coefficient, term.unit, f"coefficient of {self._factors(term, k, 'plain', {})}", 0.0)
             for k, term in enumerate(self.terms, 1)
         )
 

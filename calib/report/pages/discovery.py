@@ -153,7 +153,7 @@ def _formulas(discovery: DiscoveryResult) -> tuple[FormulaRow, ...]:
             numbers=len(own.numbers),
             chi2=number(own.chi2, 5),
             left_out=number(own.left_out_deviance, 5),
-            aic=f"+{number(own.aic - least, 3)}",
+            aic=f"+{own.aic - least:.1f}",
             remarks=", ".join(text for text, holds in (("tie", own.ties), ("front", own.on_front)) if holds),
             first=own == discovery.formula,
         )

@@ -24,7 +24,7 @@ FUNCTION = FunctionResult(
     (True,) * 3,
     (2.1, 0.0, -3.1),
 )
-NUMBER = NumberResult("c1", -9.0, None, "1/m", "coefficient of c1 v |v|")
+NUMBER = NumberResult("c1", -9.0, None, "1/m", "coefficient of v |v|")
 FORMULA = FormulaResult("c1 v |v|", r"c_{1}\,v\,|v|", (NUMBER,), 501.0, None, 503.0, True, True, True, False)
 FOUND = DiscoveryResult(
     "found", "a force", "mass", ("velocity",), (FUNCTION,), (1.5, 0.1), 0.97, ("a", "b"), (900.0, 500.0),
