@@ -51,7 +51,8 @@ class Run:
     state : near which the stationary motion lies; None where it is unknown
     excitation : instead of the record's; the simulation is then not aligned, for nothing was measured
     start : initial state, where that is a nuisance; None: it is solved for
-    rows : (body, channel) pairs instead of those of `Bench.rows`; empty for these
+    rows : (body, channel) pairs instead of those of `Bench.rows`; empty for these. Where not all of them were measured,
+        they are not aligned
     times : (n,) instants of the samples instead of the request's [s]; None for these
     """
 
@@ -137,6 +138,8 @@ class Bench:
             self.objective.aligned(run.record, record) if measured else record.assign(trust=("time", trusted(record)))
         )
         pairs = run.rows or self.rows[run.record]
+        if run.rows and not _has(compared, pairs):  # states that were not measured: those of the simulation
+            compared = record.assign(trust=("time", trusted(record)))
         missing = [channel for _, channel in pairs if channel not in compared.variables]
         if missing:
             return _failed("no channel", f"the simulation has no {missing[0]}")
@@ -190,6 +193,12 @@ class Bench:
             time = reference.record.time.values
             request = replace(request, times=time - time[0])
         return request
+
+
+def _has(record: xr.Dataset, pairs: Sequence[tuple[str, str]]) -> bool:
+    """Whether a record has these channels of bodies."""
+    bodies = {str(body) for body in record.body.values}
+    return all(body in bodies and channel in record.variables for body, channel in pairs)
 
 
 def _nuisances(aligned: xr.Dataset) -> dict[str, float]:
