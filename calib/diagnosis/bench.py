@@ -139,7 +139,7 @@ class Bench:
         )
         pairs = run.rows or self.rows[run.record]
         if run.rows and not _has(compared, pairs):  # states that were not measured: those of the simulation
-            compared = record.assign(trust=("time", trusted(record)))
+            compared, slopes = record.assign(trust=("time", trusted(record))), {}
         missing = [channel for _, channel in pairs if channel not in compared.variables]
         if missing:
             return _failed("no channel", f"the simulation has no {missing[0]}")
