@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, closing
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 from calib.diagnosis.bench import Bench
 from calib.diagnosis.criteria import CRITERIA
@@ -15,7 +16,16 @@ from calib.diagnosis.laboratory import UNRESTRICTED, Laboratory
 from calib.diagnosis.misfit import Misfit, misfit
 from calib.diagnosis.model_selection import select
 from calib.diagnosis.next_measurement import Design, next_measurement
-from calib.diagnosis.preparation import OUTLIERS, QUANTISATION, NotDiagnosable, Prepared, bench_of, numerical, prepared
+from calib.diagnosis.preparation import (
+    OUTLIERS,
+    QUANTISATION,
+    NotDiagnosable,
+    Prepared,
+    bench_of,
+    numerical,
+    pool_of,
+    prepared,
+)
 from calib.diagnosis.record_faults import rounding
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.refutation import revised_by_records
@@ -23,7 +33,6 @@ from calib.diagnosis.selection import Selection
 from calib.diagnosis.speculation import SpeculativePool
 from calib.diagnosis.verdict import NAMED, NOT_DIAGNOSABLE, ONE_OF, UNEXPLAINED, failures, untried, verdict_of
 from calib.execution.pool import OpenPool
-from calib.execution.workers import workers
 from calib.modelling.effect import Effect
 from calib.objective import Reference
 from calib.study import CalibrationStudy
@@ -125,8 +134,10 @@ def diagnose(
     """
     begin = time.monotonic()
     bench = bench_of(study, others)
-    make = pool or (lambda function: workers(function, study.evaluated_by, study.timeout, modules=study.code))
-    with make(bench) as open_pool, closing(SpeculativePool(open_pool, (open_pool.width or 1) - 1)) as ahead:
+    with (
+        (pool or partial(pool_of, study))(bench) as open_pool,
+        closing(SpeculativePool(open_pool, (open_pool.width or 1) - 1)) as ahead,
+    ):
         effort = Effort(ahead, budget, on_progress)
         diagnosis = _diagnosed(effort, bench, study, values, effects, seed, on_stage, laboratory)
     return replace(diagnosis, seconds=time.monotonic() - begin)

@@ -19,6 +19,8 @@ from calib.diagnosis.record_faults import outliers, rounding
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.remainder import remainder
 from calib.diagnosis.signature import Point
+from calib.execution.pool import OpenPool
+from calib.execution.workers import workers
 from calib.modelling.effect import Effect
 from calib.objective import Objective, Reference
 from calib.records.cycles import kind_of_motion
@@ -61,6 +63,11 @@ class Prepared:
     refused: Mapping[str, str] = field(default_factory=dict)
     outliers: float = 0.0
     rounding: float = 0.0
+
+
+def pool_of(study: CalibrationStudy, bench: Bench) -> OpenPool:
+    """Open the pool that a study states, for its bench."""
+    return workers(bench, study.evaluated_by, study.timeout, modules=study.code)
 
 
 def bench_of(study: CalibrationStudy, others: Mapping[str, Reference]) -> Bench:

@@ -9,7 +9,7 @@ from calib.diagnosis.elimination import LeftOut
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.replacement import without_cause
 from calib.diagnosis.selection import Selection
-from calib.diagnosis.stepwise import StepwiseState, as_selection, through_elimination
+from calib.diagnosis.stepwise import as_selection, state_of, through_elimination
 from calib.diagnosis.suspect import Refitted
 
 
@@ -32,15 +32,13 @@ def exchanged(fitter: Fitter, selection: Selection, cause: Refitted, rival: Refi
         return None
     final = fitter.with_derivatives(fit)
     exchanged_cause = rival.refitted(final, rival.chi2_reduction)
-    pairs = list(zip(selection.causes, selection.alternatives, strict=True))
-    causes = [(exchanged_cause, (exchanged_cause,)) if known is cause else (known, rivals) for known, rivals in pairs]
+    state = state_of(selection)
+    causes = [
+        (exchanged_cause, (exchanged_cause,)) if known is cause else (known, rivals) for known, rivals in state.causes
+    ]
     threshold = selection.rounds[0].threshold
     if any_rejected(fitter, selection.null, [known for known, _ in causes], final, threshold):
         return None
-    state = StepwiseState(
-        selection.null, selection.final, {}, selection.rounds, tuple(pairs), selection.exchanges,
-        attained=selection.attained,
-    )  # fmt: skip
     state = through_elimination(fitter, state.with_causes(causes, final, reason))
     return as_selection(fitter, state) if exchanged_cause.name in state.names else None
 
@@ -50,10 +48,7 @@ def paired(fitter: Fitter, selection: Selection, candidates: Sequence[Candidate]
 
     None where neither explains more.
     """
-    causes = tuple(zip(selection.causes, selection.alternatives, strict=True))
-    state = StepwiseState(
-        selection.null, selection.final, {}, selection.rounds, causes, selection.exchanges, attained=selection.attained
-    )
+    state = state_of(selection)
     revised = with_best_pair(fitter, state, candidates, seed)
     return None if revised is state else as_selection(fitter, through_elimination(fitter, revised))
 
@@ -65,7 +60,8 @@ def left_out(fitter: Fitter, selection: Selection, cause: Refitted, reason: str)
     ----------
     reason : why, as a clause
     """
-    others = [pair for pair in zip(selection.causes, selection.alternatives, strict=True) if pair[0] is not cause]
+    state = state_of(selection)
+    others = [pair for pair in state.causes if pair[0] is not cause]
     names = tuple(other.name for other, _ in others)
     candidates = tuple(other.candidate for other, _ in others)
     fit = without_cause(fitter, selection.null, selection.final, cause, candidates)
@@ -73,10 +69,7 @@ def left_out(fitter: Fitter, selection: Selection, cause: Refitted, reason: str)
         return None
     rise, attained = fit.chi2 - selection.final.chi2, min(selection.attained, selection.final.chi2)
     out = LeftOut(cause.name, rise / (rise + max(0.0, selection.remaining_chi2)), names, reason)
-    state = StepwiseState(
-        selection.null, fitter.with_derivatives(fit), {}, selection.rounds, tuple(others), selection.exchanges,
-        attained=attained,
-    )  # fmt: skip
+    state = replace(state, final=fitter.with_derivatives(fit), causes=tuple(others), attained=attained)
     state = through_elimination(fitter, state)
     elimination = state.elimination
     if elimination is None or not elimination.is_explained:

@@ -13,7 +13,7 @@ from calib.diagnosis.joint_misfit import JointMisfit
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.score import deviate
 from calib.diagnosis.selection import Selection
-from calib.diagnosis.stepwise import StepwiseState, as_selection
+from calib.diagnosis.stepwise import as_selection, state_of
 from calib.diagnosis.suspect import Refitted, leading_variants
 
 MAX_JOINT_STEPS = 4  # towards the values that all records have  [count]
@@ -151,9 +151,8 @@ def _fitted_between(fitter: Fitter, null: Fit, one: Refitted, other: Refitted) -
     sizes: dict[str, float] = {}
     for suspect in (one, other):
         absent, size = suspect.candidate.null, suspect.size
-        halved = np.where(
-            np.isfinite(absent), 0.5 * (absent + size), 2.0 * size
-        )  # of a flexibility, where absent at infinity
+        # where it is absent at infinity, as a stiffness, its reciprocal is halved
+        halved = np.where(np.isfinite(absent), 0.5 * (absent + size), 2.0 * size)
         sizes |= suspect.candidate.values(halved)
     point = replace(null.point, values={**null.point.values, **values})
     return fitter.fit(point, (one.candidate, other.candidate), sizes)
@@ -175,10 +174,8 @@ def _selected(fitter: Fitter, selection: Selection, fit: Fit, suspects: Sequence
     """
     reduction = selection.null.chi2 - fit.chi2
     causes = [suspect.refitted(fit, reduction) for suspect in suspects]
-    pairs = tuple(zip(selection.causes, selection.alternatives, strict=True))
-    state = StepwiseState(selection.null, selection.final, {}, selection.rounds, pairs, selection.exchanges)
     reason = "with both, all records have the same sizes and leave noise alone"
-    state = state.with_causes([(cause, (cause,)) for cause in causes], fit, reason)
+    state = state_of(selection).with_causes([(cause, (cause,)) for cause in causes], fit, reason)
     kept = Elimination(state.causes, fit, is_explained=True)
     return as_selection(fitter, replace(state, elimination=kept, attained=min(selection.attained, fit.chi2)))
 

@@ -63,6 +63,14 @@ class StepwiseState:
         return replace(self, causes=tuple(causes), final=final, exchanges=exchanges, elimination=None)
 
 
+def state_of(selection: Selection) -> StepwiseState:
+    """Return the state in which a selection ended, before another elimination."""
+    causes = tuple(zip(selection.causes, selection.alternatives, strict=True))
+    return StepwiseState(
+        selection.null, selection.final, {}, selection.rounds, causes, selection.exchanges, attained=selection.attained
+    )
+
+
 def through_elimination(fitter: Fitter, state: StepwiseState) -> StepwiseState:
     """Eliminate causes that explain little beside the remainder; if all do, they stay as the closest ones."""
     if not state.causes or state.elimination is not None:

@@ -6,6 +6,7 @@ import re
 from calib.units import reading
 
 MAX_Z = 100.0  # that is written; the tails of the noise are not known so far out  [standard errors]
+HALF_WIDTH_ERRORS_95 = 1.96  # of a 95 % interval of a normal distribution  [standard errors]
 
 
 def number(x: float | str | None, digits: int = 4) -> str:

@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, closing
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -29,13 +30,12 @@ from calib.diagnosis.effort import Effort
 from calib.diagnosis.excess import chi2_std, degrees_of_freedom, excess_chi2, significant
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.gates import Gate
-from calib.diagnosis.preparation import NotDiagnosable, Prepared, bench_of, numerical, prepared
+from calib.diagnosis.preparation import NotDiagnosable, Prepared, bench_of, numerical, pool_of, prepared
 from calib.diagnosis.screening import screened
 from calib.diagnosis.speculation import SpeculativePool
 from calib.diagnosis.suspect import Scored, Screened, is_testable
 from calib.diagnosis.verdict import failures
 from calib.execution.pool import OpenPool
-from calib.execution.workers import workers
 from calib.modelling.effect import Effect
 from calib.modelling.simulator import Simulator
 from calib.objective import Reference
@@ -118,7 +118,7 @@ def discover(
     """
     begin = time.monotonic()
     bench = bench_of(study, others)
-    make = pool or (lambda function: workers(function, study.evaluated_by, study.timeout, modules=study.code))
+    make = pool or partial(pool_of, study)
     with make(bench) as open_pool, closing(SpeculativePool(open_pool, 0)) as ahead:
         effort = Effort(ahead, None, on_progress)
         discovery = _discovered(effort, bench, study, values, effects, seed, on_stage)

@@ -9,11 +9,10 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from calib.diagnosis.discovery.document import DiscoveryResult, FormulaResult, FunctionResult
-from calib.report.formatting import number, raised
+from calib.report.formatting import HALF_WIDTH_ERRORS_95, number, raised
 from calib.report.plots.missing_force import SIGNS
 from calib.report.plots.style import LINE, MARK, SIMULATED, STYLE, TEXT_WIDTH, shown_unit
 
-BAND_STD = 1.96  # half width of a 95 % band, in standard errors  [1]
 BODY_LABELS = {"displacement": "Displacement", "velocity": "Velocity"}
 INTERFACE_LABELS = {"displacement": "Clearance", "velocity": "Rate of the clearance"}
 CURVE_HEIGHT, SURFACE_HEIGHT, FORMULA_HEIGHT = 2.5, 2.9, 0.22  # of the figure, of a line of the formula  [inch]
@@ -70,10 +69,8 @@ def _curve(axes: Axes, function: FunctionResult, labels: Mapping[str, str]) -> N
     factor, unit = shown_unit(function.units[0], float(np.abs(function.points[0]).max()))
     at = factor * np.array(function.points[0])
     axes.axhline(0.0, color=LINE, linewidth=0.7)
-    axes.fill_between(
-        at, force - BAND_STD * error, force + BAND_STD * error, color=SIMULATED, alpha=0.2, linewidth=0,
-        label="95 % band",
-    )  # fmt: skip
+    half = HALF_WIDTH_ERRORS_95 * error
+    axes.fill_between(at, force - half, force + half, color=SIMULATED, alpha=0.2, linewidth=0, label="95 % band")
     axes.plot(at, force, color=SIMULATED, linewidth=1.3, label="free function")
     if function.formula:
         axes.plot(at, function.formula, color=MARK, linewidth=1.0, linestyle="--", label="formula")
@@ -92,7 +89,7 @@ def _maps(figure: Figure, axes: np.ndarray, function: FunctionResult, labels: Ma
     ]
     x, v = (factor * np.array(p) for (factor, _), p in zip(scales, function.points, strict=True))
     force = np.where(visited, np.array(function.force).reshape(shape), np.nan)
-    half = np.where(visited, BAND_STD * np.array(function.error).reshape(shape), np.nan)
+    half = np.where(visited, HALF_WIDTH_ERRORS_95 * np.array(function.error).reshape(shape), np.nan)
     top = float(np.nanmax(np.abs(force))) or 1.0
     drawn = (
         (axes[0], force, "Force per unit mass [m/s²]", Normalize(-top, top), SIGNS),

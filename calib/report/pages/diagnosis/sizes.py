@@ -14,9 +14,8 @@ from calib.diagnosis.document import (
     TransferResult,
 )
 from calib.diagnosis.verdict import joined
-from calib.report.formatting import quantity
+from calib.report.formatting import HALF_WIDTH_ERRORS_95, quantity
 
-HALF_WIDTH_ERRORS_95 = 1.96  # of a 95 % interval of a normal distribution  [standard errors]
 SHIFT_ERRORS = 2.0  # written with calibrated values, and beyond which they count as moved  [standard errors]
 MAX_ABSORBED = 0.995  # share of a signature that calibration absorbs, above which its score gives no size  [1]
 MAX_LISTED = 4  # records whose own sizes a sentence gives
