@@ -45,14 +45,15 @@ class Watch:
     _searched: int = 0
     _text: str = ""
     _size: int = -1
-    _begin: float = field(default_factory=time.monotonic)
+    _begin: float = 0.0
     _clock: SuspensionClock = field(default_factory=lambda: SuspensionClock(time.monotonic, LAST_LOOK))
     _active: float = 0.0
     _limit: float = 0.0
 
     def __post_init__(self) -> None:
         """Begin to watch."""
-        self._active, self._limit = self._begin, remaining(self._begin)
+        self._begin = self._active = time.monotonic()
+        self._limit = remaining(self._begin)
 
     def __call__(self) -> str:
         """Return why the run is to be given up; empty where it is not."""
