@@ -11,6 +11,7 @@ from calib.errors import CalibError
 from calib.modelling.model import Model
 from calib.modelling.simulator import Request
 from calib.records.excitation import Excitation
+from calib.simulators.impact import kernel
 from calib.simulators.oscillator import Oscillator
 from calib.testing import SimulatorSuite
 
@@ -132,6 +133,22 @@ def test_a_recorded_input_may_begin_before_time_zero_and_have_uneven_samples():
     record = run({"damping": 4.0, "stiffness": 50.0}, force)
     expected = 0.1 + decay(TIMES + 0.5, 1.0, 4.0, 50.0, -0.1, 0.0)
     np.testing.assert_allclose(record.displacement[0], expected, rtol=0, atol=1e-13)
+
+
+def test_read_only_samples_and_times_compile_no_kernel_anew():
+    times = np.linspace(0.0, 0.5, 101)
+    force = np.sin(40.0 * times)
+
+    def run(times, force):
+        excitation = Excitation("mass", "force", time=times, value=force)
+        state = np.array([1e-3, 0.0])
+        state.flags.writeable = times.flags.writeable
+        Model(Oscillator()).run({"mass": 1.0}, excitation, Request(times=times, initial_state=state))
+        return list(kernel.advance.signatures)
+
+    known = run(times, force)
+    times.flags.writeable = force.flags.writeable = False
+    assert run(times, force) == known
 
 
 def test_the_servo_steps_as_a_second_order_system():

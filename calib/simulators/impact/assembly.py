@@ -99,12 +99,17 @@ def assemble(
         resolution=_event_resolution(fastest, drive.period, refinement),
         lift=float(LIFT_TIME / max(fastest, contact.highest_frequency if contact else 0.0)),
         limit=float(DIVERGENCE_FACTOR * length * max(1.0, fastest)),
-        knots=np.ascontiguousarray(drive.knots, dtype=float),
-        table=np.ascontiguousarray(drive.table, dtype=float),
+        knots=_own(drive.knots),
+        table=_own(drive.table),
         push=_push(structure),
         compliance=_compliance(contact, stop, both, drive, length, fastest, refinement),
         **slots._asdict(),
     )
+
+
+def _own(values: np.ndarray) -> np.ndarray:
+    """Copy an array that may be read-only: for such a type the whole kernel would be compiled anew."""
+    return np.array(values, dtype=float, order="C")
 
 
 def _law_slots(structure: LinearStructure, laws: Sequence[BoundLaw], coordinates: Sequence[str]) -> _LawSlots:

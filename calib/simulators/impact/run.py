@@ -145,7 +145,7 @@ def _recorded(
     impacts = np.zeros((capacity, 2 + 2 * len(state.y)))
     begins = int(state.counters[SECTIONS]) * period
     contact_before, state.counters[IMPACTS] = state.clock[1], 0
-    outcome, sections = run.record(periods, np.ascontiguousarray(times, dtype=float), samples, impacts)
+    outcome, sections = run.record(periods, np.array(times, dtype=float), samples, impacts)
     contact = (state.clock[1] - contact_before) / (periods * period)
     impacts = impacts[: min(capacity, int(state.counters[IMPACTS]))]
     impacts[:, 0] -= begins
