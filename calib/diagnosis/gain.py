@@ -1,5 +1,6 @@
 """The gain by an extension of the model on records held out of calibration and naming."""
 
+import math
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
@@ -80,6 +81,8 @@ class Gain:
     transfers, agreements, shifts : see there
     fitted_agree : whether the records of the fit agree on all sizes, without the records held out
     of_one_record : whether both models were fitted to a single record
+    cosine : of the angle between what the causes change in the records held out and the model error that is left there;
+        -inf where noise alone is left, NaN where no record was held out or could be simulated  [1]
     joint : misfit of the extended model refitted to all records at once; None where none was held out, or could not be
         simulated
     """
@@ -97,6 +100,7 @@ class Gain:
     shifts: tuple[Shift, ...] = ()
     fitted_agree: bool = True
     of_one_record: bool = False
+    cosine: float = np.nan
     joint: JointMisfit | None = None
 
     @property
@@ -113,9 +117,12 @@ class Gain:
     def refutes(self) -> bool:
         """Whether the misfit of all records held out together, of which a cause changes some, rises significantly.
 
-        Or rises at all, where the causes were fitted to a single record, in which nothing else tests a prediction.
+        That is beyond noise, and beyond what a model error makes by chance whose direction has nothing to do with the
+        causes. Or rises at all, where the causes were fitted to a single record, in which nothing else tests a
+        prediction.
         """
-        rises = self.after > self.before if self.of_one_record else self.interval[1] < 0.0
+        by_chance = self.cosine >= -CRITERIA.max_model_error_cosine
+        rises = self.after > self.before if self.of_one_record else self.interval[1] < 0.0 and not by_chance
         return self.kind == RECORDS and rises and set(self.unaffected) < set(self.records)
 
     def covers(self, other: "Gain") -> bool:
@@ -163,6 +170,7 @@ def gained(
     rest = {
         "shifts": shifts,
         "of_one_record": one,
+        "cosine": _cosine_with_model_error(evidence, before, after),
         "joint": joint_misfit(final, everything),
         **_sizes(transfers, threshold),
     }
@@ -195,6 +203,21 @@ def _held_out_evidence(
     clocks = clock_slopes(pool, bench, after, final.point.values, final.point.effects)
     evidence = gathered(references, bench.rows, cycle, after, clocks=clocks).with_weights([before, after])
     return evidence.with_remainder(Projection(evidence.tangents(after))(evidence.residual(after)))
+
+
+def _cosine_with_model_error(
+    evidence: Evidence, before: Mapping[str, SimulatedRows], after: Mapping[str, SimulatedRows]
+) -> float:
+    """Cosine between what causes change in records and the model error that is left, beyond the records' nuisances.
+
+    The square of the latter is the excess chi-square; -inf without any. The misfit rises where the cosine is below
+    minus half of the length of the change over that of the model error.
+    """
+    nuisances = Projection(evidence.tangents(after))
+    left, change = nuisances(evidence.residual(after)), nuisances(evidence.difference(before, after))
+    excess = float(left @ left) - (evidence.counted() - nuisances.rank)
+    size = float(np.linalg.norm(change)) * math.sqrt(max(0.0, excess))
+    return float(left @ change) / size if size > 0.0 else -math.inf
 
 
 def _of_blocks(fitter: Fitter, null: Fit, final: Fit, causes: Sequence[Refitted], seed: int, **rest: Any) -> Gain:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from calib.diagnosis.gain import BLOCKS, RECORDS, Gain, _sizes
@@ -24,6 +25,14 @@ def test_causes_of_a_single_record_are_refuted_by_any_rise_of_the_misfit_held_ou
     assert gain.refutes == several
     assert replace(gain, of_one_record=True).refutes == alone
     assert not replace(gain, of_one_record=True, kind=BLOCKS).refutes
+
+
+def test_a_rise_that_a_model_error_makes_by_chance_refutes_several_records_not():
+    gain = Gain(RECORDS, ("a",), 0.1, 0.11, (-0.012, -0.008))
+    assert replace(gain, cosine=-0.7).refutes
+    assert replace(gain, cosine=-np.inf).refutes
+    assert not replace(gain, cosine=-0.5).refutes
+    assert replace(gain, cosine=-0.5, of_one_record=True).refutes
 
 
 @pytest.mark.parametrize(("loud", "held", "agree"), [(1.0, 1.2, True), (1.2, 1.0, False)])
