@@ -177,14 +177,15 @@ def _from_cycles(record: xr.Dataset) -> MotionKind:
     count = cycles.shape[1]
     if count < 2:
         return MotionKind(UNDECIDED, None, "one cycle of the record cannot show whether it returns")
-    recurrence = []
-    for lag in range(1, min(MAX_PERIOD, count // 2) + 1):
-        difference = cycles[:, lag:] - cycles[:, :-lag]
-        spread = np.sqrt((difference**2).mean(axis=(1, 2)))
-        recurrence.append(float(spread.max()))
+    differences = [cycles[:, lag:] - cycles[:, :-lag] for lag in range(1, min(MAX_PERIOD, count // 2) + 1)]
+    spreads = np.array([np.sqrt((difference**2).mean(axis=(1, 2))) for difference in differences])
+    if count >= MIN_CYCLES_OF_MEAN:
+        noise = np.where(_states_noise(record), noise, _least_deviation(spreads / np.sqrt(2.0), noise))
+    recurrence = spreads.max(axis=1).tolist()
+    for lag, spread in enumerate(spreads, 1):
         if (spread <= np.sqrt(2.0) * MAX_NOISE_RATIO * noise).all():
             text = f"{count} cycles of the record return after {lag} period(s) within {MAX_NOISE_RATIO} of their noise"
-            return MotionKind(f"period-{lag}", lag, text, tuple(recurrence))
+            return MotionKind(f"period-{lag}", lag, text, tuple(recurrence[:lag]))
     text = f"{count} cycles of the record do not return within {len(recurrence)} period(s)"
     if count >= MIN_SECTION_PERIODS:
         return MotionKind(IRREGULAR, None, text + LIMITS_OF_RECORD, tuple(recurrence))
@@ -197,7 +198,9 @@ def _from_mean_cycles(record: xr.Dataset, period: float, count: int) -> MotionKi
     A motion returns after so many periods where the residuals about no longer cycle are much smaller, and these are
     small themselves. Their size is taken from the median of their absolute values: a jump of velocity between samples
     makes a residual about any cycle, but at few instants. The steps of a converter repeat wherever samples fall on the
-    same phases again, and set a lower bound.
+    same phases again, and set a lower bound. So do samples that fall on the same phases after n periods, between which
+    a mean of n periods need not be right: a shorter cycle is preferred whose mean, with knots as near as the samples of
+    all cycles allow, leaves as little.
     """
     time = record.variables["time"].values
     present = _state_channels(record)
@@ -206,23 +209,43 @@ def _from_mean_cycles(record: xr.Dataset, period: float, count: int) -> MotionKi
     noise = np.concatenate([_noise(record, c, v) for c, v in zip(present, values, strict=True)]) / amplitude
     stacked, sizes = np.concatenate(values) / amplitude[:, None], list[np.ndarray]()
     for lag in range(1, max(1, min(MAX_PERIOD, count // MIN_CYCLES_OF_MEAN)) + 1):
-        mean = mean_cycle(time, stacked, period, lag, refined=False)
-        free = max(0.1, 1.0 - mean.parameters / time.size)
-        sizes.append(np.median(np.abs(mean.residual), axis=1) / (MAD_PER_STD * np.sqrt(free)))
+        sizes.append(_deviation(time, stacked, period, lag))
         if (sizes[-1] <= MAX_NOISE_RATIO * np.maximum(noise, CYCLE_RETURN_TOLERANCE)).all():
             break
     deviations = np.array(sizes)
     steps = np.concatenate([_steps(v) for v in values]) / (4.0 * MAD_PER_STD * amplitude)  # median: a fourth
-    least = np.maximum(np.maximum(deviations.min(axis=0), CYCLE_RETURN_TOLERANCE), steps)
-    limit = MAX_NOISE_RATIO * np.minimum(least, np.maximum(noise, MAX_RESIDUAL))
+    limit = MAX_NOISE_RATIO * _least_deviation(deviations, noise, steps)
     returning = np.flatnonzero((deviations <= limit).all(axis=1))
     recurrence = tuple(float(np.sqrt(2.0) * d.max()) for d in deviations)
     if not returning.size:
         text = f"{count} cycles of the record, sampled freely, do not return within {len(sizes)} period(s)"
         return MotionKind(UNDECIDED, None, text, recurrence)
     n = int(returning[0]) + 1
+    for lag in [divisor for divisor in range(1, n) if n % divisor == 0]:
+        finer = _deviation(time, stacked, period, lag, refined=True)
+        if (finer <= limit).all():
+            n, deviations[lag - 1] = lag, finer
+            break
     text = f"its {count} cycles leave {deviations[n - 1].max():.1e} of the amplitude about a mean of {n} period(s)"
     return MotionKind(f"period-{n}", n, text, recurrence[:n])
+
+
+def _deviation(time: np.ndarray, rows: np.ndarray, period: float, lag: int, refined: bool = False) -> np.ndarray:
+    """Standard deviation (row,) of samples (row, n) about their mean cycle of `lag` periods, by the median."""
+    mean = mean_cycle(time, rows, period, lag, refined=refined)
+    free = max(0.1, 1.0 - mean.parameters / time.size)
+    return np.median(np.abs(mean.residual), axis=1) / (MAD_PER_STD * np.sqrt(free))
+
+
+def _least_deviation(deviations: np.ndarray, noise: np.ndarray, floor: np.ndarray | float = 0.0) -> np.ndarray:
+    """Standard deviation (row,) of the noise of a motion that returns: the least over the periods tried (lag, row).
+
+    Noise with memory, which second differences do not show, is as large whatever the period tried is. A least deviation
+    that is neither small nor within the noise (row,) belongs to a motion that does not return. All as shares of the
+    amplitude, and `floor` (row,) at least.
+    """
+    least = np.maximum(np.maximum(deviations.min(axis=0), CYCLE_RETURN_TOLERANCE), floor)
+    return np.minimum(least, np.maximum(noise, MAX_RESIDUAL))
 
 
 def _stated(record: xr.Dataset) -> MotionKind:
@@ -265,6 +288,11 @@ def _noise(record: xr.Dataset, channel: str, values: np.ndarray) -> np.ndarray:
         bend = np.abs(np.diff(values, 2, axis=1))
         sigma = np.median(bend, axis=1) / (MAD_PER_STD * np.sqrt(6.0))  # white: var of a second difference, 6 sigma^2
     return np.maximum(sigma, _steps(values) / np.sqrt(12.0))
+
+
+def _states_noise(record: xr.Dataset) -> np.ndarray:
+    """Whether the record states the standard deviation of the noise, for each row of its state."""
+    return np.repeat([f"{c}_sigma" in record.variables for c in _state_channels(record)], record.sizes["body"])
 
 
 def _steps(values: np.ndarray) -> np.ndarray:

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from phase_loops import FREQUENCY, SIGMA, chaotic, clapping, noisy
+from scipy.signal import lfilter
 
 from calib.errors import CalibError
 from calib.records import make, read
@@ -233,6 +234,34 @@ def test_a_record_of_a_free_running_clock_has_the_same_kind(samples, stated):
     assert kind_of_motion(noisy(clapping(**free), stated=stated)).kind == "period-1"
     assert kind_of_motion(noisy(clapping(subharmonic=0.1, **free), stated=stated)).kind == "period-2"
     assert kind_of_motion(noisy(clapping(wander=chaotic(20), **free), stated=stated)).kind == "undecided"
+
+
+@pytest.mark.parametrize("periods", [8, 60, 90])
+@pytest.mark.parametrize("seed", range(5))
+def test_the_memory_of_noise_that_is_not_stated_does_not_lengthen_the_period(periods, seed):
+    """Noise that resonates is smooth: its second differences are a seventh of those of white noise."""
+
+    def measured(**motion):
+        record = clapping(samples=200, periods=periods, **motion)[["displacement", "velocity"]]
+        rng = np.random.default_rng(seed)
+        for channel in ("displacement", "velocity"):
+            noise = lfilter([1.0], [1.0, -1.6, 0.8], rng.standard_normal(record[channel].shape))
+            record[channel] = record[channel] + 0.005 * size(record, channel) / noise.std() * noise
+        return record
+
+    assert kind_of_motion(measured()).kind == "period-1"
+    assert kind_of_motion(measured(subharmonic=0.1)).kind == "period-2"
+    if periods >= 64:
+        assert kind_of_motion(measured(wander=chaotic(200)[:periods])).kind == "irregular"
+
+
+def test_samples_that_return_to_the_same_phases_do_not_lengthen_the_period():
+    """After 11 periods of 20.82 samples the samples fall where they did: what rings faster than these is the same."""
+    record = clapping(samples=20.82, periods=77)[["displacement", "velocity"]]
+    phase = record.time.values * FREQUENCY % 1.0
+    ringing = np.exp(-phase / 0.3) * np.sin(2.0 * np.pi * 23.0 * phase)
+    record["velocity"] = record.velocity + 0.1 * size(record) * ringing
+    assert kind_of_motion(noisy(record)).kind == "period-1"
 
 
 @pytest.mark.parametrize("step", [0.01, 0.05, 0.25])
