@@ -109,6 +109,35 @@ def run(
     sys.exit(EXIT_DONE if result.status == OK else EXIT_NOTHING)
 
 
+@main.command(short_help="How sure the calibrated values are: profiles of the likelihood.")
+@STUDY
+@OUT
+@click.option("--pairs", multiple=True, metavar="A,B", help="Two parameters to profile together, or all; repeatable.")
+@JOBS
+@POOL
+@FRESH
+@click.option("--quiet", "-q", is_flag=True, help="No progress, no summary with its remarks; errors only.")
+@JSON
+@reporting_mistakes
+def confidence(study: Path, **options: Any) -> None:
+    """Say how sure the calibrated values of STUDY are, by the profile of the likelihood over each parameter.
+
+    Each parameter is moved away from its best value, all others are searched again, and its interval ends where the
+    likelihood ratio reaches its quantile: bounds that the curvature at the best point does not show. Needs what
+    `calib run` has found. Goes on where it was stopped or killed.
+
+    \b
+    Leaves in out/:  confidence.json   intervals, profiles, contours of pairs, remarks
+                     confidence.png    the same as a picture
+
+    \b
+    Example:  calib confidence studies/minimal --pairs restitution,damping
+    """
+    from calib.cli.confidence import print_confidence  # see above
+
+    print_confidence(study, **options)
+
+
 @main.command(short_help="How far a study is.")
 @STUDY
 @OUT

@@ -1,9 +1,13 @@
 """Confidence in the calibrated values of a study."""
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 
+from calib.confidence.derivatives import Evaluate
 from calib.confidence.local import Confidence, local
 from calib.confidence.noise_propagation import noise_draws
+from calib.confidence.profiles import LocalAnalysis, Notes, Profiles, profiles
 from calib.execution.pool import Failure, in_order
 from calib.store import Trial
 from calib.study import CalibrationStudy, Evaluation, Outcome, Pool, outcome
@@ -19,12 +23,60 @@ def around_best(
     pool : evaluates values at this study, see `calib.study.evaluate`
     evaluation : of the best trial's values, where it was made already
     """
+    if evaluation is None:
+        [evaluation] = in_order(pool, [best.values])
+    return _analysed(study, _evaluated_by(study, pool), np.array(best.u), evaluation).confidence
 
+
+def profiled(
+    study: CalibrationStudy,
+    pool: Pool,
+    u: np.ndarray,
+    notes: Notes,
+    *,
+    pairs: Sequence[tuple[str, str]] = (),
+    on_evaluated: Callable[[int], None] = lambda number: None,
+    on_progress: Callable[[int, int], None] = lambda done, foreseen: None,
+) -> Profiles:
+    """Profiles of the likelihood about a study's best point; see `calib.confidence.profiles.profiles`.
+
+    Parameters
+    ----------
+    pool : evaluates values at this study, see `calib.study.evaluate`
+    u : (dim,) the best point, in the unit cube
+    notes : finished points are taken from there, and added to it
+    pairs : of parameters that are profiled together
+    on_evaluated : called with the number of points that are evaluated together
+    on_progress : called with the number of points that are done and of those that are foreseen
+
+    Raises
+    ------
+    CalibError : the best point cannot be evaluated
+    """
+    evaluated = _evaluated_by(study, pool)
+
+    def evaluate(points: np.ndarray) -> Sequence[Outcome]:
+        on_evaluated(len(points))
+        return evaluated(points)
+
+    def analyse(at: np.ndarray) -> LocalAnalysis:
+        [evaluation] = in_order(pool, [study.space.values(at)])
+        return _analysed(study, evaluate, at, evaluation)
+
+    return profiles(evaluate, analyse, study.space.names, u, notes, pairs=pairs, on_progress=on_progress)
+
+
+def _evaluated_by(study: CalibrationStudy, pool: Pool) -> Evaluate:
     def evaluated(points: np.ndarray) -> list[Outcome]:
         return [_outcome(answer) for answer in in_order(pool, [study.space.values(u) for u in points])]
 
-    if evaluation is None:
-        [evaluation] = in_order(pool, [best.values])
+    return evaluated
+
+
+def _analysed(
+    study: CalibrationStudy, evaluate: Evaluate, u: np.ndarray, evaluation: Evaluation | Failure
+) -> LocalAnalysis:
+    """Analyse a point (dim,) of the unit cube, with its evaluation."""
     blocks = noise = None
     if isinstance(evaluation, Evaluation) and evaluation.score.residuals is not None:
         residuals = study.objective.residuals(evaluation.records)
@@ -32,9 +84,9 @@ def around_best(
         blocks = np.unique([" ".join(map(str, label)) for label in labels], return_inverse=True)[1]
         if len(study.objective.terms) > 1:  # terms that compare one channel share its noise
             noise = noise_draws(study.objective, evaluation.records, study.seed)
-    return local(
-        evaluated, study.space, np.array(best.u), outcome=_outcome(evaluation), blocks=blocks, noise_draws=noise
-    )
+    centre = _outcome(evaluation)
+    confidence = local(evaluate, study.space, u, outcome=centre, blocks=blocks, noise_draws=noise)
+    return LocalAnalysis(centre, confidence, blocks)
 
 
 def _outcome(answer: Evaluation | Failure) -> Outcome:

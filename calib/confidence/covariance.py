@@ -39,11 +39,7 @@ def sandwich(
     """
     if not jacobian.any():  # no residual depends on any parameter
         return np.eye(jacobian.shape[1]) / MIN_SINGULAR_RATIO**2, np.ones(jacobian.shape[1])
-    scale = np.linalg.norm(jacobian, axis=0)
-    scale[scale == 0.0] = MIN_SINGULAR_RATIO * scale.max()
-    left, singular, right = np.linalg.svd(jacobian / scale, full_matrices=False)
-    singular = np.maximum(singular, MIN_SINGULAR_RATIO * singular[0])
-    turn = (right.T / singular) / scale[:, None]  # estimate = -turn @ left.T @ residuals
+    left, turn = _decomposed(jacobian)  # estimate = -turn @ left.T @ residuals
     leverage = np.minimum(np.sum(left**2, axis=1), MAX_LEVERAGE)
 
     parts = [np.flatnonzero(members) for members in _members(blocks)]
@@ -84,6 +80,42 @@ def sandwich(
     total_spread = np.maximum(spread.sum(axis=0), 1e-300)
     freedom = total_spread**2 / np.maximum((spread**2 / own_freedom[:, None]).sum(axis=0), 1e-300)
     return covariance * np.outer(widen, widen), np.maximum(freedom, 1.0)
+
+
+def unit_covariance(jacobian: np.ndarray) -> np.ndarray:
+    """Covariance (dim, dim) of a least-squares estimate under white noise of unit variance, regularised as `sandwich`.
+
+    jacobian (m, dim) of the residuals.
+    """
+    if not jacobian.any():
+        return np.eye(jacobian.shape[1]) / MIN_SINGULAR_RATIO**2
+    _, turn = _decomposed(jacobian)
+    return turn @ turn.T
+
+
+def pooled_noise(residuals: np.ndarray, blocks: np.ndarray, dim: int) -> tuple[float, float]:
+    """Variance of the noise per residual and its degrees of freedom, where no Jacobian says what the noise moves.
+
+    The largest spectral density of each block's residuals takes the place of their variance, so that no direction of
+    the parameters, whatever its spectrum, has a smaller error than stated; residuals (m,), blocks (m,), `dim`
+    parameters were fitted.
+    """
+    level = freedom = 0.0
+    for i in (np.flatnonzero(members) for members in _members(blocks)):
+        gamma, _ = _autocovariance(residuals[i])
+        density = np.fft.fft(np.concatenate([gamma, gamma[:0:-1]])).real
+        level += i.size * max(float(density.max()), float(gamma[0]))
+        freedom += i.size * gamma[0] ** 2 / max(2.0 * gamma @ gamma - gamma[0] ** 2, 1e-300)
+    return level / max(residuals.size - dim, 1), max(freedom - dim, 1.0)
+
+
+def _decomposed(jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Left singular vectors (m, k) of the scaled Jacobian, and what turns noise along them into parameters (dim, k)."""
+    scale = np.linalg.norm(jacobian, axis=0)
+    scale[scale == 0.0] = MIN_SINGULAR_RATIO * scale.max()
+    left, singular, right = np.linalg.svd(jacobian / scale, full_matrices=False)
+    singular = np.maximum(singular, MIN_SINGULAR_RATIO * singular[0])
+    return left, (right.T / singular) / scale[:, None]
 
 
 def _members(blocks: np.ndarray) -> list[np.ndarray]:

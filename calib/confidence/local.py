@@ -2,12 +2,12 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import stats
 
-from calib.confidence.covariance import distance_to_minimum, sandwich
+from calib.confidence.covariance import distance_to_minimum, sandwich, unit_covariance
 from calib.confidence.derivatives import Evaluate, differentiate, why_unusable
 from calib.confidence.identifiability import undetermined_combinations
 from calib.errors import CalibError
@@ -21,6 +21,24 @@ MIN_REPORTED_STEP = 1e-6  # of the window: a search that ends nearer to the mini
 INTERVAL_QUANTILE = stats.norm.cdf(2.0)  # probability below +2 standard errors of a normal variable  [1]
 
 
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """The least-squares problem linearised at a point of the unit cube, and what the noise does to its estimate.
+
+    Attributes
+    ----------
+    residuals : (m,) at the point
+    unit_covariance : (dim, dim) of the estimate under white noise of unit variance
+    covariance : (dim, dim) under the noise as the residuals show it; without the distance to the minimum
+    degrees_of_freedom : (dim,) of its variances
+    """
+
+    residuals: np.ndarray
+    unit_covariance: np.ndarray
+    covariance: np.ndarray
+    degrees_of_freedom: np.ndarray
+
+
 @dataclass(frozen=True)
 class Confidence:
     """Standard errors, intervals and what is not determined, at one point.
@@ -28,7 +46,7 @@ class Confidence:
     standard_error is in SI (of a log window: value times the standard error of the logarithm; infinite where it exceeds
     the window); interval is (low, high) in SI, the 2-standard-error interval, asymmetric for log windows and cut at the
     window; correlation (dim, dim) in the order of `names`; at_edge says "low" or "high". All empty where `status` is
-    "not available"; `reason` is then why, else a warning or "".
+    "not available"; `reason` is then why, else a warning or "", and `linearised` is what they were worked out from.
     """
 
     status: str
@@ -42,6 +60,7 @@ class Confidence:
     at_edge: Mapping[str, str] = field(default_factory=dict)
     degrees_of_freedom: Mapping[str, float] = field(default_factory=dict)
     evaluations: int = 0
+    linearised: Linearised | None = field(default=None, compare=False, repr=False)
 
     def summary(self) -> ConfidenceSummary:
         """Return the same for the result of a calibration: None for what is not finite."""
@@ -116,8 +135,10 @@ def local(
     step = distance_to_minimum(jacobian, residuals, free)
     reason = _unconverged(space.names, step, np.sqrt(np.diag(covariance)))
     groups = undetermined_combinations(space, u, covariance)
+    linearised = Linearised(residuals, unit_covariance(jacobian), covariance, freedom)
     covariance = covariance + np.diag(step**2)
-    return _assemble(space, u, value, covariance, freedom, edges, reason, groups, counted.number)
+    assembled = _assemble(space, u, value, covariance, freedom, edges, reason, groups, counted.number)
+    return replace(assembled, linearised=linearised)
 
 
 def at_edge(names: Sequence[str], u: np.ndarray) -> dict[str, str]:

@@ -28,6 +28,7 @@ from calib.study import result
 from calib.study_file import PythonOrigin, StudyFile, load
 from calib.study_file.references import expanded
 from calib.workflows.calibrate import UNFINISHED, calibrate_file, rebuild, summary_so_far
+from calib.workflows.confidence import confidence_study
 from calib.workflows.diagnose import diagnose_study
 from calib.workflows.discover import discover_study
 from calib.workflows.discovered import Discovered
@@ -44,6 +45,7 @@ from calib.workflows.document import (
     with_folder,
 )
 from calib.workflows.plot import Plot
+from calib.workflows.profiled import Profiled
 from calib.workflows.record import Record, listed
 from calib.workflows.saved import save_study
 from calib.workflows.texts import calibration_html, calibration_text, diagnosis_text, study_text
@@ -392,6 +394,33 @@ class Calibration:
         with Count("simulations", quiet) as count:
             summary, extended = discover_study(self.path, jobs=jobs, seed=seed, apply=apply, on_progress=count)
         return Discovered(summary, self.summary.name, None if extended is None else Study.read(extended))
+
+    def confidence(
+        self,
+        *,
+        pairs: Sequence[tuple[str, str]] | str = (),
+        jobs: int | None = None,
+        pool: Mapping[str, Any] | None = None,
+        fresh: bool = False,
+        quiet: bool = False,
+    ) -> Profiled:
+        """Intervals of the values by profiles of the likelihood: `calib confidence`.
+
+        Parameters
+        ----------
+        pairs : of parameters that are profiled together, such as [("gain", "lag")]; "all" for every pair
+        jobs, pool : take the place of the study's
+        fresh : forget the points made so far
+        quiet : no progress on stderr
+
+        Raises
+        ------
+        CalibError : there are no calibrated values, or a pair names no searched parameter
+        """
+        with Count("points of the profiles", quiet) as count:
+            return Profiled(
+                confidence_study(self.path, pairs=pairs, jobs=jobs, pool=pool, fresh=fresh, on_progress=count)
+            )
 
     def __repr__(self) -> str:
         return calibration_text(self.summary)

@@ -1,0 +1,70 @@
+"""`calib confidence`: the intervals of the profiles, printed."""
+
+import json
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from calib.cli.options import pool_table
+from calib.cli.status import folder_of
+from calib.confidence.document import ConfidenceResult
+from calib.confidence.profile import WINDOW_END
+from calib.execution.progress import Count
+from calib.report.formatting import distinguishing_digits
+from calib.units import shown
+from calib.workflows.confidence import CONFIDENCE, CONFIDENCE_PICTURE, confidence_study, pairs_of
+
+
+def print_confidence(
+    study: Path,
+    out: Path | None,
+    pairs: tuple[str, ...],
+    jobs: int | None,
+    pool: str | None,
+    fresh: bool,
+    quiet: bool,
+    as_json: bool,
+) -> None:
+    """Profile the parameters, and print the intervals."""
+    chosen = [pairs_of(text) for text in pairs]
+    together = "all" if "all" in chosen else [pair for own in chosen if not isinstance(own, str) for pair in own]
+    with Count("points of the profiles", quiet or as_json) as count:
+        result = confidence_study(
+            study, out, pairs=together, jobs=jobs, pool=pool_table(pool), fresh=fresh, on_progress=count
+        )
+    if as_json:
+        click.echo(json.dumps(result.as_dict(), indent=2, allow_nan=False))
+    elif not quiet:
+        show(result, folder_of(study, out), Console(highlight=False))
+
+
+def show(result: ConfidenceResult, folder: Path, console: Console) -> None:
+    """Print the intervals beside the local ones, how they differ and why, remarks, and where the files are."""
+    console.print(_intervals(result))
+    for profile in result.profiles:
+        console.print(f"{escape(profile.name)}: {escape(profile.text)}", soft_wrap=True)
+    for remark in result.remarks:
+        console.print(f"[yellow]mind:[/] {escape(remark)}", soft_wrap=True)
+    console.print(escape(result.noise), soft_wrap=True)
+    console.print(f"{result.evaluations} evaluations in {result.seconds:.1f} s")
+    console.print(f"files:  {escape(str(folder))}/ ({CONFIDENCE}, {CONFIDENCE_PICTURE})", soft_wrap=True)
+
+
+def _intervals(result: ConfidenceResult) -> Table:
+    table = Table(title=f"{result.level:.1%} intervals of {escape(result.name)}", title_justify="left")
+    table.add_column("parameter")
+    for heading in ("value", "by the profile", "local"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for profile in result.profiles:
+        digits = 1 + distinguishing_digits(profile.low.value, profile.high.value)
+
+        def written(value: float, unit: str = profile.unit, digits: int = digits) -> str:
+            return shown(value, unit, digits)
+
+        ends = ("open" if end.cause == WINDOW_END else written(end.value) for end in (profile.low, profile.high))
+        local = "-" if profile.local is None else " .. ".join(map(written, profile.local))
+        table.add_row(escape(profile.name), written(profile.value), " .. ".join(ends), local)
+    return table

@@ -1,0 +1,140 @@
+"""How sure calibrated values are: the objects of confidence.json, their fields in the order of its keys."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from calib.store.plain import plain, typed
+
+
+@dataclass(frozen=True)
+class PointResult:
+    """A point of a profile.
+
+    Attributes
+    ----------
+    value : of the parameter, in SI
+    ratio : likelihood ratio there, the other parameters fitted; None where no motion can be compared
+    kind : of the simulated motion
+    reason : why it cannot be compared; "" where it can
+    values : of all searched parameters, in SI
+    """
+
+    value: float
+    ratio: float | None
+    kind: str | None
+    reason: str
+    values: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class EndResult:
+    """An end of an interval.
+
+    Attributes
+    ----------
+    value : in SI; where the interval is open, the end of the window
+    cause : "crossed" (the likelihood ratio reaches the quantile), "window end" (it does not: the interval is open),
+        "no comparable motion" (beyond), "jump" (of the likelihood ratio over the quantile) or "not located"
+    text : in words
+    """
+
+    value: float
+    cause: str
+    text: str
+
+
+@dataclass(frozen=True)
+class ProfileResult:
+    """The profile of the likelihood over one parameter.
+
+    Attributes
+    ----------
+    name, unit : of the parameter
+    scale : of its window, "linear" or "log"
+    value : best one, in SI
+    low, high : ends of the interval
+    local : (low, high) of the local interval; None where there is none
+    quantile : of the likelihood ratio, at which the interval ends
+    half_width : of the local interval on the scale of the window (natural logarithm of a log one); None without one
+    text : how the interval differs from the local one
+    points : by their value; the best point is not among them
+    """
+
+    name: str
+    unit: str
+    scale: str
+    value: float
+    low: EndResult
+    high: EndResult
+    local: tuple[float, float] | None
+    quantile: float
+    half_width: float | None
+    text: str
+    points: tuple[PointResult, ...]
+
+
+@dataclass(frozen=True)
+class PairResult:
+    """The profile of the likelihood over two parameters.
+
+    Attributes
+    ----------
+    names, units, scales : of the parameters
+    first, second : values of each on the grid, in SI
+    ratio : likelihood ratio, for each value of the first those over the second; None where no motion can be compared
+    quantile : of the joint likelihood ratio, that bounds their joint region
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    scales: tuple[str, ...]
+    first: tuple[float, ...]
+    second: tuple[float, ...]
+    ratio: tuple[tuple[float | None, ...], ...]
+    quantile: float
+
+
+@dataclass(frozen=True)
+class ConfidenceResult:
+    """How sure the calibrated values of a study are.
+
+    Attributes
+    ----------
+    name : of the study
+    level : of the intervals  [1]
+    noise : where the size of the noise comes from, in words
+    values : best values, in SI
+    kind : of their motion
+    profiles : of each parameter
+    pairs : of two parameters each
+    remarks : what a reader should know, a sentence each
+    evaluations : of all calibrated records
+    seconds : wall-clock time of the last run  [s]
+    """
+
+    name: str
+    level: float
+    noise: str
+    values: Mapping[str, float]
+    kind: str | None
+    profiles: tuple[ProfileResult, ...]
+    pairs: tuple[PairResult, ...] = ()
+    remarks: tuple[str, ...] = ()
+    evaluations: int = 0
+    seconds: float = 0.0
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what confidence.json holds."""
+        document: dict[str, Any] = plain(self)
+        return document
+
+    @classmethod
+    def from_dict(cls, document: Mapping[str, Any]) -> "ConfidenceResult":
+        """Read what `as_dict` returns.
+
+        Raises
+        ------
+        ValueError : the document describes none
+        """
+        return typed(cls, document)
