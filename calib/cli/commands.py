@@ -113,6 +113,7 @@ def run(
 @STUDY
 @OUT
 @click.option("--pairs", multiple=True, metavar="A,B", help="Two parameters to profile together, or all; repeatable.")
+@click.option("--posterior", is_flag=True, help="Sample the posterior distribution too; needs calib[confidence].")
 @JOBS
 @POOL
 @FRESH
@@ -129,6 +130,7 @@ def confidence(study: Path, **options: Any) -> None:
     \b
     Leaves in out/:  confidence.json   intervals, profiles, contours of pairs, remarks
                      confidence.png    the same as a picture
+    With --posterior:    posterior.nc, posterior.png, ensemble.csv
 
     \b
     Example:  calib confidence studies/minimal --pairs restitution,damping

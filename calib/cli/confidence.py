@@ -10,18 +10,29 @@ from rich.table import Table
 
 from calib.cli.options import pool_table
 from calib.cli.status import folder_of
-from calib.confidence.document import ConfidenceResult
+from calib.confidence.document import ConfidenceResult, PosteriorResult
 from calib.confidence.profile import WINDOW_END
 from calib.execution.progress import Count
 from calib.report.formatting import distinguishing_digits
-from calib.units import shown
-from calib.workflows.confidence import CONFIDENCE, CONFIDENCE_PICTURE, confidence_study, pairs_of
+from calib.units import reading, shown
+from calib.workflows.confidence import (
+    CONFIDENCE,
+    CONFIDENCE_PICTURE,
+    ENSEMBLE,
+    POSTERIOR,
+    POSTERIOR_PICTURE,
+    confidence_study,
+    pairs_of,
+)
+
+MIN_DIGITS = 4  # significant ones of a printed value  [count]
 
 
 def print_confidence(
     study: Path,
     out: Path | None,
     pairs: tuple[str, ...],
+    posterior: bool,
     jobs: int | None,
     pool: str | None,
     fresh: bool,
@@ -31,9 +42,16 @@ def print_confidence(
     """Profile the parameters, and print the intervals."""
     chosen = [pairs_of(text) for text in pairs]
     together = "all" if "all" in chosen else [pair for own in chosen if not isinstance(own, str) for pair in own]
-    with Count("points of the profiles", quiet or as_json) as count:
+    with Count("points", quiet or as_json) as count:
         result = confidence_study(
-            study, out, pairs=together, jobs=jobs, pool=pool_table(pool), fresh=fresh, on_progress=count
+            study,
+            out,
+            pairs=together,
+            posterior=posterior,
+            jobs=jobs,
+            pool=pool_table(pool),
+            fresh=fresh,
+            on_progress=count,
         )
     if as_json:
         click.echo(json.dumps(result.as_dict(), indent=2, allow_nan=False))
@@ -50,7 +68,20 @@ def show(result: ConfidenceResult, folder: Path, console: Console) -> None:
         console.print(f"[yellow]mind:[/] {escape(remark)}", soft_wrap=True)
     console.print(escape(result.noise), soft_wrap=True)
     console.print(f"{result.evaluations} evaluations in {result.seconds:.1f} s")
-    console.print(f"files:  {escape(str(folder))}/ ({CONFIDENCE}, {CONFIDENCE_PICTURE})", soft_wrap=True)
+    names = [CONFIDENCE, CONFIDENCE_PICTURE]
+    if result.posterior is not None:
+        own = result.posterior
+        console.print(_marginals(result, own))
+        priors = "; ".join(f"{one.name} {one.prior}" for one in own.parameters)
+        console.print(f"priors: {escape(priors)}", soft_wrap=True)
+        console.print(
+            f"log evidence over the likelihood of the best point: {own.log_evidence:.2f} +- "
+            f"{own.log_evidence_error:.2f}; effective sample size {own.effective_size:.0f}; "
+            f"{own.evaluations} evaluations",
+            soft_wrap=True,
+        )
+        names += [POSTERIOR, POSTERIOR_PICTURE, ENSEMBLE]
+    console.print(f"files:  {escape(str(folder))}/ ({', '.join(names)})", soft_wrap=True)
 
 
 def _intervals(result: ConfidenceResult) -> Table:
@@ -59,7 +90,7 @@ def _intervals(result: ConfidenceResult) -> Table:
     for heading in ("value", "by the profile", "local"):
         table.add_column(heading, justify="right", no_wrap=True)
     for profile in result.profiles:
-        digits = 1 + distinguishing_digits(profile.low.value, profile.high.value)
+        digits = max(MIN_DIGITS, 1 + distinguishing_digits(profile.low.value, profile.high.value))
 
         def written(value: float, unit: str = profile.unit, digits: int = digits) -> str:
             return shown(value, unit, digits)
@@ -67,4 +98,18 @@ def _intervals(result: ConfidenceResult) -> Table:
         ends = ("open" if end.cause == WINDOW_END else written(end.value) for end in (profile.low, profile.high))
         local = "-" if profile.local is None else " .. ".join(map(written, profile.local))
         table.add_row(escape(profile.name), written(profile.value), " .. ".join(ends), local)
+    return table
+
+
+def _marginals(result: ConfidenceResult, posterior: PosteriorResult) -> Table:
+    table = Table(title=f"posterior distribution of {escape(result.name)}", title_justify="left")
+    table.add_column("parameter")
+    for heading in ("mean", "standard deviation", f"{result.level:.1%} interval"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for own in posterior.parameters:
+        digits = max(MIN_DIGITS, 1 + distinguishing_digits(own.low, own.high))
+        factor, unit = reading(own.unit, own.mean)
+        interval = " .. ".join(shown(end, own.unit, digits) for end in (own.low, own.high))
+        deviation = f"{factor * own.standard_deviation:.2g} {unit}".rstrip()
+        table.add_row(escape(own.name), shown(own.mean, own.unit, digits), deviation, interval)
     return table

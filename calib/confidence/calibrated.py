@@ -1,13 +1,18 @@
 """Confidence in the calibrated values of a study."""
 
-from collections.abc import Callable, Sequence
+import json
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
 from calib.confidence.derivatives import Evaluate
 from calib.confidence.local import Confidence, local
 from calib.confidence.noise_propagation import noise_draws
-from calib.confidence.profiles import LocalAnalysis, Notes, Profiles, profiles
+from calib.confidence.notes import EVALUATION
+from calib.confidence.posterior import LogLikelihood, Posterior, sample_posterior
+from calib.confidence.prior import Prior, positions
+from calib.confidence.profiles import LocalAnalysis, Notes, Profiles, fit_about, profiles
 from calib.execution.pool import Failure, in_order
 from calib.store import Trial
 from calib.study import CalibrationStudy, Evaluation, Outcome, Pool, outcome
@@ -64,6 +69,48 @@ def profiled(
         return _analysed(study, evaluate, at, evaluation)
 
     return profiles(evaluate, analyse, study.space.names, u, notes, pairs=pairs, on_progress=on_progress)
+
+
+def sampled(
+    study: CalibrationStudy,
+    pool: Pool,
+    profiles: Profiles,
+    notes: Notes,
+    priors: Mapping[str, Prior],
+    *,
+    on_progress: Callable[[int, int], None] = lambda done, foreseen: None,
+) -> Posterior:
+    """Sample the posterior distribution of a study's parameters; its seed is the study's.
+
+    Parameters
+    ----------
+    pool : evaluates values at this study, see `calib.study.evaluate`
+    profiles : whose best point and noise the likelihood has
+    notes : evaluated points are taken from there, and added to it
+    priors : of parameters; the others are equally likely everywhere in their windows
+    on_progress : called with the number of points that are evaluated, and of those that are foreseen
+
+    Raises
+    ------
+    CalibError : the sampler is not installed
+    """
+    likelihood = profiles.centre.likelihood
+    logarithm = LogLikelihood(likelihood, profiles.centre.u)
+    fit = fit_about(profiles.analysis, likelihood, _evaluated_by(study, pool))
+
+    def log_likelihood(points: np.ndarray) -> np.ndarray:
+        keys = [f"{EVALUATION}{json.dumps(u.tolist())}" for u in points]
+        missing = [k for k, key in enumerate(keys) if notes.get(key) is None]
+        if missing:
+            notes.add_all({keys[k]: point for k, point in zip(missing, fit.at(points[missing]), strict=True)})
+        known = (notes.get(key) for key in keys)
+        return np.array([logarithm(point) for point in known if point is not None])
+
+    compression = -0.5 * float(np.linalg.slogdet(2.0 * np.pi * likelihood.robust_covariance)[1])
+    return sample_posterior(
+        log_likelihood, partial(positions, study.space, priors), study.space.dim, study.seed, compression=compression,
+        on_progress=on_progress,
+    )  # fmt: skip
 
 
 def _evaluated_by(study: CalibrationStudy, pool: Pool) -> Evaluate:

@@ -33,6 +33,7 @@ class FittedPoint:
     ----------
     u : in the unit cube
     square : least sum of squares of the residuals; infinite where no point can be compared with the measurement
+    cost : of the objective; infinite where the simulation fails
     kind : of the simulated motion
     reason : why no point can be compared; "" where one can
     evaluations : that it took
@@ -40,6 +41,7 @@ class FittedPoint:
 
     u: tuple[float, ...]
     square: float
+    cost: float
     kind: str | None = None
     reason: str = ""
     evaluations: int = 0
@@ -84,6 +86,17 @@ class ConstrainedFit:
                 search.simplex()
         return search.best()
 
+    def at(self, points: np.ndarray) -> list[FittedPoint]:
+        """Evaluate points (n, dim) in which all parameters are held."""
+        return [self._point(u, outcome) for u, outcome in zip(points, self.evaluate(points), strict=True)]
+
+    def _point(self, u: np.ndarray, outcome: Outcome) -> FittedPoint:
+        reason, square = self.why_incomparable(outcome), math.inf
+        if not reason:
+            residuals = np.asarray(outcome.residuals, dtype=float)
+            square = float(residuals @ residuals)
+        return FittedPoint(tuple(u.tolist()), square, float(outcome.cost), outcome.kind, reason, 1)
+
     def why_incomparable(self, outcome: Outcome) -> str:
         """Why a point cannot be compared with the best one; "" where it can, be its kind of motion another or not."""
         if outcome.status != OK:
@@ -120,7 +133,7 @@ class _Search:
         self._evaluated(starts)
 
     def best(self) -> FittedPoint:
-        return FittedPoint(tuple(self.u.tolist()), self.square, self.kind, self.reason, self.number)
+        return FittedPoint(tuple(self.u.tolist()), self.square, self.cost, self.kind, self.reason, self.number)
 
     def _evaluated(self, points: np.ndarray) -> list[_Answer]:
         """Evaluate points (n, dim); the best one is remembered."""
@@ -130,11 +143,11 @@ class _Search:
             reason = self.fit.why_incomparable(outcome)
             residuals = None if reason else np.asarray(outcome.residuals, dtype=float)
             square = math.inf if residuals is None else float(residuals @ residuals)
-            cost = outcome.cost if math.isfinite(outcome.cost) else COST_OF_FAILED_RUN
-            if square < self.square or (not math.isfinite(self.square) and cost < self.cost):
-                self.u, self.square, self.cost, self.kind, self.reason = u, square, cost, outcome.kind, reason
+            closer = not math.isfinite(self.square) and (outcome.cost < self.cost or not self.reason)
+            if square < self.square or closer:
+                self.u, self.square, self.cost, self.kind, self.reason = u, square, outcome.cost, outcome.kind, reason
                 self.residuals = np.empty(0) if residuals is None else residuals
-            answers.append(_Answer(residuals, cost))
+            answers.append(_Answer(residuals, min(outcome.cost, COST_OF_FAILED_RUN)))
         return answers
 
     def descend(self) -> None:
@@ -197,8 +210,8 @@ class _Search:
             return float(answer.residuals @ answer.residuals)
 
         def stop(intermediate_result: optimize.OptimizeResult) -> None:
-            if until_comparable and math.isfinite(self.square):
-                raise StopIteration
+            if until_comparable and (math.isfinite(self.square) or not math.isfinite(self.cost)):
+                raise StopIteration  # found, or every corner fails: there is no slope to follow
 
         optimize.minimize(
             value, start, method="Nelder-Mead", bounds=[(0.0, 1.0)] * start.size, callback=stop,

@@ -96,6 +96,47 @@ class PairResult:
 
 
 @dataclass(frozen=True)
+class MarginalResult:
+    """The marginal posterior distribution of a parameter, in SI.
+
+    Attributes
+    ----------
+    name, unit, scale : of the parameter and its window
+    mean, standard_deviation : of the distribution
+    low, high : of the interval of equal tails, at the level of all intervals
+    prior : in words
+    """
+
+    name: str
+    unit: str
+    scale: str
+    mean: float
+    standard_deviation: float
+    low: float
+    high: float
+    prior: str
+
+
+@dataclass(frozen=True)
+class PosteriorResult:
+    """The posterior distribution of the parameters; its sample is in posterior.nc.
+
+    Attributes
+    ----------
+    parameters : marginal distribution of each
+    log_evidence, log_evidence_error : logarithm of the evidence of the model over the likelihood of its best point
+    effective_size : of the sample  [count]
+    evaluations : that it took, of all calibrated records
+    """
+
+    parameters: tuple[MarginalResult, ...]
+    log_evidence: float
+    log_evidence_error: float
+    effective_size: float
+    evaluations: int
+
+
+@dataclass(frozen=True)
 class ConfidenceResult:
     """How sure the calibrated values of a study are.
 
@@ -109,8 +150,9 @@ class ConfidenceResult:
     profiles : of each parameter
     pairs : of two parameters each
     remarks : what a reader should know, a sentence each
-    evaluations : of all calibrated records
+    evaluations : that the profiles took, of all calibrated records
     seconds : wall-clock time of the last run  [s]
+    posterior : distribution of the values; None where it was not sampled
     """
 
     name: str
@@ -123,6 +165,7 @@ class ConfidenceResult:
     remarks: tuple[str, ...] = ()
     evaluations: int = 0
     seconds: float = 0.0
+    posterior: PosteriorResult | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return what confidence.json holds."""

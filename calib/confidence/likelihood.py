@@ -61,7 +61,7 @@ class AdjustedLikelihood:
         """Likelihood ratio over the excess of the sum of squares, in the direction `shift` (k,) of the axes (k,)."""
         own = np.ix_(axes, axes)
         curvature = shift @ np.linalg.solve(self.unit_covariance[own], shift)
-        robust = shift @ np.linalg.solve(self._floored[own], shift)
+        robust = shift @ np.linalg.solve(self.robust_covariance[own], shift)
         return float(robust / curvature)
 
     def ratio(self, square: float, axes: Sequence[int], shift: np.ndarray) -> float:
@@ -86,8 +86,9 @@ class AdjustedLikelihood:
     @property
     def standard_error(self) -> np.ndarray:
         """Standard errors (dim,) in the unit cube; meaningless where `differentiable` is false."""
-        return np.sqrt(np.diag(self._floored))
+        return np.sqrt(np.diag(self.robust_covariance))
 
     @property
-    def _floored(self) -> np.ndarray:
+    def robust_covariance(self) -> np.ndarray:
+        """Covariance (dim, dim), not singular where the fit is exact."""
         return self.covariance + MIN_NOISE_VARIANCE * self.unit_covariance

@@ -4,6 +4,7 @@ import hashlib
 import json
 import math
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from calib.store.plain import plain, typed
 
 NOTES = "confidence.jsonl"
 IDENTITY, KEY, POINT = "of", "key", "point"
+EVALUATION = "evaluation/"  # begin of the keys of points that were evaluated for a posterior distribution
 
 
 class PointNotes:
@@ -47,8 +49,8 @@ class PointNotes:
 
     @property
     def evaluations(self) -> int:
-        """Evaluations that all points took."""
-        return sum(point.evaluations for point in self._points.values())
+        """Evaluations that the points of profiles took."""
+        return sum(point.evaluations for key, point in self._points.items() if not key.startswith(EVALUATION))
 
     def get(self, key: str) -> FittedPoint | None:
         """Return the point of a key, None where there is none yet."""
@@ -56,12 +58,17 @@ class PointNotes:
 
     def add(self, key: str, point: FittedPoint) -> None:
         """Keep a point."""
-        self._append({KEY: key, POINT: plain(point)})
-        self._points[key] = point
+        self.add_all({key: point})
 
-    def _append(self, content: dict[str, Any]) -> None:
+    def add_all(self, points: Mapping[str, FittedPoint]) -> None:
+        """Keep points that were made together."""
+        self._append(*({KEY: key, POINT: plain(point)} for key, point in points.items()))
+        self._points.update(points)
+
+    def _append(self, *contents: dict[str, Any]) -> None:
+        lines = (json.dumps(content, allow_nan=False, separators=(",", ":")) for content in contents)
         with write_errors_reported(self._path):
-            os.write(self._file, checksum.sealed(json.dumps(content, allow_nan=False, separators=(",", ":"))))
+            os.write(self._file, b"".join(map(checksum.sealed, lines)))
             os.fsync(self._file)
 
     def __enter__(self) -> "PointNotes":
@@ -99,5 +106,5 @@ def _read(path: Path, digest: str) -> tuple[dict[str, FittedPoint], int]:
 
 
 def _point(document: dict[str, Any]) -> FittedPoint:
-    square = math.inf if document["square"] is None else document["square"]
-    return typed(FittedPoint, {**document, "square": square})
+    finite = {key: math.inf if document[key] is None else document[key] for key in ("square", "cost")}
+    return typed(FittedPoint, {**document, **finite})

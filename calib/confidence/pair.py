@@ -68,7 +68,7 @@ class Pair:
         on_point : called with each further node
         """  # fmt: skip
         points = dict(known)
-        centre = FittedPoint(tuple(self.centre.u.tolist()), self.centre.likelihood.square, self.centre.kind)
+        centre = FittedPoint(tuple(self.centre.u.tolist()), self.centre.likelihood.square, 0.0, self.centre.kind)
         points[0, 0] = centre
         span = range(1, NODES_PER_SIDE + 1)
 

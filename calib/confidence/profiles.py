@@ -52,6 +52,10 @@ class Notes(Protocol):
         """Keep a point."""
         ...
 
+    def add_all(self, points: Mapping[str, FittedPoint]) -> None:
+        """Keep points that were made together."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class Profiles:
@@ -128,6 +132,15 @@ def profiles(
     return Profiles(centre, analysis, sides, points, ends, grids, centre.u - np.array(u, dtype=float), improved, better)
 
 
+def fit_about(analysis: LocalAnalysis, likelihood: AdjustedLikelihood, evaluate: Evaluate) -> ConstrainedFit:
+    """Fit of parameters about a point that was analysed."""
+    dim = likelihood.degrees_of_freedom.size
+    errors = likelihood.standard_error if likelihood.differentiable else np.full(dim, DEFAULT_ERROR)
+    residuals = np.asarray(analysis.outcome.residuals, dtype=float)
+    accuracy = min(fit_accuracy(likelihood, axis) for axis in range(dim))
+    return ConstrainedFit(evaluate, residuals, analysis.outcome.cost, errors, accuracy, likelihood.differentiable)
+
+
 class _Progress:
     """Counts finished points of sides and of grids, and those that are foreseen."""
 
@@ -169,7 +182,7 @@ class _Round:
         key = f"{self.number}/best"
         point = self.notes.get(key)
         if point is None:
-            point = self._fit(analysis, likelihood, self.evaluate)([start], np.ones(start.size, dtype=bool))
+            point = fit_about(analysis, likelihood, self.evaluate)([start], np.ones(start.size, dtype=bool))
             self.notes.add(key, point)
         improvement = likelihood.square - point.square
         if improvement > fit_accuracy(likelihood, 0):
@@ -189,12 +202,6 @@ class _Round:
         residuals = np.asarray(analysis.outcome.residuals, dtype=float)
         blocks = np.zeros(residuals.size, dtype=int) if analysis.blocks is None else analysis.blocks
         return AdjustedLikelihood.without_derivatives(residuals, blocks, len(self.names))
-
-    def _fit(self, analysis: LocalAnalysis, likelihood: AdjustedLikelihood, evaluate: Evaluate) -> ConstrainedFit:
-        errors = likelihood.standard_error if likelihood.differentiable else np.full(len(self.names), DEFAULT_ERROR)
-        residuals = np.asarray(analysis.outcome.residuals, dtype=float)
-        accuracy = min(fit_accuracy(likelihood, axis) for axis in range(len(self.names)))
-        return ConstrainedFit(evaluate, residuals, analysis.outcome.cost, errors, accuracy, likelihood.differentiable)
 
     def sides(self, centre: Centre) -> dict[str, tuple[Side, Side]]:
         """Both sides of each parameter."""
@@ -223,7 +230,7 @@ class _Round:
             self.notes.add(f"{key}/{number}", point)
             self.progress.side(key, number + 1)
 
-        points, end = profile_side(side, self._fit(analysis, side.centre.likelihood, evaluate), known, keep)
+        points, end = profile_side(side, fit_about(analysis, side.centre.likelihood, evaluate), known, keep)
         self.progress.side(key, len(points), ended=True)
         return points, end
 
@@ -244,7 +251,7 @@ class _Round:
         grids = []
         for one, other in pairs:
             pair = Pair.about(centre, (self.names.index(one), self.names.index(other)), (ends[one], ends[other]))
-            fit = partial(self._fit, analysis, centre.likelihood)
+            fit = partial(fit_about, analysis, centre.likelihood)
             grids.append((pair, self._nodes(pair, fit, f"{self.number}/{one}+{other}")))
         return tuple(grids)
 

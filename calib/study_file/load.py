@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from calib import plugins
+from calib.confidence.prior import Prior
 from calib.diagnosis.laboratory import Laboratory
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError, nearest
@@ -28,6 +29,7 @@ from calib.study_file.laboratory import read_laboratory
 from calib.study_file.mistakes import Mistakes, PythonOrigin, located, read_study
 from calib.study_file.optimiser import OptimiserMaker, no_search
 from calib.study_file.pool import pool_settings
+from calib.study_file.priors import read_priors
 from calib.study_file.references import REQUEST_KEYS, digest, references
 from calib.study_file.schema import DiagnosisTable, OptimiserTable, StudyToml, TermTable
 from calib.study_file.stored_simulator import StoredSimulator
@@ -50,6 +52,7 @@ class StudyFile:
     view, keep : of the store: the Optuna view ("journal" or a URL), the records kept
     candidates : effects that a diagnosis may name; None are all that are registered
     laboratory : what it can do in a next measurement
+    priors : of searched parameters, by name
     """
 
     path: Path
@@ -60,6 +63,7 @@ class StudyFile:
     keep: Keep
     candidates: Candidates | None
     laboratory: Laboratory
+    priors: Mapping[str, Prior]
 
     def reference(self, record: str | None = None) -> Reference:
         """Record of the study by name, whatever its use; the first one where none is given.
@@ -161,6 +165,7 @@ def load(
     candidates = read_candidates(diagnosis.candidates, mistakes, "diagnosis", "candidates")
     _check_screen(shape, budget or shape.study.budget, mistakes)
     laboratory = read_laboratory(diagnosis.bench, every, model, mistakes) if complete and model else None
+    priors = read_priors(shape.confidence.priors, space, model, mistakes) if space is not None and model else {}
     if model is not None and space is not None and complete:
         check_values(model, space, every.values(), mistakes)
     mistakes.tell()
@@ -179,6 +184,7 @@ def load(
         keep=shape.store.keep,
         candidates=candidates,
         laboratory=laboratory,
+        priors=priors,
     )
 
 

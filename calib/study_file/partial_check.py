@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from calib.study_file.schema import (
+    ConfidenceTable,
     DiagnosisTable,
     ModelTable,
     OptimiserTable,
@@ -23,7 +24,7 @@ def without_mistakes(tables: Mapping[str, Any], mistaken: Callable[..., bool]) -
 
     Entries of [[record]] and [[term]] keep their places: a mistaken one is represented by an entry without content,
     whose name is "" where none can be read. Mistaken windows and keys of [study] are left out; [model], [optimiser],
-    [store] and [diagnosis] are left out as a whole.
+    [store], [diagnosis] and [confidence] are left out as a whole.
 
     Parameters
     ----------
@@ -56,6 +57,7 @@ def without_mistakes(tables: Mapping[str, Any], mistaken: Callable[..., bool]) -
         optimiser=OptimiserTable.model_validate(table("optimiser")),
         store=StoreTable.model_validate(table("store")),
         diagnosis=DiagnosisTable.model_validate(table("diagnosis")),
+        confidence=ConfidenceTable.model_validate(table("confidence")),
     )
 
 

@@ -4,6 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PlainValidator
 
+from calib.confidence.prior import PriorKind
 from calib.diagnosis.laboratory import MAX_SIMULATIONS
 from calib.execution.pools.local import MAX_JOBS
 from calib.execution.pools.settings import PoolKind
@@ -347,6 +348,26 @@ class DiagnosisTable(TomlTable):
     """What the laboratory can do in a next measurement."""
 
 
+class PriorTable(TomlTable):
+    """[confidence.priors] parameter: what is known of it before the measurement; it is cut at the window."""
+
+    kind: PriorKind
+    """Distribution: "normal" or "lognormal"."""
+    mean: Quantity | None = None
+    """Of a normal distribution."""
+    median: Quantity | None = None
+    """Of a lognormal distribution."""
+    standard_deviation: Quantity
+    """Of a normal distribution in the unit of the parameter, of a lognormal one that of the natural logarithm."""
+
+
+class ConfidenceTable(TomlTable):
+    """[confidence]: what `calib confidence` takes into account."""
+
+    priors: dict[str, PriorTable] = {}
+    """Parameter -> prior of `--posterior`; without one every value in the window is equally likely, on its scale."""
+
+
 class StudyToml(TomlTable):
     """A whole study file."""
 
@@ -359,3 +380,4 @@ class StudyToml(TomlTable):
     optimiser: OptimiserTable = OptimiserTable()
     store: StoreTable = StoreTable()
     diagnosis: DiagnosisTable = DiagnosisTable()
+    confidence: ConfidenceTable = ConfidenceTable()

@@ -1,18 +1,24 @@
-"""How sure the calibrated values of a study are: profiles of the likelihood, in files of its folder."""
+"""How sure the calibrated values of a study are: profiles and posterior distribution, in files of its folder."""
 
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any
 
-from calib.confidence import profiled
-from calib.confidence.document import ConfidenceResult
+from calib.confidence import profiled, sampled
+from calib.confidence.document import ConfidenceResult, PosteriorResult
 from calib.confidence.notes import NOTES, PointNotes
+from calib.confidence.posterior import Posterior, expected_evaluations
+from calib.confidence.sample import posterior_result, values_of, write_ensemble, write_posterior
+from calib.confidence.sampler_package import nautilus
 from calib.confidence.serialise import confidence_result
 from calib.errors import CalibError, nearest
 from calib.execution.files import whole
+from calib.modelling.parameter import Space
+from calib.report.plots.posterior import posterior_figure
 from calib.report.plots.profiles import profiles_figure
 from calib.report.plots.style import png
 from calib.store.lock import Lock
@@ -22,7 +28,8 @@ from calib.workflows.calibrated import calibrated_values
 from calib.workflows.evaluations import Evaluations
 
 CONFIDENCE, CONFIDENCE_PICTURE = "confidence.json", "confidence.png"
-STAGE = "profiles"
+POSTERIOR, POSTERIOR_PICTURE, ENSEMBLE = "posterior.nc", "posterior.png", "ensemble.csv"
+STAGE = "confidence"
 ALL = "all"
 FORMAT_VERSION = 1  # of the points: those of another are forgotten
 
@@ -32,6 +39,7 @@ def confidence_study(
     out: str | Path | None = None,
     *,
     pairs: Sequence[tuple[str, str]] | str = (),
+    posterior: bool = False,
     jobs: int | None = None,
     pool: Mapping[str, Any] | None = None,
     fresh: bool = False,
@@ -42,13 +50,14 @@ def confidence_study(
 
     Writes confidence.json and confidence.png into the folder of the results. Each point is kept in confidence.jsonl as
     it ends: a run that was stopped or killed goes on with the same call, and finds what it would have found
-    uninterrupted.
+    uninterrupted. With `posterior`, the posterior distribution goes into posterior.nc, posterior.png and ensemble.csv.
 
     Parameters
     ----------
     path : study file, or a folder with a study.toml; `calib run` must have found values
     out : folder of the results; None: the study's
     pairs : of parameters that are profiled together; "all" for every pair
+    posterior : whether the posterior distribution of the parameters is sampled too
     jobs : takes the place of the file's
     pool : keys of a [pool] table that takes the place of the file's
     fresh : forget the points made so far
@@ -57,8 +66,11 @@ def confidence_study(
 
     Raises
     ------
-    CalibError : a mistake in the study file or the pairs, or the study has not been calibrated
+    CalibError : a mistake in the study file or the pairs, the study has not been calibrated, or the sampler is not
+        installed
     """
+    if posterior:
+        nautilus()
     begin = time.monotonic()
     file = load(path, jobs=jobs, out=out, pool=pool)
     study, folder = file.study, file.folder
@@ -69,7 +81,7 @@ def confidence_study(
     try:
         if fresh:
             (folder / NOTES).unlink(missing_ok=True)
-        result = _profiled(file, values, chosen, on_stage, on_progress, begin)
+        result = _found(file, values, chosen, posterior, on_stage, on_progress, begin)
     finally:
         lock.release()
     _write(result, folder)
@@ -127,23 +139,56 @@ def _pairs(study: CalibrationStudy, pairs: Sequence[tuple[str, str]] | str) -> l
     return chosen
 
 
-def _profiled(
+def _found(
     file: StudyFile,
     values: Mapping[str, float],
     pairs: Sequence[tuple[str, str]],
+    posterior: bool,
     on_stage: Callable[[str], None],
     on_progress: Callable[[int, int], None],
     begin: float,
 ) -> ConfidenceResult:
     study, folder = file.study, file.folder
     u = study.space.point(values)
-    identity = [FORMAT_VERSION, study.header.definition, study.code, u.tolist()]
-    on_stage("profiles")
-    with PointNotes(folder / NOTES, identity) as notes, Evaluations(file, folder, on_stage) as evaluations:
-        profiles = profiled(study, evaluations.calibrated(STAGE), u, notes, pairs=pairs, on_progress=on_progress)
-        evaluated = notes.evaluations + profiles.analysis.confidence.evaluations
     units = {name: study.model.parameters[name.partition("@")[0]].unit for name in study.space.names}
-    return confidence_result(study.name, study.space, units, profiles, evaluated, time.monotonic() - begin)
+    identity = [FORMAT_VERSION, study.header.definition, study.code, u.tolist()]
+    later = expected_evaluations(study.space.dim) if posterior else 0
+    points = [0]
+
+    def profiling(done: int, foreseen: int) -> None:
+        points[0] = done
+        on_progress(done, foreseen + later)
+
+    def sampling(done: int, foreseen: int) -> None:
+        on_progress(points[0] + done, points[0] + foreseen)
+
+    with PointNotes(folder / NOTES, identity) as notes, Evaluations(file, folder, on_stage) as evaluations:
+        on_stage("profiles")
+        pool = evaluations.calibrated(STAGE)
+        profiles = profiled(study, pool, u, notes, pairs=pairs, on_progress=profiling)
+        evaluated = notes.evaluations + profiles.analysis.confidence.evaluations
+        result = confidence_result(study.name, study.space, units, profiles, evaluated, time.monotonic() - begin)
+        if posterior:
+            on_stage("posterior")
+            sample = sampled(study, pool, profiles, notes, file.priors, on_progress=sampling)
+            distribution = posterior_result(study.space, units, file.priors, sample)
+            result = replace(result, posterior=distribution, seconds=time.monotonic() - begin)
+            _write_sample(sample, distribution, result.values, study.space, units, folder)
+    return result
+
+
+def _write_sample(
+    sample: Posterior,
+    distribution: PosteriorResult,
+    best: Mapping[str, float],
+    space: Space,
+    units: Mapping[str, str],
+    folder: Path,
+) -> None:
+    write_posterior(folder / POSTERIOR, space, units, sample)
+    write_ensemble(folder / ENSEMBLE, space, units, sample)
+    with whole(folder / POSTERIOR_PICTURE) as temporary:
+        temporary.write_bytes(png(posterior_figure(distribution, values_of(space, sample), best)))
 
 
 def _write(result: ConfidenceResult, folder: Path) -> None:

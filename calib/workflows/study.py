@@ -51,6 +51,7 @@ from calib.workflows.saved import save_study
 from calib.workflows.texts import calibration_html, calibration_text, diagnosis_text, study_text
 
 FILE = "study.toml"
+FURTHER_TABLES = ("store", "diagnosis", "confidence")  # of a study file, which `Study` takes as they are
 
 
 class Study:
@@ -75,7 +76,8 @@ class Study:
     pool : where simulations run, as keys of the table `pool`, {"kind": "dask", "scheduler": ...}; None: in `jobs`
     timeout : wall-clock limit of one simulation  [s]
     name : of the study
-    more : further tables of a study file: `study` (screen, periods, samples, settle, step_budget), `store`, `diagnosis`
+    more : further tables of a study file: `study` (screen, periods, samples, settle, step_budget), `store`,
+        `diagnosis`, `confidence`
 
     Raises
     ------
@@ -105,9 +107,9 @@ class Study:
         name: str = "study",
         **more: Mapping[str, Any],
     ):
-        unknown = [key for key in more if key not in ("study", "store", "diagnosis")]
+        unknown = [key for key in more if key not in ("study", *FURTHER_TABLES)]
         if unknown:
-            raise CalibError(f"unknown keyword {unknown[0]!r}; further tables are study, store and diagnosis")
+            raise CalibError(f"unknown keyword {unknown[0]!r}; further tables are study, {', '.join(FURTHER_TABLES)}")
         if not isinstance(windows, Mapping) or not windows:
             raise CalibError(
                 "windows: expected a mapping with at least one parameter, such as {'gain': (0.5, 2.0)}, "
@@ -142,7 +144,7 @@ class Study:
             "term": [table_of(term, "feature") for term in terms],
             "optimiser": table_of(optimiser, "name"),
             **({} if pool is None else {"pool": pool}),
-            **{key: more[key] for key in ("store", "diagnosis") if key in more},
+            **{key: more[key] for key in FURTHER_TABLES if key in more},
         }
         self._document, self._folder = for_toml(document), None
         self.check()
@@ -399,16 +401,18 @@ class Calibration:
         self,
         *,
         pairs: Sequence[tuple[str, str]] | str = (),
+        posterior: bool = False,
         jobs: int | None = None,
         pool: Mapping[str, Any] | None = None,
         fresh: bool = False,
         quiet: bool = False,
     ) -> Profiled:
-        """Intervals of the values by profiles of the likelihood: `calib confidence`.
+        """Intervals of the values by profiles of the likelihood, and their posterior distribution: `calib confidence`.
 
         Parameters
         ----------
         pairs : of parameters that are profiled together, such as [("gain", "lag")]; "all" for every pair
+        posterior : whether the posterior distribution is sampled too
         jobs, pool : take the place of the study's
         fresh : forget the points made so far
         quiet : no progress on stderr
@@ -417,9 +421,11 @@ class Calibration:
         ------
         CalibError : there are no calibrated values, or a pair names no searched parameter
         """
-        with Count("points of the profiles", quiet) as count:
+        with Count("points", quiet) as count:
             return Profiled(
-                confidence_study(self.path, pairs=pairs, jobs=jobs, pool=pool, fresh=fresh, on_progress=count)
+                confidence_study(
+                    self.path, pairs=pairs, posterior=posterior, jobs=jobs, pool=pool, fresh=fresh, on_progress=count
+                )
             )
 
     def __repr__(self) -> str:

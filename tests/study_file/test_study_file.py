@@ -179,6 +179,7 @@ def test_what_changes_the_trials_changes_the_definition(tmp_path, change):
 def test_the_schema_knows_every_table():
     assert set(StudyToml.model_json_schema()["properties"]) == {
         "study", "pool", "record", "model", "windows", "term", "optimiser", "store", "diagnosis",
+        "confidence",
     }  # fmt: skip
 
 

@@ -1,6 +1,8 @@
 """`calib confidence` on a small study, files and all."""
 
 import json
+import math
+import re
 import shutil
 import signal
 import subprocess
@@ -14,8 +16,11 @@ from echo_study import TRUTH, write_study
 from undrawn import undrawn
 
 from calib.cli import main
+from calib.confidence import posterior
 from calib.confidence.document import ConfidenceResult
+from calib.confidence.prior import Prior
 from calib.errors import CalibError
+from calib.study_file import load
 from calib.workflows.confidence import confidence_study, read_confidence
 from calib.workflows.profiled import Profiled
 from calib.workflows.study import Calibration
@@ -42,6 +47,14 @@ def profiled(calibrated, tmp_path_factory):
     folder = tmp_path_factory.mktemp("profiled") / "echo"
     shutil.copytree(calibrated, folder)
     return folder, calib("confidence", folder, "--pairs", "gain,harmonic").output
+
+
+@pytest.fixture
+def few_live_points(monkeypatch):
+    """A sampler that needs few evaluations."""
+    few = {"MIN_LIVE_POINTS": 50, "LIVE_POINTS_PER_PARAMETER": 25, "EFFECTIVE_SIZE": 200.0, "NETWORKS": 0}
+    for name, value in few.items():
+        monkeypatch.setattr(posterior, name, value)
 
 
 def numbers(result):
@@ -96,19 +109,18 @@ def test_a_killed_run_ends_in_the_same_numbers(calibrated, profiled, tmp_path):
     shutil.copytree(calibrated, folder)
     notes = folder / "out" / "confidence.jsonl"
     arguments = ["confidence", str(folder), "--pairs", "gain,harmonic", "-q"]
-    for lines in (3, 30):
-        process = subprocess.Popen(
-            [sys.executable, "-c", "from calib.cli import main; main()", *arguments],
-            env=environment(), stderr=subprocess.DEVNULL,
-        )  # fmt: skip
-        while not notes.exists() or notes.read_bytes().count(b"\n") < lines:
-            assert process.poll() is None, "the run ended before it was killed"
-            time.sleep(0.01)
-        process.send_signal(signal.SIGKILL)
-        process.wait()
+    process = subprocess.Popen(
+        [sys.executable, "-c", "from calib.cli import main; main()", *arguments],
+        env=environment(), stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    while not notes.exists() or notes.read_bytes().count(b"\n") < 12:
+        assert process.poll() is None, "the run ended before it was killed"
+        time.sleep(0.01)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
     kept = notes.read_bytes().count(b"\n")
     calib(*arguments)
-    assert kept >= 30
+    assert 12 <= kept < notes.read_bytes().count(b"\n")
     assert numbers(read_confidence(folder / "out")) == numbers(read_confidence(profiled[0] / "out"))
 
 
@@ -158,3 +170,91 @@ def test_a_damaged_file_of_profiles_is_named(tmp_path):
     (tmp_path / "confidence.json").write_text('{"name": "echo"}')
     with pytest.raises(CalibError, match="holds no profiles .*ConfidenceResult has no level"):
         read_confidence(tmp_path)
+
+
+# --- the posterior distribution
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*ArviZ is undergoing a major refactor:FutureWarning")
+def test_the_posterior_distribution_is_sampled_and_goes_on_where_it_was_stopped(profiled, tmp_path, few_live_points):
+    folder = tmp_path / "echo"
+    shutil.copytree(profiled[0], folder)
+
+    def stop(done, foreseen):
+        if done > 300:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        confidence_study(folder, posterior=True, on_progress=stop)
+    kept = (folder / "out" / "confidence.jsonl").read_bytes().count(b'"evaluation/')
+    assert kept >= 250
+    output = calib("confidence", folder, "--posterior").output
+    assert "log evidence over the likelihood of the best point: -1" in output
+    assert "priors: gain flat in the window on its logarithmic scale; harmonic flat in the window" in output
+    result = read_confidence(folder / "out")
+    evaluated = (folder / "out" / "confidence.jsonl").read_bytes().count(b'"evaluation/')
+    assert evaluated == result.posterior.evaluations  # none was made twice
+    for profile, marginal in zip(result.profiles, result.posterior.parameters, strict=True):
+        deviation = (profile.local[1] - profile.local[0]) / 4.0
+        assert marginal.mean == pytest.approx(profile.value, abs=0.2 * deviation)
+        assert marginal.standard_deviation == pytest.approx(deviation, rel=0.2)
+    volume = result.posterior.parameters[0].standard_deviation / (1.2 * math.log(4.0))
+    volume *= 2.0 * math.pi * result.posterior.parameters[1].standard_deviation / 2e-3
+    assert result.posterior.log_evidence == pytest.approx(math.log(volume), abs=0.4)
+
+    import arviz  # here: it warns when it is imported
+
+    data = arviz.from_netcdf(folder / "out" / "posterior.nc")
+    assert {"posterior", "sample_stats"} <= set(data.groups())
+    assert data.posterior["gain"].dims == ("chain", "draw")
+    assert data.posterior["harmonic"].attrs["units"] == "m"
+    assert float(data.posterior["gain"].mean()) == pytest.approx(result.posterior.parameters[0].mean)
+    assert data.sample_stats["log_likelihood"].shape == data.posterior["gain"].shape
+    rows = (folder / "out" / "ensemble.csv").read_text().splitlines()
+    assert rows[0] == "gain [1],harmonic [m]"
+    assert len(rows) == 21
+    assert (folder / "out" / "posterior.png").read_bytes().startswith(b"\x89PNG")
+
+
+PRIORS = """
+[confidence.priors]
+gain = { kind = "lognormal", median = 1.1, standard_deviation = 0.1 }
+harmonic = { kind = "normal", mean = "0.2 mm", standard_deviation = "50 um" }
+"""
+
+
+def test_priors_of_a_study_are_read_in_its_units(tmp_path):
+    path = write_study(tmp_path)
+    before = load(path).study.header.definition
+    path.write_text(path.read_text() + PRIORS)
+    file = load(path)
+    assert file.priors["gain"] == Prior("lognormal", 1.1, 0.1)
+    harmonic = file.priors["harmonic"]
+    assert (harmonic.kind, harmonic.centre, harmonic.spread) == ("normal", pytest.approx(2e-4), pytest.approx(5e-5))
+    assert file.study.header.definition == before  # the trials stay valid
+
+
+@pytest.mark.parametrize(
+    ("stated", "message"),
+    [
+        ('gane = { kind = "normal", mean = 1.0, standard_deviation = 1.0 }', "no parameter 'gane' is searched"),
+        ('gain = { kind = "gamma", mean = 1.0, standard_deviation = 1.0 }', "'normal' or 'lognormal'"),
+        ('gain = { kind = "normal", median = 1.0, standard_deviation = 1.0 }', "takes the keys mean and standard_dev"),
+        ('gain = { kind = "normal", mean = 1.0, standard_deviation = 0.0 }', "expected a standard deviation above 0"),
+        ('gain = { kind = "normal", mean = 9.0, standard_deviation = 0.1 }', "in the window [0.5, 2]"),
+        ('harmonic = { kind = "normal", mean = "1 kg", standard_deviation = "1 mm" }', "kg"),
+    ],
+)
+def test_wrong_priors_are_named(tmp_path, stated, message):
+    path = write_study(tmp_path)
+    path.write_text(f"{path.read_text()}\n[confidence.priors]\n{stated}\n")
+    with pytest.raises(CalibError, match=re.escape(message)) as error:
+        load(path)
+    assert "confidence.priors." in str(error.value)
+
+
+def test_without_the_extra_its_command_is_told(calibrated, monkeypatch):
+    monkeypatch.setitem(sys.modules, "nautilus", None)
+    answer = calib("confidence", calibrated, "--posterior", code=1)
+    assert 'pip install "calib[confidence]"' in answer.output

@@ -1,0 +1,168 @@
+"""The posterior distribution of the parameters, by nested sampling.
+
+The sampler is nautilus (J. U. Lange, nautilus: boosting Bayesian importance nested sampling with deep learning, Monthly
+Notices of the Royal Astronomical Society 525 (2023) 3181-3194). Everything random in it comes from its seed: a run that
+was interrupted is repeated with the likelihoods that are known already, and goes on where none is.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from calib.confidence.constrained import FittedPoint
+from calib.confidence.likelihood import AdjustedLikelihood
+from calib.confidence.sampler_package import nautilus
+from calib.objective.objective import MAX_LINEAR_DISTANCE, MIN_COST_OF_WRONG_KIND
+
+MIN_LIVE_POINTS, LIVE_POINTS_PER_PARAMETER = 200, 50  # of the sampler  [count]
+NETWORKS = 1  # neural networks of each bound  [count]: more take longer than the simulations that they save here
+BATCH = 50  # points that are evaluated together  [count]; part of the result, unlike the number of processes
+EFFECTIVE_SIZE = 1000.0  # of the sample  [count]: a mean has an error of 3 % of the standard deviation
+REMAINING_EVIDENCE = 0.01  # in the live points, at which exploration ends  [1]
+EVALUATIONS_PER_LIVE_POINT = 2.0  # for each unit of the logarithm of the compression, for the progress  [count]
+COMPRESSION_PER_PARAMETER = 4.0  # logarithm of the prior's width over the posterior's, where that is not known  [1]
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """A sample of the posterior distribution.
+
+    Attributes
+    ----------
+    points : (n, dim) equally weighted, in the unit cube of the windows
+    log_likelihood : (n,) of each, over the best point's
+    log_evidence : of the model, over the likelihood of the best point
+    log_evidence_error : its standard error
+    effective_size : of the weighted sample  [count]
+    evaluations : that it took
+    """
+
+    points: np.ndarray
+    log_likelihood: np.ndarray
+    log_evidence: float
+    log_evidence_error: float
+    effective_size: float
+    evaluations: int
+
+
+@dataclass(frozen=True, eq=False)
+class LogLikelihood:
+    """Logarithm of the adjusted likelihood over that of the best point, finite and with a slope everywhere.
+
+    A simulation that moves in a wrong way is less likely than any that does not, the more so the larger the cost of the
+    objective, and one that fails is less likely still, by its distance from the best point: nested sampling ends on a
+    plateau.
+
+    Attributes
+    ----------
+    likelihood : about the best point
+    centre : (dim,) the best point, in the unit cube
+    """
+
+    likelihood: AdjustedLikelihood
+    centre: np.ndarray
+
+    def __call__(self, point: FittedPoint) -> float:
+        """Logarithm of the likelihood of a point in which all parameters are held."""
+        shift = np.array(point.u) - self.centre
+        if math.isfinite(point.square):
+            ratio = self.likelihood.ratio(point.square, range(shift.size), shift) if shift.any() else 0.0
+            return -0.5 * ratio / (1.0 + max(ratio, 0.0) / self._worst)
+        if math.isfinite(point.cost):  # of a wrong kind of motion: 10 to 21
+            return -self._worst * (1.0 + point.cost / MIN_COST_OF_WRONG_KIND)
+        return -self._worst * (4.0 + float(np.linalg.norm(shift)))
+
+    @cached_property
+    def _worst(self) -> float:
+        """Likelihood ratio of a distance that is as large as costs of the right kind of motion go."""
+        largest = np.linalg.eigvals(
+            np.linalg.solve(self.likelihood.robust_covariance, self.likelihood.unit_covariance)
+        ).real.max()
+        return float((MAX_LINEAR_DISTANCE**2 + self.likelihood.square) * largest)
+
+
+def sample_posterior(
+    log_likelihood: Callable[[np.ndarray], np.ndarray],
+    position: Callable[[np.ndarray], np.ndarray],
+    dim: int,
+    seed: int,
+    *,
+    live_points: int | None = None,
+    compression: float | None = None,
+    on_progress: Callable[[int, int], None] = lambda done, foreseen: None,
+) -> Posterior:
+    """Sample the posterior distribution.
+
+    Parameters
+    ----------
+    log_likelihood : of points (n, dim) of the windows' unit cube -> (n,), finite
+    position : points (n, dim) of the priors' unit cube -> those of the windows'
+    dim : parameters
+    seed : of everything random
+    live_points : None: by the number of parameters
+    compression : logarithm of the prior's volume over the posterior's, for the progress; None: not known
+    on_progress : called with the number of points that are evaluated, and of those that are foreseen
+
+    Raises
+    ------
+    CalibError : nautilus is not installed
+    """
+    live = live_points or _live_points(dim)
+    foreseen = expected_evaluations(dim, compression)
+    evaluated = 0
+
+    def likelihood(points: np.ndarray) -> np.ndarray:
+        nonlocal evaluated
+        values = log_likelihood(points[:, :dim])
+        evaluated += len(points)
+        on_progress(evaluated, max(foreseen, evaluated + BATCH))
+        return values
+
+    def prior(points: np.ndarray) -> np.ndarray:
+        points = np.array(points, dtype=float)
+        points[..., :dim] = position(points[..., :dim].reshape(-1, dim)).reshape(points[..., :dim].shape)
+        return points
+
+    sampler = nautilus().Sampler(
+        prior,
+        likelihood,
+        n_dim=max(dim, 2),
+        n_live=live,
+        n_batch=BATCH,
+        n_networks=NETWORKS,
+        vectorized=True,
+        pass_dict=False,
+        seed=seed,
+    )  # fmt: skip - nautilus takes two dimensions at least: a single parameter has an idle one beside it
+    sampler.run(f_live=REMAINING_EVIDENCE, n_eff=EFFECTIVE_SIZE, discard_exploration=False)
+    points, log_weights, logarithms = (np.asarray(own) for own in sampler.posterior())
+    chosen = _equally_weighted(np.exp(log_weights), round(float(sampler.n_eff)), seed)
+    on_progress(evaluated, evaluated)
+    return Posterior(
+        points[chosen, :dim], logarithms[chosen], float(sampler.log_z),
+        float(1.0 / np.sqrt(sampler.n_eff)), float(sampler.n_eff), evaluated,
+    )  # fmt: skip
+
+
+def _equally_weighted(weights: np.ndarray, number: int, seed: int) -> np.ndarray:
+    """Indices (number,) of a sample with these weights (n,), in random order: systematic resampling."""
+    share = np.cumsum(weights) / weights.sum()
+    chosen = np.searchsorted(share, (np.arange(number) + 0.5) / number)
+    return np.random.default_rng(seed).permutation(np.minimum(chosen, weights.size - 1))
+
+
+def expected_evaluations(dim: int, compression: float | None = None) -> int:
+    """Evaluations that a posterior distribution of so many parameters takes, roughly.
+
+    compression : logarithm of the prior's volume over the posterior's; None: not known
+    """
+    if compression is None:
+        compression = COMPRESSION_PER_PARAMETER * dim
+    return round(EVALUATIONS_PER_LIVE_POINT * max(compression, 1.0) * _live_points(dim) / BATCH) * BATCH
+
+
+def _live_points(dim: int) -> int:
+    return max(MIN_LIVE_POINTS, LIVE_POINTS_PER_PARAMETER * dim)

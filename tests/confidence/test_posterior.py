@@ -1,0 +1,87 @@
+"""Claims about the sampled posterior distribution, on likelihoods whose posterior is known."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from calib.confidence.posterior import sample_posterior
+from calib.confidence.prior import Prior, positions
+from calib.errors import CalibError
+from calib.modelling.parameter import Space, Window
+
+LIVE_POINTS = 150
+
+
+def same(points):
+    return points
+
+
+@pytest.mark.slow
+def test_a_normal_likelihood_has_its_evidence_mean_and_spread():
+    covariance = 0.04**2 * np.array([[1.0, 0.6], [0.6, 2.0]])
+    normal = stats.multivariate_normal([0.4, 0.6], covariance)
+    found = sample_posterior(normal.logpdf, same, 2, seed=1, live_points=LIVE_POINTS)
+    deviation = np.sqrt(np.diag(covariance))
+    assert found.log_evidence == pytest.approx(0.0, abs=0.1)
+    assert found.log_evidence == pytest.approx(0.0, abs=4.0 * found.log_evidence_error)
+    assert np.all(np.abs(found.points.mean(axis=0) - [0.4, 0.6]) < 0.1 * deviation)
+    assert found.points.std(axis=0) == pytest.approx(deviation, rel=0.1)
+    assert np.corrcoef(found.points.T)[0, 1] == pytest.approx(0.6 / math.sqrt(2.0), abs=0.08)
+    assert found.effective_size >= 1000.0
+    assert found.log_likelihood == pytest.approx(normal.logpdf(found.points))
+
+
+@pytest.mark.slow
+def test_two_modes_have_their_weights():
+    left, right = (stats.multivariate_normal(centre, 0.03**2 * np.eye(2)) for centre in ([0.25, 0.3], [0.75, 0.6]))
+
+    def mixture(points):
+        return np.logaddexp(math.log(0.3) + left.logpdf(points), math.log(0.7) + right.logpdf(points))
+
+    found = sample_posterior(mixture, same, 2, seed=1, live_points=LIVE_POINTS)
+    assert np.mean(found.points[:, 0] < 0.5) == pytest.approx(0.3, rel=0.1)
+    assert found.log_evidence == pytest.approx(0.0, abs=0.1)
+
+
+@pytest.mark.slow
+def test_a_single_parameter_and_its_prior_combine_as_normals_do():
+    space = Space({"a": Window(-10.0, 10.0)})
+    prior = {"a": Prior("normal", 1.0, 0.5)}
+
+    def likelihood(points):
+        return stats.norm.logpdf(20.0 * points[:, 0] - 10.0, 2.0, 0.5)
+
+    found = sample_posterior(
+        likelihood, lambda points: positions(space, prior, points), 1, seed=1, live_points=LIVE_POINTS
+    )
+    values = 20.0 * found.points[:, 0] - 10.0
+    assert values.mean() == pytest.approx(1.5, abs=0.1 * 0.5 / math.sqrt(2.0))
+    assert values.std() == pytest.approx(0.5 / math.sqrt(2.0), rel=0.1)
+    assert found.log_evidence == pytest.approx(stats.norm.logpdf(2.0, 1.0, math.sqrt(0.5)), abs=0.1)
+
+
+def test_priors_are_cut_at_the_window():
+    probability = np.linspace(0.001, 0.999, 999)
+    narrow = Window(0.0, 2.0)
+    normal = 2.0 * Prior("normal", 1.0, 1.0).position(probability, narrow)
+    assert normal == pytest.approx(stats.truncnorm.ppf(probability, -1.0, 1.0, 1.0, 1.0))
+    wide = Window(1e-3, 1e3, "log")
+    lognormal = [wide.value(x) for x in Prior("lognormal", 2.0, 0.5).position(probability, wide)]
+    assert lognormal == pytest.approx(stats.lognorm.ppf(probability, 0.5, scale=2.0), rel=1e-6)
+    half = Window(0.0, 3.0)
+    assert 3.0 * Prior("lognormal", 2.0, 0.5).position(np.array([1.0]), half) == pytest.approx([3.0])
+
+
+@pytest.mark.parametrize(
+    ("prior", "message"),
+    [
+        (Prior("normal", 1.0, 0.0), "expected a standard deviation above 0, got 0"),
+        (Prior("lognormal", -1.0, 0.5), "expected a median above 0, got -1"),
+        (Prior("normal", 20.0, 0.5), r"a probability of .* in the window \[0, 2\]"),
+    ],
+)
+def test_a_prior_that_cannot_be_is_refused(prior, message):
+    with pytest.raises(CalibError, match=message):
+        prior.check(Window(0.0, 2.0))
