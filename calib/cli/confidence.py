@@ -10,13 +10,13 @@ from rich.table import Table
 
 from calib.cli.options import pool_table
 from calib.cli.status import folder_of
+from calib.confidence.artifacts import CONFIDENCE
 from calib.confidence.document import ConfidenceResult, PosteriorResult
 from calib.confidence.profile import WINDOW_END
 from calib.execution.progress import Count
 from calib.report.formatting import distinguishing_digits
 from calib.units import reading, shown
 from calib.workflows.confidence import (
-    CONFIDENCE,
     CONFIDENCE_PICTURE,
     ENSEMBLE,
     POSTERIOR,
@@ -68,7 +68,7 @@ def show(result: ConfidenceResult, folder: Path, console: Console) -> None:
         console.print(f"[yellow]mind:[/] {escape(remark)}", soft_wrap=True)
     console.print(escape(result.noise), soft_wrap=True)
     console.print(f"{result.evaluations} evaluations in {result.seconds:.1f} s")
-    names = [CONFIDENCE, CONFIDENCE_PICTURE]
+    names = [CONFIDENCE, CONFIDENCE_PICTURE, "report.html"]
     if result.posterior is not None:
         own = result.posterior
         console.print(_marginals(result, own))

@@ -145,6 +145,7 @@ class ConfidenceResult:
     name : of the study
     level : of the intervals  [1]
     noise : where the size of the noise comes from, in words
+    calibrated : values that `calib run` has found, from which the profiles began, in SI
     values : best values, in SI
     kind : of their motion
     profiles : of each parameter
@@ -158,6 +159,7 @@ class ConfidenceResult:
     name: str
     level: float
     noise: str
+    calibrated: Mapping[str, float]
     values: Mapping[str, float]
     kind: str | None
     profiles: tuple[ProfileResult, ...]

@@ -31,11 +31,12 @@ def confidence_result(
     units : SI unit of each
     evaluations, seconds : that the profiles took
     """
-    values = space.values(profiles.centre.u)
+    values, calibrated = space.values(profiles.centre.u), space.values(profiles.centre.u - profiles.moved)
     return ConfidenceResult(
         name=name,
         level=LEVEL,
         noise=_noise(profiles),
+        calibrated={own: calibrated[own] for own in space.names},
         values={own: values[own] for own in space.names},
         kind=profiles.centre.kind,
         profiles=tuple(_profile(own, space, units[own], profiles) for own in space.names),

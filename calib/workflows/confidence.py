@@ -1,6 +1,5 @@
 """How sure the calibrated values of a study are: profiles and posterior distribution, in files of its folder."""
 
-import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -9,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from calib.confidence import profiled, sampled
+from calib.confidence.artifacts import write_confidence
 from calib.confidence.document import ConfidenceResult, PosteriorResult
 from calib.confidence.notes import NOTES, PointNotes
 from calib.confidence.posterior import Posterior, expected_evaluations
@@ -24,10 +24,11 @@ from calib.report.plots.style import png
 from calib.store.lock import Lock
 from calib.study import CalibrationStudy
 from calib.study_file import StudyFile, load
+from calib.workflows.calibrate import rebuild
 from calib.workflows.calibrated import calibrated_values
 from calib.workflows.evaluations import Evaluations
 
-CONFIDENCE, CONFIDENCE_PICTURE = "confidence.json", "confidence.png"
+CONFIDENCE_PICTURE = "confidence.png"
 POSTERIOR, POSTERIOR_PICTURE, ENSEMBLE = "posterior.nc", "posterior.png", "ensemble.csv"
 STAGE = "confidence"
 ALL = "all"
@@ -48,9 +49,10 @@ def confidence_study(
 ) -> ConfidenceResult:
     """Profile the likelihood over each parameter of a calibrated study: `calib confidence` from Python.
 
-    Writes confidence.json and confidence.png into the folder of the results. Each point is kept in confidence.jsonl as
-    it ends: a run that was stopped or killed goes on with the same call, and finds what it would have found
-    uninterrupted. With `posterior`, the posterior distribution goes into posterior.nc, posterior.png and ensemble.csv.
+    Writes confidence.json and confidence.png into the folder of the results, and draws report.html anew. Each point is
+    kept in confidence.jsonl as it ends: a run that was stopped or killed goes on with the same call, and finds what it
+    would have found uninterrupted. With `posterior`, the posterior distribution goes into posterior.nc, posterior.png
+    and ensemble.csv.
 
     Parameters
     ----------
@@ -85,23 +87,8 @@ def confidence_study(
     finally:
         lock.release()
     _write(result, folder)
+    rebuild(path, out, jobs, pool)
     return result
-
-
-def read_confidence(folder: Path) -> ConfidenceResult | None:
-    """Return what the confidence.json of a folder says, None where there is none.
-
-    Raises
-    ------
-    CalibError : the file describes none
-    """
-    path = folder / CONFIDENCE
-    if not path.is_file():
-        return None
-    try:
-        return ConfidenceResult.from_dict(json.loads(path.read_text(encoding="utf-8")))
-    except ValueError as error:
-        raise CalibError(f"{path} holds no profiles ({error}); delete it and run `calib confidence` again") from error
 
 
 def pairs_of(text: str) -> Sequence[tuple[str, str]] | str:
@@ -192,7 +179,6 @@ def _write_sample(
 
 
 def _write(result: ConfidenceResult, folder: Path) -> None:
-    with whole(folder / CONFIDENCE) as temporary:
-        temporary.write_text(json.dumps(result.as_dict(), indent=2, allow_nan=False), encoding="utf-8")
+    write_confidence(result, folder)
     with whole(folder / CONFIDENCE_PICTURE) as temporary:
         temporary.write_bytes(png(profiles_figure(result)))

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from calib.confidence.posterior import sample_posterior
+from calib.confidence.constrained import FittedPoint
+from calib.confidence.likelihood import AdjustedLikelihood
+from calib.confidence.posterior import LogLikelihood, sample_posterior
 from calib.confidence.prior import Prior, positions
 from calib.errors import CalibError
 from calib.modelling.parameter import Space, Window
@@ -85,3 +87,22 @@ def test_priors_are_cut_at_the_window():
 def test_a_prior_that_cannot_be_is_refused(prior, message):
     with pytest.raises(CalibError, match=message):
         prior.check(Window(0.0, 2.0))
+
+
+def test_what_cannot_be_compared_is_less_likely_and_has_a_slope():
+    spread = np.diag([0.01, 0.02]) ** 2
+    likelihood = AdjustedLikelihood(1e-3, spread / 1e-4, spread, np.full(2, 100.0))
+    logarithm = LogLikelihood(likelihood, np.array([0.5, 0.5]))
+
+    def point(x, square, cost):
+        return FittedPoint((x, 0.5), square, cost)
+
+    good = [logarithm(point(0.5 + 0.01 * k, 1e-3 + 1e-4 * k**2, 1.0)) for k in range(4)]
+    assert good == pytest.approx([0.0, -0.5, -2.0, -4.5], rel=1e-3)
+    worst = logarithm(point(0.9, 25.0, 9.0))
+    wrong = [logarithm(point(0.6, math.inf, cost)) for cost in (10.0, 15.0, 21.0)]
+    failed = [logarithm(point(x, math.inf, math.inf)) for x in (0.6, 0.9, 1.0)]
+    ordered = [*good, worst, *wrong, *failed]
+    assert ordered == sorted(ordered, reverse=True)
+    assert len(set(ordered)) == len(ordered)
+    assert all(math.isfinite(one) for one in ordered)

@@ -17,11 +17,12 @@ from undrawn import undrawn
 
 from calib.cli import main
 from calib.confidence import posterior
+from calib.confidence.artifacts import read_confidence
 from calib.confidence.document import ConfidenceResult
 from calib.confidence.prior import Prior
 from calib.errors import CalibError
 from calib.study_file import load
-from calib.workflows.confidence import confidence_study, read_confidence
+from calib.workflows.confidence import confidence_study
 from calib.workflows.profiled import Profiled
 from calib.workflows.study import Calibration
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import xarray as xr
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
+from calib.confidence.document import ConfidenceResult
 from calib.diagnosis.discovery.document import DiscoveryResult
 from calib.diagnosis.document import DiagnosisResult
 from calib.objective import MISFIT
@@ -14,6 +15,7 @@ from calib.objective.objective import MIN_COST_OF_WRONG_KIND
 from calib.report.formatting import number
 from calib.report.pages import tables
 from calib.report.pages.base_study import BaseStudy, base_points
+from calib.report.pages.confidence import confidence_chapter
 from calib.report.pages.diagnosis.chapter import chapter
 from calib.report.pages.discovery import discovery_chapter
 from calib.report.pages.picture import Picture, drawn, pictured
@@ -47,6 +49,7 @@ def render(
     jobs: int = 1,
     base: BaseStudy | None = None,
     discovery: DiscoveryResult | None = None,
+    confidence: ConfidenceResult | None = None,
 ) -> str:
     """HTML of the report, self-contained.
 
@@ -57,7 +60,7 @@ def render(
     result : of the calibration; what it does not know is left out of the page
     command : that makes the page again
     header : of the ledger; versions and processor are shown
-    diagnosis, discovery : None where there was none
+    diagnosis, discovery, confidence : None where there was none
     motions : content of diagnosis.nc (see `calib.report.plots.diagnosed_cycles`)
     jobs : number of processes that draw the figures
     base : the study that this one extends; None where it extends none, or none is known
@@ -70,6 +73,7 @@ def render(
         "others": [shown[n] for n, use in names.items() if use != "calibrate"],
         "d": None if diagnosis is None else chapter(diagnosis, motions or {}, result, study),
         "f": None if discovery is None else discovery_chapter(discovery, result),
+        "c": None if confidence is None else confidence_chapter(confidence, result),
         "search": _search(study, trials, result),
     }
     return _template().render(

@@ -1,0 +1,92 @@
+"""The chapter of the profiles: intervals, how they differ from the local ones, the picture."""
+
+import re
+from dataclasses import replace
+
+import pytest
+
+from calib.confidence.document import (
+    ConfidenceResult,
+    EndResult,
+    MarginalResult,
+    PairResult,
+    PointResult,
+    PosteriorResult,
+    ProfileResult,
+)
+from calib.report import render
+from calib.report.pages.confidence import confidence_chapter
+from calib.report.plots.profiles import profiles_figure
+from calib.report.plots.style import png
+from calib.study import CalibrationResult
+
+VALUES = {"gap": 1e-3, "damping": 0.01}
+CALIBRATED = CalibrationResult(values=VALUES)
+
+
+def point(name, value, ratio, kind="period-1", reason=""):
+    return PointResult(value, ratio, kind, reason, {**VALUES, name: value})
+
+
+GAP = ProfileResult(
+    "gap", "m", "linear", 1e-3, EndResult(0.9e-3, "crossed", "0.9 mm"),
+    EndResult(1.2e-3, "no comparable motion", "1.2 mm: the simulation ends with status 'diverged' above"),
+    (0.9e-3, 1.1e-3), 4.0, 1e-4, "above, it is 1.2 mm: the simulation ends with status 'diverged' above",
+    (point("gap", 0.88e-3, 5.2), point("gap", 1.2e-3, 3.0, "period-2"), point("gap", 1.21e-3, None, None, "diverged")),
+)  # fmt: skip
+DAMPING = ProfileResult(
+    "damping", "1", "log", 0.01, EndResult(1e-3, "window end", "open"), EndResult(0.02, "crossed", "0.02"), None, 4.0,
+    None, "there is no local interval to compare with", (point("damping", 1e-3, 1.0), point("damping", 0.02, 4.0)),
+)  # fmt: skip
+PAIR = PairResult(
+    ("gap", "damping"), ("m", "1"), ("linear", "log"), (0.9e-3, 1e-3, 1.1e-3), (5e-3, 0.01, 0.02),
+    ((4.0, 2.0, None), (2.0, 0.0, 2.0), (8.0, 2.0, 4.0)), 6.2,
+)  # fmt: skip
+PROFILED = ConfidenceResult(
+    "hidden", 0.954, "the likelihood is adjusted", VALUES, VALUES, "period-1", (GAP, DAMPING), (PAIR,),
+    ("a profile met a better point than the calibrated one",), 321, 4.0,
+)  # fmt: skip
+
+
+def words(text):
+    text = re.sub(r"<svg.*?</svg>|<style.*?</style>", " ", text, flags=re.S)
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", text)).replace("\u00a0", " ")
+
+
+def test_the_intervals_stand_in_the_page(periodic, undrawn):
+    page = words(render(periodic.study, [], {}, CALIBRATED, confidence=PROFILED))
+    assert "How sure the values are" in page
+    assert "gap 1 mm 0.9 mm .. 1.2 mm 0.9 mm .. 1.1 mm above, it is 1.2 mm" in page
+    assert "damping 0.01 open .. 0.02 there is no local interval" in page
+    assert "95.4% intervals. The likelihood is adjusted." in page
+    assert "Mind: A profile met a better point than the calibrated one." in page
+    assert "321 evaluations of the calibrated records" in page
+    assert "Posterior" not in page
+
+
+def test_a_page_without_profiles_has_no_chapter(periodic, undrawn):
+    assert "How sure the values are" not in words(render(periodic.study, [], {}, CALIBRATED))
+
+
+def test_a_posterior_distribution_has_a_column(periodic, undrawn):
+    own = [
+        MarginalResult("gap", "m", "linear", 1e-3, 5e-5, 0.91e-3, 1.1e-3, "flat in the window"),
+        MarginalResult("damping", "1", "log", 0.01, 0.003, 0.004, 0.018, "flat in the window"),
+    ]
+    sampled = replace(PROFILED, posterior=PosteriorResult(tuple(own), -9.0, 0.03, 1100.0, 4000))
+    page = words(render(periodic.study, [], {}, CALIBRATED, confidence=sampled))
+    assert "0.91 mm .. 1.1 mm" in page
+    assert "0.004 .. 0.018" in page
+
+
+def test_profiles_of_other_values_are_out_of_date():
+    assert not confidence_chapter(PROFILED, CALIBRATED).stale
+    assert confidence_chapter(PROFILED, CalibrationResult(values={**VALUES, "gap": 1.1e-3})).stale
+
+
+@pytest.mark.parametrize("pairs", [(PAIR,), ()])
+def test_profiles_are_drawn(pairs):
+    figure = profiles_figure(replace(PROFILED, pairs=pairs))
+    assert png(figure).startswith(b"\x89PNG")
+    labels = [axes.get_xlabel() for axes in figure.axes if axes.get_xlabel()]
+    assert labels == ["gap [mm]", "damping [1]", "gap [mm]"][: 2 + len(pairs)]
