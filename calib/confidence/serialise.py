@@ -76,7 +76,7 @@ def _profile(name: str, space: Space, unit: str, profiles: Profiles) -> ProfileR
         local = window.value(x - width), window.value(x + width)
         span = math.log(window.high / window.low) if window.scale == "log" else window.high - window.low
         half = width * span
-    low, high = (_end(label, side, end, space, name, unit) for label, side, end in zip(WORDS, sides, ends, strict=True))
+    low, high = (_end(side, end, space, name, unit) for side, end in zip(sides, ends, strict=True))
     return ProfileResult(
         name, unit, window.scale, window.value(float(profiles.centre.u[axis])), low, high, local,
         likelihood.quantile([axis]), half, _difference(sides, ends, points, space, name, unit),
@@ -91,14 +91,14 @@ def _point(space: Space, name: str, side: Side, point: FittedPoint) -> PointResu
     return PointResult(values[name], None if math.isinf(root) else root**2, point.kind, point.reason, own)
 
 
-def _end(label: str, side: Side, end: SideEnd, space: Space, name: str, unit: str) -> EndResult:
+def _end(side: Side, end: SideEnd, space: Space, name: str, unit: str) -> EndResult:
     value = space.windows[name].value(side.position(end.distance))
     text, (near, far) = shown(value, unit), end.kinds
     changes = "" if near == far or far is None else f", a change of the kind of motion ({near} to {far})"
     words = {
         CROSSED: text,
-        WINDOW_END: f"open: the likelihood never falls enough {WORDS[label]}, up to the end of the window at {text}",
-        NO_MOTION: f"{text}: {end.reason} {WORDS[label]}",
+        WINDOW_END: f"open: the likelihood never falls enough before the end of the window, {text}",
+        NO_MOTION: f"{text}: beyond, {end.reason}",
         JUMP: f"{text}: the likelihood jumps there{changes}",
     }
     return EndResult(value, end.cause, words.get(end.cause, f"not located: beyond {text}"))
@@ -111,7 +111,7 @@ def _difference(
     """One sentence: how the interval differs from the local one, and why."""
     window = space.windows[name]
     causes = [
-        f"{WORDS[label]}, it is {_end(label, side, end, space, name, unit).text}"
+        f"{WORDS[label]}, it is {_end(side, end, space, name, unit).text}"
         for label, side, end in zip(WORDS, sides, ends, strict=True)
         if end.cause != CROSSED
     ]
