@@ -15,7 +15,6 @@ from calib.diagnosis.noise import MAX_ORDER
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.rejection import extension, rejection
 from calib.diagnosis.remainder import remainder
-from calib.diagnosis.screening import Derivatives
 from calib.diagnosis.search import Round, chi2_of_a_rival, rival_suspects, search, simplest, with_possible_causes
 from calib.diagnosis.stepwise import StepwiseState
 from calib.diagnosis.suspect import Refitted, leading_variants
@@ -85,7 +84,7 @@ def _reestimated(fitter: Fitter, state: StepwiseState) -> StepwiseState:
         fitter.evidence = old
         return state
     for key, known in state.known.items():
-        state.known[key] = Derivatives(evidence.carried(known.columns, old), known.relative_error)
+        state.known[key] = replace(known, columns=evidence.carried(known.columns, old))
     chosen = simplest(rivals)
     final = fitter.with_derivatives(chosen.fit)
     cause = replace(chosen, fit=final), with_possible_causes(fitter.evidence, rivals, refitted)

@@ -11,7 +11,7 @@ from calib.diagnosis.excess import chi2_std, excess_chi2, significant
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.score import Signature, score_test, threshold
-from calib.diagnosis.signature import Slope
+from calib.diagnosis.signature import Slope, Step
 from calib.diagnosis.suspect import Scored, Screened, Untestable
 
 DEFERRED = "not tested: no simpler effect is near the threshold, and the model has no misfit"
@@ -26,10 +26,12 @@ class Derivatives:
     ----------
     columns : (N, p) per unit of each parameter, in units of the noise
     relative_error : (p,) of each  [1]
+    steps : with which they were taken, by the parameter's name
     """
 
     columns: np.ndarray
     relative_error: np.ndarray
+    steps: Mapping[str, Step]
 
 
 KnownDerivatives = dict[int, Derivatives]  # by the id of the candidate
@@ -112,7 +114,8 @@ def _derivatives(
         columns = [slope.column for slope in slopes if slope.column is not None]
         if len(columns) == len(slopes):
             errors = np.array([slope.relative_error for slope in slopes])
-            derivatives[key] = Derivatives(np.column_stack(columns), errors)
+            taken = {p.name: s.taken for p, s in zip(candidate.parameters, slopes, strict=True) if s.taken}
+            derivatives[key] = Derivatives(np.column_stack(columns), errors, taken)
             if not reason:
                 known[key] = derivatives[key]
                 continue

@@ -31,7 +31,7 @@ from calib.diagnosis.excess import chi2_std, degrees_of_freedom, excess_chi2, si
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.gates import Gate
 from calib.diagnosis.preparation import NotDiagnosable, Prepared, bench_of, numerical, pool_of, prepared
-from calib.diagnosis.screening import screened
+from calib.diagnosis.screening import KnownDerivatives, screened
 from calib.diagnosis.speculation import SpeculativePool
 from calib.diagnosis.suspect import Scored, Screened, is_testable
 from calib.diagnosis.verdict import failures
@@ -247,7 +247,7 @@ class _ForceSearch:
         for body in places:
             simpler = [trial for trial in self.trials if trial.body == body]
             best = min(simpler, key=lambda trial: trial.predictive_deviance)
-            [suspect], threshold = screened(self.fitter, best.fitted.fit, [self._surface(body)], self.seed)
+            [suspect], threshold = self._screened([self._surface(body)], best.fitted.fit)
             if is_testable(suspect) and abs(suspect.z) > threshold:
                 significant_there.append(body)
         return significant_there
@@ -258,9 +258,14 @@ class _ForceSearch:
 
     # --- scores and fits ----------------------------------------------------------------------------------------------
 
-    def _screened(self, some: Sequence[Candidate]) -> tuple[list[Screened], float]:
-        suspects, threshold = screened(self.fitter, self.null, some, self.seed)
-        self.scored |= {s.name: s for s in suspects if isinstance(s, Scored)}
+    def _screened(self, some: Sequence[Candidate], beside: Fit | None = None) -> tuple[list[Screened], float]:
+        """Score forces beside the calibrated model, or another; fits take over the steps of reliable derivatives."""
+        known: KnownDerivatives = {}
+        suspects, threshold = screened(self.fitter, beside or self.null, some, self.seed, known)
+        for derivatives in known.values():
+            self.fitter.steps |= derivatives.steps
+        if beside is None:
+            self.scored |= {s.name: s for s in suspects if isinstance(s, Scored)}
         return suspects, threshold
 
     def _surface(self, body: str) -> Candidate:
@@ -276,12 +281,18 @@ class _ForceSearch:
     def _fit_place(self, body: str, on_stage: Callable[[str], None]) -> None:
         """Fit forces at a place: of each argument alone, and of both.
 
-        From a large misfit a fit may end early: a sum that ends above one of its terms is fitted again from where that
-        ended, and where a sum predicts better than its terms, the one that is closest to it is fitted from there.
+        Where one of an argument alone leaves no misfit, the sum is fitted from there, and a fit of the other argument
+        alone that is predicted to leave more is abandoned after a few steps. From a large misfit a fit may end
+        early: a sum that ends above one of its terms is fitted again from where that ended, and where a sum predicts
+        better than its terms, the one that is closest to it is fitted from there.
         """
-        single = [self._fitted(body, arguments, on_stage) for arguments in ((OF_DISPLACEMENT,), (OF_VELOCITY,))]
+        arguments = sorted(((OF_DISPLACEMENT,), (OF_VELOCITY,)), key=lambda own: -self._predicted(body, own))
+        first = self._fitted(body, arguments[0], on_stage)
+        rival = np.inf if self._leaves_misfit(first.fitted.fit) else first.chi2
+        single = [first, self._fitted(body, arguments[1], on_stage, rival=rival)]
         better = min(single, key=lambda trial: trial.chi2)
-        both = self._fitted(body, (OF_DISPLACEMENT, OF_VELOCITY), on_stage)
+        begin = None if self._leaves_misfit(better.fitted.fit) else better.values
+        both = self._fitted(body, (OF_DISPLACEMENT, OF_VELOCITY), on_stage, begin)
         if both.chi2 > better.chi2:
             both = min(both, self._fitted(body, both.arguments, on_stage, better.values), key=lambda trial: trial.chi2)
         elif both.predicts_better(better):
@@ -291,21 +302,28 @@ class _ForceSearch:
             single[k] = min(single[k], again, key=lambda trial: trial.chi2)
         self.trials += [*single, both]
 
+    def _predicted(self, body: str, arguments: Arguments) -> float:
+        """Reduction of chi-square that the score test of a force predicts; none where it has no score test."""
+        [own] = arguments
+        scored = self.scored.get(self.forces[body, own].name)
+        return 0.0 if scored is None else scored.predicted_reduction
+
     def _fitted(
         self,
         body: str,
         arguments: Arguments,
         on_stage: Callable[[str], None],
         begin: Mapping[str, float] | None = None,
+        rival: float = np.inf,
     ) -> ForceTrial:
-        """Fit forces, from where they are absent or from values by name."""
+        """Fit forces, from where they are absent or from values by name; beside a rival see `penalised_fit`."""
         on_stage(f"{body}: {described(arguments, self.places[body])}")
         forces = tuple(self.forces[body, a] for a in arguments)
         own = tuple(self.candidates[force.name] for force in forces)
         model = FreeModel(forces, own, visited_states(self.fitter, self.null.point, self.places[body]))
         known = [self.scored[c.name].derivatives for c in own if c.name in self.scored]
         columns = np.column_stack(known) if len(known) == len(own) else None
-        fitted = penalised_fit(self.fitter, self.null, model, columns, begin)
+        fitted = penalised_fit(self.fitter, self.null, model, columns, begin, rival)
         return ForceTrial(
             self.places[body], arguments, fitted, left_out_misfit(self.fitter.evidence, fitted.fit, fitted)
         )

@@ -24,6 +24,7 @@ MAX_LEADING = 6  # formulas of the lowest predicted AIC that are refitted  [coun
 SHORT_LENGTHS, MAX_OF_A_LENGTH = (1, 2, 3), 3  # numbers of formulas of which the best are refitted  [count]
 MAX_EXCESS_LENGTH = 3  # numbers beyond those of a formula that attains as little as the free force  [count]
 MAX_SIMPLIFIED = 2  # rounds in which the best formula is made simpler  [count]
+MAX_PREDICTED_RATIO = 4.0  # of predicted chi-square above the free force's, over what a refit has to attain  [1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,26 +79,29 @@ def formulas_of(
     """
     on_stage("formulas")
     problem = LinearisedForce(fitted)
-    chosen = [selected.formula for selected in _refitted(selected_formulas(problem), fitted.dispersion)]
+    margin = CRITERIA.aic_tie * fitted.dispersion
+    chosen = _refitted(selected_formulas(problem), fitted.dispersion, fitted.fit.chi2 + MAX_PREDICTED_RATIO * margin)
     fitter.effort.foresee(len(chosen) * fitter.expected_simulations(SHORT_LENGTHS[-1], 1))
     trials: list[FormulaTrial] = []
-    margin = CRITERIA.aic_tie * fitted.dispersion
     for round_number in range(1 + MAX_SIMPLIFIED):
         if round_number:
-            chosen = _simpler(_judged(fitter, trials, fitted, left_out)[:1], trials)
-        for number, formula in enumerate(chosen, 1):
-            attaining = [t.formula.length for t in trials if t.fit.chi2 <= fitted.fit.chi2 + margin]
-            if formula.length > min(attaining, default=formula.length) + MAX_EXCESS_LENGTH:
+            chosen = _simpler(problem, _judged(fitter, trials, fitted, left_out)[:1], trials)
+        for number, selected in enumerate(chosen, 1):
+            shortest = min((t.formula.length for t in trials if t.fit.chi2 <= fitted.fit.chi2 + margin), default=None)
+            length = selected.formula.length
+            if shortest is not None and length > shortest + MAX_EXCESS_LENGTH:
                 break
             on_stage(f"{'simpler ' if round_number else ''}formula {number} of {len(chosen)}")
-            attained = min([fitted.fit.chi2, *(t.fit.chi2 for t in trials)]) + margin
-            trial = _trial(fitter, null, problem, formula, attained, not attaining)
+            best = min([fitted.fit.chi2, *(t.fit.chi2 for t in trials)])
+            # a longer one than one that attains as little has to be better, else its fit may end early
+            rival = best + (margin if shortest is None or length <= shortest else -margin)
+            trial = _trial(fitter, null, problem, selected, rival, shortest is None)
             if trial is not None:
                 trials.append(trial)
     return _judged(fitter, trials, fitted, left_out)
 
 
-def _simpler(best: Sequence[FormulaTrial], known: Sequence[FormulaTrial]) -> list[Formula]:
+def _simpler(problem: LinearisedForce, best: Sequence[FormulaTrial], known: Sequence[FormulaTrial]) -> list[Selected]:
     """The best formula without one of its terms, and with the nearest whole exponent in the place of a free one."""
     structures = {t.formula.structure for t in known}
     candidates = []
@@ -108,36 +112,43 @@ def _simpler(best: Sequence[FormulaTrial], known: Sequence[FormulaTrial]) -> lis
             whole = term.with_whole_exponents()
             if whole != term:
                 candidates.append(Formula((*terms[:k], whole, *terms[k + 1 :])))
-    return [formula for formula in candidates if formula.structure not in structures]
+    return [problem.fitted(formula.terms) for formula in candidates if formula.structure not in structures]
 
 
-def _refitted(selected: Sequence[Selected], dispersion: float) -> list[Selected]:
-    """Formulas that are worth a refit, the shortest first: the best of the short lengths, and of the lowest AIC."""
+def _refitted(selected: Sequence[Selected], dispersion: float, attainable: float) -> list[Selected]:
+    """Formulas that are worth a refit, the shortest first: the best of the short lengths, and of the lowest AIC.
+
+    attainable : predicted chi-square above which only the best of a short length is
+    """
     ordered = sorted(selected, key=lambda s: s.aic(dispersion))
     of_length = [[s for s in ordered if s.formula.length == n][:MAX_OF_A_LENGTH] for n in SHORT_LENGTHS]
-    taken = [*ordered[:MAX_LEADING], *(s for own in of_length for s in own)]
+    groups = ordered[:MAX_LEADING], *of_length
+    taken = [s for own in groups for k, s in enumerate(own) if k == 0 or s.chi2 < attainable]
     unique = {id(s): s for s in taken}
     return sorted(unique.values(), key=lambda s: (s.formula.length, s.aic(dispersion)))
 
 
 def _trial(
-    fitter: Fitter, null: Fit, problem: LinearisedForce, formula: Formula, attained: float, from_null: bool
+    fitter: Fitter, null: Fit, problem: LinearisedForce, selected: Selected, rival: float, from_null: bool
 ) -> FormulaTrial | None:
     """Refit a formula, from what the linearised problem has.
 
-    attained : chi-square, a tie included, that a formula has to attain
-    from_null : whether a short one that does not attain it is refitted from the calibrated model too
+    rival : chi-square that it has to attain
+    from_null : whether a short one that does not attain it, though that is predicted, is refitted from the calibrated
+        model too
     """
+    formula = selected.formula
     prefix = prefix_of([*fitter.model.parameters, *fitter.space.names])
     effect = problem.model.forces[0].effect
     candidate = formula.candidate(prefix, effect.bodies or (), effect.place)
     sizes = {f"{prefix}_{n.name}": n.value for n in formula.numbers}
     starts = [{**problem.calibrated(formula), **sizes}, candidate.absent()]
     fits: list[Fit] = []
-    for start in starts if from_null and formula.length <= SHORT_LENGTHS[-1] else starts[:1]:
-        fit = fitter.fit(null.point, (*null.candidates, candidate), start, rival=attained)
+    twice = from_null and formula.length <= SHORT_LENGTHS[-1] and selected.chi2 < rival
+    for start in starts if twice else starts[:1]:
+        fit = fitter.fit(null.point, (*null.candidates, candidate), start, rival=rival)
         fits += [fit] if fit.names else []
-        if fit.names and fit.chi2 < attained:
+        if fit.names and fit.chi2 < rival:
             break
     if not fits:
         return None

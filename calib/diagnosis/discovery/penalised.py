@@ -21,7 +21,13 @@ from calib.diagnosis.discovery.free_force import DISPLACEMENT, VELOCITY, FreeFor
 from calib.diagnosis.discovery.place import ForcePlace
 from calib.diagnosis.discovery.smoothing import Smoothing
 from calib.diagnosis.fit import Fit
-from calib.diagnosis.refit import Fitter, extended, updated
+from calib.diagnosis.refit import (
+    MAX_GAIN_RATIO,
+    MIN_STEPS_BEFORE_ABANDONING,
+    Fitter,
+    extended,
+    updated,
+)
 from calib.diagnosis.score import Projection
 from calib.diagnosis.signature import Direction, Point
 
@@ -160,6 +166,7 @@ def penalised_fit(
     model: FreeModel,
     columns: np.ndarray | None = None,
     begin: Mapping[str, float] | None = None,
+    rival: float = np.inf,
 ) -> PenalisedFit:
     """Fit calibrated parameters, causes and the coefficients of free forces.
 
@@ -169,6 +176,8 @@ def penalised_fit(
     columns : (N, p) derivatives by the coefficients where the forces are absent; None: computed
     begin : values by name in the place of those of the base and of absent forces; None, or where the simulation of a
         record fails there: these
+    rival : chi-square that another model attains: a fit that is predicted to attain no less is abandoned after a few
+        steps
     """
     candidates = (*base.candidates, *model.candidates)
     values = {name: value for c in model.candidates for name, value in c.absent().items()} | dict(begin or {})
@@ -178,7 +187,7 @@ def penalised_fit(
     now = replace(base, point=start, candidates=candidates, names=tuple(d.name for d in directions))
     elsewhere = fitter.evaluated(start, directions, x, candidates, solved=True) if begin else None
     if begin and elsewhere is None:  # a record cannot be simulated there
-        return penalised_fit(fitter, base, model, columns)
+        return penalised_fit(fitter, base, model, columns, rival=rival)
     fresh = columns is None or elsewhere is not None
     if elsewhere is not None:
         now = fitter.with_derivatives(elsewhere)
@@ -187,8 +196,10 @@ def penalised_fit(
     else:
         now = replace(now, columns=np.column_stack([base.columns, columns]))
     for allowed in STAGES if elsewhere is None else STAGES[-1:]:
-        now, x, fresh = _minimised(fitter, now, model, directions, x, fresh, allowed)
-    if not fresh:
+        now, x, fresh, abandoned = _minimised(fitter, now, model, directions, x, fresh, allowed, rival)
+        if abandoned:
+            break
+    if not (fresh or abandoned):
         now = fitter.with_derivatives(now)
     smoothing = linearised(now, model, now.residual.size)
     return PenalisedFit(now, model, smoothing, smoothing.weight)
@@ -237,15 +248,19 @@ class _Advance:
     ----------
     converged : whether no further reduction of the penalised sum of squares is predicted
     x, fit : after the step; None where none was taken
+    predicted : reduction of the penalised sum of squares
     gain : actual over predicted reduction  [1]
     damping : of the next step  [1]
+    negligible : whether a further step would end the fit if it brought no more than this one
     """
 
     converged: bool
     x: np.ndarray | None = None
     fit: Fit | None = None
+    predicted: float = 0.0
     gain: float = 0.0
     damping: float = 0.0
+    negligible: bool = False
 
 
 def _minimised(
@@ -256,24 +271,31 @@ def _minimised(
     x: np.ndarray,
     fresh: bool,
     allowed: float,
-) -> tuple[Fit, np.ndarray, bool]:
+    rival: float,
+) -> tuple[Fit, np.ndarray, bool, bool]:
     """Fit, parameters, and whether its derivatives are those at its point, where no step reduces the penalised sum.
+
+    And whether the fit was abandoned, beside a rival.
 
     allowed : effective parameters of each function, beyond linear ones; where there is a limit, the minimum is a start
         for the next fit, and derivatives that were updated on the way may show it
     """
     damping = 0.0
-    for _ in range(MAX_PENALISED_STEPS):
+    for number in range(MAX_PENALISED_STEPS):
         ahead = _advanced(fitter, now, model, directions, x, allowed, damping)
         if ahead.fit is None or ahead.x is None:
             if fresh or (ahead.converged and np.isfinite(allowed)):
                 break
             now, fresh = fitter.with_derivatives(now), True
             continue
-        fresh, damping = ahead.gain < MIN_RELIABLE_GAIN, ahead.damping
+        ended, damping = fresh and ahead.negligible, ahead.damping
+        abandoned = number >= MIN_STEPS_BEFORE_ABANDONING and ahead.fit.chi2 - MAX_GAIN_RATIO * ahead.predicted > rival
+        fresh = ahead.gain < MIN_RELIABLE_GAIN and not (ended or abandoned)
         now = fitter.with_derivatives(ahead.fit) if fresh else updated(ahead.fit, now, ahead.x - x)
         x = ahead.x
-    return now, x, fresh
+        if ended or abandoned:
+            return now, x, ended, abandoned
+    return now, x, fresh, False
 
 
 def _advanced(
@@ -303,7 +325,8 @@ def _advanced(
         reduction = -1.0 if fit is None else before - fit.chi2 - smoothing.penalty(weight, x_ahead[own])
         if fit is not None and reduction > MIN_GAIN * predicted:
             eased = damping / DAMPING_FACTOR if reduction > MIN_RELIABLE_GAIN * predicted else damping
-            return _Advance(False, x_ahead, fit, reduction / predicted, eased if eased >= MIN_DAMPING else 0.0)
+            damping = eased if eased >= MIN_DAMPING else 0.0
+            return _Advance(False, x_ahead, fit, predicted, reduction / predicted, damping, reduction < least)
         damping = max(MIN_DAMPING, DAMPING_FACTOR * damping)
     return _Advance(converged=False)
 
