@@ -44,7 +44,7 @@ def diagnose(study: Path, **options: Any) -> None:
 @click.command(short_help="The force that is missing: where it acts, as a function of what, and its formula.")
 @STUDY
 @OUT
-@click.option("--apply", is_flag=True, help="Write the force as an effect file, and study.extended.toml with it.")
+@click.option("--apply", is_flag=True, help="Write the force as an effect file, and study.found.toml with it.")
 @JOBS
 @POOL
 @click.option("--seed", type=click.IntRange(min=0), help="Of the noise that is drawn. [default: the study's]")
@@ -61,10 +61,10 @@ def discover(study: Path, **options: Any) -> None:
     \b
     Leaves in out/:  discovery.json   verdict, force with its errors over the visited region, formulas, models compared
                      discovery.png    the force with its 95 % band and its formula, where one was found
-    With --apply:    effects/found_NAME.py and study.extended.toml beside the study file
+    With --apply:    effects/found_NAME.py and study.found.toml beside the study file
 
     \b
-    Example:  calib discover studies/minimal --apply && calib run studies/minimal/study.extended.toml
+    Example:  calib discover studies/minimal --apply && calib run studies/minimal/study.found.toml
     """
     from calib.cli.discover import print_discovery  # see above
 

@@ -40,7 +40,7 @@ def discover_study(
     out : folder of the results; None: the study's
     seed : of the noise that is drawn; None: the study's
     jobs : takes the place of the file's
-    apply : write the force as an effect file, effects/found_NAME.py, and study.extended.toml with it beside the study
+    apply : write the force as an effect file, effects/found_NAME.py, and study.found.toml with it beside the study
     on_stage : called with what is being done
     on_progress : called with the simulations that are done, and those that are foreseen in all
     pool : keys of a [pool] table that takes the place of the file's

@@ -29,6 +29,7 @@ def extended_study(
     causes: Sequence[Candidate],
     references: Mapping[str, str],
     transfers: Sequence[Transfer] = (),
+    part: str = EXTENDED,
 ) -> Path:
     """Write the study with the causes of a misfit in its model; it starts where the fit with them ended.
 
@@ -38,15 +39,16 @@ def extended_study(
     causes : at least one
     references : effect -> reference under which a study file knows it
     transfers : sizes that single records give to the parameters of the causes
+    part : last part of its name, and of that of its file, which is written anew where it is there
     """
     document = tomlkit.parse(file.path.read_text(encoding="utf-8"))
-    document["study"]["name"] = f"{document['study']['name']} {EXTENDED}"
+    document["study"]["name"] = f"{document['study']['name']} {part}"
     _widened(document["windows"], file.study.space, file.study.model.parameters, final)
     _with_causes(document, references, final, causes, transfers)
     sizes = [name for cause in causes for name in cause.free]
     for name in (*file.study.space.names, *sizes):
         document["windows"][name]["start"] = final.value(name)
-    path = file.path.with_name(f"{file.path.stem}.{EXTENDED}.toml")
+    path = file.path.with_name(f"{file.path.stem}.{part}.toml")
     with whole(path) as temporary:
         temporary.write_text(tomlkit.dumps(document), encoding="utf-8")
     return path

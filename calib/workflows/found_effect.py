@@ -20,7 +20,7 @@ from calib.diagnosis.discovery.trial import ForceTrial, described
 from calib.diagnosis.fit import Fit
 from calib.errors import CalibError
 from calib.execution.files import whole
-from calib.study_file import StudyFile
+from calib.study_file import FORCE_FOUND, StudyFile
 from calib.study_file.candidates import named_effect
 from calib.workflows.extension import extended_study
 from calib.workflows.new import skeleton
@@ -34,6 +34,8 @@ SIZE_RATIOS = (0.3, 1.0, 3.0)  # of typical sizes over that which was identified
 
 def apply_force(file: StudyFile, discovery: Discovery) -> Path | None:
     """Write the force as an effect file, and the study with it in its model; None where no force was found.
+
+    The study that a diagnosis has extended is another file, and stays.
 
     Raises
     ------
@@ -56,7 +58,7 @@ def apply_force(file: StudyFile, discovery: Discovery) -> Path | None:
     )  # fmt: skip
     if not usable:
         raise CalibError(f"the effect {name!r} that was found cannot be used: {refused[name]}")
-    return extended_study(file, fit, usable[:1], {name: reference})
+    return extended_study(file, fit, usable[:1], {name: reference}, part=FORCE_FOUND)
 
 
 def effect_name(file: StudyFile) -> str:

@@ -11,7 +11,7 @@ from calib.errors import CalibError
 from calib.report.pages.base_study import BaseStudy
 from calib.store.record_files import best_records
 from calib.study import CalibrationStudy, Evaluation, SearchEnd, result
-from calib.study_file import EXTENDED, StudyFile, load, located, results_folder
+from calib.study_file import StudyFile, base_path, extended_part, load, located, results_folder
 from calib.workflows.evaluations import held_out_references
 
 
@@ -67,10 +67,11 @@ def end_of_search(folder: Path) -> SearchEnd | None:
 def base_study(file: StudyFile) -> BaseStudy | None:
     """Study that this one extends, from the folder where its results go; None where it has none there."""
     path, name = file.path, file.study.name
-    if not path.stem.endswith(f".{EXTENDED}"):
+    part = extended_part(path)
+    if not part:
         return None
-    folder = results_folder(path.with_name(f"{path.stem.removesuffix(f'.{EXTENDED}')}.toml"))
+    folder = results_folder(base_path(path))
     summary = result.read(folder)
-    if summary is None or name != f"{summary.name} {EXTENDED}":  # the folder of another study, or none
+    if summary is None or name != f"{summary.name} {part}":  # the folder of another study, or none
         return None
     return BaseStudy(summary, best_records(folder))

@@ -287,6 +287,7 @@ def test_where_no_leader_is_confirmed_the_best_of_the_search_stays(tmp_path, dra
         ("study.toml", "out"), ("study.extended.toml", "out.extended"), ("study.loud.toml", "out.loud"),
         ("study.loud.extended.toml", "out.loud.extended"), ("tennis.toml", "out"),
         ("tennis.extended.toml", "out.extended"), ("tennis.extended.extended.toml", "out.extended.extended"),
+        ("study.found.toml", "out.found"), ("tennis.extended.found.toml", "out.extended.found"),
     ],
 )  # fmt: skip
 def test_the_commands_look_for_results_where_a_run_leaves_them(tmp_path, name, folder):

@@ -140,17 +140,17 @@ def test_the_formula_of_the_force_is_first(found):
 @pytest.mark.slow
 def test_the_extended_study_has_the_force_in_its_model(found):
     place, output, _ = found
-    extended = load(place / "study.extended.toml")
+    extended = load(place / "study.found.toml")
     [effect] = extended.study.model.effects
     assert (effect.name, effect.equation, effect.bodies) == ("found_bent_spring", "c1 x |x|", ("mass",))
     assert "found_c1" in extended.study.space.names
-    assert "study.extended.toml" in output
+    assert "study.found.toml" in output
 
 
 @pytest.mark.slow
 def test_the_extended_study_runs_to_the_noise_and_nothing_more_is_found_in_it(found):
     place, _, _ = found
-    path = place / "study.extended.toml"
+    path = place / "study.found.toml"
     assert CliRunner().invoke(main, ["run", str(path), "-q"], catch_exceptions=False).exit_code == 0
     result = discover_study(path, jobs=1)[0]
     assert result.verdict == "nothing"
