@@ -106,7 +106,7 @@ def study(references, space, parameters):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Leave the figures of a page empty: for claims about its words, which take a hundredth of the time."""
-    monkeypatch.setattr("calib.report.pages.picture.svg", lambda figure, name: "<svg></svg>")
+    monkeypatch.setattr("calib.report.pages.picture.svg", lambda figure, name, outlines: "<svg></svg>")
 
 
 @pytest.fixture(scope="session")

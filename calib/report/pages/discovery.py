@@ -11,6 +11,7 @@ from calib.report.formatting import capitalised, count, number, number_beside, q
 from calib.report.pages.diagnosis.conclusion import stale
 from calib.report.pages.picture import Picture, pictured
 from calib.report.pages.verdict import Tone
+from calib.report.plots.formula import formula_figure
 from calib.report.plots.found_force import found_force_figure
 from calib.study import CalibrationResult
 
@@ -67,8 +68,7 @@ class DiscoveryChapter:
     headline: str
     points: tuple[str, ...]
     force: Picture | None
-    formula: str
-    latex: str
+    formula: Picture | None
     numbers: tuple[NumberRow, ...]
     formulas: tuple[FormulaRow, ...]
     trials: tuple[ForceRow, ...]
@@ -91,8 +91,7 @@ def discovery_chapter(discovery: DiscoveryResult, result: CalibrationResult) -> 
         headline=f"{capitalised(discovery.summary)}.",
         points=_points(discovery),
         force=pictured(found_force_figure(discovery), "found-force", caption),
-        formula="" if formula is None else formula.text,
-        latex="" if formula is None else formula.latex,
+        formula=None if formula is None else _typeset(formula),
         numbers=() if formula is None else _numbers(formula),
         formulas=_formulas(discovery),
         trials=tuple(
@@ -102,6 +101,12 @@ def discovery_chapter(discovery: DiscoveryResult, result: CalibrationResult) -> 
         ),
         effort=f"{count(discovery.simulations, 'simulation')} in {discovery.seconds:.0f} s",
     )  # fmt: skip
+
+
+def _typeset(formula: FormulaResult) -> Picture:
+    """Formula as it is typeset, with its text and its LaTeX to copy."""
+    caption = f"Force per unit mass: {formula.text}. In LaTeX: {formula.latex}"
+    return Picture(formula_figure(formula.latex), "found-formula", caption, outlines=True)
 
 
 def _points(discovery: DiscoveryResult) -> tuple[str, ...]:

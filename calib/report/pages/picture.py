@@ -18,11 +18,13 @@ class Picture:
     Attributes
     ----------
     name : unique on the page
+    outlines : see `calib.report.plots.style.svg`
     """
 
     figure: Figure
     name: str
     caption: str
+    outlines: bool = False
 
 
 def pictured(figure: Figure | None, name: str, caption: str) -> Picture | None:
@@ -48,7 +50,7 @@ def drawn(content: object, jobs: int) -> dict[str, Markup]:
 
 
 def _svg(picture: Picture) -> str:
-    return svg(picture.figure, picture.name)
+    return svg(picture.figure, picture.name, picture.outlines)
 
 
 def _pictures(content: object) -> Iterator[Picture]:

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from calib.diagnosis.discovery.document import DiscoveryResult, FormulaResult, FunctionResult
 from calib.report.formatting import HALF_WIDTH_ERRORS_95, number, raised
+from calib.report.plots.formula import formula_lines
 from calib.report.plots.missing_force import SIGNS
 from calib.report.plots.style import LINE, MARK, SIMULATED, STYLE, TEXT_WIDTH, shown_unit
 
@@ -17,7 +18,7 @@ BODY_LABELS = {"displacement": "Displacement", "velocity": "Velocity"}
 INTERFACE_LABELS = {"displacement": "Clearance", "velocity": "Rate of the clearance"}
 CURVE_HEIGHT, SURFACE_HEIGHT, FORMULA_HEIGHT = 2.5, 2.9, 0.22  # of the figure, of a line of the formula  [inch]
 FORMULA_LEVELS = 7  # contours of a formula  [count]
-TERMS_OF_A_LINE, NUMBERS_OF_A_LINE = 2, 3  # of a formula, above the figure  [count]
+NUMBERS_OF_A_LINE = 3  # of a formula, above the figure  [count]
 
 
 def found_force_figure(result: DiscoveryResult) -> Figure | None:
@@ -50,10 +51,8 @@ def found_force_figure(result: DiscoveryResult) -> Figure | None:
 
 
 def _title(formula: FormulaResult) -> str:
-    """Formula in lines of a few terms each, with its numbers below."""
-    terms = [f"c_{{{own}" for own in formula.latex.removeprefix("c_{").split(" + c_{")]
-    lines = [terms[k : k + TERMS_OF_A_LINE] for k in range(0, len(terms), TERMS_OF_A_LINE)]
-    written = [f"${'+' if k else ''}{' + '.join(line)}$" for k, line in enumerate(lines)]
+    """Formula with its numbers below."""
+    written = formula_lines(formula.latex)
     numbers = [
         f"${n.name[0]}_{{{n.name[1:]}}}$ = {number(n.value)} {raised(n.unit)}".removesuffix(" 1")
         for n in formula.numbers

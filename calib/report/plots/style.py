@@ -139,9 +139,12 @@ def legend(figure: Figure | SubFigure, simulated: bool, base: bool = False) -> N
     figure.legend(handles=handles, loc="outside upper right", ncols=3, columnspacing=1.2, handletextpad=0.5)
 
 
-def svg(figure: Figure, name: str) -> str:
-    """Return the figure as an SVG element for a page; `name` keeps the ids of several figures apart."""
-    with mpl.rc_context({**STYLE, "svg.hashsalt": name}):
+def svg(figure: Figure, name: str, outlines: bool = False) -> str:
+    """Return the figure as an SVG element for a page; `name` keeps the ids of several figures apart.
+
+    outlines : whether letters are drawn as outlines, which need no font and keep their places
+    """
+    with mpl.rc_context({**STYLE, "svg.hashsalt": name, "svg.fonttype": "path" if outlines else "none"}):
         text = io.StringIO()
         figure.savefig(text, format="svg", dpi=160, metadata={"Date": None, "Creator": None})
     whole = text.getvalue()

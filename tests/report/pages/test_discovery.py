@@ -58,6 +58,9 @@ def test_the_force_stands_in_the_page_with_its_formula_and_those_it_was_compared
 def test_the_force_is_drawn():
     found = discovery_chapter(FOUND, CALIBRATED)
     assert (found.tone, found.stale, found.force.name) == ("good", False, "found-force")
+    assert (found.formula.name, found.formula.caption) == (
+        "found-formula", f"Force per unit mass: c1 x^3. In LaTeX: {CUBIC.latex}"
+    )  # fmt: skip
     assert [row.first for row in found.formulas] == [True, False]
 
 

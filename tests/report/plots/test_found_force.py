@@ -8,8 +8,9 @@ import pytest
 from calib.diagnosis.discovery.document import DiscoveryResult, FormulaResult, FunctionResult, NumberResult
 from calib.diagnosis.discovery.formula import Factor, Formula, FormulaTerm
 from calib.diagnosis.discovery.shapes import SHAPES, STEP
+from calib.report.plots.formula import formula_figure
 from calib.report.plots.found_force import found_force_figure
-from calib.report.plots.style import png
+from calib.report.plots.style import png, svg
 
 X, V = tuple(np.linspace(-4e-3, 5e-3, 21)), tuple(np.linspace(-0.3, 0.3, 11))
 
@@ -65,6 +66,16 @@ def test_every_shape_is_typeset(code):
     result = FormulaResult(formula.text, formula.latex, (), 1.0, None, 1.0, True, True, True, True)
     curve = function(("displacement",), (X,), ("m",), np.array(X) * 500.0)
     assert png(found_force_figure(replace(found(curve), formulas=(result,)))).startswith(b"\x89PNG")
+
+
+def test_a_typeset_formula_keeps_its_letters_without_a_font():
+    latex = r"c_{1}\,x + c_{2}\,\max(0, x)^{1.5} + c_{3}\,\sin\frac{2\pi x}{a_{3}}"
+    one, three = formula_figure(r"c_{1}\,x"), formula_figure(latex)
+    assert three.get_figwidth() > one.get_figwidth()
+    assert three.get_figheight() > 2.0 * one.get_figheight()
+    element = svg(three, "formula", outlines=True)
+    assert element.startswith("<svg")
+    assert "<text" not in element
 
 
 def test_without_a_force_there_is_no_figure():
