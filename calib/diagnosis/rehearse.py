@@ -28,6 +28,7 @@ from calib.study import CalibrationStudy, Pool
 
 HIDDEN_Z = (5.0, 10.0, 20.0, 40.0)  # sizes of a hidden effect, as the z that its information predicts  [1]
 SEEDS_PER_SIZE = 3  # of the noise, for each effect and size  [count]
+MAX_CASE_RATIO = 10  # simulations of a case, over those that score all candidates once; bounds its time  [1]
 MIN_NAMED_SHARE = 0.75  # of the seeds, from which an effect is reliably named  [1]; convention
 NOTHING = "nothing"
 
@@ -195,6 +196,7 @@ def rehearse(
         if isinstance(ready, NotDiagnosable):
             raise CalibError(f"the study cannot be rehearsed, for it cannot be diagnosed: {failures(ready.gates)}")
         suspects, _ = screened(ready.fitter, ready.null, ready.suspects, study.seed, staged=False)
+        simulations = MAX_CASE_RATIO * max(ready.fitter.effort.done, ready.fitter.effort.foreseen)
     fitted = ready.null.point.values
     variants = leading_variants(suspects)
     cases = [RehearsalCase(NOTHING, 0.0, {}, seed) for seed in range(seeds * len(strengths))]
@@ -207,7 +209,9 @@ def rehearse(
     todo = [case for case in cases if case.key not in answered]
     hidden = {suspect.name: suspect.candidate for suspect in variants}
     stage = Stage(study.without_search(), others, fitted, list(effects), ready.fitter.evidence, hidden)
-    make = pool or (lambda function: workers(function, study.evaluated_by, modules=study.code))
+    # a case is a diagnosis of its own: each of its simulations may take as long as the study allows to one
+    limit = None if study.timeout is None else study.timeout * simulations
+    make = pool or (lambda function: workers(function, study.evaluated_by, limit, modules=study.code))
     with make(stage) as stages:
         for index, answer in stages.map(todo):
             case = todo[index]

@@ -1,12 +1,15 @@
 """Shares of a rehearsal's cases, and the size from which an effect is reliably named."""
 
 import io
+from contextlib import contextmanager
+from types import SimpleNamespace
 
 import pytest
 from rich.console import Console
 
 from calib.cli.rehearse import show
-from calib.diagnosis.rehearse import NOTHING, RehearsalCase, Rehearsed, rates, smallest
+from calib.diagnosis import rehearse as room
+from calib.diagnosis.rehearse import NOTHING, RehearsalCase, Rehearsed, rates, rehearse, smallest
 from calib.diagnosis.verdict import NAMED, NONE, ONE_OF
 
 UNITS = {"c2": "1/m"}
@@ -60,3 +63,24 @@ def test_the_table_shows_shares_and_the_smallest_size():
     shown = " ".join(drag)
     assert all(text in shown for text in ("90%", "70%", "c2 = 1 1/m (z = 10)")), shown
     assert sum(one.detected for one in PLAYED[2:12]) / 10 == pytest.approx(0.9)
+
+
+@pytest.mark.parametrize(("timeout", "of_a_case"), [(None, None), (30.0, 30.0 * room.MAX_CASE_RATIO * 120)])
+def test_a_case_has_as_much_time_as_its_simulations_may_take(monkeypatch, timeout, of_a_case):
+    opened = []
+
+    @contextmanager
+    def workers(function, evaluated_by, limit=None, *, modules):
+        opened.append(limit)
+        yield SimpleNamespace(map=lambda cases: iter(()))
+
+    effort = SimpleNamespace(done=80, foreseen=120)
+    fitter = SimpleNamespace(effort=effort, evidence=None)
+    ready = SimpleNamespace(fitter=fitter, null=SimpleNamespace(point=SimpleNamespace(values={})), suspects=())
+    monkeypatch.setattr(room, "workers", workers)
+    monkeypatch.setattr(room, "bench_of", lambda study, others: None)
+    monkeypatch.setattr(room, "prepared", lambda *arguments: ready)
+    monkeypatch.setattr(room, "screened", lambda *arguments, staged: ([], 2.6))
+    study = SimpleNamespace(timeout=timeout, evaluated_by=None, code=(), seed=1, without_search=lambda: None)
+    rehearse(study, {}, {}, [], seeds=0)
+    assert opened == [timeout, of_a_case]
