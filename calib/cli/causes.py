@@ -5,22 +5,23 @@ from typing import Any
 
 import click
 
-from calib.cli.options import FRESH, JOBS, JSON, OUT, POOL, STUDY, reporting_mistakes
+from calib.cli.options import (
+    FRESH,
+    JOBS,
+    OUT,
+    POOL,
+    STUDY,
+    CauseSearch,
+    reporting_mistakes,
+    searching_for_a_cause,
+)
 
 # ruff: noqa: D301 - click reads the "\b" of a docstring as "do not wrap"
 # Everything but click is imported inside the command that needs it: see `calib.cli.commands`.
 
 
 @click.command(short_help="What the simulation gets wrong, which effect is missing, what it would bring.")
-@STUDY
-@OUT
-@click.option("--apply", is_flag=True, help="Write study.extended.toml with the causes in the model.")
-@JOBS
-@POOL
-@click.option("--seed", type=click.IntRange(min=0), help="Of the noise that is drawn. [default: the study's]")
-@click.option("--budget", help="Simulations, or a time such as '10 min', after which no fit or search begins.")
-@click.option("--quiet", "-q", is_flag=True, help="No progress, no summary with its remarks; errors only.")
-@JSON
+@searching_for_a_cause(apply="Write study.extended.toml with the causes in the model.")
 @reporting_mistakes
 def diagnose(study: Path, **options: Any) -> None:
     """Say what the calibrated STUDY gets wrong, name the cause, and measure the gain, or say why no cause can be named.
@@ -38,18 +39,11 @@ def diagnose(study: Path, **options: Any) -> None:
     """
     from calib.cli.diagnose import print_diagnosis  # see above
 
-    print_diagnosis(study, **options)
+    print_diagnosis(study, CauseSearch(**options))
 
 
 @click.command(short_help="The force that is missing: where it acts, as a function of what, and its formula.")
-@STUDY
-@OUT
-@click.option("--apply", is_flag=True, help="Write the force as an effect file, and study.found.toml with it.")
-@JOBS
-@POOL
-@click.option("--seed", type=click.IntRange(min=0), help="Of the noise that is drawn. [default: the study's]")
-@click.option("--quiet", "-q", is_flag=True, help="No progress, no summary with its remarks; errors only.")
-@JSON
+@searching_for_a_cause(apply="Write the force as an effect file, and study.found.toml with it.")
 @reporting_mistakes
 def discover(study: Path, **options: Any) -> None:
     """Find the force that the calibrated STUDY misses, as a free function of displacement, velocity or both.
@@ -68,7 +62,7 @@ def discover(study: Path, **options: Any) -> None:
     """
     from calib.cli.discover import print_discovery  # see above
 
-    print_discovery(study, **options)
+    print_discovery(study, CauseSearch(**options))
 
 
 @click.command(short_help="What the experiment could show: each effect hidden and sought.")

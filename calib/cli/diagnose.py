@@ -13,7 +13,7 @@ from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColum
 from rich.progress import Progress as Bars
 from rich.table import Table
 
-from calib.cli.options import pool_table
+from calib.cli.options import CauseSearch
 from calib.cli.status import folder_of
 from calib.diagnosis.document import DiagnosisResult, SuspectResult
 from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED, explained
@@ -38,27 +38,16 @@ FULL_TABLE_COLUMNS = 110  # columns of a terminal in which all that is known of 
 COLOURS = {NAMED: "green", ONE_OF: "yellow", NONE: "green"}
 
 
-def print_diagnosis(
-    study: Path,
-    out: Path | None,
-    apply: bool,
-    jobs: int | None,
-    pool: str | None,
-    seed: int | None,
-    budget: str | None,
-    quiet: bool,
-    as_json: bool,
-) -> None:
+def print_diagnosis(study: Path, options: CauseSearch) -> None:
     """Diagnose, and print what was found."""
-    with DiagnosisProgress(quiet or as_json) as progress:
+    with DiagnosisProgress(options.silent) as progress:
         diagnosis, extended = diagnose_study(
-            study, out, seed=seed, jobs=jobs, apply=apply, on_stage=progress.stage, on_progress=progress.simulated,
-            budget=budget, pool=pool_table(pool),
-        )  # fmt: skip
-    if as_json:
+            study, on_stage=progress.stage, on_progress=progress.simulated, **options.keywords
+        )
+    if options.as_json:
         click.echo(json.dumps(diagnosis.as_dict(), indent=2, allow_nan=False))
-    elif not quiet:
-        show(diagnosis, folder_of(study, out), extended)
+    elif not options.quiet:
+        show(diagnosis, folder_of(study, options.out), extended)
 
 
 class DiagnosisProgress:

@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from calib.cli.diagnose import DiagnosisProgress
-from calib.cli.options import pool_table
+from calib.cli.options import CauseSearch
 from calib.cli.status import folder_of
 from calib.diagnosis.discovery.artifacts import DISCOVERY
 from calib.diagnosis.discovery.discover import FOUND
@@ -19,26 +19,16 @@ from calib.units import shown
 from calib.workflows.discover import FORCE_PICTURE, discover_study
 
 
-def print_discovery(
-    study: Path,
-    out: Path | None,
-    apply: bool,
-    jobs: int | None,
-    pool: str | None,
-    seed: int | None,
-    quiet: bool,
-    as_json: bool,
-) -> None:
+def print_discovery(study: Path, options: CauseSearch) -> None:
     """Search for a force law, and print what was found."""
-    with DiagnosisProgress(quiet or as_json) as progress:
+    with DiagnosisProgress(options.silent) as progress:
         result, extended = discover_study(
-            study, out, seed=seed, jobs=jobs, apply=apply, on_stage=progress.stage, on_progress=progress.simulated,
-            pool=pool_table(pool),
-        )  # fmt: skip
-    if as_json:
+            study, on_stage=progress.stage, on_progress=progress.simulated, **options.keywords
+        )
+    if options.as_json:
         click.echo(json.dumps(result.as_dict(), indent=2, allow_nan=False))
-    elif not quiet:
-        show(result, folder_of(study, out), Console(highlight=False), extended)
+    elif not options.quiet:
+        show(result, folder_of(study, options.out), Console(highlight=False), extended)
 
 
 def show(result: DiscoveryResult, folder: Path, console: Console, extended: Path | None = None) -> None:
@@ -53,6 +43,8 @@ def show(result: DiscoveryResult, folder: Path, console: Console, extended: Path
         force = np.array(function.force)[np.array(function.visited)]
         console.print(f"force per unit mass there: {force.min():.3g} to {force.max():.3g} m/s^2", soft_wrap=True)
     _formulas(result, console)
+    for text in result.curves:
+        console.print(escape(f"{text[:1].upper()}{text[1:]}."), soft_wrap=True)
     for text in result.undetermined:
         console.print(f"not determined beside the calibrated parameters: {text}", soft_wrap=True)
     if result.trials:

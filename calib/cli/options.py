@@ -6,6 +6,7 @@ import sys
 import tomllib
 import warnings
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +53,66 @@ POOL = click.option(
 )
 FRESH = click.option("--fresh", is_flag=True, help="Replace what the file holds, and forget what was done so far.")
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON to stdout, for scripts.")
+
+
+@dataclass(frozen=True)
+class CauseSearch:
+    """Options of the commands that search a calibrated study for the cause of its misfit.
+
+    Attributes
+    ----------
+    out : folder of the results; None: the study's
+    apply : whether the extended study is written
+    jobs, pool, seed, budget : as `calib.workflows.diagnose.diagnose_study` has them; the pool as --pool states it
+    quiet : whether errors alone are told
+    as_json : whether the result is printed as JSON
+    """
+
+    out: Path | None
+    apply: bool
+    jobs: int | None
+    pool: str | None
+    seed: int | None
+    budget: str | None
+    quiet: bool
+    as_json: bool
+
+    @property
+    def silent(self) -> bool:
+        """Whether no progress is shown."""
+        return self.quiet or self.as_json
+
+    @property
+    def keywords(self) -> dict[str, Any]:
+        """Keywords of the workflow."""
+        return {
+            "out": self.out,
+            "seed": self.seed,
+            "jobs": self.jobs,
+            "apply": self.apply,
+            "budget": self.budget,
+            "pool": pool_table(self.pool),
+        }
+
+
+def searching_for_a_cause(apply: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return the argument and the options of a command that takes a `CauseSearch`; apply : what --apply writes."""
+    options = (
+        STUDY,
+        OUT,
+        click.option("--apply", is_flag=True, help=apply),
+        JOBS,
+        POOL,
+        click.option("--seed", type=click.IntRange(min=0), help="Of the noise that is drawn. [default: the study's]"),
+        click.option("--budget", help="Simulations, or a time such as '10 min', after which no fit or search begins."),
+        click.option("--quiet", "-q", is_flag=True, help="No progress, no summary with its remarks; errors only."),
+        JSON,
+    )
+
+    def decorated(command: Callable[..., Any]) -> Callable[..., Any]:
+        return functools.reduce(lambda inner, option: option(inner), reversed(options), command)
+
+    return decorated
 
 
 def pool_table(text: str | None) -> dict[str, Any] | None:

@@ -7,6 +7,7 @@ from typing import Any
 from calib.diagnosis.discovery.artifacts import write_discovery
 from calib.diagnosis.discovery.discover import discover
 from calib.diagnosis.discovery.document import DiscoveryResult
+from calib.diagnosis.effort import Budget
 from calib.execution.files import whole
 from calib.report.plots.found_force import found_force_figure
 from calib.report.plots.style import png
@@ -27,6 +28,7 @@ def discover_study(
     apply: bool = False,
     on_stage: Callable[[str], None] = lambda text: None,
     on_progress: Callable[[int, int], None] = lambda done, foreseen: None,
+    budget: str | None = None,
     pool: Mapping[str, Any] | None = None,
 ) -> tuple[DiscoveryResult, Path | None]:
     """Search a calibrated study for the force that its model misses: `calib discover` from Python.
@@ -43,6 +45,7 @@ def discover_study(
     apply : write the force as an effect file, effects/found_NAME.py, and study.found.toml with it beside the study
     on_stage : called with what is being done
     on_progress : called with the simulations that are done, and those that are foreseen in all
+    budget : a number of simulations, or a time such as "10 min", after which no further fit begins; None: any
     pool : keys of a [pool] table that takes the place of the file's
 
     Returns
@@ -51,13 +54,14 @@ def discover_study(
 
     Raises
     ------
-    CalibError : a mistake in the study file, or the study has not been calibrated
+    CalibError : a mistake in the study file or the budget, or the study has not been calibrated
     """
+    limit = Budget.of(budget)
     file = load(path, jobs=jobs, out=out, pool=pool)
     values = calibrated_values(file, file.folder)
     discovery = discover(
         file.study, file.others, values, file.suspects(), seed=file.study.seed if seed is None else seed,
-        on_stage=on_stage, on_progress=on_progress,
+        on_stage=on_stage, on_progress=on_progress, budget=limit,
     )  # fmt: skip
     result = write_discovery(discovery, file.folder, values)
     figure = found_force_figure(result)

@@ -138,6 +138,14 @@ def test_the_formula_of_the_force_is_first(found):
 
 
 @pytest.mark.slow
+def test_a_search_whose_budget_is_spent_fits_one_force_and_says_so(found):
+    place, _, _ = found
+    result, extended = discover_study(place, place / "out", jobs=1, budget="1")
+    assert (result.cut_short, len(result.trials), result.formulas, extended) == (True, 1, (), None)
+    assert result.summary.endswith("The budget ended the search before all was tried")
+
+
+@pytest.mark.slow
 def test_the_extended_study_has_the_force_in_its_model(found):
     place, output, _ = found
     extended = load(place / "study.found.toml")

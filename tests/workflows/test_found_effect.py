@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -149,4 +150,16 @@ def test_a_file_of_another_author_is_not_replaced(file):
 
 def test_without_a_force_nothing_is_written(file):
     assert apply_force(file, Discovery("nothing", "no force", ())) is None
+    assert not (file.path.parent / "effects").exists()
+
+
+def test_the_study_that_a_diagnosis_has_extended_stays(file):
+    diagnosed = file.path.with_name("study.extended.toml")
+    diagnosed.write_text("of a diagnosis")
+    assert apply_force(file, found(FORMULA)).name == "study.found.toml"
+    assert diagnosed.read_text() == "of a diagnosis"
+
+
+def test_a_force_of_which_nobody_knows_the_arguments_is_not_applied(file):
+    assert apply_force(file, replace(found(FORMULA), verdict="undetermined")) is None
     assert not (file.path.parent / "effects").exists()

@@ -2,9 +2,9 @@
 
 import math
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -17,7 +17,7 @@ from calib.diagnosis.discovery.free_force import FreeForce, free_force
 from calib.diagnosis.discovery.left_out import LeftOutMisfit, left_out_misfit
 from calib.diagnosis.discovery.penalised import FreeModel, States, nested, penalised_fit, visited_states
 from calib.diagnosis.discovery.place import ForcePlace, force_places
-from calib.diagnosis.discovery.summary import NO_STEP, UNTESTED, explained_share, summary_of
+from calib.diagnosis.discovery.summary import CUT_SHORT, NO_STEP, UNTESTED, UNTOLD, explained_share, summary_of
 from calib.diagnosis.discovery.trial import (
     OF_DISPLACEMENT,
     OF_STATE,
@@ -26,7 +26,8 @@ from calib.diagnosis.discovery.trial import (
     ForceTrial,
     described,
 )
-from calib.diagnosis.effort import Effort
+from calib.diagnosis.discovery.visited_curve import curve_in_words, is_open_curve
+from calib.diagnosis.effort import Budget, Effort
 from calib.diagnosis.excess import chi2_std, degrees_of_freedom, excess_chi2, significant
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.gates import Gate
@@ -51,7 +52,8 @@ class Discovery:
 
     Attributes
     ----------
-    verdict : "found", "nothing", "undetermined" (the records cannot tell) or "not_diagnosable"
+    verdict : "found", "nothing", "undetermined" (the records cannot tell, of what it is a function at least) or
+        "not_diagnosable"
     summary : the verdict in a sentence
     gates : that were tested
     trials : models that were fitted, in their order
@@ -62,6 +64,8 @@ class Discovery:
     null_left_out : misfit of the left-out records without a force
     excess_chi2 : of the calibrated model, and of the chosen one (0 without one)
     formulas : of the chosen model, the best first; empty without one
+    cut_short : whether the budget ended it before all was tried
+    curves : places at which all records visit one curve of states, with what coincides there in words
     seconds, simulations : of the search  [s]
     """
 
@@ -76,6 +80,8 @@ class Discovery:
     null_left_out: LeftOutMisfit | None = None
     excess_chi2: tuple[float, float] = (0.0, 0.0)
     formulas: tuple[FormulaTrial, ...] = ()
+    cut_short: bool = False
+    curves: Mapping[str, str] = field(default_factory=dict)
     seconds: float = 0.0
     simulations: int = 0
 
@@ -99,6 +105,7 @@ def discover(
     pool: Callable[[Bench], AbstractContextManager[OpenPool]] | None = None,
     on_stage: Callable[[str], None] = lambda text: None,
     on_progress: Callable[[int, int], None] = lambda done, foreseen: None,
+    budget: Budget | None = None,
 ) -> Discovery:
     """Search for the force that a calibrated study misses, as a free function of the state of a body or interface.
 
@@ -111,6 +118,7 @@ def discover(
     seed : of the noise that is drawn for the threshold
     pool : makes a pool of the function it maps; None: that of the study
     on_stage, on_progress : called with the stage that begins; with simulations done, and those expected in all
+    budget : after which no further fit begins, but for the first; None: none
 
     Raises
     ------
@@ -120,9 +128,9 @@ def discover(
     bench = bench_of(study, others)
     make = pool or partial(pool_of, study)
     with make(bench) as open_pool, closing(SpeculativePool(open_pool, 0)) as ahead:
-        effort = Effort(ahead, None, on_progress)
+        effort = Effort(ahead, budget, on_progress)
         discovery = _discovered(effort, bench, study, values, effects, seed, on_stage)
-    return replace(discovery, seconds=time.monotonic() - begin, simulations=effort.done)
+    return replace(discovery, seconds=time.monotonic() - begin, simulations=effort.done, cut_short=effort.spent)
 
 
 def _discovered(
@@ -214,7 +222,22 @@ class _ForceSearch:
         self.scored: dict[str, Scored] = {}
 
     def result(self, on_stage: Callable[[str], None]) -> Discovery:
-        """Result of the search."""
+        """Result of the search; of a place where all records visit one curve of states no arguments are told."""
+        discovery = self._searched(on_stage)
+        curves = {}
+        for name in self.regions:
+            place, own = self.places[name], discovery.chosen is not None and discovery.chosen.body == name
+            states = discovery.states if own else visited_states(self.fitter, self.null.point, place)
+            curves[name] = "" if states is None else curve_in_words(states, place)
+        discovery = replace(discovery, curves={name: text for name, text in curves.items() if text})
+        if self.fitter.effort.spent and self.trials:
+            discovery = replace(discovery, summary=f"{discovery.summary}. {CUT_SHORT}")
+        if discovery.chosen is None or discovery.states is None or not is_open_curve(discovery.states):
+            return discovery
+        return replace(discovery, verdict=UNDETERMINED, summary=f"{discovery.summary}. {UNTOLD}")
+
+    def _searched(self, on_stage: Callable[[str], None]) -> Discovery:
+        """Result of the search, but for curves of states."""
         on_stage("places")
         suspects, threshold = self._screened([self.candidates[f.name] for f in self.forces.values()])
         leading = _leading(suspects, threshold)
@@ -229,13 +252,13 @@ class _ForceSearch:
             largest = max((abs(s.z) for s in suspects), default=0.0)
             return self._nothing(f"no free force is significant: the largest |z| is {largest:.1f} of {threshold:.1f}")
         self.fitter.effort.foresee(self._expected(len(places)))
-        for body in places:
+        for body in self._within_budget(places):
             self._fit_place(body, on_stage)
         if all(self._leaves_misfit(trial.fitted.fit) for trial in self.trials):
             surfaces = places
         else:
             surfaces = self._surfaces_beside(places, on_stage)
-        for body in surfaces:
+        for body in self._within_budget(surfaces):
             self._surface(body)
             self.trials.append(self._fitted(body, (OF_STATE,), on_stage))
         return self._judged(on_stage)
@@ -244,13 +267,17 @@ class _ForceSearch:
         """Places of which a surface is significant on the residual of the simpler forces that predict best there."""
         on_stage("places, functions of two arguments")
         significant_there = []
-        for body in places:
+        for body in self._within_budget(places):
             simpler = [trial for trial in self.trials if trial.body == body]
             best = min(simpler, key=lambda trial: trial.predictive_deviance)
             [suspect], threshold = self._screened([self._surface(body)], best.fitted.fit)
             if is_testable(suspect) and abs(suspect.z) > threshold:
                 significant_there.append(body)
         return significant_there
+
+    def _within_budget(self, bodies: Sequence[str]) -> Iterator[str]:
+        """Places for whose fits the budget suffices; the first fit of all counts with it anyway."""
+        return (body for body in bodies if not (self.trials and self.fitter.effort.spent))
 
     def _leaves_misfit(self, fit: Fit) -> bool:
         """Whether a model leaves more than noise."""
@@ -288,7 +315,11 @@ class _ForceSearch:
         """
         arguments = sorted(((OF_DISPLACEMENT,), (OF_VELOCITY,)), key=lambda own: -self._predicted(body, own))
         first = self._fitted(body, arguments[0], on_stage)
-        rival = np.inf if self._leaves_misfit(first.fitted.fit) else first.chi2
+        noise = CRITERIA.significance_std * chi2_std(self.fitter.evidence)
+        rival = np.inf if self._leaves_misfit(first.fitted.fit) else first.chi2 + noise
+        if self.fitter.effort.spent:
+            self.trials.append(first)
+            return
         single = [first, self._fitted(body, arguments[1], on_stage, rival=rival)]
         better = min(single, key=lambda trial: trial.chi2)
         begin = None if self._leaves_misfit(better.fitted.fit) else better.values

@@ -129,6 +129,9 @@ class DiscoveryResult:
     parameters : calibrated values beside the force
     values : calibrated values from which the search began
     simulations, seconds : cost; wall-clock time  [s]
+    cut_short : whether the budget ended the search before all was tried
+    curves : place by place where all records visit one curve of states, what coincides there and which record tells
+        it apart, in words
     interface : whether it acts between two bodies, as a function of their clearance, which takes the place of the
         displacement, and of its rate
     """
@@ -152,6 +155,8 @@ class DiscoveryResult:
     simulations: int = 0
     seconds: float = 0.0
     interface: bool = False
+    cut_short: bool = False
+    curves: tuple[str, ...] = ()
 
     @property
     def formula(self) -> FormulaResult | None:

@@ -31,6 +31,8 @@ def discovery_result(discovery: Discovery, values: Mapping[str, float]) -> Disco
         summary=discovery.summary,
         trials=tuple(_trial(trial) for trial in discovery.trials),
         gates=gates,
+        cut_short=discovery.cut_short,
+        curves=tuple(discovery.curves.values()),
         values=dict(values),
         simulations=discovery.simulations,
         seconds=discovery.seconds,

@@ -11,9 +11,11 @@ NO_STEP = (
     "the measured one; calibrate to records of smaller amplitude, or to shorter ones, first"
 )
 UNTESTED = (
-    "a force is missing, but the records cannot tell of what it is a function: in one steady tone displacement and "
-    'velocity lie on one curve; record further amplitudes, or a free decay, with use = "name"'
+    "a force is missing, but the records cannot tell of what it is a function: the cycles of one steady motion are no "
+    'prediction of each other; record further amplitudes, or a free decay, with use = "name"'
 )
+CUT_SHORT = "The budget ended the search before all was tried"
+UNTOLD = "But all records visit one curve of states: they cannot tell of what it is a function"
 
 
 def explained_share(without: float, left: float) -> float:

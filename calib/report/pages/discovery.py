@@ -111,8 +111,9 @@ def _typeset(formula: FormulaResult) -> Picture:
 
 def _points(discovery: DiscoveryResult) -> tuple[str, ...]:
     """Sentences about a force that was found."""
+    curves = tuple(f"{capitalised(text)}." for text in discovery.curves)
     if not discovery.functions:
-        return ()
+        return curves
     regions = {
         argument: f"{argument} {quantity(low, unit)} to {quantity(high, unit)}"
         for function in discovery.functions
@@ -134,7 +135,7 @@ def _points(discovery: DiscoveryResult) -> tuple[str, ...]:
         points.append("No formula of the dictionary predicts as well as the free function.")
     if discovery.undetermined:
         points.append(f"Not determined beside the calibrated parameters: {', '.join(discovery.undetermined)}.")
-    return tuple(points)
+    return (*points, *curves)
 
 
 def _numbers(formula: FormulaResult) -> tuple[NumberRow, ...]:
