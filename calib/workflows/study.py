@@ -390,23 +390,13 @@ class Calibration:
         return Diagnosed(summary, None if extended is None else Study.read(extended), self)
 
     def discover(
-        self,
-        *,
-        apply: bool = False,
-        jobs: int | None = None,
-        seed: int | None = None,
-        budget: int | str | None = None,
-        quiet: bool = False,
-    ) -> Discovered:
-        """Search for the force that the model misses, `calib discover`; `apply` writes the study that has it too.
-
-        budget : a number of simulations, or a time such as "10 min", after which no fit begins
-        """
-        limit = None if budget is None else str(budget)
+        self, *, apply: bool = False, jobs: int | None = None, seed: int | None = None, quiet: bool = False,
+        budget: str | None = None,
+    ) -> Discovered:  # fmt: skip
+        """Search for the force that the model misses, `calib discover`; `apply` writes the study that has it too."""
         with Count("simulations", quiet) as count:
             summary, extended = discover_study(
-                self.path, jobs=jobs, seed=seed, apply=apply, budget=limit, on_progress=count
-            )
+                self.path, jobs=jobs, seed=seed, apply=apply, budget=budget, on_progress=count)  # fmt: skip
         return Discovered(summary, self.summary.name, None if extended is None else Study.read(extended))
 
     def confidence(
