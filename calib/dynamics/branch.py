@@ -1,7 +1,6 @@
 """Branches: a cycle followed through one parameter by pseudo-arclength continuation.
 
-The unknowns z = (state / scale, (parameter - low) / (high - low)) run along the curve P^n(x; p) = x. From a point with
-the unit tangent t the next is sought at t . (z - guess) = 0 with the guess a step ahead (Keller 1977).
+The unknowns z = (state / scale, (parameter - low) / (high - low)) run along the curve P^n(x; p) = x.
 """
 
 import itertools
@@ -12,27 +11,17 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from scipy.interpolate import CubicHermiteSpline
 
-from calib.dynamics.orbits import SAME_STATE_DISTANCE, Cycle, checked_guess, cycle_at, newton, reduced, shoot
+from calib.dynamics.arclength import CLOSED, Mark, Run, Test, root, roots, run
+from calib.dynamics.grazing import extrapolated, impacts_differ, section_hint
+from calib.dynamics.orbits import SAME_STATE_DISTANCE, Cycle, checked_guess, cycle_at, reduced, shoot
 from calib.dynamics.tangent import jacobian
 from calib.errors import CalibError
 from calib.modelling.orbit import PeriodMap
 from calib.records import OK
 
-FIRST_ARCLENGTH_STEP = 0.01  # along the curve, in scaled coordinates z
-MAX_ARCLENGTH_STEP = 0.05  # the same
-MIN_ARCLENGTH_STEP = 1e-6  # the same; a curve that cannot be followed with it ends
 PARAMETER_DIFFERENCE = 1e-7  # of the window, for the derivative; below MIN_ARCLENGTH_STEP, to stay off a grazing
-MAX_QUICK_CORRECTIONS = 3  # of the corrector; after no more the step along the curve is lengthened
-MAX_NEWTON_STEPS = 8  # of the corrector
-MIN_TANGENT_COSINE = 0.95  # between neighbouring tangents
-ARCLENGTH_TOLERANCE = 1e-11  # of the position of a special point along the curve
-MAX_TEST_AT_ROOT = 1e-2  # value of a test function at its root over that at the step's end; above it it has jumped
-MAX_GRAZING_MARGIN = 1e-2  # margin and distance along the curve up to which a curve is extrapolated to grazing
-SECTION_MARGIN = 1e-3  # periods: distance of an impact from the section that explains an end
 
-CLOSED = "the branch closes on itself"
 FROM_FLIP = "it comes out of a flip of the cycle of half its period"
 
 
@@ -167,10 +156,10 @@ def follow(
     if start is None:
         why = "the derivative by the parameter is not known: the motion fails beside the parameter"
         return _branch(map, cycle.periods, [], [], (why, why))
-    onward, specials_onward, last = _run(curve, start, most)
+    onward, specials_onward, last = _one_way(curve, start, most)
     if last == CLOSED:
         return _branch(map, cycle.periods, onward, specials_onward, (CLOSED, CLOSED))
-    back, specials_back, first = _run(curve, start._replace(tangent=-start.tangent), most)
+    back, specials_back, first = _one_way(curve, start._replace(tangent=-start.tangent), most)
     shift = len(back) - 1
     specials = [replace(special, index=shift - special.index) for special in specials_back[::-1]]
     specials += [replace(special, index=shift + special.index) for special in specials_onward]
@@ -186,16 +175,21 @@ class _CurvePoint(NamedTuple):
     cycle: Cycle
     matrix: np.ndarray
 
+    @property
+    def corrections(self) -> int:
+        return len(self.cycle.steps) - 1
+
 
 @dataclass(frozen=True)
 class _Curve:
-    """The curve P^periods(x; p) = x in the unknowns z."""
+    """The curve P^periods(x; p) = x in the unknowns z, as `calib.dynamics.arclength.Curve`."""
 
     maps: Callable[[float], PeriodMap]
     low: float
     high: float
     periods: int
     scale: np.ndarray
+    parameters: int = 1
 
     def parameter(self, z: np.ndarray) -> float:
         return (1.0 - z[-1]) * self.low + z[-1] * self.high  # exact at both edges
@@ -235,70 +229,33 @@ class _Curve:
         parts = [point.cycle.orbit.states[n - 1] for n in range(1, self.periods) if self.periods % n == 0]
         return any(np.abs(state / self.scale - point.z[:-1]).max() < SAME_STATE_DISTANCE for state in parts)
 
-    def ahead(self, base: _CurvePoint, step: float) -> tuple[_CurvePoint | None, str]:
-        """Next point, a step ahead of `base` or on the edge of the window before that; None and why without one."""
-        guess, normal = base.z + step * base.tangent, base.tangent
-        if not 0.0 < guess[-1] < 1.0:
-            edge = np.clip(guess[-1], 0.0, 1.0)
-            guess = base.z + (edge - base.z[-1]) / base.tangent[-1] * base.tangent
-            guess[-1], normal = edge, np.eye(guess.size)[-1]
-        point, reason = self.near(guess, normal, base.tangent, 0.5 * step)
-        if point and _impacts_differ(base, point):
-            return None, f"impacts per return change from {base.cycle.impacts} to {point.cycle.impacts}"
-        if point and self.shorter(point):
-            return None, "the nearest cycle has a shorter period"
-        if point and point.tangent @ base.tangent < MIN_TANGENT_COSINE:
-            return None, "the branch has a corner"
-        return point, reason
+    def obstacle(self, base: _CurvePoint, point: _CurvePoint) -> str:
+        if impacts_differ(base.cycle, point.cycle):
+            return f"impacts per return change from {base.cycle.impacts} to {point.cycle.impacts}"
+        return "the nearest cycle has a shorter period" if self.shorter(point) else ""
 
-    def near(
-        self, guess: np.ndarray, normal: np.ndarray, heading: np.ndarray, reach: float
-    ) -> tuple[_CurvePoint | None, str]:
-        """Point of the curve in the plane through `guess`, within `reach` of it; None and why without one."""
-        z, sizes, reason = newton(
-            lambda z: np.append(self.residual(z), normal @ (z - guess)),
-            lambda z: np.vstack([self.derivative(z), normal]),
-            guess,
-            MAX_NEWTON_STEPS,
-        )
-        if reason:
-            return None, reason
-        if np.linalg.norm(z - guess) > reach:
-            return None, "the nearest cycle lies off the branch"
-        point = self.point(z, sizes, heading)
-        return point, "" if point else "the motion fails beside the cycle"
+    def marks(self, base: _CurvePoint, ahead: _CurvePoint) -> list[Mark[_CurvePoint]] | None:
+        if self.periods % 2 == 0 and self.opening(ahead, base) < 0.0:
+            birth = root(self, base, ahead, self.opening)
+            return None if birth is None else [Mark("flip", birth, FROM_FLIP, last=True)]
+        located = roots(self, base, ahead, TESTS)
+        if located is None:
+            return None
+        marks = [Mark(kind, point, _evidence(kind, point)) for kind, point in located]
+        return [mark for mark in marks if mark.evidence]
+
+    def where(self, z: np.ndarray) -> str:
+        return f"{self.parameter(z):g}"
 
 
-def _run(curve: _Curve, start: _CurvePoint, most: int) -> tuple[list[_CurvePoint], list[Special], str]:
+def _one_way(curve: _Curve, start: _CurvePoint, most: int) -> tuple[list[_CurvePoint], list[Special], str]:
     """Points from `start` on along its tangent, special points among them, and why they end."""
-    points, specials, step = [start], list[Special](), FIRST_ARCLENGTH_STEP
-    while len(points) <= most:
-        base = points[-1]
-        if base.z[-1] == float(base.tangent[-1] > 0.0):
-            return points, specials, f"edge of the window, {base.parameter:g}"
-        ahead, reason = curve.ahead(base, step)
-        between = _specials_between(curve, base, ahead) if ahead else []
-        if ahead is None or between is None:
-            step /= 2.0
-            if step < MIN_ARCLENGTH_STEP:
-                return _ended(curve, points, specials, reason or "the cycles beside a special point are not found")
-            continue
-        for kind, point, evidence in between:
-            points.append(point)
-            specials.append(Special(kind, point.parameter, point.cycle.state, len(points) - 1, evidence))
-            if evidence == FROM_FLIP:
-                return points, specials, FROM_FLIP
-        points.append(ahead)
-        step = min(1.5 * step, MAX_ARCLENGTH_STEP) if len(ahead.cycle.steps) <= MAX_QUICK_CORRECTIONS + 1 else step
-        to_start = start.z - ahead.z
-        if np.linalg.norm(to_start) <= step and min(to_start @ ahead.tangent, start.tangent @ ahead.tangent) > 0.0:
-            return [*points, start], specials, CLOSED
-    return points, specials, f"{most} points are made"
-
-
-def _impacts_differ(one: _CurvePoint, other: _CurvePoint) -> bool:
-    """Whether an impact has come or gone; chatter, which ends in permanent contact, has no number of impacts."""
-    return one.cycle.impacts != other.cycle.impacts and not (one.cycle.orbit.contact or other.cycle.orbit.contact)
+    made: Run[_CurvePoint] = run(curve, start, most)
+    specials = [
+        Special(mark.kind, mark.point.parameter, mark.point.cycle.state, index, mark.evidence)
+        for index, mark in made.marks
+    ]
+    return _ended(curve, made.points, specials, made.reason) if made.lost else (made.points, specials, made.reason)
 
 
 # --- special points
@@ -321,7 +278,12 @@ def _neimark_sacker(point: _CurvePoint, _: _CurvePoint) -> float:
     return float(np.prod([one * other - 1.0 for one, other in pairs]).real)
 
 
-TESTS = {"fold": _fold, "branching": _branching, "flip": _flip, "Neimark-Sacker": _neimark_sacker}
+TESTS: dict[str, Test[_CurvePoint]] = {
+    "fold": _fold,
+    "branching": _branching,
+    "flip": _flip,
+    "Neimark-Sacker": _neimark_sacker,
+}
 
 
 def _evidence(kind: str, point: _CurvePoint) -> str:
@@ -336,87 +298,19 @@ def _evidence(kind: str, point: _CurvePoint) -> str:
     return f"a pair of modulus {abs(one):.6f} turns by {turned:.6f} of a circle per return" if one.imag else ""
 
 
-Test = Callable[[_CurvePoint, _CurvePoint], float]  # of a point and the one before it; it changes sign
-
-
-def _specials_between(
-    curve: _Curve, base: _CurvePoint, ahead: _CurvePoint
-) -> list[tuple[str, _CurvePoint, str]] | None:
-    """Special points between two neighbours: kind, point and evidence; None where the curve is lost between them."""
-    if curve.periods % 2 == 0 and curve.opening(ahead, base) < 0.0:
-        root = _root(curve, base, ahead, curve.opening)
-        return None if root is None else [("flip", root, FROM_FLIP)]
-    specials = []
-    for kind, test in TESTS.items():
-        ends = test(base, base), test(ahead, base)
-        if ends[0] * ends[1] < 0.0:
-            root = _root(curve, base, ahead, test)
-            if root is None:
-                return None
-            evidence = _evidence(kind, root)
-            if evidence and abs(test(root, base)) < MAX_TEST_AT_ROOT * max(map(abs, ends)):
-                specials.append((kind, root, evidence))
-    return sorted(specials, key=lambda entry: (entry[1].z - base.z) @ base.tangent)
-
-
-def _root(curve: _Curve, base: _CurvePoint, ahead: _CurvePoint, test: Test) -> _CurvePoint | None:
-    """Point between two neighbours at which `test` changes sign, by the Illinois method on the arclength."""
-    low, high = 0.0, float(np.linalg.norm(ahead.z - base.z))
-    # so close to the curve that Newton has little to do, which matters where its matrix is singular: at a branching
-    between = CubicHermiteSpline([low, high], [base.z, ahead.z], [base.tangent, ahead.tangent])
-    normal, reach = (ahead.z - base.z) / high, 0.5 * high
-    at_low, at_high = test(base, base), test(ahead, base)
-    point, before = None, math.inf
-    for _ in range(60):
-        arclength = (low * at_high - high * at_low) / (at_high - at_low)
-        point, _ = curve.near(between(arclength), normal, base.tangent, reach)
-        if point is None:
-            return None
-        value = test(point, base)
-        if value == 0.0 or abs(arclength - before) < ARCLENGTH_TOLERANCE:
-            break
-        before = arclength
-        if value * at_high < 0.0:
-            low, at_low = high, at_high
-        else:
-            at_low *= 0.5
-        high, at_high = arclength, value
-    return point
-
-
 def _ended(
     curve: _Curve, points: list[_CurvePoint], specials: list[Special], reason: str
 ) -> tuple[list[_CurvePoint], list[Special], str]:
     """Points, special points and reason of the end of a curve: grazing where its margin goes to zero."""
     cycle = points[-1].cycle
     at = f"{points[-1].parameter:.9g}"
-    z = _grazing(points)
+    z = extrapolated([point.z for point in points], [point.cycle.margin for point in points])
     if z is not None:
         evidence = f"the last cycle before, at {at}, has its nearest miss at {cycle.nearest:.3g} m, its slowest impact "
         evidence += f"at {cycle.slowest:.3g} m/s; {reason}"
         grazing = Special("grazing", curve.parameter(z), z[:-1] * curve.scale, len(points) - 1, evidence)
         return points, [*specials, grazing], f"grazing at {grazing.parameter:.9g}"
-    if np.any(np.minimum(cycle.orbit.impacts[:, 1], 1.0 - cycle.orbit.impacts[:, 1]) < SECTION_MARGIN):
-        reason += "; an impact comes to the section, take it at another phase of the excitation"
-    return points, specials, f"lost at {at}: {reason}"
-
-
-def _grazing(points: list[_CurvePoint]) -> np.ndarray | None:
-    """Extrapolate the curve z to margin 0; None where it does not run there.
-
-    Taken are three points of which each has at least twice the margin of the next: a parabola through them is good to
-    the third power of the last margin, which neither rounding nor the steps that end before the grazing disturb.
-    """
-    chosen = [points[-1]]
-    for point in reversed(points):
-        if len(chosen) < 3 and point.cycle.margin >= 2.0 * chosen[-1].cycle.margin:
-            chosen.append(point)
-    margins = np.array([point.cycle.margin for point in chosen])
-    if len(chosen) < 3 or not 0.0 < margins[0] < MAX_GRAZING_MARGIN or not np.isfinite(margins).all():
-        return None
-    weights = [np.prod([m / (m - own) for m in np.delete(margins, i)]) for i, own in enumerate(margins)]
-    z = sum(weight * point.z for weight, point in zip(weights, chosen, strict=True))
-    return z if np.linalg.norm(z - points[-1].z) < MAX_GRAZING_MARGIN else None
+    return points, specials, f"lost at {at}: {reason}{section_hint(cycle)}"
 
 
 def _branch(
