@@ -20,6 +20,7 @@ MIN_ARCLENGTH_STEP = 1e-6  # the same; a curve that cannot be followed with it e
 MAX_QUICK_CORRECTIONS = 3  # of the corrector; after no more the step along the curve is lengthened
 MAX_NEWTON_STEPS = 8  # of the corrector
 MIN_TANGENT_COSINE = 0.95  # between neighbouring tangents
+EDGE_ROUNDING = 1e-12  # of a parameter that is at the edge of its window
 ARCLENGTH_TOLERANCE = 1e-11  # of the position of a special point along the curve
 MAX_TEST_AT_ROOT = 1e-2  # value of a test function at its root over that at the step's end; above it it has jumped
 
@@ -64,7 +65,7 @@ class Mark(NamedTuple, Generic[P]):
     last: bool = False
 
 
-class Curve(Protocol[P]):
+class SolutionCurve(Protocol[P]):
     """What is followed: n equations in n + 1 unknowns, the last `parameters` of which stay within [0, 1]."""
 
     @property
@@ -92,12 +93,12 @@ class Curve(Protocol[P]):
         """Special points between two neighbours in their order; None where the curve is lost between them."""
         ...
 
-    def where(self, z: np.ndarray) -> str:
+    def where(self, point: P) -> str:
         """The parameters of a point, for a sentence."""
         ...
 
 
-class Run(NamedTuple, Generic[P]):
+class OneWay(NamedTuple, Generic[P]):
     """Points of a curve one way from a start; its special points by position, why it ends, and whether it is lost."""
 
     points: list[P]
@@ -106,35 +107,35 @@ class Run(NamedTuple, Generic[P]):
     lost: bool
 
 
-def run(curve: Curve[P], start: P, most: int) -> Run[P]:
+def run(curve: SolutionCurve[P], start: P, most: int) -> OneWay[P]:
     """Follow the curve from `start` along its tangent for at most `most` points, special points aside."""
     points, marks, step = [start], list[tuple[int, Mark[P]]](), FIRST_ARCLENGTH_STEP
     while len(points) <= most:
         base = points[-1]
-        if any(z == float(t > 0.0) for z, t in _parameters(curve, base)):
-            return Run(points, marks, f"edge of the window, {curve.where(base.z)}", False)
+        if any(abs(z - float(t > 0.0)) <= EDGE_ROUNDING for z, t in _parameters(curve, base)):
+            return OneWay(points, marks, f"edge of the window, {curve.where(base)}", False)
         ahead, reason = _ahead(curve, base, step)
         between = curve.marks(base, ahead) if ahead else []
         if ahead is None or between is None:
             step /= 2.0
             if step < MIN_ARCLENGTH_STEP:
-                return Run(points, marks, reason or "the cycles beside a special point are not found", True)
+                return OneWay(points, marks, reason or "the cycles beside a special point are not found", True)
             continue
         for mark in between:
             points.append(mark.point)
             marks.append((len(points) - 1, mark))
             if mark.last:
-                return Run(points, marks, mark.evidence, False)
+                return OneWay(points, marks, mark.evidence, False)
         points.append(ahead)
         step = min(1.5 * step, MAX_ARCLENGTH_STEP) if ahead.corrections <= MAX_QUICK_CORRECTIONS else step
         to_start = start.z - ahead.z
         if np.linalg.norm(to_start) <= step and min(to_start @ ahead.tangent, start.tangent @ ahead.tangent) > 0.0:
-            return Run([*points, start], marks, CLOSED, False)
-    return Run(points, marks, f"{most} points are made", False)
+            return OneWay([*points, start], marks, CLOSED, False)
+    return OneWay(points, marks, f"{most} points are made", False)
 
 
 def near(
-    curve: Curve[P], guess: np.ndarray, normal: np.ndarray, heading: np.ndarray, reach: float
+    curve: SolutionCurve[P], guess: np.ndarray, normal: np.ndarray, heading: np.ndarray, reach: float
 ) -> tuple[P | None, str]:
     """Point of the curve in the plane through `guess`, within `reach` of it; None and why without one."""
     z, sizes, reason = newton(
@@ -151,7 +152,7 @@ def near(
     return point, "" if point else "the motion fails beside the cycle"
 
 
-def roots(curve: Curve[P], base: P, ahead: P, tests: dict[str, Test[P]]) -> list[tuple[str, P]] | None:
+def roots(curve: SolutionCurve[P], base: P, ahead: P, tests: dict[str, Test[P]]) -> list[tuple[str, P]] | None:
     """Points between two neighbours at which a test changes sign, in their order; None where the curve is lost."""
     located = []
     for kind, test in tests.items():
@@ -165,7 +166,7 @@ def roots(curve: Curve[P], base: P, ahead: P, tests: dict[str, Test[P]]) -> list
     return sorted(located, key=lambda entry: (entry[1].z - base.z) @ base.tangent)
 
 
-def root(curve: Curve[P], base: P, ahead: P, test: Test[P]) -> P | None:
+def root(curve: SolutionCurve[P], base: P, ahead: P, test: Test[P]) -> P | None:
     """Point between two neighbours at which `test` changes sign, by the Illinois method on the arclength."""
     low, high = 0.0, float(np.linalg.norm(ahead.z - base.z))
     # so close to the curve that Newton has little to do, which matters where its matrix is singular: at a branching
@@ -190,7 +191,7 @@ def root(curve: Curve[P], base: P, ahead: P, test: Test[P]) -> P | None:
     return point
 
 
-def _ahead(curve: Curve[P], base: P, step: float) -> tuple[P | None, str]:
+def _ahead(curve: SolutionCurve[P], base: P, step: float) -> tuple[P | None, str]:
     """Next point, a step ahead of `base` or on the edge of the window before that; None and why without one."""
     guess, normal = base.z + step * base.tangent, base.tangent
     share, edge = 1.0, -1
@@ -209,6 +210,6 @@ def _ahead(curve: Curve[P], base: P, step: float) -> tuple[P | None, str]:
     return (None, reason) if reason else (point, "")
 
 
-def _parameters(curve: Curve[P], point: P) -> list[tuple[float, float]]:
+def _parameters(curve: SolutionCurve[P], point: P) -> list[tuple[float, float]]:
     """Each parameter of a point, and the component of the tangent along it."""
     return list(zip(point.z[-curve.parameters :], point.tangent[-curve.parameters :], strict=True))

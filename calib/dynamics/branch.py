@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from calib.dynamics.arclength import CLOSED, Mark, Run, Test, root, roots, run
+from calib.dynamics.arclength import CLOSED, Mark, OneWay, Test, root, roots, run
 from calib.dynamics.grazing import extrapolated, impacts_differ, section_hint
 from calib.dynamics.orbits import SAME_STATE_DISTANCE, Cycle, checked_guess, cycle_at, reduced, shoot
 from calib.dynamics.tangent import jacobian
@@ -182,7 +182,7 @@ class _CurvePoint(NamedTuple):
 
 @dataclass(frozen=True)
 class _Curve:
-    """The curve P^periods(x; p) = x in the unknowns z, as `calib.dynamics.arclength.Curve`."""
+    """The curve P^periods(x; p) = x in the unknowns z, as `calib.dynamics.arclength.SolutionCurve`."""
 
     maps: Callable[[float], PeriodMap]
     low: float
@@ -244,13 +244,13 @@ class _Curve:
         marks = [Mark(kind, point, _evidence(kind, point)) for kind, point in located]
         return [mark for mark in marks if mark.evidence]
 
-    def where(self, z: np.ndarray) -> str:
-        return f"{self.parameter(z):g}"
+    def where(self, point: _CurvePoint) -> str:
+        return f"{point.parameter:g}"
 
 
 def _one_way(curve: _Curve, start: _CurvePoint, most: int) -> tuple[list[_CurvePoint], list[Special], str]:
     """Points from `start` on along its tangent, special points among them, and why they end."""
-    made: Run[_CurvePoint] = run(curve, start, most)
+    made: OneWay[_CurvePoint] = run(curve, start, most)
     specials = [
         Special(mark.kind, mark.point.parameter, mark.point.cycle.state, index, mark.evidence)
         for index, mark in made.marks

@@ -13,6 +13,7 @@ from calib.records import OK
 
 RESIDUAL_TOLERANCE = 1e-11  # of the residual, in units of the scale
 ROUNDING_RESIDUAL = 1e-8  # in units of the scale: accepted where rounding does not let the residual fall further
+MAX_ROUNDING_REDUCTION = 0.5  # by which a step lowers a residual that is rounding
 MAX_NEWTON_HALVINGS = 8  # of a Newton step that does not lower the residual
 GRAZING_MARGIN = 1e-3  # below it the derivative is not to be trusted: it has a square root singularity at margin 0
 MAX_QUICK_STEPS = 6  # of Newton's method from a close return
@@ -207,6 +208,8 @@ def newton(
             break
         root, value = ahead, ahead_value
         sizes.append(float(np.linalg.norm(value)))
+        if MAX_ROUNDING_REDUCTION * sizes[-2] < sizes[-1] <= ROUNDING_RESIDUAL:
+            break
     return root, tuple(sizes), reason
 
 
@@ -225,7 +228,7 @@ def cycle_at(
     multipliers = np.linalg.eigvals(derivative).astype(complex)
     multipliers = multipliers[np.argsort(-np.abs(multipliers), kind="stable")]  # stable: pairs stay side by side
     near_misses = np.concatenate([map.near_misses(x) for x in (state, *orbit.states[:-1])])
-    return Cycle(state, periods, multipliers, steps, orbit, near_misses, _margin(map, orbit, near_misses))
+    return Cycle(state, periods, multipliers, steps, orbit, near_misses, margin(map, orbit, near_misses))
 
 
 def _newton_step(matrix: np.ndarray, value: np.ndarray) -> np.ndarray | None:
@@ -247,14 +250,15 @@ def _distance(map: PeriodMap, one: np.ndarray, other: np.ndarray) -> float:
     return float(np.abs((one - other) / map.scale).max())
 
 
-def _margin(map: PeriodMap, orbit: Orbit, near_misses: np.ndarray) -> float:
-    margin = float(near_misses.min(initial=math.inf)) / _scale(map, "m")
+def margin(map: PeriodMap, orbit: Orbit, near_misses: np.ndarray) -> float:
+    """How far an orbit with these near misses [m] is from grazing [1], as in `Cycle.margin`."""
+    least = float(near_misses.min(initial=math.inf)) / length_scale(map, "m")
     speeds = orbit.impacts[:, 2]
     if speeds.size and orbit.contact == 0.0:
-        margin = min(margin, float(speeds.min() / max(speeds.max(), _scale(map, "m/s"))))
-    return margin
+        least = min(least, float(speeds.min() / max(speeds.max(), length_scale(map, "m/s"))))
+    return least
 
 
-def _scale(map: PeriodMap, unit: str) -> float:
+def length_scale(map: PeriodMap, unit: str) -> float:
     """Return the largest scale of the components in this unit, 1 without any."""
     return max((scale for scale, its in zip(map.scale, map.units, strict=True) if its == unit), default=1.0)
