@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 import numpy as np
 
+from calib.cli.curves import follow_and_draw, plane_of
 from calib.cli.given import bodies_drawn, map_at, quantity, setting, state, windows
 from calib.dynamics.branch import Branch, follow
 from calib.dynamics.motion import kind_of_orbit
@@ -26,6 +27,7 @@ def follow_branch(
     start: str | None,
     phase: float,
     most: int,
+    curve: str | None,
     settings: Sequence[str],
     record: str | None,
     best: bool,
@@ -54,6 +56,8 @@ def follow_branch(
         raise CalibError(f"--at: expected {name} in the window of --over, {low} .. {high}, got {at}")
     for end in (window.low, window.high):
         map_at(f"--over: {name} = {shown(end, unit)}", held, {name: end})
+    curves_path = path.with_name(f"{path.stem}_curves.nc")
+    second, plane = plane_of(held, name, window, curve, curves_path) if curve else ("", None)
     periods, guess = _settled(held, name, where, start)
     branch = follow(lambda value: held.map({name: value}), guess, where, (window.low, window.high), periods, most)
     for line in described(branch, name, unit):
@@ -68,6 +72,8 @@ def follow_branch(
         picture = path.with_name(f"{path.stem}_{body}.png")
         branch_diagram([dataset], body).savefig(picture, dpi=DPI)
         click.echo(f"picture: {picture}")
+    if plane is not None:
+        follow_and_draw(held, branch, plane, (name, second), most, curves_path)
     return True
 
 

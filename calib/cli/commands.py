@@ -225,6 +225,7 @@ def sweep(study: Path, over: tuple[str, ...], **options: Any) -> None:
 @click.option("--start", metavar="STATE", help="A state to start from, such as 'q3.displacement=1 mm'.")
 @PHASE
 @click.option("--most", type=click.IntRange(min=1), default=400, show_default=True, help="Points each way.")
+@click.option("--curve", metavar="NAME=LOW:HIGH", help="A second parameter, over which special points are continued.")
 @SET
 @RECORD
 @BEST
@@ -239,8 +240,12 @@ def branch(study: Path, over: str, **options: Any) -> None:
     an impact appears or vanishes and the branch ends. Multipliers are Floquet's, from the exact derivative of the map
     where the simulator knows it.
 
+    With --curve each fold, flip and grazing is continued as a curve over the plane of both parameters: what bounds the
+    window of this motion. Points of codimension two are marked on it.
+
     \b
     Example:  calib branch studies/minimal --over restitution=0:0.8 --at 0.05
+              calib branch studies/minimal --over restitution=0:0.8 --at 0.05 --curve gap=0.5mm:2mm
     """
     from calib.cli.branch import follow_branch  # see above
 

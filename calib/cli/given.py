@@ -123,8 +123,8 @@ def _values(where: str, text: str, unit: str) -> np.ndarray:
     return np.array([window.value(u) for u in np.linspace(0.0, 1.0, int(parts[2])).tolist()])
 
 
-def windows(texts: Sequence[str], held: Setting) -> dict[str, Window]:
-    """Read NAME=LOW:HIGH (with ":log" behind it for equal ratios) of --over into windows in SI.
+def windows(texts: Sequence[str], held: Setting, option: str = "--over") -> dict[str, Window]:
+    """Read NAME=LOW:HIGH (with ":log" behind it for equal ratios) of an option into windows in SI.
 
     Raises
     ------
@@ -133,14 +133,14 @@ def windows(texts: Sequence[str], held: Setting) -> dict[str, Window]:
     expected = "NAME=LOW:HIGH or NAME=LOW:HIGH:log"
     ranges: dict[str, Window] = {}
     for text in texts:
-        name, given = _varied(text, expected, ranges)
+        name, given = _varied(text, expected, ranges, option)
         parts = [part.strip() for part in given.split(":")]
         if len(parts) not in (2, 3) or parts[2:] not in ([], ["log"]):
-            raise CalibError(f"--over: expected {expected}, without a COUNT, got {text!r}")
-        with at("--over"):
+            raise CalibError(f"{option}: expected {expected}, without a COUNT, got {text!r}")
+        with at(option):
             unit = held.unit(name)
-        ranges[name] = window = _window(f"--over {name}", parts[0], parts[1], unit, "log" if parts[2:] else "linear")
-        with at("--over"):
+        ranges[name] = window = _window(f"{option} {name}", parts[0], parts[1], unit, "log" if parts[2:] else "linear")
+        with at(option):
             held.check(name, [window.low, window.high])
     return ranges
 
@@ -197,10 +197,10 @@ def _pair(option: str, text: str, expected: str) -> tuple[str, str]:
     return name, value
 
 
-def _varied(text: str, expected: str, known: Mapping[str, object]) -> tuple[str, str]:
-    name, value = _pair("--over", text, expected)
+def _varied(text: str, expected: str, known: Mapping[str, object], option: str = "--over") -> tuple[str, str]:
+    name, value = _pair(option, text, expected)
     if name in known:
-        raise CalibError(f"--over {name} is given twice")
+        raise CalibError(f"{option} {name} is given twice")
     return name, value
 
 

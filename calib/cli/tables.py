@@ -4,11 +4,13 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from calib.cli.status import StudyStatus
+from calib.dynamics.curves import BifurcationCurve
 from calib.modelling.parameter import Parameter
 from calib.objective import MISFIT
 from calib.records import OK
@@ -170,3 +172,36 @@ def _allowed(parameter: Parameter) -> str:
     if math.isinf(low) and math.isinf(high):
         return "any"
     return f"from {low:g}" if math.isinf(high) else f"up to {high:g}" if math.isinf(low) else f"{low:g} .. {high:g}"
+
+
+def show_curves(
+    curves: Sequence[BifurcationCurve],
+    names: tuple[str, str],
+    units: tuple[str, str],
+    console: Console | None = None,
+) -> None:
+    """Print the curves over `names` [units]: where they are, how they end, and their points of codimension two."""
+    console = console or _console()
+    table = Table()
+    for heading in ("", "curve", "period", "impacts", *names, "points", "bounds stable motion"):
+        table.add_column(heading, justify="left" if heading == "curve" else "right")
+    for number, curve in enumerate(curves, start=1):
+        spans = [_span(values, unit) for values, unit in zip((curve.a, curve.b), units, strict=True)]
+        impacts = "/".join(str(count) for count in sorted(set(curve.impacts.tolist())))
+        share = f"{100.0 * curve.bounding.mean():.0f} %" if curve.a.size else ""
+        table.add_row(str(number), curve.kind, str(curve.periods), impacts, *spans, str(curve.a.size), share)
+    console.print(table)
+    for number, curve in enumerate(curves, start=1):
+        for point in curve.points:
+            where = ", ".join(
+                f"{name} = {shown(value, unit, 8)}"
+                for name, value, unit in zip(names, (point.a, point.b), units, strict=True)
+            )
+            text = f"  {number}: {point.kind} at {where}: zero is the {point.test}; {point.evidence}"
+            console.print(escape(text), soft_wrap=True)
+        for end in dict.fromkeys(curve.ends):
+            console.print(escape(f"  {number}: ends: {end}"), soft_wrap=True)
+
+
+def _span(values: np.ndarray, unit: str) -> str:
+    return f"{shown(values.min(), unit)} .. {shown(values.max(), unit)}" if values.size else ""

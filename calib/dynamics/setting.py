@@ -67,6 +67,17 @@ class Setting:
             raise CalibError(f"{name!r} cannot vary{nearest(name, known)}; this model has {', '.join(known)}")
         return self.model.parameters[name].unit
 
+    def value(self, name: str) -> float:
+        """Value (SI) at which a parameter is held.
+
+        Raises
+        ------
+        CalibError : there is nothing of that name
+        """
+        self.unit(name)
+        held = {**self.model.nominal, **self.values}
+        return float(held[name]) if name in held else float(getattr(self.excitation, DRIVE[name]))
+
     def meaning(self, name: str) -> str:
         """Meaning of what varies."""
         if name in DRIVE:

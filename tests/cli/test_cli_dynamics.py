@@ -199,6 +199,47 @@ def test_a_branch_says_its_special_points_and_ends(study, tmp_path):
         assert branch.special_kind.values.tolist() == ["fold", "flip"]
 
 
+def test_the_curves_of_a_branch_are_told_drawn_and_kept(study, tmp_path):
+    said = calib(
+        "branch", study, "--over", "a=-0.3:0.6", "--at", "0.2", "--curve", "b=0.1:0.4", "--set", "b=0.3"
+    ).stdout
+    rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in said.splitlines() if line.startswith("│")]
+    assert [row[:4] for row in rows] == [["1", "fold", "1", "0"], ["2", "flip", "1", "0"]]
+    assert rows[0][5] == "0.1 .. 0.4"
+    assert said.count("ends: edge of the window") == 4
+    assert pictures(tmp_path / "out") == ["branch_body.png", "branch_curves.png"]
+    with xr.open_dataset(tmp_path / "out" / "branch_curves.nc") as curves:
+        assert (curves.a.attrs["name"], curves.b.attrs["name"]) == ("a", "b")
+        assert curves.curve_kind.values.tolist() == ["fold", "flip"]
+        share = np.where(curves.curve_kind == "fold", -0.25, 0.75)[curves.curve_of_step.values]
+        assert np.abs(curves.a - share * (1.0 - curves.b) ** 2).max() < 1e-9
+        assert np.isnan(curves.test_value.sel(test="cusp").values[curves.curve_of_step == 1]).all()
+        assert curves.b_window.values.tolist() == [0.1, 0.4]
+
+
+@pytest.mark.parametrize(
+    ("curve", "reason"),
+    [
+        ("a=0.1:0.4", "is that of --over"),
+        ("b=0.1:0.4:log", "linear"),
+        ("b=0.35:0.4", "outside 0.35 .. 0.4"),
+        ("c=0.1:0.4", "cannot vary"),
+        ("b=0.1", "expected NAME=LOW:HIGH"),
+    ],
+)
+def test_a_curve_that_cannot_be_is_refused_before_the_branch_is_followed(study, curve, reason):
+    ended = calib("branch", study, "--over", "a=-0.3:0.6", "--at", "0.2", "--curve", curve, code=1)
+    assert ended.stderr.startswith("calib: --curve")
+    assert reason in ended.stderr
+    assert ended.stdout == ""
+
+
+def test_a_branch_without_special_points_has_no_curves(study, tmp_path):
+    ended = calib("branch", study, "--over", "a=0.1:0.3", "--at", "0.2", "--curve", "b=0.1:0.4")
+    assert "curves: none" in ended.stdout
+    assert not (tmp_path / "out" / "branch_curves.nc").exists()
+
+
 @pytest.mark.parametrize("x", [1.0, -1.0])
 def test_the_branch_from_a_start_is_the_one_of_its_motion(tmp_path, x):
     path = write_map_study(tmp_path, BISTABLE)

@@ -110,11 +110,17 @@ class Impacting:
         (p^2 + q^2 / w^2) W^2 - 2 p W + 1 - X^2 = 0
 
     A fold is where both roots are one; at X = 1 one of them is W = 0, which is the grazing of the linear motion (Shaw
-    and Holmes 1983, J. Sound Vib. 90, 129-155).
+    and Holmes 1983, J. Sound Vib. 90, 129-155). With the accelerations a- and a+ before and after the impact, the
+    derivative of one return is
+
+        ((-e, 0), ((e a- + a+) / W, -e)) expm(A T)
     """
 
-    c, F, e = 0.2, 0.3, 0.5
+    c, e = 0.2, 0.5
     names = {"mass": 1.0, "stiffness": 1.0, "damping": c, "gap": 1.0, "restitution": e}
+
+    def __init__(self, F=0.3):
+        self.F = F
 
     def map(self, w):
         shaken = Excitation("mass", "force", frequency=w / TURN, amplitude=self.F)
@@ -125,9 +131,25 @@ class Impacting:
 
     def quadratic(self, w):
         """Coefficients (3,) of the quadratic equation for W, of falling power."""
-        whole = expm(np.array([[0.0, 1.0], [-1.0, -self.c]]) * TURN / w)
-        p, q = np.linalg.solve(np.eye(2) - whole, [-self.e * whole[0, 1], -1.0 - self.e * whole[1, 1]])
+        p, q = self.shares(w)
         return np.array([p * p + q * q / w**2, -2.0 * p, 1.0 - self.amplitude(w) ** 2])
+
+    def flight(self, w):
+        """Derivative (2, 2) of the flight of a period."""
+        return expm(np.array([[0.0, 1.0], [-1.0, -self.c]]) * TURN / w)
+
+    def shares(self, w):
+        """Factors p and q (2,)."""
+        whole = self.flight(w)
+        return np.linalg.solve(np.eye(2) - whole, [-self.e * whole[0, 1], -1.0 - self.e * whole[1, 1]])
+
+    def multipliers(self, w):
+        """Multipliers (2,) of the faster one of two motions."""
+        speed, (p, q) = self.impact(w), self.shares(w)
+        force = (1.0 - w * w) * (1.0 - p * speed) - self.c * q * speed
+        before, after = force - self.c * speed - 1.0, force + self.c * self.e * speed - 1.0
+        jump = np.array([[-self.e, 0.0], [(self.e * before + after) / speed, -self.e]])
+        return np.linalg.eigvals(jump @ self.flight(w))
 
     def impact(self, w):
         """Closing speed of the faster one of two motions."""
