@@ -197,7 +197,7 @@ def show_curves(
                 f"{name} = {shown(value, unit, 8)}"
                 for name, value, unit in zip(names, (point.a, point.b), units, strict=True)
             )
-            text = f"  {number}: {point.kind} at {where}: zero is the {point.test}; {point.evidence}"
+            text = f"  {number}: {point.kind} at {where}, a zero of: {point.test}; {point.evidence}"
             console.print(escape(text), soft_wrap=True)
         for end in dict.fromkeys(curve.ends):
             console.print(escape(f"  {number}: ends: {end}"), soft_wrap=True)

@@ -223,10 +223,8 @@ class _Locus:
     def obstacle(self, base: LocusPoint, point: LocusPoint) -> str:
         if impacts_differ(base.cycle, point.cycle):
             return f"impacts per return change from {base.cycle.impacts} to {point.cycle.impacts}"
-        parts = [point.cycle.orbit.states[n - 1] for n in range(1, self.periods) if self.periods % n == 0]
-        if any(np.abs(state / self.returns.scale - point.z[:-2]).max() < SAME_STATE_DISTANCE for state in parts):
-            return "the nearest cycle has a shorter period"
-        return ""
+        shorter = _least_period(self.returns, point) < self.periods
+        return "the nearest cycle has a shorter period" if shorter else ""
 
     def marks(self, base: LocusPoint, ahead: LocusPoint) -> list[Mark[LocusPoint]] | None:
         located = roots(self, base, ahead, TESTS[self.kind])
@@ -240,6 +238,13 @@ class _Locus:
 
     def place(self, z: np.ndarray) -> str:
         return "({:.9g}, {:.9g})".format(*self.returns.plane.values(z))
+
+
+def _least_period(returns: Returns, point: LocusPoint) -> int:
+    """Least divisor of the periods after which the motion returns."""
+    ways = [n for n in range(1, returns.periods) if returns.periods % n == 0]
+    gaps = [np.abs(point.cycle.orbit.states[n - 1] / returns.scale - point.z[:-2]).max() for n in ways]
+    return min((n for n, gap in zip(ways, gaps, strict=True) if gap < SAME_STATE_DISTANCE), default=returns.periods)
 
 
 # --- the first point
@@ -265,7 +270,14 @@ def _start(branch: Branch, special: Special, plane: ParameterPlane, b: float) ->
         beside = replace(locus, impacts=impacts)
         point, _ = near(beside, guess, up, up, MAX_START_CORRECTION)
         if point and np.linalg.norm(point.located - z) < MAX_START_CORRECTION:
-            return beside, point, ""
+            least = _least_period(returns, point)
+            if least == returns.periods:
+                return beside, point, ""
+            # two cycles meet in one of a part of their period, which is where both graze
+            shorter = replace(
+                locus, returns=replace(returns, periods=least), impacts=impacts * least // returns.periods
+            )
+            return shorter, *near(shorter, point.z, up, up, MAX_START_CORRECTION)
     return locus, None, reason
 
 

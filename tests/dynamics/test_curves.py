@@ -131,7 +131,7 @@ def test_where_the_missing_motion_flips_its_grazing_has_codimension_two():
     [curve] = follow_curves(branch, GRAZING, 0.3)
     [point] = curve.points
     assert point.kind == "flip-grazing"
-    assert point.test == "a multiplier plus 1"
+    assert point.test == "difference of a multiplier from -1"
     assert (point.a, point.b) == pytest.approx((0.9 / 2.4, -1.2), abs=1e-8)
 
 

@@ -1,6 +1,8 @@
 """Curves of bifurcations of simulators: against closed forms, branches, sweeps and an integration of their own."""
 
 import math
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +17,10 @@ from calib.dynamics.setting import Setting
 from calib.modelling.model import Model
 from calib.records.excitation import Excitation
 from calib.simulators.oscillator import Oscillator
+from calib.study_file import load
+from calib.sweep import Sweep, run
 
+STUDY = Path(__file__).parents[2] / "studies" / "paper_minimal"
 DAMPED = math.sqrt(1.0 - (0.5 * Impacting.c) ** 2)  # natural frequency of the damped oscillator  [rad/s]
 
 
@@ -100,7 +105,7 @@ def test_fold_and_flip_of_the_impacting_motion_are_the_curves_of_the_closed_form
 
 @pytest.mark.slow
 def test_folds_and_flips_end_on_the_grazing_curve_at_fractions_of_the_damped_natural_frequency(impacting_curves):
-    """Foale, Phil. Trans. R. Soc. A 347 (1994) 353-364; Chin, Ott, Nusse and Grebogi, Phys. Rev. E 50 (1994) 4427-4444."""
+    """Foale, Phil. Trans. R. Soc. A 347 (1994) 353; Chin, Ott, Nusse and Grebogi, Phys. Rev. E 50 (1994) 4427."""
     [fold], [flip], [grazing] = (of_kind(impacting_curves, kind) for kind in ("fold", "flip", "grazing"))
     [at_fold] = fold.points
     assert at_fold.kind == "fold-grazing"
@@ -116,6 +121,79 @@ def test_folds_and_flips_end_on_the_grazing_curve_at_fractions_of_the_damped_nat
 def test_branches_over_another_drive_have_their_special_points_on_the_curves(impacting_curves):
     for curve in impacting_curves:
         agrees_with_branches(driven, curve, 3, 0.02)
+
+
+# --- the beam of four degrees of freedom
+
+
+def crossing(curves, kind, b):
+    """Values of a at which curves of this kind have this b, by interpolation."""
+    values = []
+    for curve in of_kind(curves, kind):
+        for i in np.flatnonzero((curve.b[1:] - b) * (curve.b[:-1] - b) <= 0.0):
+            share = (b - curve.b[i]) / (curve.b[i + 1] - curve.b[i])
+            values.append(curve.a[i] + share * (curve.a[i + 1] - curve.a[i]))
+    return np.array(values)
+
+
+def cells(swept, name, kind, impacts):
+    """Two cells of a grid, (low, high) each, at the ends of the one stretch with motions of a kind and impacts."""
+    mine = np.flatnonzero((swept.kind.values == kind) & (swept.impacts.values == impacts))
+    assert (np.diff(mine) == 1).all()
+    values = swept[name].values
+    return [(values[max(mine[0] - 1, 0)], values[mine[0]]), (values[mine[-1]], values[mine[-1] + 1])]
+
+
+@pytest.mark.slow
+def test_the_curves_of_the_beam_scale_with_gap_and_amplitude_and_are_the_jumps_of_a_sweep(tmp_path):
+    setting = load(STUDY).setting({"restitution": 0.1, "gap": 1e-3})
+    names = "gap", "excitation.amplitude"
+
+    def maps(gap, amplitude):
+        return setting.map(dict(zip(names, (gap, amplitude), strict=True)))
+
+    map = maps(1e-3, 1.5e-3)
+    branch = follow(
+        lambda gap: maps(gap, 1.5e-3), map.orbit(map.initial, 400).states[-1], 1e-3, (0.8e-3, 1.5e-3), most=1000
+    )
+    curves = follow_curves(branch, ParameterPlane(maps, (0.8e-3, 1.5e-3), (1.3e-3, 1.6e-3)), 1.5e-3)
+    assert [curve.kind for curve in curves] == ["grazing", "fold", "grazing"]
+    for curve in curves:
+        assert np.ptp(curve.a / curve.b) < 1e-8
+        agrees_with_branches(maps, curve, 1, 2e-5)
+    over = {names[0]: np.concatenate([np.arange(0.79e-3, 0.9e-3, 4e-6), np.arange(1.2e-3, 1.34e-3, 4e-6)])}
+    smaller = replace(setting, excitation=replace(setting.excitation, amplitude=1.4e-3))
+    swept = run(Sweep(smaller, over, carry="both", settle=300), tmp_path / "sweep.nc")
+    grazing, jump = np.sort(crossing(curves, "grazing", 1.4e-3)), crossing(curves, "fold", 1.4e-3)[0]
+    _, (low, high) = cells(swept.sel(branch="forward"), names[0], "period-1", 1)
+    assert low < jump < high
+    (first, second), (low, high) = cells(swept.sel(branch="backward"), names[0], "period-1", 1)
+    assert first < grazing[0] < second
+    assert low < grazing[1] < high
+
+
+@pytest.mark.slow
+def test_grazing_and_flip_of_the_beam_over_restitution_and_frequency_are_the_changes_of_a_sweep(tmp_path):
+    setting, frequency = load(STUDY).setting({"gap": 1e-3}), 26.3
+    names = "restitution", "excitation.frequency"
+
+    def maps(e, f):
+        return setting.map(dict(zip(names, (e, f), strict=True)))
+
+    map = maps(0.3, 26.24)
+    branch = follow(lambda e: maps(e, 26.24), map.orbit(map.initial, 600).states[-1], 0.3, (0.1, 0.5), periods=2)
+    curves = follow_curves(branch, ParameterPlane(maps, (0.1, 0.5), (26.2, 26.35)), 26.24)
+    assert {(curve.kind, curve.periods) for curve in curves} == {("grazing", 1), ("flip", 2), ("fold", 2)}
+    for curve in of_kind(curves, "grazing") + of_kind(curves, "flip"):
+        agrees_with_branches(maps, curve, 1, 0.01)
+    [grazing], flip = crossing(curves, "grazing", frequency), crossing(curves, "flip", frequency).max()
+    grid = np.concatenate([np.arange(0.165, 0.18, 1e-3), [0.2, 0.25, 0.3, 0.35], np.arange(0.38, 0.43, 2.5e-3)])
+    driven_at = replace(setting, excitation=replace(setting.excitation, frequency=frequency))
+    swept = run(Sweep(driven_at, {names[0]: grid}, carry="forward", settle=400), tmp_path / "sweep.nc")
+    _, (low, high) = cells(swept, names[0], "period-1", 1)
+    assert low < grazing < high
+    _, (low, high) = cells(swept, names[0], "period-2", 3)
+    assert low < flip < high
 
 
 # --- Duffing's oscillator
