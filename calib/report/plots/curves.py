@@ -31,7 +31,6 @@ def curve_map(curves: xr.Dataset, study: tuple[float, float] | None = None) -> F
             mine = curves.curve_of_step.values == index
             a, b = (parameter.places[mine] for parameter in along)
             _curve(axes, a, b, curves.bounding.values.astype(bool)[mine], SPECIAL[kind][1])
-        _labels(axes, curves, along)
         handles = [
             Line2D([], [], color=SPECIAL[kind][1], linewidth=1.6, label=kind) for kind in SPECIAL if kind in kinds
         ]
@@ -42,6 +41,7 @@ def curve_map(curves: xr.Dataset, study: tuple[float, float] | None = None) -> F
         for parameter, name, axis in zip(along, "ab", (axes.xaxis, axes.yaxis), strict=True):
             low, high = parameter.scale * curves[f"{name}_window"].values
             parameter.set_axis(axes, axis, low, high)
+        _labels(axes, curves, along)
         if study is not None:
             star: Look = {"color": MARK, "marker": "*", "markersize": 11, "linestyle": "none", "zorder": 6}
             place = [value * parameter.scale for value, parameter in zip(study, along, strict=True)]
@@ -85,8 +85,11 @@ def _labels(axes: Axes, curves: xr.Dataset, along: list[SweptParameter]) -> None
     while left:
         near = [i for i in left if np.linalg.norm((places[i] - places[left[0]]) / widths) < MIN_LABEL_DISTANCE]
         names = ", ".join(dict.fromkeys(str(curves.special_kind.values[i]) for i in near))
+        x, y = places[near[0]]
+        left_of = x > np.mean(axes.get_xlim())  # so that no name leaves the axes
         axes.annotate(
-            names, places[near[0]], xytext=(6, 6), textcoords="offset points", fontsize=7.5, color=LINE, zorder=6,
+            names, (x, y), xytext=(-6 if left_of else 6, 6), textcoords="offset points", fontsize=7.5, color=LINE,
+            horizontalalignment="right" if left_of else "left", zorder=6,
             bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6, "alpha": 0.75},
         )  # fmt: skip
         left = [i for i in left if i not in near]
