@@ -234,6 +234,16 @@ def test_a_curve_that_cannot_be_is_refused_before_the_branch_is_followed(study, 
     assert ended.stdout == ""
 
 
+def test_curves_that_were_made_before_an_interrupt_are_kept(study, tmp_path, monkeypatch):
+    def interrupted(self, done, total):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("calib.cli.curves.Count.__call__", interrupted)
+    calib("branch", study, "--over", "a=-0.3:0.6", "--at", "0.2", "--curve", "b=0.1:0.4", "--set", "b=0.3", code=3)
+    with xr.open_dataset(tmp_path / "out" / "branch_curves.nc") as curves:
+        assert curves.curve_kind.values.tolist() == ["fold"]
+
+
 def test_a_branch_without_special_points_has_no_curves(study, tmp_path):
     ended = calib("branch", study, "--over", "a=0.1:0.3", "--at", "0.2", "--curve", "b=0.1:0.4")
     assert "curves: none" in ended.stdout
