@@ -11,6 +11,7 @@ from calib.errors import CalibError
 from calib.modelling.effect import Effect
 from calib.modelling.laws import force
 from calib.modelling.parameter import Parameter
+from calib.records import failed
 from calib.records.excitation import Excitation
 from calib.simulators.oscillator import Oscillator
 
@@ -111,6 +112,29 @@ class Sketch(Echo):
 
     def run(self, values, excitation, laws, request):
         return super().run({**values, "gain": values["gain"] + self.bias}, excitation, laws, request)
+
+
+class Doubled(Echo):
+    """An echo whose motion has two periods where the gain lies above 1, and which fails on request.
+
+    Parameters
+    ----------
+    fails_above : second harmonic from which it diverges  [m]
+    """
+
+    name = "doubled"
+
+    def __init__(self, fails_above: float = np.inf):
+        super().__init__()
+        self.fails_above = fails_above
+
+    def run(self, values, excitation, laws, request):
+        if values["harmonic"] > self.fails_above:
+            return failed(self.bodies, "diverged", "too much of the second harmonic")
+        record = super().run(values, excitation, laws, request)
+        if values["gain"] > 1.0:
+            record["section_displacement"] = record["section_displacement"] * (-1.0) ** np.arange(SECTION)
+        return record
 
 
 class Mapped(Echo):

@@ -31,6 +31,7 @@ from calib.cli.options import (
     pool_table,
     reporting_mistakes,
 )
+from calib.cli.parameters import sensitivity
 from calib.errors import WorkersLost
 
 # ruff: noqa: D301 - click reads the "\b" of a docstring as "do not wrap"
@@ -283,7 +284,7 @@ def basins(study: Path, x: str, y: str, **options: Any) -> None:
     sys.exit(EXIT_DONE if map_basins(study, x, y, **options) else EXIT_NOTHING)
 
 
-for command in (diagnose, discover, rehearse):
+for command in (sensitivity, diagnose, discover, rehearse):
     main.add_command(command)
 
 

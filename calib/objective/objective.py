@@ -61,6 +61,11 @@ class Objective:
         whole = sum(term.weight for term in self.terms)
         self._weights = [term.weight / whole for term in self.terms]
 
+    @property
+    def measured_kinds(self) -> dict[str, str]:
+        """Kind of the measured motion of each scored reference by its name."""
+        return {name: self._prepared[name].motion.kind for name in self.scored}
+
     def _blocks_of(self, term: Term) -> list[Blocks]:
         for name in term.records or ():
             if name not in self.scored:

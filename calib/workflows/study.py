@@ -16,7 +16,6 @@ from typing import Any
 import tomlkit
 import xarray as xr
 
-from calib.diagnosis.document import DiagnosisResult
 from calib.errors import CalibError, nearest
 from calib.execution.progress import Count
 from calib.modelling.effect import Effect
@@ -27,9 +26,11 @@ from calib.store.record_files import file_of
 from calib.study import result
 from calib.study_file import PythonOrigin, StudyFile, load
 from calib.study_file.references import expanded
+from calib.sweep.sensitivity.design import MORRIS, Method
 from calib.workflows.calibrate import UNFINISHED, calibrate_file, rebuild, summary_so_far
 from calib.workflows.confidence import confidence_study
 from calib.workflows.diagnose import diagnose_study
+from calib.workflows.diagnosed import Diagnosed
 from calib.workflows.discover import discover_study
 from calib.workflows.discovered import Discovered
 from calib.workflows.document import (
@@ -48,7 +49,9 @@ from calib.workflows.plot import Plot
 from calib.workflows.profiled import Profiled
 from calib.workflows.record import Record, listed
 from calib.workflows.saved import save_study
-from calib.workflows.texts import calibration_html, calibration_text, diagnosis_text, study_text
+from calib.workflows.sensitive import Sensitivity
+from calib.workflows.sensitivity import sensitivity_study
+from calib.workflows.texts import calibration_html, calibration_text, study_text
 
 FILE = "study.toml"
 FURTHER_TABLES = ("store", "diagnosis", "confidence")  # of a study file, which `Study` takes as they are
@@ -268,6 +271,30 @@ class Study:
             )
         return calibration
 
+    def sensitivity(
+        self,
+        out: str | Path | None = None,
+        *,
+        method: Method = MORRIS,
+        trajectories: int | None = None,
+        samples: int | None = None,
+        jobs: int | None = None,
+        fresh: bool = False,
+        quiet: bool = False,
+    ) -> Sensitivity:
+        """Say which parameter moves which feature of the motion inside the windows: `calib sensitivity`.
+
+        `out` and `fresh` as in `run`, the others as in `calib.workflows.sensitivity.sensitivity_study`.
+        """
+        with tempfile.TemporaryDirectory(prefix="calib-") as passing, Count("points", quiet) as count:
+            path = self._save(Path(passing), False) if out is None else self.save(out, overwrite=fresh)
+            return Sensitivity(
+                sensitivity_study(
+                    path, method=method, trajectories=trajectories, samples=samples, jobs=jobs, fresh=fresh,
+                    on_point=count,
+                )
+            )  # fmt: skip
+
     def __repr__(self) -> str:
         return study_text(self._document)
 
@@ -363,7 +390,7 @@ class Calibration:
         budget: int | str | None = None,
         seed: int | None = None,
         quiet: bool = False,
-    ) -> "Diagnosed":
+    ) -> Diagnosed:
         """Search for effects that are missing in the model: `calib diagnose`.
 
         Parameters
@@ -436,50 +463,3 @@ class Calibration:
     def _repr_html_(self) -> str:
         picture = self.plot()._repr_png_() if self.values else b""
         return calibration_html(self.summary, self.summary.stopped == UNFINISHED, picture)
-
-
-class Diagnosed:
-    """The diagnosis of a calibrated study.
-
-    Attributes
-    ----------
-    summary : the `DiagnosisResult` of diagnosis.json
-    calibration : that was diagnosed
-    """
-
-    def __init__(self, summary: DiagnosisResult, extended: Study | None, calibration: Calibration):
-        self.summary, self._extended, self.calibration = summary, extended, calibration
-
-    @property
-    def verdict(self) -> str:
-        """Return "named", "one_of", "none", "unexplained" or "not_diagnosable"."""
-        return self.summary.verdict
-
-    @property
-    def causes(self) -> list[str]:
-        """Names of the effects that are named; empty where none is, or one of several (`summary.classes`)."""
-        return list(self.summary.causes)
-
-    def apply(self) -> Study:
-        """Return the study with the causes, of several the simplest, in its model.
-
-        Raises
-        ------
-        CalibError : no effect of the model was named
-        """
-        if self._extended is None:
-            raise CalibError(
-                f"there is nothing to apply: the verdict is {self.verdict!r}, without an effect for the model"
-            )
-        return self._extended
-
-    def report(self, path: str | Path) -> Path:
-        """Write the page of the study, the diagnosis in it."""
-        return self.calibration.report(path)
-
-    def __repr__(self) -> str:
-        return diagnosis_text(self.calibration.summary.name, self.summary)
-
-    def _repr_html_(self) -> str:
-        causes = f": {html.escape(', '.join(self.causes))}" if self.causes else ""
-        return f"<b>{html.escape(self.verdict)}</b>{causes}<p>{html.escape(self.summary.summary)}</p>"

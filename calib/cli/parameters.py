@@ -1,0 +1,48 @@
+"""The command of `calib` that asks what the parameters do; what it does lives behind it."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from calib.cli.options import EXIT_DONE, EXIT_NOTHING, FRESH, JOBS, JSON, OUT, POOL, STUDY, reporting_mistakes
+
+# ruff: noqa: D301 - click reads the "\b" of a docstring as "do not wrap"
+# Everything but click is imported inside the command that needs it: see `calib.cli.commands`.
+
+
+@click.command(short_help="Which parameter moves which feature of the motion.")
+@STUDY
+@OUT
+@click.option("--method", type=click.Choice(["morris", "sobol"]), default="morris", show_default=True,
+              help="Screening by elementary effects, or variance-based indices.")  # fmt: skip
+@click.option("--trajectories", type=int, metavar="N", help="Of Morris: N (parameters + 1) points. [default: 20]")
+@click.option("--samples", type=int, metavar="N", help="Of Sobol, a power of two: N (parameters + 2) points. "
+              "[default: 128]")  # fmt: skip
+@click.option("--seed", type=click.IntRange(min=0), help="Of points and bootstrap. [default: the study's]")
+@JOBS
+@POOL
+@FRESH
+@click.option("--quiet", "-q", is_flag=True, help="No progress, no summary with its remarks; errors only.")
+@JSON
+@reporting_mistakes
+def sensitivity(study: Path, **options: Any) -> None:
+    """Say which parameter moves which feature of STUDY's motion inside its windows, and which decides its kind.
+
+    Nothing has to be calibrated before. Motions of another kind than the measured one, and simulations that fail, have
+    shares of the box and indices of their own; the other indices are of the motions of the measured kind alone. A log
+    window is sampled in the logarithm. What was stopped or killed goes on with the same command; more --trajectories or
+    --samples go on from fewer.
+
+    \b
+    Leaves in out/:  sensitivity.json   shares, indices with 95 % intervals
+                     sensitivity.png    the same as a map of outputs and parameters
+                     sensitivity/       every point, in a ledger for each method
+
+    \b
+    Example:  calib sensitivity studies/minimal --trajectories 30
+    """
+    from calib.cli.sensitivity import print_sensitivity  # see above
+
+    sys.exit(EXIT_DONE if print_sensitivity(study, **options) else EXIT_NOTHING)

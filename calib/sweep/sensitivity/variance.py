@@ -1,0 +1,117 @@
+"""Variance-based (Sobol) indices of the parameters for an output."""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import norm
+
+from calib.sweep.sensitivity.design import SensitivityDesign
+from calib.sweep.sensitivity.document import GIVEN_DATA, SALTELLI, Estimate, Influence
+from calib.sweep.sensitivity.morris import CONFIDENCE
+from calib.sweep.sensitivity.package import salib
+
+SOBOL_RESAMPLES = 200  # of the bootstrap
+MIN_POINTS = 40  # that show an output, below which no index is given from them
+MIN_PAIRS = 20  # points A and A_Bi that both show an output, below which no total index is given from them
+MAX_CLASSES = 48  # of a parameter's values, whose mean outputs are compared (Plischke et al. 2013)
+HALF_WIDTH = float(norm.ppf(0.5 * (1.0 + CONFIDENCE)))  # of an interval, in standard deviations of the bootstrap
+
+
+class SaltelliRows(NamedTuple):
+    """An output at the points A (n,), B (n,) and A with coordinate i from B (n, dim), scaled to unit variance."""
+
+    a: np.ndarray
+    b: np.ndarray
+    ab: np.ndarray
+
+    @classmethod
+    def of(cls, design: SensitivityDesign, values: np.ndarray) -> "SaltelliRows":
+        """Sort the values (size,) of an output."""
+        known = values[np.isfinite(values)]
+        rows = (design.grouped(values) - known.mean()) / known.std()
+        return cls(rows[:, 0], rows[:, -1], rows[:, 1:-1])
+
+
+def sobol_influences(
+    design: SensitivityDesign, names: Sequence[str], values: np.ndarray
+) -> tuple[str, tuple[Influence, ...], str]:
+    """Estimator, influence of each parameter on an output, and why there are none.
+
+    Where all points show the output: the estimators of Saltelli et al. (2010), Computer Physics Communications 181,
+    259. Else those of given data, from the points that do, whose parameters need not be independent of each other:
+    first is the correlation ratio over classes of the parameter's values (Plischke, Borgonovo and Smith 2013, European
+    Journal of Operational Research 226, 536), less its bias by the bootstrap; total is half the mean square of the
+    difference between A and A with the parameter from B, over the pairs both of which show the output, over the
+    variance. The bootstrap is over base samples, all points of which are drawn together.
+
+    Parameters
+    ----------
+    values : (size,) of the output, NaN where a point does not show it
+    """
+    known = np.isfinite(values)
+    if known.sum() < MIN_POINTS and not known.all():
+        return GIVEN_DATA, (), f"not available: {known.sum()} points show it, {MIN_POINTS} are needed"
+    rows = SaltelliRows.of(design, values)
+    drawn = np.random.default_rng([design.seed, 1]).integers(design.groups, size=(SOBOL_RESAMPLES, design.groups))
+    if known.all():
+        return SALTELLI, tuple(_complete(name, rows, axis, drawn) for axis, name in enumerate(names)), ""
+    points = design.grouped(design.points)
+    found = [_given(name, rows, points[:, :, axis], axis, drawn) for axis, name in enumerate(names)]
+    return GIVEN_DATA, tuple(found), ""
+
+
+def _complete(name: str, rows: SaltelliRows, axis: int, drawn: np.ndarray) -> Influence:
+    """Indices of one parameter where all points show the output."""
+    analysis = salib("analyze.sobol")
+    ab, picked = rows.ab[:, axis], drawn.T
+
+    def index(estimator: Callable[..., np.ndarray]) -> Estimate:
+        value = float(estimator(rows.a, ab, rows.b))
+        return _estimated(value, estimator(rows.a[picked], ab[picked], rows.b[picked]))
+
+    return Influence(
+        name,
+        first=index(analysis.first_order),
+        total=index(analysis.total_order),
+        count=rows.a.size * (2 + rows.ab.shape[1]),
+    )
+
+
+def _given(name: str, rows: SaltelliRows, x: np.ndarray, axis: int, drawn: np.ndarray) -> Influence:
+    """Indices of one parameter, whose coordinate is x (groups, group_size), from the points that show the output."""
+    y = np.concatenate([rows.a[:, None], rows.ab, rows.b[:, None]], axis=1)
+
+    def ratio(picked: np.ndarray | slice) -> float:
+        shown = np.isfinite(y[picked])
+        return correlation_ratio(x[picked][shown], y[picked][shown])
+
+    raw, resampled = ratio(slice(None)), np.array([ratio(picked) for picked in drawn])
+    first = _estimated(2.0 * raw - float(resampled.mean()), resampled)  # Plischke et al. (2013), eq. (30)
+    squares = (rows.a - rows.ab[:, axis]) ** 2
+    pairs = int(np.isfinite(squares).sum())
+    count = int(np.isfinite(y).sum())
+    if pairs < MIN_PAIRS:
+        reason = (
+            f"no total index: {pairs} pairs of points that differ in it alone show the output, {MIN_PAIRS} are needed"
+        )
+        return Influence(name, first=first, count=count, reason=reason)
+
+    def total(picked: np.ndarray | slice) -> float:
+        variance = float(np.nanvar(y[picked]))
+        return 0.5 * float(np.nanmean(squares[picked])) / variance if variance > 0.0 else 0.0
+
+    estimate = _estimated(total(slice(None)), np.array([total(picked) for picked in drawn]))
+    return Influence(name, first=first, total=estimate, count=count)
+
+
+def correlation_ratio(x: np.ndarray, y: np.ndarray) -> float:
+    """Variance of the mean of y (n,) over classes of x (n,) with equally many points each, over the variance of y."""
+    exponent = 2.0 / (7.0 + np.tanh((1500.0 - x.size) / 500.0))
+    classes = min(int(np.ceil(x.size**exponent)), MAX_CLASSES)
+    return float(salib("analyze.delta").sobol_first(y, x, np.linspace(0, x.size, classes + 1)))
+
+
+def _estimated(value: float, resampled: np.ndarray) -> Estimate:
+    half = HALF_WIDTH * float(np.std(resampled, ddof=1))
+    return Estimate(value, value - half, value + half)

@@ -1,0 +1,173 @@
+"""Indices of functions whose sensitivity is known in closed form."""
+
+import itertools
+import sys
+
+import numpy as np
+import pytest
+from SALib.analyze import morris as peer
+
+from calib.errors import CalibError
+from calib.sweep.sensitivity import MORRIS, SOBOL, SensitivityDesign
+from calib.sweep.sensitivity.analyse import sensitivity
+from calib.sweep.sensitivity.document import FEATURE, GIVEN_DATA, KIND, SALTELLI
+from calib.sweep.sensitivity.morris import MIN_EFFECTS
+from calib.sweep.sensitivity.outputs import Output
+
+NAMES = ("x", "y", "z")
+ISHIGAMI_FIRST = (0.3139, 0.4424, 0.0)  # with a = 7, b = 0.1 (Saltelli et al. 2008, Global Sensitivity Analysis)
+ISHIGAMI_TOTAL = (0.5576, 0.4424, 0.2437)
+
+
+def ishigami(u):
+    x = np.pi * (2.0 * u - 1.0)
+    return np.sin(x[:, 0]) + 7.0 * np.sin(x[:, 1]) ** 2 + 0.1 * x[:, 2] ** 4 * np.sin(x[:, 0])
+
+
+def linear(u):
+    return 2.0 * u[:, 0] - u[:, 1]
+
+
+def found(design, values, of=FEATURE):
+    return sensitivity(design, NAMES, Output("f", of, values))
+
+
+def holds(estimate, truth):
+    return estimate.low <= truth <= estimate.high
+
+
+def test_a_linear_function_has_its_coefficients_as_elementary_effects():
+    design = SensitivityDesign(MORRIS, 3, 8, seed=1)
+    x, y, z = found(design, 1e-3 * linear(design.points)).influences
+    for influence, coefficient in ((x, 2e-3), (y, -1e-3), (z, 0.0)):
+        assert influence.mu.value == pytest.approx(coefficient, abs=1e-15)
+        assert influence.mu_star.value == pytest.approx(abs(coefficient), abs=1e-15)
+        assert influence.sigma.value == pytest.approx(0.0, abs=1e-15)
+        assert influence.mu_star.high == pytest.approx(influence.mu_star.low, abs=1e-15)
+        assert influence.count == 8
+
+
+def test_elementary_effects_are_those_of_the_peer():
+    design = SensitivityDesign(MORRIS, 3, 30, seed=2)
+    values = ishigami(design.points)
+    problem = {"num_vars": 3, "names": list(NAMES), "bounds": [[0.0, 1.0]] * 3}
+    said = peer.analyze(problem, design.points, values, num_levels=4, seed=1)
+    for axis, one in enumerate(found(design, values).influences):
+        assert one.mu_star.value == pytest.approx(said["mu_star"][axis])
+        assert one.mu.value == pytest.approx(said["mu"][axis])
+        assert one.sigma.value == pytest.approx(said["sigma"][axis])
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_intervals_of_mu_star_hold_the_mean_over_the_whole_grid(seed):
+    levels = np.array(list(itertools.product(np.linspace(0.0, 1.0, 4), repeat=3)))
+    truth = []
+    for axis in range(3):
+        low = levels[levels[:, axis] < 0.5]
+        high = low + 2.0 / 3.0 * np.eye(3)[axis]
+        truth.append(np.abs(ishigami(high) - ishigami(low)).mean() / (2.0 / 3.0))
+    design = SensitivityDesign(MORRIS, 3, 60, seed)
+    for one, expected in zip(found(design, ishigami(design.points)).influences, truth, strict=True):
+        assert one.mu_star.low - 1e-9 <= expected <= one.mu_star.high + 1e-9
+
+
+def test_intervals_of_sobol_indices_hold_those_of_ishigamis_function():
+    design = SensitivityDesign(SOBOL, 3, 1024, seed=1)
+    result = found(design, ishigami(design.points))
+    assert result.estimator == SALTELLI
+    for one, first, total in zip(result.influences, ISHIGAMI_FIRST, ISHIGAMI_TOTAL, strict=True):
+        assert holds(one.first, first)
+        assert holds(one.total, total)
+        assert one.total.high - one.total.low < 0.2
+    assert [one.parameter for one in result.ranked()] == ["x", "y", "z"]
+
+
+def test_indices_do_not_depend_on_the_unit():
+    design = SensitivityDesign(SOBOL, 3, 64, seed=1)
+    one, other = (found(design, scale * linear(design.points) + 5.0 * scale).influences for scale in (1.0, 1e-9))
+    for mine, its in zip(one, other, strict=True):
+        assert its.total.value == pytest.approx(mine.total.value, abs=1e-6)
+
+
+def test_where_the_kind_jumps_indices_are_of_one_kind_alone():
+    """The third parameter decides the kind; within the measured one, x and y have 4/5 and 1/5 of the variance."""
+    design = SensitivityDesign(SOBOL, 3, 256, seed=3)
+    measured = design.points[:, 2] < 0.5
+    kind = found(design, measured.astype(float), KIND)
+    assert kind.ranked()[0].parameter == "z"
+    for one, truth in zip(kind.influences, (0.0, 0.0, 1.0), strict=True):
+        assert holds(one.first, truth)
+        assert holds(one.total, truth)
+    result = found(design, np.where(measured, linear(design.points), np.nan))
+    assert result.estimator == GIVEN_DATA
+    assert result.points == measured.sum()
+    for one, truth in zip(result.influences, (0.8, 0.2, 0.0), strict=True):
+        assert holds(one.first, truth)
+        assert holds(one.total, truth)
+        assert one.total.high - one.total.low < 0.3
+
+
+def test_a_parameter_that_decides_the_kind_keeps_its_influence_within_it():
+    """Where x < 1/2 the variances of 2 x and y are equal."""
+    design = SensitivityDesign(SOBOL, 3, 256, seed=4)
+    result = found(design, np.where(design.points[:, 0] < 0.5, linear(design.points), np.nan))
+    for one, truth in zip(result.influences, (0.5, 0.5, 0.0), strict=True):
+        assert holds(one.first, truth)
+
+
+def test_elementary_effects_across_a_jump_of_kind_are_left_out_and_counted():
+    design = SensitivityDesign(MORRIS, 3, 20, seed=3)
+    values = np.where(design.points[:, 2] < 0.5, linear(design.points), np.nan)
+    x, y, z = found(design, values).influences
+    assert x.mu.value == pytest.approx(2.0)
+    assert y.mu.value == pytest.approx(-1.0)
+    assert MIN_EFFECTS <= x.count < 20
+    assert z.mu_star is None  # each of its steps leaves the kind
+    assert z.count == 0
+    assert "0 of its steps" in z.reason
+
+
+def test_what_too_few_points_show_is_not_available():
+    morris, sobol = SensitivityDesign(MORRIS, 3, 10, seed=1), SensitivityDesign(SOBOL, 3, 16, seed=1)
+    few = np.full(morris.size, np.nan)
+    few[:2] = 1.0, 2.0
+    assert all(one.mu_star is None and one.reason for one in found(morris, few).influences)
+    some = np.full(sobol.size, np.nan)
+    some[:30] = np.arange(30.0)
+    assert found(sobol, some).reason == "not available: 30 points show it, 40 are needed"
+    assert found(sobol, np.full(sobol.size, np.nan)).reason == "not available: no point shows it"
+
+
+@pytest.mark.parametrize("method", [MORRIS, SOBOL])
+def test_what_is_the_same_everywhere_has_no_indices(method):
+    design = SensitivityDesign(method, 3, 16, seed=1)
+    assert found(design, np.full(design.size, 0.3)).reason == "no parameter moves it: it is 0.3 at all points"
+    assert "measured kind at all points" in found(design, np.ones(design.size), KIND).reason
+    assert "at no point" in found(design, np.zeros(design.size), KIND).reason
+
+
+@pytest.mark.parametrize("method", [MORRIS, SOBOL])
+def test_a_larger_design_begins_with_the_smaller_one(method):
+    small, large = SensitivityDesign(method, 3, 16, seed=5), SensitivityDesign(method, 3, 32, seed=5)
+    np.testing.assert_array_equal(large.points[: small.size], small.points)
+    assert small.points.shape == (small.size, 3)
+
+
+@pytest.mark.parametrize(
+    ("method", "groups", "said"),
+    [
+        ("moris", 20, "did you mean 'morris'"),
+        (MORRIS, 3, "at least 4 trajectories, got 3"),
+        (SOBOL, 8, "at least 16 samples, got 8"),
+        (SOBOL, 100, "the nearest are 64 and 128"),
+    ],
+)
+def test_an_impossible_design_is_refused(method, groups, said):
+    with pytest.raises(CalibError, match=said):
+        SensitivityDesign(method, 3, groups, seed=0)
+
+
+def test_without_its_package_the_command_that_installs_it_is_said(monkeypatch):
+    monkeypatch.setitem(sys.modules, "SALib.sample.morris", None)
+    with pytest.raises(CalibError, match=r'pip install "calib\[sensitivity\]"'):
+        _ = SensitivityDesign(MORRIS, 2, 4, seed=0).points
