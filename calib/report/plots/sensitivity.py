@@ -1,7 +1,5 @@
 """Figure of a sensitivity: shares of the kinds of motion, and the influence of every parameter on every output."""
 
-from collections.abc import Sequence
-
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -10,12 +8,11 @@ from calib.report.plots.style import FAILED as FAILED_COLOUR
 from calib.report.plots.style import KINDS as COLOURS
 from calib.report.plots.style import LINE, OTHER, STYLE, Look
 from calib.sweep.sensitivity.design import MORRIS
-from calib.sweep.sensitivity.document import Influence, MotionShare, OutputSensitivity, SensitivityResult
-from calib.sweep.sensitivity.words import MIN_MONOTONIC_SHARE, share_name, title
+from calib.sweep.sensitivity.document import Influence, OutputSensitivity, SensitivityResult
+from calib.sweep.sensitivity.words import MIN_MONOTONIC_SHARE, interval_in_percent, percent, share_name, title
 from calib.units import shown
 
 SENSITIVITY_CELL = (1.05, 0.36)  # inch, width and height
-MAX_SHARES_DRAWN = 6  # kinds of motion with a colour of their own
 MIN_LABELLED_SHARE = 0.07  # of the bar, in which its number has room
 DARK_CELL = 0.6  # strength from which a cell's text is white  [1]
 ARROWS = {"up": "↑", "down": "↓", "both": "↕"}
@@ -37,23 +34,26 @@ def sensitivity_figure(result: SensitivityResult) -> Figure:
 
 
 def _draw_shares(axes: Axes, result: SensitivityResult) -> None:
-    left, colours = 0.0, iter(COLOURS)
-    for one in _drawn(result.shares):
-        colour = FAILED_COLOUR if one.failed else next(colours, OTHER)
-        share = one.points / result.points
-        look: Look = {"color": colour, "edgecolor": "white", "linewidth": 0.6, "label": share_name(one, result)}
+    left = 0.0
+    for label, colour, share in _drawn(result):
+        look: Look = {"color": colour, "edgecolor": "white", "linewidth": 0.6, "label": label}
         axes.barh(0.0, share, left=left, height=1.0, **look)
         if share >= MIN_LABELLED_SHARE:
-            axes.text(left + 0.5 * share, 0.0, f"{share:.0%}", ha="center", va="center", color="white", fontsize=8)
+            axes.text(left + 0.5 * share, 0.0, percent(share), ha="center", va="center", color="white", fontsize=8)
         left += share
     axes.set(xlim=(0.0, 1.0), ylim=(-0.5, 0.5), yticks=[], xticks=[], title="Motion over the box of parameters")
     axes.spines[["left", "bottom"]].set_visible(False)
     axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.05), ncols=3, borderpad=0.0, handlelength=1.0)
 
 
-def _drawn(shares: Sequence[MotionShare]) -> Sequence[MotionShare]:
-    """Shares that are drawn; failures go last."""
-    return [*(one for one in shares if not one.failed), *(one for one in shares if one.failed)][: MAX_SHARES_DRAWN + 2]
+def _drawn(result: SensitivityResult) -> list[tuple[str, str, float]]:
+    """Label, colour and share of each part of the bar; rare kinds are taken together, failures go last."""
+    kinds = [one for one in result.shares if not one.failed]
+    parts = [(share_name(one, result), colour, one.share.value) for one, colour in zip(kinds, COLOURS, strict=False)]
+    rare = sum(one.share.value for one in kinds[len(COLOURS) :])
+    if rare:
+        parts.append((f"{len(kinds) - len(COLOURS)} other kinds", OTHER, rare))
+    return parts + [(share_name(one, result), FAILED_COLOUR, one.share.value) for one in result.shares if one.failed]
 
 
 def _draw_map(axes: Axes, result: SensitivityResult) -> None:
@@ -87,9 +87,9 @@ def _cell(influence: Influence, output: OutputSensitivity) -> tuple[str, float |
     if one is None:
         return "not available", None
     if influence.mu_star is None:
-        alone = "" if influence.first is None or influence.total is None else f"alone {influence.first.value:.0%}, "
-        prefix = "" if influence.total is not None else "alone "
-        return f"{prefix}{one.value:.0%} [{one.low:.0%}, {one.high:.0%}]\n{alone}n = {influence.count}", one.value
+        if influence.first is None or influence.total is None:
+            return f"no total index\nalone {interval_in_percent(one)}", one.value
+        return f"{interval_in_percent(one)}\nalone {percent(influence.first.value)}", one.value
     strongest = output.ranked()[0].strength
     scale = strongest.value if strongest is not None and strongest.value > 0.0 else 1.0
     interval = f"[{one.low / scale:.2f}, {one.high / scale:.2f}]"

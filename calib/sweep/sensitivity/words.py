@@ -45,7 +45,9 @@ def in_words(influence: Influence, output: OutputSensitivity) -> str:
     if influence.mu_star is not None:
         return f"{influence.parameter} {_size(influence.mu_star, output)}, {direction(influence)}"
     parts = [
-        f"{name} {_percent(one)}" for name, one in (("alone", influence.first), ("in all", influence.total)) if one
+        f"{name} {interval_in_percent(one)}"
+        for name, one in (("alone", influence.first), ("in all", influence.total))
+        if one
     ]
     return f"{influence.parameter} {', '.join(parts)}"
 
@@ -65,7 +67,7 @@ def shares_in_words(result: SensitivityResult) -> list[str]:
     """Return a line for each kind of motion and status: how much of the box it has."""
     lines = []
     for one in result.shares:
-        lines.append(f"{share_name(one, result)}: {_percent(one.share)}")
+        lines.append(f"{share_name(one, result)}: {interval_in_percent(one.share)}")
     return lines
 
 
@@ -78,7 +80,7 @@ def share_name(one: MotionShare, result: SensitivityResult) -> str:
     kinds = result.measured_kind
     of_all = "; ".join(f"{name}: {kind}" for name, kind in kinds.items())
     as_measured = one.motion in (of_all, next(iter(kinds.values())) if len(set(kinds.values())) == 1 else "")
-    return f"{one.motion or 'no kind'}, {'as measured' if as_measured else 'not wrong'}"
+    return f"{one.motion or 'no kind'}, {'as measured' if as_measured else 'counted as measured'}"
 
 
 def _size(estimate: Estimate, output: OutputSensitivity) -> str:
@@ -89,8 +91,14 @@ def _size(estimate: Estimate, output: OutputSensitivity) -> str:
     return f"{value} [{low}, {high}] {unit}".rstrip()
 
 
-def _percent(estimate: Estimate) -> str:
-    return f"{estimate.value:.0%} [{estimate.low:.0%}, {estimate.high:.0%}]"
+def percent(share: float) -> str:
+    """Write a share in whole per cent, without a negative zero."""
+    return f"{round(100.0 * share) + 0:d} %"
+
+
+def interval_in_percent(estimate: Estimate) -> str:
+    """Write a share with its interval."""
+    return f"{percent(estimate.value)} [{percent(estimate.low)}, {percent(estimate.high)}]"
 
 
 def measure(result: SensitivityResult) -> str:

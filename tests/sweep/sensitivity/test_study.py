@@ -1,9 +1,15 @@
 """The sensitivity of a study: kinds of motion, failures, resumption, the command."""
 
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 from functools import partial
 
 import pytest
+from child_environment import environment
 from click.testing import CliRunner
 from echo_study import bench, write_study
 from tiny_simulators import Echo
@@ -102,6 +108,24 @@ def test_an_interrupted_sensitivity_goes_on_to_the_same_numbers(tmp_path):
     assert result == expected
 
 
+@pytest.mark.slow
+def test_a_killed_sensitivity_goes_on_to_the_same_numbers(tmp_path):
+    path = write_study(tmp_path, DOUBLED)
+    ledger = tmp_path / "out" / "sensitivity" / "morris" / "trials.jsonl"
+    command = [sys.executable, "-m", "calib", "sensitivity", str(path), "--trajectories", "100", "-q"]
+    process = subprocess.Popen(command, env=environment(), start_new_session=True)
+    limit = time.monotonic() + 120.0
+    while not ledger.exists() or ledger.read_bytes().count(b"\n") < 40:
+        assert process.poll() is None, "it ended before it was killed"
+        assert time.monotonic() < limit, "not within two minutes"
+        time.sleep(0.01)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    assert ledger.read_bytes().count(b"\n") < 301
+    subprocess.run(command, env=environment(), check=True)
+    assert read(tmp_path / "out") == sensitivity(path, "whole", groups=100)
+
+
 def test_more_trajectories_go_on_from_fewer(tmp_path):
     path, opened = write_study(tmp_path), []
     sensitivity(path, groups=4)
@@ -146,7 +170,7 @@ def test_the_command_says_what_moves_the_motion(tmp_path):
 def test_nothing_simulated_is_exit_code_4(tmp_path):
     never = ("[windows]", "[model.options]\nfails_above = -1.0\n\n[windows]")
     ended = calib_command("sensitivity", write_study(tmp_path, DOUBLED, never), "--trajectories", 4, code=4)
-    assert "failed: diverged: 100%" in ended.stdout
+    assert "failed: diverged: 100 %" in ended.stdout
 
 
 @pytest.mark.parametrize(
@@ -174,6 +198,6 @@ def test_from_python_it_shows_itself():
     study = calib.Study(Echo, [record], {"gain": (0.5, 2.0, "log"), "harmonic": ("-1 mm", "1 mm")}, jobs=1, name="echo")
     found = study.sensitivity(trajectories=4, quiet=True)
     assert "sensitivity of 'echo' (morris, 12 points)" in repr(found)
-    assert "period-1, as measured: 100%" in repr(found)
+    assert "period-1, as measured: 100 %" in repr(found)
     assert found.plot()._repr_png_().startswith(b"\x89PNG")
     assert "data:image/png;base64," in found._repr_html_()
