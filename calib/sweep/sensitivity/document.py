@@ -67,7 +67,8 @@ class OutputSensitivity:
         "residual" (distance of a term from the measurement) or "feature" (a scalar of the simulated motion)
     unit, record, body : of the output; record and body are empty where it is of all
     estimator : "elementary effects", "Saltelli" (all points show the output) or "given data" (some do not: first is the
-        correlation ratio over the points that do, total is from pairs both of whose points do)
+        share of the variance that the mean over the parameter's rank has among the points that do, total is from pairs
+        both of whose points do)
     points : that show the output: all for a kind or a status, else at most those of the measured kind
     deviation : standard deviation of the output over them  [unit]
     influences : of each parameter

@@ -14,7 +14,7 @@ from calib.sweep.sensitivity.package import salib
 SOBOL_RESAMPLES = 200  # of the bootstrap
 MIN_POINTS = 40  # that show an output, below which no index is given from them
 MIN_PAIRS = 20  # points A and A_Bi that both show an output, below which no total index is given from them
-MAX_CLASSES = 48  # of a parameter's values, whose mean outputs are compared (Plischke et al. 2013)
+HARMONICS = 6  # of the mean output over a parameter's rank, whose variance is its first-order index
 HALF_WIDTH = float(norm.ppf(0.5 * (1.0 + CONFIDENCE)))  # of an interval, in standard deviations of the bootstrap
 
 
@@ -40,10 +40,10 @@ def sobol_influences(
 
     Where all points show the output: the estimators of Saltelli et al. (2010), Computer Physics Communications 181,
     259. Else those of given data, from the points that do, whose parameters need not be independent of each other:
-    first is the correlation ratio over classes of the parameter's values (Plischke, Borgonovo and Smith 2013, European
-    Journal of Operational Research 226, 536), less its bias by the bootstrap; total is half the mean square of the
-    difference between A and A with the parameter from B, over the pairs both of which show the output, over the
-    variance. The bootstrap is over base samples, all points of which are drawn together.
+    first is that of EASI less its bias by the bootstrap (Plischke, Borgonovo and Smith 2013, European Journal of
+    Operational Research 226, 536, eq. 30); total is half the mean square of the difference between A and A with the
+    parameter from B, over the pairs both of which show the output, over the variance. The bootstrap is over base
+    samples, all points of which are drawn together.
 
     Parameters
     ----------
@@ -84,10 +84,10 @@ def _given(name: str, rows: SaltelliRows, x: np.ndarray, axis: int, drawn: np.nd
 
     def ratio(picked: np.ndarray | slice) -> float:
         shown = np.isfinite(y[picked])
-        return correlation_ratio(x[picked][shown], y[picked][shown])
+        return easi(x[picked][shown], y[picked][shown])
 
     raw, resampled = ratio(slice(None)), np.array([ratio(picked) for picked in drawn])
-    first = _estimated(2.0 * raw - float(resampled.mean()), resampled)  # Plischke et al. (2013), eq. (30)
+    first = _estimated(2.0 * raw - float(resampled.mean()), resampled)
     squares = (rows.a - rows.ab[:, axis]) ** 2
     pairs = int(np.isfinite(squares).sum())
     count = int(np.isfinite(y).sum())
@@ -105,11 +105,15 @@ def _given(name: str, rows: SaltelliRows, x: np.ndarray, axis: int, drawn: np.nd
     return Influence(name, first=first, total=estimate, count=count)
 
 
-def correlation_ratio(x: np.ndarray, y: np.ndarray) -> float:
-    """Variance of the mean of y (n,) over classes of x (n,) with equally many points each, over the variance of y."""
-    exponent = 2.0 / (7.0 + np.tanh((1500.0 - x.size) / 500.0))
-    classes = min(int(np.ceil(x.size**exponent)), MAX_CLASSES)
-    return float(salib("analyze.delta").sobol_first(y, x, np.linspace(0, x.size, classes + 1)))
+def easi(x: np.ndarray, y: np.ndarray) -> float:
+    """Share of the variance of y (n,) in the first harmonics of y over the rank of x (n,), biased by noise in y.
+
+    EASI of Plischke (2010), Reliability Engineering & System Safety 95, 354.
+    """
+    if not y.size or np.ptp(y) == 0.0:
+        return 0.0
+    analysis = salib("analyze.rbd_fast")
+    return float(analysis.compute_first_order(analysis.permute_outputs(x, y), HARMONICS))
 
 
 def _estimated(value: float, resampled: np.ndarray) -> Estimate:
