@@ -21,8 +21,8 @@ DIFFERENCE_STEP_ERRORS = 0.1  # one-sided difference, in standard errors of the 
 DIFFERENCE_STEP_BOUNDS = (1e-5, 1e-2)  # of the window  [1]
 SIMPLEX_STEP_BOUNDS = (1e-3, 0.1)  # of the window  [1]: about half a standard error
 SIMPLEX_EVALUATIONS = 40  # of a search without derivatives, for each free parameter  [count]
+MAX_SIMPLEX_COST = 1e12  # of a failed simulation: a simplex cannot take infinity  [1]
 COST_WITHOUT_SQUARE = 1e6  # times the sum of squares at the best point  [1]: of a point that cannot be compared
-COST_OF_FAILED_RUN = 1e12  # for methods that cannot take infinity  [1]
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class ConstrainedFit:
         """Fit from the best of the starts (n, dim), of which those not `free` (dim, bool) are equal."""
         points = np.array(starts, dtype=float)
         points[:, free] = np.clip(points[:, free], MIN_EDGE_DISTANCE, 1.0 - MIN_EDGE_DISTANCE)
-        search = _Search(self, free, np.unique(points, axis=0))
+        search = _Descent(self, free, np.unique(points, axis=0))
         if not free.any():
             return search.best()
         if not math.isfinite(search.square):
@@ -121,7 +121,7 @@ class _Answer(NamedTuple):
     cost: float
 
 
-class _Search:
+class _Descent:
     """One fit: the best point so far, and what improves it."""
 
     def __init__(self, fit: ConstrainedFit, free: np.ndarray, starts: np.ndarray):
@@ -147,7 +147,7 @@ class _Search:
             if square < self.square or closer:
                 self.u, self.square, self.cost, self.kind, self.reason = u, square, outcome.cost, outcome.kind, reason
                 self.residuals = np.empty(0) if residuals is None else residuals
-            answers.append(_Answer(residuals, min(outcome.cost, COST_OF_FAILED_RUN)))
+            answers.append(_Answer(residuals, min(outcome.cost, MAX_SIMPLEX_COST)))
         return answers
 
     def descend(self) -> None:

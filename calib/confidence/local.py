@@ -125,7 +125,6 @@ def local(
     if residuals.size <= space.dim:
         reason = f"{residuals.size} residuals cannot determine {space.dim} parameters; score more features or records"
         return Confidence("not available", reason, space.names, value, at_edge=edges, evaluations=counted.number)
-
     jacobian, trouble = differentiate(counted, space.names, u, outcome)
     if trouble:
         return Confidence("not available", trouble, space.names, value, at_edge=edges, evaluations=counted.number)
@@ -137,8 +136,8 @@ def local(
     groups = undetermined_combinations(space, u, covariance)
     linearised = Linearised(residuals, unit_covariance(jacobian), covariance, freedom)
     covariance = covariance + np.diag(step**2)
-    assembled = _assemble(space, u, value, covariance, freedom, edges, reason, groups, counted.number)
-    return replace(assembled, linearised=linearised)
+    found = _assemble(space, u, value, covariance, freedom, edges, reason, groups, counted.number)
+    return replace(found, linearised=linearised)
 
 
 def at_edge(names: Sequence[str], u: np.ndarray) -> dict[str, str]:

@@ -126,17 +126,11 @@ def sample_posterior(
         points[..., :dim] = position(points[..., :dim].reshape(-1, dim)).reshape(points[..., :dim].shape)
         return points
 
+    dimensions = max(dim, 2)  # nautilus takes two at least: a single parameter has an idle one beside it
     sampler = nautilus().Sampler(
-        prior,
-        likelihood,
-        n_dim=max(dim, 2),
-        n_live=live,
-        n_batch=BATCH,
-        n_networks=NETWORKS,
-        vectorized=True,
-        pass_dict=False,
-        seed=seed,
-    )  # fmt: skip - nautilus takes two dimensions at least: a single parameter has an idle one beside it
+        prior, likelihood, n_dim=dimensions, n_live=live, n_batch=BATCH, n_networks=NETWORKS, vectorized=True,
+        pass_dict=False, seed=seed,
+    )  # fmt: skip
     sampler.run(f_live=REMAINING_EVIDENCE, n_eff=EFFECTIVE_SIZE, discard_exploration=False)
     points, log_weights, logarithms = (np.asarray(own) for own in sampler.posterior())
     chosen = _equally_weighted(np.exp(log_weights), round(float(sampler.n_eff)), seed)

@@ -23,7 +23,7 @@ BRACKET_MARGIN = 0.1  # of a bracket: a trial value stays away from its ends by 
 SECANT_TRIALS = 4  # values in a bracket by interpolation, before it is bisected  [count]
 WINDOW_SNAP = 0.1  # of a step: a value nearer to the end of the window goes to the end  [1]
 DEFAULT_HALF_WIDTH = 0.1  # of the window: assumed where there is no local interval  [1]
-MAX_HALF_WIDTH = 0.5  # of the window: assumed of wider local intervals  [1]
+MAX_LOCAL_HALF_WIDTH = 0.5  # of the window: assumed of wider local intervals  [1]
 MAX_POINTS = 60  # of one side  [count]
 ACCURACY = 2e-3  # of the quantile, to which the likelihood ratio of a point is fitted  [1]
 
@@ -102,7 +102,7 @@ class Side:
         likelihood = self.centre.likelihood
         if not likelihood.differentiable:
             return DEFAULT_HALF_WIDTH
-        return float(min(self.target * likelihood.standard_error[self.axis], MAX_HALF_WIDTH))
+        return float(min(self.target * likelihood.standard_error[self.axis], MAX_LOCAL_HALF_WIDTH))
 
     def distance(self, point: FittedPoint) -> float:
         """Distance of a point from the best one along the parameter."""

@@ -175,17 +175,11 @@ def load(
     if model is None or space is None or optimiser is None or laboratory is None:
         raise AssertionError("a part of the study is missing, and no mistake says why")
     study = _study(shape, mistakes, _Parts(model, space, objective, optimiser, timeout, settings), budget)
+    others = {name: reference for name, reference in every.items() if reference.use != "calibrate"}
     return StudyFile(
-        path=path,
-        study=study,
-        others={name: reference for name, reference in every.items() if reference.use != "calibrate"},
-        folder=folder,
-        view=shape.store.view,
-        keep=shape.store.keep,
-        candidates=candidates,
-        laboratory=laboratory,
-        priors=priors,
-    )
+        path=path, study=study, others=others, folder=folder, view=shape.store.view, keep=shape.store.keep,
+        candidates=candidates, laboratory=laboratory, priors=priors,
+    )  # fmt: skip
 
 
 class _Parts(NamedTuple):

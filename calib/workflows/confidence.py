@@ -32,7 +32,7 @@ CONFIDENCE_PICTURE = "confidence.png"
 POSTERIOR, POSTERIOR_PICTURE, ENSEMBLE = "posterior.nc", "posterior.png", "ensemble.csv"
 STAGE = "confidence"
 ALL = "all"
-FORMAT_VERSION = 1  # of the points: those of another are forgotten
+POINTS_FORMAT_VERSION = 1  # of the points: those of another are forgotten
 
 
 def confidence_study(
@@ -138,7 +138,7 @@ def _found(
     study, folder = file.study, file.folder
     u = study.space.point(values)
     units = {name: study.model.parameters[name.partition("@")[0]].unit for name in study.space.names}
-    identity = [FORMAT_VERSION, study.header.definition, study.code, u.tolist()]
+    identity = [POINTS_FORMAT_VERSION, study.header.definition, study.code, u.tolist()]
     later = expected_evaluations(study.space.dim) if posterior else 0
     points = [0]
 

@@ -272,16 +272,9 @@ class Study:
         return calibration
 
     def sensitivity(
-        self,
-        out: str | Path | None = None,
-        *,
-        method: Method = MORRIS,
-        trajectories: int | None = None,
-        samples: int | None = None,
-        jobs: int | None = None,
-        fresh: bool = False,
-        quiet: bool = False,
-    ) -> Sensitivity:
+        self, out: str | Path | None = None, *, method: Method = MORRIS, trajectories: int | None = None,
+        samples: int | None = None, jobs: int | None = None, fresh: bool = False, quiet: bool = False,
+    ) -> Sensitivity:  # fmt: skip
         """Say which parameter moves which feature of the motion inside the windows: `calib sensitivity`.
 
         `out` and `fresh` as in `run`, the others as in `calib.workflows.sensitivity.sensitivity_study`.
@@ -382,15 +375,10 @@ class Calibration:
         return Path(path)
 
     def diagnose(
-        self,
-        *,
-        candidates: str | Sequence[str | Mapping[str, Any] | Effect] | None = None,
-        jobs: int | None = None,
-        pool: Mapping[str, Any] | None = None,
-        budget: int | str | None = None,
-        seed: int | None = None,
+        self, *, candidates: str | Sequence[str | Mapping[str, Any] | Effect] | None = None, jobs: int | None = None,
+        pool: Mapping[str, Any] | None = None, budget: int | str | None = None, seed: int | None = None,
         quiet: bool = False,
-    ) -> Diagnosed:
+    ) -> Diagnosed:  # fmt: skip
         """Search for effects that are missing in the model: `calib diagnose`.
 
         Parameters
@@ -423,19 +411,14 @@ class Calibration:
         """Search for the force that the model misses, `calib discover`; `apply` writes the study that has it too."""
         with Count("simulations", quiet) as count:
             summary, extended = discover_study(
-                self.path, jobs=jobs, seed=seed, apply=apply, budget=budget, on_progress=count)  # fmt: skip
+                self.path, jobs=jobs, seed=seed, apply=apply, budget=budget, on_progress=count
+            )
         return Discovered(summary, self.summary.name, None if extended is None else Study.read(extended))
 
     def confidence(
-        self,
-        *,
-        pairs: Sequence[tuple[str, str]] | str = (),
-        posterior: bool = False,
-        jobs: int | None = None,
-        pool: Mapping[str, Any] | None = None,
-        fresh: bool = False,
-        quiet: bool = False,
-    ) -> Profiled:
+        self, *, pairs: Sequence[tuple[str, str]] | str = (), posterior: bool = False, jobs: int | None = None,
+        pool: Mapping[str, Any] | None = None, fresh: bool = False, quiet: bool = False,
+    ) -> Profiled:  # fmt: skip
         """Intervals of the values by profiles of the likelihood, and their posterior distribution: `calib confidence`.
 
         Parameters
@@ -451,11 +434,9 @@ class Calibration:
         CalibError : there are no calibrated values, or a pair names no searched parameter
         """
         with Count("points", quiet) as count:
-            return Profiled(
-                confidence_study(
-                    self.path, pairs=pairs, posterior=posterior, jobs=jobs, pool=pool, fresh=fresh, on_progress=count
-                )
-            )
+            return Profiled(confidence_study(
+                self.path, pairs=pairs, posterior=posterior, jobs=jobs, pool=pool, fresh=fresh, on_progress=count
+            ))  # fmt: skip
 
     def __repr__(self) -> str:
         return calibration_text(self.summary)

@@ -13,7 +13,7 @@ from calib.report.plots.style import DPI, LINE, MARK, SIMULATED, STYLE, TEXT_WID
 
 BINS = 30  # of a histogram  [count]
 MIN_PANEL, MAX_PANEL = 1.1, 2.4  # side of a panel  [inch]
-MARGIN = 0.05  # of the range of the sample, on both sides  [1]
+SAMPLE_MARGIN = 0.05  # of the range of the sample, on both sides  [1]
 
 
 def posterior_figure(result: PosteriorResult, values: Mapping[str, np.ndarray], best: Mapping[str, float]) -> Figure:
@@ -82,10 +82,10 @@ def _pair(axes: Axes, across: MarginalResult, below: MarginalResult, values: Map
 def _limit(axes: Axes, which: str, marginal: MarginalResult, values: np.ndarray) -> None:
     low, high = float(values.min()), float(values.max())
     if marginal.scale == "log" and high > 2.0 * low > 0.0:
-        room = (high / low) ** MARGIN
+        room = (high / low) ** SAMPLE_MARGIN
         axes.set(**{f"{which}scale": "log"})
         logarithmic(getattr(axes, f"{which}axis"), low, high)
         axes.set(**{f"{which}lim": (low / room, high * room)})
     else:
-        room = MARGIN * (high - low)
+        room = SAMPLE_MARGIN * (high - low)
         axes.set(**{f"{which}lim": (low - room, high + room)})

@@ -28,7 +28,7 @@ from calib.report.plots.style import (
 COLUMNS, PANEL_HEIGHT = 3, 2.1  # of the panels, and of one  [inch]
 TOP = 1.9  # of a panel, in quantiles  [1]
 CURVE_SAMPLES, MAP_SAMPLES = 200, 100  # of a drawn curve, and of each side of a map  [count]
-MARGIN = 0.12  # of the width of the interval, on both sides of a panel  [1]
+PANEL_MARGIN = 0.12  # of the width of the interval, on both sides of a panel  [1]
 JOINT_LEVELS = (0.25, 1.0)  # contours of a pair, in quantiles  [1]: about 1 and 2 standard errors
 
 
@@ -69,7 +69,7 @@ def _profile(axes: Axes, profile: ProfileResult) -> None:
     axes.axhline(profile.quantile, color=MARK, linewidth=0.9, label="quantile of the interval")
     if profile.half_width is not None:
         low, high = _scaled(profile, ends)
-        wide = np.linspace(low - MARGIN * (high - low), high + MARGIN * (high - low), CURVE_SAMPLES)
+        wide = np.linspace(low - PANEL_MARGIN * (high - low), high + PANEL_MARGIN * (high - low), CURVE_SAMPLES)
         parabola = profile.quantile * ((wide - centre) / profile.half_width) ** 2
         axes.plot(factor * _value(profile, wide), parabola, label="local parabola", **BASE_LOOK)
     axes.plot(factor * _value(profile, dense), curve, color=SIMULATED, linewidth=1.3, label="profile")
@@ -84,7 +84,7 @@ def _profile(axes: Axes, profile: ProfileResult) -> None:
     axes.axvline(factor * profile.value, color=LINE, linewidth=0.7, linestyle=(0, (2, 2)))
     axes.set(ylim=(0.0, TOP * profile.quantile), xlabel=f"{profile.name} [{raised(unit)}]")
     low, high = _scaled(profile, ends)
-    room = MARGIN * (high - low)
+    room = PANEL_MARGIN * (high - low)
     left, right = factor * _value(profile, np.array([low - room, high + room]))
     _axis(axes, "x", profile.scale, left, right)
 
