@@ -125,8 +125,8 @@ def confidence(study: Path, **options: Any) -> None:
     """Say how sure the calibrated values of STUDY are, by the profile of the likelihood over each parameter.
 
     Each parameter is moved away from its best value, all others are searched again, and its interval ends where the
-    likelihood ratio reaches its quantile: bounds that the curvature at the best point does not show. Needs what
-    `calib run` has found. Goes on where it was stopped or killed.
+    likelihood-ratio statistic reaches its quantile: bounds that the curvature at the best point does not show. Needs
+    what `calib run` has found. Goes on where it was stopped or killed.
 
     \b
     Leaves in out/:  confidence.json   intervals, profiles, contours of pairs, remarks

@@ -32,22 +32,29 @@ class Prior:
     spread: float
 
     def check(self, window: Window) -> None:
-        """Refuse a prior without a spread, or with next to no probability in the window.
+        """Refuse a prior that is no distribution, or has next to no probability in the window.
 
         Raises
         ------
         CalibError : it is one of these
         """
+        if not math.isfinite(self.centre):
+            raise CalibError(f"expected a finite mean or median, got {self.centre:g}")
         if not self.spread > 0.0 or not math.isfinite(self.spread):
-            raise CalibError(f"expected a standard deviation above 0, got {self.spread:g}")
+            raise CalibError(f"expected a finite standard deviation above 0, got {self.spread:g}")
         if self.kind == "lognormal" and not self.centre > 0.0:
             raise CalibError(f"expected a median above 0, got {self.centre:g}")
+        if self.kind == "lognormal" and not window.high > 0.0:
+            raise CalibError(
+                f"a lognormal prior is of values above 0, and the window [{window.low:g}, {window.high:g}] (SI) has "
+                "none; take a normal one"
+            )
         low, high = self._bounds(window)
         inside = stats.norm.cdf(high) - stats.norm.cdf(low)
         if inside < MIN_PROBABILITY_IN_WINDOW:
             raise CalibError(
-                f"the prior has a probability of {inside:.1g} in the window [{window.low:g}, {window.high:g}]; widen "
-                "the window, or mend the prior"
+                f"the prior has a probability of {inside:.1g} in the window [{window.low:g}, {window.high:g}] "
+                "(SI); widen the window, or mend the prior"
             )
 
     def position(self, probability: np.ndarray, window: Window) -> np.ndarray:

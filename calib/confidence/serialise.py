@@ -133,7 +133,8 @@ def _difference(
             for label, width, end in zip(WORDS, widths, ends, strict=True)
             if end.cause == CROSSED
         ]
-        causes.insert(0, f"it reaches {' and '.join(parts)} as the local interval (curvature of the model)")
+        scale = ", on the logarithmic scale of the window" if window.scale == "log" else ""
+        causes.insert(0, f"it reaches {' and '.join(parts)} as the local interval{scale} (curvature of the model)")
     return "; ".join(causes)
 
 

@@ -19,7 +19,7 @@ def calibrated_values(file: StudyFile, folder: Path) -> Mapping[str, float]:
     if calibration is None:
         raise CalibError(f"there is no {result.FILE_NAME} in {folder}: calibrate first, with `calib run {file.path}`")
     if not calibration.values:
-        raise CalibError(f"no trial of the study in {folder} ended well: there are no values to diagnose")
+        raise CalibError(f"no trial of the study in {folder} ended well: there are no values; see `calib status`")
     missing = [name for name in file.study.space.names if name not in calibration.values]
     if missing:
         raise CalibError(

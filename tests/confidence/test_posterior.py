@@ -79,14 +79,22 @@ def test_priors_are_cut_at_the_window():
 @pytest.mark.parametrize(
     ("prior", "message"),
     [
-        (Prior("normal", 1.0, 0.0), "expected a standard deviation above 0, got 0"),
+        (Prior("normal", 1.0, 0.0), "expected a finite standard deviation above 0, got 0"),
+        (Prior("normal", 1.0, -0.5), "expected a finite standard deviation above 0, got -0.5"),
+        (Prior("normal", math.nan, 0.5), "expected a finite mean or median, got nan"),
+        (Prior("normal", math.inf, 0.5), "expected a finite mean or median, got inf"),
         (Prior("lognormal", -1.0, 0.5), "expected a median above 0, got -1"),
-        (Prior("normal", 20.0, 0.5), r"a probability of .* in the window \[0, 2\]"),
+        (Prior("normal", 20.0, 0.5), r"a probability of .* in the window \[0, 2\] \(SI\)"),
     ],
 )
 def test_a_prior_that_cannot_be_is_refused(prior, message):
     with pytest.raises(CalibError, match=message):
         prior.check(Window(0.0, 2.0))
+
+
+def test_a_lognormal_prior_of_a_window_without_a_value_above_0_is_refused():
+    with pytest.raises(CalibError, match=r"the window \[-2, 0\] \(SI\) has none; take a normal one"):
+        Prior("lognormal", 1.0, 0.5).check(Window(-2.0, 0.0))
 
 
 def test_what_cannot_be_compared_is_less_likely_and_has_a_slope():

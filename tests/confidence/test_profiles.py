@@ -144,6 +144,18 @@ def test_profiles_of_a_curved_valley_are_those_known():
         assert point.ratio == pytest.approx(exact, rel=0.01, abs=0.01)
 
 
+def test_an_interval_on_a_logarithmic_window_is_compared_on_that_scale():
+    problem = banana(1.0, 3.0)
+    found = problem.profiles([0.75, 0.375])
+    assert "logarithmic" not in problem.result(found).profiles[1].text
+    problem.space = Space({"a": Window(0.0, 1.0), "b": Window(0.001, 0.1, "log")})
+    profile = problem.result(found).profiles[1]
+    low, high = profile.local
+    reach = math.log(profile.high.value / profile.value) / math.log(high / profile.value)
+    assert f"{reach:.3g} times as far above" in profile.text
+    assert "on the logarithmic scale of the window" in profile.text
+
+
 def test_an_interval_that_never_ends_is_open():
     problem, _, own = linear(dim=2)
     problem.residuals = lambda u: own + np.sin(TIME) * (u[0] - 0.5) + 0.01 * np.cos(TIME) * (u[1] - 0.5)

@@ -13,8 +13,9 @@ from calib.study import CalibrationResult
 from calib.units import shown
 
 PROFILES = (
-    "Likelihood ratio over each parameter, all others searched again. Where it crosses the quantile the interval ends; "
-    "the parabola is what the curvature at the best value alone says."
+    "Likelihood-ratio statistic (twice the fall of the log-likelihood from its best value) over each parameter, all "
+    "others searched again. Where it crosses the quantile the interval ends; the parabola is what the curvature at the "
+    "best value alone says."
 )
 PAIRS = " Of two parameters: the region of the joint quantile, and that of a quarter of it."
 

@@ -33,7 +33,7 @@ JOINT_LEVELS = (0.25, 1.0)  # contours of a pair, in quantiles  [1]: about 1 and
 
 
 def profiles_figure(result: ConfidenceResult) -> Figure:
-    """Likelihood ratio over each parameter with its quantile and the local parabola, and over the pairs as contours."""
+    """Likelihood-ratio statistic over each parameter with quantile and local parabola; over the pairs as contours."""
     panels: Sequence[ProfileResult | PairResult] = [*result.profiles, *result.pairs]
     columns = min(COLUMNS, len(panels))
     rows = math.ceil(len(panels) / columns)
@@ -48,7 +48,7 @@ def profiles_figure(result: ConfidenceResult) -> Figure:
         for axes in grid[len(panels) :]:
             axes.set_axis_off()
         for k, axes in enumerate(grid[: len(result.profiles)]):
-            axes.set_ylabel("Likelihood ratio" if k % columns == 0 else "")
+            axes.set_ylabel("Likelihood-ratio statistic" if k % columns == 0 else "")
         handles, labels = grid[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper right", ncols=len(labels), columnspacing=1.2)
     return figure

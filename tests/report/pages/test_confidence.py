@@ -90,3 +90,4 @@ def test_profiles_are_drawn(pairs):
     assert png(figure).startswith(b"\x89PNG")
     labels = [axes.get_xlabel() for axes in figure.axes if axes.get_xlabel()]
     assert labels == ["gap [mm]", "damping [1]", "gap [mm]"][: 2 + len(pairs)]
+    assert figure.axes[0].get_ylabel() == "Likelihood-ratio statistic"
