@@ -67,7 +67,7 @@ def show(result: ConfidenceResult, folder: Path, console: Console) -> None:
     for remark in result.remarks:
         console.print(f"[yellow]mind:[/] {escape(remark)}", soft_wrap=True)
     console.print(escape(result.noise), soft_wrap=True)
-    console.print(f"{result.evaluations} evaluations in {result.seconds:.1f} s")
+    console.print(f"{result.evaluations} evaluations")
     names = [CONFIDENCE, CONFIDENCE_PICTURE, "report.html"]
     if result.posterior is not None:
         own = result.posterior
@@ -81,6 +81,7 @@ def show(result: ConfidenceResult, folder: Path, console: Console) -> None:
             soft_wrap=True,
         )
         names += [POSTERIOR, POSTERIOR_PICTURE, ENSEMBLE]
+    console.print(f"this run took {result.seconds:.1f} s")
     console.print(f"files:  {escape(str(folder))}/ ({', '.join(names)})", soft_wrap=True)
 
 

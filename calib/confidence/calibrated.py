@@ -40,7 +40,6 @@ def profiled(
     notes: Notes,
     *,
     pairs: Sequence[tuple[str, str]] = (),
-    on_evaluated: Callable[[int], None] = lambda number: None,
     on_progress: Callable[[int, int], None] = lambda done, foreseen: None,
 ) -> Profiles:
     """Profiles of the likelihood about a study's best point; see `calib.confidence.profiles.profiles`.
@@ -51,18 +50,13 @@ def profiled(
     u : (dim,) the best point, in the unit cube
     notes : finished points are taken from there, and added to it
     pairs : of parameters that are profiled together
-    on_evaluated : called with the number of points that are evaluated together
     on_progress : called with the number of points that are done and of those that are foreseen
 
     Raises
     ------
     CalibError : the best point cannot be evaluated
     """
-    evaluated = _evaluated_by(study, pool)
-
-    def evaluate(points: np.ndarray) -> Sequence[Outcome]:
-        on_evaluated(len(points))
-        return evaluated(points)
+    evaluate = _evaluated_by(study, pool)
 
     def analyse(at: np.ndarray) -> LocalAnalysis:
         [evaluation] = in_order(pool, [study.space.values(at)])
