@@ -243,7 +243,7 @@ def test_priors_of_a_study_are_read_in_its_units(tmp_path):
         ('gane = { kind = "normal", mean = 1.0, standard_deviation = 1.0 }', "no parameter 'gane' is searched"),
         ('gain = { kind = "gamma", mean = 1.0, standard_deviation = 1.0 }', "'normal' or 'lognormal'"),
         ('gain = { kind = "normal", median = 1.0, standard_deviation = 1.0 }', "takes the keys mean and standard_dev"),
-        ('gain = { kind = "normal", mean = 1.0, standard_deviation = 0.0 }', "expected a finite standard deviation above 0"),
+        ('gain = { kind = "normal", mean = 1.0, standard_deviation = 0.0 }', "a finite standard deviation above 0"),
         ('gain = { kind = "normal", mean = 9.0, standard_deviation = 0.1 }', "in the window [0.5, 2]"),
         ('harmonic = { kind = "normal", mean = "1 kg", standard_deviation = "1 mm" }', "kg"),
     ],
