@@ -237,7 +237,7 @@ class _Locus:
         return self.place(point.located)
 
     def place(self, z: np.ndarray) -> str:
-        return "({:.9g}, {:.9g})".format(*self.returns.plane.values(z))
+        return "(a, b) = ({:.9g}, {:.9g}) in SI".format(*self.returns.plane.values(z))
 
 
 def _least_period(returns: Returns, point: LocusPoint) -> int:
