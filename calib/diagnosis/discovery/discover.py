@@ -231,7 +231,7 @@ class _ForceSearch:
             curves[name] = "" if states is None else curve_in_words(states, place)
         discovery = replace(discovery, curves={name: text for name, text in curves.items() if text})
         if self.fitter.effort.spent and self.trials:
-            discovery = replace(discovery, summary=f"{discovery.summary}. {CUT_SHORT}")
+            return replace(discovery, verdict=UNDETERMINED, summary=f"{CUT_SHORT}: {discovery.summary}")
         if discovery.chosen is None or discovery.states is None or not is_open_curve(discovery.states):
             return discovery
         return replace(discovery, verdict=UNDETERMINED, summary=f"{discovery.summary}. {UNTOLD}")

@@ -112,7 +112,8 @@ class DiscoveryResult:
 
     Attributes
     ----------
-    verdict : "found", "nothing", "undetermined" (the records cannot tell) or "not_diagnosable"
+    verdict : "found", "nothing", "undetermined" (the records cannot tell, or the budget ended the search) or
+        "not_diagnosable"
     summary : the verdict in a sentence
     body : on which the force acts, or name of the interface; "" where none was found
     arguments : on which it depends

@@ -14,7 +14,7 @@ UNTESTED = (
     "a force is missing, but the records cannot tell of what it is a function: the cycles of one steady motion are no "
     'prediction of each other; record further amplitudes, or a free decay, with use = "name"'
 )
-CUT_SHORT = "The budget ended the search before all was tried"
+CUT_SHORT = "the budget ended the search before all was tried; of what was"
 UNTOLD = "But all records visit one curve of states: they cannot tell of what it is a function"
 
 
@@ -39,7 +39,7 @@ def summary_of(
     text = (
         f"a force {chosen.place.preposition} {chosen.body} is missing: a {described(chosen.arguments, chosen.place)} "
         f"explains {explained_share(*excess):.0%} of the excess chi-square; "
-        f"predictive deviance of left-out records {null_left_out.deviance:.4g} -> {chosen.predictive_deviance:.4g}"
+        f"predictive deviance of left-out records {null_left_out.deviance:.4g} to {chosen.predictive_deviance:.4g}"
     )
     if others:
         text += f". It predicts as well as a {', a '.join(others)}"

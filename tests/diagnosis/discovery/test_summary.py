@@ -19,12 +19,12 @@ def test_models_that_tie_and_a_misfit_that_is_left_are_told():
     )
     assert told == (
         "a force on mass is missing: a function of displacement explains 75% of the excess chi-square; predictive "
-        "deviance of left-out records 500 -> 90. It predicts as well as a function of displacement + function of "
+        "deviance of left-out records 500 to 90. It predicts as well as a function of displacement + function of "
         "velocity. A force on layer predicts as well. It leaves 1.5 times the noise: it is the closest "
         "to what is missing, not all of it"
     )
     alone = summary_of(chosen, [chosen], [], (400.0, -3.0), SimpleNamespace(deviance=500.0), None)
-    assert alone.endswith("100% of the excess chi-square; predictive deviance of left-out records 500 -> 90")
+    assert alone.endswith("100% of the excess chi-square; predictive deviance of left-out records 500 to 90")
 
 
 def test_a_surface_is_less_simple_than_a_sum():
