@@ -91,11 +91,15 @@ class ConstrainedFit:
         return [self._point(u, outcome) for u, outcome in zip(points, self.evaluate(points), strict=True)]
 
     def _point(self, u: np.ndarray, outcome: Outcome) -> FittedPoint:
-        reason, square = self.why_incomparable(outcome), math.inf
-        if not reason:
-            residuals = np.asarray(outcome.residuals, dtype=float)
-            square = float(residuals @ residuals)
+        _, square, reason = self.compared(outcome)
         return FittedPoint(tuple(u.tolist()), square, float(outcome.cost), outcome.kind, reason, 1)
+
+    def compared(self, outcome: Outcome) -> tuple[np.ndarray | None, float, str]:
+        """Residuals (m,) of a point, their sum of squares, and why it cannot be compared: None and infinity then."""
+        if reason := self.why_incomparable(outcome):
+            return None, math.inf, reason
+        residuals = np.asarray(outcome.residuals, dtype=float)
+        return residuals, float(residuals @ residuals), ""
 
     def why_incomparable(self, outcome: Outcome) -> str:
         """Why a point cannot be compared with the best one; "" where it can, be its kind of motion another or not."""
@@ -140,9 +144,7 @@ class _Descent:
         self.number += len(points)
         answers = list[_Answer]()
         for u, outcome in zip(points, self.fit.evaluate(points), strict=True):
-            reason = self.fit.why_incomparable(outcome)
-            residuals = None if reason else np.asarray(outcome.residuals, dtype=float)
-            square = math.inf if residuals is None else float(residuals @ residuals)
+            residuals, square, reason = self.fit.compared(outcome)
             closer = not math.isfinite(self.square) and (outcome.cost < self.cost or not self.reason)
             if square < self.square or closer:
                 self.u, self.square, self.cost, self.kind, self.reason = u, square, outcome.cost, outcome.kind, reason
