@@ -131,7 +131,7 @@ def confidence(study: Path, **options: Any) -> None:
     \b
     Leaves in out/:  confidence.json   intervals, profiles, contours of pairs, remarks
                      confidence.png    the same as a picture
-    With --posterior:    posterior.nc, posterior.png, ensemble.csv
+    With --posterior:    posterior.nc, posterior.png, predictive.nc, predictive.png, ensemble.csv
 
     \b
     Example:  calib confidence studies/minimal --pairs restitution,damping

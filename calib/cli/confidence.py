@@ -11,16 +11,19 @@ from rich.table import Table
 from calib.cli.options import pool_table
 from calib.cli.status import folder_of
 from calib.confidence.artifacts import CONFIDENCE
+from calib.confidence.bands import PREDICTIVE
 from calib.confidence.document import ConfidenceResult, PosteriorResult
 from calib.confidence.profile import WINDOW_END
 from calib.execution.progress import Count
 from calib.report.formatting import distinguishing_digits
+from calib.report.pages.confidence import prediction_remarks
 from calib.units import reading, shown
 from calib.workflows.confidence import (
     CONFIDENCE_PICTURE,
     ENSEMBLE,
     POSTERIOR,
     POSTERIOR_PICTURE,
+    PREDICTIVE_PICTURE,
     confidence_study,
     pairs_of,
 )
@@ -80,7 +83,11 @@ def show(result: ConfidenceResult, folder: Path, console: Console) -> None:
             f"{own.evaluations} evaluations",
             soft_wrap=True,
         )
-        names += [POSTERIOR, POSTERIOR_PICTURE, ENSEMBLE]
+        if own.predicted:
+            console.print(_predictions(own))
+        for remark in (text for record in own.predicted for text in prediction_remarks(record)):
+            console.print(f"[yellow]mind:[/] {escape(remark)}", soft_wrap=True)
+        names += [POSTERIOR, POSTERIOR_PICTURE, PREDICTIVE, PREDICTIVE_PICTURE, ENSEMBLE]
     console.print(f"this run took {result.seconds:.1f} s")
     console.print(f"files:  {escape(str(folder))}/ ({', '.join(names)})", soft_wrap=True)
 
@@ -113,4 +120,18 @@ def _marginals(result: ConfidenceResult, posterior: PosteriorResult) -> Table:
         interval = " .. ".join(shown(end, own.unit, digits) for end in (own.low, own.high))
         deviation = f"{factor * own.standard_deviation:.2g} {unit}".rstrip()
         table.add_row(escape(own.name), shown(own.mean, own.unit, digits), deviation, interval)
+    return table
+
+
+def _predictions(posterior: PosteriorResult) -> Table:
+    table = Table(title="samples inside the 95 % band that the posterior distribution predicts", title_justify="left")
+    for heading in ("record", "body", "channel"):
+        table.add_column(heading)
+    for heading in ("inside", "noise"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for record in posterior.predicted:
+        name = f"{record.name} (held out)" if record.held_out else record.name
+        for own in record.channels:
+            inside = "-" if own.inside is None else f"{own.inside:.1%}"
+            table.add_row(*map(escape, (name, own.body, own.channel, inside, shown(own.noise, own.unit, 2))))
     return table

@@ -118,6 +118,51 @@ class MarginalResult:
 
 
 @dataclass(frozen=True)
+class PredictedChannelResult:
+    """A channel of a body beside what the posterior distribution predicts of it.
+
+    Attributes
+    ----------
+    body, channel : whose
+    inside : share of its samples inside the 95 % band of curve and noise  [1]; None where no sample counts
+    samples : that count; velocities beside an impact do not
+    noise, unit : standard deviation of the noise, in SI
+    source : where it comes from, in words
+    """
+
+    body: str
+    channel: str
+    inside: float | None
+    samples: int
+    noise: float
+    unit: str
+    source: str
+
+
+@dataclass(frozen=True)
+class PredictedRecordResult:
+    """A record beside what the posterior distribution predicts of it.
+
+    Attributes
+    ----------
+    name : of the record
+    held_out : whether it was not calibrated on
+    draws, failed, other_kind : draws of the posterior that were simulated, those that failed, and those whose motion is
+        of another kind than measured
+    channels : of each channel that is compared; none where the record cannot be predicted
+    reason : why not; "" where it is
+    """
+
+    name: str
+    held_out: bool
+    draws: int
+    failed: int
+    other_kind: int
+    channels: tuple[PredictedChannelResult, ...] = ()
+    reason: str = ""
+
+
+@dataclass(frozen=True)
 class PosteriorResult:
     """The posterior distribution of the parameters; its sample is in posterior.nc.
 
@@ -127,6 +172,7 @@ class PosteriorResult:
     log_evidence, log_evidence_error : logarithm of the evidence of the model over the likelihood of its best point
     effective_size : of the sample  [count]
     evaluations : that it took, of all calibrated records
+    predicted : records beside what it predicts of them, the calibrated ones first
     """
 
     parameters: tuple[MarginalResult, ...]
@@ -134,6 +180,7 @@ class PosteriorResult:
     log_evidence_error: float
     effective_size: float
     evaluations: int
+    predicted: tuple[PredictedRecordResult, ...] = ()
 
 
 @dataclass(frozen=True)

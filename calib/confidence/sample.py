@@ -1,8 +1,9 @@
 """The sample of a posterior distribution in SI: its summary, and its files."""
 
 import csv
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -16,6 +17,7 @@ from calib.modelling.parameter import Space
 from calib.units import shown
 
 ENSEMBLE_SIZE = 20  # parameter sets of an ensemble  [count]
+SINGLE_PRECISION = {"dtype": "float32", "zlib": True, "complevel": 1}  # of many drawn samples in a file
 
 
 def values_of(space: Space, posterior: Posterior) -> dict[str, np.ndarray]:
@@ -62,10 +64,14 @@ def _in_words(prior: Prior | None, scale: str, unit: str) -> str:
     return f"lognormal, median {centre}, standard deviation of the logarithm {prior.spread:.3g}"
 
 
-def write_posterior(path: Path, space: Space, units: Mapping[str, str], posterior: Posterior) -> None:
+def write_posterior(
+    path: Path, space: Space, units: Mapping[str, str], posterior: Posterior, groups: Mapping[str, xr.Dataset]
+) -> None:
     """Write a sample as netCDF with the groups `posterior` and `sample_stats`, as ArviZ reads it.
 
     Each parameter has the dimensions (chain, draw) and a unit; log_likelihood is over that of the best point.
+
+    groups : further ones, of which real numbers are stored in single precision
     """
     dims = ("chain", "draw")
     coordinates = {"chain": [0], "draw": np.arange(len(posterior.points))}
@@ -80,6 +86,9 @@ def write_posterior(path: Path, space: Space, units: Mapping[str, str], posterio
     with whole(path) as temporary:
         xr.Dataset(values, coordinates, evidence).to_netcdf(temporary, group="posterior", engine="netcdf4")
         xr.Dataset(statistics, coordinates).to_netcdf(temporary, mode="a", group="sample_stats", engine="netcdf4")
+        for name, content in groups.items():
+            encoding: dict[Hashable, dict[str, Any]] = {one: SINGLE_PRECISION for one in content.data_vars}
+            content.to_netcdf(temporary, mode="a", group=name, engine="netcdf4", encoding=encoding)
 
 
 def write_ensemble(path: Path, space: Space, units: Mapping[str, str], posterior: Posterior) -> None:

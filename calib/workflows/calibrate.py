@@ -11,7 +11,6 @@ from typing import Any
 import xarray as xr
 
 from calib.confidence import Confidence, around_best, describe_near_optimal
-from calib.confidence.artifacts import read_confidence
 from calib.diagnosis import artifacts
 from calib.diagnosis.discovery.artifacts import read_discovery
 from calib.errors import CalibError
@@ -45,7 +44,7 @@ from calib.workflows.amplitudes import implausible_amplitudes
 from calib.workflows.dry_run import check_simulator_runs
 from calib.workflows.evaluations import CALIBRATED, CONFIRM, SEARCH, Case, Evaluations, IdleWorkers, held_out_references
 from calib.workflows.residual import residuals_beside_noise
-from calib.workflows.stored import base_study, end_of_search, scored, stored_study
+from calib.workflows.stored import base_study, end_of_search, scored, stored_confidence, stored_study
 
 MAX_FREE_TRIGGER_SHARE = 0.5  # of the distance: a free trigger is recommended where it leaves less
 UNFINISHED = "not finished"  # why a search ended that has not
@@ -303,7 +302,7 @@ def _reported(file: StudyFile, folder: Path, calibrated: Calibrated) -> Path:
     page = render(
         shown, calibrated.trials, records, calibrated.result, f"calib run {file.path}", calibrated.header, diagnosis,
         motions, study.jobs, base_study(file), read_discovery(folder),
-        read_confidence(folder),
+        *stored_confidence(folder),
     )  # fmt: skip
     path = folder / "report.html"
     with whole(path) as temporary:

@@ -3,13 +3,15 @@
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 from calib.confidence import profiled, sampled
 from calib.confidence.artifacts import write_confidence
-from calib.confidence.document import ConfidenceResult, PosteriorResult
+from calib.confidence.bands import write_bands
+from calib.confidence.document import ConfidenceResult
 from calib.confidence.notes import NOTES, PointNotes
 from calib.confidence.posterior import Posterior, expected_evaluations
 from calib.confidence.sample import posterior_result, values_of, write_ensemble, write_posterior
@@ -17,8 +19,8 @@ from calib.confidence.sampler_package import nautilus
 from calib.confidence.serialise import confidence_result
 from calib.errors import CalibError, nearest
 from calib.execution.files import whole
-from calib.modelling.parameter import Space
 from calib.report.plots.posterior import posterior_figure
+from calib.report.plots.predictive import predictive_figure
 from calib.report.plots.profiles import profiles_figure
 from calib.report.plots.style import png
 from calib.store.lock import Lock
@@ -27,9 +29,19 @@ from calib.study_file import StudyFile, load
 from calib.workflows.calibrate import rebuild
 from calib.workflows.calibrated import calibrated_values
 from calib.workflows.evaluations import Evaluations
+from calib.workflows.predictive import (
+    PredictedRecords,
+    bands_of_records,
+    forget_pieces,
+    predicted_records,
+    predicted_results,
+    predicted_simulations,
+    predictive_groups,
+)
 
 CONFIDENCE_PICTURE = "confidence.png"
 POSTERIOR, POSTERIOR_PICTURE, ENSEMBLE = "posterior.nc", "posterior.png", "ensemble.csv"
+PREDICTIVE_PICTURE = "predictive.png"
 STAGE = "confidence"
 ALL = "all"
 POINTS_FORMAT_VERSION = 1  # of the points: those of another are forgotten
@@ -52,7 +64,7 @@ def confidence_study(
     Writes confidence.json and confidence.png into the folder of the results, and draws report.html anew. Each point is
     kept in confidence.jsonl as it ends: a run that was stopped or killed goes on with the same call, and finds what it
     would have found uninterrupted. With `posterior`, the posterior distribution goes into posterior.nc, posterior.png
-    and ensemble.csv.
+    and ensemble.csv, and what it predicts into predictive.nc and predictive.png.
 
     Parameters
     ----------
@@ -139,43 +151,56 @@ def _found(
     u = study.space.point(values)
     units = {name: study.model.parameters[name.partition("@")[0]].unit for name in study.space.names}
     identity = [POINTS_FORMAT_VERSION, study.header.definition, study.code, u.tolist()]
-    later = expected_evaluations(study.space.dim) if posterior else 0
-    points = [0]
-
-    def profiling(done: int, foreseen: int) -> None:
-        points[0] = done
-        on_progress(done, foreseen + later)
-
-    def sampling(done: int, foreseen: int) -> None:
-        on_progress(points[0] + done, points[0] + foreseen)
+    stages = [0, expected_evaluations(study.space.dim), predicted_simulations(file)] if posterior else [0]
+    progress = _StagedProgress(on_progress, stages)
 
     with PointNotes(folder / NOTES, identity) as notes, Evaluations(file, folder, on_stage) as evaluations:
         on_stage("profiles")
         pool = evaluations.calibrated(STAGE)
-        profiles = profiled(study, pool, u, notes, pairs=pairs, on_progress=profiling)
+        profiles = profiled(study, pool, u, notes, pairs=pairs, on_progress=partial(progress, 0))
         evaluated = notes.evaluations + profiles.analysis.confidence.evaluations
         result = confidence_result(study.name, study.space, units, profiles, evaluated, time.monotonic() - begin)
         if posterior:
             on_stage("posterior")
-            sample = sampled(study, pool, profiles, notes, file.priors, on_progress=sampling)
-            distribution = posterior_result(study.space, units, file.priors, sample)
+            sample = sampled(study, pool, profiles, notes, file.priors, on_progress=partial(progress, 1))
+            on_stage("predictions")
+            best = study.space.values(profiles.centre.u)
+            records = predicted_records(file, evaluations, sample, best, folder, partial(progress, 2))
+            distribution = replace(
+                posterior_result(study.space, units, file.priors, sample), predicted=predicted_results(records)
+            )
             result = replace(result, posterior=distribution, seconds=time.monotonic() - begin)
-            _write_sample(sample, distribution, result.values, study.space, units, folder)
+            _write_sample(file, sample, result, units, records)
     return result
 
 
+class _StagedProgress:
+    """Counts over stages, of which each says how much of it is done and foreseen."""
+
+    def __init__(self, on_progress: Callable[[int, int], None], foreseen: Sequence[int]):
+        self._on_progress = on_progress
+        self._done, self._foreseen = [0] * len(foreseen), list(foreseen)
+
+    def __call__(self, stage: int, done: int, foreseen: int) -> None:
+        self._done[stage], self._foreseen[stage] = done, foreseen
+        self._on_progress(sum(self._done), sum(self._foreseen))
+
+
 def _write_sample(
-    sample: Posterior,
-    distribution: PosteriorResult,
-    best: Mapping[str, float],
-    space: Space,
-    units: Mapping[str, str],
-    folder: Path,
+    file: StudyFile, sample: Posterior, result: ConfidenceResult, units: Mapping[str, str], records: PredictedRecords
 ) -> None:
-    write_posterior(folder / POSTERIOR, space, units, sample)
-    write_ensemble(folder / ENSEMBLE, space, units, sample)
+    study, folder = file.study, file.folder
+    if result.posterior is None:
+        return
+    write_posterior(folder / POSTERIOR, study.space, units, sample, predictive_groups(records, study.seed))
+    write_ensemble(folder / ENSEMBLE, study.space, units, sample)
     with whole(folder / POSTERIOR_PICTURE) as temporary:
-        temporary.write_bytes(png(posterior_figure(distribution, values_of(space, sample), best)))
+        temporary.write_bytes(png(posterior_figure(result.posterior, values_of(study.space, sample), result.values)))
+    bands = bands_of_records(records)
+    write_bands(bands, folder)
+    with whole(folder / PREDICTIVE_PICTURE) as temporary:
+        temporary.write_bytes(png(predictive_figure(bands)))
+    forget_pieces(folder)
 
 
 def _write(result: ConfidenceResult, folder: Path) -> None:

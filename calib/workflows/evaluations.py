@@ -88,9 +88,15 @@ class Evaluations:
         """Return the pool that evaluates values on the calibrated records."""
         return _StagePool(self._pool, stage, Case(confirming, afresh=afresh))
 
+    def each(
+        self, tasks: Sequence[tuple[Case, Mapping[str, float]]], stage: str
+    ) -> Iterator[tuple[int, Evaluation | Failure]]:
+        """Evaluate values, each on a case of its own; yield (index, evaluation) as they end."""
+        return self._pool.map(tasks, stage)
+
     def at(self, values: Mapping[str, float], cases: Sequence[Case]) -> dict[str, Evaluation | Failure]:
         """Evaluate the same values on several cases; return the evaluations by their record."""
-        answers = dict(self._pool.map([(case, values) for case in cases], HOLD_OUT))
+        answers = dict(self.each([(case, values) for case in cases], HOLD_OUT))
         return {case.record: answers[index] for index, case in enumerate(cases)}
 
     def __enter__(self) -> Self:

@@ -34,17 +34,29 @@ def residuals_beside_noise(
     """
     if not isinstance(evaluation, Evaluation) or evaluation.score.status != OK or evaluation.score.wrong:
         return ()
-    rows = pairs_compared(objective)
     found: list[ChannelResidual] = []
     for name in objective.scored:
-        reference, cycle = objective.references[name], _cycle(objective.references[name].record)
-        if cycle is None or reference.record.sizes["time"] < CRITERIA.min_noise_samples:
-            continue
-        view = _rows(objective, name, rows[name], evaluation.records[name])
-        if view is not None:
-            evidence = gathered({name: reference}, rows, {name: cycle}, {name: view})
-            found += _compared(evidence.parts[0], view)
+        beside = beside_simulation(objective, name, evaluation.records[name])
+        if beside is not None:
+            found += _compared(*beside)
     return tuple(found)
+
+
+def beside_simulation(objective: Objective, name: str, simulated: xr.Dataset) -> tuple[Part, SimulatedRows] | None:
+    """A record with its noise as a diagnosis has it, and its simulation on the time base of the record.
+
+    None of irregular motions, of few samples, and where the simulation has not all channels.
+
+    simulated : of the reference `name`, of status ok
+    """
+    reference, rows = objective.references[name], pairs_compared(objective)
+    cycle = _cycle(reference.record)
+    if cycle is None or reference.record.sizes["time"] < CRITERIA.min_noise_samples:
+        return None
+    view = _rows(objective, name, rows[name], simulated)
+    if view is None:
+        return None
+    return gathered({name: reference}, rows, {name: cycle}, {name: view}).parts[0], view
 
 
 def _cycle(measured: xr.Dataset) -> int | None:

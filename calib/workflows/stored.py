@@ -7,6 +7,9 @@ from typing import Any
 
 import xarray as xr
 
+from calib.confidence.artifacts import read_confidence
+from calib.confidence.bands import read_bands
+from calib.confidence.document import ConfidenceResult
 from calib.errors import CalibError
 from calib.report.pages.base_study import BaseStudy
 from calib.store.record_files import best_records
@@ -62,6 +65,20 @@ def end_of_search(folder: Path) -> SearchEnd | None:
     if ended is None:
         return None
     return SearchEnd(ended.trials, ended.searched_best, ended.stopped, ended.agreement)
+
+
+def stored_confidence(folder: Path) -> tuple[ConfidenceResult | None, Mapping[str, xr.Dataset], str]:
+    """What the confidence.json of a folder says, its predictions, and why one of them is left out; "" where none is."""
+    try:
+        confidence = read_confidence(folder)
+    except CalibError as error:
+        return None, {}, str(error)
+    if confidence is None or confidence.posterior is None:
+        return confidence, {}, ""
+    try:
+        return confidence, read_bands(folder), ""
+    except CalibError as error:
+        return confidence, {}, str(error)
 
 
 def base_study(file: StudyFile) -> BaseStudy | None:

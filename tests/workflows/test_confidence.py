@@ -12,16 +12,19 @@ import time
 import pytest
 from child_environment import environment
 from click.testing import CliRunner
-from echo_study import TRUTH, write_study
+from echo_study import NOISE, TRUTH, bench, write_study
 from undrawn import undrawn
 
+from calib import records
 from calib.cli import main
 from calib.confidence import posterior
 from calib.confidence.artifacts import read_confidence
+from calib.confidence.bands import read_bands
 from calib.confidence.document import ConfidenceResult
 from calib.confidence.prior import Prior
 from calib.errors import CalibError
 from calib.study_file import load
+from calib.workflows import predictive
 from calib.workflows.confidence import confidence_study
 from calib.workflows.profiled import Profiled
 from calib.workflows.study import Calibration
@@ -217,6 +220,59 @@ def test_the_posterior_distribution_is_sampled_and_goes_on_where_it_was_stopped(
     assert rows[0] == "gain [1],harmonic [m]"
     assert len(rows) == 21
     assert (folder / "out" / "posterior.png").read_bytes().startswith(b"\x89PNG")
+
+
+HELD_OUT = """
+[[record]]
+name = "louder"
+path = "louder.nc"
+nuisance = ["trigger"]
+use = "holdout"
+
+[model]
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*ArviZ is undergoing a major refactor:FutureWarning")
+@undrawn()
+def test_a_posterior_predicts_the_records_that_the_model_made(tmp_path, few_live_points, monkeypatch):
+    monkeypatch.setattr(predictive, "PREDICTIVE_DRAWS", 40)
+    path = write_study(tmp_path, ("[model]\n", HELD_OUT.lstrip()))
+    records.write(bench(amplitude=2e-3, seed=7), tmp_path / "louder.nc")
+    calib("run", path, "-q")
+    simulations = [0]
+
+    def stop(done, foreseen):
+        simulations[0] += done > 0 and foreseen - done == 30
+        if simulations[0] == 1:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        confidence_study(path, posterior=True, on_progress=stop)
+    assert len(list((tmp_path / "out").glob(".predictive.nc-pieces/*/*.npz"))) >= 40
+    output = calib("confidence", path, "--posterior").output
+    assert not list((tmp_path / "out").glob(".predictive*"))
+    assert "samples inside the 95 % band" in output
+    calibrated, held_out = read_confidence(tmp_path / "out").posterior.predicted
+    assert [(one.name, one.held_out, one.draws, one.failed) for one in (calibrated, held_out)] == [
+        ("bench", False, 40, 0), ("louder", True, 40, 0)
+    ]  # fmt: skip
+    for own in (*calibrated.channels, *held_out.channels):
+        assert own.samples == 400
+        assert own.inside == pytest.approx(0.95, abs=0.04)  # three standard deviations of 400 samples
+        assert own.source == "stated in the record"
+    assert set(read_bands(tmp_path / "out")) == {"bench", "louder"}
+
+    import arviz  # here: it warns when it is imported
+
+    data = arviz.from_netcdf(tmp_path / "out" / "posterior.nc")
+    assert {"posterior_predictive", "predictions", "observed_data"} <= set(data.groups())
+    drawn = data.posterior_predictive["bench.displacement"]
+    assert drawn.dims == ("chain", "draw", "bench.displacement.body", "bench.time")
+    spread = (drawn - data.posterior_predictive["bench.displacement.curve"]).std()
+    assert float(spread) == pytest.approx(NOISE, rel=0.05)
+    assert data.observed_data["louder.velocity"].shape == (1, 400)
 
 
 PRIORS = """

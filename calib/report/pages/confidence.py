@@ -1,21 +1,37 @@
 """The chapter of a page that says how sure the calibrated values are: intervals, profiles, what differs and why."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
-from calib.confidence.document import ConfidenceResult, EndResult, ProfileResult
+import xarray as xr
+
+from calib.confidence.document import (
+    ConfidenceResult,
+    EndResult,
+    MarginalResult,
+    PosteriorResult,
+    PredictedRecordResult,
+    ProfileResult,
+)
 from calib.confidence.profile import WINDOW_END
 from calib.report.formatting import capitalised, count
 from calib.report.pages.diagnosis.conclusion import MAX_RELATIVE_CHANGE
 from calib.report.pages.picture import Picture
+from calib.report.plots.predictive import predictive_of_record
 from calib.report.plots.profiles import profiles_figure
 from calib.study import CalibrationResult
-from calib.units import shown
+from calib.units import reading, shown
 
 PROFILES = (
     "Likelihood-ratio statistic (twice the fall of the log-likelihood from its best value) over each parameter, all "
     "others searched again. Where it crosses the quantile the interval ends; the parabola is what the curvature at the "
     "best value alone says."
+)
+PREDICTED = (
+    "phase curves, and channels less their medians over time. Bands hold 50 % and 95 % of the curves of the posterior "
+    "distribution (orange) and of samples with noise (blue); that of a phase curve is taken across it. Velocities "
+    "beside an impact have no band."
 )
 PAIRS = " Of two parameters: the region of the joint quantile, and that of a quarter of it."
 
@@ -33,6 +49,30 @@ class IntervalRow:
 
 
 @dataclass(frozen=True)
+class MarginalRow:
+    """The posterior distribution of one parameter."""
+
+    name: str
+    mean: str
+    deviation: str
+    interval: str
+    prior: str
+
+
+@dataclass(frozen=True)
+class PredictedRow:
+    """A channel beside what the posterior distribution predicts of it."""
+
+    record: str
+    held_out: bool
+    body: str
+    channel: str
+    inside: str
+    noise: str
+    source: str
+
+
+@dataclass(frozen=True)
 class ConfidenceChapter:
     """Everything that a page shows of the profiles, in the order of the page."""
 
@@ -43,18 +83,28 @@ class ConfidenceChapter:
     remarks: tuple[str, ...]
     picture: Picture
     effort: str
+    marginals: tuple[MarginalRow, ...]
+    sampling: str
+    predicted: tuple[PredictedRow, ...]
+    prediction_remarks: tuple[str, ...]
+    predictions: tuple[Picture, ...]
 
 
-def confidence_chapter(confidence: ConfidenceResult, result: CalibrationResult) -> ConfidenceChapter:
+def confidence_chapter(
+    confidence: ConfidenceResult, result: CalibrationResult, bands: Mapping[str, xr.Dataset]
+) -> ConfidenceChapter:
     """Everything that a page shows of the profiles.
 
     Parameters
     ----------
     result : of the calibration as it is now
+    bands : of the records that the posterior distribution predicts, by name
     """
     then, now = confidence.calibrated, result.values
     stale = any(n in then and not math.isclose(then[n], x, rel_tol=MAX_RELATIVE_CHANGE) for n, x in now.items())
-    sampled = {} if confidence.posterior is None else {own.name: own for own in confidence.posterior.parameters}
+    posterior = confidence.posterior
+    sampled = {} if posterior is None else {own.name: own for own in posterior.parameters}
+    predicted = () if posterior is None else posterior.predicted
     rows = [
         IntervalRow(
             profile.name,
@@ -74,7 +124,55 @@ def confidence_chapter(confidence: ConfidenceResult, result: CalibrationResult) 
         remarks=tuple(map(capitalised, confidence.remarks)),
         picture=Picture(profiles_figure(confidence), "profiles", PROFILES + (PAIRS if confidence.pairs else "")),
         effort=f"{count(confidence.evaluations, 'evaluation')} of the calibrated records",
+        marginals=() if posterior is None else tuple(map(_marginal, posterior.parameters)),
+        sampling="" if posterior is None else _sampling(confidence.level, posterior),
+        predicted=tuple(row for record in predicted for row in _predicted(record)),
+        prediction_remarks=tuple(text for record in predicted for text in prediction_remarks(record)),
+        predictions=tuple(
+            Picture(predictive_of_record(own), f"predicted-{name}", f"{name}: {PREDICTED}")
+            for name, own in bands.items()
+        ),
     )
+
+
+def prediction_remarks(record: PredictedRecordResult) -> list[str]:
+    """What to mind of a record that the posterior distribution predicts, a sentence each, without its full stop."""
+    if record.reason:
+        return [f"{record.name} is not predicted: {record.reason}"]
+    remarks = []
+    if record.failed:
+        remarks.append(f"{record.name}: {record.failed} of {count(record.draws, 'draw')} fail and are left out")
+    if record.other_kind:
+        remarks.append(
+            f"{record.name}: the motion of {record.other_kind} of {count(record.draws, 'draw')} is of another kind "
+            "than measured"
+        )
+    return remarks
+
+
+def _marginal(own: MarginalResult) -> MarginalRow:
+    factor, unit = reading(own.unit, own.mean)
+    deviation = f"{factor * own.standard_deviation:.2g} {unit}".rstrip()
+    interval = f"{shown(own.low, own.unit)} .. {shown(own.high, own.unit)}"
+    return MarginalRow(own.name, shown(own.mean, own.unit), deviation, interval, own.prior)
+
+
+def _sampling(level: float, own: PosteriorResult) -> str:
+    return (
+        f"{level:.1%} intervals of equal tails. Effective sample size {own.effective_size:.0f}, from "
+        f"{count(own.evaluations, 'evaluation')}. Logarithm of the evidence over the likelihood of the best point: "
+        f"{own.log_evidence:.2f} ± {own.log_evidence_error:.2f}."
+    )
+
+
+def _predicted(record: PredictedRecordResult) -> list[PredictedRow]:
+    return [
+        PredictedRow(
+            record.name, record.held_out, own.body, own.channel, "-" if own.inside is None else f"{own.inside:.1%}",
+            shown(own.noise, own.unit, 2), own.source,
+        )
+        for own in record.channels
+    ]  # fmt: skip
 
 
 def _end(profile: ProfileResult, end: EndResult) -> str:

@@ -19,7 +19,7 @@ from calib.report.pages.confidence import confidence_chapter
 from calib.report.pages.diagnosis.chapter import chapter
 from calib.report.pages.discovery import discovery_chapter
 from calib.report.pages.picture import Picture, drawn, pictured
-from calib.report.pages.sections import record_section
+from calib.report.pages.sections import RecordSection, record_section
 from calib.report.pages.verdict import verdict
 from calib.report.plots.search import kinds_of_motion, score_history
 from calib.store import Header, Trial
@@ -50,6 +50,8 @@ def render(
     base: BaseStudy | None = None,
     discovery: DiscoveryResult | None = None,
     confidence: ConfidenceResult | None = None,
+    predictions: Mapping[str, xr.Dataset] | None = None,
+    confidence_problem: str = "",
 ) -> str:
     """HTML of the report, self-contained.
 
@@ -64,16 +66,13 @@ def render(
     motions : content of diagnosis.nc (see `calib.report.plots.diagnosed_cycles`)
     jobs : number of processes that draw the figures
     base : the study that this one extends; None where it extends none, or none is known
+    predictions, confidence_problem : bands of predicted records by name; why something cannot be shown, or ""
     """
-    names = {name: reference.use for name, reference in study.objective.references.items()}
-    before = {} if base is None else base.records
-    shown = {n: record_section(study, n, records.get(n), result, before.get(n)) for n in names}
     illustrated = {
-        "sections": [shown[n] for n, use in names.items() if use == "calibrate"],
-        "others": [shown[n] for n, use in names.items() if use != "calibrate"],
+        **_record_sections(study, records, result, base),
         "d": None if diagnosis is None else chapter(diagnosis, motions or {}, result, study),
         "f": None if discovery is None else discovery_chapter(discovery, result),
-        "c": None if confidence is None else confidence_chapter(confidence, result),
+        "c": None if confidence is None else confidence_chapter(confidence, result, predictions or {}),
         "search": _search(study, trials, result),
     }
     return _template().render(
@@ -83,6 +82,7 @@ def render(
         result=result,
         verdict=verdict(result),
         base_points=base_points(base),
+        confidence_problem=confidence_problem,
         warnings=_warnings(study),
         terms=tables.terms(study, result),
         parameters=tables.parameters(study, result),
@@ -97,6 +97,19 @@ def render(
         wrong=MIN_COST_OF_WRONG_KIND,
         definition=json.dumps(study.definition, indent=2, default=str, ensure_ascii=False),
     )
+
+
+def _record_sections(
+    study: CalibrationStudy, records: Mapping[str, xr.Dataset], result: CalibrationResult, base: BaseStudy | None
+) -> dict[str, list[RecordSection]]:
+    """Sections of the records that were calibrated on, and of the others."""
+    names = {name: reference.use for name, reference in study.objective.references.items()}
+    before = {} if base is None else base.records
+    shown = {n: record_section(study, n, records.get(n), result, before.get(n)) for n in names}
+    return {
+        "sections": [shown[n] for n, use in names.items() if use == "calibrate"],
+        "others": [shown[n] for n, use in names.items() if use != "calibrate"],
+    }
 
 
 def _template() -> Template:

@@ -3,8 +3,10 @@
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from calib.confidence.bands import predicted_bands
 from calib.confidence.document import (
     ConfidenceResult,
     EndResult,
@@ -12,8 +14,12 @@ from calib.confidence.document import (
     PairResult,
     PointResult,
     PosteriorResult,
+    PredictedChannelResult,
+    PredictedRecordResult,
     ProfileResult,
 )
+from calib.confidence.predictive import PredictedChannel
+from calib.records import make
 from calib.report import render
 from calib.report.pages.confidence import confidence_chapter
 from calib.report.plots.profiles import profiles_figure
@@ -77,11 +83,43 @@ def test_a_posterior_distribution_has_a_column(periodic, undrawn):
     page = words(render(periodic.study, [], {}, CALIBRATED, confidence=sampled))
     assert "0.91 mm .. 1.1 mm" in page
     assert "0.004 .. 0.018" in page
+    assert "gap 1 mm 0.05 mm 0.91 mm .. 1.1 mm flat in the window" in page
+    assert "Effective sample size 1100, from 4000 evaluations." in page
+    assert "What the posterior distribution predicts" not in page
+
+
+def test_predictions_have_their_share_inside_the_band_and_a_picture(periodic, undrawn):
+    own = [MarginalResult(name, "1", "linear", 1.0, 0.1, 0.8, 1.2, "flat in the window") for name in VALUES]
+    channel = PredictedChannelResult("q3", "velocity", 0.613, 2000, 3e-3, "m/s", "stated in the record")
+    records = (
+        PredictedRecordResult("clapping", False, 100, 2, 0, (channel,)),
+        PredictedRecordResult("louder", True, 0, 0, 0, (), "its motion is irregular"),
+    )
+    sampled = replace(PROFILED, posterior=PosteriorResult(tuple(own), -9.0, 0.03, 1100.0, 4000, records))
+    time = np.linspace(0.0, 0.04, 50)
+    measured = make(time, ["q3"], {c: np.sin(150.0 * time)[None] for c in ("displacement", "velocity")})
+    curves = PredictedChannel(np.tile(np.sin(150.0 * time), (30, 1)), 0.1)
+    bands = predicted_bands(measured, dict.fromkeys([("q3", "displacement"), ("q3", "velocity")], curves),
+                            np.ones(50), 0.04)  # fmt: skip
+    chapter = confidence_chapter(sampled, CALIBRATED, {"clapping": bands})
+    [picture] = chapter.predictions
+    assert [axes.get_title(loc="left") for axes in picture.figure.axes] == [
+        "q3", "displacement - median [mm]", "velocity - median [m/s]"
+    ]  # fmt: skip
+    page = words(render(periodic.study, [], {}, CALIBRATED, confidence=sampled, predictions={"clapping": bands}))
+    assert "clapping q3 velocity 61.3% 0.003 m/s stated in the record" in page
+    assert "Mind: clapping: 2 of 100 draws fail and are left out." in page
+    assert "Mind: louder is not predicted: its motion is irregular." in page
+
+
+def test_what_cannot_be_shown_is_said(periodic, undrawn):
+    page = words(render(periodic.study, [], {}, CALIBRATED, confidence_problem="confidence.json holds no profiles"))
+    assert "Left out: confidence.json holds no profiles." in page
 
 
 def test_profiles_of_other_values_are_out_of_date():
-    assert not confidence_chapter(PROFILED, CALIBRATED).stale
-    assert confidence_chapter(PROFILED, CalibrationResult(values={**VALUES, "gap": 1.1e-3})).stale
+    assert not confidence_chapter(PROFILED, CALIBRATED, {}).stale
+    assert confidence_chapter(PROFILED, CalibrationResult(values={**VALUES, "gap": 1.1e-3}), {}).stale
 
 
 @pytest.mark.parametrize("pairs", [(PAIR,), ()])
