@@ -115,6 +115,8 @@ def run(
 @OUT
 @click.option("--pairs", multiple=True, metavar="A,B", help="Two parameters to profile together, or all; repeatable.")
 @click.option("--posterior", is_flag=True, help="Sample the posterior distribution too; needs calib[confidence].")
+@click.option("--compare", multiple=True, metavar="STUDY", type=click.Path(path_type=Path),
+              help="Compare the evidence with that of another model of the same records; repeatable.")  # fmt: skip
 @JOBS
 @POOL
 @FRESH
@@ -135,6 +137,7 @@ def confidence(study: Path, **options: Any) -> None:
 
     \b
     Example:  calib confidence studies/minimal --pairs restitution,damping
+              calib confidence studies/minimal --compare studies/minimal/study.extended.toml
     """
     from calib.cli.confidence import print_confidence  # see above
 

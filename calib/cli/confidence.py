@@ -12,11 +12,11 @@ from calib.cli.options import pool_table
 from calib.cli.status import folder_of
 from calib.confidence.artifacts import CONFIDENCE
 from calib.confidence.bands import PREDICTIVE
-from calib.confidence.document import ConfidenceResult, PosteriorResult
+from calib.confidence.document import ComparisonResult, ConfidenceResult, PosteriorResult
 from calib.confidence.profile import WINDOW_END
 from calib.execution.progress import Count
 from calib.report.formatting import distinguishing_digits
-from calib.report.pages.confidence import prediction_remarks
+from calib.report.pages.confidence import comparison_remarks, prediction_remarks
 from calib.units import reading, shown
 from calib.workflows.confidence import (
     CONFIDENCE_PICTURE,
@@ -36,6 +36,7 @@ def print_confidence(
     out: Path | None,
     pairs: tuple[str, ...],
     posterior: bool,
+    compare: tuple[Path, ...],
     jobs: int | None,
     pool: str | None,
     fresh: bool,
@@ -51,6 +52,7 @@ def print_confidence(
             out,
             pairs=together,
             posterior=posterior,
+            compare=compare,
             jobs=jobs,
             pool=pool_table(pool),
             fresh=fresh,
@@ -88,6 +90,8 @@ def show(result: ConfidenceResult, folder: Path, console: Console) -> None:
         for remark in (text for record in own.predicted for text in prediction_remarks(record)):
             console.print(f"[yellow]mind:[/] {escape(remark)}", soft_wrap=True)
         names += [POSTERIOR, POSTERIOR_PICTURE, PREDICTIVE, PREDICTIVE_PICTURE, ENSEMBLE]
+    if result.comparison is not None:
+        _show_comparison(result.comparison, console)
     console.print(f"this run took {result.seconds:.1f} s")
     console.print(f"files:  {escape(str(folder))}/ ({', '.join(names)})", soft_wrap=True)
 
@@ -135,3 +139,19 @@ def _predictions(posterior: PosteriorResult) -> Table:
             inside = "-" if own.inside is None else f"{own.inside:.1%}"
             table.add_row(*map(escape, (name, own.body, own.channel, inside, shown(own.noise, own.unit, 2))))
     return table
+
+
+def _show_comparison(comparison: ComparisonResult, console: Console) -> None:
+    table = Table(title="models by their evidence", title_justify="left")
+    for heading in ("study", "effects"):
+        table.add_column(heading)
+    for heading in ("best likelihood", "evidence", "Bayes factor"):
+        table.add_column(f"ln {heading}", justify="right", no_wrap=True)
+    for own in comparison.models:
+        evidence = f"{own.log_evidence:.2f} +- {own.log_evidence_error:.2f}"
+        factor = f"{own.factor:+.2f} +- {own.factor_error:.2f}" if own.text else "-"
+        effects = ", ".join(own.effects) or "-"
+        table.add_row(escape(own.name), escape(effects), f"{own.log_likelihood:.2f}", evidence, factor)
+    console.print(table)
+    for remark in comparison_remarks(comparison):
+        console.print(escape(remark), soft_wrap=True)

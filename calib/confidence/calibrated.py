@@ -12,7 +12,8 @@ from calib.confidence.noise_propagation import noise_draws
 from calib.confidence.notes import EVALUATION
 from calib.confidence.posterior import LogLikelihood, Posterior, sample_posterior
 from calib.confidence.prior import Prior, positions
-from calib.confidence.profiles import LocalAnalysis, Notes, Profiles, fit_about, profiles
+from calib.confidence.profile import Centre
+from calib.confidence.profiles import LocalAnalysis, Notes, Profiles, best_about, fit_about, profiles
 from calib.execution.pool import Failure, in_order
 from calib.store import Trial
 from calib.study import CalibrationStudy, Evaluation, Outcome, Pool, outcome
@@ -56,19 +57,21 @@ def profiled(
     ------
     CalibError : the best point cannot be evaluated
     """
-    evaluate = _evaluated_by(study, pool)
-
-    def analyse(at: np.ndarray) -> LocalAnalysis:
-        [evaluation] = in_order(pool, [study.space.values(at)])
-        return _analysed(study, evaluate, at, evaluation)
-
+    evaluate, analyse = _evaluated_by(study, pool), partial(_analysed_at, study, pool)
     return profiles(evaluate, analyse, study.space.names, u, notes, pairs=pairs, on_progress=on_progress)
+
+
+def fitted(study: CalibrationStudy, pool: Pool, u: np.ndarray, notes: Notes) -> tuple[LocalAnalysis, Centre]:
+    """Best point near `u` (dim,) of the unit cube, as profiles begin at; the rest as in `profiled`."""
+    evaluate, analyse = _evaluated_by(study, pool), partial(_analysed_at, study, pool)
+    return best_about(evaluate, analyse, study.space.names, u, notes)
 
 
 def sampled(
     study: CalibrationStudy,
     pool: Pool,
-    profiles: Profiles,
+    analysis: LocalAnalysis,
+    centre: Centre,
     notes: Notes,
     priors: Mapping[str, Prior],
     *,
@@ -79,7 +82,7 @@ def sampled(
     Parameters
     ----------
     pool : evaluates values at this study, see `calib.study.evaluate`
-    profiles : whose best point and noise the likelihood has
+    analysis, centre : of the best point, about which the likelihood is
     notes : evaluated points are taken from there, and added to it
     priors : of parameters; the others are equally likely everywhere in their windows
     on_progress : called with the number of points that are evaluated, and of those that are foreseen
@@ -88,9 +91,9 @@ def sampled(
     ------
     CalibError : the sampler is not installed
     """
-    likelihood = profiles.centre.likelihood
-    logarithm = LogLikelihood(likelihood, profiles.centre.u)
-    fit = fit_about(profiles.analysis, likelihood, _evaluated_by(study, pool))
+    likelihood = centre.likelihood
+    logarithm = LogLikelihood(likelihood, centre.u)
+    fit = fit_about(analysis, likelihood, _evaluated_by(study, pool))
 
     def log_likelihood(points: np.ndarray) -> np.ndarray:
         keys = [f"{EVALUATION}{json.dumps(u.tolist())}" for u in points]
@@ -105,6 +108,11 @@ def sampled(
         log_likelihood, partial(positions, study.space, priors), study.space.dim, study.seed, compression=compression,
         on_progress=on_progress,
     )  # fmt: skip
+
+
+def _analysed_at(study: CalibrationStudy, pool: Pool, u: np.ndarray) -> LocalAnalysis:
+    [evaluation] = in_order(pool, [study.space.values(u)])
+    return _analysed(study, _evaluated_by(study, pool), u, evaluation)
 
 
 def _evaluated_by(study: CalibrationStudy, pool: Pool) -> Evaluate:
@@ -127,7 +135,7 @@ def _analysed(
             noise = noise_draws(study.objective, evaluation.records, study.seed)
     centre = _outcome(evaluation)
     confidence = local(evaluate, study.space, u, outcome=centre, blocks=blocks, noise_draws=noise)
-    return LocalAnalysis(centre, confidence, blocks)
+    return LocalAnalysis(centre, confidence, blocks, noise)
 
 
 def _outcome(answer: Evaluation | Failure) -> Outcome:

@@ -184,6 +184,50 @@ class PosteriorResult:
 
 
 @dataclass(frozen=True)
+class ComparedModelResult:
+    """A model beside others of the same measurement.
+
+    Attributes
+    ----------
+    name : of its study
+    effects : of the model
+    parameters : that it searches, and this study does not
+    log_likelihood : of its best point, over that of the best of all models
+    log_evidence, log_evidence_error : logarithm of its evidence over that likelihood, and the error of the sampling
+    factor, factor_error : logarithm of its Bayes factor against this study's model; 0 of that itself
+    evaluations : that its posterior distribution took
+    text : how strong the evidence is and what prior windows do to it, in words
+    """
+
+    name: str
+    effects: tuple[str, ...]
+    parameters: tuple[str, ...]
+    log_likelihood: float
+    log_evidence: float
+    log_evidence_error: float
+    factor: float
+    factor_error: float
+    evaluations: int
+    text: str
+
+
+@dataclass(frozen=True)
+class ComparisonResult:
+    """Competing models by their evidence, all with the noise of the one that fits best.
+
+    Attributes
+    ----------
+    models : this study's first
+    noise : name of the study whose residuals show the noise
+    diagnosis : what the diagnosis of this study says, in words
+    """
+
+    models: tuple[ComparedModelResult, ...]
+    noise: str
+    diagnosis: str
+
+
+@dataclass(frozen=True)
 class ConfidenceResult:
     """How sure the calibrated values of a study are.
 
@@ -201,6 +245,7 @@ class ConfidenceResult:
     evaluations : that the profiles took, of all calibrated records
     seconds : wall-clock time of the last run  [s]
     posterior : distribution of the values; None where it was not sampled
+    comparison : with other models; None where there was none
     """
 
     name: str
@@ -215,6 +260,7 @@ class ConfidenceResult:
     evaluations: int = 0
     seconds: float = 0.0
     posterior: PosteriorResult | None = None
+    comparison: ComparisonResult | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return what confidence.json holds."""

@@ -28,12 +28,14 @@ class Linearised:
     Attributes
     ----------
     residuals : (m,) at the point
+    jacobian : (m, dim) of them, in the unit cube
     unit_covariance : (dim, dim) of the estimate under white noise of unit variance
     covariance : (dim, dim) under the noise as the residuals show it; without the distance to the minimum
     degrees_of_freedom : (dim,) of its variances
     """
 
     residuals: np.ndarray
+    jacobian: np.ndarray
     unit_covariance: np.ndarray
     covariance: np.ndarray
     degrees_of_freedom: np.ndarray
@@ -134,7 +136,7 @@ def local(
     step = distance_to_minimum(jacobian, residuals, free)
     reason = _unconverged(space.names, step, np.sqrt(np.diag(covariance)))
     groups = undetermined_combinations(space, u, covariance)
-    linearised = Linearised(residuals, unit_covariance(jacobian), covariance, freedom)
+    linearised = Linearised(residuals, jacobian, unit_covariance(jacobian), covariance, freedom)
     covariance = covariance + np.diag(step**2)
     found = _assemble(space, u, value, covariance, freedom, edges, reason, groups, counted.number)
     return replace(found, linearised=linearised)

@@ -34,11 +34,13 @@ class LocalAnalysis:
     outcome : of the point
     confidence : in it
     blocks : (m,) numbers of the blocks of the residuals; None: one block
+    noise_draws : (number, m) residuals of drawn noise, where several terms share it
     """
 
     outcome: Outcome
     confidence: Confidence
     blocks: np.ndarray | None = None
+    noise_draws: np.ndarray | None = None
 
 
 class Notes(Protocol):
@@ -130,6 +132,17 @@ def profiles(
     sides = round_.sides(centre)
     grids = round_.grids(analysis, centre, ends, pairs)
     return Profiles(centre, analysis, sides, points, ends, grids, centre.u - np.array(u, dtype=float), improved, better)
+
+
+def best_about(
+    evaluate: Evaluate,
+    analyse: Callable[[np.ndarray], LocalAnalysis],
+    names: Sequence[str],
+    u: np.ndarray,
+    notes: Notes,
+) -> tuple[LocalAnalysis, Centre]:
+    """Fit the best point near `u` (dim,) as `profiles` does before they begin; the rest as there."""
+    return _Round(evaluate, analyse, names, notes, 0, _Progress(lambda done, foreseen: None, 0)).begin(u)
 
 
 def fit_about(analysis: LocalAnalysis, likelihood: AdjustedLikelihood, evaluate: Evaluate) -> ConstrainedFit:

@@ -29,6 +29,14 @@ from calib.study_file import StudyFile, load
 from calib.workflows.calibrate import rebuild
 from calib.workflows.calibrated import calibrated_values
 from calib.workflows.evaluations import Evaluations
+from calib.workflows.model_comparison import (
+    CONFIDENCE_STAGE,
+    OpenModel,
+    check_comparable,
+    compared_models,
+    expected_comparison,
+    identity_of_points,
+)
 from calib.workflows.predictive import (
     PredictedRecords,
     bands_of_records,
@@ -42,9 +50,7 @@ from calib.workflows.predictive import (
 CONFIDENCE_PICTURE = "confidence.png"
 POSTERIOR, POSTERIOR_PICTURE, ENSEMBLE = "posterior.nc", "posterior.png", "ensemble.csv"
 PREDICTIVE_PICTURE = "predictive.png"
-STAGE = "confidence"
 ALL = "all"
-POINTS_FORMAT_VERSION = 1  # of the points: those of another are forgotten
 
 
 def confidence_study(
@@ -53,6 +59,7 @@ def confidence_study(
     *,
     pairs: Sequence[tuple[str, str]] | str = (),
     posterior: bool = False,
+    compare: Sequence[str | Path] = (),
     jobs: int | None = None,
     pool: Mapping[str, Any] | None = None,
     fresh: bool = False,
@@ -72,6 +79,7 @@ def confidence_study(
     out : folder of the results; None: the study's
     pairs : of parameters that are profiled together; "all" for every pair
     posterior : whether the posterior distribution of the parameters is sampled too
+    compare : files of calibrated studies of the same records with other models, whose evidence is compared
     jobs : takes the place of the file's
     pool : keys of a [pool] table that takes the place of the file's
     fresh : forget the points made so far
@@ -83,19 +91,21 @@ def confidence_study(
     CalibError : a mistake in the study file or the pairs, the study has not been calibrated, or the sampler is not
         installed
     """
-    if posterior:
+    if posterior or compare:
         nautilus()
     begin = time.monotonic()
     file = load(path, jobs=jobs, out=out, pool=pool)
     study, folder = file.study, file.folder
     chosen = _pairs(study, pairs)
+    others = [load(other, jobs=jobs, pool=pool) for other in compare]
+    check_comparable(file, others)
     values = calibrated_values(file, folder)
     lock = Lock(folder, folder / NOTES)
     lock.acquire()
     try:
         if fresh:
             (folder / NOTES).unlink(missing_ok=True)
-        result = _found(file, values, chosen, posterior, on_stage, on_progress, begin)
+        result = _found(file, values, chosen, posterior, others, on_stage, on_progress, begin)
     finally:
         lock.release()
     _write(result, folder)
@@ -143,6 +153,7 @@ def _found(
     values: Mapping[str, float],
     pairs: Sequence[tuple[str, str]],
     posterior: bool,
+    others: Sequence[StudyFile],
     on_stage: Callable[[str], None],
     on_progress: Callable[[int, int], None],
     begin: float,
@@ -150,19 +161,23 @@ def _found(
     study, folder = file.study, file.folder
     u = study.space.point(values)
     units = {name: study.model.parameters[name.partition("@")[0]].unit for name in study.space.names}
-    identity = [POINTS_FORMAT_VERSION, study.header.definition, study.code, u.tolist()]
-    stages = [0, expected_evaluations(study.space.dim), predicted_simulations(file)] if posterior else [0]
-    progress = _StagedProgress(on_progress, stages)
+    foreseen = [expected_evaluations(study.space.dim), predicted_simulations(file)] if posterior else [0, 0]
+    progress = _StagedProgress(on_progress, [0, *foreseen, expected_comparison(others, study.space.dim)])
 
-    with PointNotes(folder / NOTES, identity) as notes, Evaluations(file, folder, on_stage) as evaluations:
+    with (
+        PointNotes(folder / NOTES, identity_of_points(study, u)) as notes,
+        Evaluations(file, folder, on_stage) as evaluations,
+    ):
         on_stage("profiles")
-        pool = evaluations.calibrated(STAGE)
+        pool = evaluations.calibrated(CONFIDENCE_STAGE)
         profiles = profiled(study, pool, u, notes, pairs=pairs, on_progress=partial(progress, 0))
         evaluated = notes.evaluations + profiles.analysis.confidence.evaluations
         result = confidence_result(study.name, study.space, units, profiles, evaluated, time.monotonic() - begin)
         if posterior:
             on_stage("posterior")
-            sample = sampled(study, pool, profiles, notes, file.priors, on_progress=partial(progress, 1))
+            sample = sampled(
+                study, pool, profiles.analysis, profiles.centre, notes, file.priors, on_progress=partial(progress, 1)
+            )
             on_stage("predictions")
             best = study.space.values(profiles.centre.u)
             records = predicted_records(file, evaluations, sample, best, folder, partial(progress, 2))
@@ -171,6 +186,10 @@ def _found(
             )
             result = replace(result, posterior=distribution, seconds=time.monotonic() - begin)
             _write_sample(file, sample, result, units, records)
+        if others:
+            own = OpenModel(file, evaluations, notes, profiles.analysis, profiles.centre)
+            comparison = compared_models(own, others, on_stage, partial(progress, 3))
+            result = replace(result, comparison=comparison, seconds=time.monotonic() - begin)
     return result
 
 

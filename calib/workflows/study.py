@@ -416,7 +416,8 @@ class Calibration:
         return Discovered(summary, self.summary.name, None if extended is None else Study.read(extended))
 
     def confidence(
-        self, *, pairs: Sequence[tuple[str, str]] | str = (), posterior: bool = False, jobs: int | None = None,
+        self, *, pairs: Sequence[tuple[str, str]] | str = (), posterior: bool = False,
+        compare: Sequence[str | Path] = (), jobs: int | None = None,
         pool: Mapping[str, Any] | None = None, fresh: bool = False, quiet: bool = False,
     ) -> Profiled:  # fmt: skip
         """Intervals of the values by profiles of the likelihood, and their posterior distribution: `calib confidence`.
@@ -425,6 +426,7 @@ class Calibration:
         ----------
         pairs : of parameters that are profiled together, such as [("gain", "lag")]; "all" for every pair
         posterior : whether the posterior distribution is sampled too
+        compare : study files of other models of the same records, calibrated, whose evidence is compared
         jobs, pool : take the place of the study's
         fresh : forget the points made so far
         quiet : no progress on stderr
@@ -435,7 +437,8 @@ class Calibration:
         """
         with Count("points", quiet) as count:
             return Profiled(confidence_study(
-                self.path, pairs=pairs, posterior=posterior, jobs=jobs, pool=pool, fresh=fresh, on_progress=count
+                self.path, pairs=pairs, posterior=posterior, compare=compare, jobs=jobs, pool=pool, fresh=fresh,
+                on_progress=count,
             ))  # fmt: skip
 
     def __repr__(self) -> str:

@@ -275,6 +275,39 @@ def test_a_posterior_predicts_the_records_that_the_model_made(tmp_path, few_live
     assert data.observed_data["louder.velocity"].shape == (1, 400)
 
 
+@pytest.mark.slow
+@undrawn()
+def test_the_model_that_made_the_record_has_the_evidence(tmp_path, few_live_points):
+    without = ('harmonic = { low = "-1 mm", high = "1 mm" }\n', "")
+    fixed = ('"tiny_simulators:Echo"', '"tiny_simulators:Echo"\nfixed = { harmonic = 0.0 }')
+    (tmp_path / "base").mkdir()
+    path = write_study(tmp_path / "base", without, fixed)
+    other = write_study(tmp_path, ('name = "echo"', 'name = "echo with a harmonic"'))
+    calib("run", path, "-q")
+    assert "calibrate first" in calib("confidence", path, "--compare", other, code=1).output
+    calib("run", other, "-q")
+    output = calib("confidence", path, "--compare", other).output
+    assert "echo with a harmonic: the evidence for this model is very strong; it falls by ln k" in output
+    comparison = read_confidence(path.parent / "out").comparison
+    base, extended = comparison.models
+    assert (base.name, base.factor, base.parameters, extended.parameters) == ("echo", 0.0, (), ("harmonic",))
+    assert (extended.log_likelihood, comparison.noise) == (0.0, "echo with a harmonic")
+    assert extended.factor > 100.0
+    assert extended.factor == pytest.approx(extended.log_evidence - base.log_evidence)
+    assert comparison.diagnosis.startswith("no diagnosis")
+    evaluated = (tmp_path / "out" / "confidence.jsonl").read_bytes().count(b'"evaluation/')
+    assert evaluated == extended.evaluations
+
+
+def test_studies_of_other_records_are_not_compared(calibrated, tmp_path):
+    other = write_study(tmp_path, ('name = "bench"', 'name = "lab"'))
+    message = "calibrates on lab, and .* on bench; models are compared on the same records"
+    assert re.search(message, " ".join(calib("confidence", calibrated, "--compare", other, code=1).output.split()))
+    assert (
+        "is the study itself" in calib("confidence", calibrated, "--compare", calibrated / "study.toml", code=1).output
+    )
+
+
 PRIORS = """
 [confidence.priors]
 gain = { kind = "lognormal", median = 1.1, standard_deviation = 0.1 }

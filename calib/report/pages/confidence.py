@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import xarray as xr
 
 from calib.confidence.document import (
+    ComparedModelResult,
+    ComparisonResult,
     ConfidenceResult,
     EndResult,
     MarginalResult,
@@ -73,6 +75,17 @@ class PredictedRow:
 
 
 @dataclass(frozen=True)
+class ModelRow:
+    """A model beside others, by its evidence."""
+
+    name: str
+    effects: str
+    likelihood: str
+    evidence: str
+    factor: str
+
+
+@dataclass(frozen=True)
 class ConfidenceChapter:
     """Everything that a page shows of the profiles, in the order of the page."""
 
@@ -88,6 +101,8 @@ class ConfidenceChapter:
     predicted: tuple[PredictedRow, ...]
     prediction_remarks: tuple[str, ...]
     predictions: tuple[Picture, ...]
+    models: tuple[ModelRow, ...]
+    model_remarks: tuple[str, ...]
 
 
 def confidence_chapter(
@@ -132,7 +147,26 @@ def confidence_chapter(
             Picture(predictive_of_record(own), f"predicted-{name}", f"{name}: {PREDICTED}")
             for name, own in bands.items()
         ),
+        models=() if confidence.comparison is None else tuple(map(_model, confidence.comparison.models)),
+        model_remarks=() if confidence.comparison is None else tuple(comparison_remarks(confidence.comparison)),
     )
+
+
+def comparison_remarks(comparison: ComparisonResult) -> list[str]:
+    """What the evidence of models says, a sentence each, without its full stop."""
+    return [
+        *(f"{own.name}: {own.text}" for own in comparison.models if own.text),
+        f"noise of all models: the residuals of {comparison.noise}",
+        comparison.diagnosis,
+    ]
+
+
+def _model(own: ComparedModelResult) -> ModelRow:
+    return ModelRow(
+        own.name, ", ".join(own.effects) or "-", f"{own.log_likelihood:.2f}",
+        f"{own.log_evidence:.2f} ± {own.log_evidence_error:.2f}",
+        f"{own.factor:+.2f} ± {own.factor_error:.2f}" if own.text else "-",
+    )  # fmt: skip
 
 
 def prediction_remarks(record: PredictedRecordResult) -> list[str]:

@@ -8,6 +8,8 @@ import pytest
 
 from calib.confidence.bands import predicted_bands
 from calib.confidence.document import (
+    ComparedModelResult,
+    ComparisonResult,
     ConfidenceResult,
     EndResult,
     MarginalResult,
@@ -110,6 +112,20 @@ def test_predictions_have_their_share_inside_the_band_and_a_picture(periodic, un
     assert "clapping q3 velocity 61.3% 0.003 m/s stated in the record" in page
     assert "Mind: clapping: 2 of 100 draws fail and are left out." in page
     assert "Mind: louder is not predicted: its motion is irregular." in page
+
+
+def test_models_are_compared_by_their_evidence(periodic, undrawn):
+    models = (
+        ComparedModelResult("hidden", (), (), -40.0, -52.1, 0.03, 0.0, 0.0, 5000, ""),
+        ComparedModelResult("hidden extended", ("quadratic_drag",), ("c2",), 0.0, -14.0, 0.03, 38.1, 0.04, 6000,
+                            "the evidence for this model is very strong"),
+    )  # fmt: skip
+    compared = replace(PROFILED, comparison=ComparisonResult(models, "hidden extended", "diagnosis: named"))
+    assert ConfidenceResult.from_dict(compared.as_dict()) == compared
+    page = words(render(periodic.study, [], {}, CALIBRATED, confidence=compared))
+    assert "hidden - -40.00 -52.10 ± 0.03 - hidden extended quadratic_drag 0.00 -14.00 ± 0.03 +38.10 ± 0.04" in page
+    assert "hidden extended: the evidence for this model is very strong" in page
+    assert "diagnosis: named" in page
 
 
 def test_what_cannot_be_shown_is_said(periodic, undrawn):
