@@ -115,6 +115,9 @@ def run(
 @OUT
 @click.option("--pairs", multiple=True, metavar="A,B", help="Two parameters to profile together, or all; repeatable.")
 @click.option("--posterior", is_flag=True, help="Sample the posterior distribution too; needs calib[confidence].")
+@click.option(
+    "--sample-nuisances", is_flag=True, help="Of the posterior distribution: sample scale, shear and offset too."
+)
 @click.option("--compare", multiple=True, metavar="STUDY", type=click.Path(path_type=Path),
               help="Compare the evidence with that of another model of the same records; repeatable.")  # fmt: skip
 @JOBS

@@ -1,6 +1,8 @@
 """`calib confidence`: the intervals of the profiles, printed."""
 
 import json
+import shlex
+import sys
 from pathlib import Path
 
 import click
@@ -8,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from calib.cli.options import pool_table
+from calib.cli.options import EXIT_STOPPED, pool_table
 from calib.cli.status import folder_of
 from calib.confidence.artifacts import CONFIDENCE
 from calib.confidence.bands import PREDICTIVE
@@ -18,15 +20,8 @@ from calib.execution.progress import Count
 from calib.report.formatting import distinguishing_digits
 from calib.report.pages.confidence import comparison_remarks, prediction_remarks
 from calib.units import reading, shown
-from calib.workflows.confidence import (
-    CONFIDENCE_PICTURE,
-    ENSEMBLE,
-    POSTERIOR,
-    POSTERIOR_PICTURE,
-    PREDICTIVE_PICTURE,
-    confidence_study,
-    pairs_of,
-)
+from calib.workflows.confidence import CONFIDENCE_PICTURE, confidence_study, pairs_of
+from calib.workflows.posterior import ENSEMBLE, POSTERIOR, POSTERIOR_PICTURE, PREDICTIVE_PICTURE
 
 MIN_DIGITS = 4  # significant ones of a printed value  [count]
 
@@ -36,6 +31,7 @@ def print_confidence(
     out: Path | None,
     pairs: tuple[str, ...],
     posterior: bool,
+    sample_nuisances: bool,
     compare: tuple[Path, ...],
     jobs: int | None,
     pool: str | None,
@@ -46,18 +42,28 @@ def print_confidence(
     """Profile the parameters, and print the intervals."""
     chosen = [pairs_of(text) for text in pairs]
     together = "all" if "all" in chosen else [pair for own in chosen if not isinstance(own, str) for pair in own]
-    with Count("points", quiet or as_json) as count:
-        result = confidence_study(
-            study,
-            out,
-            pairs=together,
-            posterior=posterior,
-            compare=compare,
-            jobs=jobs,
-            pool=pool_table(pool),
-            fresh=fresh,
-            on_progress=count,
-        )
+    try:
+        with Count("points", quiet or as_json) as count:
+            result = confidence_study(
+                study,
+                out,
+                pairs=together,
+                posterior=posterior,
+                sample_nuisances=sample_nuisances,
+                compare=compare,
+                jobs=jobs,
+                pool=pool_table(pool),
+                fresh=fresh,
+                on_progress=count,
+            )
+    except KeyboardInterrupt:
+        given: list[tuple[str, object]] = [("--out", out), ("--jobs", jobs), ("--pool", pool)]
+        given += [("--pairs", text) for text in pairs] + [("--compare", other) for other in compare]
+        flags = [name for name, on in (("--posterior", posterior), ("--sample-nuisances", sample_nuisances)) if on]
+        stated = [str(part) for pair in given if pair[1] for part in pair]
+        again = shlex.join(["calib", "confidence", str(study), *flags, *stated])
+        click.echo(f"\nstopped; every finished point is kept. Go on with:  {again}", err=True)
+        sys.exit(EXIT_STOPPED)
     if as_json:
         click.echo(json.dumps(result.as_dict(), indent=2, allow_nan=False))
     elif not quiet:

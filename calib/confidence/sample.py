@@ -46,7 +46,7 @@ def posterior_result(
                 float(values.std(ddof=1)),
                 float(low),
                 float(high),
-                _in_words(priors.get(name), window.scale, units[name]),
+                prior_in_words(priors.get(name), window.scale, units[name]),
             )  # fmt: skip
         )
     return PosteriorResult(
@@ -55,7 +55,11 @@ def posterior_result(
     )  # fmt: skip
 
 
-def _in_words(prior: Prior | None, scale: str, unit: str) -> str:
+def prior_in_words(prior: Prior | None, scale: str, unit: str) -> str:
+    """Say what is known of a parameter before the measurement.
+
+    scale, unit : of its window, and its SI unit
+    """
     if prior is None:
         return "flat in the window" + (" on its logarithmic scale" if scale == "log" else "")
     centre = shown(prior.centre, unit)

@@ -8,19 +8,15 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
-from calib.confidence import profiled, sampled
+from calib.confidence import profiled
 from calib.confidence.artifacts import write_confidence
-from calib.confidence.bands import write_bands
 from calib.confidence.document import ConfidenceResult
 from calib.confidence.notes import NOTES, PointNotes
-from calib.confidence.posterior import Posterior, expected_evaluations
-from calib.confidence.sample import posterior_result, values_of, write_ensemble, write_posterior
+from calib.confidence.posterior import expected_evaluations
 from calib.confidence.sampler_package import nautilus
 from calib.confidence.serialise import confidence_result
 from calib.errors import CalibError, nearest
 from calib.execution.files import whole
-from calib.report.plots.posterior import posterior_figure
-from calib.report.plots.predictive import predictive_figure
 from calib.report.plots.profiles import profiles_figure
 from calib.report.plots.style import png
 from calib.store.lock import Lock
@@ -37,19 +33,17 @@ from calib.workflows.model_comparison import (
     expected_comparison,
     identity_of_points,
 )
-from calib.workflows.predictive import (
-    PredictedRecords,
-    bands_of_records,
-    forget_pieces,
-    predicted_records,
-    predicted_results,
-    predicted_simulations,
-    predictive_groups,
+from calib.workflows.posterior import (
+    NUISANCE_NOTES,
+    StagedProgress,
+    posterior_of,
+    with_earlier,
+    with_nuisances,
+    without_earlier,
 )
+from calib.workflows.predictive import predicted_simulations
 
 CONFIDENCE_PICTURE = "confidence.png"
-POSTERIOR, POSTERIOR_PICTURE, ENSEMBLE = "posterior.nc", "posterior.png", "ensemble.csv"
-PREDICTIVE_PICTURE = "predictive.png"
 ALL = "all"
 
 
@@ -59,6 +53,7 @@ def confidence_study(
     *,
     pairs: Sequence[tuple[str, str]] | str = (),
     posterior: bool = False,
+    sample_nuisances: bool = False,
     compare: Sequence[str | Path] = (),
     jobs: int | None = None,
     pool: Mapping[str, Any] | None = None,
@@ -79,6 +74,7 @@ def confidence_study(
     out : folder of the results; None: the study's
     pairs : of parameters that are profiled together; "all" for every pair
     posterior : whether the posterior distribution of the parameters is sampled too
+    sample_nuisances : whether it is sampled over scale, shear and offset too; see `calib.confidence.instrument`
     compare : files of calibrated studies of the same records with other models, whose evidence is compared
     jobs : takes the place of the file's
     pool : keys of a [pool] table that takes the place of the file's
@@ -91,8 +87,7 @@ def confidence_study(
     CalibError : a mistake in the study file or the pairs, the study has not been calibrated, or the sampler is not
         installed
     """
-    if posterior or compare:
-        nautilus()
+    _check_sampling(posterior, sample_nuisances, compare)
     begin = time.monotonic()
     file = load(path, jobs=jobs, out=out, pool=pool)
     study, folder = file.study, file.folder
@@ -104,13 +99,21 @@ def confidence_study(
     lock.acquire()
     try:
         if fresh:
-            (folder / NOTES).unlink(missing_ok=True)
-        result = _found(file, values, chosen, posterior, others, on_stage, on_progress, begin)
+            for notes in (NOTES, NUISANCE_NOTES):
+                (folder / notes).unlink(missing_ok=True)
+        result = _found(file, values, chosen, posterior, sample_nuisances, others, on_stage, on_progress, begin)
     finally:
         lock.release()
     _write(result, folder)
     rebuild(path, out, jobs, pool)
     return result
+
+
+def _check_sampling(posterior: bool, sample_nuisances: bool, compare: Sequence[str | Path]) -> None:
+    if posterior or compare:
+        nautilus()
+    if sample_nuisances and not posterior:
+        raise CalibError("--sample-nuisances is of the posterior distribution: give --posterior too")
 
 
 def pairs_of(text: str) -> Sequence[tuple[str, str]] | str:
@@ -143,8 +146,9 @@ def _pairs(study: CalibrationStudy, pairs: Sequence[tuple[str, str]] | str) -> l
                 )
         if one == other:
             raise CalibError(f"pairs: expected two different parameters, got {one!r} twice")
-        if (one, other) not in chosen and (other, one) not in chosen:
-            chosen.append((one, other))
+        pair = (one, other) if names.index(one) < names.index(other) else (other, one)  # its points are kept by it
+        if pair not in chosen:
+            chosen.append(pair)
     return chosen
 
 
@@ -153,6 +157,7 @@ def _found(
     values: Mapping[str, float],
     pairs: Sequence[tuple[str, str]],
     posterior: bool,
+    nuisances: bool,
     others: Sequence[StudyFile],
     on_stage: Callable[[str], None],
     on_progress: Callable[[int, int], None],
@@ -161,8 +166,8 @@ def _found(
     study, folder = file.study, file.folder
     u = study.space.point(values)
     units = {name: study.model.parameters[name.partition("@")[0]].unit for name in study.space.names}
-    foreseen = [expected_evaluations(study.space.dim), predicted_simulations(file)] if posterior else [0, 0]
-    progress = _StagedProgress(on_progress, [0, *foreseen, expected_comparison(others, study.space.dim)])
+    foreseen = expected_evaluations(study.space.dim) + predicted_simulations(file) if posterior else 0
+    progress = StagedProgress(on_progress, [0, foreseen, expected_comparison(others, study.space.dim)])
 
     with (
         PointNotes(folder / NOTES, identity_of_points(study, u)) as notes,
@@ -173,53 +178,15 @@ def _found(
         profiles = profiled(study, pool, u, notes, pairs=pairs, on_progress=partial(progress, 0))
         evaluated = notes.evaluations + profiles.analysis.confidence.evaluations
         result = confidence_result(study.name, study.space, units, profiles, evaluated, time.monotonic() - begin)
+        own = OpenModel(file, evaluations, notes, profiles.analysis, profiles.centre)
         if posterior:
-            on_stage("posterior")
-            sample = sampled(
-                study, pool, profiles.analysis, profiles.centre, notes, file.priors, on_progress=partial(progress, 1)
-            )
-            on_stage("predictions")
-            best = study.space.values(profiles.centre.u)
-            records = predicted_records(file, evaluations, sample, best, folder, partial(progress, 2))
-            distribution = replace(
-                posterior_result(study.space, units, file.priors, sample), predicted=predicted_results(records)
-            )
+            sample = with_nuisances if nuisances else posterior_of
+            distribution = sample(own, folder, on_stage, partial(progress, 1))
             result = replace(result, posterior=distribution, seconds=time.monotonic() - begin)
-            _write_sample(file, sample, result, units, records)
         if others:
-            own = OpenModel(file, evaluations, notes, profiles.analysis, profiles.centre)
-            comparison = compared_models(own, others, on_stage, partial(progress, 3))
+            comparison = compared_models(own, others, on_stage, partial(progress, 2))
             result = replace(result, comparison=comparison, seconds=time.monotonic() - begin)
-    return result
-
-
-class _StagedProgress:
-    """Counts over stages, of which each says how much of it is done and foreseen."""
-
-    def __init__(self, on_progress: Callable[[int, int], None], foreseen: Sequence[int]):
-        self._on_progress = on_progress
-        self._done, self._foreseen = [0] * len(foreseen), list(foreseen)
-
-    def __call__(self, stage: int, done: int, foreseen: int) -> None:
-        self._done[stage], self._foreseen[stage] = done, foreseen
-        self._on_progress(sum(self._done), sum(self._foreseen))
-
-
-def _write_sample(
-    file: StudyFile, sample: Posterior, result: ConfidenceResult, units: Mapping[str, str], records: PredictedRecords
-) -> None:
-    study, folder = file.study, file.folder
-    if result.posterior is None:
-        return
-    write_posterior(folder / POSTERIOR, study.space, units, sample, predictive_groups(records, study.seed))
-    write_ensemble(folder / ENSEMBLE, study.space, units, sample)
-    with whole(folder / POSTERIOR_PICTURE) as temporary:
-        temporary.write_bytes(png(posterior_figure(result.posterior, values_of(study.space, sample), result.values)))
-    bands = bands_of_records(records)
-    write_bands(bands, folder)
-    with whole(folder / PREDICTIVE_PICTURE) as temporary:
-        temporary.write_bytes(png(predictive_figure(bands)))
-    forget_pieces(folder)
+        return with_earlier(result, file, folder) if notes.known else without_earlier(result, folder)
 
 
 def _write(result: ConfidenceResult, folder: Path) -> None:

@@ -5,6 +5,7 @@ import html
 from collections.abc import Mapping
 
 from calib.confidence.document import ConfidenceResult
+from calib.confidence.profile import WINDOW_END
 from calib.report.plots.profiles import profiles_figure
 from calib.units import shown
 from calib.workflows.plot import Plot
@@ -34,7 +35,10 @@ class Profiled:
         own = self.summary
         lines = [f"{own.level:.1%} intervals of {own.name!r}, by profiles of the likelihood"]
         for profile in own.profiles:
-            ends = " .. ".join(shown(end.value, profile.unit) for end in (profile.low, profile.high))
+            ends = " .. ".join(
+                "open" if end.cause == WINDOW_END else shown(end.value, profile.unit)
+                for end in (profile.low, profile.high)
+            )
             lines.append(f"  {profile.name} = {shown(profile.value, profile.unit)}: {ends}; {profile.text}")
         return "\n".join([*lines, *(f"  mind: {remark}" for remark in own.remarks)])
 

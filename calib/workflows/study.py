@@ -417,7 +417,7 @@ class Calibration:
 
     def confidence(
         self, *, pairs: Sequence[tuple[str, str]] | str = (), posterior: bool = False,
-        compare: Sequence[str | Path] = (), jobs: int | None = None,
+        sample_nuisances: bool = False, compare: Sequence[str | Path] = (), jobs: int | None = None,
         pool: Mapping[str, Any] | None = None, fresh: bool = False, quiet: bool = False,
     ) -> Profiled:  # fmt: skip
         """Intervals of the values by profiles of the likelihood, and their posterior distribution: `calib confidence`.
@@ -426,6 +426,7 @@ class Calibration:
         ----------
         pairs : of parameters that are profiled together, such as [("gain", "lag")]; "all" for every pair
         posterior : whether the posterior distribution is sampled too
+        sample_nuisances : whether scale, shear and offset of records are sampled with the parameters
         compare : study files of other models of the same records, calibrated, whose evidence is compared
         jobs, pool : take the place of the study's
         fresh : forget the points made so far
@@ -437,8 +438,8 @@ class Calibration:
         """
         with Count("points", quiet) as count:
             return Profiled(confidence_study(
-                self.path, pairs=pairs, posterior=posterior, compare=compare, jobs=jobs, pool=pool, fresh=fresh,
-                on_progress=count,
+                self.path, pairs=pairs, posterior=posterior, sample_nuisances=sample_nuisances, compare=compare,
+                jobs=jobs, pool=pool, fresh=fresh, on_progress=count,
             ))  # fmt: skip
 
     def __repr__(self) -> str:

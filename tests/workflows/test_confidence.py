@@ -20,7 +20,7 @@ from calib.cli import main
 from calib.confidence import posterior
 from calib.confidence.artifacts import read_confidence
 from calib.confidence.bands import read_bands
-from calib.confidence.document import ConfidenceResult
+from calib.confidence.document import ConfidenceResult, EndResult, ProfileResult
 from calib.confidence.prior import Prior
 from calib.errors import CalibError
 from calib.study_file import load
@@ -141,6 +141,44 @@ def test_fresh_forgets_the_points(profiled, tmp_path):
     assert len(notes.read_bytes()) < len(before)  # no pair
 
 
+def test_a_pair_is_one_in_whatever_order(profiled, tmp_path):
+    folder = tmp_path / "echo"
+    shutil.copytree(profiled[0], folder)
+    before = (folder / "out" / "confidence.jsonl").read_bytes()
+    confidence_study(folder, pairs=[("harmonic", "gain"), ("gain", "harmonic")])
+    assert (folder / "out" / "confidence.jsonl").read_bytes() == before
+    [pair] = read_confidence(folder / "out").pairs
+    assert pair.names == ("gain", "harmonic")
+
+
+def test_ctrl_c_says_how_to_go_on(profiled, monkeypatch):
+    def stopped(*given, **more):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("calib.cli.confidence.confidence_study", stopped)
+    folder, _ = profiled
+    answer = calib("confidence", folder, "--posterior", "--pairs", "gain,harmonic", "--fresh", code=3)
+    again = f"calib confidence {folder} --posterior --pairs gain,harmonic"
+    assert answer.stderr.strip().splitlines() == [f"stopped; every finished point is kept. Go on with:  {again}"]
+
+
+def test_an_open_end_is_called_open():
+    ends = EndResult(0.5, "window end", "open"), EndResult(0.9, "crossed", "0.9")
+    own = ProfileResult("gain", "1", "linear", 0.8, *ends, None, 4.0, None, "no local interval", ())
+    profiled = Profiled(ConfidenceResult("echo", 0.954, "", {}, {}, None, (own,)))
+    assert "gain = 0.8: open .. 0.9" in repr(profiled)
+
+
+def test_a_damaged_file_of_profiles_is_left_out_of_the_report(profiled, tmp_path):
+    folder = tmp_path / "echo"
+    shutil.copytree(profiled[0], folder)
+    (folder / "out" / "confidence.json").write_text("{")
+    calib("report", folder)
+    page = " ".join((folder / "out" / "report.html").read_text().split())
+    assert "<strong>Left out:</strong>" in page
+    assert "holds no profiles" in page
+
+
 def test_points_belong_to_the_calibrated_values(profiled, tmp_path):
     folder = tmp_path / "echo"
     shutil.copytree(profiled[0], folder)
@@ -220,6 +258,13 @@ def test_the_posterior_distribution_is_sampled_and_goes_on_where_it_was_stopped(
     assert rows[0] == "gain [1],harmonic [m]"
     assert len(rows) == 21
     assert (folder / "out" / "posterior.png").read_bytes().startswith(b"\x89PNG")
+    calib("confidence", folder, "--pairs", "all")
+    assert read_confidence(folder / "out").posterior == result.posterior
+    (folder / "study.toml").write_text((folder / "study.toml").read_text() + PRIORS)
+    calib("confidence", folder)
+    assert read_confidence(folder / "out").posterior is None
+    for name in ("posterior.nc", "posterior.png", "predictive.nc", "predictive.png", "ensemble.csv"):
+        assert not (folder / "out" / name).exists()
 
 
 HELD_OUT = """
@@ -306,6 +351,40 @@ def test_studies_of_other_records_are_not_compared(calibrated, tmp_path):
     assert (
         "is the study itself" in calib("confidence", calibrated, "--compare", calibrated / "study.toml", code=1).output
     )
+
+
+@pytest.mark.slow
+@undrawn()
+def test_a_scale_that_is_uncertain_by_two_percent_widens_the_interval(tmp_path, few_live_points, monkeypatch):
+    monkeypatch.setattr(predictive, "PREDICTIVE_DRAWS", 25)
+    narrow = ('gain = { low = 0.5, high = 2.0, scale = "log" }', "gain = { low = 1.0, high = 1.4 }")
+    path = write_study(tmp_path, narrow, ('low = "-1 mm", high = "1 mm"', 'low = "0.1 mm", high = "0.3 mm"'))
+    sigmas = {"scale.displacement": 0.02, "scale.velocity": 0.02}
+    records.write(bench().assign_attrs(nuisance_sigma=json.dumps(sigmas)), tmp_path / "bench.nc")
+    calib("run", path, "-q")
+    output = calib("confidence", path, "--posterior", "--sample-nuisances").output
+    assert "instrument_scale_velocity@bench normal, mean 1, standard deviation 0.02" in output
+    result = read_confidence(tmp_path / "out")
+    marginals = {own.name: own for own in result.posterior.parameters}
+    local = (result.profiles[0].local[1] - result.profiles[0].local[0]) / 4.0
+    gain = marginals["gain"]
+    assert local < 0.002  # of a gain of 1.2, where the scale is certain
+    # the two scales are independent, and their ratio is measured: they are uncertain together by 2 % / sqrt(2)
+    assert gain.standard_deviation == pytest.approx(1.2 * 0.02 / math.sqrt(2.0), rel=0.15)
+    assert marginals["instrument_scale_displacement@bench"].standard_deviation == pytest.approx(0.0141, rel=0.15)
+    assert (tmp_path / "out" / "confidence.nuisances.jsonl").is_file()
+    for own in result.posterior.predicted[0].channels:
+        assert own.inside == pytest.approx(0.95, abs=0.04)
+
+
+def test_nuisances_are_sampled_with_the_posterior_only(calibrated):
+    assert "give --posterior too" in calib("confidence", calibrated, "--sample-nuisances", code=1).output
+
+
+def test_a_study_without_nuisances_to_sample_is_refused(profiled):
+    folder, _ = profiled
+    message = "there is no nuisance to sample: expected a calibrated record that names scale"
+    assert message in calib("confidence", folder, "--posterior", "--sample-nuisances", code=1).output
 
 
 PRIORS = """
