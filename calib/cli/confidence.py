@@ -91,6 +91,8 @@ def show(result: ConfidenceResult, folder: Path, console: Console) -> None:
             f"{own.evaluations} evaluations",
             soft_wrap=True,
         )
+        if own.confirmed is not None:
+            console.print(f"confirming simulator: {escape(own.confirmed.text)}", soft_wrap=True)
         if own.predicted:
             console.print(_predictions(own))
         for remark in (text for record in own.predicted for text in prediction_remarks(record)):

@@ -1,15 +1,17 @@
 """Confidence in the calibrated values of a study."""
 
 import json
+import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
 
+from calib.confidence.constrained import FittedPoint
 from calib.confidence.derivatives import Evaluate
 from calib.confidence.local import Confidence, local
 from calib.confidence.noise_propagation import noise_draws
-from calib.confidence.notes import EVALUATION
+from calib.confidence.notes import CONFIRMED, EVALUATION
 from calib.confidence.posterior import LogLikelihood, Posterior, sample_posterior
 from calib.confidence.prior import Prior, positions
 from calib.confidence.profile import Centre
@@ -17,6 +19,8 @@ from calib.confidence.profiles import LocalAnalysis, Notes, Profiles, best_about
 from calib.execution.pool import Failure, in_order
 from calib.store import Trial
 from calib.study import CalibrationStudy, Evaluation, Outcome, Pool, outcome
+
+CONFIRMED_BATCH = 8  # points that the confirming simulator computes together  [count]
 
 
 def around_best(
@@ -91,23 +95,65 @@ def sampled(
     ------
     CalibError : the sampler is not installed
     """
+    log_likelihood = partial(_log_likelihoods, study, pool, analysis, centre, notes, EVALUATION)
     likelihood = centre.likelihood
-    logarithm = LogLikelihood(likelihood, centre.u)
-    fit = fit_about(analysis, likelihood, _evaluated_by(study, pool))
-
-    def log_likelihood(points: np.ndarray) -> np.ndarray:
-        keys = [f"{EVALUATION}{json.dumps(u.tolist())}" for u in points]
-        missing = [k for k, key in enumerate(keys) if notes.get(key) is None]
-        if missing:
-            notes.add_all({keys[k]: point for k, point in zip(missing, fit.at(points[missing]), strict=True)})
-        known = (notes.get(key) for key in keys)
-        return np.array([logarithm(point) for point in known if point is not None])
-
     compression = -0.5 * float(np.linalg.slogdet(2.0 * np.pi * likelihood.robust_covariance)[1])
     return sample_posterior(
         log_likelihood, partial(positions, study.space, priors), study.space.dim, study.seed, compression=compression,
         on_progress=on_progress,
     )  # fmt: skip
+
+
+def confirmed(
+    study: CalibrationStudy,
+    pool: Pool,
+    analysis: LocalAnalysis,
+    centre: Centre,
+    notes: Notes,
+    points: np.ndarray,
+    on_progress: Callable[[int, int], None] = lambda done, foreseen: None,
+) -> np.ndarray:
+    """Logarithms (n,) of the likelihood of points (n, dim) by the confirming simulator, which `pool` runs.
+
+    -infinity where its simulation cannot be compared. Points are evaluated in batches, each kept in the notes; the rest
+    as in `sampled`.
+    """
+    found = list[float]()
+    for first in range(0, len(points), CONFIRMED_BATCH):
+        batch = points[first : first + CONFIRMED_BATCH]
+        found += _log_likelihoods(study, pool, analysis, centre, notes, CONFIRMED, batch).tolist()
+        on_progress(len(found), len(points))
+    comparable = [_known(notes, CONFIRMED, u) for u in points]
+    return np.array([x if p is not None and math.isfinite(p.square) else -math.inf
+                     for x, p in zip(found, comparable, strict=True)])  # fmt: skip
+
+
+def _log_likelihoods(
+    study: CalibrationStudy,
+    pool: Pool,
+    analysis: LocalAnalysis,
+    centre: Centre,
+    notes: Notes,
+    prefix: str,
+    points: np.ndarray,
+) -> np.ndarray:
+    """Logarithms (n,) of the likelihood of points (n, dim), which are kept in the notes under keys with a prefix."""
+    fit = fit_about(analysis, centre.likelihood, _evaluated_by(study, pool))
+    logarithm = LogLikelihood(centre.likelihood, centre.u)
+    missing = np.array([_known(notes, prefix, u) is None for u in points])
+    if missing.any():
+        made = zip(points[missing], fit.at(points[missing]), strict=True)
+        notes.add_all({_key(prefix, u): point for u, point in made})
+    known = (_known(notes, prefix, u) for u in points)
+    return np.array([logarithm(point) for point in known if point is not None])
+
+
+def _known(notes: Notes, prefix: str, u: np.ndarray) -> FittedPoint | None:
+    return notes.get(_key(prefix, u))
+
+
+def _key(prefix: str, u: np.ndarray) -> str:
+    return f"{prefix}{json.dumps(u.tolist())}"
 
 
 def _analysed_at(study: CalibrationStudy, pool: Pool, u: np.ndarray) -> LocalAnalysis:

@@ -163,6 +163,45 @@ class PredictedRecordResult:
 
 
 @dataclass(frozen=True)
+class ConfirmedMarginalResult:
+    """A parameter in the draws that the confirming simulator has reweighted, in SI.
+
+    Attributes
+    ----------
+    mean, standard_deviation : of the reweighted draws
+    shift : of the mean, over the standard deviation of the posterior distribution  [1]
+    """
+
+    name: str
+    mean: float
+    standard_deviation: float
+    shift: float
+
+
+@dataclass(frozen=True)
+class ConfirmedResult:
+    """Draws of a posterior distribution that the confirming simulator has computed again.
+
+    Attributes
+    ----------
+    draws, failed : number of them, and of those that cannot be compared there
+    effective_size : of the reweighted draws  [count]
+    reweighted : whether that is enough
+    spread : standard deviation over the draws of the difference of both log-likelihoods  [1]
+    parameters : of the reweighted draws; none where these are too few
+    text : in words
+    """
+
+    draws: int
+    failed: int
+    effective_size: float
+    reweighted: bool
+    spread: float
+    parameters: tuple[ConfirmedMarginalResult, ...]
+    text: str
+
+
+@dataclass(frozen=True)
 class PosteriorResult:
     """The posterior distribution of the parameters; its sample is in posterior.nc.
 
@@ -173,6 +212,7 @@ class PosteriorResult:
     effective_size : of the sample  [count]
     evaluations : that it took, of all calibrated records
     predicted : records beside what it predicts of them, the calibrated ones first
+    confirmed : by the confirming simulator; None where there is none
     """
 
     parameters: tuple[MarginalResult, ...]
@@ -181,6 +221,7 @@ class PosteriorResult:
     effective_size: float
     evaluations: int
     predicted: tuple[PredictedRecordResult, ...] = ()
+    confirmed: ConfirmedResult | None = None
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from calib.store.plain import plain, typed
 NOTES = "confidence.jsonl"
 IDENTITY, KEY, POINT = "of", "key", "point"
 EVALUATION = "evaluation/"  # begin of the keys of points that were evaluated for a posterior distribution
+CONFIRMED = "confirmed/"  # the same of points that the confirming simulator evaluated
 
 
 class PointNotes:
@@ -50,7 +51,9 @@ class PointNotes:
     @property
     def evaluations(self) -> int:
         """Evaluations that the points of profiles took."""
-        return sum(point.evaluations for key, point in self._points.items() if not key.startswith(EVALUATION))
+        return sum(
+            point.evaluations for key, point in self._points.items() if not key.startswith((EVALUATION, CONFIRMED))
+        )
 
     def get(self, key: str) -> FittedPoint | None:
         """Return the point of a key, None where there is none yet."""

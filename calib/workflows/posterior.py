@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.confidence import fitted, sampled
+from calib.confidence import confirmed, fitted, sampled
 from calib.confidence.artifacts import read_confidence
 from calib.confidence.bands import PREDICTIVE, write_bands
-from calib.confidence.document import ConfidenceResult, PosteriorResult
+from calib.confidence.document import ConfidenceResult, ConfirmedResult, PosteriorResult
+from calib.confidence.importance import CONFIRMED_DRAWS, confirmed_result
 from calib.confidence.instrument import with_sampled_nuisances
 from calib.confidence.likelihood import AdjustedLikelihood
 from calib.confidence.notes import PointNotes
@@ -23,7 +24,7 @@ from calib.report.plots.posterior import posterior_figure
 from calib.report.plots.predictive import predictive_figure
 from calib.report.plots.style import png
 from calib.study_file import StudyFile
-from calib.workflows.evaluations import Evaluations
+from calib.workflows.evaluations import CONFIRM, Evaluations
 from calib.workflows.model_comparison import CONFIDENCE_STAGE, OpenModel, identity_of_points
 from calib.workflows.predictive import (
     PredictedRecords,
@@ -53,7 +54,8 @@ def posterior_of(
     CalibError : the sampler is not installed
     """
     file, study = model.file, model.file.study
-    progress = StagedProgress(on_progress, [expected_evaluations(study.space.dim), predicted_simulations(file)])
+    again = CONFIRMED_DRAWS if study.model.confirming is not None else 0
+    progress = StagedProgress(on_progress, [expected_evaluations(study.space.dim), predicted_simulations(file), again])
     on_stage("posterior")
     sample = sampled(
         study, model.evaluations.calibrated(CONFIDENCE_STAGE), model.analysis, model.centre, model.notes, file.priors,
@@ -64,8 +66,23 @@ def posterior_of(
     records = predicted_records(file, model.evaluations, sample, best, folder, partial(progress, 1))
     units = {name: study.model.parameters[name.partition("@")[0]].unit for name in study.space.names}
     result = replace(posterior_result(study.space, units, file.priors, sample), predicted=predicted_results(records))
+    if study.model.confirming is not None:
+        on_stage("confirming simulator")
+        result = replace(result, confirmed=_confirmed(model, sample, result, partial(progress, 2)))
     _write_sample(file, sample, result, best, units, records, folder)
     return result
+
+
+def _confirmed(
+    model: OpenModel, sample: Posterior, result: PosteriorResult, on_progress: Callable[[int, int], None]
+) -> ConfirmedResult:
+    """Compute the first draws, which are in random order, by the confirming simulator."""
+    study, points = model.file.study, sample.points[:CONFIRMED_DRAWS]
+    pool = model.evaluations.calibrated(CONFIRM, confirming=True)
+    logarithms = confirmed(study, pool, model.analysis, model.centre, model.notes, points, on_progress)
+    values = {name: own[: len(points)] for name, own in values_of(study.space, sample).items()}
+    deviations = {own.name: own.standard_deviation for own in result.parameters}
+    return confirmed_result(sample.log_likelihood[: len(points)], logarithms, values, deviations)
 
 
 def with_nuisances(

@@ -377,6 +377,31 @@ def test_a_scale_that_is_uncertain_by_two_percent_widens_the_interval(tmp_path, 
         assert own.inside == pytest.approx(0.95, abs=0.04)
 
 
+@pytest.mark.slow
+@undrawn()
+@pytest.mark.parametrize("bias", [0.0004, 0.05])
+def test_the_confirming_simulator_moves_the_posterior_by_what_the_sketch_is_off(
+    tmp_path, few_live_points, monkeypatch, bias
+):
+    monkeypatch.setattr(predictive, "PREDICTIVE_DRAWS", 20)
+    sketch = ('"tiny_simulators:Echo"', f'"tiny_simulators:Sketch"\noptions = {{ bias = {bias} }}')
+    path = write_study(tmp_path, sketch)
+    calib("run", path, "-q")
+    output = calib("confidence", path, "--posterior").output
+    result = read_confidence(tmp_path / "out")
+    own, gain = result.posterior.confirmed, result.posterior.parameters[0]
+    assert (own.draws, own.failed) == (48, 0)
+    assert f"confirming simulator: {own.text}" in output
+    kept = (tmp_path / "out" / "confidence.jsonl").read_bytes().count(b'"confirmed/')
+    assert 40 <= kept <= 48  # a draw may be there twice
+    off = bias / gain.standard_deviation
+    assert own.spread == pytest.approx(off, rel=0.35)
+    assert own.reweighted == (off < 1.0)
+    if own.reweighted:
+        assert own.effective_size / 48.0 == pytest.approx(math.exp(-(off**2)), abs=0.2)
+        assert own.parameters[0].shift == pytest.approx(off, abs=0.3)
+
+
 def test_nuisances_are_sampled_with_the_posterior_only(calibrated):
     assert "give --posterior too" in calib("confidence", calibrated, "--sample-nuisances", code=1).output
 

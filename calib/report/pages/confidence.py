@@ -98,6 +98,7 @@ class ConfidenceChapter:
     effort: str
     marginals: tuple[MarginalRow, ...]
     sampling: str
+    confirmed: str
     predicted: tuple[PredictedRow, ...]
     prediction_remarks: tuple[str, ...]
     predictions: tuple[Picture, ...]
@@ -141,6 +142,7 @@ def confidence_chapter(
         effort=f"{count(confidence.evaluations, 'evaluation')} of the calibrated records",
         marginals=() if posterior is None else tuple(map(_marginal, posterior.parameters)),
         sampling="" if posterior is None else _sampling(confidence.level, posterior),
+        confirmed="" if posterior is None or posterior.confirmed is None else posterior.confirmed.text,
         predicted=tuple(row for record in predicted for row in _predicted(record)),
         prediction_remarks=tuple(text for record in predicted for text in prediction_remarks(record)),
         predictions=tuple(
