@@ -126,3 +126,18 @@ def with_sampled_nuisances(
     )
     known = {one.name: one.prior for one in sampled if one.prior is not None}
     return extended, {**priors, **known}, {one.name: one.null for one in sampled}
+
+
+def unused_uncertainties(study: CalibrationStudy) -> list[str]:
+    """Say which calibrated records state how uncertain their axes are, where their nuisances are not sampled."""
+    names = [
+        name
+        for name in study.objective.scored
+        if any(one.prior is not None for one in nuisances_of(study.objective.references[name]))
+    ]
+    if not names:
+        return []
+    return [
+        f"{', '.join(names)}: the record states how uncertain its scale, shear or offset is, which the posterior "
+        "distribution does not take into account; --sample-nuisances does"
+    ]

@@ -11,6 +11,7 @@ from typing import Any
 from calib.confidence import profiled
 from calib.confidence.artifacts import write_confidence
 from calib.confidence.document import ConfidenceResult
+from calib.confidence.instrument import unused_uncertainties
 from calib.confidence.notes import NOTES, PointNotes
 from calib.confidence.posterior import expected_evaluations
 from calib.confidence.sampler_package import nautilus
@@ -182,7 +183,8 @@ def _found(
         if posterior:
             sample = with_nuisances if nuisances else posterior_of
             distribution = sample(own, folder, on_stage, partial(progress, 1))
-            result = replace(result, posterior=distribution, seconds=time.monotonic() - begin)
+            remarks = result.remarks if nuisances else (*result.remarks, *unused_uncertainties(study))
+            result = replace(result, posterior=distribution, remarks=remarks, seconds=time.monotonic() - begin)
         if others:
             comparison = compared_models(own, others, on_stage, partial(progress, 2))
             result = replace(result, comparison=comparison, seconds=time.monotonic() - begin)

@@ -8,7 +8,7 @@ import pytest
 from echo_study import TRUTH, bench, write_study
 
 from calib import records
-from calib.confidence.instrument import instrument, nuisances_of, with_sampled_nuisances
+from calib.confidence.instrument import instrument, nuisances_of, unused_uncertainties, with_sampled_nuisances
 from calib.confidence.prior import Prior
 from calib.errors import CalibError
 from calib.objective import Reference
@@ -98,6 +98,16 @@ def test_other_nuisances_are_another_study(tmp_path):
     records.write(record, tmp_path / "bench.nc")
     _, priors, _ = with_sampled_nuisances(load(path).study, {})
     assert priors == {"instrument_scale_velocity@bench": Prior("normal", 1.0, 0.03)}
+
+
+def test_uncertainties_that_are_not_used_are_told(tmp_path):
+    path = write_study(tmp_path, NUISANCE)
+    assert unused_uncertainties(load(path).study) == []
+    record = bench().assign_attrs(nuisance_sigma=json.dumps({"scale.velocity": 0.03}))
+    records.write(record, tmp_path / "bench.nc")
+    [remark] = unused_uncertainties(load(path).study)
+    assert remark.startswith("bench: the record states how uncertain its scale")
+    assert "--sample-nuisances" in remark
 
 
 def test_an_instrument_has_an_offset_of_each_body():
