@@ -7,6 +7,7 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from calib.errors import CalibError
 from calib.modelling.orbit import PeriodMap
 from calib.records import OK
 
+MAPS_KEPT = 8  # at the latest values of the parameter: to make one costs more than its orbit of one period
 PARAMETER_DIFFERENCE = 1e-7  # of the window, for the derivative; below MIN_ARCLENGTH_STEP, to stay off a grazing
 
 FROM_FLIP = "it comes out of a flip of the cycle of half its period"
@@ -119,6 +121,7 @@ def follow(
     window: tuple[float, float],
     periods: int = 1,
     most: int = 400,
+    extent: float = 1.0,
 ) -> Branch:
     """Follow the cycle near `guess` from `parameter` both ways, through folds, as far as `window` and the motion allow.
 
@@ -131,6 +134,7 @@ def follow(
     maps : the map at a value of the parameter, in the parameter's unit
     guess : (dimension,) state near a cycle at `parameter`, each component in its unit
     window : lowest and highest value of the parameter
+    extent : size of the motions, in units of the map's scale: steps along the curve are relative to it
 
     Raises
     ------
@@ -146,12 +150,13 @@ def follow(
         raise CalibError(
             f"expected a parameter in a window [low, high] of some width, got {parameter:g} in [{low:g}, {high:g}]"
         )
+    maps = lru_cache(MAPS_KEPT)(maps)
     map = maps(parameter)
     cycle = reduced(map, shoot(map, checked_guess(map, guess, periods), periods))
     if not cycle.converged:
         return _branch(map, cycle.periods, [], [], (cycle.reason, cycle.reason))
-    curve = _Curve(maps, low, high, cycle.periods, map.scale)
-    z = np.append(cycle.state / map.scale, (parameter - low) / (high - low))
+    curve = _Curve(maps, low, high, cycle.periods, extent * map.scale)
+    z = np.append(cycle.state / curve.scale, (parameter - low) / (high - low))
     start = curve.point(z, cycle.steps, np.eye(z.size)[-1])
     if start is None:
         why = "the derivative by the parameter is not known: the motion fails beside the parameter"

@@ -1,6 +1,6 @@
 """The map of a period: the orbits that it runs through, and how their neighbours depart from them."""
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -66,6 +66,8 @@ class PeriodMap(Protocol):
        know its derivative; central differences of `orbit` are taken then.
     5. `near_misses` gives the local minima of the clearance [m] between the impacts of one period from `state` on:
        where one comes to zero, an impact is about to appear. Without a stop: empty.
+    6. Optionally `motion`, which samples the motion within the periods: harmonics of a response are taken from it; see
+       `SampledMap`.
 
     `calib.testing.SimulatorSuite` checks this where the simulator offers a map.
     """
@@ -115,4 +117,17 @@ class PeriodMap(Protocol):
 
     def near_misses(self, state: np.ndarray) -> np.ndarray:
         """Local minima (k,) of the clearance over one period  [m]."""
+        ...
+
+
+@runtime_checkable
+class SampledMap(PeriodMap, Protocol):
+    """A period map that tells the motion between its sections, too."""
+
+    def motion(self, state: np.ndarray, periods: int, samples: int) -> np.ndarray:
+        """Displacement (body, periods * samples) of every body from `state` on  [m].
+
+        `samples` instants a period, equally spaced, the first that of `state`. Fewer are returned where the motion
+        fails.
+        """
         ...

@@ -24,7 +24,7 @@ from calib.modelling.effect import Effect, interfaces_of, places_of
 from calib.modelling.laws import STATES, contact, force, gap, restitution
 from calib.modelling.laws import excitation as excitation_law
 from calib.modelling.model import Model
-from calib.modelling.orbit import PeriodMap
+from calib.modelling.orbit import PeriodMap, SampledMap
 from calib.modelling.parameter import Parameter
 from calib.modelling.simulator import Request, Simulator
 from calib.records import MIN_SECTION_PERIODS, OK, STATE, channels, check
@@ -170,6 +170,16 @@ class SimulatorSuite:
             start = record[channel].isel(time=0).values
             size = np.abs(record[channel].values).max()
             np.testing.assert_allclose(getattr(orbit, channel)[:, -1], start, atol=1e-6 * size)
+
+    def test_the_map_s_samples_are_the_motion_of_the_record(self) -> None:
+        map = self.period_map()
+        if not isinstance(map, SampledMap):
+            pytest.skip("the map does not tell the motion between its sections")
+        record = self.run(request=replace(self.request, settle=40))
+        periods, samples = self.request.periods, self.request.samples
+        displacement = map.motion(map.orbit(map.initial, 40).states[-1], periods, samples)
+        size = np.abs(record.displacement.values).max()
+        np.testing.assert_allclose(displacement, record.displacement.values, atol=1e-6 * size)
 
     def test_the_map_in_two_calls_is_the_map_in_one(self) -> None:
         map = self.period_map()

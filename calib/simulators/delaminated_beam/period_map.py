@@ -125,6 +125,17 @@ class BeamMap:
             reason=reason,
         )
 
+    def motion(self, state: np.ndarray, periods: int, samples: int) -> np.ndarray:
+        """Sample the motion; see `calib.modelling.orbit.SampledMap`."""
+        engine = self.engine(np.asarray(state, dtype=float), MAX_TIME_STEPS_PER_PERIOD * periods)
+        rows = [np.zeros((0, 4))]
+        for _ in range(periods):
+            period = engine.period(samples)
+            if period.status != OK:
+                break
+            rows.append(period.samples)
+        return np.concatenate(rows)[:, :2].T
+
     def tangent(self, state: np.ndarray, vectors: np.ndarray, periods: int) -> Tangent | None:
         """None: contact that begins and ends within steps has no derivative at hand."""
         return None

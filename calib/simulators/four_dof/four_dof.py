@@ -218,7 +218,7 @@ class FourDof:
             kind.coordinates,
             laws,
             length=_length(values["gap"]),
-            channels=lambda rows: self._bodies(rows, np.zeros(len(rows)), problem),
+            channels=lambda rows, times: self._bodies(rows, times, problem),
         )
 
     def _checked_problem(

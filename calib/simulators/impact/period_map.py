@@ -24,6 +24,8 @@ BATCH_PERIODS = 64  # that the kernel runs in one call
 MAX_IMPACTS_PER_PERIOD = 256  # that are returned, on average over a batch
 MAX_MINIMA = 64  # of the clearance in a period
 
+Channels = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
 
 @dataclass(frozen=True, eq=False)
 class ImpactMap:
@@ -41,7 +43,7 @@ class ImpactMap:
     names, units : of the state's components
     scale, initial : (dimension,)
     law_states : (slot, coordinate or port, index) of each internal state of the force laws
-    channels : rows (k, 2 n + 2) of the kernel at phase zero -> displacement, velocity (body, k)
+    channels : rows (k, 2 n + 2) of the kernel at times (k,) since phase zero [s] -> displacement, velocity (body, k)
     """
 
     problem: Problem
@@ -51,7 +53,7 @@ class ImpactMap:
     scale: np.ndarray
     initial: np.ndarray
     law_states: tuple[tuple[int, int, int], ...]
-    channels: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+    channels: Channels
 
     @property
     def period(self) -> float:
@@ -85,7 +87,7 @@ class ImpactMap:
             if code != kernel.DONE:
                 break
         done = int(now.counters[AT_PERIOD])
-        displacement, velocity = self.channels(rows[:done])
+        displacement, velocity = self.channels(rows[:done], np.zeros(done))
         return Orbit(
             np.hstack([rows[:done, : 2 * n], inner[:done]]),
             displacement,
@@ -95,6 +97,17 @@ class ImpactMap:
             STATUS.get(code, OK),
             f"after {done} period(s)" if code in STATUS else "",
         )
+
+    def motion(self, state: np.ndarray, periods: int, samples: int) -> np.ndarray:
+        """Sample the motion; see `calib.modelling.orbit.SampledMap`."""
+        n = len(self.problem.hit)
+        times = np.arange(periods * samples) * (self.period / samples)
+        rows, sections = np.zeros((times.size, 2 * n + 2)), np.zeros((periods, 2 * n + 2))
+        now, budget = self._started(state), MAX_STEPS_PER_PERIOD * periods
+        no_impacts = np.zeros((0, 2 + 2 * n))
+        kernel.advance(self.problem, now, self._scratch(), periods, 0.0, budget, sections, times, rows, no_impacts)
+        done = samples * int(now.counters[AT_PERIOD])
+        return self.channels(rows[:done], times[:done])[0]
 
     def tangent(self, state: np.ndarray, vectors: np.ndarray, periods: int) -> Tangent | None:
         """Carry small differences along; None where force laws act, whose derivative is not known."""
@@ -162,7 +175,7 @@ def impact_map(
     free: Sequence[int],
     laws: Sequence[BoundLaw],
     length: float,
-    channels: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
+    channels: Channels,
     initial: np.ndarray | None = None,
 ) -> ImpactMap:
     """Make the period map of a problem.

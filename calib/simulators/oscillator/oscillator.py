@@ -186,7 +186,7 @@ class Oscillator:
             (0,),
             laws,
             length=length,
-            channels=lambda rows: (rows[:, 0][None], rows[:, 1][None]),
+            channels=lambda rows, _: (rows[:, 0][None], rows[:, 1][None]),
             initial=np.array([values["initial_displacement"], values["initial_velocity"]]),
         )
 

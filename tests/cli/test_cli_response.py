@@ -1,0 +1,94 @@
+"""calib response, as a user types it."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from click.testing import CliRunner
+
+from calib import records
+from calib.cli import main
+from calib.records.excitation import Excitation
+from calib.simulators.oscillator.oscillator import Oscillator
+
+STUDY = """
+[study]
+name = "stiffening"
+seed = 1
+budget = 4
+
+[[record]]
+name = "shaken"
+path = "shaken.nc"
+
+[model]
+simulator = "oscillator"
+effects = ["cubic_stiffness"]
+fixed = { mass = 1, stiffness = 400, k3 = 4e5 }
+
+[windows]
+damping = { low = 0.5, high = 2.0 }
+
+[[term]]
+feature = "phase_curve"
+"""
+
+
+def calib(*arguments, code=0):
+    ended = CliRunner().invoke(main, [str(a) for a in arguments])
+    assert ended.exit_code == code, ended.output
+    assert "Traceback" not in ended.output
+    return ended
+
+
+@pytest.fixture
+def study(tmp_path):
+    force = Excitation("mass", "force", frequency=3.0, amplitude=0.6)
+    times = np.arange(200) / (100 * force.frequency)
+    motion = {channel: np.cos(2.0 * np.pi * 3.0 * times)[None] for channel in ("displacement", "velocity")}
+    records.write(records.make(times, Oscillator.bodies, motion, **force.attributes), tmp_path / "shaken.nc")
+    (tmp_path / "study.toml").write_text(STUDY)
+    return tmp_path
+
+
+def test_a_response_says_what_is_on_it_and_leaves_file_and_picture(study):
+    ended = calib("response", study, "--over", "frequency=2.5:4.5", "--levels", "0.1 N,100%", "--steps", 5,
+                  "--set", "damping=1")  # fmt: skip
+    assert ended.stderr.splitlines() == ["level 1 of 2: 0.1 N", "level 2 of 2: 0.6 N"]
+    said = ended.stdout.splitlines()
+    assert said[0:2] == ["level 0.1 N", "  period-1, 2.5 Hz .. 4.5 Hz, stable"]
+    assert said[3:5] == ["level 0.6 N", "  period-1, 2.5 Hz .. 4.5 Hz, stable in part"]
+    assert [line.split(" at ")[0] for line in said[5:7]] == ["    fold", "    fold"]
+    assert said[7].startswith("  largest stable first harmonic of mass: 2")
+    out = study / "out"
+    assert said[8:] == [f"response: {out / 'response.nc'}", f"picture: {out / 'response_mass.png'}"]
+    assert (out / "response_mass.png").read_bytes().startswith(b"\x89PNG")
+    with xr.open_dataset(out / "response.nc") as response:
+        assert response.attrs["model"] == "oscillator + cubic_stiffness"
+        assert sorted(set(response.level.values)) == pytest.approx([0.1, 0.6])
+        assert response.frequency.attrs["units"] == "Hz"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--over", "damping=1:2"], "--over: a response is over the frequency of the excitation: expected frequency="),
+        (["--over", "frequency"], "expected frequency=LOW:HIGH, got 'frequency'"),
+        (["--over", "frequency=2:4:log"], "followed on a linear scale"),
+        (["--over", "frequency=4:2"], "--over excitation.frequency"),
+        (["--over", "frequency=2:4", "--levels", "1 mm"], "--levels"),
+        (["--over", "frequency=2:4", "--levels", "-5%"], "positive amplitudes of the excitation, got '-5%'"),
+        (["--over", "frequency=2:4", "--levels", "half"], "--levels"),
+        (["--over", "frequency=2:4", "--bodies", "layer"], "no body 'layer'"),
+    ],
+)
+def test_a_response_that_makes_no_sense_is_refused_by_the_option_s_name(study, arguments, said):
+    assert said in calib("response", study, *arguments, code=1).stderr
+
+
+def test_no_other_file_is_written_over(study):
+    other = study / "shaken.nc"
+    before = other.read_bytes()
+    assert "is not a file of `calib response`" in calib(
+        "response", study, "--over", "frequency=2:4", "-o", other, code=1
+    ).stderr  # fmt: skip
+    assert other.read_bytes() == before
