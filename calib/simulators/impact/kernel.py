@@ -11,7 +11,7 @@ from calib.simulators.impact.polynomial import polynomial, slope
 from calib.simulators.impact.problem import AT_PERIOD, REGIME, SECTIONS, STEPS, ImpactState, Problem
 from calib.simulators.impact.scratch import Scratch
 from calib.simulators.impact.step import complete_step, flow_within, next_step
-from calib.simulators.impact.witness import EVENT, FAILED
+from calib.simulators.impact.witness import FAILED
 
 DONE, SETTLED, DIVERGED, SPENT = 0, 1, 2, 3  # how a run ends
 MAX_SETTLED_PERIOD = 16  # periods of a motion that counts as settled
@@ -110,16 +110,17 @@ def advance(
         if state.counters[STEPS] > budget:
             return SPENT
         since = (state.counters[AT_PERIOD] - begin) * problem.period + time
-        last = problem.exact and done == periods - 1 and outcome != EVENT and time + tau >= problem.period
+        to_end = problem.period - time
+        ends = tau >= to_end and state.counters[SECTIONS] == state.counters[AT_PERIOD]
+        last = ends and done == periods - 1
         while sample < times.size and (times[sample] < since + tau or last):
             at = min(max(times[sample] - since, 0.0), tau)
             flow_within(problem, state, step, at, w, ye, ve)
             write_row(problem, r, ye, ve, time, at, step, w, samples[sample])
             sample += 1
 
-        to_end = problem.period - time
-        ends, settled = tau >= to_end, False
-        if ends and state.counters[SECTIONS] == state.counters[AT_PERIOD]:
+        settled = False
+        if ends:
             flow_within(problem, state, step, to_end, w, ye, ve)
             write_row(problem, r, ye, ve, time, to_end, step, w, sections[done])
             state.counters[SECTIONS] += 1
