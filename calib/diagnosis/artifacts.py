@@ -1,6 +1,5 @@
 """The files of a diagnosis: its document, and the motions that it compares."""
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -17,6 +16,7 @@ from calib.errors import CalibError
 from calib.execution.files import whole
 from calib.execution.interrupt import uninterrupted
 from calib.objective import Reference
+from calib.store.document import read_document, write_document
 
 NAME = "diagnosis.json"
 MOTIONS = "diagnosis.nc"
@@ -28,8 +28,7 @@ def write(
     """Write both files of a diagnosis of the calibrated `values`, and return what `read` reads of the first."""
     document = diagnosis_result(diagnosis, values).as_dict()
     write_motions(motions(diagnosis, references), folder)
-    with whole(folder / NAME) as temporary:
-        temporary.write_text(json.dumps(document, indent=2, allow_nan=False), encoding="utf-8")
+    write_document(document, folder / NAME)
     return DiagnosisResult.from_dict(document)
 
 
@@ -45,13 +44,7 @@ def write_motions(views: Mapping[str, xr.Dataset], folder: Path) -> None:
 
 def read(folder: Path) -> DiagnosisResult | None:
     """Return the diagnosis in a folder, None where there is none."""
-    path = folder / NAME
-    if not path.is_file():
-        return None
-    try:
-        return DiagnosisResult.from_dict(json.loads(path.read_text(encoding="utf-8")))
-    except ValueError as error:
-        raise CalibError(f"{path} holds no diagnosis ({error}); delete it and run `calib diagnose` again") from error
+    return read_document(folder / NAME, DiagnosisResult.from_dict, "diagnosis", "calib diagnose")
 
 
 def read_motions(folder: Path) -> dict[str, xr.Dataset]:

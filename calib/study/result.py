@@ -1,16 +1,14 @@
 """The result of a calibration: what result.json holds."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from calib.errors import CalibError
-from calib.execution.files import whole
 from calib.modelling.model import Model
 from calib.modelling.parameter import Window
 from calib.records import OK
+from calib.store.document import read_document, write_document
 from calib.store.plain import plain, typed
 from calib.study.reachability import UnreachableFeature
 
@@ -306,9 +304,7 @@ class CalibrationResult:
 def write(calibration: CalibrationResult, folder: Path) -> Path:
     """Write `result.json` so that it is either whole or absent; return its path."""
     path = folder / FILE_NAME
-    text = json.dumps(calibration.as_dict(), indent=2, allow_nan=False) + "\n"
-    with whole(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_document(calibration.as_dict(), path)
     return path
 
 
@@ -319,10 +315,4 @@ def read(folder: Path) -> CalibrationResult | None:
     ------
     CalibError : `result.json` is not JSON, or no result of a calibration
     """
-    path = folder / FILE_NAME
-    try:
-        return CalibrationResult.from_dict(json.loads(path.read_text(encoding="utf-8")))
-    except FileNotFoundError:
-        return None
-    except (ValueError, RecursionError) as error:
-        raise CalibError(f"{path}: no result of a calibration ({error}); delete it and run the study again") from error
+    return read_document(folder / FILE_NAME, CalibrationResult.from_dict, "result of a calibration", "calib run")

@@ -173,7 +173,7 @@ UNREADABLE = (
 def test_no_result_is_none_and_an_unreadable_one_is_refused(text, tmp_path):
     assert result.read(tmp_path) is None
     (tmp_path / "result.json").write_text(text)
-    with pytest.raises(CalibError, match="no result of a calibration"):
+    with pytest.raises(CalibError, match="holds no result of a calibration"):
         result.read(tmp_path)
 
 

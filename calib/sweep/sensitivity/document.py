@@ -1,14 +1,12 @@
 """The result of a sensitivity: what sensitivity.json holds."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from calib.errors import CalibError
-from calib.execution.files import whole
 from calib.modelling.parameter import Window
+from calib.store.document import read_document, write_document
 from calib.store.plain import plain, typed
 from calib.study.result import FailureSummary
 
@@ -168,9 +166,7 @@ class SensitivityResult:
 def write(result: SensitivityResult, folder: Path) -> Path:
     """Write `sensitivity.json` so that it is either whole or absent; return its path."""
     path = folder / FILE_NAME
-    text = json.dumps(result.as_dict(), indent=2, allow_nan=False) + "\n"
-    with whole(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_document(result.as_dict(), path)
     return path
 
 
@@ -181,10 +177,6 @@ def read(folder: Path) -> SensitivityResult | None:
     ------
     CalibError : `sensitivity.json` is not JSON, or no result of a sensitivity
     """
-    path = folder / FILE_NAME
-    try:
-        return SensitivityResult.from_dict(json.loads(path.read_text(encoding="utf-8")))
-    except FileNotFoundError:
-        return None
-    except (ValueError, RecursionError) as error:
-        raise CalibError(f"{path}: no result of `calib sensitivity` ({error}); delete it and run that again") from error
+    return read_document(
+        folder / FILE_NAME, SensitivityResult.from_dict, "result of a sensitivity", "calib sensitivity"
+    )

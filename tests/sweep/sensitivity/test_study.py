@@ -189,7 +189,7 @@ def test_wrong_numbers_are_refused(tmp_path, options, said):
 def test_what_is_no_result_is_refused(tmp_path):
     assert read(tmp_path) is None
     (tmp_path / "sensitivity.json").write_text("{}")
-    with pytest.raises(CalibError, match="no result of `calib sensitivity`"):
+    with pytest.raises(CalibError, match="holds no result of a sensitivity"):
         read(tmp_path)
 
 
