@@ -74,6 +74,8 @@ def follow_branch(
         click.echo(f"picture: {picture}")
     if plane is not None:
         follow_and_draw(held, branch, plane, (name, second), most, curves_path)
+    elif curves_path.exists():
+        click.echo(f"{curves_path} is of an earlier branch; delete it, or follow the curves of this one with --curve")
     return True
 
 

@@ -75,8 +75,15 @@ def evidence(curve: str, kind: str, point: LocusPoint) -> str:
         return f"a pair of modulus {abs(one):.6f} turns by {turned:.6f} of a circle per return" if one.imag else ""
     if kind == "cusp":
         return f"the quadratic coefficient is {point.gradient @ point.pair.right:.1e}"
-    numbers = ", ".join(f"{m:.6f}" if m.imag else f"{m.real:.6f}" for m in point.multipliers)
-    return f"multipliers {numbers}"
+    return "multipliers " + ", ".join(map(in_words, point.multipliers))
+
+
+def in_words(multiplier: complex) -> str:
+    """Return a multiplier with six decimals: a real one, or one of a pair, as 0.3 - 0.4i."""
+    real, imaginary = f"{multiplier.real:.6f}", f"{abs(multiplier.imag):.6f}"
+    if not float(imaginary):
+        return real
+    return f"{real} {'-' if multiplier.imag < 0.0 else '+'} {imaginary}i"
 
 
 def _quadratic_coefficient(point: LocusPoint, base: LocusPoint) -> float:

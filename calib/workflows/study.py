@@ -273,7 +273,8 @@ class Study:
 
     def sensitivity(
         self, out: str | Path | None = None, *, method: Method = MORRIS, trajectories: int | None = None,
-        samples: int | None = None, jobs: int | None = None, fresh: bool = False, quiet: bool = False,
+        samples: int | None = None, seed: int | None = None, jobs: int | None = None,
+        fresh: bool = False, quiet: bool = False,
     ) -> Sensitivity:  # fmt: skip
         """Say which parameter moves which feature of the motion inside the windows: `calib sensitivity`.
 
@@ -283,8 +284,8 @@ class Study:
             path = self._save(Path(passing), False) if out is None else self.save(out, overwrite=fresh)
             return Sensitivity(
                 sensitivity_study(
-                    path, method=method, trajectories=trajectories, samples=samples, jobs=jobs, fresh=fresh,
-                    on_point=count,
+                    path, method=method, trajectories=trajectories, samples=samples, seed=seed, jobs=jobs,
+                    fresh=fresh, on_point=count,
                 )
             )  # fmt: skip
 

@@ -215,6 +215,8 @@ def test_the_curves_of_a_branch_are_told_drawn_and_kept(study, tmp_path):
         assert np.abs(curves.a - share * (1.0 - curves.b) ** 2).max() < 1e-9
         assert np.isnan(curves.test_value.sel(test="cusp").values[curves.curve_of_step == 1]).all()
         assert curves.b_window.values.tolist() == [0.1, 0.4]
+    later = calib("branch", study, "--over", "a=-0.3:0.6", "--at", "0.2").stdout.splitlines()
+    assert later[-1].startswith(f"{tmp_path / 'out' / 'branch_curves.nc'} is of an earlier branch; delete it, or")
 
 
 @pytest.mark.parametrize(

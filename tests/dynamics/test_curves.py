@@ -5,6 +5,7 @@ import pytest
 from dynamics.plain_maps import GrazingMap, PlainMap, henon
 
 from calib.dynamics.branch import follow
+from calib.dynamics.codimension import in_words
 from calib.dynamics.curves import follow_curves
 from calib.dynamics.defining import ParameterPlane
 from calib.errors import CalibError
@@ -174,3 +175,16 @@ def test_each_special_point_is_told_of():
 def test_a_plane_without_the_branch_is_the_callers_mistake(plane):
     with pytest.raises(CalibError, match="window"):
         follow_curves(henon_branch(), ParameterPlane(henon, *plane), 0.3)
+
+
+@pytest.mark.parametrize(
+    ("multiplier", "said"),
+    [
+        (1.0 + 0.0j, "1.000000"),
+        (-1.0 + 1e-9j, "-1.000000"),
+        (0.3 - 0.4j, "0.300000 - 0.400000i"),
+        (0.5j, "0.000000 + 0.500000i"),
+    ],
+)
+def test_a_multiplier_is_said_as_a_real_number_or_with_its_imaginary_part(multiplier, said):
+    assert in_words(multiplier) == said

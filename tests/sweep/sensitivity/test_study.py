@@ -201,3 +201,4 @@ def test_from_python_it_shows_itself():
     assert "period-1, as measured: 100 %" in repr(found)
     assert found.plot()._repr_png_().startswith(b"\x89PNG")
     assert "data:image/png;base64," in found._repr_html_()
+    assert repr(study.sensitivity(trajectories=4, seed=7, quiet=True)) != repr(found)
