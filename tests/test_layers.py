@@ -9,7 +9,7 @@ ROOT = Path(calib.__file__).parent
 STOREYS = [
     row.split()
     for row in (
-        "errors units plugins execution records modelling",
+        "errors units plugins execution records modelling emulation",
         "simulators effects features optimisers",
         "objective store dynamics",
         "study sweep confidence diagnosis",
@@ -78,11 +78,11 @@ def test_only_the_study_file_knows_a_family_by_name():
     assert not knowing, knowing
 
 
-def test_optimisers_import_nothing_of_calib_but_how_a_function_waits_for_answers():
+def test_optimisers_import_nothing_of_calib_but_how_a_function_waits_and_emulators():
     borrowed = [
         f"{path.name} imports {name}"
         for path in (ROOT / "optimisers").rglob("*.py")
         for name in imported_rooms(path)
-        if name not in ("optimisers", "execution")
+        if name not in ("optimisers", "execution", "emulation")
     ]
     assert not borrowed, borrowed

@@ -5,7 +5,7 @@ from statistics import median
 
 import measures
 
-MAX_FILE_LINES, MAX_FUNCTION_LINES, MAX_MEDIAN_LINES, MAX_ENTRIES = 450, 60, 110, 26
+MAX_FILE_LINES, MAX_FUNCTION_LINES, MAX_MEDIAN_LINES, MAX_ENTRIES = 450, 60, 110, 27
 
 
 def test_files_hold_one_idea():
