@@ -10,6 +10,7 @@ from calib.optimisers.archive import Archive
 SAME_POINT_DISTANCE = 0.01  # of the window: ends of searches closer than this agree in point
 SAME_COST_DIFFERENCE = 0.01  # relative: ends whose costs differ less agree in cost
 COST_TOLERANCE = 1e-12  # absolute, for costs about zero
+MIN_SEARCHES_IN_BEST_BASIN = 3  # that have to have ended there before the study may stop  [count]
 
 
 @dataclass(frozen=True)
@@ -19,6 +20,16 @@ class Basin:
     point: tuple[float, ...]
     cost: float
     searches: int
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Agreement of the starts: a single basin reached by all is evidence of a global minimum, a basin each is none."""
+
+    starts: int
+    agree_in_point: int
+    agree_in_cost: int
+    basins: tuple[Basin, ...]
 
 
 class SearchEnds:
@@ -106,6 +117,23 @@ class SearchEnds:
     def agree_in_cost(self) -> int:
         """Number of ends whose cost is that of the best."""
         return int(same_cost(self.costs, self.costs.min()).sum()) if len(self) else 0
+
+    def agreement(self) -> str | None:
+        """Say that further searches would find nothing new; None where they might.
+
+        The searches have ended in so few basins so often that fewer than half a basin more is to be expected (Boender &
+        Rinnooy Kan 1987, Math. Program. 37, 59), the best of them at least three times.
+        """
+        n, (basins, in_best) = len(self), self.counts()
+        if n <= basins + 2 or in_best < MIN_SEARCHES_IN_BEST_BASIN:
+            return None
+        if basins * (n - 1) / (n - basins - 2) < basins + 0.5:
+            return f"{in_best} of {n} local searches agree on the best of {basins} basins"
+        return None
+
+    def summary(self, starts: int) -> Summary:
+        """Number of local searches begun, number that agree with the best, and the basins that they reached."""
+        return Summary(starts, self.counts()[1], self.agree_in_cost(), tuple(self.basins()))
 
 
 def same_cost(cost: np.ndarray | float, best: np.ndarray | float) -> np.ndarray:

@@ -8,26 +8,15 @@ from scipy.stats.qmc import Sobol
 
 from calib.optimisers import least_squares, model_search
 from calib.optimisers.archive import Archive
-from calib.optimisers.basins import Basin, SearchEnds
+from calib.optimisers.basins import SearchEnds, Summary
 from calib.optimisers.evolution import Evolution
-from calib.optimisers.outcome import Asking, OutcomeLike
+from calib.optimisers.outcome import Asking, OutcomeLike, usable_part
 from calib.optimisers.trend import lowest_of_trend
 
 FIRST_RADIUS = 0.1  # of the window: first trust region of a search from a screened point  [1]
 FIRST_RADIUS_NEAR_MINIMUM = 0.02  # of the window: of one from the least point of the trend or from the population  [1]
 MIN_START_DISTANCE = 0.35  # over the mean spacing of the screen: a start nearer to another is not tried  [1]
 MAX_SCREEN_FRACTION = 3  # one part in so many of the budget is screened at most
-MIN_SEARCHES_IN_BEST_BASIN = 3  # that have to have ended there before the study may stop  [count]
-
-
-@dataclass(frozen=True)
-class Summary:
-    """Agreement of the starts: a single basin reached by all is evidence of a global minimum, a basin each is none."""
-
-    starts: int
-    agree_in_point: int
-    agree_in_cost: int
-    basins: tuple[Basin, ...]
 
 
 @dataclass
@@ -133,26 +122,19 @@ class Multistart:
     def stop(self) -> str | None:
         """Why there is nothing more to gain, or None.
 
-        Either the budget is spent, or the searches on a residual vector have ended in so few basins so often that
-        fewer than half a basin more is to be expected (Boender & Rinnooy Kan 1987, Math. Program. 37, 59), the best
-        of them at least three times. A cost without residuals is searched until the budget is spent.
+        Either the budget is spent, or the searches on a residual vector agree (`SearchEnds.agreement`). A cost without
+        residuals is searched until the budget is spent.
         """
         if self._total() >= self._budget:
             return "budget spent"
-        n, (basins, in_best) = len(self._ends), self._ends.counts()
-        if not self._has_residuals or n <= basins + 2 or in_best < MIN_SEARCHES_IN_BEST_BASIN:
-            return None
-        if basins * (n - 1) / (n - basins - 2) < basins + 0.5:
-            return f"{in_best} of {n} local searches agree on the best of {basins} basins"
-        return None
+        return self._ends.agreement() if self._has_residuals else None
 
     def close(self) -> None:
         """Nothing to end: no threads, no files."""
 
     def summary(self) -> Summary:
         """Number of local searches, number that agree with the best, and the basins that they reached."""
-        _, in_best = self._ends.counts()
-        return Summary(len(self._starts), in_best, self._ends.agree_in_cost(), tuple(self._ends.basins()))
+        return self._ends.summary(len(self._starts))
 
     # ---------------------------------------------------------------------------------------------- what to do next
     def _total(self) -> int:
@@ -302,21 +284,3 @@ class Multistart:
         for u, outcome in zip(points, outcomes, strict=True):
             if outcome.cost < self._best[1]:
                 self._best = (np.array(u), outcome.cost, purpose)
-
-
-@dataclass(frozen=True)
-class UsableOutcome:
-    """What a search can use of an outcome."""
-
-    cost: float
-    residuals: np.ndarray | None
-    kind: str | None
-
-
-def usable_part(outcome: OutcomeLike) -> UsableOutcome:
-    """An outcome whose cost is finite or inf, and whose residuals, if any, are finite."""
-    cost = float(outcome.cost) if np.isfinite(outcome.cost) else np.inf
-    residuals = None if outcome.residuals is None or cost == np.inf else np.asarray(outcome.residuals, float)
-    if residuals is not None and not np.isfinite(residuals).all():
-        residuals = None
-    return UsableOutcome(cost, residuals, outcome.kind)

@@ -123,7 +123,7 @@ class OptimiserSuite:
 
     @pytest.mark.parametrize("batch", [1, 8])
     def test_it_survives_that_every_run_fails(self, optimiser: MakeOptimiser, batch: int) -> None:
-        points, _ = search(optimiser(3, batch=batch), failure, 100)
+        points, _ = search(optimiser(3, budget=max(100, self.budget), batch=batch), failure, 100)
         assert len(points) >= 100
         assert ((points >= 0) & (points <= 1)).all()
 

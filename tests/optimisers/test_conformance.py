@@ -9,6 +9,7 @@ from calib.optimisers.cma import CmaEs
 from calib.optimisers.multistart import Multistart
 from calib.optimisers.optuna import OptunaSampler
 from calib.optimisers.scipy import Scipy
+from calib.optimisers.surrogate import Surrogate
 from calib.testing.optimiser_suite import BOWL, OptimiserSuite
 
 
@@ -83,6 +84,14 @@ class TestOptunaCmaes(OptimiserSuite):
 
     def make(self, dim, seed, budget, batch):
         return OptunaSampler(dim, seed, budget, batch, sampler="cmaes")
+
+
+class TestSurrogate(OptimiserSuite):
+    budget = 40
+    close_enough = 1e-2
+
+    def make(self, dim, seed, budget, batch):
+        return Surrogate(dim, seed, budget, batch)
 
 
 class Stuck:
